@@ -1,0 +1,262 @@
+"""Reading a cell file: TOML in, a checked `Cell` out.
+
+The file's keys and units are those of the product contract, section 7 (`docs/cells.md`). Numbers are kept as written,
+so that `GET /cells/{name}` answers them unchanged with the defaults filled in.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from planner.cell.model import (
+    Box,
+    Cell,
+    Gripper,
+    Limits,
+    Link,
+    Sim,
+    Surroundings,
+    ThrownObject,
+    Timing,
+    Tool,
+    ToolCapsule,
+)
+from planner.cell.table import Vector, choice, exactly, frozen, merge_defaults, number, per_joint, tables, vector
+from planner.errors import CellError, UnknownRobot
+from planner.robots import ROBOT_NAMES, Robot, robot
+from planner.rotations import pose, rotation_vector_to_matrix
+
+NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")  # a cell's name goes into addresses and file names
+
+# Filled in where a cell file is silent; the numbers are the contract's own example.
+DEFAULTS: dict[str, Any] = {
+    "robot": None,
+    "home_rad": [0.0, -1.57, 1.57, -1.57, -1.57, 0.0],
+    "base_in_world": {"position_m": [0.0, 0.0, 0.0], "rotation_vector_rad": [0.0, 0.0, 0.0]},
+    "tool": {
+        "tcp_position_m": [0.0, 0.0, 0.0],
+        "tcp_rotation_vector_rad": [0.0, 0.0, 0.0],
+        "mass_kg": 0.0,
+        "capsules": [],
+    },
+    "limits": {
+        "joint_position_lower_rad": None,
+        "joint_position_upper_rad": None,
+        "joint_velocity_rad_s": None,
+        "joint_acceleration_rad_s2": 15.0,
+        "joint_jerk_rad_s3": 500.0,
+        "joint_torque_fraction": 0.9,
+        "tcp_speed_m_s": 4.0,
+        "singularity_distance_min": 0.05,
+    },
+    "surroundings": {"floor_z_m": 0.0, "clearance_m": 0.02, "gravity_m_s2": 9.81, "keep_in": [], "keep_out": []},
+    "object": {"mass_kg": 0.05, "radius_m": 0.02, "drag_coefficient": 0.0},
+    "gripper": {"output": "tool_digital", "index": 0, "open_level": True, "delay_s": 0.040, "jitter_s": 0.0},
+    "timing": {"lag_s": 0.0},
+    "link": {"kind": None, "host": "127.0.0.1"},
+    "sim": {
+        "polyscope": None,
+        "lag_s": 0.020,
+        "gripper_delay_s": 0.040,
+        "gripper_jitter_s": 0.0,
+        "landing_height_m": 0.0,
+        "seed": 0,
+    },
+}
+
+GRIPPER_OUTPUTS = {"tool_digital": 2, "standard_digital": 8, "configurable_digital": 8}  # lines of each kind on a UR
+POLYSCOPE = {"CB3": "3.15", "e-Series": "5.11.1"}  # the versions the simulator speaks by default
+JERK_MAX = 1e5  # [rad/s^3] far above any arm; only a bound against slips of the pen
+SPEED_MAX = 20.0  # [m/s] likewise
+
+
+def load_cell(path: Path | str) -> Cell:
+    """Returns the cell of a TOML file; its name is the file's stem.
+
+    Raises:
+        CellError: the file cannot be read, or what it says is refused.
+    """
+    path = Path(path)
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise CellError("file", str(path), error.strerror or "cannot be read") from error
+    return parse_cell(text, path.stem)
+
+
+def parse_cell(text: bytes | str, name: str) -> Cell:
+    """Returns the cell that `text` (TOML) describes.
+
+    Raises:
+        CellError: not TOML, an unknown key, a number that is not finite, a limit beyond the arm's own, …
+    """
+    raw = text.encode() if isinstance(text, str) else text
+    if not NAME_PATTERN.fullmatch(name):
+        raise CellError("name", name, "must be letters, digits, '-' and '_', 64 at most")
+    try:
+        given = tomllib.loads(raw.decode())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise CellError("file", name, f"is not TOML: {error}") from error
+    document = merge_defaults(given, DEFAULTS)
+    return _cell(document, name, hashlib.sha256(raw).hexdigest())
+
+
+def _cell(document: dict[str, Any], name: str, sha256: str) -> Cell:
+    arm = _robot(document)
+    limits = _limits(document["limits"], arm)
+    home = vector(document, "home_rad", "", 6)
+    for i in range(6):
+        if not limits.q_lower[i] <= home[i] <= limits.q_upper[i]:
+            bounds = f"[{limits.q_lower[i]:.6g}, {limits.q_upper[i]:.6g}]"
+            raise CellError(f"home_rad[{i}]", float(home[i]), f"is outside the joint's limits {bounds}")
+    return Cell(
+        name=name,
+        sha256=sha256,
+        robot=arm,
+        home=home,
+        X_WB=_pose(document["base_in_world"], "position_m", "rotation_vector_rad", "base_in_world."),
+        tool=_tool(document["tool"]),
+        limits=limits,
+        surroundings=_surroundings(document["surroundings"]),
+        object=_object(document["object"]),
+        gripper=_gripper(document["gripper"]),
+        timing=Timing(number(document["timing"], "lag_s", "timing.", 0.0, 0.5)),
+        link=_link(document["link"]),
+        sim=_sim(document["sim"], arm),
+        document=document,
+    )
+
+
+def _robot(document: Mapping[str, Any]) -> Robot:
+    try:
+        return robot(str(document["robot"]))
+    except UnknownRobot as error:
+        raise CellError("robot", document["robot"], f"must be one of {', '.join(ROBOT_NAMES)}") from error
+
+
+def _pose(table: Mapping[str, Any], position: str, rotation: str, where: str) -> Vector:
+    p = vector(table, position, where, 3)
+    R = rotation_vector_to_matrix(vector(table, rotation, where, 3))
+    return frozen(pose(p, R))
+
+
+def _tool(table: Mapping[str, Any]) -> Tool:
+    capsules = []
+    for i, entry in enumerate(tables(table["capsules"], "tool.capsules")):
+        where = f"tool.capsules[{i}]."
+        entry = exactly(entry, ("from_m", "to_m", "radius_m"), where)
+        ends = (vector(entry, "from_m", where, 3), vector(entry, "to_m", where, 3))
+        capsules.append(ToolCapsule(*ends, radius_m=number(entry, "radius_m", where, 0.0, 1.0)))
+    X_FT = _pose(table, "tcp_position_m", "tcp_rotation_vector_rad", "tool.")
+    return Tool(X_FT, number(table, "mass_kg", "tool.", 0.0), tuple(capsules))
+
+
+def _limits(table: dict[str, Any], arm: Robot) -> Limits:
+    own = {
+        "joint_position_lower_rad": arm.q_lower,
+        "joint_position_upper_rad": arm.q_upper,
+        "joint_velocity_rad_s": arm.qd_max,
+    }
+    for key, values in own.items():
+        table[key] = values.tolist() if table[key] is None else table[key]
+    where = "limits."
+    lower = vector(table, "joint_position_lower_rad", where, 6)
+    upper = vector(table, "joint_position_upper_rad", where, 6)
+    for i in range(6):
+        if lower[i] < arm.q_lower[i]:
+            raise CellError(f"{where}joint_position_lower_rad[{i}]", float(lower[i]),
+                            f"is beyond the arm's own limit of {arm.q_lower[i]:.6g}")
+        if upper[i] > arm.q_upper[i]:
+            raise CellError(f"{where}joint_position_upper_rad[{i}]", float(upper[i]),
+                            f"is beyond the arm's own limit of {arm.q_upper[i]:.6g}")
+        if lower[i] >= upper[i]:
+            raise CellError(f"{where}joint_position_lower_rad[{i}]", float(lower[i]), "must be below the upper limit")
+    fraction = number(table, "joint_torque_fraction", where, 0.01, 1.0)
+    return Limits(
+        q_lower=lower,
+        q_upper=upper,
+        qd_max=per_joint(table, "joint_velocity_rad_s", where, arm.qd_max),
+        qdd_max=per_joint(table, "joint_acceleration_rad_s2", where, arm.qdd_max),
+        jerk_max=per_joint(table, "joint_jerk_rad_s3", where, np.full(6, JERK_MAX)),
+        tau_max=frozen(fraction * arm.tau_max),
+        tcp_speed_max=number(table, "tcp_speed_m_s", where, 1e-3, SPEED_MAX),
+        singularity_distance_min=number(table, "singularity_distance_min", where, 0.0, 1.0),
+    )
+
+
+def _surroundings(table: Mapping[str, Any]) -> Surroundings:
+    where = "surroundings."
+    return Surroundings(
+        floor_z_m=number(table, "floor_z_m", where),
+        clearance_m=number(table, "clearance_m", where, 0.0, 1.0),
+        gravity_m_s2=number(table, "gravity_m_s2", where, 0.0, 30.0),
+        keep_in=_boxes(table, "keep_in"),
+        keep_out=_boxes(table, "keep_out"),
+    )
+
+
+def _boxes(table: Mapping[str, Any], key: str) -> tuple[Box, ...]:
+    boxes = []
+    for i, entry in enumerate(tables(table[key], f"surroundings.{key}")):
+        where = f"surroundings.{key}[{i}]."
+        entry = exactly(entry, ("lower_m", "upper_m"), where)
+        box = Box(vector(entry, "lower_m", where, 3), vector(entry, "upper_m", where, 3))
+        if not np.all(box.lower < box.upper):
+            raise CellError(f"{where}lower_m", box.lower.tolist(), "must be below upper_m in every axis")
+        boxes.append(box)
+    return tuple(boxes)
+
+
+def _object(table: Mapping[str, Any]) -> ThrownObject:
+    return ThrownObject(
+        mass_kg=number(table, "mass_kg", "object.", 1e-6, 100.0),
+        radius_m=number(table, "radius_m", "object.", 0.0, 1.0),
+        drag_coefficient=number(table, "drag_coefficient", "object.", 0.0, 10.0),
+    )
+
+
+def _gripper(table: Mapping[str, Any]) -> Gripper:
+    output = choice(table, "output", "gripper.", GRIPPER_OUTPUTS)
+    index = number(table, "index", "gripper.", 0, GRIPPER_OUTPUTS[output] - 1)
+    if not isinstance(table["open_level"], bool):
+        raise CellError("gripper.open_level", table["open_level"], "must be true or false")
+    if index != int(index):
+        raise CellError("gripper.index", index, "must be a whole number")
+    return Gripper(
+        output, int(index), table["open_level"],
+        delay_s=number(table, "delay_s", "gripper.", 0.0, 2.0),
+        jitter_s=number(table, "jitter_s", "gripper.", 0.0, 0.5),
+    )
+
+
+def _link(table: Mapping[str, Any]) -> Link:
+    if table["kind"] is None:
+        raise CellError("link.kind", None, 'must be written down: "sim" or "ur"')
+    kind = choice(table, "kind", "link.", ("sim", "ur"))
+    if not isinstance(table["host"], str) or not table["host"].strip():
+        raise CellError("link.host", table["host"], "must be a host name or address")
+    return Link(kind, table["host"])
+
+
+def _sim(table: dict[str, Any], arm: Robot) -> Sim:
+    table["polyscope"] = table["polyscope"] or POLYSCOPE[arm.generation]
+    polyscope = table["polyscope"]
+    if not isinstance(polyscope, str) or not re.fullmatch(r"\d+\.\d+(\.\d+)?", polyscope):
+        raise CellError("sim.polyscope", polyscope, 'must be a version such as "5.11.1"')
+    if (int(polyscope.split(".")[0]) <= 3) != (arm.generation == "CB3"):
+        raise CellError("sim.polyscope", polyscope, f"does not run on a {arm.generation} arm")
+    return Sim(
+        polyscope=polyscope,
+        lag_s=number(table, "lag_s", "sim.", 0.0, 0.5),
+        gripper_delay_s=number(table, "gripper_delay_s", "sim.", 0.0, 2.0),
+        gripper_jitter_s=number(table, "gripper_jitter_s", "sim.", 0.0, 0.5),
+        landing_height_m=number(table, "landing_height_m", "sim."),
+        seed=int(number(table, "seed", "sim.", 0, 2**31 - 1)),
+    )
