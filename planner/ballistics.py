@@ -1,0 +1,260 @@
+"""The flight of the object after the release: landing point, its derivatives, and launch velocities that hit a target.
+
+World frame, z up, gravity along -z. Without drag everything is a closed form; with drag (a sphere in still air,
+a = -g z - k |v| v) the path is integrated by the classical Runge-Kutta method of fourth order.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Vector = NDArray[np.float64]
+
+AIR_DENSITY_KG_M3 = 1.204  # source: ISO 2533 standard atmosphere, dry air at 20 degC and 101,325 Pa
+STEP_S = 0.004  # Runge-Kutta step: landing error below 1e-9 m for |v| <= 10 m/s and k <= 1 /m (measured in the tests)
+FLIGHT_MAX_S = 30.0  # longer flights are no throws; bounds the integration
+LAUNCH_TOLERANCE_M = 1e-10  # Newton's iteration for a launch velocity with drag stops here
+LAUNCH_ITERATIONS = 30
+DIFFERENCE = 1e-6  # step of the central differences for a flight with drag: m, m/s
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """A free flight: landing point (3,) [m] and velocity (3,) [m/s], duration [s], apex [m], release speed [m/s]."""
+
+    landing_point: Vector
+    landing_velocity: Vector
+    time_of_flight_s: float
+    apex_height_m: float
+    speed_m_s: float
+
+
+def drag_constant(mass_kg: float, radius_m: float, drag_coefficient: float) -> float:
+    """Returns k [1/m] of the deceleration k |v|^2 of a sphere: rho c_d pi r^2 / (2 m)."""
+    return 0.5 * AIR_DENSITY_KG_M3 * drag_coefficient * math.pi * radius_m**2 / mass_kg
+
+
+def time_of_flight(height: ArrayLike, v_z: ArrayLike, gravity: float) -> Vector:
+    """Returns when a drag-free flight comes down through a plane (...,) [s], NaN where it never does.
+
+    Args:
+        height: of the release above the plane (...,) [m].
+        v_z: upward speed at the release (...,) [m/s].
+        gravity: [m/s^2].
+    """
+    height, v_z = np.asarray(height, float), np.asarray(v_z, float)
+    square = v_z**2 + 2.0 * gravity * height
+    with np.errstate(invalid="ignore"):
+        t = (v_z + np.sqrt(square)) / gravity
+    return np.where((square >= 0.0) & (t >= 0.0), t, np.nan)
+
+
+def landing_points(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float) -> Vector:
+    """Returns where drag-free flights come down through the plane z = `plane_z` (..., 3) [m], NaN where never.
+
+    Args:
+        p: release positions (..., 3) [m].
+        v: release velocities (..., 3) [m/s].
+        plane_z: height of the plane [m].
+        gravity: [m/s^2].
+    """
+    p, v = np.asarray(p, float), np.asarray(v, float)
+    t = time_of_flight(p[..., 2] - plane_z, v[..., 2], gravity)[..., None]
+    landed = p + v * t
+    landed[..., 2] = np.where(np.isnan(t[..., 0]), np.nan, plane_z)
+    return landed
+
+
+def fly(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, drag: float = 0.0) -> Flight | None:
+    """Returns the flight from a release to the plane z = `plane_z` on its way down, None where it never comes there.
+
+    Args:
+        p: release position (3,) [m].
+        v: release velocity (3,) [m/s].
+        plane_z: height of the plane [m].
+        gravity: [m/s^2].
+        drag: k of `drag_constant` [1/m].
+    """
+    p, v = np.asarray(p, float), np.asarray(v, float)
+    speed = float(np.linalg.norm(v))
+    if drag > 0.0:
+        return _fly_with_drag(p, v, plane_z, gravity, drag)
+    t = float(time_of_flight(p[2] - plane_z, v[2], gravity))
+    if math.isnan(t):
+        return None
+    down = np.array([0.0, 0.0, gravity])
+    apex = float(p[2] + max(v[2], 0.0) ** 2 / (2.0 * gravity))
+    landing = p + v * t - 0.5 * down * t**2
+    landing[2] = plane_z
+    return Flight(landing, v - down * t, t, apex, speed)
+
+
+def path(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float, drag: float = 0.0) -> Vector:
+    """Returns the object's positions (n, 3) [m] at increasing `times` (n,) [s] after the release."""
+    p, v = np.asarray(p, float), np.asarray(v, float)
+    times = np.asarray(times, float)
+    if drag <= 0.0:
+        return p + v * times[:, None] - np.array([0.0, 0.0, 0.5 * gravity]) * times[:, None] ** 2
+    state, now, rows = np.concatenate([p, v]), 0.0, []
+    for t in times:
+        state, now = _advance(state, t - now, gravity, drag), float(t)
+        rows.append(state[:3])
+    return np.array(rows).reshape(-1, 3)
+
+
+def landing_sensitivity(
+    p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, drag: float = 0.0
+) -> tuple[Vector, Vector] | None:
+    """Returns the derivative of the landing point by release position (3, 3) and velocity (3, 3) [s].
+
+    Landing point L = p + v t + g t^2/2 with t from the plane: dt/dp_z = -1/w_z, dt/dv_z = -t/w_z, where w is the
+    landing velocity; so dL/dp = I - w e_z^T / w_z and dL/dv = t dL/dp. With drag: central differences.
+    None where the flight never reaches the plane or only grazes it.
+    """
+    flight = fly(p, v, plane_z, gravity, drag)
+    if flight is None or flight.landing_velocity[2] >= 0.0:
+        return None
+    if drag > 0.0:
+        return _differences(np.asarray(p, float), np.asarray(v, float), plane_z, gravity, drag)
+    w = flight.landing_velocity
+    by_position = np.eye(3)
+    by_position[:, 2] -= w / w[2]
+    return by_position, flight.time_of_flight_s * by_position
+
+
+def landing_per_release_delay(
+    p: ArrayLike, v: ArrayLike, a: ArrayLike, plane_z: float, gravity: float, drag: float = 0.0
+) -> Vector:
+    """Returns how fast the landing point moves as the release is delayed (3,) [m/s], NaN where it never lands.
+
+    Args:
+        p: release position (3,) [m].
+        v: release velocity (3,) [m/s].
+        a: acceleration of the tool centre point at the release (3,) [m/s^2].
+        plane_z: height of the plane [m].
+        gravity: [m/s^2].
+        drag: k of `drag_constant` [1/m].
+    """
+    sensitivity = landing_sensitivity(p, v, plane_z, gravity, drag)
+    if sensitivity is None:
+        return np.full(3, np.nan)
+    by_position, by_velocity = sensitivity
+    return by_position @ np.asarray(v, float) + by_velocity @ np.asarray(a, float)
+
+
+def launch_velocity(p: ArrayLike, target: ArrayLike, time_s: float, gravity: float, drag: float = 0.0) -> Vector | None:
+    """Returns the release velocity (3,) [m/s] that takes the object from `p` to `target` in `time_s`.
+
+    With drag, Newton's iteration from the drag-free answer; None where it does not converge.
+    """
+    p, target = np.asarray(p, float), np.asarray(target, float)
+    v = (target - p) / time_s + np.array([0.0, 0.0, 0.5 * gravity * time_s])
+    if drag <= 0.0:
+        return v
+    for _ in range(LAUNCH_ITERATIONS):
+        reached = _advance(np.concatenate([p, v]), time_s, gravity, drag)[:3]
+        error = target - reached
+        if np.abs(error).max() < LAUNCH_TOLERANCE_M:
+            return v
+        v = v + np.linalg.solve(_reach_jacobian(p, v, time_s, gravity, drag), error)
+    return None
+
+
+def slowest_time(p: ArrayLike, target: ArrayLike, gravity: float) -> float:
+    """Returns the flight time [s] of the drag-free launch of least speed from `p` to `target`: sqrt(2 |d| / g)."""
+    d = np.asarray(target, float) - np.asarray(p, float)
+    return math.sqrt(2.0 * float(np.linalg.norm(d)) / gravity)
+
+
+def least_speed(p: ArrayLike, target: ArrayLike, gravity: float) -> Vector:
+    """Returns the least speed (...,) [m/s] of a drag-free throw from `p` (..., 3) to `target`: sqrt(g (|d| + d_z))."""
+    d = np.asarray(target, float) - np.asarray(p, float)
+    return np.sqrt(gravity * np.maximum(np.linalg.norm(d, axis=-1) + d[..., 2], 0.0))
+
+
+def time_at_elevation(p: ArrayLike, target: ArrayLike, elevation_rad: float, gravity: float) -> float | None:
+    """Returns the flight time [s] of the drag-free launch at this elevation above the horizontal, None if none."""
+    d = np.asarray(target, float) - np.asarray(p, float)
+    square = 2.0 * (math.hypot(d[0], d[1]) * math.tan(elevation_rad) - d[2]) / gravity
+    return math.sqrt(square) if square > 0.0 else None
+
+
+def _acceleration(v: Vector, gravity: float, drag: float) -> Vector:
+    speed = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+    return np.array([-drag * speed * v[0], -drag * speed * v[1], -gravity - drag * speed * v[2]])
+
+
+def _step(state: Vector, h: float, gravity: float, drag: float) -> Vector:
+    def rate(x: Vector) -> Vector:
+        return np.concatenate([x[3:], _acceleration(x[3:], gravity, drag)])
+
+    k1 = rate(state)
+    k2 = rate(state + 0.5 * h * k1)
+    k3 = rate(state + 0.5 * h * k2)
+    k4 = rate(state + h * k3)
+    return state + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+
+
+def _advance(state: Vector, duration: float, gravity: float, drag: float) -> Vector:
+    steps = max(1, math.ceil(duration / STEP_S))
+    for _ in range(steps):
+        state = _step(state, duration / steps, gravity, drag)
+    return state
+
+
+def _fly_with_drag(p: Vector, v: Vector, plane_z: float, gravity: float, drag: float) -> Flight | None:
+    state, t, apex = np.concatenate([p, v]), 0.0, float(p[2])
+    while t < FLIGHT_MAX_S:
+        following = _step(state, STEP_S, gravity, drag)
+        if state[5] > 0.0 >= following[5]:
+            apex = float(_advance(state, _crossing(state, gravity, drag, 5, 0.0), gravity, drag)[2])
+        if following[5] < 0.0 and state[2] >= plane_z > following[2]:
+            rest = _crossing(state, gravity, drag, 2, plane_z)
+            landed = _advance(state, rest, gravity, drag)
+            point = np.array([landed[0], landed[1], plane_z])
+            return Flight(point, landed[3:], t + rest, apex, float(np.linalg.norm(v)))
+        if following[5] < 0.0 and following[2] < plane_z:
+            return None
+        state, t = following, t + STEP_S
+    return None
+
+
+def _crossing(state: Vector, gravity: float, drag: float, index: int, level: float) -> float:
+    """Bisects the time inside one step at which component `index` falls through `level`."""
+    low, high = 0.0, STEP_S
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        if _step(state, middle, gravity, drag)[index] > level:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+def _differences(p: Vector, v: Vector, plane_z: float, gravity: float, drag: float) -> tuple[Vector, Vector] | None:
+    columns = []
+    for i in range(6):
+        step = np.zeros(6)
+        step[i] = DIFFERENCE
+        ahead = fly(p + step[:3], v + step[3:], plane_z, gravity, drag)
+        behind = fly(p - step[:3], v - step[3:], plane_z, gravity, drag)
+        if ahead is None or behind is None:
+            return None
+        columns.append((ahead.landing_point - behind.landing_point) / (2.0 * DIFFERENCE))
+    both = np.array(columns).T
+    return both[:, :3], both[:, 3:]
+
+
+def _reach_jacobian(p: Vector, v: Vector, time_s: float, gravity: float, drag: float) -> Vector:
+    columns = []
+    for i in range(3):
+        step = np.zeros(3)
+        step[i] = DIFFERENCE
+        ahead = _advance(np.concatenate([p, v + step]), time_s, gravity, drag)[:3]
+        behind = _advance(np.concatenate([p, v - step]), time_s, gravity, drag)[:3]
+        columns.append((ahead - behind) / (2.0 * DIFFERENCE))
+    return np.array(columns).T

@@ -1,0 +1,162 @@
+"""What is asked: a start, a release, the limits and the cell. Frozen, and checked once at the door.
+
+Everything is in the world frame; joint vectors are (6,) in rad and rad/s.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.ballistics import drag_constant
+from planner.cell import Cell, Limits
+from planner.errors import FieldError, InvalidProblem
+
+Vector = NDArray[np.float64]
+
+BACKENDS = ("auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp")
+REST_SPEED = 1e-9  # [rad/s, m/s] a release slower than this is a move that ends at rest
+TIME_LIMIT_MAX_S = 120.0  # a request may not hold a planner longer
+
+
+@dataclass(frozen=True, eq=False)
+class JointRelease:
+    """Pass joint positions `q` (6,) with joint velocities `qd` (6,)."""
+
+    q: Vector
+    qd: Vector
+
+
+@dataclass(frozen=True, eq=False)
+class PoseRelease:
+    """Pass the tool pose `X_WT` (4, 4) with the twist `V_WT` (6,): linear [m/s], then angular [rad/s]."""
+
+    X_WT: Vector
+    V_WT: Vector
+
+
+@dataclass(frozen=True, eq=False)
+class PointRelease:
+    """Pass the point `p_WT` (3,) [m] with the velocity `v_WT` (3,) [m/s]; orientation and turning are free."""
+
+    p_WT: Vector
+    v_WT: Vector
+
+
+@dataclass(frozen=True, eq=False)
+class TargetRelease:
+    """Hit the point `p_W` (3,) [m] by free flight, coming down; everything else is free within the bounds."""
+
+    p_W: Vector
+    max_speed_m_s: float = math.inf
+    min_elevation_rad: float = -math.pi / 2
+    max_elevation_rad: float = math.pi / 2
+    min_horizontal_distance_m: float = 0.0
+    release_position: Vector | None = None
+
+
+Release = JointRelease | PoseRelease | PointRelease | TargetRelease
+
+
+@dataclass(frozen=True, eq=False)
+class ThrowProblem:
+    """One question to the planner.
+
+    Attributes:
+        cell: the robot station.
+        start: joint positions at rest (6,) [rad].
+        release: the state to pass, of one of four kinds.
+        limits: the cell's, tightened by the request.
+        release_window_s: a release this much early or late …
+        landing_tolerance_m: … still lands within this distance; 0: the nominal instant alone.
+        backend: one of `BACKENDS`.
+        time_limit_s: for the solver.
+
+    Raises:
+        InvalidProblem: every field that contradicts another or the cell.
+    """
+
+    cell: Cell
+    start: Vector
+    release: Release
+    limits: Limits
+    release_window_s: float = 0.0
+    landing_tolerance_m: float = 0.0
+    backend: str = "auto"
+    time_limit_s: float = 5.0
+
+    def __post_init__(self) -> None:
+        errors = list(_start_errors(self)) + list(_release_errors(self))
+        if self.backend not in BACKENDS:
+            errors.append(FieldError("backend", f"{self.backend!r} is not one of {', '.join(BACKENDS)}"))
+        if not 0.0 < self.time_limit_s <= TIME_LIMIT_MAX_S:
+            errors.append(FieldError("time_limit_s", f"{self.time_limit_s} is not in (0, {TIME_LIMIT_MAX_S:g}] s"))
+        if errors:
+            raise InvalidProblem(errors)
+
+    @property
+    def dt(self) -> float:
+        """One tick of the controller [s]."""
+        return 1.0 / self.cell.robot.sample_rate_hz
+
+    @cached_property
+    def ends_at_rest(self) -> bool:
+        """Whether the state asked for is at rest: nothing is thrown, and the brake is empty."""
+        match self.release:
+            case JointRelease(qd=speed) | PoseRelease(V_WT=speed) | PointRelease(v_WT=speed):
+                return bool(np.abs(speed).max() < REST_SPEED)
+        return False
+
+    @property
+    def plane_z(self) -> float:
+        """Height of the plane on which the object lands [m]: the target's, otherwise the floor's."""
+        if isinstance(self.release, TargetRelease):
+            return float(self.release.p_W[2])
+        return self.cell.surroundings.floor_z_m
+
+    @cached_property
+    def drag(self) -> float:
+        """Drag constant of the object [1/m]."""
+        thing = self.cell.object
+        return drag_constant(thing.mass_kg, thing.radius_m, thing.drag_coefficient)
+
+    @property
+    def gravity(self) -> float:
+        """[m/s^2]."""
+        return self.cell.surroundings.gravity_m_s2
+
+    @property
+    def is_robust(self) -> bool:
+        """Whether the landing must hold over a window of release times."""
+        return self.release_window_s > 0.0 and self.landing_tolerance_m > 0.0 and not self.ends_at_rest
+
+
+def _start_errors(problem: ThrowProblem) -> list[FieldError]:
+    return _outside("start.positions", problem.start, problem.limits)
+
+
+def _release_errors(problem: ThrowProblem) -> list[FieldError]:
+    release, limits = problem.release, problem.limits
+    if isinstance(release, JointRelease):
+        fast = np.flatnonzero(np.abs(release.qd) > limits.qd_max)
+        return _outside("release.positions", release.q, limits) + [
+            FieldError(f"release.velocities[{i}]",
+                       f"{release.qd[i]:.6g} rad/s is beyond the limit of {limits.qd_max[i]:.6g} rad/s")
+            for i in fast
+        ]
+    if isinstance(release, TargetRelease) and release.min_elevation_rad > release.max_elevation_rad:
+        return [FieldError("release.min_elevation_rad", "is above max_elevation_rad")]
+    return []
+
+
+def _outside(field: str, q: Vector, limits: Limits) -> list[FieldError]:
+    errors = []
+    for i in range(6):
+        if not limits.q_lower[i] <= q[i] <= limits.q_upper[i]:
+            bounds = f"[{limits.q_lower[i]:.6g}, {limits.q_upper[i]:.6g}]"
+            errors.append(FieldError(f"{field}[{i}]", f"{q[i]:.6g} rad is outside the joint's limits {bounds} rad"))
+    return errors

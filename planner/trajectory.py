@@ -1,0 +1,99 @@
+"""A trajectory: one constant jerk a tick.
+
+Samples stand on a uniform grid, one a controller tick; between two samples the jerk of every joint is constant. So the
+samples (q, qd, qdd) determine the motion exactly everywhere: acceleration is linear, velocity quadratic and position
+cubic inside a tick, and every bound between samples is a closed form. See docs/decisions/0002.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Joint motion on the tick grid, start to standstill.
+
+    Attributes:
+        sample_rate_hz: ticks a second.
+        q: positions (N, n) [rad]; sample i is at i / sample_rate_hz.
+        qd: velocities (N, n) [rad/s].
+        qdd: accelerations (N, n) [rad/s^2].
+        release_index: the sample at which the object leaves; the last one for a move that ends at rest.
+
+    Raises:
+        ValueError: the arrays do not fit one another, or the release is not a sample.
+    """
+
+    sample_rate_hz: float
+    q: Vector
+    qd: Vector
+    qdd: Vector
+    release_index: int
+
+    def __post_init__(self) -> None:
+        for name in ("q", "qd", "qdd"):
+            array = np.array(getattr(self, name), dtype=np.float64)
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        if self.q.ndim != 2 or not self.q.shape == self.qd.shape == self.qdd.shape or len(self.q) < 2:
+            raise ValueError(f"q {self.q.shape}, qd {self.qd.shape}, qdd {self.qdd.shape} must be one (N >= 2, n)")
+        if not 0 <= self.release_index < len(self.q):
+            raise ValueError(f"release_index {self.release_index} is not a sample of {len(self.q)}")
+
+    @property
+    def dt(self) -> float:
+        """One tick [s]."""
+        return 1.0 / self.sample_rate_hz
+
+    @cached_property
+    def t(self) -> Vector:
+        """Times of the samples (N,) [s]."""
+        return np.arange(len(self.q)) / self.sample_rate_hz
+
+    @property
+    def duration_s(self) -> float:
+        """Time of the last sample [s]."""
+        return (len(self.q) - 1) / self.sample_rate_hz
+
+    @property
+    def release_time_s(self) -> float:
+        """Time of the release [s]."""
+        return self.release_index / self.sample_rate_hz
+
+    @cached_property
+    def jerk(self) -> Vector:
+        """The constant jerk of every tick (N-1, n) [rad/s^3]."""
+        return np.diff(self.qdd, axis=0) * self.sample_rate_hz
+
+    def at(self, t: ArrayLike) -> tuple[Vector, Vector, Vector]:
+        """Returns exact q, qd, qdd (..., n) at times `t` (...,) [s]; at rest before the start and after the end."""
+        t = np.clip(np.asarray(t, float), 0.0, self.duration_s)
+        i = np.minimum((t * self.sample_rate_hz).astype(int), len(self.q) - 2)
+        s = (t - i / self.sample_rate_hz)[..., None]
+        jerk, qdd, qd = self.jerk[i], self.qdd[i], self.qd[i]
+        q = self.q[i] + s * (qd + s * (qdd / 2.0 + s * jerk / 6.0))
+        return q, qd + s * (qdd + s * jerk / 2.0), qdd + s * jerk
+
+
+def integrate(q0: ArrayLike, qd0: ArrayLike, qdd0: ArrayLike, jerk: Vector, dt: float) -> tuple[Vector, Vector, Vector]:
+    """Returns q, qd, qdd (N+1, n) of piecewise-constant `jerk` (N, n) from an initial state, exactly."""
+    zero = np.zeros((1, jerk.shape[1]))
+    qdd = np.asarray(qdd0, float) + np.concatenate([zero, np.cumsum(jerk, axis=0) * dt])
+    qd_steps = dt * (qdd[:-1] + dt * jerk / 2.0)
+    qd = np.asarray(qd0, float) + np.concatenate([zero, np.cumsum(qd_steps, axis=0)])
+    q_steps = dt * (qd[:-1] + dt * (qdd[:-1] / 2.0 + dt * jerk / 6.0))
+    q = np.asarray(q0, float) + np.concatenate([zero, np.cumsum(q_steps, axis=0)])
+    return q, qd, qdd
+
+
+def join(launch: tuple[Vector, Vector, Vector], brake: tuple[Vector, Vector, Vector], rate: float) -> Trajectory:
+    """Returns the trajectory of a launch (q, qd, qdd) followed by a brake that begins in the launch's last state."""
+    arrays = [np.concatenate([head, tail[1:]]) for head, tail in zip(launch, brake, strict=True)]
+    return Trajectory(rate, *arrays, release_index=len(launch[0]) - 1)
