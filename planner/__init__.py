@@ -1,0 +1,1 @@
+"""Fling's planner: the best motion that an arm can do, certified."""
