@@ -1,0 +1,50 @@
+# Everything a person or CI does here. Needs Python 3.11 or newer and make; no root, no display.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
+SOURCES := planner store api executor
+
+.PHONY: setup demo up test check bench lock clean
+
+setup: $(VENV)/dev.stamp        ## .venv with everything pinned, and the generated solvers built
+
+demo: $(VENV)/run.stamp         ## one throw from plan to landing on a simulated UR5e
+	$(BIN)/fling demo
+
+up: $(VENV)/run.stamp           ## simulator, executor, service and web page until Ctrl-C
+	$(BIN)/fling up
+
+test: $(VENV)/dev.stamp
+	$(BIN)/python -m pytest
+
+check: $(VENV)/dev.stamp
+	$(BIN)/ruff check .
+	$(BIN)/lint-imports --no-cache
+	$(BIN)/pyright --pythonpath $(BIN)/python
+
+bench: $(VENV)/dev.stamp
+	$(BIN)/fling bench
+
+lock:                           ## pin requirements/*.in anew (needs uv)
+	for name in run dev; do \
+		uv pip compile --quiet --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
+			--no-emit-index-url --no-header --no-annotate requirements/$$name.in -o requirements/$$name.txt || exit 1; \
+	done
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .pytest_cache .ruff_cache .hypothesis .import_linter_cache
+	find $(SOURCES) tests -name __pycache__ -type d -prune -exec rm -rf {} +
+
+$(VENV)/bin/python:
+	$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Fling needs Python 3.11 or newer; try: make PYTHON=python3.12 ...")'
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/run.stamp: requirements/run.txt pyproject.toml | $(VENV)/bin/python
+	$(PIP) install --quiet --require-hashes -r requirements/run.txt
+	$(PIP) install --quiet --no-deps --no-build-isolation --editable .
+	touch $@
+
+$(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp
+	$(PIP) install --quiet --require-hashes -r requirements/dev.txt
+	touch $@
