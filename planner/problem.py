@@ -140,14 +140,7 @@ def _start_errors(problem: ThrowProblem) -> list[FieldError]:
 
 
 def _release_errors(problem: ThrowProblem) -> list[FieldError]:
-    release, limits = problem.release, problem.limits
-    if isinstance(release, JointRelease):
-        fast = np.flatnonzero(np.abs(release.qd) > limits.qd_max)
-        return _outside("release.positions", release.q, limits) + [
-            FieldError(f"release.velocities[{i}]",
-                       f"{release.qd[i]:.6g} rad/s is beyond the limit of {limits.qd_max[i]:.6g} rad/s")
-            for i in fast
-        ]
+    release = problem.release
     if isinstance(release, TargetRelease) and release.min_elevation_rad > release.max_elevation_rad:
         return [FieldError("release.min_elevation_rad", "is above max_elevation_rad")]
     return []

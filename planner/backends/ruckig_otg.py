@@ -1,0 +1,143 @@
+"""Ruckig: the microsecond answer. State to state in joint space, jerk-limited, time-optimal for each joint.
+
+The release acceleration is zero. Two launches are offered: `synchronised` stretches every joint to the slowest one's
+time, `independent` lets every joint run its own fastest motion and wait at rest before it.
+Source: Berscheid and Kroeger, Jerk-limited Real-time Trajectory Generation with Arbitrary Target States, RSS 2021.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.cell import Limits
+from planner.errors import BackendUnavailable, SolverFailed
+from planner.grid import grid_limits, onto_grid
+from planner.problem import ThrowProblem
+from planner.release import Candidate
+from planner.solution import Solution
+from planner.trajectory import join
+
+Vector = NDArray[np.float64]
+State = tuple[Vector, Vector, Vector]
+
+LAUNCHES = ("synchronised", "independent")
+TICKS_MAX = 20_000  # a phase longer than this is no throw
+
+
+def solve(problem: ThrowProblem, candidate: Candidate, launch: str = "synchronised") -> Solution:
+    """Returns the fastest motion to the candidate with zero acceleration there, and from there to rest.
+
+    Args:
+        problem: whose start and limits hold.
+        candidate: the release state.
+        launch: one of `LAUNCHES`.
+
+    Raises:
+        SolverFailed: Ruckig refuses the states, as when the release is faster than the limits.
+        BackendUnavailable: ruckig is not installed.
+    """
+    ruckig = _ruckig()
+    limits, dt, zero = grid_limits(problem.limits, problem.dt), problem.dt, np.zeros(6)
+    start, release = (problem.start, zero, zero), (candidate.q, candidate.qd, zero)
+    accelerations = _synchronised if launch == "synchronised" else _independent
+    head = onto_grid(start, release, accelerations(ruckig, start, release, limits, dt), dt, problem.limits.jerk_max)
+    if problem.ends_at_rest:
+        return Solution(join(head, tuple(x[-1:] for x in head), 1.0 / dt), launch)
+    rest, brake = _brake(ruckig, release, limits, dt)
+    tail = onto_grid(release, rest, brake, dt, problem.limits.jerk_max)
+    return Solution(join(head, tail, 1.0 / dt), launch)
+
+
+def least_times(problem: ThrowProblem, candidate: Candidate) -> Vector:
+    """Returns each joint's own least time (6,) [s] to the candidate with zero acceleration there."""
+    ruckig, zero = _ruckig(), np.zeros(6)
+    start, release = (problem.start, zero, zero), (candidate.q, candidate.qd, zero)
+    motion = _calculate(ruckig, _input(ruckig, start, release, problem.limits), problem.dt)
+    return np.array(motion.independent_min_durations)
+
+
+def _ruckig() -> ModuleType:
+    try:
+        import ruckig
+    except ImportError as error:
+        raise BackendUnavailable("ruckig", "ruckig") from error
+    return ruckig
+
+
+def _synchronised(ruckig: ModuleType, start: State, end: State, limits: Limits, dt: float) -> Vector:
+    """Returns the accelerations at the ticks (N+1, 6) of the joint motion in which all arrive together."""
+    request = _input(ruckig, start, end, limits)
+    request.duration_discretization = ruckig.DurationDiscretization.Discrete
+    motion = _calculate(ruckig, request, dt)
+    return _sample(motion, _ticks(motion.duration, dt), dt)
+
+
+def _independent(ruckig: ModuleType, start: State, end: State, limits: Limits, dt: float) -> Vector:
+    """Returns the accelerations at the ticks (N+1, 6) with every joint as late and as fast as it can be."""
+    motions = []
+    for i in range(6):
+        own = _input(ruckig, *_joint(i, start, end), _one_joint(limits, i))
+        own.duration_discretization = ruckig.DurationDiscretization.Discrete
+        motions.append(_calculate(ruckig, own, dt))
+    counts = [_ticks(motion.duration, dt) for motion in motions]
+    qdd = np.zeros((max(counts) + 1, 6))
+    for i, (motion, count) in enumerate(zip(motions, counts, strict=True)):
+        qdd[max(counts) - count :, i] = _sample(motion, count, dt)[:, 0]
+    return qdd
+
+
+def _brake(ruckig: ModuleType, release: State, limits: Limits, dt: float) -> tuple[State, Vector]:
+    """Returns the state of rest in which the fastest braking ends, and the accelerations at its ticks (M+1, 6)."""
+    request = _input(ruckig, release, (np.zeros(6), np.zeros(6), np.zeros(6)), limits)
+    request.control_interface = ruckig.ControlInterface.Velocity
+    request.duration_discretization = ruckig.DurationDiscretization.Discrete
+    motion = _calculate(ruckig, request, dt)
+    count = _ticks(motion.duration, dt)
+    rest = np.array(motion.at_time(motion.duration)[0])
+    return (rest, np.zeros(6), np.zeros(6)), _sample(motion, count, dt)
+
+
+def _input(ruckig: ModuleType, start: State, end: State, limits: Limits) -> Any:
+    request = ruckig.InputParameter(len(start[0]))
+    request.current_position, request.current_velocity, request.current_acceleration = (list(x) for x in start)
+    request.target_position, request.target_velocity, request.target_acceleration = (list(x) for x in end)
+    # A release at the very limit is allowed: only the way there keeps the room that the grid needs.
+    request.max_velocity = list(np.maximum(limits.qd_max, np.abs(end[1])))
+    request.max_acceleration, request.max_jerk = list(limits.qdd_max), list(limits.jerk_max)
+    return request
+
+
+def _calculate(ruckig: ModuleType, request: Any, dt: float) -> Any:
+    motion = ruckig.Trajectory(request.degrees_of_freedom)
+    try:
+        result = ruckig.Ruckig(request.degrees_of_freedom, dt).calculate(request, motion)
+    except ruckig.RuckigError as error:
+        raise SolverFailed(f"ruckig refuses the request: {error}") from error
+    if result not in (ruckig.Result.Working, ruckig.Result.Finished):
+        raise SolverFailed(f"ruckig answers {result}")
+    return motion
+
+
+def _ticks(duration: float, dt: float) -> int:
+    count = max(3, round(duration / dt))
+    if count > TICKS_MAX:
+        raise SolverFailed(f"the motion would take {duration:.1f} s")
+    return count
+
+
+def _sample(motion: Any, count: int, dt: float) -> Vector:
+    return np.array([motion.at_time(i * dt)[2] for i in range(count + 1)])
+
+
+def _joint(i: int, *states: State) -> list[State]:
+    return [tuple(x[i : i + 1] for x in state) for state in states]  # pyright: ignore[reportReturnType]
+
+
+def _one_joint(limits: Limits, i: int) -> Limits:
+    rows = {name: getattr(limits, name)[i : i + 1] for name in ("qd_max", "qdd_max", "jerk_max")}
+    return replace(limits, **rows)

@@ -1,0 +1,112 @@
+"""Checks of the joint motion itself: closed forms on the cubic pieces, exact between samples."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.certificate.check import Check, at_most
+from planner.problem import ThrowProblem
+from planner.trajectory import Trajectory
+
+Vector = NDArray[np.float64]
+
+START_TOLERANCE = 1e-6  # [rad, rad/s, rad/s^2] far below an encoder's step; only rounding may differ
+REST_TOLERANCE = 1e-6  # [rad/s, rad/s^2] likewise
+CONTINUITY_TOLERANCE = 1e-7  # [rad, rad/s] disagreement of neighbouring samples over one tick
+
+
+def start(problem: ThrowProblem, trajectory: Trajectory) -> Check:
+    """The motion begins at rest where the problem says."""
+    position = np.abs(trajectory.q[0] - problem.start).max()
+    motion = max(np.abs(trajectory.qd[0]).max(), np.abs(trajectory.qdd[0]).max())
+    detail = "position" if position >= motion else "not at rest"
+    return at_most("start", float(max(position, motion)), START_TOLERANCE, "rad", 0.0, detail)
+
+
+def joint_position(problem: ThrowProblem, trajectory: Trajectory) -> Check:
+    """No joint leaves its range, at no instant: the extrema of every cubic piece are found in closed form."""
+    limits = problem.limits
+    lowest, highest, times = _position_extrema(trajectory)
+    below, above = lowest - limits.q_lower, limits.q_upper - highest
+    worst_below, worst_above = below.min(axis=0), above.min(axis=0)
+    joint = int(np.minimum(worst_below, worst_above).argmin())
+    if worst_below[joint] < worst_above[joint]:
+        piece = int(below[:, joint].argmin())
+        value, limit, margin = lowest[piece, joint], limits.q_lower[joint], worst_below[joint]
+    else:
+        piece = int(above[:, joint].argmin())
+        value, limit, margin = highest[piece, joint], limits.q_upper[joint], worst_above[joint]
+    ok = bool(margin >= -START_TOLERANCE * 1e-3)
+    return Check("joint_position", float(value), float(limit), "rad", float(margin), float(times[piece]), ok,
+                 _joint(problem, joint))
+
+
+def joint_velocity(problem: ThrowProblem, trajectory: Trajectory) -> Check:
+    """No joint exceeds its speed: the vertex of every quadratic piece is looked at."""
+    return _largest("joint_velocity", problem, trajectory, _speed_extrema(trajectory), problem.limits.qd_max, "rad/s")
+
+
+def joint_acceleration(problem: ThrowProblem, trajectory: Trajectory) -> Check:
+    """No joint exceeds its acceleration: linear between samples, so the samples decide."""
+    values = np.abs(trajectory.qdd)
+    return _largest("joint_acceleration", problem, trajectory, values, problem.limits.qdd_max, "rad/s^2")
+
+
+def joint_jerk(problem: ThrowProblem, trajectory: Trajectory) -> Check:
+    """No joint exceeds its jerk: constant in every tick."""
+    values = np.abs(trajectory.jerk)
+    return _largest("joint_jerk", problem, trajectory, values, problem.limits.jerk_max, "rad/s^3")
+
+
+def end_at_rest(problem: ThrowProblem, trajectory: Trajectory) -> Check:
+    """The last sample stands still."""
+    value = max(np.abs(trajectory.qd[-1]).max(), np.abs(trajectory.qdd[-1]).max())
+    return at_most("end_at_rest", float(value), REST_TOLERANCE, "rad/s", trajectory.duration_s)
+
+
+def continuity(problem: ThrowProblem, trajectory: Trajectory) -> Check:
+    """Positions, velocities and accelerations of neighbouring samples are one motion of constant jerk."""
+    dt, q, qd, qdd = trajectory.dt, trajectory.q, trajectory.qd, trajectory.qdd
+    speed = np.abs(np.diff(qd, axis=0) - dt * (qdd[:-1] + qdd[1:]) / 2.0)
+    place = np.abs(np.diff(q, axis=0) - dt * (qd[:-1] + dt * (2.0 * qdd[:-1] + qdd[1:]) / 6.0))
+    residual = np.maximum(speed, place)
+    residual = np.where(np.isfinite(residual), residual, np.inf)
+    piece, joint = np.unravel_index(int(residual.argmax()), residual.shape)
+    at_s = float(piece) * dt
+    return at_most("continuity", float(residual[piece, joint]), CONTINUITY_TOLERANCE, "rad", at_s,
+                   _joint(problem, int(joint)))
+
+
+def _largest(name: str, problem: ThrowProblem, trajectory: Trajectory, values: Vector, limit: Vector, unit: str) -> Check:
+    share = np.where(np.isfinite(values), values, np.inf) / limit
+    piece, joint = np.unravel_index(int(share.argmax()), share.shape)
+    at_s = float(piece) * trajectory.dt
+    return at_most(name, float(values[piece, joint]), float(limit[joint]), unit, at_s, _joint(problem, int(joint)))
+
+
+def _speed_extrema(trajectory: Trajectory) -> Vector:
+    """Returns the largest |qd| of every tick (N-1, n): at its ends, or at the vertex where qdd changes sign."""
+    qd, qdd, jerk = trajectory.qd, trajectory.qdd, trajectory.jerk
+    ends = np.maximum(np.abs(qd[:-1]), np.abs(qd[1:]))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        vertex = np.abs(qd[:-1] - qdd[:-1] ** 2 / (2.0 * jerk))
+    return np.where(qdd[:-1] * qdd[1:] < 0.0, np.maximum(ends, vertex), ends)
+
+
+def _position_extrema(trajectory: Trajectory) -> tuple[Vector, Vector, Vector]:
+    """Returns lowest and highest q of every tick (N-1, n) and the ticks' times (N-1,)."""
+    dt, q, qd, qdd, jerk = trajectory.dt, trajectory.q, trajectory.qd, trajectory.qdd, trajectory.jerk
+    lowest, highest = np.minimum(q[:-1], q[1:]), np.maximum(q[:-1], q[1:])
+    v, a = qd[:-1], qdd[:-1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        root = np.sqrt(a * a - 2.0 * jerk * v)
+        for s in ((-a + root) / jerk, (-a - root) / jerk, -v / a):
+            s = np.where(np.isfinite(s), np.clip(s, 0.0, dt), 0.0)
+            turn = q[:-1] + s * (v + s * (a / 2.0 + s * jerk / 6.0))
+            lowest, highest = np.minimum(lowest, turn), np.maximum(highest, turn)
+    return lowest, highest, trajectory.t[:-1]
+
+
+def _joint(problem: ThrowProblem, index: int) -> str:
+    return problem.cell.robot.joint_names[index]

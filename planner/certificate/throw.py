@@ -1,0 +1,176 @@
+"""Checks of the throw: the release state, where the object lands, and how the landing stands a late or early release."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.ballistics import Flight, fly, landing_points
+from planner.certificate.bounds import levers, point_acceleration, point_jerk
+from planner.certificate.check import Check, at_least, at_most
+from planner.certificate.motion import Motion
+from planner.kinematics import forward, jacobian
+from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.rotations import matrix_to_rotation_vector
+from planner.trajectory import Trajectory
+
+Vector = NDArray[np.float64]
+
+RELEASE_POSITION_TOLERANCE = 1e-5  # [m, rad] a tenth of a UR's repeatability of 0.03 mm and more
+RELEASE_VELOCITY_TOLERANCE = 1e-4  # [m/s, rad/s] 0.1 mm of landing for a flight of one second
+LANDING_TOLERANCE_M = 5e-4  # [m] of the nominal instant; far below what a gripper scatters
+WINDOW_STEP_S = 0.0005  # [s] spacing at which the window is looked at; between, a curvature bound
+
+
+def tool_state(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[Vector, Vector]:
+    """Returns tool pose X_WT (..., 4, 4) and twist V_WT (..., 6) in the world for joint states (..., 6)."""
+    cell = problem.cell
+    X_WT = cell.X_WB @ forward(cell.robot, q, cell.tool.X_FT)
+    V_BT = np.einsum("...ij,...j->...i", jacobian(cell.robot, q, cell.tool.X_FT), qd)
+    R_WB = cell.X_WB[:3, :3]
+    return X_WT, np.concatenate([V_BT[..., :3] @ R_WB.T, V_BT[..., 3:] @ R_WB.T], axis=-1)
+
+
+def release_flight(problem: ThrowProblem, trajectory: Trajectory) -> Flight | None:
+    """Returns the flight of the object from the release; None for a move that ends at rest, or that never lands."""
+    if problem.ends_at_rest:
+        return None
+    k = trajectory.release_index
+    X_WT, V_WT = tool_state(problem, trajectory.q[k], trajectory.qd[k])
+    return fly(X_WT[:3, 3], V_WT[:3], problem.plane_z, problem.gravity, problem.drag)
+
+
+def release_position(problem: ThrowProblem, trajectory: Trajectory) -> Check | None:
+    """The release happens where it was asked for; None where the place is free."""
+    k = trajectory.release_index
+    name, at_s, tolerance = "release_position", trajectory.release_time_s, RELEASE_POSITION_TOLERANCE
+    release = problem.release
+    if isinstance(release, JointRelease):
+        return at_most(name, float(np.abs(trajectory.q[k] - release.q).max()), tolerance, "rad", at_s)
+    X_WT, _ = tool_state(problem, trajectory.q[k], trajectory.qd[k])
+    p = X_WT[:3, 3]
+    if isinstance(release, PointRelease):
+        return at_most(name, float(np.linalg.norm(p - release.p_WT)), tolerance, "m", at_s)
+    if isinstance(release, PoseRelease):
+        turn = matrix_to_rotation_vector(X_WT[:3, :3] @ release.X_WT[:3, :3].T)
+        miss, twist = float(np.linalg.norm(p - release.X_WT[:3, 3])), float(np.linalg.norm(turn))
+        detail = "position [m]" if miss >= twist else "orientation [rad]"
+        return at_most(name, max(miss, twist), tolerance, "m", at_s, detail)
+    if release.release_position is not None:
+        return at_most(name, float(np.linalg.norm(p - release.release_position)), tolerance, "m", at_s)
+    if release.min_horizontal_distance_m > 0.0:
+        away = float(np.linalg.norm((p - release.p_W)[:2]))
+        return at_least(name, away, release.min_horizontal_distance_m, "m", at_s, "horizontal distance to the target")
+    return None
+
+
+def release_velocity(problem: ThrowProblem, trajectory: Trajectory) -> Check | None:
+    """The release happens with the velocity asked for; None where it is free."""
+    k = trajectory.release_index
+    name, at_s, tolerance = "release_velocity", trajectory.release_time_s, RELEASE_VELOCITY_TOLERANCE
+    release = problem.release
+    if isinstance(release, JointRelease):
+        return at_most(name, float(np.abs(trajectory.qd[k] - release.qd).max()), tolerance, "rad/s", at_s)
+    _, V_WT = tool_state(problem, trajectory.q[k], trajectory.qd[k])
+    if isinstance(release, PointRelease):
+        return at_most(name, float(np.linalg.norm(V_WT[:3] - release.v_WT)), tolerance, "m/s", at_s)
+    if isinstance(release, PoseRelease):
+        return at_most(name, float(np.abs(V_WT - release.V_WT).max()), tolerance, "m/s", at_s)
+    return _free_velocity(release, V_WT[:3], at_s)
+
+
+def _free_velocity(release: TargetRelease, v: Vector, at_s: float) -> Check | None:
+    """A target leaves the velocity free within bounds on speed and elevation: the tighter one is reported."""
+    name, checks = "release_velocity", []
+    elevation = math.atan2(float(v[2]), math.hypot(float(v[0]), float(v[1])))
+    if math.isfinite(release.max_speed_m_s):
+        limit = release.max_speed_m_s + RELEASE_VELOCITY_TOLERANCE
+        checks.append(at_most(name, float(np.linalg.norm(v)), limit, "m/s", at_s, "speed"))
+    if release.min_elevation_rad > -math.pi / 2:
+        limit = release.min_elevation_rad - RELEASE_VELOCITY_TOLERANCE
+        checks.append(at_least(name, elevation, limit, "rad", at_s, "elevation"))
+    if release.max_elevation_rad < math.pi / 2:
+        limit = release.max_elevation_rad + RELEASE_VELOCITY_TOLERANCE
+        checks.append(at_most(name, elevation, limit, "rad", at_s, "elevation"))
+    return min(checks, key=lambda check: (check.ok, check.margin)) if checks else None
+
+
+def landing(problem: ThrowProblem, trajectory: Trajectory) -> Check | None:
+    """The object released at the nominal instant lands on the target; None where there is no target."""
+    release = problem.release
+    if not isinstance(release, TargetRelease):
+        return None
+    flight = release_flight(problem, trajectory)
+    miss = math.inf if flight is None else float(np.linalg.norm(flight.landing_point - release.p_W))
+    return at_most("landing", miss, LANDING_TOLERANCE_M, "m", trajectory.release_time_s)
+
+
+def landing_window(motion: Motion) -> Check | None:
+    """Released at any instant of the window, the object lands within the tolerance; None where no window is asked.
+
+    Between the instants looked at, the landing point strays from its chord by at most sup|L''| h^2/8.
+    """
+    problem, trajectory = motion.problem, motion.trajectory
+    if not problem.is_robust:
+        return None
+    window, released = problem.release_window_s, trajectory.release_time_s
+    delays = np.linspace(-window, window, 2 * math.ceil(window / WINDOW_STEP_S) + 1)
+    errors = landing_errors(problem, trajectory, delays)
+    if not np.isfinite(errors).all():
+        return at_most("landing_window", math.inf, problem.landing_tolerance_m, "m", released, "never lands")
+    worst = int(errors.argmax())
+    value = float(errors[worst]) + _landing_curvature(motion, delays) * float(delays[1] - delays[0]) ** 2 / 8.0
+    return at_most("landing_window", value, problem.landing_tolerance_m, "m", released + float(delays[worst]))
+
+
+def landing_errors(problem: ThrowProblem, trajectory: Trajectory, delays: Vector) -> Vector:
+    """Returns how far from where it should the object lands (k,) [m] if it leaves `delays` (k,) [s] late.
+
+    Where it should land is the target, or without a target where the nominal release takes it.
+    """
+    t = trajectory.release_time_s + delays
+    q, qd, _ = trajectory.at(t)
+    X_WT, V_WT = tool_state(problem, q, qd)
+    p, v = X_WT[:, :3, 3], V_WT[:, :3]
+    if problem.drag > 0.0:
+        flights = [fly(p[i], v[i], problem.plane_z, problem.gravity, problem.drag) for i in range(len(t))]
+        landed = np.array([np.full(3, np.nan) if f is None else f.landing_point for f in flights])
+    else:
+        landed = landing_points(p, v, problem.plane_z, problem.gravity)
+    aim = _aim(problem, trajectory)
+    return np.linalg.norm(landed - aim, axis=1)
+
+
+def _aim(problem: ThrowProblem, trajectory: Trajectory) -> Vector:
+    if isinstance(problem.release, TargetRelease):
+        return problem.release.p_W
+    flight = release_flight(problem, trajectory)
+    return np.full(3, np.nan) if flight is None else flight.landing_point
+
+
+def _landing_curvature(motion: Motion, delays: Vector) -> float:
+    """Returns sup |L''| [m/s^2] of the drag-free landing point over the window.
+
+    L = p + v t with the plane's t(p_z, v_z): with bounds A, J on acceleration and jerk, T on the flight time, V on the
+    speed and w on the (downward) speed at landing, |t'| <= (V + A T) / w =: t1, |t''| <= (A + J T + 2 A t1 + G t1^2)/w
+    =: t2, and |L''| <= A + J T + 2 A t1 + V t2.
+    """
+    problem, trajectory = motion.problem, motion.trajectory
+    t = trajectory.release_time_s + delays
+    q, qd, _ = trajectory.at(t)
+    X_WT, V_WT = tool_state(problem, q, qd)
+    height, v_z = X_WT[:, 2, 3] - problem.plane_z, V_WT[:, 2]
+    landing_speed = np.sqrt(np.maximum(v_z**2 + 2.0 * problem.gravity * height, 1e-12))
+    time = float(((v_z + landing_speed) / problem.gravity).max())
+    w, speed = float(landing_speed.min()), float(np.linalg.norm(V_WT[:, :3], axis=1).max())
+    reach = math.ceil(delays[-1] * trajectory.sample_rate_hz) + 1
+    k = trajectory.release_index
+    ticks = slice(max(0, k - reach), k + reach)
+    lever = levers(problem.cell.robot, 6, float(np.linalg.norm(problem.cell.tool.X_FT[:3, 3])))
+    a = float(point_acceleration(lever, motion.rates)[ticks].max())
+    j = float(point_jerk(lever, motion.rates)[ticks].max())
+    t1 = (speed + a * time) / w
+    t2 = (a + j * time + 2.0 * a * t1 + problem.gravity * t1**2) / w
+    return a + j * time + 2.0 * a * t1 + speed * t2

@@ -1,0 +1,29 @@
+"""How soon a joint can be somewhere at speed, whatever the others do: the bound that ranks candidates.
+
+Source: time-optimal control of a double integrator with bounded acceleration and velocity (Pontryagin; e.g. Biagiotti
+and Melchiorri, Trajectory Planning for Automatic Machines and Robots, Springer 2008, section 3.2).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.cell import Limits
+
+Vector = NDArray[np.float64]
+
+
+def least_time(distance: Vector, qd: Vector, limits: Limits) -> Vector:
+    """Returns the least time (...,) [s] from rest over `distance` (..., n) [rad] to velocity `qd` (..., n) [rad/s].
+
+    The largest over the joints of each joint's own least time with unbounded jerk: no launch can be shorter.
+    """
+    v_max, a_max = limits.qd_max, limits.qdd_max
+    turn = np.where(distance >= qd * np.abs(qd) / (2.0 * a_max), 1.0, -1.0)
+    d, v = turn * distance, turn * qd
+    peak = np.sqrt(np.maximum(a_max * d + v**2 / 2.0, 0.0))
+    direct = (2.0 * peak - v) / a_max
+    accelerating = (2.0 * v_max**2 - v**2) / (2.0 * a_max)
+    cruising = (2.0 * v_max - v) / a_max + (d - accelerating) / v_max
+    return np.where(peak <= v_max, direct, cruising).max(axis=-1)

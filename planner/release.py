@@ -1,0 +1,157 @@
+"""Candidate release states: the seed of every back end.
+
+`joint` has one. `pose` has one a branch and turn of the inverse kinematics. `point` adds orientations of the tool, and
+`target` adds places and flights: both are drawn from a fixed quasi-random sequence, so the same request has the same
+candidates. All are sorted by the time no launch can beat.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.cell import Limits
+from planner.errors import Infeasible, Violation
+from planner.kinematics import inverse, inverse_velocity, jacobian, singularity_distances
+from planner.lower_bound import least_time
+from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.rotations import invert_pose
+from planner.sampling import point_states, target_states
+
+Vector = NDArray[np.float64]
+
+SPEED_SLACK = 1e-9  # [-] rounding allowed in the comparison with a speed limit
+POSITION_SLACK = 1e-9  # [rad] likewise with a position limit
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A joint state to release in.
+
+    Attributes:
+        q: positions (6,) [rad].
+        qd: velocities (6,) [rad/s].
+        bound_s: no launch from the problem's start is shorter [s].
+        label: how it was found, for the plan's story.
+    """
+
+    q: Vector
+    qd: Vector
+    bound_s: float
+    label: str
+
+
+def candidates(problem: ThrowProblem) -> list[Candidate]:
+    """Returns the release states that respect the limits by themselves, soonest possible first.
+
+    Raises:
+        Infeasible: there is none; the violations say what stands in the way.
+    """
+    release = problem.release
+    if isinstance(release, JointRelease):
+        q, qd = release.q[None], release.qd[None]
+        _refuse_joint_state(problem, release)
+    elif isinstance(release, PoseRelease):
+        q, qd = _pose_states(problem, release)
+    elif isinstance(release, PointRelease):
+        q, qd = point_states(problem, release)
+    else:
+        q, qd = target_states(problem, release)
+    return _usable(problem, q, qd)
+
+
+def _usable(problem: ThrowProblem, q: Vector, qd: Vector) -> list[Candidate]:
+    """Returns the states inside the limits on speed and singularity distance, sorted; refuses where none is left."""
+    limits = problem.limits
+    excess = np.max(np.abs(qd) / limits.qd_max, axis=-1) if len(q) else np.zeros(0)
+    distance = singularity_distances(problem.cell.robot, q).minimum if len(q) else np.zeros(0)
+    fast = excess > 1.0 + SPEED_SLACK
+    singular = np.zeros_like(fast) if problem.ends_at_rest else distance < limits.singularity_distance_min
+    good = ~fast & ~singular
+    if not good.any():
+        raise Infeasible(_reasons(problem, q, qd, excess, distance))
+    q, qd = q[good], qd[good]
+    bound = least_time(q - problem.start, qd, limits)
+    order = np.lexsort([*q.T[::-1], bound])
+    return [Candidate(q[i], qd[i], float(bound[i]), f"{problem.release.__class__.__name__} {n}") for n, i in enumerate(order)]
+
+
+def _reasons(problem: ThrowProblem, q: Vector, qd: Vector, excess: Vector, distance: Vector) -> list[Violation]:
+    """Returns what stands in the way of the state that comes nearest."""
+    limits, names = problem.limits, problem.cell.robot.joint_names
+    if len(q) == 0:
+        return [Violation("joint_position", 1.0, 1.0, "1", detail="no posture within the joint limits reaches it")]
+    usable = distance >= limits.singularity_distance_min
+    if problem.ends_at_rest or usable.any():
+        rows = np.flatnonzero(usable) if usable.any() else np.arange(len(q))
+        best = int(rows[excess[rows].argmin()])
+        joint = int((np.abs(qd[best]) / limits.qd_max).argmax())
+        speed, limit = float(abs(qd[best, joint])), float(limits.qd_max[joint])
+        return [Violation("joint_velocity", speed, limit, "rad/s", detail=f"{names[joint]} at the release")]
+    best = int(distance.argmax())
+    name, value = singularity_distances(problem.cell.robot, q[best]).nearest
+    return [Violation("singularity_distance", float(value), limits.singularity_distance_min, "1",
+                      detail=f"{name} singularity at the release")]
+
+
+def _refuse_joint_state(problem: ThrowProblem, release: JointRelease) -> None:
+    limits, names = problem.limits, problem.cell.robot.joint_names
+    violations = []
+    for i in range(6):
+        q = float(release.q[i])
+        bound = float(limits.q_lower[i] if q < limits.q_lower[i] else limits.q_upper[i])
+        if not limits.q_lower[i] - POSITION_SLACK <= q <= limits.q_upper[i] + POSITION_SLACK:
+            violations.append(Violation("joint_position", q, bound, "rad", detail=f"{names[i]} at the release"))
+    if violations:
+        raise Infeasible(violations)
+
+
+def _pose_states(problem: ThrowProblem, release: PoseRelease) -> tuple[Vector, Vector]:
+    """Returns joint states (n, 6) of every branch and turn that reach pose and twist.
+
+    Raises:
+        Infeasible: out of reach, or no branch inside the joint limits.
+    """
+    cell, limits = problem.cell, problem.limits
+    X_BT = invert_pose(cell.X_WB) @ release.X_WT
+    found = inverse(cell.robot, X_BT, cell.tool.X_FT, limits.q_lower, limits.q_upper)
+    if found.reach_excess_m > 0.0:
+        raise Infeasible([reach_violation(found.reach_excess_m, problem, release.X_WT[:3, 3])])
+    if len(found.q) == 0:
+        raise Infeasible([_nearest_joint_limit(problem, X_BT)])
+    R_BW = cell.X_WB[:3, :3].T
+    V_BT = np.concatenate([R_BW @ release.V_WT[:3], R_BW @ release.V_WT[3:]])
+    distance = singularity_distances(cell.robot, found.q).minimum
+    usable = distance > 1e-6
+    if not usable.any():
+        qd = np.zeros_like(found.q)
+        return found.q, qd
+    q = found.q[usable]
+    return q, inverse_velocity(jacobian(cell.robot, q, cell.tool.X_FT), V_BT)
+
+
+def reach_violation(excess_m: float, problem: ThrowProblem, p_W: Vector) -> Violation:
+    """Returns the violation of a place `excess_m` beyond what the arm reaches."""
+    p_B = problem.cell.X_WB[:3, :3].T @ (p_W - problem.cell.X_WB[:3, 3])
+    away = float(np.linalg.norm(p_B))
+    return Violation("reach", away, away - excess_m, "m", detail="distance from the arm's base")
+
+
+def _nearest_joint_limit(problem: ThrowProblem, X_BT: Vector) -> Violation:
+    """Returns by how much the most lenient branch misses the joint limits."""
+    cell, limits = problem.cell, problem.limits
+    robot = cell.robot
+    anywhere = inverse(robot, X_BT, cell.tool.X_FT, robot.q_lower, robot.q_upper).q
+    if len(anywhere) == 0:
+        return Violation("joint_position", 1.0, 1.0, "1", detail="no posture within the arm's joint limits reaches it")
+    over = np.maximum(limits.q_lower - anywhere, anywhere - limits.q_upper)
+    best = int(over.max(axis=1).argmin())
+    joint = int(over[best].argmax())
+    q = float(anywhere[best, joint])
+    bound = float(limits.q_lower[joint] if q < limits.q_lower[joint] else limits.q_upper[joint])
+    return Violation("joint_position", q, bound, "rad", detail=f"{robot.joint_names[joint]} at the release")
+
+
