@@ -1,0 +1,89 @@
+"""Cell files: what is read, what is filled in, and every kind of refusal."""
+
+import hashlib
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planner.cell import load_cell, parse_cell
+from planner.errors import CellError
+
+CELLS = Path(__file__).parents[2] / "cells"
+SHIPPED = ("ur5e-sim", "ur3e-sim", "ur10e-sim", "ur5-sim", "sdu-table", "example-real")
+LEAST = 'robot = "ur5e"\n[link]\nkind = "sim"\n'
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_cells_are_read(name):
+    cell = load_cell(CELLS / f"{name}.toml")
+    assert cell.name == name
+    assert cell.sha256 == hashlib.sha256((CELLS / f"{name}.toml").read_bytes()).hexdigest()
+    document = json.loads(json.dumps(cell.as_document()))
+    assert document["robot"] == cell.robot.name
+    assert document["sha256"] == cell.sha256
+
+
+def test_only_the_example_drives_a_real_arm():
+    kinds = {name: load_cell(CELLS / f"{name}.toml").link.kind for name in SHIPPED}
+    assert [name for name, kind in kinds.items() if kind == "ur"] == ["example-real"]
+
+
+def test_defaults_are_filled_in_and_numbers_kept_as_written():
+    cell = parse_cell(LEAST + "[limits]\njoint_velocity_rad_s = 2.5\n", "c")
+    document = cell.as_document()
+    assert document["limits"]["joint_velocity_rad_s"] == 2.5
+    assert document["limits"]["joint_jerk_rad_s3"] == 500.0
+    assert document["surroundings"]["gravity_m_s2"] == 9.81
+    assert document["sim"]["polyscope"] == "5.11.1"
+    np.testing.assert_array_equal(cell.limits.qd_max, np.full(6, 2.5))
+    np.testing.assert_allclose(cell.limits.tau_max, 0.9 * cell.robot.tau_max)
+
+
+def test_the_table_of_the_project_is_its_published_frame():
+    """The report's transform takes a world point into the base frame; ours is its inverse, made orthonormal."""
+    published = np.array([[-0.384, -0.9233, 0.0005, 0.7021], [0.9233, -0.384, 0.0018, -0.7111],
+                          [-0.0015, 0.0012, 1.0, -0.0334], [0.0, 0.0, 0.0, 1.0]])
+    X_WB = load_cell(CELLS / "sdu-table.toml").X_WB
+    np.testing.assert_allclose(np.linalg.inv(X_WB), published, atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("text", "field"),
+    [
+        ('robot = "ur5e"\n', "link.kind"),
+        ('robot = "kr16"\n[link]\nkind = "sim"\n', "robot"),
+        ("speed = 3\n" + LEAST, "speed"),
+        (LEAST + "[limits]\nvelocity = 3.0\n", "limits.velocity"),
+        (LEAST + "[limits]\njoint_velocity_rad_s = nan\n", "limits.joint_velocity_rad_s"),
+        (LEAST + "[limits]\njoint_velocity_rad_s = inf\n", "limits.joint_velocity_rad_s"),
+        (LEAST + "[limits]\njoint_velocity_rad_s = 4.0\n", "limits.joint_velocity_rad_s"),
+        (LEAST + "[limits]\njoint_velocity_rad_s = [1, 1, 1]\n", "limits.joint_velocity_rad_s"),
+        (LEAST + "[limits]\njoint_velocity_rad_s = true\n", "limits.joint_velocity_rad_s"),
+        (LEAST + "[limits]\njoint_acceleration_rad_s2 = 41.0\n", "limits.joint_acceleration_rad_s2"),
+        (LEAST + "[limits]\njoint_torque_fraction = 1.1\n", "limits.joint_torque_fraction"),
+        (LEAST + "[limits]\njoint_position_upper_rad = [7, 1, 1, 1, 1, 1]\n", "limits.joint_position_upper_rad"),
+        (LEAST + "[limits]\njoint_position_lower_rad = [1, 1, 1, 1, 1, 1]\n"
+                 "joint_position_upper_rad = [1, 2, 2, 2, 2, 2]\n", "limits.joint_position_lower_rad"),
+        (LEAST.replace("[link]", "home_rad = [0, 0, 3.5, 0, 0, 0]\n[link]"), "home_rad"),
+        (LEAST + "[gripper]\noutput = \"pneumatic\"\n", "gripper.output"),
+        (LEAST + "[gripper]\nindex = 2\n", "gripper.index"),
+        (LEAST + "[sim]\npolyscope = \"3.15\"\n", "sim.polyscope"),
+        (LEAST + "[surroundings]\nkeep_out = [{ lower_m = [0, 0, 0], upper_m = [1, 1, 0] }]\n", "keep_out"),
+        (LEAST + "[surroundings]\nkeep_out = [{ lower_m = [0, 0, 0] }]\n", "keep_out"),
+        (LEAST + "[tool]\ncapsules = [{ from_m = [0, 0], to_m = [0, 0, 1], radius_m = 0.1 }]\n", "capsules"),
+        ("robot = \n", "file"),
+    ],
+)
+def test_refusals_name_the_field(text, field):
+    with pytest.raises(CellError) as refusal:
+        parse_cell(text, "c")
+    assert field in refusal.value.field
+
+
+def test_a_missing_file_and_a_bad_name_are_refused():
+    with pytest.raises(CellError):
+        load_cell(CELLS / "nowhere.toml")
+    with pytest.raises(CellError, match="letters"):
+        parse_cell(LEAST, "../etc")
