@@ -1,0 +1,63 @@
+"""How far the arm is from its three singularities, each by name, and two measures that do not tell them apart."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planner.robots import Robot
+
+Array = NDArray[np.float64]
+
+SINGULARITIES = ("wrist", "elbow", "shoulder")
+
+
+@dataclass(frozen=True, eq=False)
+class SingularityDistances:
+    """Dimensionless distances (...) to the singularities, zero on them.
+
+    Their product times |a2 a3| (|a2| + |a3|) is |det J| of the arm [m3].
+    """
+
+    wrist: Array
+    elbow: Array
+    shoulder: Array
+
+    @property
+    def minimum(self) -> Array:
+        """The smallest of the three (...)."""
+        return np.minimum(np.minimum(self.wrist, self.elbow), self.shoulder)
+
+
+def signed_singularity_distances(robot: Robot, q: ArrayLike) -> Array:
+    """Distances (..., 3) to wrist, elbow and shoulder singularity with the sign of their side, smooth in q.
+
+    Wrist: axes 4 and 6 parallel. Elbow: arm stretched or folded. Shoulder: wrist over the axis of joint 1, where
+    the offset of the wrist's centre in the arm's plane vanishes.
+    """
+    q = np.asarray(q, dtype=np.float64)
+    lift, elbow, turn = q[..., 1], q[..., 1] + q[..., 2], q[..., 1] + q[..., 2] + q[..., 3]
+    offset = robot.a[1] * np.cos(lift) + robot.a[2] * np.cos(elbow) + robot.d[4] * np.sin(turn)
+    shoulder = offset / (abs(robot.a[1]) + abs(robot.a[2]))
+    return np.stack([np.sin(q[..., 4]), np.sin(q[..., 2]), shoulder], axis=-1)
+
+
+def singularity_distances(robot: Robot, q: ArrayLike) -> SingularityDistances:
+    """Distances (...) of joint positions (..., 6) [rad] to the three singularities, each at least 0."""
+    distances = np.abs(signed_singularity_distances(robot, q))
+    return SingularityDistances(distances[..., 0], distances[..., 1], distances[..., 2])
+
+
+def manipulability(J: ArrayLike) -> Array:
+    """Manipulability sqrt(det(J J^T)) (...) of a Jacobian (..., m, n). Source: Yoshikawa 1985."""
+    J = np.asarray(J, dtype=np.float64)
+    if J.shape[-2] > J.shape[-1]:
+        return np.zeros(J.shape[:-2])
+    return np.prod(np.linalg.svd(J, compute_uv=False), axis=-1)
+
+
+def smallest_singular_value(J: ArrayLike) -> Array:
+    """Smallest singular value (...) of a Jacobian (..., m, n): twist per joint velocity in the worst direction."""
+    return np.linalg.svd(np.asarray(J, dtype=np.float64), compute_uv=False)[..., -1]

@@ -1,0 +1,114 @@
+"""Rotations and poses: matrices, rotation vectors (UR's `rx ry rz`), unit quaternions `[x, y, z, w]`.
+
+Every function works over leading dimensions `...`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+# [rad] below it the closed forms of the left Jacobian lose digits to cancellation and two terms of the series are exact
+SMALL_ANGLE = 1e-2
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Cross product (..., 3) of broadcast vectors; several times quicker than `numpy.cross` on small arrays."""
+    a0, a1, a2 = a[..., 0], a[..., 1], a[..., 2]
+    b0, b1, b2 = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0], axis=-1)
+
+
+def skew(v: ArrayLike) -> Array:
+    """Matrix (..., 3, 3) of the cross product with v (..., 3)."""
+    v = np.asarray(v, dtype=np.float64)
+    matrix = np.zeros((*v.shape, 3))
+    matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
+    return matrix - np.swapaxes(matrix, -1, -2)
+
+
+def rotation_vector_to_matrix(vector: ArrayLike) -> Array:
+    """Rotation matrix (..., 3, 3) of a rotation vector (..., 3) [rad]. Source: Rodrigues' formula."""
+    vector = np.asarray(vector, dtype=np.float64)
+    half = 0.5 * np.linalg.norm(vector, axis=-1)[..., None]
+    # np.sinc(x) is sin(pi x)/(pi x): the quaternion's vector part without a division by zero
+    return quaternion_to_matrix(np.concatenate([0.5 * np.sinc(half / np.pi) * vector, np.cos(half)], axis=-1))
+
+
+def matrix_to_rotation_vector(R: ArrayLike) -> Array:
+    """Rotation vector (..., 3) [rad] of a rotation matrix, of length at most pi."""
+    quaternion = matrix_to_quaternion(R)
+    vector, w = quaternion[..., :3], quaternion[..., 3:]
+    sine = np.linalg.norm(vector, axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, w)
+    # 2 is the limit of angle/sine at no rotation
+    return vector * np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
+
+
+def quaternion_to_matrix(quaternion: ArrayLike) -> Array:
+    """Rotation matrix (..., 3, 3) of a quaternion [x, y, z, w] (..., 4), which is normalised first."""
+    quaternion = np.asarray(quaternion, dtype=np.float64)
+    x, y, z, w = np.moveaxis(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True), -1, 0)
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def matrix_to_quaternion(R: ArrayLike) -> Array:
+    """Unit quaternion [x, y, z, w] (..., 4) with w >= 0 of a rotation matrix (..., 3, 3).
+
+    Source: Shepperd's method: of the four ways to write it down, the one whose divisor is largest.
+    """
+    R = np.asarray(R, dtype=np.float64)
+    xx, yy, zz = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
+    xy, xz, yz = R[..., 0, 1] + R[..., 1, 0], R[..., 0, 2] + R[..., 2, 0], R[..., 1, 2] + R[..., 2, 1]
+    wx, wy, wz = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]
+    # 4 q q^T: each row is the quaternion times one of its entries
+    outer = np.stack(
+        [
+            np.stack([1.0 + xx - yy - zz, xy, xz, wx], axis=-1),
+            np.stack([xy, 1.0 - xx + yy - zz, yz, wy], axis=-1),
+            np.stack([xz, yz, 1.0 - xx - yy + zz, wz], axis=-1),
+            np.stack([wx, wy, wz, 1.0 + xx + yy + zz], axis=-1),
+        ],
+        axis=-2,
+    )
+    best = np.argmax(np.diagonal(outer, axis1=-2, axis2=-1), axis=-1)
+    row = np.take_along_axis(outer, best[..., None, None], axis=-2)[..., 0, :]
+    row = row / np.linalg.norm(row, axis=-1, keepdims=True)
+    return np.where(row[..., 3:] < 0.0, -row, row)
+
+
+def rotation_vector_rate(vector: ArrayLike) -> Array:
+    """Matrix (..., 3, 3) that turns an angular velocity (same frame as R) into the rate of the rotation vector.
+
+    The inverse of the left Jacobian of SO(3); singular at an angle of 2 pi, fine for vectors of length up to pi.
+    Source: Chirikjian, "Stochastic Models, Information Theory, and Lie Groups 2", (10.86).
+    """
+    vector = np.asarray(vector, dtype=np.float64)
+    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    large = np.where(angle < SMALL_ANGLE, 1.0, angle)
+    closed = (1.0 - 0.5 * large / np.tan(0.5 * large)) / large**2
+    second = np.where(angle < SMALL_ANGLE, 1.0 / 12.0 + angle**2 / 720.0 + angle**4 / 30240.0, closed)
+    K = skew(vector)
+    return np.eye(3) - 0.5 * K + second * (K @ K)
+
+
+def pose(position: ArrayLike, R: ArrayLike) -> Array:
+    """Homogeneous pose (..., 4, 4) from a position (..., 3) [m] and a rotation matrix (..., 3, 3)."""
+    position, R = np.asarray(position, dtype=np.float64), np.asarray(R, dtype=np.float64)
+    X = np.zeros((*np.broadcast_shapes(position.shape[:-1], R.shape[:-2]), 4, 4))
+    X[..., :3, :3], X[..., :3, 3], X[..., 3, 3] = R, position, 1.0
+    return X
+
+
+def invert_pose(X: ArrayLike) -> Array:
+    """Inverse (..., 4, 4) of a pose."""
+    X = np.asarray(X, dtype=np.float64)
+    R_inverse = np.swapaxes(X[..., :3, :3], -1, -2)
+    return pose(-np.einsum("...ij,...j->...i", R_inverse, X[..., :3, 3]), R_inverse)
