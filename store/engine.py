@@ -1,0 +1,50 @@
+"""Opening a database so that two processes can share it.
+
+SQLite: write-ahead log, so that readers never wait for the writer; writes begin with the lock (`BEGIN IMMEDIATE`), so
+that a busy database makes them wait instead of failing half way; foreign keys on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, Engine, create_engine, event, make_url
+
+BUSY_TIMEOUT_MS = 5000  # [ms] a writer waits this long for the other; its transactions take about a millisecond
+READING = {"fling_reading": True}
+
+
+def open_engine(url: str) -> Engine:
+    """Returns an engine for `url`; makes the folder of a SQLite file."""
+    address = make_url(url)
+    if address.get_backend_name() != "sqlite":
+        return create_engine(address, pool_pre_ping=True)
+    if address.database and address.database != ":memory:":
+        Path(address.database).expanduser().parent.mkdir(parents=True, exist_ok=True)
+    engine = create_engine(address)
+    event.listen(engine, "connect", _configure)
+    event.listen(engine, "begin", _begin)
+    return engine
+
+
+@contextmanager
+def reading(engine: Engine) -> Iterator[Connection]:
+    """A transaction that only reads: never waits for a writer, sees one state."""
+    with engine.connect().execution_options(**READING) as connection, connection.begin():
+        yield connection
+
+
+def _configure(connection: Any, _record: object) -> None:
+    connection.isolation_level = None  # the driver begins nothing by itself
+    connection.execute(f"PRAGMA busy_timeout = {BUSY_TIMEOUT_MS}")
+    connection.execute("PRAGMA journal_mode = WAL")
+    connection.execute("PRAGMA synchronous = NORMAL")
+    connection.execute("PRAGMA foreign_keys = ON")
+
+
+def _begin(connection: Connection) -> None:
+    read = connection.get_execution_options().get("fling_reading", False)
+    connection.exec_driver_sql("BEGIN" if read else "BEGIN IMMEDIATE")

@@ -1,0 +1,21 @@
+"""Fixtures for every room: nothing a test writes lands in the user's folders."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture
+def root() -> Path:
+    """The checkout."""
+    return ROOT
+
+
+@pytest.fixture
+def database_url(tmp_path: Path) -> str:
+    """Address of an empty SQLite file of this test's own."""
+    return f"sqlite:///{tmp_path / 'fling.db'}"

@@ -1,0 +1,65 @@
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import pytest
+from sqlalchemy import inspect, text
+
+from store import Store, migrations
+from store.engine import open_engine
+from store.tables import METADATA
+
+
+def test_the_migrations_make_the_tables_that_the_code_knows(store):
+    made = inspect(store._engine)
+    assert set(made.get_table_names()) == set(METADATA.tables) | {"schema_steps"}
+    for name, table in METADATA.tables.items():
+        columns = {c["name"]: c for c in made.get_columns(name)}
+        assert list(columns) and set(columns) == set(table.c.keys())
+        for column in table.c:
+            if not column.primary_key:
+                assert columns[column.name]["nullable"] == column.nullable, f"{name}.{column.name}"
+        assert {i["name"] for i in made.get_indexes(name)} == {i.name for i in table.indexes}
+        assert set(made.get_pk_constraint(name)["constrained_columns"]) == set(table.primary_key.columns.keys())
+
+
+def test_the_partial_index_is_unique_and_partial(store):
+    with store._engine.connect() as connection:
+        sql = connection.execute(text("SELECT sql FROM sqlite_master WHERE name = 'one_active_execution_per_cell'"))
+        statement = sql.scalar_one()
+    assert "UNIQUE" in statement
+    assert "state <> 'finished'" in statement
+
+
+def test_upgrading_twice_changes_nothing(database_url):
+    assert Store.upgrade(database_url) == (0, migrations.LATEST)
+    assert Store.upgrade(database_url) == (migrations.LATEST, migrations.LATEST)
+
+
+def test_many_may_open_an_empty_database_at_once(database_url):
+    def attempt(_: int) -> bool:
+        opened = Store.open(database_url)
+        try:
+            return opened.is_reachable()
+        finally:
+            opened.close()
+
+    with ThreadPoolExecutor(8) as pool:
+        assert all(pool.map(attempt, range(8)))
+
+
+def test_a_newer_database_is_refused(database_url):
+    Store.upgrade(database_url)
+    engine = open_engine(database_url)
+    with engine.begin() as connection:
+        connection.execute(text("INSERT INTO schema_steps (number) VALUES (99)"))
+    engine.dispose()
+    with pytest.raises(RuntimeError, match="newer"):
+        Store.open(database_url)
+
+
+def test_sqlite_runs_in_write_ahead_mode_with_foreign_keys(store):
+    with store._engine.connect() as connection:
+        pragma = {name: connection.exec_driver_sql(f"PRAGMA {name}").scalar_one()
+                  for name in ("journal_mode", "foreign_keys", "busy_timeout")}  # fmt: skip
+    assert pragma == {"journal_mode": "wal", "foreign_keys": 1, "busy_timeout": 5000}

@@ -1,0 +1,64 @@
+from __future__ import annotations
+
+import pytest
+
+from store import IdempotencyKey, KeyTaken, Store, new_id
+
+
+def test_a_plan_comes_back_as_it_was_written(store, add_plan):
+    row = store.plan(add_plan())
+    assert (row.cell, row.cell_sha256, row.backend, row.document, row.summary) == (
+        "ur5e-sim", "sha", "ruckig", b'{"trajectory":[]}', b"{}",
+    )  # fmt: skip
+    assert store.plan("nothing") is None
+
+
+def test_summaries_leave_the_document_out(store, add_plan):
+    id = add_plan()
+    assert store.plan_summary(id).document == b""
+    assert store.plan_summary(id).summary == b"{}"
+    assert store.plan_summary("nothing") is None
+
+
+def test_lists_are_newest_first_and_page_through_everything_once(store, add_plan):
+    ids = [add_plan() for _ in range(7)]
+    seen, cursor = [], None
+    for _ in range(10):
+        rows, cursor = store.plans(limit=3, cursor=cursor)
+        seen += [row.id for row in rows]
+        if cursor is None:
+            break
+    assert seen == sorted(ids, reverse=True)
+
+
+def test_an_idempotency_key_stands_for_the_first_plan(store):
+    key = IdempotencyKey("me /plan", "k", "body")
+    first = new_id()
+    store.add_plan(first, 1.0, "c", "s", "b", b"{}", key=key)
+    with pytest.raises(KeyTaken) as caught:
+        store.add_plan(new_id(), 1.0, "c", "s", "b", b"{}", key=key)
+    assert caught.value.resource_id == first
+    assert len(store.plans()[0]) == 1
+
+
+def test_a_key_with_another_body_is_refused(store):
+    store.add_plan(new_id(), 1.0, "c", "s", "b", b"{}", key=IdempotencyKey("me /plan", "k", "body"))
+    with pytest.raises(KeyTaken) as caught:
+        store.resource_of_key(IdempotencyKey("me /plan", "k", "other body"))
+    assert caught.value.body_sha256 == "body"
+    assert store.resource_of_key(IdempotencyKey("you /plan", "k", "other body")) is None
+
+
+def test_ids_sort_by_time_and_are_version_7():
+    ids = [new_id() for _ in range(3)]
+    assert [id[14] for id in ids] == ["7"] * 3
+    assert all(id[19] in "89ab" for id in ids)
+    assert len({id[:8] for id in ids}) == 1  # the leading bits are the time
+
+
+def test_a_closed_store_and_a_missing_table_are_not_reachable(store: Store):
+    assert store.is_reachable()
+    with store._engine.begin() as connection:
+        connection.exec_driver_sql("PRAGMA foreign_keys = OFF")
+        connection.exec_driver_sql("ALTER TABLE plans RENAME TO gone")
+    assert not store.is_reachable()
