@@ -21,19 +21,29 @@ State = tuple[ArrayLike, ArrayLike, ArrayLike]
 
 ACCELERATION_ROOM = 75.0  # [1/s^2] share of the acceleration limit left free, by dt^2: 3e-4 at 500 Hz, 5e-3 at 125 Hz
 JERK_ROOM = 0.5  # [1/s^2] likewise of the jerk (both measured over random launches: docs/decisions/0002)
+ROOMS = (1.0, 30.0, 1000.0)  # [-] multiples of the two tried in turn: a phase of few ticks, all saturated, needs more
+FIT_TOLERANCE = 5e-8  # [-] share of a limit by which a phase may exceed it and still counts as fitting
 JERK_FLOOR = 1e-3  # [-] least weight of a tick, so that a jerk saturated in every tick can still be corrected
 PASSES = 2  # the second pass removes what rounding left of the first
 
 
-def grid_limits(limits: Limits, dt: float) -> Limits:
-    """Returns `limits` less what the projection onto ticks of `dt` [s] may add to velocity and acceleration.
+def grid_limits(limits: Limits, dt: float, room: float = 1.0) -> Limits:
+    """Returns `limits` less what the projection onto ticks of `dt` [s] may add to velocity, acceleration and jerk.
 
-    A velocity plateau entered between two ticks is overshot by at most jerk_max dt^2 / 4.
+    A velocity plateau entered between two ticks is overshot by at most jerk_max dt^2 / 4. `room` is one of `ROOMS`.
     """
-    room = limits.jerk_max * dt**2 / 4.0
-    qd_max = np.maximum(limits.qd_max - room, 0.98 * limits.qd_max)
-    qdd_max = limits.qdd_max * (1.0 - ACCELERATION_ROOM * dt**2)
-    return replace(limits, qd_max=qd_max, qdd_max=qdd_max, jerk_max=limits.jerk_max * (1.0 - JERK_ROOM * dt**2))
+    share = min(room * dt**2, 1e-3)
+    qd_max = np.maximum(limits.qd_max - limits.jerk_max * dt**2 / 4.0, 0.98 * limits.qd_max)
+    qdd_max = limits.qdd_max * (1.0 - min(ACCELERATION_ROOM * share, 0.02))
+    return replace(limits, qd_max=qd_max, qdd_max=qdd_max, jerk_max=limits.jerk_max * (1.0 - JERK_ROOM * share * 20.0))
+
+
+def fits(phase: tuple[Vector, Vector, Vector], limits: Limits, dt: float) -> bool:
+    """Returns whether the samples (q, qd, qdd) of a phase keep the limits on velocity, acceleration and jerk."""
+    _, qd, qdd = phase
+    jerk = np.diff(qdd, axis=0) / dt
+    pairs = ((qd, limits.qd_max), (qdd, limits.qdd_max), (jerk, limits.jerk_max))
+    return all(bool(np.all(np.abs(x) <= bound * (1.0 + FIT_TOLERANCE))) for x, bound in pairs)
 
 
 def onto_grid(

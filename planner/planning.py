@@ -12,10 +12,14 @@ from dataclasses import dataclass, field
 from planner.backends import ruckig_otg
 from planner.certificate import Certificate, certify
 from planner.errors import Infeasible, SolverFailed, Violation
+from planner.nearest import nearest_release, request_document
 from planner.problem import ThrowProblem
 from planner.release import Candidate, candidates
 from planner.solution import Solution
 from planner.trajectory import Trajectory
+
+NEAREST_TIME_S = 1.0  # [s] spent at most on finding what can be done instead
+NEAREST_SEEDS = 6  # candidates tried for each share
 
 
 @dataclass(frozen=True)
@@ -83,10 +87,12 @@ def plan(problem: ThrowProblem) -> Plan:
     """
     begun = time.perf_counter()
     search = Search(problem, begun + problem.time_limit_s)
-    seeds = candidates(problem)
-    _by_ruckig(search, seeds)
-    if search.best is None:
-        raise _refusal(search)
+    try:
+        _by_ruckig(search, candidates(problem))
+        if search.best is None:
+            raise _refusal(search)
+    except Infeasible as refusal:
+        raise _with_nearest(search, refusal) from None
     backend, solution, certificate = search.best
     return Plan(
         problem=problem,
@@ -117,6 +123,29 @@ def _by_ruckig(search: Search, seeds: list[Candidate]) -> None:
                 valid += search.judge("ruckig", solution)
     result = f"{valid} of {tried} motions certified" + (f"; {failure}" if failure else "")
     search.attempts.append(Attempt("ruckig", result, time.perf_counter() - begun))
+
+
+def _with_nearest(search: Search, refusal: Infeasible) -> Infeasible:
+    """Returns the refusal with the closest request that certifies."""
+    deadline = min(search.deadline_s, time.perf_counter() + NEAREST_TIME_S)
+    release = nearest_release(search.problem, list(refusal.violations), _certifiable, deadline)
+    nearest = None if release is None else request_document(search.problem, release)
+    return Infeasible(refusal.violations, nearest, refusal.attempts)
+
+
+def _certifiable(problem: ThrowProblem) -> bool:
+    """Whether one of the first few candidates gives a certified motion by Ruckig alone."""
+    try:
+        seeds = candidates(problem)[:NEAREST_SEEDS]
+    except Infeasible:
+        return False
+    for seed in seeds:
+        try:
+            if certify(problem, ruckig_otg.solve(problem, seed).trajectory).valid:
+                return True
+        except SolverFailed:
+            continue
+    return False
 
 
 def _refusal(search: Search) -> Infeasible | SolverFailed:

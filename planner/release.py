@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 
 from planner.cell import Limits
 from planner.errors import Infeasible, Violation
-from planner.kinematics import inverse, inverse_velocity, jacobian, singularity_distances
+from planner.kinematics import (
+    SINGULARITIES,
+    inverse,
+    inverse_velocity,
+    jacobian,
+    signed_singularity_distances,
+    singularity_distances,
+)
 from planner.lower_bound import least_time
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose
@@ -92,7 +99,8 @@ def _reasons(problem: ThrowProblem, q: Vector, qd: Vector, excess: Vector, dista
         speed, limit = float(abs(qd[best, joint])), float(limits.qd_max[joint])
         return [Violation("joint_velocity", speed, limit, "rad/s", detail=f"{names[joint]} at the release")]
     best = int(distance.argmax())
-    name, value = singularity_distances(problem.cell.robot, q[best]).nearest
+    distances = np.abs(signed_singularity_distances(problem.cell.robot, q[best]))
+    name, value = SINGULARITIES[int(distances.argmin())], distances.min()
     return [Violation("singularity_distance", float(value), limits.singularity_distance_min, "1",
                       detail=f"{name} singularity at the release")]
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from planner.ballistics import launch_velocity, least_speed, slowest_time
 from planner.cell import Limits
 from planner.errors import Infeasible, Violation
-from planner.kinematics import forward, inverse_batch, jacobian, singularity_distances
+from planner.kinematics import forward, inverse_branches, jacobian, singularity_distances
 from planner.lower_bound import least_time
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose, quaternion_to_matrix
@@ -38,7 +38,8 @@ def point_states(problem: ThrowProblem, release: PointRelease) -> tuple[Vector, 
     X_WT = np.tile(np.eye(4), (ORIENTATIONS, 1, 1))
     X_WT[:, :3, :3] = quaternion_to_matrix(_quaternions(ORIENTATIONS))
     X_WT[:, :3, 3] = release.p_WT
-    q = _within(problem, inverse_batch(problem.cell.robot, invert_pose(problem.cell.X_WB) @ X_WT, problem.cell.tool.X_FT))
+    branches, _ = inverse_branches(problem.cell.robot, invert_pose(problem.cell.X_WB) @ X_WT, problem.cell.tool.X_FT)
+    q = _within(problem, branches)
     if len(q) == 0:
         raise Infeasible([_unreachable(problem, release.p_WT)])
     qd = spread_velocity(problem, q, np.broadcast_to(release.v_WT, (len(q), 3)))

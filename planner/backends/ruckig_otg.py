@@ -7,6 +7,7 @@ Source: Berscheid and Kroeger, Jerk-limited Real-time Trajectory Generation with
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from types import ModuleType
 from typing import Any
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 
 from planner.cell import Limits
 from planner.errors import BackendUnavailable, SolverFailed
-from planner.grid import grid_limits, onto_grid
+from planner.grid import ROOMS, fits, grid_limits, onto_grid
 from planner.problem import ThrowProblem
 from planner.release import Candidate
 from planner.solution import Solution
@@ -41,16 +42,26 @@ def solve(problem: ThrowProblem, candidate: Candidate, launch: str = "synchronis
         SolverFailed: Ruckig refuses the states, as when the release is faster than the limits.
         BackendUnavailable: ruckig is not installed.
     """
-    ruckig = _ruckig()
-    limits, dt, zero = grid_limits(problem.limits, problem.dt), problem.dt, np.zeros(6)
+    ruckig, zero = _ruckig(), np.zeros(6)
     start, release = (problem.start, zero, zero), (candidate.q, candidate.qd, zero)
-    accelerations = _synchronised if launch == "synchronised" else _independent
-    head = onto_grid(start, release, accelerations(ruckig, start, release, limits, dt), dt, problem.limits.jerk_max)
+    way = _synchronised if launch == "synchronised" else _independent
+    head = _on_grid(problem, start, lambda limits: (release, way(ruckig, start, release, limits, problem.dt)))
     if problem.ends_at_rest:
-        return Solution(join(head, tuple(x[-1:] for x in head), 1.0 / dt), launch)
-    rest, brake = _brake(ruckig, release, limits, dt)
-    tail = onto_grid(release, rest, brake, dt, problem.limits.jerk_max)
-    return Solution(join(head, tail, 1.0 / dt), launch)
+        tail = (candidate.q[None], candidate.qd[None], zero[None])
+    else:
+        tail = _on_grid(problem, release, lambda limits: _brake(ruckig, release, limits, problem.dt))
+    return Solution(join(head, tail, 1.0 / problem.dt), launch)
+
+
+def _on_grid(problem: ThrowProblem, start: State, phase: Callable[[Limits], tuple[State, Vector]]) -> State:
+    """Returns the samples of a phase on the tick grid, with as little room left as it needs to keep the limits."""
+    samples = start
+    for room in ROOMS:
+        end, qdd = phase(grid_limits(problem.limits, problem.dt, room))
+        samples = onto_grid(start, end, qdd, problem.dt, problem.limits.jerk_max)
+        if fits(samples, problem.limits, problem.dt):
+            break
+    return samples
 
 
 def least_times(problem: ThrowProblem, candidate: Candidate) -> Vector:

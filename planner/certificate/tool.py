@@ -17,13 +17,12 @@ from planner.certificate.bounds import (
 from planner.certificate.check import Check, at_least, at_most
 from planner.certificate.motion import Motion
 from planner.dynamics import Payload, joint_torques
-from planner.kinematics import jacobian, singularity_distances
+from planner.kinematics import SINGULARITIES, jacobian, signed_singularity_distances
 
 Vector = NDArray[np.float64]
 Index = NDArray[np.intp]
 
 SINGULARITY_WINDOW_S = 0.05  # [s] around the release, in which Cartesian motion must stay controllable
-SINGULARITIES = ("wrist", "elbow", "shoulder")
 
 
 def tcp_speed(motion: Motion) -> Check:
@@ -59,8 +58,7 @@ def singularity_distance(motion: Motion) -> Check | None:
     rows = np.arange(first, last + 1)
 
     def distances(q: Vector) -> Vector:
-        d = singularity_distances(problem.cell.robot, q)
-        return np.stack([d.wrist, d.elbow, d.shoulder], axis=-1)
+        return np.abs(signed_singularity_distances(problem.cell.robot, q))
 
     def evaluate(t: Vector, item: Index) -> Vector:
         return distances(trajectory.at(t)[0])[np.arange(len(t)), item]

@@ -1,0 +1,93 @@
+"""From rows to functions: values, Jacobians and Hessians of one stage, by symbolic differentiation."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import casadi as ca
+
+from planner.backends.casadi_nlp import stages, throw
+from planner.backends.casadi_nlp.layout import ARM, BOXES, NZ, RELEASE
+
+SX = Any
+
+
+@dataclass(frozen=True)
+class Block:
+    """Three functions of one stage, and where their derivatives are not zero.
+
+    Attributes:
+        name: of the block.
+        value: (z, p) -> rows.
+        slope: (z, p) -> rows, nonzeros of the Jacobian.
+        curve: (z, p, multipliers) -> their gradient, nonzeros of the Hessian.
+        jacobian: sparsity (n, NZ).
+        hessian: sparsity (NZ, NZ), symmetric.
+    """
+
+    name: str
+    value: Any
+    slope: Any
+    curve: Any
+    jacobian: Any
+    hessian: Any
+
+    @property
+    def n(self) -> int:
+        """Number of rows."""
+        return self.jacobian.size1()
+
+    @property
+    def functions(self) -> tuple[Any, Any, Any]:
+        """What is worth compiling."""
+        return self.value, self.slope, self.curve
+
+
+SOURCES: dict[str, tuple[Callable[[SX, SX], stages.Rows], int]] = {
+    "motion": (stages.motion, 0),
+    "cost": (stages.cost, stages.COST.size),
+    "knot": (stages.knot, ARM.size),
+    "middle": (stages.middle, ARM.size),
+    "singular": (stages.singular, ARM.size),
+    "release": (throw.release, ARM.size + RELEASE.size),
+}
+
+
+@cache
+def interpreted() -> dict[str, Block]:
+    """Returns every block with functions that casadi evaluates itself."""
+    return {name: build(name, rows, size) for name, (rows, size) in SOURCES.items()}
+
+
+def build(name: str, rows: Callable[[SX, SX], stages.Rows], parameters: int) -> Block:
+    """Returns the block of `rows(z, p)`."""
+    z, p = ca.SX.sym("z", NZ), ca.SX.sym("p", parameters)
+    made = rows(z, p)
+    lam = ca.SX.sym("lam", made.rows.size1())
+    jacobian = ca.jacobian(made.rows, z)
+    gradient = ca.jtimes(made.rows, z, lam, True)
+    kept = ca.dot(lam[made.uncurved :], made.rows[made.uncurved :])
+    hessian = ca.hessian(kept, z)[0]
+
+    def function(kind: str, inputs: list[SX], outputs: list[SX]) -> Any:
+        return ca.Function(f"{name}_{kind}", inputs, _release(made.held, outputs), {"cse": True})
+
+    nonzeros = [ca.vertcat(*matrix.nonzeros()) for matrix in (jacobian, hessian)]
+    return Block(
+        name,
+        function("value", [z, p], [made.rows]),
+        function("slope", [z, p], [made.rows, nonzeros[0]]),
+        function("curve", [z, p, lam], [gradient, nonzeros[1]]),
+        jacobian.sparsity(),
+        hessian.sparsity(),
+    )
+
+
+def _release(held: Any, outputs: list[SX]) -> list[SX]:
+    """Puts back what was held while differentiating, the last first: later ones may stand on earlier ones."""
+    for symbol, value in reversed(list(zip(held.symbols, held.values, strict=True))):
+        outputs = ca.substitute(outputs, [symbol], [value])
+    return [ca.densify(o) for o in outputs]

@@ -1,0 +1,116 @@
+"""The rows of the optimal control problem, as functions of the state and control of one stage.
+
+z = (q, qd / pi, qdd / 15, t / 0.1 | jerk / 500, h / 0.1): constant jerk over a step of length h, integrated exactly. A
+`Block` is a group of rows that belong together; where it applies is the problem's business (`assembly`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from planner.backends.casadi_nlp import arm, clearance, layout
+from planner.backends.casadi_nlp.layout import ARM, BOXES, NX, NZ, RELEASE
+
+SX = Any
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of a block, what is held while differentiating, and how many leading rows the Hessian leaves out."""
+
+    rows: SX
+    held: clearance.Held
+    uncurved: int = 0
+
+
+@dataclass(frozen=True)
+class State:
+    """Joint state in SI units, each (6,)."""
+
+    q: SX
+    qd: SX
+    qdd: SX
+
+
+def state(z: SX) -> State:
+    """Returns the state at a stage's beginning."""
+    return State(z[layout.Q], z[layout.QD] * layout.QD_SCALE, z[layout.QDD] * layout.QDD_SCALE)
+
+
+def after(z: SX, share: float) -> State:
+    """Returns the state after a share of the stage's step, exactly."""
+    s, h, j = state(z), share * z[layout.STEP] * layout.TIME_SCALE, z[layout.JERK] * layout.JERK_SCALE
+    q = s.q + h * (s.qd + h * (s.qdd / 2 + h * j / 6))
+    return State(q, s.qd + h * (s.qdd + h * j / 2), s.qdd + h * j)
+
+
+def motion(z: SX, p: SX) -> Rows:
+    """Next state (NX), velocity's middle control point (6), position's middle (6), all scaled."""
+    end, s = after(z, 1.0), state(z)
+    step = z[layout.STEP] * layout.TIME_SCALE
+    bend = (s.qd + s.qdd * step / 2) / layout.QD_SCALE
+    following = ca.vertcat(
+        end.q, end.qd / layout.QD_SCALE, end.qdd / layout.QDD_SCALE, z[layout.TIME] + z[layout.STEP]
+    )
+    return Rows(ca.vertcat(following, bend, after(z, 0.5).q), clearance.Held())
+
+
+def cost(z: SX, p: SX) -> Rows:
+    """One row: weighted time, squared jerk, and the step's deviation from the first guess's. p: `COST`."""
+    c = COST.split(p)
+    step = z[layout.STEP]
+    row = c["time"] * step + c["jerk"] * ca.sumsqr(z[layout.JERK]) + c["step"] * (step / c["guess"] - 1) ** 2
+    return Rows(row, clearance.Held())
+
+
+COST = layout.Layout({"time": 1, "jerk": 1, "step": 1, "guess": 1})
+PAIRS: tuple[tuple[int, int], ...] = tuple(
+    (i, j) for i in (0, 1, 2, 3) for j in (5, 6, 7, 8) if j - i > 2
+)
+TORQUE_ROWS = 6
+
+
+def knot(z: SX, p: SX) -> Rows:
+    """Joint torque shares (6), tool speed share squared, and the clearances, at the stage's beginning."""
+    a = ARM.split(p)
+    return _knot_rows(state(z), a)
+
+
+def middle(z: SX, p: SX) -> Rows:
+    """The same rows in the middle of the step."""
+    return _knot_rows(after(z, 0.5), ARM.split(p))
+
+
+def _knot_rows(s: State, a: dict[str, SX]) -> Rows:
+    held = clearance.Held()
+    tau = arm.torques(a["dh"], a["links"], a["gravity"], s.q, s.qd, s.qdd) / a["torque"]
+    body = arm.frames(a["dh"], s.q)
+    v = arm.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd).velocity
+    rows = ca.vertcat(tau, ca.sumsqr(v) / a["speed"] ** 2, *_clearances(s, a, body, held))
+    return Rows(rows, held, TORQUE_ROWS)
+
+
+def _clearances(s: State, a: dict[str, SX], body: arm.Frames, held: clearance.Held) -> list[SX]:
+    """Self, floor and keep-in distances less what is asked: each a row [m] that must not be negative."""
+    capsules = clearance.capsules_in_s(body, a["capsules"])
+    R_WB, p_WB = ca.reshape(a["base"][:9], 3, 3), a["base"][9:]
+    R_WS = R_WB @ arm.turn(s.q[0])
+    heights = clearance.lowest_heights(capsules, R_WS[2, :].T, p_WB[2], first=1)
+    p_WT = R_WS @ body.point(6, a["tcp"]) + p_WB
+    inside = ca.vertsplit(ca.vertcat(p_WT - a["keep_in"][:3], a["keep_in"][3:] - p_WT))
+    return [
+        clearance.self_distance(capsules, PAIRS, held) - a["self_clearance"],
+        clearance.soft_minimum(heights, held) - a["floor"],
+        clearance.soft_minimum(inside, held),
+    ]
+
+
+def singular(z: SX, p: SX) -> Rows:
+    """Squared distances from the elbow, wrist and shoulder singularities (3) [-]."""
+    q, a = z[layout.Q], ARM.split(p)
+    rows = ca.vertcat(ca.sin(q[2]) ** 2, ca.sin(q[4]) ** 2, arm.shoulder_distance(a["dh"], q) ** 2)
+    return Rows(rows, clearance.Held())

@@ -1,0 +1,47 @@
+"""Named problems with known answers, and random ones with fixed seeds, shared by the tests."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from planner.cell import Cell, load_cell
+from planner.certificate import tool_state
+from planner.problem import JointRelease, PointRelease, PoseRelease, ThrowProblem
+
+CELLS = Path(__file__).parents[2] / "cells"
+
+
+def cell(name: str = "ur5e-sim") -> Cell:
+    return load_cell(CELLS / f"{name}.toml")
+
+
+def joint_problem(name: str = "ur5e-sim", **changes) -> ThrowProblem:
+    """A launch that every back end can do: towards the front, at moderate speed."""
+    here = cell(name)
+    q = here.home + np.array([0.6, 0.3, -0.4, 0.3, 0.2, 0.3])
+    qd = np.array([0.8, 0.5, -0.6, 0.7, 0.2, 0.3])
+    return ThrowProblem(**{"cell": here, "start": here.home, "release": JointRelease(q, qd), "limits": here.limits,
+                           **changes})
+
+
+def random_state(problem_cell: Cell, rng: np.random.Generator, spread: float = 1.2) -> tuple[np.ndarray, np.ndarray]:
+    """A joint state near home, inside the limits on position and speed."""
+    limits = problem_cell.limits
+    q = np.clip(problem_cell.home + rng.uniform(-spread, spread, 6), limits.q_lower + 0.05, limits.q_upper - 0.05)
+    return q, rng.uniform(-0.6, 0.6, 6) * limits.qd_max
+
+
+def pose_problem(problem_cell: Cell, q: np.ndarray, qd: np.ndarray) -> ThrowProblem:
+    """The pose and twist of a joint state, asked for as a pose release."""
+    stand_in = ThrowProblem(problem_cell, problem_cell.home, JointRelease(q, qd), problem_cell.limits)
+    X_WT, V_WT = tool_state(stand_in, q, qd)
+    return ThrowProblem(problem_cell, problem_cell.home, PoseRelease(X_WT, V_WT), problem_cell.limits)
+
+
+def point_problem(problem_cell: Cell, q: np.ndarray, qd: np.ndarray) -> ThrowProblem:
+    """Place and velocity of a joint state, asked for as a point release."""
+    stand_in = ThrowProblem(problem_cell, problem_cell.home, JointRelease(q, qd), problem_cell.limits)
+    X_WT, V_WT = tool_state(stand_in, q, qd)
+    return ThrowProblem(problem_cell, problem_cell.home, PointRelease(X_WT[:3, 3], V_WT[:3]), problem_cell.limits)
