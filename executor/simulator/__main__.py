@@ -1,0 +1,62 @@
+"""`python -m executor.simulator --cell PATH`: a simulated controller until SIGTERM, SIGINT or "quit"."""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import os
+import signal
+import sys
+from pathlib import Path
+
+from executor.simulator.loop import Simulator
+from executor.simulator.settings import REALTIME_PRIORITY, Settings
+from planner.cell import load_cell
+from planner.errors import CellError
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the simulator; prints "ready" once it listens."""
+    options = parse(arguments)
+    try:
+        cell = load_cell(options.cell)
+        settings = Settings(restitution=options.restitution, protective_stop_lock_s=options.protective_stop_lock_s)
+        simulator = Simulator(cell, settings, options.host or cell.link.host)
+    except (CellError, OSError) as error:
+        print(f"simulator: {error}", file=sys.stderr)
+        return 1
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: simulator.quit())
+    gc.collect()
+    gc.freeze()
+    priority = take_priority(options.priority)
+    print(f"ready: {cell.robot.name} {cell.sim.polyscope} on {simulator.network.host}, {priority}", flush=True)
+    simulator.run()
+    return 0
+
+
+def parse(arguments: list[str] | None) -> argparse.Namespace:
+    """Returns the command line's options."""
+    parser = argparse.ArgumentParser(prog="python -m executor.simulator", description="A simulated UR controller.")
+    parser.add_argument("--cell", type=Path, required=True, help="cell file (TOML)")
+    parser.add_argument("--host", help="address to listen on; the cell's link.host by default")
+    parser.add_argument("--priority", type=int, default=REALTIME_PRIORITY, help="SCHED_FIFO priority, 0 for none")
+    parser.add_argument("--restitution", type=float, default=0.0, help="of a landing; above 0 objects bounce")
+    parser.add_argument("--protective-stop-lock-s", type=float, default=Settings.protective_stop_lock_s,
+                        help="how long a protective stop cannot be unlocked")
+    return parser.parse_args(arguments)
+
+
+def take_priority(priority: int) -> str:
+    """Asks for real-time priority; returns in words what was granted."""
+    if priority <= 0:
+        return "ordinary priority"
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except (OSError, AttributeError):
+        return "ordinary priority (real-time priority is not permitted)"
+    return f"real-time priority {priority}"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

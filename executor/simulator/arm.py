@@ -1,0 +1,102 @@
+"""The arm: the motion its controller commands, the true motion that follows, and what the encoders tell of it."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Sequence
+
+from executor.simulator.kinematics import Chain, Transform
+from executor.simulator.lag import Lag
+
+NOISE_TABLE = 8191  # noise samples drawn at the start; a prime, so six joints a cycle do not repeat soon
+AT_REST = 1e-9  # [rad/s] commanded speed below which the arm stands
+
+
+class TwoMotions(Exception):
+    """Two threads of a program moved the arm in one cycle."""
+
+
+class Arm:
+    """Commanded (`q qd qdd`), true (`true_q true_qd`) and measured (`measured_q measured_qd`) joint motion."""
+
+    def __init__(self, chain: Chain, dt: float, q: Sequence[float], lag: Lag, noise: tuple[float, float], seed: int):
+        """`noise`: standard deviations of the encoder's position [rad] and of the measured speed [rad/s]."""
+        self.chain, self.dt, self.lag, self.noise = chain, dt, lag, noise
+        self.q, self.qd, self.qdd = list(q), [0.0] * 6, [0.0] * 6
+        self.true_q, self.true_qd = list(q), [0.0] * 6
+        self.last_q, self.last_qd = self.true_q, self.true_qd
+        self.measured_q, self.measured_qd = self.true_q, self.true_qd
+        draw = random.Random(seed)
+        self.table = [draw.gauss(0.0, 1.0) for _ in range(NOISE_TABLE)] * 2
+        self.draws = 0
+        self.drives = 0
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the controller commands no motion and none is left in the lag."""
+        return max(map(abs, self.qd)) < AT_REST and max(map(abs, self.true_qd)) < 1e-6
+
+    def drive(self, q: list[float], qd: list[float]) -> None:
+        """Commands position and speed of the end of this cycle.
+
+        Raises:
+            TwoMotions: the arm was already driven in this cycle.
+        """
+        self.drives += 1
+        if self.drives > 1:
+            raise TwoMotions
+        self._set(q, qd)
+
+    def ramp(self, qd: Sequence[float], acceleration: float) -> bool:
+        """Drives towards a joint speed, linearly, the leading axis at `acceleration`; returns whether it is reached.
+
+        The position advances with the mean of old and new speed: the speed runs linearly over the cycle.
+        """
+        now, reached = self._ramped(qd, acceleration)
+        half = 0.5 * self.dt
+        self.drive([x + half * (a + b) for x, a, b in zip(self.q, self.qd, now)], now)
+        return reached
+
+    def _ramped(self, qd: Sequence[float], acceleration: float) -> tuple[list[float], bool]:
+        change = [b - a for a, b in zip(self.qd, qd)]
+        largest = max(map(abs, change))
+        most = acceleration * self.dt
+        if largest <= most:
+            return list(qd), True
+        return [a + c * most / largest for a, c in zip(self.qd, change)], False
+
+    def brake(self, deceleration: float) -> None:
+        """Ramps to rest where no motion was commanded in this cycle."""
+        if self.drives:
+            return
+        if any(self.qd):
+            self.ramp((0.0,) * 6, deceleration)
+        else:
+            self._set(self.q, self.qd)
+
+    def finish_cycle(self) -> None:
+        """Lets the true motion follow the command, and reads the encoders."""
+        self.last_q, self.last_qd = self.true_q, self.true_qd
+        self.true_q, self.true_qd = self.lag.step(self.q, self.qd)
+        sq, sv = self.noise
+        at = self.draws
+        self.draws = (at + 12) % NOISE_TABLE
+        self.measured_q = [x + sq * n for x, n in zip(self.true_q, self.table[at:at + 6])]
+        self.measured_qd = [x + sv * n for x, n in zip(self.true_qd, self.table[at + 6:at + 12])]
+        self.drives = 0
+
+    def true_at(self, back_s: float, tool: Transform) -> tuple[Transform, list[float]]:
+        """Returns true pose and twist of the tool in the base, `back_s` [s] before the end of the last cycle."""
+        s = 1.0 - back_s / self.dt
+        h = self.dt
+        qd = [a + (b - a) * s for a, b in zip(self.last_qd, self.true_qd)]
+        q = [
+            qa + h * s * va + s * s * (3.0 * (qb - qa) - h * (2.0 * va + vb)) + s**3 * (2.0 * (qa - qb) + h * (va + vb))
+            for qa, va, qb, vb in zip(self.last_q, self.last_qd, self.true_q, self.true_qd)
+        ]
+        return self.chain.motion(q, qd, tool)
+
+    def _set(self, q: list[float], qd: list[float]) -> None:
+        rate = 1.0 / self.dt
+        self.qdd = [(b - a) * rate for a, b in zip(self.qd, qd)]
+        self.q, self.qd = q, qd
