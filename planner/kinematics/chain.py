@@ -37,7 +37,7 @@ def link_poses(robot: Robot, q: ArrayLike) -> Array:
 def _joint_poses(robot: Robot, q: Array) -> Array:
     """Pose (..., 6, 4, 4) of each DH frame in the one before it."""
     c, s = np.cos(q), np.sin(q)
-    c_alpha, s_alpha = _twists(robot)
+    c_alpha, s_alpha = twists(robot)
     A = np.zeros((*q.shape, 4, 4))
     A[..., 0, 0], A[..., 0, 1], A[..., 0, 2], A[..., 0, 3] = c, -s * c_alpha, s * s_alpha, robot.a * c
     A[..., 1, 0], A[..., 1, 1], A[..., 1, 2], A[..., 1, 3] = s, c * c_alpha, -c * s_alpha, robot.a * s
@@ -46,7 +46,7 @@ def _joint_poses(robot: Robot, q: Array) -> Array:
 
 
 @cache
-def _twists(robot: Robot) -> tuple[Array, Array]:
+def twists(robot: Robot) -> tuple[Array, Array]:
     """Cosines and sines (6,) of the twists; exact zeros for quarter turns, where floating point leaves 6e-17."""
     values = np.cos(robot.alpha), np.sin(robot.alpha)
     cos, sin = (np.where(np.abs(v) < np.finfo(np.float64).eps, 0.0, v) for v in values)
