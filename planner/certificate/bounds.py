@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,13 +30,32 @@ ROUNDS = 16  # bisections of one interval: 2^16 parts of a coarse interval are b
 EVALUATIONS_MAX = 40_000  # of one check; a motion this close to a limit for this long is not certified
 
 
-@dataclass(frozen=True, eq=False)
 class Rates:
-    """Bounds on |qd|, |qdd|, |jerk| of each joint over each tick (N-1, n)."""
+    """Bounds on |qd|, |qdd|, |jerk| of each joint over each of m stretches of time, (m, n) each.
 
-    qd: Vector
-    qdd: Vector
-    jerk: Vector
+    The products of them that bound a point's derivatives are sorted by their outermost joint, once for all points.
+    """
+
+    def __init__(self, qd: Vector, qdd: Vector, jerk: Vector) -> None:
+        self.qd, self.qdd, self.jerk = qd, qdd, jerk
+        self._sums = [np.cumsum(x, axis=1) for x in (qd, qdd, jerk)]
+
+    def between(self, knots: NDArray[np.intp]) -> Rates:
+        """Returns the largest between neighbouring `knots` (k,), which count the stretches' ends."""
+        rows = slice(0, knots[-1])
+        return Rates(*(np.maximum.reduceat(x[rows], knots[:-1], axis=0) for x in (self.qd, self.qdd, self.jerk)))
+
+    @cached_property
+    def by_derivative(self) -> tuple[Vector, Vector, Vector, Vector]:
+        """Weights (m, n) of the levers in the bounds on first to fourth derivative of a point."""
+        s, a, j = self._sums
+        totals = (s, a + s * s, j + 3 * s * a + s**3, 4 * s * j + 3 * a * a + 6 * s * s * a + s**4)
+        return tuple(np.diff(total, axis=1, prepend=0.0) for total in totals)  # pyright: ignore[reportReturnType]
+
+    @property
+    def totals(self) -> tuple[Vector, Vector, Vector]:
+        """Sums over the joints (m,) of |qd|, |qdd|, |jerk|."""
+        return self._sums[0][:, -1], self._sums[1][:, -1], self._sums[2][:, -1]
 
 
 def joint_rates(trajectory: Trajectory) -> Rates:
@@ -59,41 +79,29 @@ def levers(robot: Robot, frame: int, reach: float) -> Vector:
     return lever
 
 
-def _outermost(lever: Vector, *factors: Vector) -> Vector:
-    """Returns sum over all products of one entry of each factor (N, n), times the outermost joint's lever (N,)."""
-    product = np.ones_like(factors[0])
-    for factor in factors:
-        product = product * np.cumsum(factor, axis=1)
-    steps = np.diff(product, axis=1, prepend=0.0)
-    # Levers fall towards the tool, so the innermost bound would be larger: use the largest lever not before each joint.
-    return steps @ np.maximum.accumulate(lever[::-1])[::-1]
-
-
 def point_speed(lever: Vector, rates: Rates) -> Vector:
-    """Returns the largest speed of the point in every tick (N-1,) [m/s]."""
-    return _outermost(lever, rates.qd)
+    """Returns the largest speed of the point over every stretch (m,) [m/s]."""
+    return rates.by_derivative[0] @ _not_growing(lever)
 
 
 def point_acceleration(lever: Vector, rates: Rates) -> Vector:
-    """Returns the largest acceleration of the point in every tick (N-1,) [m/s^2]."""
-    return _outermost(lever, rates.qdd) + _outermost(lever, rates.qd, rates.qd)
+    """Returns the largest acceleration of the point over every stretch (m,) [m/s^2]."""
+    return rates.by_derivative[1] @ _not_growing(lever)
 
 
 def point_jerk(lever: Vector, rates: Rates) -> Vector:
-    """Returns the largest jerk of the point in every tick (N-1,) [m/s^3]."""
-    qd, qdd = rates.qd, rates.qdd
-    return _outermost(lever, rates.jerk) + 3.0 * _outermost(lever, qd, qdd) + _outermost(lever, qd, qd, qd)
+    """Returns the largest jerk of the point over every stretch (m,) [m/s^3]."""
+    return rates.by_derivative[2] @ _not_growing(lever)
 
 
 def point_snap(lever: Vector, rates: Rates) -> Vector:
-    """Returns the largest fourth derivative of the point in every tick (N-1,) [m/s^4]."""
-    qd, qdd, jerk = rates.qd, rates.qdd, rates.jerk
-    return (
-        4.0 * _outermost(lever, qd, jerk)
-        + 3.0 * _outermost(lever, qdd, qdd)
-        + 6.0 * _outermost(lever, qd, qd, qdd)
-        + _outermost(lever, qd, qd, qd, qd)
-    )
+    """Returns the largest fourth derivative of the point over every stretch (m,) [m/s^4]."""
+    return rates.by_derivative[3] @ _not_growing(lever)
+
+
+def _not_growing(lever: Vector) -> Vector:
+    """Returns the largest lever not before each joint: levers fall towards the tool, rounding aside."""
+    return np.maximum.accumulate(lever[::-1])[::-1]
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,14 @@ from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
 
-COARSE_S = 0.008  # [s] spacing of the first look; bisection goes finer where it must
+COARSE_S = 0.004  # [s] spacing of the first look (every tick at 125 Hz); bisection goes finer where it must
 
 
 class Motion:
     """A problem and a trajectory, with what several checks need.
 
     Attributes:
-        knots: indices of the samples looked at first (m,): every 8 ms, and the first, the release and the last.
+        knots: indices of the samples looked at first (m,): every 4 ms, and the first, the release and the last.
         t: their times [s].
     """
 
@@ -40,8 +40,8 @@ class Motion:
 
     @cached_property
     def rates(self) -> Rates:
-        """What the joints do at most inside every tick."""
-        return joint_rates(self.trajectory)
+        """What the joints do at most between neighbouring knots."""
+        return joint_rates(self.trajectory).between(self.knots)
 
     def link_poses(self, q: Vector) -> Vector:
         """Returns poses of base and links in the world (..., 7, 4, 4)."""
@@ -50,7 +50,3 @@ class Motion:
     def poses_at(self, t: Vector) -> Vector:
         """Returns poses of base and links in the world (k, 7, 4, 4) at times (k,) [s]."""
         return self.link_poses(self.trajectory.at(t)[0])
-
-    def over_knots(self, per_tick: Vector) -> Vector:
-        """Returns the largest of `per_tick` (N-1, ...) between neighbouring knots (m-1, ...)."""
-        return np.maximum.reduceat(per_tick, self.knots[:-1], axis=0)

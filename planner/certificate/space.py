@@ -76,7 +76,7 @@ class Bodies:
         every = np.broadcast_to(np.arange(count), (len(motion.t), count)).ravel()
         at_knots = distance(self.ends_at_knots().reshape(-1, 2, 3), every)
         values = self.forget_released(np.repeat(motion.t, count), every, at_knots).reshape(-1, count)
-        rates = np.stack([motion.over_knots(self._rate(i, smooth)) for i in range(count)], axis=1)
+        rates = np.stack([self._rate(i, smooth) for i in range(count)], axis=1)
         return prove_above(evaluate, motion.t, values, rates, required, curvature_bound if smooth else slope_bound)
 
     def _rate(self, i: int, smooth: bool) -> Vector:
@@ -131,7 +131,7 @@ def keep_in(motion: Motion) -> Check | None:
         return inside(motion.poses_at(t))[np.arange(len(t)), item]
 
     lever = levers(motion.problem.cell.robot, 6, float(np.linalg.norm(p_FT)))
-    rates = np.repeat(motion.over_knots(point_acceleration(lever, motion.rates))[:, None], 6, axis=1)
+    rates = np.repeat(point_acceleration(lever, motion.rates)[:, None], 6, axis=1)
     proof = prove_above(evaluate, motion.t, inside(motion.X_WL), rates, 0.0, curvature_bound)
     return _distance_check("keep_in", proof, 0.0, f"{'xyz'[proof.item % 3]} {'lower' if proof.item < 3 else 'upper'}")
 
@@ -159,7 +159,7 @@ def self_collision(motion: Motion) -> Check | None:
 
     knots, count = len(motion.t), len(pairs)
     values = distance(np.repeat(motion.X_WL, count, axis=0), np.tile(np.arange(count), knots)).reshape(-1, count)
-    rates = np.stack([motion.over_knots(_closing_speed(motion, frame, local, pair)) for pair in pairs], axis=1)
+    rates = np.stack([_closing_speed(motion, frame, local, pair) for pair in pairs], axis=1)
     proof = prove_above(lambda t, item: distance(motion.poses_at(t), item), motion.t, values, rates,
                         SELF_CLEARANCE_M, slope_bound)
     first, second = pairs[proof.item]

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from planner.certificate.bounds import (
     Rates,
     curvature_bound,
+    joint_rates,
     levers,
     point_acceleration,
     point_jerk,
@@ -39,7 +40,7 @@ def tcp_speed(motion: Motion) -> Check:
         return room(q, qd)
 
     lever = levers(cell.robot, 6, float(np.linalg.norm(cell.tool.X_FT[:3, 3])))
-    rates = motion.over_knots(point_jerk(lever, motion.rates))[:, None]
+    rates = point_jerk(lever, motion.rates)[:, None]
     values = room(trajectory.q[motion.knots], trajectory.qd[motion.knots])[:, None]
     # |v| lies below the chord of the vectors' ends plus their deviation from it, so the curvature bound of v serves.
     proof = prove_above(evaluate, motion.t, values, rates, -limit * 1e-7, curvature_bound)
@@ -55,7 +56,8 @@ def singularity_distance(motion: Motion) -> Check | None:
     required = problem.limits.singularity_distance_min
     reach = round(SINGULARITY_WINDOW_S * trajectory.sample_rate_hz)
     first, last = max(0, trajectory.release_index - reach), min(len(trajectory.q) - 1, trajectory.release_index + reach)
-    rows = np.arange(first, last + 1)
+    rows = motion.knots[(motion.knots >= first) & (motion.knots <= last)]
+    rows = np.unique(np.concatenate([[first], rows, [last]]))
 
     def distances(q: Vector) -> Vector:
         return np.abs(signed_singularity_distances(problem.cell.robot, q))
@@ -63,16 +65,15 @@ def singularity_distance(motion: Motion) -> Check | None:
     def evaluate(t: Vector, item: Index) -> Vector:
         return distances(trajectory.at(t)[0])[np.arange(len(t)), item]
 
-    rates = _singularity_rates(motion, rows[:-1])
+    rates = _singularity_rates(motion, joint_rates(trajectory).between(rows))
     proof = prove_above(evaluate, trajectory.t[rows], distances(trajectory.q[rows]), rates, required, curvature_bound)
     check = at_least("singularity_distance", proof.value, required, "1", proof.at_s, SINGULARITIES[proof.item])
     return check if proof.proven else Check(**{**check.__dict__, "ok": False})
 
 
-def _singularity_rates(motion: Motion, ticks: Index) -> Vector:
+def _singularity_rates(motion: Motion, rates: Rates) -> Vector:
     """Returns sup |f''| of the three distances (k, 3): sines of angles and a horizontal offset over the arm's length."""
-    robot, rates = motion.problem.cell.robot, motion.rates
-    qd, qdd = rates.qd[ticks], rates.qdd[ticks]
+    robot, qd, qdd = motion.problem.cell.robot, rates.qd, rates.qdd
     length = abs(robot.a[1]) + abs(robot.a[2])
     turn = [np.cumsum(x[:, 1:4], axis=1) for x in (qd, qdd)]  # of upper arm, forearm, wrist in the arm's plane
     parts = np.abs([robot.a[1], robot.a[2], robot.d[4]]) / length
@@ -100,9 +101,10 @@ def joint_torque(motion: Motion) -> Check:
     def evaluate(t: Vector, item: Index) -> Vector:
         return room(t, trajectory.at(t))[np.arange(len(t)), item]
 
-    values = room(trajectory.t, (trajectory.q, trajectory.qd, trajectory.qdd))
+    rows = motion.knots
+    values = room(motion.t, (trajectory.q[rows], trajectory.qd[rows], trajectory.qdd[rows]))
     rates = _torque_curvature(motion, held) / limit
-    proof = prove_above(evaluate, trajectory.t, values, rates, 0.0, curvature_bound)
+    proof = prove_above(evaluate, motion.t, values, rates, 0.0, curvature_bound)
     worst, name = float(limit[proof.item]), problem.cell.robot.joint_names[proof.item]
     check = at_most("joint_torque", (1.0 - proof.value) * worst, worst, "N m", proof.at_s, name)
     return check if proof.proven else Check(**{**check.__dict__, "ok": False})
@@ -121,7 +123,7 @@ def payload_of(motion: Motion, with_object: bool) -> Payload:
 
 
 def _torque_curvature(motion: Motion, payload: Payload) -> Vector:
-    """Returns sup |tau''| of every joint on every tick (N-1, 6) [N m/s^2].
+    """Returns sup |tau''| of every joint between the knots (m-1, 6) [N m/s^2].
 
     tau_j = z_j . sum over links beyond of [r x m (a - g) + d/dt (I w)]; by the product rule, with S1, S2, S3 the sums
     of |qd|, |qdd|, |jerk| and w1 = S1, w2 = S2 + S1^2 bounding the first two derivatives of any turning direction:
@@ -146,7 +148,7 @@ def _along_axis(d: Vector, frame: int) -> Vector:
 
 
 def _turning(rates: Rates) -> tuple[Vector, Vector, Vector, Vector]:
-    s1, s2, s3 = rates.qd.sum(axis=1), rates.qdd.sum(axis=1), rates.jerk.sum(axis=1)
+    s1, s2, s3 = rates.totals
     return s1, s2 + s1**2, s3 + 3 * s1 * s2 + s1**3, 4 * s1 * s3 + 3 * s2**2 + 6 * s1**2 * s2 + s1**4
 
 
