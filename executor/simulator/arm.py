@@ -54,16 +54,16 @@ class Arm:
         """
         now, reached = self._ramped(qd, acceleration)
         half = 0.5 * self.dt
-        self.drive([x + half * (a + b) for x, a, b in zip(self.q, self.qd, now)], now)
+        self.drive([x + half * (a + b) for x, a, b in zip(self.q, self.qd, now, strict=True)], now)
         return reached
 
     def _ramped(self, qd: Sequence[float], acceleration: float) -> tuple[list[float], bool]:
-        change = [b - a for a, b in zip(self.qd, qd)]
+        change = [b - a for a, b in zip(self.qd, qd, strict=True)]
         largest = max(map(abs, change))
         most = acceleration * self.dt
         if largest <= most:
             return list(qd), True
-        return [a + c * most / largest for a, c in zip(self.qd, change)], False
+        return [a + c * most / largest for a, c in zip(self.qd, change, strict=True)], False
 
     def brake(self, deceleration: float) -> None:
         """Ramps to rest where no motion was commanded in this cycle."""
@@ -81,22 +81,22 @@ class Arm:
         sq, sv = self.noise
         at = self.draws
         self.draws = (at + 12) % NOISE_TABLE
-        self.measured_q = [x + sq * n for x, n in zip(self.true_q, self.table[at:at + 6])]
-        self.measured_qd = [x + sv * n for x, n in zip(self.true_qd, self.table[at + 6:at + 12])]
+        self.measured_q = [x + sq * n for x, n in zip(self.true_q, self.table[at:at + 6], strict=True)]
+        self.measured_qd = [x + sv * n for x, n in zip(self.true_qd, self.table[at + 6:at + 12], strict=True)]
         self.drives = 0
 
     def true_at(self, back_s: float, tool: Transform) -> tuple[Transform, list[float]]:
         """Returns true pose and twist of the tool in the base, `back_s` [s] before the end of the last cycle."""
         s = 1.0 - back_s / self.dt
         h = self.dt
-        qd = [a + (b - a) * s for a, b in zip(self.last_qd, self.true_qd)]
+        qd = [a + (b - a) * s for a, b in zip(self.last_qd, self.true_qd, strict=True)]
         q = [
             qa + h * s * va + s * s * (3.0 * (qb - qa) - h * (2.0 * va + vb)) + s**3 * (2.0 * (qa - qb) + h * (va + vb))
-            for qa, va, qb, vb in zip(self.last_q, self.last_qd, self.true_q, self.true_qd)
+            for qa, va, qb, vb in zip(self.last_q, self.last_qd, self.true_q, self.true_qd, strict=True)
         ]
         return self.chain.motion(q, qd, tool)
 
     def _set(self, q: list[float], qd: list[float]) -> None:
         rate = 1.0 / self.dt
-        self.qdd = [(b - a) * rate for a, b in zip(self.qd, qd)]
+        self.qdd = [(b - a) * rate for a, b in zip(self.qd, qd, strict=True)]
         self.q, self.qd = q, qd

@@ -167,7 +167,7 @@ def _jog_thread(program: ControlProgram) -> Thread:
 
 def _turned(frame: motions.Transform, twist: list[float]) -> list[float]:
     rows = (frame[0:3], frame[4:7], frame[8:11])
-    return [sum(r * x for r, x in zip(row, part)) for part in (twist[:3], twist[3:]) for row in rows]
+    return [sum(r * x for r, x in zip(row, part, strict=True)) for part in (twist[:3], twist[3:]) for row in rows]
 
 
 def _stop_jog(program: ControlProgram) -> Iterator[None]:
@@ -196,12 +196,12 @@ def _set_gravity(program: ControlProgram) -> None:
 
 
 def _set_watchdog(program: ControlProgram) -> None:
-    program.controller.set_watchdog(24 if program.offset_int == 24 else 0, program.double_in(0))
+    program.controller.execution.set_watchdog(24 if program.offset_int == 24 else 0, program.double_in(0))
 
 
 def _protective_stop(program: ControlProgram) -> None:
     if program.has("protective_stop"):
-        program.controller.protective_stop("triggered by the program")
+        program.controller.stops.protective("triggered by the program")
 
 
 def _nothing(program: ControlProgram) -> None:

@@ -73,14 +73,15 @@ class ControlPort:
 def state(simulation: Simulation) -> Document:
     """Returns the truth about the controller and its arm."""
     c = simulation.controller
+    program = c.execution.program
     return {
         "t": c.t, "cell": c.cell.name, "cell_sha256": c.cell.sha256, "polyscope": c.cell.sim.polyscope,
         "target_q": c.arm.q, "target_qd": c.arm.qd, "q": c.arm.true_q, "qd": c.arm.true_qd,
         "measured_q": c.arm.measured_q, "measured_qd": c.arm.measured_qd,
-        "runtime_state": c.runtime, "program": c.program.name if c.program else None,
-        "threads": list(c.program.threads) if c.program else [],
+        "runtime_state": c.execution.runtime, "program": program.name if program else None,
+        "threads": list(program.threads) if program else [],
         "safety_mode": c.safety.mode, "safety_bits": c.safety.bits, "safety_reason": c.safety.reason,
-        "robot_mode": c.safety.robot_mode, "remote_control": c.remote_control,
+        "robot_mode": c.safety.robot_mode, "remote_control": c.execution.remote_control,
         "speed_slider": c.slider, "speed_scaling": c.speed_scaling,
         "digital_outputs": c.digital.bits, "output_changes": list(c.output_changes)[-20:],
         "gripper_open": c.gripper.open, "gripper_holds": c.gripper.holds, "gripper_stuck": c.gripper.stuck,

@@ -84,19 +84,24 @@ class ControlProgram(Program):
 
     # -- registers, through the offsets
     def int_in(self, index: int) -> int:
+        """Returns an input integer register."""
         return self.controller.registers.int_in[index + self.offset_int]
 
     def double_in(self, index: int) -> float:
+        """Returns an input double register."""
         return self.controller.registers.double_in[index + self.offset_double]
 
     def doubles_in(self, index: int, count: int = 6) -> list[float]:
+        """Returns `count` input double registers."""
         first = index + self.offset_double
         return self.controller.registers.double_in[first:first + count]
 
     def int_out(self, index: int, value: int) -> None:
+        """Writes an output integer register."""
         self.controller.registers.write_int(index + self.offset_int, value)
 
     def doubles_out(self, values: list[float], index: int = 0) -> None:
+        """Writes output double registers from `index` on."""
         for i, value in enumerate(values):
             self.controller.registers.write_double(index + i + self.offset_double, value)
 

@@ -10,7 +10,8 @@ from collections.abc import Callable
 
 from executor.simulator import safety
 from executor.simulator.connections import Connection
-from executor.simulator.controller import PAUSED, PLAYING, Controller
+from executor.simulator.controller import Controller
+from executor.simulator.execution import PAUSED, PLAYING
 
 GREETING = "Connected: Universal Robots Dashboard Server"
 LINE_MAX = 65536  # [bytes] a longer line is no command: the connection is closed
@@ -34,12 +35,12 @@ class Dashboard:
             "polyscopeversion": self._polyscope,
             "get serial number": lambda: controller.settings.serial_number,
             "get robot model": lambda: controller.cell.robot.name.upper().rstrip("E"),
-            "is in remote control": lambda: str(controller.remote_control).lower(),
+            "is in remote control": lambda: str(controller.execution.remote_control).lower(),
             "robotmode": lambda: f"Robotmode: {safety.ROBOT_MODE_NAMES[controller.safety.robot_mode]}",
             "safetymode": lambda: f"Safetymode: {safety.MODE_NAMES[controller.safety.mode]}",
             "safetystatus": lambda: f"Safetystatus: {safety.MODE_NAMES[controller.safety.mode]}",
             "programstate": self._program_state,
-            "running": lambda: f"Program running: {str(controller.runtime == PLAYING).lower()}",
+            "running": lambda: f"Program running: {str(controller.execution.playing).lower()}",
             "get loaded program": lambda: "No program loaded",
             "isprogramsaved": lambda: "True",
             "get operational mode": lambda: "NONE",
@@ -87,7 +88,7 @@ class Dashboard:
         """Returns the answer to one command line."""
         command = line.lower()
         word, _, rest = line.partition(" ")
-        if not self.controller.remote_control and (command in REMOTE_ONLY or word.lower() in REMOTE_ONLY):
+        if not self.controller.execution.remote_control and (command in REMOTE_ONLY or word.lower() in REMOTE_ONLY):
             return LOCAL
         if command in self.answers:
             return self.answers[command]()
@@ -100,19 +101,19 @@ class Dashboard:
         return f"URSoftware {major}.{minor}.{bugfix}.{self.controller.settings.build} (Jan 01 2024)"
 
     def _program_state(self) -> str:
-        program = self.controller.program
-        name = program.name if program else "No program"
-        return f"{PROGRAM_STATES.get(self.controller.runtime, 'STOPPED')} {name}"
+        execution = self.controller.execution
+        name = execution.program.name if execution.program else "No program"
+        return f"{PROGRAM_STATES.get(execution.runtime, 'STOPPED')} {name}"
 
     def _play(self) -> str:
-        return "Starting program" if self.controller.resume_program() else "Failed to execute: play"
+        return "Starting program" if self.controller.execution.resume() else "Failed to execute: play"
 
     def _stop(self) -> str:
-        self.controller.stop_program("dashboard: stop")
+        self.controller.execution.stop("dashboard: stop")
         return "Stopped"
 
     def _pause(self) -> str:
-        return "Pausing program" if self.controller.pause_program() else "Failed to execute: pause"
+        return "Pausing program" if self.controller.execution.pause() else "Failed to execute: pause"
 
     def _power_on(self) -> str:
         if not self.controller.safety.stopped and self.controller.safety.robot_mode < safety.ROBOT_IDLE:
@@ -125,7 +126,7 @@ class Dashboard:
         return "Brake releasing"
 
     def _power_off(self) -> str:
-        self.controller.power_off()
+        self.controller.stops.power_loss()
         return "Powering off"
 
     def _unlock(self) -> str:
@@ -137,6 +138,6 @@ class Dashboard:
         return "Protective stop releasing"
 
     def _restart_safety(self) -> str:
-        self.controller.power_off()
+        self.controller.stops.power_loss()
         self.controller.safety.clear()
         return "Restarting safety"

@@ -36,22 +36,22 @@ def protective_stop(s: Simulation, runtime: str = "paused") -> None:
     """A protective stop; the program is `paused`, `stopped`, or goes on `playing`."""
     if runtime not in ("paused", "stopped", "playing"):
         raise BadRequest(f"runtime {runtime!r} is none of paused, stopped, playing")
-    s.controller.protective_stop("fault on request", runtime)
+    s.controller.stops.protective("fault on request", runtime)
 
 
 def emergency_stop(s: Simulation) -> None:
     """Somebody hits the button."""
-    s.controller.emergency_stop()
+    s.controller.stops.emergency()
 
 
 def safeguard_stop(s: Simulation) -> None:
     """Somebody opens the fence."""
-    s.controller.safeguard_stop()
+    s.controller.stops.safeguard()
 
 
 def power_loss(s: Simulation) -> None:
     """The arm loses power; the controller stays on."""
-    s.controller.power_off()
+    s.controller.stops.power_loss()
 
 
 def clear(s: Simulation) -> None:
@@ -61,22 +61,22 @@ def clear(s: Simulation) -> None:
 
 def stop_program(s: Simulation) -> None:
     """Somebody presses stop on the pendant."""
-    s.controller.stop_program("pendant: stop")
+    s.controller.execution.stop("pendant: stop")
 
 
 def pause_program(s: Simulation) -> None:
     """Somebody presses pause on the pendant."""
-    s.controller.pause_program()
+    s.controller.execution.pause()
 
 
 def resume_program(s: Simulation) -> None:
     """Somebody presses play on the pendant."""
-    s.controller.resume_program()
+    s.controller.execution.resume()
 
 
 def local_mode(s: Simulation, on: bool = True) -> None:
     """The pendant is switched to local control, or back."""
-    s.controller.remote_control = not on
+    s.controller.execution.remote_control = not on
 
 
 def speed_slider(s: Simulation, fraction: float = 0.5) -> None:

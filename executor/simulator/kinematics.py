@@ -22,6 +22,7 @@ NEAR_PI = 1e-6  # [rad] closer to half a turn the axis is read from the symmetri
 STEP_MAX = 0.3  # [rad] largest joint step of one Newton iteration
 DAMPING_FAR, DAMPING_NEAR = 1e-4, 1e-9  # of the normal equations, far from and close to the solution
 NEAR = 1e-2  # [m, rad] error below which the smaller damping is used
+ITERATIONS_MAX = 30  # of Newton's method; from a neighbouring point it takes two or three
 POSE_TOLERANCE = 1e-10  # [m, rad] largest component of the pose error of a solution
 
 
@@ -114,7 +115,7 @@ class Chain:
         xx = yy = zz = 1.0
         xy = xz = yx = yz = zx = zy = 0.0  # column x is (xx, xy, xz), and so on
         px = py = pz = vx = vy = vz = wx = wy = wz = 0.0
-        for (a, d, ca, sa), angle, rate in zip(self.links, q, qd):
+        for (a, d, ca, sa), angle, rate in zip(self.links, q, qd, strict=True):
             c, s = math.cos(angle), math.sin(angle)
             wx += zx * rate
             wy += zy * rate
@@ -154,10 +155,10 @@ class Chain:
             columns.append((zy * rz - zz * ry, zz * rx - zx * rz, zx * ry - zy * rx, zx, zy, zz))
         return np.array(columns).T, pose
 
-    def solve(self, goal: Transform, near: Vector, tool: Transform = IDENTITY, iterations: int = 30) -> list[float] | None:
-        """Returns joint angles close to `near` that put the tool at `goal`, None where Newton's iteration finds none."""
+    def solve(self, goal: Transform, near: Vector, tool: Transform = IDENTITY) -> list[float] | None:
+        """Returns joint angles near `near` that put the tool at `goal`, None where Newton's iteration finds none."""
         q = np.array(near, float)
-        for _ in range(iterations):
+        for _ in range(ITERATIONS_MAX):
             J, pose = self.jacobian(q.tolist(), tool)
             error = np.array(pose_error(goal, pose))
             size = float(np.abs(error).max())

@@ -50,12 +50,12 @@ class Lag:
             return newer
         older = self.ring[self.at - self.whole - 1]
         s = 1.0 - self.part
-        qd = [a + (b - a) * s for a, b in zip(older[1], newer[1])]
+        qd = [a + (b - a) * s for a, b in zip(older[1], newer[1], strict=True)]
         h = self.dt
         # Hermite's cubic; the exact parabola where the speed runs linearly over the cycle
         q = [
             qa + h * s * va + s * s * (3.0 * (qb - qa) - h * (2.0 * va + vb)) + s**3 * (2.0 * (qa - qb) + h * (va + vb))
-            for qa, va, qb, vb in zip(older[0], older[1], newer[0], newer[1])
+            for qa, va, qb, vb in zip(older[0], older[1], newer[0], newer[1], strict=True)
         ]
         return q, qd
 
@@ -63,8 +63,8 @@ class Lag:
         """First order, exact for a speed that runs linearly over the cycle: tau v' + v = u, and so q_u - q = tau v."""
         tau, decay, dt = self.tau, self.decay, self.dt
         speed = []
-        for u0, u1, v0 in zip(self.input, qd, self.speed):
+        for u0, u1, v0 in zip(self.input, qd, self.speed, strict=True):
             bend = tau * (u1 - u0) / dt
             speed.append(u1 - bend + (v0 - u0 + bend) * decay)
         self.input, self.speed = qd, speed
-        return [a - tau * v for a, v in zip(q, speed)], speed
+        return [a - tau * v for a, v in zip(q, speed, strict=True)], speed

@@ -17,9 +17,10 @@ from executor.simulator.profile import Trapezoid
 Vector = Sequence[float]
 Scale = Callable[[], float]  # the speed scaling of now, 0 to 1
 Motion = Iterator[None]
+Path = Callable[[float, float], tuple[list[float], list[float]]]  # (way, rate) -> joint positions, speeds
 
 SPEED_MIN, ACCELERATION_MIN = 1e-3, 1e-3  # [rad/s, rad/s^2, m/s, m/s^2] what a zero is taken for: moves end
-SERVO_ACCELERATION = 40.0  # [rad/s^2] source: ur_rtde's bound on joint acceleration
+ACCELERATION_MAX = 40.0  # [rad/s^2] source: ur_rtde's bound on joint acceleration; servoj and stops keep within it
 SERVO_GAIN = 300.0  # source: URScript manual, servoj's default gain, at which the lookahead time is the time constant
 ROTATION_LEVER_M = 0.3  # [m/rad] chosen: how far a pure rotation counts along a straight move
 SPEED_DAMPING = 1e-6  # chosen: of speedl's inverse, so that a singular arm moves slowly instead of leaping
@@ -36,7 +37,7 @@ class SuddenChange(Exception):
 
 def stop_joints(arm: Arm, deceleration: float) -> Motion:
     """stopj: to rest, the leading axis at `deceleration` [rad/s^2]."""
-    while not arm.ramp((0.0,) * 6, max(deceleration, ACCELERATION_MIN)):
+    while not arm.ramp((0.0,) * 6, min(max(deceleration, ACCELERATION_MIN), ACCELERATION_MAX)):
         yield
     yield
 
@@ -53,7 +54,7 @@ def move_joints(arm: Arm, goal: Vector, speed: float, acceleration: float, scale
     """movej: trapezoid of the leading axis, all joints in proportion, to rest at `goal` (6,) [rad]."""
     while max(abs(b - a) for a, b in zip(arm.q, goal, strict=True)) > MOVED:
         start = list(arm.q)
-        way = [b - a for a, b in zip(start, goal)]
+        way = [b - a for a, b in zip(start, goal, strict=True)]
         length = max(map(abs, way))
         profile = Trapezoid(length, max(speed, SPEED_MIN), max(acceleration, ACCELERATION_MIN))
         yield from _follow(arm, profile, scale, _along(start, way, length))
@@ -61,15 +62,15 @@ def move_joints(arm: Arm, goal: Vector, speed: float, acceleration: float, scale
     yield
 
 
-def _along(start: list[float], way: list[float], length: float) -> Callable[[float, float], tuple[list[float], list[float]]]:
+def _along(start: list[float], way: list[float], length: float) -> Path:
     def at(s: float, rate: float) -> tuple[list[float], list[float]]:
-        return [a + w * s / length for a, w in zip(start, way)], [w * rate / length for w in way]
+        return [a + w * s / length for a, w in zip(start, way, strict=True)], [w * rate / length for w in way]
 
     return at
 
 
 def _follow(
-    arm: Arm, profile: Trapezoid, scale: Scale, at: Callable[[float, float], tuple[list[float], list[float]]]
+    arm: Arm, profile: Trapezoid, scale: Scale, at: Path
 ) -> Motion:
     """Drives along a path by a profile, until its end or until something else has moved the arm."""
     t = 0.0
@@ -80,7 +81,7 @@ def _follow(
         q, qd = at(s, v * rate)
         arm.drive(q, qd)
         yield
-        if max(abs(a - b) for a, b in zip(arm.q, q)) > MOVED:
+        if max(abs(a - b) for a, b in zip(arm.q, q, strict=True)) > MOVED:
             return
 
 
@@ -109,7 +110,7 @@ class _Line:
     def at(self, s: float, rate: float) -> tuple[list[float], list[float]]:
         part = s / self.length
         turned = product(transform([0.0, 0.0, 0.0, *(part * x for x in self.turn)]), self.start)
-        x, y, z = (self.start[i] + part * w for i, w in zip((3, 7, 11), self.way))
+        x, y, z = (self.start[i] + part * w for i, w in zip((3, 7, 11), self.way, strict=True))
         goal = (*turned[:3], x, *turned[4:7], y, *turned[8:11], z)
         q = self.arm.chain.solve(goal, self.arm.q, self.tool)
         if q is None:
@@ -163,9 +164,9 @@ def servo_joints(
     constant = max(lookahead_s * SERVO_GAIN / max(gain, 1.0), 2.0 * arm.dt)
     for _ in range(max(1, cycles(time_s, arm.dt))):
         wanted = [(b - a) / constant for a, b in zip(arm.q, goal, strict=True)]
-        if any(abs(w) > m for w, m in zip(wanted, speed_limit)):
+        if any(abs(w) > m for w, m in zip(wanted, speed_limit, strict=True)):
             raise SuddenChange("servoj: sudden change in target position")
-        arm.ramp(wanted, SERVO_ACCELERATION)
+        arm.ramp(wanted, ACCELERATION_MAX)
         yield
 
 

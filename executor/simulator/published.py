@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from executor.simulator import safety
-from executor.simulator.controller import PLAYING, Controller
+from executor.simulator.controller import Controller
 from executor.simulator.kinematics import pose_of
 from planner.dynamics import Payload, joint_torques
 
@@ -14,7 +14,6 @@ JOINT_TEMPERATURE_C = 30.0  # chosen
 VOLTAGE_V = 48.0  # source: UR user manual, robot supply
 CURRENT_IDLE_A = 0.5  # chosen
 AMPERE_PER_NM = 0.1  # chosen: the joints' torque constants are not published
-GRAVITY_M_S2 = 9.81
 
 
 class Published:
@@ -43,14 +42,13 @@ class Published:
 
     def _state(self) -> None:
         c, out = self.controller, self.controller.registers.outputs
-        playing = c.runtime == PLAYING
         out["timestamp"] = [c.t]
-        out["runtime_state"] = [c.runtime]
+        out["runtime_state"] = [c.execution.runtime]
         out["safety_mode"] = [c.safety.mode]
         out["safety_status_bits"] = [c.safety.bits]
         out["safety_status"] = [c.safety.mode]
         out["robot_mode"] = [c.safety.robot_mode]
-        out["robot_status_bits"] = [(c.safety.robot_mode >= safety.ROBOT_IDLE) + 2 * playing]
+        out["robot_status_bits"] = [(c.safety.robot_mode >= safety.ROBOT_IDLE) + 2 * c.execution.playing]
         out["speed_scaling"] = [c.speed_scaling / c.slider if c.slider else 1.0]
         out["target_speed_fraction"] = [c.slider]
 

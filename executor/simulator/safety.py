@@ -60,15 +60,14 @@ class SafetyLimits:
 
     def violation(self, q: Sequence[float], qd: Sequence[float], qdd: Sequence[float], tcp_speed: float) -> str | None:
         """Returns which limit the commanded motion violates, None where it keeps them all."""
-        for name, values, lower, upper in (
-            ("joint position", q, self.q_lower, self.q_upper),
-            ("joint speed", qd, [-x for x in self.qd_max], self.qd_max),
-            ("joint acceleration", qdd, [-x for x in self.qdd_max], self.qdd_max),
-        ):
-            for i in range(6):
-                if not lower[i] <= values[i] <= upper[i]:
-                    return f"{name} limit of joint {i}: {values[i]:.4g} not in [{lower[i]:.4g}, {upper[i]:.4g}]"
-        if tcp_speed > self.tcp_speed_max:
+        for i in range(6):
+            if not self.q_lower[i] <= q[i] <= self.q_upper[i]:
+                return f"joint position limit of joint {i}: {q[i]:.4g} rad"
+            if not abs(qd[i]) <= self.qd_max[i]:
+                return f"joint speed limit of joint {i}: {qd[i]:.4g} rad/s"
+            if not abs(qdd[i]) <= self.qdd_max[i]:
+                return f"joint acceleration limit of joint {i}: {qdd[i]:.4g} rad/s2"
+        if not tcp_speed <= self.tcp_speed_max:
             return f"tool speed limit: {tcp_speed:.4g} m/s above {self.tcp_speed_max:.4g} m/s"
         return None
 

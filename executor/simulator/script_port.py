@@ -28,7 +28,7 @@ class ScriptPort:
         while (end := END.search(connection.received)) is not None:
             text = bytes(connection.received[:end.end()]).decode("utf-8", "replace")
             del connection.received[:end.end()]
-            self.controller.upload(text)
+            self.controller.execution.upload(text)
         if len(connection.received) > SCRIPT_MAX:
             self.controller.note("script port: no program within the largest size")
             connection.open = False

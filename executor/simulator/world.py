@@ -54,6 +54,8 @@ class World:
         self.drag = drag_constant(thing.mass_kg, thing.radius_m, thing.drag_coefficient)
         self.restitution = restitution
         self.surfaces = surfaces_of(cell)
+        self.floor_z_m = cell.surroundings.floor_z_m
+        self.boxes = [(box.lower.tolist(), box.upper.tolist()) for box in cell.surroundings.keep_out]
         self.flights: list[Flight] = []
         self.releases: list[dict[str, Any]] = []
         self.landings: list[dict[str, Any]] = []
@@ -70,6 +72,11 @@ class World:
         """Moves every object from `t` - `dt` to `t` [s]."""
         for flight in list(self.flights):
             self._fly(flight, t - dt, dt)
+
+    def solid_at(self, point: tuple[float, float, float]) -> bool:
+        """Returns whether a point in the world lies in the floor or in a keep-out box."""
+        inside = [all(a <= p <= b for a, p, b in zip(lo, point, up, strict=True)) for lo, up in self.boxes]
+        return point[2] <= self.floor_z_m or any(inside)
 
     def _fly(self, flight: Flight, start: float, duration: float) -> None:
         """Flies for `duration`, contact by contact."""
@@ -96,7 +103,10 @@ class World:
         low, high = 0.0, duration
         for _ in range(40):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if step(state, middle, self.gravity, self.drag)[2] > surface.z_m else (low, middle)
+            if step(state, middle, self.gravity, self.drag)[2] > surface.z_m:
+                low = middle
+            else:
+                high = middle
         return high
 
     def _touch(self, flight: Flight, surface: Surface, t: float) -> None:
@@ -131,10 +141,10 @@ def step(state: State, h: float, gravity: float, drag: float) -> State:
     if drag <= 0.0:
         return (x + vx * h, y + vy * h, z + vz * h - 0.5 * gravity * h * h, vx, vy, vz - gravity * h)
     k1 = _rate(state, gravity, drag)
-    k2 = _rate([s + 0.5 * h * k for s, k in zip(state, k1)], gravity, drag)
-    k3 = _rate([s + 0.5 * h * k for s, k in zip(state, k2)], gravity, drag)
-    k4 = _rate([s + h * k for s, k in zip(state, k3)], gravity, drag)
-    return tuple(s + h / 6.0 * (a + 2.0 * b + 2.0 * c + d) for s, a, b, c, d in zip(state, k1, k2, k3, k4))
+    k2 = _rate([s + 0.5 * h * k for s, k in zip(state, k1, strict=True)], gravity, drag)
+    k3 = _rate([s + 0.5 * h * k for s, k in zip(state, k2, strict=True)], gravity, drag)
+    k4 = _rate([s + h * k for s, k in zip(state, k3, strict=True)], gravity, drag)
+    return tuple(s + h / 6.0 * (a + 2.0 * b + 2.0 * c + d) for s, a, b, c, d in zip(state, k1, k2, k3, k4, strict=True))
 
 
 def _rate(state: State | list[float], gravity: float, drag: float) -> tuple[float, ...]:
