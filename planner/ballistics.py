@@ -146,22 +146,32 @@ def landing_per_release_delay(
     return by_position @ np.asarray(v, float) + by_velocity @ np.asarray(a, float)
 
 
-def launch_velocity(p: ArrayLike, target: ArrayLike, time_s: float, gravity: float, drag: float = 0.0) -> Vector | None:
-    """Returns the release velocity (3,) [m/s] that takes the object from `p` to `target` in `time_s`.
+def launch_velocity(p: ArrayLike, target: ArrayLike, time_s: ArrayLike, gravity: float, drag: float = 0.0) -> Vector:
+    """Returns the release velocities (..., 3) [m/s] that take the object from `p` to `target` in `time_s`.
 
-    With drag, Newton's iteration from the drag-free answer; None where it does not converge.
+    With drag, Newton's iteration from the drag-free answer; NaN where it does not converge.
+
+    Args:
+        p: release positions (..., 3) [m].
+        target: where it shall be (..., 3) [m] …
+        time_s: … this long after the release (...,) [s].
+        gravity: [m/s^2].
+        drag: k of `drag_constant` [1/m].
     """
-    p, target = np.asarray(p, float), np.asarray(target, float)
-    v = (target - p) / time_s + np.array([0.0, 0.0, 0.5 * gravity * time_s])
+    p, target = np.broadcast_arrays(np.asarray(p, float), np.asarray(target, float))
+    t = np.asarray(time_s, float)[..., None]
+    v = (target - p) / t + np.array([0.0, 0.0, 0.5 * gravity]) * t
     if drag <= 0.0:
         return v
+    missed = np.full(p.shape[:-1], np.inf)
     for _ in range(LAUNCH_ITERATIONS):
-        reached = _advance(np.concatenate([p, v]), time_s, gravity, drag)[:3]
-        error = target - reached
-        if np.abs(error).max() < LAUNCH_TOLERANCE_M:
-            return v
-        v = v + np.linalg.solve(_reach_jacobian(p, v, time_s, gravity, drag), error)
-    return None
+        error = target - _advance(np.concatenate([p, v], axis=-1), t, gravity, drag)[..., :3]
+        missed = np.abs(error).max(axis=-1)
+        if np.all(missed < LAUNCH_TOLERANCE_M):
+            break
+        J = _reach_jacobian(p, v, t, gravity, drag)
+        v = v + np.linalg.solve(J, error[..., None])[..., 0]
+    return np.where((missed < LAUNCH_TOLERANCE_M)[..., None], v, np.nan)
 
 
 def slowest_time(p: ArrayLike, target: ArrayLike, gravity: float) -> float:
@@ -183,15 +193,15 @@ def time_at_elevation(p: ArrayLike, target: ArrayLike, elevation_rad: float, gra
     return math.sqrt(square) if square > 0.0 else None
 
 
-def _acceleration(v: Vector, gravity: float, drag: float) -> Vector:
-    speed = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    return np.array([-drag * speed * v[0], -drag * speed * v[1], -gravity - drag * speed * v[2]])
+def _step(state: Vector, h: ArrayLike, gravity: float, drag: float) -> Vector:
+    """Returns the states (..., 6) one Runge-Kutta step of `h` (..., 1) later."""
+    down = np.array([0.0, 0.0, gravity])
 
-
-def _step(state: Vector, h: float, gravity: float, drag: float) -> Vector:
     def rate(x: Vector) -> Vector:
-        return np.concatenate([x[3:], _acceleration(x[3:], gravity, drag)])
+        v = x[..., 3:]
+        return np.concatenate([v, -drag * np.sqrt((v * v).sum(axis=-1, keepdims=True)) * v - down], axis=-1)
 
+    h = np.asarray(h, float)
     k1 = rate(state)
     k2 = rate(state + 0.5 * h * k1)
     k3 = rate(state + 0.5 * h * k2)
@@ -199,10 +209,12 @@ def _step(state: Vector, h: float, gravity: float, drag: float) -> Vector:
     return state + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
 
-def _advance(state: Vector, duration: float, gravity: float, drag: float) -> Vector:
-    steps = max(1, math.ceil(duration / STEP_S))
+def _advance(state: Vector, duration: ArrayLike, gravity: float, drag: float) -> Vector:
+    """Returns the states (..., 6) after `duration` (..., 1) [s]."""
+    steps = max(1, math.ceil(float(np.max(duration)) / STEP_S))
+    h = np.asarray(duration, float) / steps
     for _ in range(steps):
-        state = _step(state, duration / steps, gravity, drag)
+        state = _step(state, h, gravity, drag)
     return state
 
 
@@ -249,12 +261,11 @@ def _differences(p: Vector, v: Vector, plane_z: float, gravity: float, drag: flo
     return both[:, :3], both[:, 3:]
 
 
-def _reach_jacobian(p: Vector, v: Vector, time_s: float, gravity: float, drag: float) -> Vector:
+def _reach_jacobian(p: Vector, v: Vector, t: Vector, gravity: float, drag: float) -> Vector:
+    """Returns the derivative (..., 3, 3) of the place reached after `t` (..., 1) by the launch velocity."""
     columns = []
-    for i in range(3):
-        step = np.zeros(3)
-        step[i] = DIFFERENCE
-        ahead = _advance(np.concatenate([p, v + step]), time_s, gravity, drag)[:3]
-        behind = _advance(np.concatenate([p, v - step]), time_s, gravity, drag)[:3]
+    for step in DIFFERENCE * np.eye(3):
+        ahead = _advance(np.concatenate([p, v + step], axis=-1), t, gravity, drag)[..., :3]
+        behind = _advance(np.concatenate([p, v - step], axis=-1), t, gravity, drag)[..., :3]
         columns.append((ahead - behind) / (2.0 * DIFFERENCE))
-    return np.array(columns).T
+    return np.stack(columns, axis=-1)

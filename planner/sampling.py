@@ -1,8 +1,7 @@
 """Release states for releases that leave something free, drawn from a fixed quasi-random sequence.
 
 A `point` leaves the tool's orientation and turning free; a `target` leaves place, direction and speed free too.
-Joint velocities are the weighted least-norm ones: qd = W J^T (J W J^T)^-1 v with W = diag(qd_max^2), which spreads a
-speed over the joints that can bear it.
+Joint velocities are weighted least-norm ones, which spread a speed over the joints that can bear it.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.ballistics import launch_velocity, least_speed, slowest_time
+from planner.ballistics import launch_velocity, least_speed
 from planner.cell import Limits
 from planner.errors import Infeasible, Violation
 from planner.kinematics import forward, inverse_branches, jacobian, singularity_distances
@@ -26,6 +25,9 @@ ORIENTATIONS = 96  # of the tool tried at a point
 PLACES = 1536  # joint states tried for a target
 KEPT = 48  # of them, the soonest, kept apart from one another
 APART_RAD = 0.35  # two kept states differ by this in some joint
+TAMED_EXCESS = 1.5  # [-] the maximum norm is seldom smaller than the 2-norm's largest share by more
+TAMED_MAX = 300  # states for which the smaller norm is sought
+TAMING_NORMS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 8.0, 8.0)
 FLIGHT_STRETCH = (1.0, 0.8, 1.25, 0.6)  # flight times tried, as shares of the slowest throw's
 
 
@@ -35,15 +37,26 @@ def point_states(problem: ThrowProblem, release: PointRelease) -> tuple[Vector, 
     Raises:
         Infeasible: no orientation brings the tool there.
     """
+    q = _postures(problem, release.p_WT)
+    return _soonest(problem, q, spread_velocity(problem, q, np.broadcast_to(release.v_WT, (len(q), 3))))
+
+
+def _postures(problem: ThrowProblem, p_WT: Vector) -> Vector:
+    """Returns joint positions (n, 6) that bring the tool to a place, in orientations all round.
+
+    Raises:
+        Infeasible: there are none.
+    """
     X_WT = np.tile(np.eye(4), (ORIENTATIONS, 1, 1))
     X_WT[:, :3, :3] = quaternion_to_matrix(_quaternions(ORIENTATIONS))
-    X_WT[:, :3, 3] = release.p_WT
-    branches, _ = inverse_branches(problem.cell.robot, invert_pose(problem.cell.X_WB) @ X_WT, problem.cell.tool.X_FT)
+    X_WT[:, :3, 3] = p_WT
+    cell = problem.cell
+    branches, _ = inverse_branches(cell.robot, invert_pose(cell.X_WB) @ X_WT, cell.tool.X_FT)
     q = _within(problem, branches)
+    q = q[singularity_distances(cell.robot, q).minimum >= problem.limits.singularity_distance_min]
     if len(q) == 0:
-        raise Infeasible([_unreachable(problem, release.p_WT)])
-    qd = spread_velocity(problem, q, np.broadcast_to(release.v_WT, (len(q), 3)))
-    return _soonest(problem, q, qd)
+        raise Infeasible([_unreachable(problem, p_WT)])
+    return q
 
 
 def target_states(problem: ThrowProblem, release: TargetRelease) -> tuple[Vector, Vector]:
@@ -53,7 +66,8 @@ def target_states(problem: ThrowProblem, release: TargetRelease) -> tuple[Vector
         Infeasible: no state was found whose flight hits.
     """
     if release.release_position is not None:
-        return _fixed_place_states(problem, release, release.release_position)
+        q = _postures(problem, release.release_position)
+        return _flights(problem, release, q, np.broadcast_to(release.release_position, (len(q), 3)))
     limits = problem.limits
     centre = np.clip(problem.start, limits.q_lower, limits.q_upper)
     q = np.clip(centre + _spread(PLACES), limits.q_lower, limits.q_upper)
@@ -66,32 +80,21 @@ def target_states(problem: ThrowProblem, release: TargetRelease) -> tuple[Vector
     return _flights(problem, release, q, p)
 
 
-def _fixed_place_states(problem: ThrowProblem, release: TargetRelease, place: Vector) -> tuple[Vector, Vector]:
-    speed = float(least_speed(place, release.p_W, problem.gravity))
-    q, _ = point_states(problem, PointRelease(place, np.array([0.0, 0.0, max(speed, 1e-3)])))
-    return _flights(problem, release, q, np.broadcast_to(place, (len(q), 3)))
-
-
 def _flights(problem: ThrowProblem, release: TargetRelease, q: Vector, p: Vector) -> tuple[Vector, Vector]:
     """Returns for the places (n, 3) the joint states whose flights obey the bounds, for several flight times each."""
-    states = []
-    for stretch in FLIGHT_STRETCH:
-        v = _launches(problem, release, p, stretch)
-        ok = np.isfinite(v).all(axis=1) & _allowed_velocity(release, v)
-        if ok.any():
-            states.append((q[ok], spread_velocity(problem, q[ok], v[ok])))
-    if not states:
+    slowest = np.sqrt(2.0 * np.linalg.norm(release.p_W - p, axis=1) / problem.gravity)
+    t = np.concatenate([stretch * slowest for stretch in FLIGHT_STRETCH])
+    q, p = np.tile(q, (len(FLIGHT_STRETCH), 1)), np.tile(p, (len(FLIGHT_STRETCH), 1))
+    v = launch_velocity(p, release.p_W, t, problem.gravity)
+    ok = _allowed_velocity(release, v) & (v[:, 2] < problem.gravity * t)
+    if not ok.any():
         raise Infeasible([_no_flight(problem, release, p)])
-    return _soonest(problem, np.concatenate([s[0] for s in states]), np.concatenate([s[1] for s in states]))
-
-
-def _launches(problem: ThrowProblem, release: TargetRelease, p: Vector, stretch: float) -> Vector:
-    """Returns launch velocities (n, 3) whose flight lasts `stretch` times that of the slowest throw."""
-    d = release.p_W - p
-    t = stretch * np.sqrt(2.0 * np.linalg.norm(d, axis=1) / problem.gravity)
-    v = d / t[:, None] + np.array([0.0, 0.0, 0.5 * problem.gravity]) * t[:, None]
-    coming_down = v[:, 2] - problem.gravity * t < 0.0
-    return np.where(coming_down[:, None], v, np.nan)
+    q, qd, row = _soonest_rows(problem, q[ok], spread_velocity(problem, q[ok], v[ok]))
+    if problem.drag <= 0.0:
+        return q, qd
+    v = launch_velocity(p[ok][row], release.p_W, t[ok][row], problem.gravity, problem.drag)
+    hits = np.isfinite(v).all(axis=1) & _allowed_velocity(release, v)
+    return q[hits], spread_velocity(problem, q[hits], v[hits])
 
 
 def _allowed_velocity(release: TargetRelease, v: Vector) -> Vector:
@@ -104,40 +107,61 @@ def _allowed_velocity(release: TargetRelease, v: Vector) -> Vector:
     )
 
 
-def drag_corrected(problem: ThrowProblem, p: Vector, v: Vector) -> Vector | None:
-    """Returns the launch velocity (3,) that hits a target with drag where `v` hits it without, None where none does."""
-    assert isinstance(problem.release, TargetRelease)
-    time = slowest_time(p, problem.release.p_W, problem.gravity)
-    flat = problem.release.p_W - p
-    share = np.linalg.norm(flat[:2]) / max(float(np.linalg.norm(v[:2])), 1e-9)
-    return launch_velocity(p, problem.release.p_W, share or time, problem.gravity, problem.drag)
-
-
 def spread_velocity(problem: ThrowProblem, q: Vector, v_W: Vector) -> Vector:
-    """Returns the weighted least-norm joint velocities (n, 6) for tool velocities `v_W` (n, 3) in the world."""
+    """Returns joint velocities (n, 6) for tool velocities `v_W` (n, 3) in the world, spread over the joints.
+
+    Least squares weighted with qd_max^2; where that exceeds a limit by less than `TAMED_EXCESS`, the largest share of
+    a limit is made smaller by going from the 2-norm towards the maximum norm.
+    """
     cell, weight = problem.cell, problem.limits.qd_max**2
     J = jacobian(cell.robot, q, cell.tool.X_FT)[:, :3, :]
     v_B = v_W @ cell.X_WB[:3, :3]
-    gram = np.einsum("nij,j,nkj->nik", J, weight, J) + 1e-12 * np.eye(3)
-    return weight * np.einsum("nij,ni->nj", J, np.linalg.solve(gram, v_B[..., None])[..., 0])
+    qd = _weighted(J, np.broadcast_to(weight, q.shape), v_B)
+    excess = np.max(np.abs(qd) / problem.limits.qd_max, axis=1)
+    rows = np.flatnonzero((excess > 1.0) & (excess < TAMED_EXCESS))
+    rows = rows[np.argsort(excess[rows], kind="stable")][:TAMED_MAX]
+    if len(rows):
+        tamed = _towards_maximum_norm(J[rows], weight, v_B[rows], qd[rows], problem.limits.qd_max)
+        qd[rows] = tamed
+    return qd
+
+
+def _weighted(J: Vector, weight: Vector, v: Vector) -> Vector:
+    """Returns the least-norm joint velocities (n, 6): W J^T (J W J^T)^-1 v for weights (n, 6)."""
+    gram = np.einsum("nij,nj,nkj->nik", J, weight, J) + 1e-12 * np.eye(3)
+    return weight * np.einsum("nij,ni->nj", J, np.linalg.solve(gram, v[..., None])[..., 0])
+
+
+def _towards_maximum_norm(J: Vector, weight: Vector, v: Vector, qd: Vector, qd_max: Vector) -> Vector:
+    """Iteratively reweighted least squares with damped steps. Source: Burrus, Iterative Reweighted Least Squares, 2012."""
+    for p in TAMING_NORMS:
+        share = np.abs(qd) / qd_max
+        share = np.maximum(share / share.max(axis=1, keepdims=True), 1e-3)
+        step = _weighted(J, weight * share ** (2.0 - p), v)
+        qd = qd + (step - qd) / (p - 1.0)
+    return qd
 
 
 def _soonest(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[Vector, Vector]:
-    """Returns the KEPT states of least bound that differ from one another; too fast ones only where all are."""
+    return _soonest_rows(problem, q, qd)[:2]
+
+
+def _soonest_rows(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[Vector, Vector, NDArray[np.intp]]:
+    """Returns the KEPT states of least bound that differ from one another, and their rows; too fast ones if all are."""
     excess = np.max(np.abs(qd) / problem.limits.qd_max, axis=1)
-    ok = excess <= 1.0
-    if not ok.any():
+    usable = np.flatnonzero(excess <= 1.0)
+    if len(usable) == 0:
         best = np.argsort(excess, kind="stable")[:KEPT]
-        return q[best], qd[best]
-    q, qd = q[ok], qd[ok]
-    order = np.argsort(least_time(q - problem.start, qd, problem.limits), kind="stable")
+        return q[best], qd[best], best
+    bound = least_time(q[usable] - problem.start, qd[usable], problem.limits)
     kept: list[int] = []
-    for i in order:
+    for i in usable[np.argsort(bound, kind="stable")]:
         if all(np.abs(q[i] - q[k]).max() > APART_RAD for k in kept):
             kept.append(int(i))
         if len(kept) == KEPT:
             break
-    return q[kept], qd[kept]
+    rows = np.array(kept, dtype=np.intp)
+    return q[rows], qd[rows], rows
 
 
 def _within(problem: ThrowProblem, q: Vector) -> Vector:

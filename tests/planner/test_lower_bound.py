@@ -1,0 +1,47 @@
+"""The joint-wise bound against Ruckig, which can never be faster, and against double integrators in closed form."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planner.backends import ruckig_otg
+from planner.lower_bound import least_time
+from planner.problem import JointRelease
+from planner.release import candidates
+from tests.planner.problems import cell, joint_problem, random_state
+
+
+def test_no_launch_is_sooner_than_the_bound():
+    rng, here = np.random.default_rng(4), cell()
+    for _ in range(60):
+        q, qd = random_state(here, rng)
+        problem = joint_problem(release=JointRelease(q, qd))
+        problem = replace(problem, limits=replace(problem.limits, singularity_distance_min=0.0))
+        seed = candidates(problem)[0]
+        assert seed.bound_s <= ruckig_otg.least_times(problem, seed).max() + 1e-9
+
+
+def test_with_boundless_jerk_ruckig_comes_down_to_the_bound():
+    rng, here = np.random.default_rng(5), cell()
+    limits = replace(here.limits, jerk_max=np.full(6, 1e7))
+    for _ in range(30):
+        q, qd = random_state(here, rng)
+        problem = joint_problem(release=JointRelease(q, qd), limits=replace(limits, singularity_distance_min=0.0))
+        seed = candidates(problem)[0]
+        assert ruckig_otg.least_times(problem, seed).max() == pytest.approx(seed.bound_s, abs=5e-4)
+
+
+def test_closed_forms():
+    limits = replace(cell().limits, qd_max=np.full(6, 2.0), qdd_max=np.full(6, 4.0))
+
+    def bound(distance, speed):
+        d, v = np.zeros(6), np.zeros(6)
+        d[1], v[1] = distance, speed
+        return float(least_time(d, v, limits))
+
+    assert bound(1.0, 0.0) == pytest.approx(1.0)  # up and down: 2 sqrt(d / a)
+    assert bound(0.5, 2.0) == pytest.approx(0.5)  # straight to speed: v / a
+    assert bound(3.0, 0.0) == pytest.approx(2.0)  # 0.5 s up, 1 s at speed, 0.5 s down
+    assert bound(0.0, 2.0) == pytest.approx((1.0 + np.sqrt(2.0)) / 2.0)  # back first: (2 sqrt(v^2/2) + v) / a
+    assert bound(-1.0, 0.0) == bound(1.0, 0.0)
