@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 from collections.abc import Sequence
 
@@ -41,10 +42,13 @@ class Arm:
 
         Raises:
             TwoMotions: the arm was already driven in this cycle.
+            ValueError: a position or speed that is not finite.
         """
         self.drives += 1
         if self.drives > 1:
             raise TwoMotions
+        if not math.isfinite(sum(q) + sum(qd)):
+            raise ValueError("a motion that is not finite")
         self._set(q, qd)
 
     def ramp(self, qd: Sequence[float], acceleration: float) -> bool:

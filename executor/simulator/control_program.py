@@ -80,7 +80,9 @@ class ControlProgram(Program):
         self.stops_with_tool = False  # the script's stop_type: stopj until the first asynchronous stop
         self.jog: list[float] = []
         self.writes = self.operation = 0
+        self.circle: list[float] = []  # servoc: pose, speed, acceleration, blend radius
         self.contact_steps = 0
+        self.internal_command = NO_COMMAND
 
     # -- registers, through the offsets
     def int_in(self, index: int) -> int:
@@ -115,7 +117,7 @@ class ControlProgram(Program):
         self.int_out(0, READY)
         executing = False
         while True:
-            command = self.int_in(0)
+            command = self._next_command()
             if command in REALTIME:
                 yield from self.process(self, command)
                 self.int_out(0, READY)
@@ -128,6 +130,13 @@ class ControlProgram(Program):
                 yield from self.process(self, command)
                 executing = True
             yield
+
+    def _next_command(self) -> int:
+        """Returns the command in the register; while there is none, what a thread has left to do."""
+        command = self.int_in(0)
+        if command == NO_COMMAND:
+            command, self.internal_command = self.internal_command, NO_COMMAND
+        return command
 
     # -- the asynchronous progress register
     def progress(self, value: int) -> None:

@@ -87,13 +87,23 @@ def _is_steady(program: ControlProgram) -> None:
     program.int_out(1, max(map(abs, program.arm.qd)) < STEADY_RAD_S)
 
 
-def _no_contact(program: ControlProgram) -> None:
+def _tool_contact(program: ControlProgram) -> None:
+    if program.has("tool_contact"):
+        program.int_out(1, program.controller.in_contact())
+
+
+def _read_contact(program: ControlProgram) -> None:
+    program.int_out(1, program.contact_steps)
+
+
+def _freedrive_status(program: ControlProgram) -> None:
+    """0: freedrive is not limited by anything."""
     program.int_out(1, 0)
 
 
 QUERIES: dict[int, Query] = {
-    25: _no_contact, 26: _step_time, 27: _history, 28: _target_waypoint, 40: _tcp_offset, 58: _flange_pose,
+    25: _tool_contact, 26: _step_time, 27: _history, 28: _target_waypoint, 40: _tcp_offset, 58: _flange_pose,
     43: _forward, 44: _forward_of, 46: _inverse, 30: _inverse_near, 60: _has_solution, 61: _has_solution_near,
     36: _pose_is_safe, 37: _joints_are_safe, 38: _joint_torques, 39: _pose_trans, 47: _is_steady,
-    54: _no_contact, 63: _no_contact, 64: _no_contact,
+    54: _freedrive_status, 64: _read_contact,
 }  # fmt: skip
