@@ -27,6 +27,8 @@ KEPT = 48  # of them, the soonest, kept apart from one another
 APART_RAD = 0.35  # two kept states differ by this in some joint
 TAMED_EXCESS = 1.5  # [-] the maximum norm is seldom smaller than the 2-norm's largest share by more
 TAMED_MAX = 300  # states for which the smaller norm is sought
+SHARE_FLOOR = 0.1  # [-] of the largest share; smaller ones would weigh without bound
+GRAM_FLOOR = 1e-13  # [-] keeps a singular posture solvable; moves a velocity by less than 1e-9 where it matters
 TAMING_NORMS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 8.0, 8.0)
 FLIGHT_STRETCH = (1.0, 0.8, 1.25, 0.6)  # flight times tried, as shares of the slowest throw's
 
@@ -128,7 +130,8 @@ def spread_velocity(problem: ThrowProblem, q: Vector, v_W: Vector) -> Vector:
 
 def _weighted(J: Vector, weight: Vector, v: Vector) -> Vector:
     """Returns the least-norm joint velocities (n, 6): W J^T (J W J^T)^-1 v for weights (n, 6)."""
-    gram = np.einsum("nij,nj,nkj->nik", J, weight, J) + 1e-12 * np.eye(3)
+    gram = np.einsum("nij,nj,nkj->nik", J, weight, J)
+    gram += GRAM_FLOOR * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     return weight * np.einsum("nij,ni->nj", J, np.linalg.solve(gram, v[..., None])[..., 0])
 
 
@@ -136,7 +139,7 @@ def _towards_maximum_norm(J: Vector, weight: Vector, v: Vector, qd: Vector, qd_m
     """Iteratively reweighted least squares with damped steps. Source: Burrus, Iterative Reweighted Least Squares, 2012."""
     for p in TAMING_NORMS:
         share = np.abs(qd) / qd_max
-        share = np.maximum(share / share.max(axis=1, keepdims=True), 1e-3)
+        share = np.maximum(share / share.max(axis=1, keepdims=True), SHARE_FLOOR)
         step = _weighted(J, weight * share ** (2.0 - p), v)
         qd = qd + (step - qd) / (p - 1.0)
     return qd
