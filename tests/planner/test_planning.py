@@ -1,0 +1,92 @@
+"""plan(): random releases, refusals with the nearest thing that can be done, determinism."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planner.backends import ruckig_otg
+from planner.certificate import certify
+from planner.document import problem_from_request
+from planner.errors import Infeasible, SolverFailed
+from planner.planning import plan
+from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease
+from planner.release import candidates
+from tests.planner.problems import cell, joint_problem, pose_problem, random_state
+
+RANDOM_POSES = 500
+
+
+def feasible_pose_problems(count, seed=21):
+    """Random pose releases that some joint state, reached from home by Ruckig alone, is known to satisfy."""
+    rng, here, found = np.random.default_rng(seed), cell(), []
+    while len(found) < count:
+        q, qd = random_state(here, rng, 0.8)
+        problem = replace(pose_problem(here, q, qd), backend="ruckig")
+        known = joint_problem(release=JointRelease(q, qd))
+        try:
+            answer = ruckig_otg.solve(known, candidates(known)[0]).trajectory
+        except (Infeasible, SolverFailed):
+            continue
+        if certify(known, answer).valid:
+            found.append((problem, answer.release_time_s))
+    return found
+
+
+def test_every_random_feasible_pose_is_planned_and_certified():
+    for problem, known_time_s in feasible_pose_problems(RANDOM_POSES):
+        answer = plan(problem)
+        assert answer.certificate.valid
+        assert certify(problem, answer.trajectory).valid
+        assert answer.trajectory.release_time_s <= known_time_s + 1e-9
+        assert answer.backend == "ruckig"
+
+
+def test_a_move_that_ends_at_rest_has_an_empty_brake():
+    problem = joint_problem(release=JointRelease(cell().home + 0.3, np.zeros(6)))
+    answer = plan(problem).trajectory
+    assert answer.release_index == len(answer.q) - 1
+    np.testing.assert_allclose(answer.q[-1], cell().home + 0.3)
+
+
+def test_the_same_request_has_the_same_plan():
+    problem = joint_problem(release=TargetRelease(np.array([1.4, 0.4, 0.0])))
+    first, second = plan(problem), plan(problem)
+    np.testing.assert_array_equal(first.trajectory.q, second.trajectory.q)
+    assert first.certificate == second.certificate
+
+
+@pytest.mark.parametrize(
+    "release",
+    [
+        PointRelease(np.array([0.5, 0.2, 0.5]), np.array([6.0, 0.0, 2.0])),
+        PointRelease(np.array([2.0, 0.2, 0.5]), np.array([0.3, 0.0, 0.2])),
+        JointRelease(cell().home + 0.3, np.array([3.5, 0.0, 0.0, 0.0, 0.0, 0.0])),
+        TargetRelease(np.array([9.0, 0.0, 0.0])),
+    ],
+    ids=["too fast", "too far", "joint too fast", "target too far"],
+)
+def test_a_refusal_offers_something_that_certifies(release):
+    problem = joint_problem(release=release)
+    with pytest.raises(Infeasible) as refusal:
+        plan(problem)
+    assert refusal.value.violations
+    assert refusal.value.nearest is not None
+    assert plan(problem_from_request(refusal.value.nearest, problem.cell)).certificate.valid
+
+
+def test_a_pose_below_the_floor_names_the_floor():
+    X = np.eye(4)
+    X[:3, :3] = np.diag([1.0, -1.0, -1.0])
+    X[:3, 3] = [0.5, 0.1, -0.15]
+    with pytest.raises(Infeasible) as refusal:
+        plan(joint_problem(release=PoseRelease(X, np.array([0.1, 0, 0, 0, 0, 0]))))
+    assert any(v.constraint == "floor" for v in refusal.value.violations)
+    assert all(v.value < v.limit for v in refusal.value.violations if v.constraint == "floor")
+
+
+def test_the_story_is_told():
+    answer = plan(joint_problem())
+    assert answer.attempts
+    assert answer.attempts[0].backend == "ruckig"
+    assert answer.solve_time_s > 0.0

@@ -1,0 +1,114 @@
+"""The door: requests become problems, and whatever is wrong is named, all at once."""
+
+import json
+
+import numpy as np
+import pytest
+
+from planner.certificate import certify
+from planner.document import plan_document, plan_from_document, problem_from_request
+from planner.errors import InvalidProblem
+from planner.planning import plan
+from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease
+from tests.planner.problems import cell
+
+POINT = {"kind": "point", "position": [0.5, 0.2, 0.6], "velocity": [0.8, 0.3, 0.8]}
+
+
+def test_kinds_and_frames():
+    here = cell("sdu-table")
+    world = problem_from_request({"release": POINT}, here).release
+    base = problem_from_request({"release": POINT, "frame": "base"}, here).release
+    assert isinstance(world, PointRelease)
+    assert isinstance(base, PointRelease)
+    np.testing.assert_allclose(world.p_WT, POINT["position"])
+    np.testing.assert_allclose(base.p_WT, here.X_WB[:3, :3] @ POINT["position"] + here.X_WB[:3, 3])
+    np.testing.assert_allclose(base.v_WT, here.X_WB[:3, :3] @ POINT["velocity"])
+    turned = {"position": [0.5, 0.2, 0.6], "rotation_vector": [0.0, 0.0, np.pi / 2]}
+    half = np.sqrt(0.5)
+    by_quaternion = {"position": [0.5, 0.2, 0.6], "quaternion": [0.0, 0.0, half, half]}
+    twist = {"linear": [0.1, 0, 0], "angular": [0, 0, 0.2]}
+    one = problem_from_request({"release": {"kind": "pose", "pose": turned, "twist": twist}}, cell()).release
+    other = problem_from_request({"release": {"kind": "pose", "pose": by_quaternion, "twist": twist}}, cell()).release
+    assert isinstance(one, PoseRelease)
+    assert isinstance(other, PoseRelease)
+    np.testing.assert_allclose(one.X_WT, other.X_WT, atol=1e-12)
+    joint = {"kind": "joint", "positions": [0.1] * 6, "velocities": [0.0] * 6}
+    assert isinstance(problem_from_request({"release": joint}, cell()).release, JointRelease)
+    target = problem_from_request({"release": {"kind": "target", "position": [1, 0, 0], "min_elevation_rad": 0.4}}, cell())
+    assert isinstance(target.release, TargetRelease)
+    assert target.release.min_elevation_rad == 0.4
+
+
+def test_defaults():
+    problem = problem_from_request({"release": POINT}, cell())
+    np.testing.assert_array_equal(problem.start, cell().home)
+    assert (problem.backend, problem.time_limit_s, problem.release_window_s) == ("auto", 5.0, 0.0)
+
+
+def test_limits_tighten():
+    request = {"release": POINT, "limits": {"velocity": 2.5, "acceleration": [5, 5, 5, 6, 6, 6], "jerk": 150.0},
+               "singularity_distance_min": 0.1}
+    limits = problem_from_request(request, cell()).limits
+    np.testing.assert_array_equal(limits.qd_max, np.full(6, 2.5))
+    np.testing.assert_array_equal(limits.qdd_max, [5, 5, 5, 6, 6, 6])
+    np.testing.assert_array_equal(limits.jerk_max, np.full(6, 150.0))
+    assert limits.singularity_distance_min == 0.1
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        ({"limits": {"velocity": 3.1}}, "limits.velocity[0]"),
+        ({"limits": {"velocity": [1, 1, 1]}}, "limits.velocity"),
+        ({"limits": {"jerk": 0.0}}, "limits.jerk[0]"),
+        ({"limits": {"speed": 1.0}}, "limits.speed"),
+        ({"singularity_distance_min": 0.01}, "singularity_distance_min"),
+        ({"start": {"positions": [0.0] * 5}}, "start.positions"),
+        ({"start": {"positions": [0.0, 0.0, 4.0, 0.0, 0.0, 0.0]}}, "start.positions[2]"),
+        ({"start": {"positions": [float("nan")] * 6}}, "start.positions"),
+        ({"start": {}}, "start"),
+        ({"frame": "tool"}, "frame"),
+        ({"backend": "magic"}, "backend"),
+        ({"time_limit_s": -1.0}, "time_limit_s"),
+        ({"release_window_s": 1.0}, "release_window_s"),
+        ({"landing_tolerance_m": float("inf")}, "landing_tolerance_m"),
+        ({"release": {"kind": "catch"}}, "release.kind"),
+        ({"release": {**POINT, "velocity": [1, 2]}}, "release.velocity"),
+        ({"release": {**POINT, "velocity": [1, 2, "3"]}}, "release.velocity"),
+        ({"release": {"kind": "pose", "pose": {"position": [0, 0, 1], "quaternion": [1, 1, 0, 0]},
+                      "twist": {"linear": [0, 0, 0], "angular": [0, 0, 0]}}}, "release.pose.quaternion"),
+        ({"release": {"kind": "pose", "pose": {"position": [0, 0, 1]},
+                      "twist": {"linear": [0, 0, 0], "angular": [0, 0, 0]}}}, "release.pose"),
+        ({"release": {"kind": "target", "position": [1, 0, 0], "min_elevation_rad": 2.0}}, "release.min_elevation_rad"),
+        ({"release": {"kind": "target", "position": [1, 0, 0], "min_elevation_rad": 1.0,
+                      "max_elevation_rad": 0.5}}, "release.min_elevation_rad"),
+    ],
+)
+def test_every_refusal_names_its_field(change, field):
+    with pytest.raises(InvalidProblem) as refusal:
+        problem_from_request({"release": POINT, **change}, cell())
+    assert field in [error.field for error in refusal.value.errors]
+
+
+def test_all_errors_are_reported_together():
+    with pytest.raises(InvalidProblem) as refusal:
+        problem_from_request({"release": {"kind": "point"}, "frame": "tool", "limits": {"velocity": 9.0}}, cell())
+    fields = {error.field for error in refusal.value.errors}
+    assert {"frame", "release.position", "release.velocity", "limits.velocity[0]"} <= fields
+
+
+@pytest.mark.parametrize("arm", ["ur5e-sim", "ur5-sim"])
+def test_a_plan_survives_the_way_through_json(arm):
+    here, request = cell(arm), {"cell": arm, "release": {"kind": "target", "position": [1.3, 0.3, 0.0]}}
+    answer = plan(problem_from_request(request, here))
+    document = json.loads(json.dumps(plan_document(answer, request, "id", "now"), allow_nan=False))
+    problem, trajectory = plan_from_document(document, here)
+    np.testing.assert_array_equal(trajectory.q, answer.trajectory.q)
+    assert certify(problem, trajectory).valid
+    release = document["release"]
+    assert release["command_time_s"] == pytest.approx(
+        document["release_time_s"] - here.gripper.delay_s - here.timing.lag_s)
+    assert release["index"] / document["sample_rate_hz"] == pytest.approx(document["release_time_s"])
+    assert document["flight"]["landing_point"] == pytest.approx([1.3, 0.3, 0.0], abs=1e-6)
+    assert [check["name"] for check in document["certificate"]["checks"] if not check["ok"]] == []
