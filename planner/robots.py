@@ -56,11 +56,18 @@ class Link:
 class Shape:
     """Outer dimensions of an arm [m].
 
-    The upper arm runs `shoulder_offset` beside joint 2 (along its axis), the forearm `elbow_offset`.
+    The tube of the upper arm runs `shoulder_offset` beside joint 2 (along its axis), that of the forearm
+    `elbow_offset`. Radii are of the foot, of the joints' housings (shoulder, elbow, wrist) and of the two tubes.
     """
 
     shoulder_offset: float
     elbow_offset: float
+    base_radius: float
+    shoulder_radius: float
+    upper_arm_radius: float
+    elbow_radius: float
+    forearm_radius: float
+    wrist_radius: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +126,7 @@ def _from_document(document: Mapping[str, Any]) -> Robot:
         qdd_max=_fixed(np.full(6, ACCELERATION_MAX)),
         tau_max=_fixed(limits["torque_n_m"]),
         links=tuple(_link(link) for link in document["links"]),
-        shape=Shape(document["shape"]["shoulder_offset_m"], document["shape"]["elbow_offset_m"]),
+        shape=Shape(**{key.removesuffix("_m"): value for key, value in document["shape"].items()}),
     )
 
 

@@ -84,9 +84,7 @@ def analytical_jacobian(robot: Robot, q: ArrayLike, X_FT: ArrayLike | None = Non
     return J
 
 
-def tcp_acceleration(
-    robot: Robot, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, X_FT: ArrayLike | None = None
-) -> Array:
+def tcp_acceleration(robot: Robot, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, X_FT: ArrayLike | None = None) -> Array:
     """Linear [m/s2] and angular [rad/s2] acceleration (..., 6) of the tool in the base: J qdd + dJ/dt qd."""
     X = link_poses(robot, q)
     spin, spin_rate = angular_motion(X, np.asarray(qd, dtype=np.float64), np.asarray(qdd, dtype=np.float64))

@@ -60,4 +60,5 @@ def manipulability(J: ArrayLike) -> Array:
 
 def smallest_singular_value(J: ArrayLike) -> Array:
     """Smallest singular value (...) of a Jacobian (..., m, n): twist per joint velocity in the worst direction."""
-    return np.linalg.svd(np.asarray(J, dtype=np.float64), compute_uv=False)[..., -1]
+    s = np.linalg.svd(np.asarray(J, dtype=np.float64), compute_uv=False)
+    return np.asarray(s[..., -1], dtype=np.float64)

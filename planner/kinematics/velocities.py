@@ -17,9 +17,7 @@ def forward_velocity(J: ArrayLike, qd: ArrayLike) -> Array:
     return np.einsum("...mn,...n->...m", np.asarray(J, dtype=np.float64), np.asarray(qd, dtype=np.float64))
 
 
-def inverse_velocity(
-    J: ArrayLike, twist: ArrayLike, damping: float = 0.0, weights: ArrayLike | None = None
-) -> Array:
+def inverse_velocity(J: ArrayLike, twist: ArrayLike, damping: float = 0.0, weights: ArrayLike | None = None) -> Array:
     """Joint velocities (..., n) [rad/s] that give a twist (..., m) through a Jacobian (..., m, n).
 
     Square, undamped and unweighted: the exact solution. Otherwise the minimiser of
@@ -39,7 +37,7 @@ def inverse_velocity(
     if damping < 0.0:
         raise ValueError(f"damping is {damping}, it must not be negative")
     if J.shape[-2] == J.shape[-1] and damping == 0.0 and weights is None:
-        return np.linalg.solve(J, twist[..., None])[..., 0]
+        return np.asarray(np.linalg.solve(J, twist[..., None])[..., 0], dtype=np.float64)
     scale = _root_weights(weights, J.shape[-1])
     U, s, Vt = np.linalg.svd(J / scale, full_matrices=False)
     along = np.einsum("...mk,...m->...k", U, twist) * _inverted(s, damping)
