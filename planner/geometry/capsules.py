@@ -41,7 +41,7 @@ class Capsule:
 @cache
 def arm_capsules(robot: Robot) -> tuple[Capsule, ...]:
     """The nine capsules of the arm, from the base out."""
-    # A housing's segment runs a third (shoulder, elbow) or half (wrists) of its radius beyond the crossing of two tubes.
+    # A housing runs a third (shoulder, elbow) or half (wrists) of its radius beyond the crossing of two tubes.
     # source: MuJoCo Menagerie's capsules of UR5e and UR10e, 0.02 m at radii of 0.06 m and 0.04 m
     s, upper, fore = robot.shape, -robot.a[1], -robot.a[2]
     d1, d4, d5, d6 = robot.d[0], robot.d[3], robot.d[4], robot.d[5]
