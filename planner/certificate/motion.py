@@ -14,6 +14,7 @@ from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
 
+SPARSE_S = 0.032  # [s] spacing of the first look at distances, most of which are far from any limit
 COARSE_S = 0.004  # [s] spacing of the first look (every tick at 125 Hz); bisection goes finer where it must
 
 
@@ -21,17 +22,22 @@ class Motion:
     """A problem and a trajectory, with what several checks need.
 
     Attributes:
-        knots: indices of the samples looked at first (m,): every 4 ms, and the first, the release and the last.
+        knots: indices of the samples looked at first (m,): every `spacing_s`, and the first, the release and the last.
         t: their times [s].
     """
 
-    def __init__(self, problem: ThrowProblem, trajectory: Trajectory) -> None:
+    def __init__(self, problem: ThrowProblem, trajectory: Trajectory, spacing_s: float = COARSE_S) -> None:
         self.problem = problem
         self.trajectory = trajectory
-        stride = max(1, round(COARSE_S * trajectory.sample_rate_hz))
+        stride = max(1, round(spacing_s * trajectory.sample_rate_hz))
         last = len(trajectory.q) - 1
         self.knots = np.unique(np.concatenate([np.arange(0, last, stride), [trajectory.release_index, last]]))
         self.t = trajectory.t[self.knots]
+
+    @cached_property
+    def sparse(self) -> Motion:
+        """The same motion with fewer knots."""
+        return Motion(self.problem, self.trajectory, SPARSE_S)
 
     @cached_property
     def X_WL(self) -> Vector:
@@ -48,5 +54,6 @@ class Motion:
         return self.problem.cell.X_WB @ link_poses(self.problem.cell.robot, q)
 
     def poses_at(self, t: Vector) -> Vector:
-        """Returns poses of base and links in the world (k, 7, 4, 4) at times (k,) [s]."""
-        return self.link_poses(self.trajectory.at(t)[0])
+        """Returns poses of base and links in the world (k, 7, 4, 4) at times (k,) [s], many of them alike."""
+        distinct, where = np.unique(t, return_inverse=True)
+        return self.link_poses(self.trajectory.at(distinct)[0])[where]

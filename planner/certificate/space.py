@@ -43,7 +43,6 @@ class Bodies:
         thing = Capsule(frame=6, p0=p_FT, p1=p_FT, radius_m=cell.object.radius_m, name="object")
         arm_and_tool = [c for c in body_capsules(cell.robot, cell.tool.capsules) if c.frame > 0]
         self.capsules = [*arm_and_tool, thing]
-        self.motion = motion
         self.frame = np.array([c.frame for c in self.capsules])
         self.local = np.array([[c.p0, c.p1] for c in self.capsules])
         self.radius = np.array([c.radius_m for c in self.capsules])
@@ -56,9 +55,9 @@ class Bodies:
         X = X_WL[np.arange(len(item)), self.frame[item]]
         return np.einsum("kij,knj->kni", X[:, :3, :3], self.local[item]) + X[:, None, :3, 3]
 
-    def ends_at_knots(self) -> Vector:
+    def ends_at_knots(self, motion: Motion) -> Vector:
         """Returns the end points (m, n, 2, 3) of all capsules at the knots."""
-        X = self.motion.X_WL[:, self.frame]
+        X = motion.X_WL[:, self.frame]
         return np.einsum("mnij,nej->mnei", X[..., :3, :3], self.local) + X[..., None, :3, 3]
 
     def forget_released(self, t: Vector, item: Index, distance: Vector) -> Vector:
@@ -66,24 +65,26 @@ class Bodies:
         gone = (item == len(self.capsules) - 1) & (t > self.released_s)
         return np.where(gone, FAR_M, distance)
 
-    def prove(self, distance: Callable[[Vector, Index], Vector], required: float, smooth: bool) -> Proof:
+    def prove(
+        self, motion: Motion, distance: Callable[[Vector, Index], Vector], required: float, smooth: bool
+    ) -> Proof:
         """Proves distance(ends, item) >= `required` for every capsule at every instant."""
-        motion, count = self.motion, len(self.capsules)
+        count = len(self.capsules)
 
         def evaluate(t: Vector, item: Index) -> Vector:
             return self.forget_released(t, item, distance(self.ends(motion.poses_at(t), item), item))
 
         every = np.broadcast_to(np.arange(count), (len(motion.t), count)).ravel()
-        at_knots = distance(self.ends_at_knots().reshape(-1, 2, 3), every)
+        at_knots = distance(self.ends_at_knots(motion).reshape(-1, 2, 3), every)
         values = self.forget_released(np.repeat(motion.t, count), every, at_knots).reshape(-1, count)
-        rates = np.stack([self._rate(i, smooth) for i in range(count)], axis=1)
+        rates = np.stack([self._rate(motion, i, smooth) for i in range(count)], axis=1)
         return prove_above(evaluate, motion.t, values, rates, required, curvature_bound if smooth else slope_bound)
 
-    def _rate(self, i: int, smooth: bool) -> Vector:
+    def _rate(self, motion: Motion, i: int, smooth: bool) -> Vector:
         reach = float(np.linalg.norm(self.local[i], axis=1).max())
-        lever = levers(self.motion.problem.cell.robot, int(self.frame[i]), reach)
+        lever = levers(motion.problem.cell.robot, int(self.frame[i]), reach)
         bound = point_acceleration if smooth else point_speed
-        return bound(lever, self.motion.rates)
+        return bound(lever, motion.rates)
 
 
 def floor(motion: Motion, bodies: Bodies) -> Check:
@@ -94,7 +95,7 @@ def floor(motion: Motion, bodies: Bodies) -> Check:
         return ends[..., 2].min(axis=1) - bodies.radius[item] - around.floor_z_m
 
     # The lower end of a capsule is the lower of two smooth functions: the curvature bound holds for both.
-    proof = bodies.prove(height, around.clearance_m, smooth=True)
+    proof = bodies.prove(motion, height, around.clearance_m, smooth=True)
     return _distance_check("floor", proof, around.clearance_m, bodies.capsules[proof.item].name)
 
 
@@ -107,7 +108,7 @@ def keep_out(motion: Motion, bodies: Bodies) -> Check | None:
         def distance(ends: Vector, item: Index, box: Box = box) -> Vector:
             return segment_box_distance(ends[:, 0], ends[:, 1], box.lower, box.upper) - bodies.radius[item]
 
-        proof = bodies.prove(distance, around.clearance_m, smooth=False)
+        proof = bodies.prove(motion.sparse, distance, around.clearance_m, smooth=False)
         check = _distance_check("keep_out", proof, around.clearance_m, f"{bodies.capsules[proof.item].name}, box {i}")
         if worst is None or (check.ok, check.margin) < (worst.ok, worst.margin):
             worst = check
@@ -138,7 +139,7 @@ def keep_in(motion: Motion) -> Check | None:
 
 def self_collision(motion: Motion) -> Check | None:
     """No two capsules that can meet come nearer than the self clearance; None where none can."""
-    robot, tool = motion.problem.cell.robot, motion.problem.cell.tool
+    motion, robot, tool = motion.sparse, motion.problem.cell.robot, motion.problem.cell.tool
     capsules = body_capsules(robot, tool.capsules)
     pairs = np.array(self_collision_pairs(robot, tool.capsules), dtype=int).reshape(-1, 2)
     if len(pairs) == 0:

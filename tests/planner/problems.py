@@ -6,9 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
+from planner.backends import ruckig_otg
 from planner.cell import Cell, load_cell
-from planner.certificate import tool_state
+from planner.certificate import certify, tool_state
+from planner.errors import Infeasible, SolverFailed
 from planner.problem import JointRelease, PointRelease, PoseRelease, ThrowProblem
+from planner.release import candidates
 
 CELLS = Path(__file__).parents[2] / "cells"
 
@@ -45,3 +48,21 @@ def point_problem(problem_cell: Cell, q: np.ndarray, qd: np.ndarray) -> ThrowPro
     stand_in = ThrowProblem(problem_cell, problem_cell.home, JointRelease(q, qd), problem_cell.limits)
     X_WT, V_WT = tool_state(stand_in, q, qd)
     return ThrowProblem(problem_cell, problem_cell.home, PointRelease(X_WT[:3, 3], V_WT[:3]), problem_cell.limits)
+
+
+def feasible_states(problem_cell: Cell, count: int, seed: int, spread: float = 0.8):
+    """Random joint states that Ruckig alone is known to reach from home by a certified motion, with its release time.
+
+    Yields the state's joint problem as well, so that the same state can be asked for in other ways.
+    """
+    rng, found = np.random.default_rng(seed), 0
+    while found < count:
+        q, qd = random_state(problem_cell, rng, spread)
+        known = ThrowProblem(problem_cell, problem_cell.home, JointRelease(q, qd), problem_cell.limits)
+        try:
+            answer = ruckig_otg.solve(known, candidates(known)[0]).trajectory
+        except (Infeasible, SolverFailed):
+            continue
+        if certify(known, answer).valid:
+            found += 1
+            yield known, answer

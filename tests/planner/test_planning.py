@@ -5,40 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planner.backends import ruckig_otg
 from planner.certificate import certify
 from planner.document import problem_from_request
-from planner.errors import Infeasible, SolverFailed
+from planner.errors import Infeasible
 from planner.planning import plan
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease
-from planner.release import candidates
-from tests.planner.problems import cell, joint_problem, pose_problem, random_state
+from tests.planner.problems import cell, feasible_states, joint_problem, pose_problem
 
 RANDOM_POSES = 500
 
 
-def feasible_pose_problems(count, seed=21):
-    """Random pose releases that some joint state, reached from home by Ruckig alone, is known to satisfy."""
-    rng, here, found = np.random.default_rng(seed), cell(), []
-    while len(found) < count:
-        q, qd = random_state(here, rng, 0.8)
-        problem = replace(pose_problem(here, q, qd), backend="ruckig")
-        known = joint_problem(release=JointRelease(q, qd))
-        try:
-            answer = ruckig_otg.solve(known, candidates(known)[0]).trajectory
-        except (Infeasible, SolverFailed):
-            continue
-        if certify(known, answer).valid:
-            found.append((problem, answer.release_time_s))
-    return found
-
-
 def test_every_random_feasible_pose_is_planned_and_certified():
-    for problem, known_time_s in feasible_pose_problems(RANDOM_POSES):
+    for known, motion in feasible_states(cell(), RANDOM_POSES, seed=21):
+        problem = replace(pose_problem(cell(), known.release.q, known.release.qd), backend="ruckig")
         answer = plan(problem)
         assert answer.certificate.valid
         assert certify(problem, answer.trajectory).valid
-        assert answer.trajectory.release_time_s <= known_time_s + 1e-9
+        assert answer.trajectory.release_time_s <= motion.release_time_s + 1e-9
         assert answer.backend == "ruckig"
 
 
