@@ -31,6 +31,7 @@ class Arm:
         self.table = [draw.gauss(0.0, 1.0) for _ in range(NOISE_TABLE)] * 2
         self.draws = 0
         self.drives = 0
+        self.before = self.q, self.qd, self.qdd  # commanded motion before this cycle's
 
     @property
     def at_rest(self) -> bool:
@@ -46,9 +47,12 @@ class Arm:
         """
         self.drives += 1
         if self.drives > 1:
+            self.drives = 0
+            self.q, self.qd, self.qdd = self.before  # neither of the two counts; the arm brakes
             raise TwoMotions
         if not math.isfinite(sum(q) + sum(qd)):
             raise ValueError("a motion that is not finite")
+        self.before = self.q, self.qd, self.qdd
         self._set(q, qd)
 
     def ramp(self, qd: Sequence[float], acceleration: float) -> bool:

@@ -1,6 +1,7 @@
 """The motion commands of URScript as generators: one `yield` is one controller cycle.
 
-A move that was interrupted (the program was paused and the arm braked) goes on from where the arm stands.
+A move that was interrupted (the program was paused and the arm braked) goes on from where the arm stands; one that
+starts while the arm moves first brings it to rest.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ ACCELERATION_MAX = 40.0  # [rad/s^2] source: ur_rtde's bound on joint accelerati
 SERVO_GAIN = 300.0  # source: URScript manual, servoj's default gain, at which the lookahead time is the time constant
 ROTATION_LEVER_M = 0.3  # [m/rad] chosen: how far a pure rotation counts along a straight move
 SPEED_DAMPING = 1e-6  # chosen: of speedl's inverse, so that a singular arm moves slowly instead of leaping
+MOVE_TOOL_SETTLE = 8.0  # [rad/s^2] chosen: how a straight move brings a moving arm to rest before it starts
 MOVED = 1e-9  # [rad] a larger difference from the path says that something else moved the arm
 
 
@@ -52,6 +54,7 @@ def stop_tool(arm: Arm, deceleration: float, tool: Transform) -> Motion:
 
 def move_joints(arm: Arm, goal: Vector, speed: float, acceleration: float, scale: Scale) -> Motion:
     """movej: trapezoid of the leading axis, all joints in proportion, to rest at `goal` (6,) [rad]."""
+    yield from _settle(arm, acceleration)
     while max(abs(b - a) for a, b in zip(arm.q, goal, strict=True)) > MOVED:
         start = list(arm.q)
         way = [b - a for a, b in zip(start, goal, strict=True)]
@@ -60,6 +63,11 @@ def move_joints(arm: Arm, goal: Vector, speed: float, acceleration: float, scale
         yield from _follow(arm, profile, scale, _along(start, way, length))
     arm.drive(list(goal), [0.0] * 6)
     yield
+
+
+def _settle(arm: Arm, deceleration: float) -> Motion:
+    if any(arm.qd):
+        yield from stop_joints(arm, deceleration)
 
 
 def _along(start: list[float], way: list[float], length: float) -> Path:
@@ -88,6 +96,7 @@ def _follow(
 def move_tool(arm: Arm, goal: Transform, speed: float, acceleration: float, scale: Scale, tool: Transform) -> Motion:
     """movel: trapezoid along the straight line to the pose `goal`, the rotation in proportion."""
     speed, acceleration = max(speed, SPEED_MIN), max(acceleration, ACCELERATION_MIN)
+    yield from _settle(arm, MOVE_TOOL_SETTLE)
     while True:
         line = _Line(arm, goal, tool)
         if line.length < MOVED:

@@ -1,0 +1,153 @@
+"""Simulators for tests: cells of their own, addresses of their own, processes that end with the test."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from executor.simulator.arm import Arm
+from executor.simulator.controller import Controller
+from executor.simulator.settings import Settings
+from planner.cell import Cell, parse_cell
+
+ROOT = Path(__file__).parents[3]
+READY_WITHIN_S = 20.0  # a loaded machine takes its time to import numpy
+CONTROL_PORT = 29900
+NUMBERS = count(31)  # second byte of the addresses: one a simulator, apart from those of other rooms' tests
+SCRIPT = "def rtde_control():\n  get_steptime() get_tcp_offset() get_inverse_kin_has_solution() protective_stop()\nend\n"
+
+CELL = """
+robot = "{robot}"
+home_rad = [0.0, -1.57, 1.57, -1.57, -1.57, 0.0]
+tool = {{ tcp_position_m = [0.0, 0.0, 0.17], mass_kg = 1.0 }}
+{tables}
+[link]
+kind = "sim"
+host = "{host}"
+[sim]
+{sim}
+"""
+
+
+def unique_address() -> str:
+    """Returns a loopback address that no other test of this or another run uses."""
+    pid = os.getpid()
+    return f"127.{31 + next(NUMBERS) % 40}.{pid >> 8 & 255}.{pid & 255 or 1}"
+
+
+def cell_text(robot: str = "ur5e", host: str = "127.0.0.1", tables: str = "", **sim: object) -> str:
+    """Returns the text of a cell file; `sim` are keys of its table [sim]."""
+    lines = [f"{key} = {json.dumps(value)}" for key, value in sim.items()]
+    return CELL.format(robot=robot, host=host, tables=tables, sim="\n".join(lines))
+
+
+def make_cell(robot: str = "ur5e", tables: str = "", **sim: object) -> Cell:
+    """Returns a cell for tests inside the process."""
+    return parse_cell(cell_text(robot, tables=tables, **sim), "test")
+
+
+class Simulator:
+    """A simulator process."""
+
+    def __init__(self, folder: Path, text: str, host: str, *options: str) -> None:
+        self.host = host
+        path = folder / "cell.toml"
+        path.write_text(text)
+        command = [sys.executable, "-m", "executor.simulator", "--cell", str(path), *options]
+        self.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
+        assert self.process.stdout
+        line = self.process.stdout.readline()
+        assert line.startswith("ready"), line
+
+    def ask(self, op: str, **request: object) -> dict[str, Any]:
+        """Sends one request to the control port and returns the answer."""
+        with socket.create_connection((self.host, CONTROL_PORT), timeout=5.0) as sock:
+            sock.sendall(json.dumps({"op": op, **request}).encode() + b"\n")
+            with sock.makefile() as file:
+                answer = json.loads(file.readline())
+        assert answer.pop("ok"), answer
+        return answer
+
+    def fault(self, name: str, **parameters: object) -> None:
+        """Asks for a fault."""
+        self.ask("fault", name=name, **parameters)
+
+    def close(self) -> None:
+        """Ends the process."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGTERM)
+        self.process.wait(5.0)
+        assert self.process.stdout
+        self.process.stdout.close()
+
+
+Start = Callable[..., Simulator]
+
+
+@pytest.fixture(scope="module")
+def start_simulator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Start]:
+    """Starts simulators: `start_simulator(robot, options=(), tables="", **sim)`; they end with the module."""
+    started: list[Simulator] = []
+
+    def start(robot: str = "ur5e", options: tuple[str, ...] = (), tables: str = "", **sim: object) -> Simulator:
+        host = unique_address()
+        text = cell_text(robot, host, tables, **sim)
+        started.append(Simulator(tmp_path_factory.mktemp("cell"), text, host, *options))
+        return started[-1]
+
+    yield start
+    for simulator in started:
+        simulator.close()
+
+
+class Driven:
+    """A controller inside this process with its program running, driven cycle by cycle as ur_rtde would."""
+
+    def __init__(self, cell: Cell, settings: Settings = Settings(), script: str = SCRIPT) -> None:
+        self.controller = Controller(cell, settings)
+        self.controller.execution.upload(script)
+        while self.controller.execution.due:
+            self.cycle()
+
+    @property
+    def arm(self) -> Arm:
+        return self.controller.arm
+
+    def cycle(self, count: int = 1) -> None:
+        for _ in range(count):
+            self.controller.cycle()
+
+    def write(self, command: int, doubles: Sequence[float] = (), ints: Sequence[int] = ()) -> None:
+        """Writes a command and its arguments, as one data package does; ints from register 1 on."""
+        values: dict[str, float] = {f"input_double_register_{i}": x for i, x in enumerate(doubles)}
+        values |= {f"input_int_register_{i + 1}": x for i, x in enumerate(ints)}
+        self.controller.take_inputs({"input_int_register_0": command, **values})
+
+    def out_int(self, index: int) -> int:
+        return int(self.controller.registers.outputs[f"output_int_register_{index}"][0])
+
+    def out_doubles(self, count: int = 6) -> list[float]:
+        return [self.controller.registers.outputs[f"output_double_register_{i}"][0] for i in range(count)]
+
+    def call(self, command: int, doubles: Sequence[float] = (), ints: Sequence[int] = (), cycles: int = 5000) -> int:
+        """Sends a command, waits until it is done, clears it; returns the cycles it took."""
+        self.write(command, doubles, ints)
+        for taken in range(1, cycles):
+            self.cycle()
+            if self.out_int(0) == 2 or not self.controller.execution.playing:
+                break
+        else:
+            raise AssertionError(f"command {command} is not done after {cycles} cycles")
+        self.write(0)
+        self.cycle()
+        return taken
