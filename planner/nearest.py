@@ -22,6 +22,7 @@ from planner.sampling import farthest_reach
 Vector = NDArray[np.float64]
 
 BISECTIONS = 6  # the share is found to 1/64
+OF_THE_PLACE = ("reach", "joint_position", "floor", "keep_in", "keep_out", "self_collision")  # not cured by slowing down
 COMFORTABLE_REACH = 0.6  # [-] of the arm's: places there have many postures
 
 
@@ -87,7 +88,7 @@ def _ways(problem: ThrowProblem, violations: list[Violation]) -> list[Callable[[
     if isinstance(release, TargetRelease):
         return [lambda share: replace(release, p_W=_between(_comfortable(problem, release.p_W), release.p_W, share))]
     slower = _slower(release)
-    if not any(v.constraint in ("reach", "joint_position") for v in violations) or isinstance(release, JointRelease):
+    if not any(v.constraint in OF_THE_PLACE for v in violations) or isinstance(release, JointRelease):
         return [slower]
     return [_closer(problem, release), lambda share: _closer(problem, _slower(release)(share))(share)]
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.cell import Limits
+from planner.clearance import clearances
 from planner.errors import Infeasible, Violation
 from planner.kinematics import (
     SINGULARITIES,
@@ -71,26 +71,34 @@ def candidates(problem: ThrowProblem) -> list[Candidate]:
 
 
 def _usable(problem: ThrowProblem, q: Vector, qd: Vector) -> list[Candidate]:
-    """Returns the states inside the limits on speed and singularity distance, sorted; refuses where none is left."""
+    """Returns the states that break no bound by themselves, soonest first.
+
+    Raises:
+        Infeasible: none is left; the violations are those of the state that comes nearest.
+    """
     limits = problem.limits
-    excess = np.max(np.abs(qd) / limits.qd_max, axis=-1) if len(q) else np.zeros(0)
-    distance = singularity_distances(problem.cell.robot, q).minimum if len(q) else np.zeros(0)
-    fast = excess > 1.0 + SPEED_SLACK
-    singular = np.zeros_like(fast) if problem.ends_at_rest else distance < limits.singularity_distance_min
-    good = ~fast & ~singular
+    if len(q) == 0:
+        raise Infeasible([Violation("joint_position", 1.0, 1.0, "1", detail="no posture was found")])
+    excess = np.max(np.abs(qd) / limits.qd_max, axis=-1)
+    distance = singularity_distances(problem.cell.robot, q).minimum
+    singular = (distance < limits.singularity_distance_min) & (not problem.ends_at_rest)
+    good = (excess <= 1.0 + SPEED_SLACK) & ~singular
     if not good.any():
         raise Infeasible(_reasons(problem, q, qd, excess, distance))
     q, qd = q[good], qd[good]
+    free = clearances(problem.cell, q)
+    if not (free.least >= 0.0).any():
+        raise Infeasible(free.violations(int(free.least.argmax()), problem.cell))
+    q, qd = q[free.least >= 0.0], qd[free.least >= 0.0]
     bound = least_time(q - problem.start, qd, limits)
     order = np.lexsort([*q.T[::-1], bound])
-    return [Candidate(q[i], qd[i], float(bound[i]), f"{problem.release.__class__.__name__} {n}") for n, i in enumerate(order)]
+    kind = problem.release.__class__.__name__
+    return [Candidate(q[i], qd[i], float(bound[i]), f"{kind} {n}") for n, i in enumerate(order)]
 
 
 def _reasons(problem: ThrowProblem, q: Vector, qd: Vector, excess: Vector, distance: Vector) -> list[Violation]:
     """Returns what stands in the way of the state that comes nearest."""
     limits, names = problem.limits, problem.cell.robot.joint_names
-    if len(q) == 0:
-        return [Violation("joint_position", 1.0, 1.0, "1", detail="no posture within the joint limits reaches it")]
     usable = distance >= limits.singularity_distance_min
     if problem.ends_at_rest or usable.any():
         rows = np.flatnonzero(usable) if usable.any() else np.arange(len(q))
