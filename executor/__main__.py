@@ -1,0 +1,45 @@
+"""`python -m executor --cell NAME [--read-only]`: the executor of one cell, until SIGTERM or SIGINT."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import signal
+import sys
+import threading
+
+from executor.daemon import Daemon
+from executor.journal import Journal, Locked
+from executor.settings import Settings
+from executor.station import Station
+from planner.cell import load_cell
+from planner.errors import CellError
+from store import Store
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Runs the executor; prints "ready" once it polls."""
+    parser = argparse.ArgumentParser(prog="python -m executor", description="The executor of one cell.")
+    parser.add_argument("--cell", help="name of the cell; FLING_DEFAULT_CELL otherwise")
+    parser.add_argument("--read-only", action="store_true", help="connect and show, never move")
+    options = parser.parse_args(arguments)
+    ended = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: ended.set())
+    try:
+        settings = Settings.from_environment(os.environ, options.cell, options.read_only)
+        cell = load_cell(settings.cell_path)
+        journal = Journal(settings.data)
+        store = Store.open(settings.database_url)
+    except (ValueError, CellError, OSError, Locked) as error:
+        print(f"executor: {error}", file=sys.stderr)
+        return 1
+    station = Station.of(cell, settings)
+    print(f"ready: {cell.name} at {cell.link.host}{', read-only' if settings.read_only else ''}", flush=True)
+    Daemon(station, store, journal).run(ended)
+    store.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,99 @@
+"""Brake from anywhere: for every tick of a plan a judged way to rest, computed before anything moves.
+
+The brake is the cubic Hermite polynomial of the speed (executor.streaming.schedule): position, speed and acceleration
+go on continuously. For each tick the shortest duration is taken whose accelerations the arm bears and whose torques are
+within the cell's; then joint range and surroundings are checked along the whole way. Where a brake fails its check the
+plan is flown on to the next tick whose brake passes: the plan's own end is always one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from executor.surroundings import Space
+from planner.cell import Cell
+from planner.dynamics import Payload, joint_torques
+
+Vector = NDArray[np.float64]
+
+STRETCHES = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0)  # [-] durations tried, in shares of the shortest
+INSTANTS = 13  # looked at along one brake; between them the bounds below hold
+REST_SPEED = 1e-9  # [rad/s] below it there is nothing to brake
+
+
+@dataclass(frozen=True, eq=False)
+class Brakes:
+    """For every row: the first row from which the brake passed its check, and how many ticks that brake takes."""
+
+    row: NDArray[np.int64]
+    ticks: NDArray[np.int64]
+
+
+def brake_way(q: Vector, qd: Vector, qdd: Vector, T: Vector, u: Vector) -> tuple[Vector, Vector, Vector]:
+    """Returns q, qd, qdd (M, U, n) along the brakes from states (M, n) of durations T (M,) [s] at shares `u` (U,)."""
+    T, u = T[:, None, None], u[None, :, None]
+    q, qd, qdd = q[:, None], qd[:, None], qdd[:, None]
+    rate = np.where(T > 0.0, 1.0 / np.maximum(T, 1e-9), 0.0)
+    way = q + qd * T * (u - u**3 + u**4 / 2) + qdd * T**2 * (u**2 / 2 - 2 * u**3 / 3 + u**4 / 4)
+    speed = qd * (1 - 3 * u**2 + 2 * u**3) + qdd * T * (u - 2 * u**2 + u**3)
+    return way, speed, qd * rate * (6 * u**2 - 6 * u) + qdd * (1 - 4 * u + 3 * u**2)
+
+
+def brakes(cell: Cell, payload: Payload, q: Vector, qd: Vector, qdd: Vector, dt: float) -> Brakes:
+    """Returns the brakes of rows (M, 6) [rad, rad/s, rad/s^2], `dt` [s] apart, the last of them at rest."""
+    ticks, bearable = _durations(cell, payload, q, qd, qdd, dt)
+    good = bearable & _clear(cell, q, qd, qdd, ticks.astype(np.float64) * dt)
+    good |= (np.abs(qd).max(axis=1) < REST_SPEED) & (np.abs(qdd).max(axis=1) < REST_SPEED)
+    good[-1] = True
+    index = np.where(good, np.arange(len(q)), len(q))
+    row = np.minimum.accumulate(index[::-1])[::-1]
+    return Brakes(row, ticks)
+
+
+def _durations(
+    cell: Cell, payload: Payload, q: Vector, qd: Vector, qdd: Vector, dt: float
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Returns the shortest bearable duration of every row [ticks], and whether there is one."""
+    shortest = _shortest(qd, qdd, cell.robot.qdd_max)
+    ticks = np.ceil(shortest / dt - 1e-9).astype(np.int64)
+    done = ticks == 0
+    for stretch in STRETCHES:
+        todo = np.flatnonzero(~done)
+        if len(todo) == 0:
+            break
+        tried = np.ceil(shortest[todo] * stretch / dt).astype(np.int64)
+        way = brake_way(q[todo], qd[todo], qdd[todo], tried.astype(np.float64) * dt, np.linspace(0.0, 1.0, INSTANTS))
+        passed = _bears(cell, payload, *way)
+        ticks[todo] = tried
+        done[todo[passed]] = True
+    return ticks, done
+
+
+def _shortest(qd: Vector, qdd: Vector, qdd_max: Vector) -> Vector:
+    """Returns the duration (M,) [s] at which no acceleration on the way exceeds the arm's: 1.5 |qd| / T and a margin.
+
+    |qdd(u)| <= 1.5 |qd| / T + |qdd|/3 where both act the same way: the second term is at most 1/3 after its start.
+    """
+    room = np.maximum(qdd_max - np.abs(qdd) / 3.0, 0.25 * qdd_max)
+    return (1.5 * np.abs(qd) / room).max(axis=1) + np.where(np.abs(qdd).max(axis=1) > REST_SPEED, 0.008, 0.0)
+
+
+def _bears(cell: Cell, payload: Payload, q: Vector, qd: Vector, qdd: Vector) -> NDArray[np.bool_]:
+    """Returns for every brake (M,) whether torques stay within the cell's; the start's are the plan's own."""
+    gravity_B = cell.X_WB[:3, :3].T @ np.array([0.0, 0.0, -cell.surroundings.gravity_m_s2])
+    tau = joint_torques(cell.robot, q, qd, qdd, gravity_B, payload)
+    return (np.abs(tau[:, 1:]) <= cell.limits.tau_max).all(axis=(1, 2))
+
+
+def _clear(cell: Cell, q: Vector, qd: Vector, qdd: Vector, T: Vector) -> NDArray[np.bool_]:
+    """Returns for every brake (M,) whether joint range and surroundings are kept, between the instants too."""
+    way, speed, _ = brake_way(q, qd, qdd, T, np.linspace(0.0, 1.0, INSTANTS))
+    step = (T / (INSTANTS - 1))[:, None, None]
+    stray = np.maximum(np.abs(speed[:, :-1]), np.abs(speed[:, 1:])) * step / 2.0
+    low = np.minimum(way[:, :-1], way[:, 1:]) - stray
+    high = np.maximum(way[:, :-1], way[:, 1:]) + stray
+    inside = ((low >= cell.limits.q_lower) & (high <= cell.limits.q_upper)).all(axis=(1, 2))
+    return np.logical_and(inside, Space(cell).keeps_clear(way))

@@ -1,0 +1,66 @@
+"""The dashboard of a controller: the daemon's own line to it, beside ur_rtde.
+
+Source: Universal Robots, "Dashboard Server": port 29999, one line in, one line out.
+"""
+
+from __future__ import annotations
+
+import socket
+
+PORT = 29999
+TIMEOUT_S = 1.0  # [s] a controller answers within milliseconds
+LINE_MAX = 4096  # [bytes]
+
+
+class Dashboard:
+    """One connection, opened when first needed and again after it broke. Not for two threads at once."""
+
+    def __init__(self, host: str) -> None:
+        self.host = host
+        self._socket: socket.socket | None = None
+
+    def ask(self, line: str) -> str:
+        """Returns the controller's answer to one command.
+
+        Raises:
+            OSError: no connection, or no answer in time.
+        """
+        try:
+            connection = self._socket or self._connect()
+            connection.sendall(line.encode() + b"\n")
+            return self._read_line(connection)
+        except OSError:
+            self.close()
+            raise
+
+    def connect(self) -> None:
+        """Opens the connection where it is not open.
+
+        Raises:
+            OSError: nobody listens, or nobody greets.
+        """
+        if self._socket is None:
+            self._connect()
+
+    def close(self) -> None:
+        """Closes the connection, if there is one."""
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def _connect(self) -> socket.socket:
+        connection = socket.create_connection((self.host, PORT), TIMEOUT_S)
+        self._socket = connection
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._read_line(connection)  # the greeting
+        return connection
+
+    @staticmethod
+    def _read_line(connection: socket.socket) -> str:
+        data = b""
+        while not data.endswith(b"\n") and len(data) < LINE_MAX:
+            received = connection.recv(LINE_MAX)
+            if not received:
+                raise ConnectionError("the dashboard closed the connection")
+            data += received
+        return data.decode(errors="replace").strip()

@@ -1,0 +1,128 @@
+"""One execution, from the claimed row to the kept result."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from executor import board as words
+from executor.brake import brakes
+from executor.job import Job
+from executor.journal import Result
+from executor.landing import Landing, last_release, watch_landing
+from executor.metrics import metrics
+from executor.preflight import Refused, judge_plan
+from executor.preparation import make_job, rows_of
+from executor.recording import to_csv, to_mcap
+from executor.station import Station
+from executor.streaming.safety import EMERGENCY_BITS, NORMAL
+from executor.supervision import Run, RunResult
+from executor.surroundings import Space
+from executor.telemetry import Telemetry
+from executor.ways import find_way
+from planner.certificate import release_flight
+from planner.certificate.motion import Motion
+from planner.certificate.tool import payload_of
+from store import ExecutionRow
+
+TRUTH_AGE_S = 0.2  # [s] how long after a fault a state is waited for that is newer than it
+STATES = {words.APPROACHING: "approaching", words.STREAMING: "streaming", words.BRAKING: "braking",
+          words.STOPPING: "braking", words.DONE: "braking"}  # fmt: skip
+
+
+@dataclass
+class Execution:
+    """One execution on a station. `prepare`, `start`, then `finish` once `run` has ended."""
+
+    station: Station
+    row: ExecutionRow
+    log: list[tuple[float, str]] = field(default_factory=list)
+    run: Run | None = None
+
+    def note(self, text: str) -> None:
+        """Remembers what happened, for the recording."""
+        self.log.append((time.time(), text))
+
+    def prepare(self, document: bytes) -> Job:
+        """Judges plan, robot and way; returns the job.
+
+        Raises:
+            Refused: with every reason.
+        """
+        station, cell = self.station, self.station.cell
+        self.problem, self.trajectory = judge_plan(document, cell)
+        if reasons := station.refusals():
+            raise Refused("; ".join(reasons))
+        state = station.monitor.fresh()
+        if state is None:
+            raise Refused("the controller fell silent")
+        way, hit = find_way(Space(cell), np.array(state.q), self.trajectory.q[0])
+        if not way:
+            raise Refused(f"no way to the plan's start keeps clear: {hit}")
+        self.released_before = last_release(cell.link.host) if cell.link.kind == "sim" else -np.inf
+        return self._job(way)
+
+    def start(self, job: Job) -> None:
+        """Starts the streaming process."""
+        self.run = Run(job, self.station.cell.link.host)
+        self.run.start()
+
+    def state(self) -> str:
+        """Returns the contract's word for what goes on."""
+        run = self.run
+        if run is None:
+            return "preparing"
+        if run.state == words.STREAMING and run.row_count > run.job.release_row + run.job.lag_ticks:
+            return "braking"
+        return STATES.get(run.state, "approaching" if run.state == words.CONNECTED else "preparing")
+
+    def finish(self) -> Result:
+        """Returns the result of the ended run; waits for the object to land where that can be seen."""
+        run = self.run
+        assert run is not None and run.result is not None
+        ended = run.result
+        outcome, reason = self._judge_end(ended)
+        self.note(f"{outcome}: {reason}" if reason else outcome)
+        landing = self._landing(ended)
+        numbers = metrics(self.problem, self.trajectory, ended, landing)
+        telemetry = Telemetry(ended.rows)
+        began = time.time() if not len(telemetry) else time.time() - (time.monotonic() - telemetry.scalar("host_s")[0])
+        about = {"execution": self.row.id, "plan": self.row.plan_id, "cell": self.station.cell.name,
+                 "cell_sha256": self.station.cell.sha256, "outcome": outcome}  # fmt: skip
+        mcap = to_mcap(telemetry, self.station.cell.robot.joint_names, began, self.log, about)
+        return Result(self.row.id, outcome, reason, numbers, mcap, to_csv(telemetry))
+
+    def _job(self, way: list[Any]) -> Job:
+        cell, problem, trajectory = self.station.cell, self.problem, self.trajectory
+        rows = rows_of(cell, trajectory, throws=not problem.ends_at_rest)
+        payload = payload_of(Motion(problem, trajectory), with_object=True)
+        ways_to_rest = brakes(cell, payload, rows.q, rows.qd, rows.qdd, trajectory.dt)
+        settings = self.station.settings
+        return make_job(cell, rows, ways_to_rest, way, self.row.mode, self.row.dry_run, settings)
+
+    def _judge_end(self, ended: RunResult) -> tuple[str, str]:
+        """Returns outcome and reason; where the link broke, what the controller itself says goes first."""
+        if ended.in_order or ended.outcome in ("protective_stop", "emergency_stop", "refused"):
+            return ended.outcome, ended.reason
+        until = time.monotonic() + TRUTH_AGE_S
+        while time.monotonic() < until:
+            state = self.station.monitor.fresh()
+            if state is not None and state.safety_bits != NORMAL:
+                kind = "emergency_stop" if state.safety_bits & EMERGENCY_BITS else "protective_stop"
+                return kind, f"the controller stopped: {ended.reason}"
+            time.sleep(0.02)
+        return ended.outcome, ended.reason
+
+    def _landing(self, ended: RunResult) -> Landing | None:
+        if self.station.cell.link.kind != "sim" or self.row.dry_run:
+            return None
+        flight = release_flight(self.problem, self.trajectory)
+        duration = 0.0 if flight is None else flight.time_of_flight_s
+        try:
+            return watch_landing(self.station.cell.link.host, self.problem, self.released_before, duration)
+        except (OSError, ValueError):
+            return None  # the simulator is gone, as in a test of just that
+

@@ -1,0 +1,107 @@
+"""The journal: what must survive this process and the database, in a folder of its own.
+
+A result is written here first and delivered to the store after; a latched fault stays here until a person has looked.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import orjson
+from sqlalchemy.exc import SQLAlchemyError
+
+from store import Store, UnknownExecution
+
+FAULT_FILE = "fault.json"
+
+
+class Locked(Exception):
+    """Another executor of this cell is running."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """How one execution ended; the recording where there is one."""
+
+    execution_id: str
+    outcome: str
+    reason: str
+    metrics: dict[str, Any] | None
+    mcap: bytes = b""
+    csv: bytes = b""
+
+
+class Journal:
+    """Results not delivered yet, and the latched fault. One process at a time owns it."""
+
+    def __init__(self, folder: Path) -> None:
+        """Opens the folder.
+
+        Raises:
+            Locked: another process has it.
+        """
+        self.folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+        self._lock = (folder / "lock").open("w")
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise Locked(f"another executor of this cell is running (it holds {folder})") from error
+
+    def waiting(self) -> bool:
+        """Whether a result is not delivered yet."""
+        return next(self.folder.glob("*.result.json"), None) is not None
+
+    def keep(self, result: Result) -> None:
+        """Writes a result to the disk; it is complete or not there at all."""
+        self._write(f"{result.execution_id}.mcap", result.mcap)
+        self._write(f"{result.execution_id}.csv", result.csv)
+        summary = {"outcome": result.outcome, "reason": result.reason, "metrics": result.metrics}
+        self._write(f"{result.execution_id}.result.json", orjson.dumps(summary, option=orjson.OPT_SERIALIZE_NUMPY))
+
+    def deliver(self, store: Store) -> int:
+        """Hands every kept result to the store and forgets it; returns how many are left."""
+        waiting = sorted(self.folder.glob("*.result.json"))
+        for path in waiting:
+            try:
+                self._deliver_one(store, path)
+            except SQLAlchemyError:
+                break  # the database is gone: later
+        return len(list(self.folder.glob("*.result.json")))
+
+    def fault(self) -> dict[str, Any] | None:
+        """Returns the latched fault."""
+        path = self.folder / FAULT_FILE
+        return orjson.loads(path.read_bytes()) if path.exists() else None
+
+    def latch(self, fault: dict[str, Any]) -> None:
+        """Latches a fault, beyond the life of this process."""
+        self._write(FAULT_FILE, orjson.dumps(fault))
+
+    def clear_fault(self) -> None:
+        """A person has looked."""
+        (self.folder / FAULT_FILE).unlink(missing_ok=True)
+
+    def _deliver_one(self, store: Store, path: Path) -> None:
+        execution_id = path.name.removesuffix(".result.json")
+        summary = orjson.loads(path.read_bytes())
+        mcap, csv = (self.folder / f"{execution_id}{kind}" for kind in (".mcap", ".csv"))
+        if mcap.exists() and (data := mcap.read_bytes()):
+            store.add_recording(execution_id, data, csv.read_bytes())
+        with contextlib.suppress(UnknownExecution):  # another database by now; there is nobody to tell
+            store.finish_execution(execution_id, summary["outcome"], summary["reason"], summary["metrics"])
+        for file in (path, mcap, csv):
+            file.unlink(missing_ok=True)
+
+    def _write(self, name: str, data: bytes) -> None:
+        part = self.folder / f"{name}.part"
+        with part.open("wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        part.replace(self.folder / name)

@@ -1,0 +1,80 @@
+"""Metrics of a finished execution, as the contract lists them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from executor.landing import Landing
+from executor.supervision import RunResult
+from executor.telemetry import Telemetry
+from planner.certificate import release_flight
+from planner.kinematics import forward
+from planner.problem import ThrowProblem
+from planner.trajectory import Trajectory
+
+Vector = NDArray[np.float64]
+
+
+def metrics(
+    problem: ThrowProblem, trajectory: Trajectory, result: RunResult, landing: Landing | None
+) -> dict[str, Any]:
+    """Returns the metrics; None stands for what this run or this cell cannot tell."""
+    telemetry = Telemetry(result.rows)
+    return {
+        **_timing(telemetry, result),
+        **_tracking(problem, telemetry),
+        **_release(problem, trajectory, telemetry),
+        **_gripper(problem, trajectory, result, landing),
+        **_landing(problem, trajectory, landing),
+    }
+
+
+def _timing(telemetry: Telemetry, result: RunResult) -> dict[str, Any]:
+    periods = np.diff(telemetry.scalar("host_s"))
+    p50, p99, most = np.percentile(periods, [50, 99, 100]) if len(periods) else (None, None, None)
+    return {"ticks": len(telemetry), "missed_ticks": result.missed, "period_p50_s": _number(p50),
+            "period_p99_s": _number(p99), "period_max_s": _number(most), "realtime": result.realtime}  # fmt: skip
+
+
+def _tracking(problem: ThrowProblem, telemetry: Telemetry) -> dict[str, Any]:
+    if not len(telemetry):
+        return {"tracking_error_max_rad": None, "tracking_error_max_m": None}
+    cell = problem.cell
+    planned, measured = telemetry.vector("planned_q"), telemetry.vector("q")
+    p, p_planned = (forward(cell.robot, q, cell.tool.X_FT)[:, :3, 3] for q in (measured, planned))
+    return {"tracking_error_max_rad": float(np.abs(measured - planned).max()),
+            "tracking_error_max_m": float(np.linalg.norm(p - p_planned, axis=1).max())}  # fmt: skip
+
+
+def _release(problem: ThrowProblem, trajectory: Trajectory, telemetry: Telemetry) -> dict[str, Any]:
+    planned = trajectory.qd[trajectory.release_index]
+    measured = telemetry.at_clock("qd", trajectory.release_time_s)
+    if problem.ends_at_rest or measured is None:
+        return {"release_velocity_error_rad_s": None, "release_velocity_error_share": None}
+    error = float(np.abs(measured - planned).max())
+    return {"release_velocity_error_rad_s": error, "release_velocity_error_share": error / float(np.abs(planned).max())}
+
+
+def _gripper(
+    problem: ThrowProblem, trajectory: Trajectory, result: RunResult, landing: Landing | None
+) -> dict[str, Any]:
+    opened = None if landing is None else landing.released_at - result.timestamp_at_zero
+    late = None if opened is None else opened - trajectory.release_time_s
+    told = result.output_sent_s
+    return {"gripper_commanded_s": told, "gripper_command_late_s": None if told is None else result.output_late_s,
+            "gripper_opened_s": opened, "gripper_opened_late_s": late, "released": told is not None}  # fmt: skip
+
+
+def _landing(problem: ThrowProblem, trajectory: Trajectory, landing: Landing | None) -> dict[str, Any]:
+    flight = release_flight(problem, trajectory)
+    if landing is None or landing.point is None or flight is None:
+        return {"landing_point": None, "landing_error_m": None}
+    error = float(np.linalg.norm(landing.point - flight.landing_point))
+    return {"landing_point": landing.point.tolist(), "landing_error_m": error}
+
+
+def _number(value: Any) -> float | None:
+    return None if value is None else float(value)

@@ -1,0 +1,102 @@
+"""Preflight: every reason not to move, in words a person understands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import orjson
+from numpy.typing import NDArray
+
+from executor.monitor import RobotState
+from executor.streaming.safety import NORMAL, SAFETY_WORDS
+from planner.cell import Cell
+from planner.certificate import certify
+from planner.document import plan_from_document
+from planner.errors import PlannerError
+from planner.problem import ThrowProblem
+from planner.rotations import matrix_to_rotation_vector, rotation_vector_to_matrix
+from planner.trajectory import Trajectory
+
+Vector = NDArray[np.float64]
+
+RUNNING = 7  # robot_mode; source: RTDE guide
+ROBOT_MODES = {-1: "no controller", 0: "disconnected", 1: "confirming safety", 2: "booting", 3: "powered off",
+               4: "powered on", 5: "idle: brakes not released", 6: "in backdrive", 8: "updating its firmware"}
+REST_RAD_S = 0.01  # [rad/s] faults.md C6: an arm this slow counts as at rest
+PAYLOAD_KG = 0.05  # [kg] what the controller's payload may differ from tool, or tool and object
+TCP_M, TCP_RAD = 1e-3, 5e-3  # [m, rad] what its tool centre point may differ: a millimetre at the object
+SPEED = 1e-3  # [-] the speed slider may differ from 1 by rounding only
+
+
+class Refused(Exception):
+    """The execution does not start; the text says why."""
+
+
+def judge_plan(document: bytes, cell: Cell) -> tuple[ThrowProblem, Trajectory]:
+    """Makes the plan's certificate again, with this executor's own cell.
+
+    Raises:
+        Refused: the plan was made for another cell file, or does not pass.
+    """
+    plan = orjson.loads(document)
+    if plan["cell"] != cell.name or plan["cell_sha256"] != cell.sha256:
+        raise Refused(f"the plan was made for another version of the cell {plan['cell']!r}: plan again")
+    try:
+        problem, trajectory = plan_from_document(plan, cell)
+    except (PlannerError, KeyError) as error:
+        raise Refused(f"the plan cannot be read: {error}") from error
+    certificate = certify(problem, trajectory)
+    if not certificate.valid:
+        names = ", ".join(f"{c.name} ({c.value:.4g} against {c.limit:.4g} {c.unit})" for c in certificate.failures)
+        raise Refused(f"the certificate made again does not hold: {names}")
+    return problem, trajectory
+
+
+def refusals(cell: Cell, state: RobotState | None, remote: str | None) -> list[str]:
+    """Returns every reason not to move this robot now; empty where it may.
+
+    Args:
+        cell: as the executor reads it.
+        state: what the controller says, None without a connection.
+        remote: the dashboard's answer to "is in remote control", None without one.
+    """
+    if state is None:
+        return [f"no state arrives from the controller at {cell.link.host}"]
+    return [*_control(cell, remote), *_condition(state), *_tool(cell, state)]
+
+
+def _control(cell: Cell, remote: str | None) -> Iterator[str]:
+    if remote is None:
+        yield f"the dashboard at {cell.link.host} does not answer"
+    elif "false" in remote.lower():
+        yield "the robot is not in remote control: switch it on the pendant"
+    elif "true" not in remote.lower() and cell.robot.generation != "CB3":
+        yield f"the dashboard does not say whether the robot is in remote control: {remote!r}"
+
+
+def _condition(state: RobotState) -> Iterator[str]:
+    if state.robot_mode != RUNNING:
+        yield f"the robot is {ROBOT_MODES.get(state.robot_mode, f'in mode {state.robot_mode}')}"
+    if state.safety_bits != NORMAL:
+        words = [name for bit, name in SAFETY_WORDS.items() if state.safety_bits >> bit & 1]
+        yield f"safety: {', '.join(words) or 'unknown'}"
+    if abs(state.speed - 1.0) > SPEED:
+        yield f"the speed slider is at {state.speed:.0%}: a throw needs 100 %"
+    if (speed := max(map(abs, state.qd))) > REST_RAD_S:
+        yield f"the arm is moving at {speed:.3f} rad/s"
+
+
+def _tool(cell: Cell, state: RobotState) -> Iterator[str]:
+    lightest, heaviest = cell.tool.mass_kg, cell.tool.mass_kg + cell.object.mass_kg
+    if state.payload_kg is not None and not lightest - PAYLOAD_KG <= state.payload_kg <= heaviest + PAYLOAD_KG:
+        yield (f"the controller reckons with a payload of {state.payload_kg:.2f} kg; "
+               f"the cell says {lightest:.2f} to {heaviest:.2f} kg")  # fmt: skip
+    if state.tcp_offset is None:
+        return
+    offset = np.array(state.tcp_offset)
+    apart = float(np.linalg.norm(offset[:3] - cell.tool.X_FT[:3, 3]))
+    turn = rotation_vector_to_matrix(offset[3:]).T @ cell.tool.X_FT[:3, :3]
+    turned = float(np.linalg.norm(matrix_to_rotation_vector(turn)))
+    if apart > TCP_M or turned > TCP_RAD:
+        yield f"the controller's tool centre point is {apart * 1e3:.1f} mm and {turned:.3f} rad off the cell's"

@@ -1,0 +1,106 @@
+"""The recording: planned against measured, one row a tick, as CSV and as MCAP.
+
+The MCAP holds JSON messages under Foxglove's own schema names, so its panels show joints and log without a plug-in.
+Both are made by the daemon from the same rows, after the run.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import orjson
+from mcap.writer import CompressionType, Writer
+
+from executor.board import SCALARS, VECTORS
+from executor.telemetry import Telemetry, column_names
+
+NANOSECONDS = 1_000_000_000
+NUMBER, INTEGER, TEXT = {"type": "number"}, {"type": "integer"}, {"type": "string"}
+TIME = {"type": "object", "properties": {"sec": INTEGER, "nsec": INTEGER}}
+JOINT = {"type": "object", "properties": {"name": TEXT, "position": NUMBER, "velocity": NUMBER, "effort": NUMBER}}
+SCHEMAS: dict[str, dict[str, Any]] = {
+    "foxglove.JointStates": {"timestamp": TIME, "joints": {"type": "array", "items": JOINT}},
+    "foxglove.Log": {"timestamp": TIME, "level": INTEGER, "message": TEXT, "name": TEXT, "file": TEXT, "line": INTEGER},
+    "fling.Tick": {
+        "timestamp": TIME, "command": {"type": "array", "items": NUMBER}, "clock_s": NUMBER, "timestamp_s": NUMBER,
+        "host_s": NUMBER, "safety_bits": INTEGER, "runtime_state": INTEGER, "speed_scaling": NUMBER,
+        "digital_outputs": INTEGER, "missed_ticks": INTEGER, "call_s": NUMBER,
+    },
+}  # fmt: skip
+TOPICS = {"/planned": "foxglove.JointStates", "/measured": "foxglove.JointStates", "/tick": "fling.Tick",
+          "/log": "foxglove.Log"}  # fmt: skip
+COUNTS = ("safety_bits", "runtime_state", "digital_outputs", "missed_ticks")  # whole numbers
+LOG_INFO = 2  # source: foxglove.Log, levels
+
+
+def to_csv(telemetry: Telemetry) -> bytes:
+    """Returns the rows as CSV with a header; numbers as Python writes them, so that they read back exactly."""
+    lines = [",".join(column_names())]
+    lines += [",".join(map(repr, row)) for row in telemetry.rows.tolist()]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def to_mcap(
+    telemetry: Telemetry, joints: Sequence[str], started_at: float, log: Sequence[tuple[float, str]],
+    about: Mapping[str, str],
+) -> bytes:
+    """Returns the rows as MCAP.
+
+    Args:
+        telemetry: the rows.
+        joints: names of the joints.
+        started_at: time of the first row, seconds since the epoch.
+        log: what happened, (seconds since the epoch, text).
+        about: metadata: execution, plan, cell and its hash, outcome.
+    """
+    stream = io.BytesIO()
+    writer = Writer(stream, compression=CompressionType.ZSTD)
+    writer.start(profile="", library="fling")
+    channels = _channels(writer)
+    writer.add_metadata("fling", dict(about))
+    messages = [*_ticks(telemetry, joints, started_at), *_log(log)]
+    for order, (at, topic, message) in enumerate(sorted(messages, key=lambda m: m[0])):
+        message["timestamp"] = {"sec": at // NANOSECONDS, "nsec": at % NANOSECONDS}
+        writer.add_message(channels[topic], log_time=at, publish_time=at, sequence=order, data=orjson.dumps(message))
+    writer.finish()
+    return stream.getvalue()
+
+
+def _channels(writer: Writer) -> dict[str, int]:
+    schemas = {
+        name: writer.register_schema(
+            name=name, encoding="jsonschema", data=orjson.dumps({"type": "object", "title": name, "properties": fields})
+        )
+        for name, fields in SCHEMAS.items()
+    }
+    return {
+        topic: writer.register_channel(topic=topic, message_encoding="json", schema_id=schemas[schema])
+        for topic, schema in TOPICS.items()
+    }
+
+
+def _ticks(telemetry: Telemetry, joints: Sequence[str], started_at: float) -> Iterator[tuple[int, str, dict[str, Any]]]:
+    if not len(telemetry):
+        return
+    columns = {name: telemetry.scalar(name).tolist() for name in SCALARS}
+    vectors = {name: telemetry.vector(name).tolist() for name in VECTORS}
+    for i, stamp in enumerate(columns["timestamp_s"]):
+        at = round((started_at + stamp - columns["timestamp_s"][0]) * NANOSECONDS)
+        tick = {name: int(values[i]) if name in COUNTS else values[i] for name, values in columns.items()}
+        yield at, "/tick", {"command": vectors["command"][i], **tick}
+        yield at, "/planned", _joints(joints, vectors["planned_q"][i], vectors["planned_qd"][i], None)
+        yield at, "/measured", _joints(joints, vectors["q"][i], vectors["qd"][i], vectors["current"][i])
+
+
+def _joints(names: Sequence[str], q: list[float], qd: list[float], current: list[float] | None) -> dict[str, Any]:
+    efforts = current or [0.0] * len(names)
+    return {"joints": [{"name": n, "position": x, "velocity": v, "effort": e}
+                       for n, x, v, e in zip(names, q, qd, efforts, strict=True)]}  # fmt: skip
+
+
+def _log(log: Sequence[tuple[float, str]]) -> Iterator[tuple[int, str, dict[str, Any]]]:
+    for at, text in log:
+        message = {"level": LOG_INFO, "message": text, "name": "executor", "file": "", "line": 0}
+        yield round(at * NANOSECONDS), "/log", message

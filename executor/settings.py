@@ -1,0 +1,79 @@
+"""Settings of the executor: from FLING_* environment variables; the command line overrides."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from store import default_database_url
+
+WATCHDOG_HZ = 20.0  # [Hz] the arm coasts at most 50 ms; faster than 50 Hz trips on a busy machine (faults.md, 2.2)
+WATCHDOG_MIN_HZ, WATCHDOG_MAX_HZ = 10.0, 50.0  # [Hz] outside: coasts too long, or trips by itself (faults.md, 2.2)
+PRIORITY = 50  # of SCHED_FIFO; below the kernel's interrupt threads on any machine
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What one executor needs to know.
+
+    Attributes:
+        cell: name of the cell.
+        cells: folder of cell files.
+        database_url: of the store.
+        data: folder for what must survive: results not delivered yet, a latched fault.
+        read_only: connect and show, never move.
+        watchdog_hz: least command rate the controller accepts [Hz].
+        core: processor the streaming process stays on; -1: any.
+
+    Raises:
+        ValueError: a value that cannot be meant.
+    """
+
+    cell: str
+    cells: Path
+    database_url: str
+    data: Path
+    read_only: bool = False
+    watchdog_hz: float = WATCHDOG_HZ
+    core: int = -1
+
+    def __post_init__(self) -> None:
+        if not WATCHDOG_MIN_HZ <= self.watchdog_hz <= WATCHDOG_MAX_HZ:
+            raise ValueError(
+                f"FLING_WATCHDOG_HZ {self.watchdog_hz:g} is not within {WATCHDOG_MIN_HZ:g} and {WATCHDOG_MAX_HZ:g} Hz"
+            )
+
+    @property
+    def cell_path(self) -> Path:
+        """The cell's file."""
+        return self.cells / f"{self.cell}.toml"
+
+    @classmethod
+    def from_environment(cls, environment: Mapping[str, str], cell: str | None, read_only: bool) -> Settings:
+        """Returns the settings of `environment`; `cell` overrides FLING_DEFAULT_CELL."""
+        data = environment.get("XDG_DATA_HOME") or str(Path.home() / ".local" / "share")
+        name = cell or environment.get("FLING_DEFAULT_CELL", "ur5e-sim")
+        return cls(
+            cell=name,
+            cells=Path(environment.get("FLING_CELLS") or default_cells_folder()),
+            database_url=environment.get("FLING_DATABASE_URL") or default_database_url(),
+            data=Path(environment.get("FLING_DATA") or Path(data) / "fling") / "executor" / name,
+            read_only=read_only,
+            watchdog_hz=float(environment.get("FLING_WATCHDOG_HZ", WATCHDOG_HZ)),
+            core=int(environment.get("FLING_STREAM_CORE", last_core())),
+        )
+
+
+def default_cells_folder() -> Path:
+    """Returns `cells` here, or in the checkout, or where an installed Fling keeps its own."""
+    checkout = Path(__file__).parent.parent / "cells"
+    candidates = (Path("cells"), checkout, Path(sys.prefix) / "share" / "fling" / "cells")
+    return next((folder for folder in candidates if any(folder.glob("*.toml"))), checkout).resolve()
+
+
+def last_core() -> int:
+    """Returns the highest processor this process may use: interrupts and planners gather on the low ones."""
+    return max(os.sched_getaffinity(0))

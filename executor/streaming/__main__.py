@@ -1,0 +1,67 @@
+"""Entry of the streaming process: `python -m executor.streaming JOB_FD BOARD_FD PARENT_PID`."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from time import monotonic
+
+from executor import board as words
+from executor.board import Board
+from executor.job import OUTCOMES, Job
+from executor.streaming import realtime
+from executor.streaming.approach import approach
+from executor.streaming.fault import LinkFault
+from executor.streaming.link import Link
+from executor.streaming.loop import Stream
+from executor.streaming.orders import Orders
+
+
+def run(job: Job, board: Board, orders: Orders) -> tuple[str, str]:
+    """Runs one job from connecting to standing still; returns outcome and reason.
+
+    Raises:
+        LinkFault: from the first anomaly on nothing was sent; the controller's watchdog and the daemon stop the arm.
+    """
+    refused = realtime.prepare(job.core, job.priority)
+    board.words[words.REALTIME] = 0.0 if refused else 1.0
+    link = Link(job)
+    realtime.freeze_memory()
+    link.check()
+    board.words[words.STATE] = words.APPROACHING
+    verdict = approach(link, job, board, orders)
+    if verdict is None:
+        link.arm_watchdog()
+        board.words[words.STATE] = words.STREAMING
+        verdict = Stream(link, job, board, orders).run()
+    board.words[words.STATE] = words.STOPPING
+    link.stop()
+    return verdict
+
+
+def main(job_fd: int, board_fd: int, parent: int) -> None:
+    """Runs, writes the end on the board, and leaves at once, past every destructor of the library."""
+    board = Board.attach(board_fd)
+    orders = Orders(board)
+    state, code = words.FAULT, 1
+    outcome, reason = "executor_lost", "the streaming process failed"
+    try:
+        orders.listen()
+        realtime.die_with_parent(parent)
+        board.words[words.PULSE] = monotonic()
+        outcome, reason = run(Job.read(job_fd), board, orders)
+        state, code = words.DONE, 0
+    except LinkFault as fault:
+        outcome, reason = fault.outcome, fault.reason
+    except Exception:  # a bug of ours: the finally below leaves the arm to the watchdog and the daemon
+        reason = traceback.format_exc(limit=-3)
+    finally:
+        board.write_text(reason)
+        board.words[words.OUTCOME] = OUTCOMES.index(outcome)
+        board.words[words.STATE] = state
+        os._exit(code)
+
+
+if __name__ == "__main__":
+    main(*map(int, sys.argv[1:4]))

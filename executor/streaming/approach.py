@@ -1,0 +1,55 @@
+"""The approach: straight joint moves, one after the other, to where the plan starts."""
+
+from __future__ import annotations
+
+from executor.board import PULSE, Board
+from executor.job import Job
+from executor.streaming.clock import Clock
+from executor.streaming.link import Link
+from executor.streaming.orders import Orders
+
+ARRIVED_RAD = 1e-3  # [rad] a controller ends its moves within 1e-4; an encoder resolves 1e-5
+STANDS_RAD_S = 5e-3  # [rad/s] measured speed of an arm at rest, noise included
+STANDS_TICKS = 10  # [ticks] in a row at rest at the goal
+SLACK_S = 5.0  # [s] beyond twice the move's own duration
+
+
+def approach(link: Link, job: Job, board: Board, orders: Orders) -> tuple[str, str] | None:
+    """Moves to the plan's start; returns outcome and reason where that ended early, at rest.
+
+    Raises:
+        LinkFault: the link failed.
+    """
+    for goal in job.approach:
+        if job.dry_run or (arrived(link, goal) and goal is job.approach[-1]):
+            continue
+        link.move(goal)
+        early = _follow(link, goal, job, board, orders)
+        if early is not None:
+            link.stop_move()
+            return early
+    return None
+
+
+def arrived(link: Link, goal: list[float]) -> bool:
+    """Whether the arm stands at `goal` (6,) [rad]."""
+    near = max([abs(a - b) for a, b in zip(link.q, goal, strict=True)]) < ARRIVED_RAD
+    return near and max(map(abs, link.qd)) < STANDS_RAD_S
+
+
+def _follow(link: Link, goal: list[float], job: Job, board: Board, orders: Orders) -> tuple[str, str] | None:
+    clock = Clock(link, job.dt)
+    way = max([abs(a - b) for a, b in zip(link.q, goal, strict=True)])
+    expected = way / job.approach_speed + job.approach_speed / job.approach_acceleration
+    standing = 0
+    while standing < STANDS_TICKS:
+        clock.wait()
+        link.read()
+        link.check()
+        board.words[PULSE] = clock.host_s
+        standing = standing + 1 if arrived(link, goal) else 0
+        if (early := orders.stop()) is not None:
+            return early
+        if clock.tick * job.dt > 2.0 * expected + SLACK_S:
+            return "aborted", "the approach did not arrive"
+    return None

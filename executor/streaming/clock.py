@@ -1,0 +1,81 @@
+"""The clock: the controller's own timestamp. A tick begins when a new one arrives; lost ticks are counted."""
+
+from __future__ import annotations
+
+from time import monotonic, sleep
+
+from executor.streaming.fault import LinkFault
+from executor.streaming.link import Link
+
+POLL_S = 50e-6  # [s] between two looks at the timestamp
+EARLY_S = 400e-6  # [s] before the next timestamp is due, polling begins
+STALE_S = 0.040  # [s] without a new timestamp the link counts as lost (faults.md, R10)
+OWN_GAP_S = 0.010  # [s] between two polls: then this process slept, and the timestamp's age says nothing
+
+
+class Clock:
+    """Counts ticks by the controller's time.
+
+    Attributes:
+        tick: whole ticks since the first timestamp.
+        missed: ticks lost before this one.
+        total_missed: all of them.
+        host_s: when this tick's timestamp was seen, by the monotonic clock [s].
+    """
+
+    def __init__(self, link: Link, dt: float) -> None:
+        self.link, self.dt = link, dt
+        self.first = self.stamp = link.timestamp()
+        self.tick = self.missed = self.total_missed = 0
+        self.host_s = monotonic()
+
+    def wait(self) -> None:
+        """Returns at the next new timestamp.
+
+        Raises:
+            LinkFault: none came for too long, or time ran backwards.
+        """
+        rest = self.host_s + self.dt - EARLY_S - monotonic()
+        if rest > 0.0:
+            sleep(rest)
+        begin = polled = monotonic()
+        while (stamp := self.link.timestamp()) == self.stamp:
+            sleep(POLL_S)
+            now = monotonic()
+            if now - polled > OWN_GAP_S:
+                begin = now
+            polled = now
+            if now - begin > STALE_S:
+                raise LinkFault("link_lost", f"no new state for {STALE_S * 1e3:.0f} ms")
+        self.host_s = monotonic()
+        self._count(stamp)
+
+    def _count(self, stamp: float) -> None:
+        tick = round((stamp - self.first) / self.dt)
+        if tick <= self.tick:
+            raise LinkFault("link_lost", "the controller's time ran backwards")
+        self.missed = tick - self.tick - 1
+        self.total_missed += self.missed
+        self.tick, self.stamp = tick, stamp
+
+
+class Lateness:
+    """Judges lost ticks: too many in a row, or too many of the recent ones.
+
+    Attributes:
+        in_a_row_s: lost in a row, this long ends the run: libfranka stops after 20 ms as well [s].
+        share: of the last hundred ticks, lost, ends the run: libfranka's bound [-].
+    """
+
+    in_a_row_s = 0.020
+    share = 0.10
+    memory = 100  # [ticks]
+
+    def __init__(self, dt: float) -> None:
+        self.in_a_row = max(3, round(self.in_a_row_s / dt))
+        self.level = 0.0
+
+    def too_late(self, missed: int) -> bool:
+        """Takes the ticks lost before this one; returns whether the run must end."""
+        self.level += missed - self.level / self.memory
+        return missed >= self.in_a_row or self.level > self.share * self.memory

@@ -1,0 +1,162 @@
+"""The link: the only module that touches ur_rtde.
+
+Every call is judged: an exception, a False, or more than 5 ms ends the run for good, because after a lost connection
+the library answers True for ever, reconnects by itself and resumes (reference: rtde.md, sections 10 to 12).
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Callable
+from time import monotonic
+from typing import Any
+
+from rtde_control import RTDEControlInterface
+from rtde_io import RTDEIOInterface
+from rtde_receive import RTDEReceiveInterface
+
+from executor.job import Job
+from executor.streaming import realtime, safety
+from executor.streaming.fault import LinkFault
+
+CALL_MAX_S = 0.005  # [s] a real-time call takes 30 us; one that reconnects in secret takes 160 ms (rtde.md, section 10)
+VARIABLES = [
+    "timestamp", "actual_q", "actual_qd", "actual_current", "safety_status_bits", "runtime_state", "speed_scaling",
+    "target_speed_fraction", "actual_digital_output_bits",
+]
+SERVO_LOOKAHEAD_S = 0.03  # source: URScript manual, servoj, the smallest lookahead time
+SERVO_GAIN = 500.0  # source: URScript manual, servoj, between its 100 and 2000; the time constant is then two CB3 ticks
+SERVO_CONSTANT_S = SERVO_LOOKAHEAD_S * 300.0 / SERVO_GAIN  # [s] at gain 300 the lookahead time is the time constant
+STOP_DECELERATION = 20.0  # [rad/s^2] of speedStop at the end, where only rounding is left to stop
+
+
+class Link:
+    """Fresh interfaces to one controller, for one execution.
+
+    Attributes:
+        stamp: controller time of the newest state read [s].
+        q, qd, current: measured, of that state.
+        call_s: how long the last command took [s].
+    """
+
+    def __init__(self, job: Job) -> None:
+        """Connects.
+
+        Raises:
+            LinkFault: nobody listens, the script is refused, another client owns the registers.
+        """
+        self.job = job
+        self._stat = os.open(f"/proc/self/task/{threading.get_native_id()}/schedstat", os.O_RDONLY)
+        self._waited = 0
+        try:
+            self.receive = RTDEReceiveInterface(job.host, 1.0 / job.dt, VARIABLES)
+            self.control = None if job.dry_run else RTDEControlInterface(job.host, 1.0 / job.dt)
+            self.io = None if job.dry_run else RTDEIOInterface(job.host)
+        except (RuntimeError, ValueError) as error:
+            raise LinkFault("refused", f"connecting: {error}") from error
+        realtime.no_delay()
+        self.send_output = None if self.io is None else {
+            "tool_digital": self.io.setToolDigitalOut,
+            "standard_digital": self.io.setStandardDigitalOut,
+            "configurable_digital": self.io.setConfigurableDigitalOut,
+        }[job.output]
+        self.read()
+
+    def timestamp(self) -> float:
+        """Returns the newest controller time [s]."""
+        return self.receive.getTimestamp()
+
+    def read(self) -> None:
+        """Reads one consistent state, and judges nothing but the connection.
+
+        Raises:
+            LinkFault: a connection is gone.
+        """
+        self._waited = self._run_delay_ns()
+        receive = self.receive
+        if not receive.isConnected() or (self.control is not None and not self.control.isConnected()):
+            raise LinkFault("link_lost", "the connection to the controller is gone")
+        while True:  # a package may arrive between two getters: read again, at most once in practice
+            self.stamp = receive.getTimestamp()
+            self.q, self.qd, self.current = receive.getActualQ(), receive.getActualQd(), receive.getActualCurrent()
+            self.safety_bits, self.runtime_state = receive.getSafetyStatusBits(), receive.getRuntimeState()
+            self.scaling = receive.getSpeedScalingCombined()
+            self.outputs = receive.getActualDigitalOutputBits()
+            if receive.getTimestamp() == self.stamp:
+                return
+
+    def check(self) -> None:
+        """Judges the state just read.
+
+        Raises:
+            LinkFault: not in normal operation.
+        """
+        runtime = safety.PLAYING if self.control is None else self.runtime_state
+        safety.check(self.safety_bits, runtime, self.scaling)
+
+    def move(self, q: list[float]) -> None:
+        """Starts a straight joint move to `q` (6,) [rad] and returns while it goes on."""
+        job = self.job
+        if self.control is not None:
+            self._answer("moveJ", self.control.moveJ(q, job.approach_speed, job.approach_acceleration, True))
+
+    def stop_move(self) -> None:
+        """Ends a move before its goal; returns at rest."""
+        if self.control is not None:
+            self.control.stopJ(self.job.approach_acceleration)
+
+    def arm_watchdog(self) -> None:
+        """From now on the controller stops the program where commands stay out."""
+        if self.control is not None:
+            self._answer("setWatchdog", self.control.setWatchdog(self.job.watchdog_hz))
+
+    def speed(self, qd: list[float]) -> None:
+        """Sends joint speeds (6,) [rad/s] for the next tick."""
+        safety.check_command(qd, self.job.qd_max)
+        if self.control is not None:
+            self._real_time("speedJ", self.control.speedJ, qd, self.job.acceleration, self.job.dt)
+
+    def servo(self, q: list[float], limits: list[float]) -> None:
+        """Sends joint positions (6,) [rad] for the next tick; `limits` as for `safety.check_command`."""
+        safety.check_command(q, limits)
+        if self.control is not None:
+            self._real_time("servoJ", self.control.servoJ, q, 0.0, 0.0, self.job.dt, SERVO_LOOKAHEAD_S, SERVO_GAIN)
+
+    def output(self, level: bool) -> None:
+        """Sets the gripper's output."""
+        if self.send_output is not None:
+            self._real_time("the digital output", self.send_output, self.job.output_index, level)
+
+    def stop(self) -> None:
+        """Ends the stream at rest, and the program with it: the only way to disarm the watchdog."""
+        if self.control is None:
+            return
+        if self.job.mode == "servoj":
+            self.control.servoStop()
+        else:
+            self.control.speedStop(STOP_DECELERATION)
+        self.control.stopScript()
+
+    def _real_time(self, name: str, call: Callable[..., Any], *args: Any) -> None:
+        begin = monotonic()
+        try:
+            answer = call(*args)
+        except RuntimeError as error:
+            raise LinkFault("link_lost", f"{name}: {error}") from error
+        self.call_s = spent = monotonic() - begin
+        self._answer(name, answer)
+        if spent > CALL_MAX_S and spent - (self._run_delay_ns() - self._waited) * 1e-9 > CALL_MAX_S:
+            raise LinkFault("link_lost", f"{name} took {spent * 1e3:.1f} ms")
+
+    def _answer(self, name: str, answer: Any) -> None:
+        if answer is not True:
+            self.read()
+            self.check()
+            raise LinkFault("link_lost", f"{name} was refused")
+
+    def _run_delay_ns(self) -> int:
+        """Returns how long this thread was ready to run and had no processor [ns]: not the library's fault."""
+        return int(os.pread(self._stat, 64, 0).split()[1])
+
+    call_s = 0.0
