@@ -8,15 +8,13 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-from sqlalchemy.exc import SQLAlchemyError
-
 from executor.execution import Execution
 from executor.heartbeat import Heartbeat
 from executor.journal import Journal, Result
 from executor.liveview import row_document
 from executor.preflight import Refused
 from executor.station import Station
-from store import ExecutionRow, Store, new_id
+from store import ExecutionRow, Store, StoreUnavailable, new_id
 
 POLL_S = 0.02  # [s] between two looks for a queued execution
 TELEMETRY_S = 0.04  # [s] between two telemetry events: 25 Hz
@@ -82,7 +80,7 @@ class Daemon:
             execution.start(execution.prepare(plan.document))
             self._watch(execution, ended)
             result = execution.finish()
-        except (Refused, OSError, SQLAlchemyError) as error:
+        except (Refused, OSError, StoreUnavailable) as error:
             result = Result(row.id, "refused" if execution.run is None else "executor_lost", str(error), None)
         finally:
             if execution.run is not None:
@@ -128,5 +126,5 @@ class Daemon:
         """Calls the store; None where the database is gone: the robot does not wait for it."""
         try:
             return call()
-        except SQLAlchemyError:
+        except StoreUnavailable:
             return None

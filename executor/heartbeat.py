@@ -7,12 +7,10 @@ from __future__ import annotations
 
 import threading
 
-from sqlalchemy.exc import SQLAlchemyError
-
 from executor.journal import Journal
 from executor.liveview import robot_document
 from executor.station import Station
-from store import Store
+from store import Store, StoreUnavailable
 
 BEAT_S = 0.25  # [s] the service takes an executor for gone after two seconds
 
@@ -49,7 +47,7 @@ class Heartbeat:
             robot = robot_document(station.monitor.fresh(), self._reasons)
             self.store.beat(station.cell.name, self.executor_id, station.cell.link.kind, robot, self.journal.fault(),
                             station.settings.read_only)  # fmt: skip
-        except SQLAlchemyError:
+        except StoreUnavailable:
             return
 
     def _go_on(self) -> None:

@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import orjson
-from sqlalchemy.exc import SQLAlchemyError
 
-from store import Store, UnknownExecution
+from store import Store, StoreUnavailable, UnknownExecution
 
 FAULT_FILE = "fault.json"
 
@@ -70,7 +69,7 @@ class Journal:
         for path in waiting:
             try:
                 self._deliver_one(store, path)
-            except SQLAlchemyError:
+            except StoreUnavailable:
                 break  # the database is gone: later
         return len(list(self.folder.glob("*.result.json")))
 

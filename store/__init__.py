@@ -3,7 +3,7 @@
 `Store` is the one door. SQLite (WAL) by default, PostgreSQL by its address. Times are seconds since the epoch (float).
 """
 
-from store.errors import CellBusy, KeyTaken, StoreError, UnknownExecution, UnknownPlan
+from store.errors import CellBusy, KeyTaken, StoreError, StoreUnavailable, UnknownExecution, UnknownPlan
 from store.identifiers import new_id
 from store.location import default_database_url
 from store.rows import CellRow, EventRow, ExecutionRow, IdempotencyKey, PlanRow, RecordingRow
@@ -20,6 +20,7 @@ __all__ = [
     "RecordingRow",
     "Store",
     "StoreError",
+    "StoreUnavailable",
     "UnknownExecution",
     "UnknownPlan",
     "default_database_url",

@@ -7,7 +7,7 @@ from typing import Any
 from sqlalchemy import Connection, insert, select
 
 from store.area import Area
-from store.engine import reading
+from store.engine import reading, writing
 from store.errors import KeyTaken
 from store.rows import IdempotencyKey
 from store.tables import audit, idempotency
@@ -51,7 +51,7 @@ class Access(Area):
 
     def add_audit(self, who: str, action: str, resource: str, remote: str) -> None:
         """Writes one line of the audit trail: who did what to which resource, from where."""
-        with self._engine.begin() as connection:
+        with writing(self._engine) as connection:
             line = {"at": self._now(), "who": who, "action": action, "resource": resource, "remote": remote}
             connection.execute(insert(audit).values(**line))
 

@@ -8,7 +8,7 @@ from typing import Any
 from sqlalchemy import insert, select, update
 
 from store.area import Area
-from store.engine import reading
+from store.engine import reading, writing
 from store.rows import CellRow
 from store.tables import cells
 
@@ -28,7 +28,7 @@ class Cells(Area):
         """The executor says that it lives, what its robot does and whether a fault is latched."""
         values = {"executor_id": executor_id, "heartbeat_at": self._now(), "link_kind": link_kind}
         values |= {"robot": dict(robot or {}), "fault": None if fault is None else dict(fault), "read_only": read_only}
-        with self._engine.begin() as connection:
+        with writing(self._engine) as connection:
             if not connection.execute(update(cells).where(cells.c.cell == cell).values(**values)).rowcount:
                 connection.execute(insert(cells).values(cell=cell, **values))
 
@@ -45,7 +45,7 @@ class Cells(Area):
 
     def request_acknowledge(self, cell: str, who: str) -> bool:
         """A person has looked. Returns False where the cell never had an executor."""
-        with self._engine.begin() as connection:
+        with writing(self._engine) as connection:
             asked = update(cells).where(cells.c.cell == cell)
             values = {"acknowledge_requested_at": self._now(), "acknowledged_by": who}
             return bool(connection.execute(asked.values(**values)).rowcount)
@@ -61,5 +61,5 @@ class Cells(Area):
 
     def clear_acknowledge(self, cell: str) -> None:
         """The executor has dealt with the acknowledgement."""
-        with self._engine.begin() as connection:
+        with writing(self._engine) as connection:
             connection.execute(update(cells).where(cells.c.cell == cell).values(acknowledge_handled_at=self._now()))

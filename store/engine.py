@@ -12,6 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from sqlalchemy import Connection, Engine, create_engine, event, make_url
+from sqlalchemy.exc import SQLAlchemyError
+
+from store.errors import StoreUnavailable
 
 BUSY_TIMEOUT_MS = 5000  # [ms] a writer waits this long for the other; its transactions take about a millisecond
 READING = {"fling_reading": True}
@@ -32,9 +35,30 @@ def open_engine(url: str) -> Engine:
 
 @contextmanager
 def reading(engine: Engine) -> Iterator[Connection]:
-    """A transaction that only reads: never waits for a writer, sees one state."""
-    with engine.connect().execution_options(**READING) as connection, connection.begin():
-        yield connection
+    """A transaction that only reads: never waits for a writer, sees one state.
+
+    Raises:
+        StoreUnavailable: the database does not answer.
+    """
+    try:
+        with engine.connect().execution_options(**READING) as connection, connection.begin():
+            yield connection
+    except SQLAlchemyError as error:
+        raise StoreUnavailable(error) from error
+
+
+@contextmanager
+def writing(engine: Engine) -> Iterator[Connection]:
+    """A transaction that writes: all of it, or nothing.
+
+    Raises:
+        StoreUnavailable: the database does not answer, or refuses.
+    """
+    try:
+        with engine.begin() as connection:
+            yield connection
+    except SQLAlchemyError as error:
+        raise StoreUnavailable(error) from error
 
 
 def _configure(connection: Any, _record: object) -> None:

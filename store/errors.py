@@ -3,6 +3,7 @@
 ::
 
     StoreError
+    ├── StoreUnavailable   the database does not answer, is locked, full or broken
     ├── CellBusy           the cell already has an execution that is not finished
     ├── KeyTaken           the idempotency key already stands for a resource
     ├── UnknownPlan        no plan of this id
@@ -13,7 +14,14 @@ from __future__ import annotations
 
 
 class StoreError(Exception):
-    """Root of everything the store raises on purpose; anything else is the database's own error."""
+    """Root of everything the store raises on purpose."""
+
+
+class StoreUnavailable(StoreError):
+    """The database does not answer, is locked for too long, full or broken; the cause is the driver's own error."""
+
+    def __init__(self, cause: Exception) -> None:
+        super().__init__(f"the database cannot be used: {cause}")
 
 
 class CellBusy(StoreError):

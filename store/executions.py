@@ -7,7 +7,7 @@ from sqlalchemy.exc import IntegrityError
 
 from store.access import take_key
 from store.area import Area
-from store.engine import reading
+from store.engine import reading, writing
 from store.errors import CellBusy, UnknownPlan
 from store.identifiers import new_id
 from store.rows import EventRow, ExecutionRow, IdempotencyKey, RecordingRow
@@ -36,7 +36,7 @@ class Executions(Area):
         """
         id, now = new_id(), self._now()
         row = {"id": id, "plan_id": plan_id, "cell": cell, "mode": mode, "dry_run": dry_run}
-        with self._engine.begin() as connection:
+        with writing(self._engine) as connection:
             take_key(connection, key, id, now)
             if connection.execute(select(plans.c.id).where(plans.c.id == plan_id)).one_or_none() is None:
                 raise UnknownPlan(plan_id)
@@ -63,6 +63,12 @@ class Executions(Area):
             rows = [ExecutionRow(**row._mapping) for row in connection.execute(query)]
         return rows[:limit], rows[limit - 1].id if len(rows) > limit else None
 
+    def open_execution(self, cell: str) -> str | None:
+        """Returns the id of the execution of `cell` that is not finished."""
+        query = select(executions.c.id).where(executions.c.cell == cell, executions.c.state != "finished")
+        with reading(self._engine) as connection:
+            return connection.execute(query).scalar_one_or_none()
+
     def execution_counts(self) -> dict[str, int]:
         """Returns how many executions ended with each outcome; those not finished under their state."""
         label = func.coalesce(executions.c.outcome, executions.c.state)
@@ -76,7 +82,7 @@ class Executions(Area):
             UnknownExecution: there is none of this id.
         """
         now = self._now()
-        with self._engine.begin() as connection:
+        with writing(self._engine) as connection:
             asked = update(executions).where(executions.c.id == id, executions.c.abort_requested_at.is_(None))
             connection.execute(asked.where(executions.c.state != "finished").values(abort_requested_at=now))
             _abort_unclaimed(connection, id, now)

@@ -6,7 +6,7 @@ from sqlalchemy import insert, select
 
 from store.access import take_key
 from store.area import Area
-from store.engine import reading
+from store.engine import reading, writing
 from store.rows import IdempotencyKey, PlanRow
 from store.tables import plans
 
@@ -33,7 +33,7 @@ class Plans(Area):
             KeyTaken: `key` stands for another plan already; nothing is stored.
         """
         row = PlanRow(id, created_at, cell, cell_sha256, backend, document if summary is None else summary, document)
-        with self._engine.begin() as connection:
+        with writing(self._engine) as connection:
             take_key(connection, key, id, created_at)
             connection.execute(insert(plans).values(**vars(row)))
 

@@ -8,7 +8,7 @@ from typing import Any
 from sqlalchemy import Connection, delete, insert, select, update
 
 from store.area import Area
-from store.engine import reading
+from store.engine import reading, writing
 from store.errors import UnknownExecution
 from store.rows import ExecutionRow
 from store.tables import events, executions, recordings
@@ -46,7 +46,7 @@ class Runs(Area):
         if id is None:
             return None
         now = self._now()
-        with self._engine.begin() as connection:
+        with writing(self._engine) as connection:
             mine = update(executions).where(executions.c.id == id, executions.c.state == "queued")
             mine = mine.values(state="preparing", executor_id=executor_id, claimed_at=now)
             if not connection.execute(mine).rowcount:
@@ -56,7 +56,7 @@ class Runs(Area):
 
     def set_state(self, id: str, state: str, data: Mapping[str, Any] | None = None) -> bool:
         """Sets the state and writes its event. Returns False, and does nothing, where it is finished or already so."""
-        with self._engine.begin() as connection:
+        with writing(self._engine) as connection:
             open_ones = update(executions).where(executions.c.id == id, executions.c.state.not_in(("finished", state)))
             if not connection.execute(open_ones.values(state=state)).rowcount:
                 return False
@@ -65,7 +65,7 @@ class Runs(Area):
 
     def add_event(self, id: str, kind: str, data: Mapping[str, Any]) -> None:
         """Writes one event of an execution."""
-        with self._engine.begin() as connection:
+        with writing(self._engine) as connection:
             write_event(connection, id, kind, data, self._now())
 
     def abort_requested(self, id: str) -> bool:
@@ -78,12 +78,12 @@ class Runs(Area):
         self, id: str, outcome: str, reason: str | None = None, metrics: Mapping[str, Any] | None = None
     ) -> bool:
         """Ends an execution and writes its event. Returns False, and does nothing, where it had ended already."""
-        with self._engine.begin() as connection:
+        with writing(self._engine) as connection:
             return _finish(connection, id, outcome, reason, metrics, self._now())
 
     def add_recording(self, execution_id: str, mcap: bytes, csv: bytes) -> None:
         """Stores the recording of an execution; a second one takes the place of the first."""
-        with self._engine.begin() as connection:
+        with writing(self._engine) as connection:
             connection.execute(delete(recordings).where(recordings.c.execution_id == execution_id))
             connection.execute(insert(recordings).values(execution_id=execution_id, mcap=mcap, csv=csv))
 
@@ -95,7 +95,7 @@ class Runs(Area):
         Returns their ids.
         """
         query = select(executions.c.id).where(executions.c.cell == cell, executions.c.state != "finished")
-        with self._engine.begin() as connection:
+        with writing(self._engine) as connection:
             ids = list(connection.execute(query).scalars())
             for id in ids:
                 _finish(connection, id, outcome, reason, None, self._now())

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Self
 
 from sqlalchemy import text
-from sqlalchemy.exc import SQLAlchemyError
 
 from store import migrations
 from store.access import Access
 from store.cells import Cells
 from store.engine import open_engine, reading
+from store.errors import StoreUnavailable
 from store.executions import Executions
 from store.plans import Plans
 from store.runs import Runs
@@ -51,7 +51,7 @@ class Store(Plans, Executions, Runs, Cells, Access):
         try:
             with reading(self._engine) as connection:
                 connection.execute(text("SELECT 1 FROM plans LIMIT 1"))
-        except SQLAlchemyError:
+        except StoreUnavailable:
             return False
         return True
 

@@ -1,0 +1,1 @@
+"""Fling's service: HTTP in front of the planner and the store, the command line, the web page."""

@@ -1,0 +1,178 @@
+"""Plans: make one, list them, read one."""
+
+from __future__ import annotations
+
+import csv
+import io
+import time
+from typing import Annotated, Any
+
+import orjson
+from fastapi import APIRouter, Body, Header, Path, Query, Response
+from starlette.concurrency import run_in_threadpool
+
+from api.clock import iso
+from api.deps import ClientDep, PlanKey, PlannerClient, Service, ServiceDep
+from api.documented import json_answer, problems_of
+from api.errors import Problem, translate
+from api.negotiation import choose
+from api.presence import is_alive
+from api.schemas.plans import PlanAnswer, PlanList, TrajectoryAnswer
+from api.schemas.requests import PLAN_EXAMPLES, PlanRequest
+from api.solving import Job, Planned, Refused
+from planner.errors import PlannerError
+from store import IdempotencyKey, KeyTaken, PlanRow, new_id
+
+router = APIRouter(tags=["plans"])
+
+TIME_LIMIT_S = 5.0  # [s] where the request names none, as the contract has it
+PlanId = Annotated[str, Path(description="Id of a plan, or `latest`.", max_length=64, openapi_examples={
+    "latest": {"summary": "the newest plan", "value": "latest"}})]  # fmt: skip
+WithTrajectory = Annotated[bool, Query(description="false leaves the trajectory out.")]
+PlanBody = Annotated[PlanRequest, Body(openapi_examples=PLAN_EXAMPLES)]  # type: ignore[arg-type]
+
+
+@router.post(
+    "/plan", status_code=201, summary="Plan a throw",
+    responses={**json_answer(201, PlanAnswer, "Solved, certified and stored."),
+               **problems_of("not-found", "invalid-request", "infeasible", "idempotency-conflict", "overloaded",
+                             "solver-failed", "too-large", "unsupported-media-type", "unauthenticated", "forbidden")},
+)  # fmt: skip
+async def make_plan(
+    body: PlanBody, service: ServiceDep, client: PlannerClient, key: PlanKey, trajectory: WithTrajectory = True
+) -> Response:
+    """Solves, certifies and stores one plan. A plan that fails its certificate is never stored and never returned."""
+    known = None if key is None else await run_in_threadpool(service.store.resource_of_key, key)
+    if known is None:
+        known = await _solve_and_store(body, service, key)
+    row = await run_in_threadpool(service.store.plan, known)
+    assert row is not None  # plans are never deleted
+    content = row.document if trajectory else row.summary
+    return Response(content, 201, {"Location": f"/plans/{row.id}"}, "application/json")
+
+
+@router.get("/plans", summary="List plans", responses=json_answer(200, PlanList, "Newest first, without trajectories."))
+def list_plans(
+    service: ServiceDep,
+    client: ClientDep,
+    limit: Annotated[int, Query(ge=1, le=200, description="How many at most.")] = 50,
+    cursor: Annotated[str | None, Query(description="`next_cursor` of the page before.", max_length=64)] = None,
+) -> Response:
+    """Lists plans, newest first, without their trajectories."""
+    rows, following = service.store.plans(limit, cursor)
+    page = b'{"plans":[' + b",".join(row.summary for row in rows) + b'],"next_cursor":' + orjson.dumps(following) + b"}"
+    return Response(page, media_type="application/json")
+
+
+@router.get(
+    "/plans/{id}", summary="Read a plan",
+    responses={**json_answer(200, PlanAnswer, "As it was stored."), **problems_of("not-found")},
+)  # fmt: skip
+def read_plan(id: PlanId, service: ServiceDep, client: ClientDep, trajectory: WithTrajectory = True) -> Response:
+    """Reads one plan as it was stored."""
+    row = find_plan(service, id, whole=trajectory)
+    return Response(row.document if trajectory else row.summary, media_type="application/json")
+
+
+@router.get(
+    "/plans/{id}/trajectory", summary="Read a trajectory",
+    responses={200: {"model": TrajectoryAnswer, "content": {"text/csv": {"schema": {"type": "string"}}},
+                     "description": "JSON, or CSV with one row a tick, by `Accept`."}, **problems_of("not-found")},
+)  # fmt: skip
+def read_trajectory(
+    id: PlanId,
+    service: ServiceDep,
+    client: ClientDep,
+    accept: Annotated[str | None, Header(description="application/json or text/csv.")] = None,
+) -> Response:
+    """Reads the trajectory of a plan, as JSON or CSV."""
+    trajectory = orjson.loads(find_plan(service, id).document)["trajectory"]
+    headers = {"Vary": "Accept"}
+    if choose(accept, ("application/json", "text/csv")) == "text/csv":
+        return Response(_csv(trajectory), headers=headers, media_type="text/csv")
+    return Response(orjson.dumps(trajectory), headers=headers, media_type="application/json")
+
+
+def find_plan(service: Service, id: str, whole: bool = True) -> PlanRow:
+    """Returns a plan by its id or `latest`.
+
+    Raises:
+        Problem: there is none.
+    """
+    if id == "latest":
+        newest, _ = service.store.plans(limit=1)
+        id = newest[0].id if newest else id
+    row = service.store.plan(id) if whole else service.store.plan_summary(id)
+    if row is None:
+        raise Problem("not-found", f"no plan {id!r}")
+    return row
+
+
+async def _solve_and_store(body: PlanRequest, service: Service, key: IdempotencyKey | None) -> str:
+    begun = time.perf_counter()
+    job, sha256 = await run_in_threadpool(_job, body, service)
+    try:
+        answer = await service.workers.solve(job, body.time_limit_s or TIME_LIMIT_S)
+    except Problem as problem:
+        service.metrics.plans.labels(problem.name).inc()
+        raise
+    finally:
+        service.metrics.plan_seconds.observe(time.perf_counter() - begun)
+    if isinstance(answer, Refused):
+        raise _refusal(answer, service)
+    service.metrics.plans.labels("planned").inc()
+    return await run_in_threadpool(_store, service, job, sha256, answer, key)
+
+
+def _refusal(answer: Refused, service: Service) -> Problem:
+    try:
+        answer.raise_again()
+    except PlannerError as error:
+        problem = translate(error)
+        service.metrics.plans.labels(problem.name).inc()
+        return problem
+    raise AssertionError("a refusal always raises")
+
+
+def _job(body: PlanRequest, service: Service) -> tuple[Job, str]:
+    """Returns the job for a worker, and the hash of the cell file it is for."""
+    name = body.cell or service.settings.default_cell
+    cell, text = service.cell(name), service.shelf.text(name) or b""
+    request = {**body.model_dump(exclude_none=True), "cell": name}
+    if body.start is not None and body.start.current:
+        request["start"] = {"positions": _current_positions(service, name)}
+    return Job(new_id(), iso(time.time()) or "", name, text, request), cell.sha256
+
+
+def _current_positions(service: Service, cell: str) -> list[float]:
+    row = service.store.cell_status(cell)
+    positions: Any = row.robot.get("positions") if row is not None and is_alive(row) else None
+    if positions is None:
+        raise Problem("robot-not-ready", f"no executor of {cell!r} says where the robot stands", cell=cell)
+    return [float(q) for q in positions]
+
+
+def _store(service: Service, job: Job, sha256: str, answer: Planned, key: IdempotencyKey | None) -> str:
+    """Stores the plan and returns its id; where the same request came twice at once, the first one's id."""
+    try:
+        service.store.add_plan(
+            job.plan_id, time.time(), job.cell_name, sha256, answer.backend, answer.document, answer.summary, key
+        )
+    except KeyTaken as taken:
+        if key is None or taken.body_sha256 != key.body_sha256:
+            raise
+        return taken.resource_id
+    return job.plan_id
+
+
+def _csv(trajectory: dict[str, Any]) -> str:
+    """Returns one row a tick: time, then positions, velocities and accelerations of every joint."""
+    kinds = {"positions": "position_rad", "velocities": "velocity_rad_s", "accelerations": "acceleration_rad_s2"}
+    names = trajectory["joint_names"]
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["time_from_start_s", *(f"{name}_{suffix}" for suffix in kinds.values() for name in names)])
+    columns = [trajectory["time_from_start"], *(trajectory[kind] for kind in kinds)]
+    for t, q, qd, qdd in zip(*columns, strict=True):
+        rows.writerow([t, *q, *qd, *qdd])
+    return text.getvalue()

@@ -1,0 +1,1 @@
+"""What crosses HTTP: pydantic models whose descriptions name every unit."""

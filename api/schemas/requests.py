@@ -1,0 +1,142 @@
+"""Bodies of `POST /plan` and `POST /execute`."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from api.schemas.quantities import Joints, PerJoint, Quaternion, Question, Vector3
+
+
+class Start(Question):
+    """Where the arm stands, at rest, before the launch. Give one of the two."""
+
+    positions: Joints | None = Field(None, description="Joint positions, base to wrist 3 [rad].")
+    current: Literal[True] | None = Field(None, description="true: where the robot stands now, by its executor.")
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> Start:
+        if (self.positions is None) == (self.current is None):
+            raise ValueError("give either positions or current")
+        return self
+
+
+class Pose(Question):
+    """Position and orientation of the tool centre point."""
+
+    position: Vector3 = Field(description="Position [m].")
+    quaternion: Quaternion | None = Field(None, description="Orientation as a unit quaternion [x, y, z, w] [-].")
+    rotation_vector: Vector3 | None = Field(None, description="Orientation as UR's rotation vector [rad].")
+
+    @model_validator(mode="after")
+    def _one_orientation(self) -> Pose:
+        if (self.quaternion is None) == (self.rotation_vector is None):
+            raise ValueError("give either quaternion or rotation_vector")
+        return self
+
+
+class Twist(Question):
+    """Velocity of the tool centre point."""
+
+    linear: Vector3 = Field(description="Linear velocity [m/s].")
+    angular: Vector3 = Field(description="Angular velocity [rad/s].")
+
+
+class PoseRelease(Question):
+    """Pass a tool pose with a twist."""
+
+    kind: Literal["pose"]
+    pose: Pose = Field(description="Pose of the tool centre point at the release, in `frame`.")
+    twist: Twist = Field(description="Twist of the tool centre point at the release, in `frame`.")
+
+
+class PointRelease(Question):
+    """Pass a point with a velocity; orientation and angular velocity are free."""
+
+    kind: Literal["point"]
+    position: Vector3 = Field(description="Position of the tool centre point at the release, in `frame` [m].")
+    velocity: Vector3 = Field(description="Its velocity, in `frame` [m/s].")
+
+
+class JointRelease(Question):
+    """Pass a joint state."""
+
+    kind: Literal["joint"]
+    positions: Joints = Field(description="Joint positions at the release [rad].")
+    velocities: Joints = Field(description="Joint velocities at the release [rad/s].")
+
+
+class TargetRelease(Question):
+    """Hit a point by free flight; where and how the object is let go is the planner's choice."""
+
+    kind: Literal["target"]
+    position: Vector3 = Field(description="The point to hit, in `frame` [m].")
+    max_release_speed_m_s: float | None = Field(None, gt=0.0, description="Speed of the object at most [m/s].")
+    min_elevation_rad: float | None = Field(None, description="Angle of the release above the horizon, least [rad].")
+    max_elevation_rad: float | None = Field(None, description="Angle of the release above the horizon, most [rad].")
+    min_horizontal_distance_m: float | None = Field(
+        None, ge=0.0, description="Horizontal distance from the release to the target, least [m]."
+    )
+    release_position: Vector3 | None = Field(None, description="Where to let go, in `frame` [m]; absent: free.")
+
+
+Release = Annotated[PoseRelease | PointRelease | JointRelease | TargetRelease, Field(discriminator="kind")]
+
+
+class RequestLimits(Question):
+    """Tighter bounds than the cell's; one number for all joints or one each."""
+
+    velocity: PerJoint | None = Field(None, description="Joint velocity [rad/s].")
+    acceleration: PerJoint | None = Field(None, description="Joint acceleration [rad/s^2].")
+    jerk: PerJoint | None = Field(None, description="Joint jerk [rad/s^3].")
+
+
+class PlanRequest(Question):
+    """A throw, or any move that must pass a state at speed."""
+
+    cell: str | None = Field(None, description="Name of the cell; absent: the service's default.", max_length=64)
+    start: Start | None = Field(None, description="Where the launch begins; absent: the cell's home.")
+    release: Release = Field(description="What to pass or to hit: one of four kinds.")
+    frame: Literal["world", "base"] = Field("world", description="Frame of positions and velocities in this request.")
+    backend: Literal["auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp"] = Field(
+        "auto", description="Who solves; auto: the best certified answer of several."
+    )
+    limits: RequestLimits | None = Field(None, description="Bounds for this plan; they may only tighten the cell's.")
+    singularity_distance_min: float | None = Field(
+        None, ge=0.0, description="Least distance to each singularity [-]; may only tighten the cell's."
+    )
+    release_window_s: float | None = Field(
+        None, ge=0.0, description="A release this much early or late [s] still lands within `landing_tolerance_m`."
+    )
+    landing_tolerance_m: float | None = Field(
+        None, ge=0.0, description="Landing error allowed inside the release window [m]; 0: the nominal instant alone."
+    )
+    time_limit_s: float | None = Field(None, gt=0.0, description="For the solver [s]; absent: 5.")
+
+
+class ExecuteRequest(Question):
+    """One run of one plan."""
+
+    plan_id: str = Field(description="Which plan; `latest` is the newest one, on a simulated cell.", max_length=64)
+    mode: Literal["speedj", "servoj"] = Field("speedj", description="How the motion is streamed.")
+    dry_run: bool = Field(False, description="true: everything but motion.")
+
+
+_TARGET = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}
+_JOINT = {
+    "release": {
+        "kind": "joint",
+        "positions": [0.4, -1.4, 1.2, -1.2, -1.57, 0.0],
+        "velocities": [0.8, 0.6, -0.5, 0.3, 0.0, 0.0],
+    },
+    "limits": {"velocity": 2.5, "jerk": 400.0},
+}
+_POINT = {"release": {"kind": "point", "position": [0.5, 0.2, 0.6], "velocity": [0.8, 0.3, 0.6]}, "backend": "ruckig"}
+
+PLAN_EXAMPLES = {
+    "target": {"summary": "Hit a point on the floor", "value": _TARGET},
+    "joint": {"summary": "Pass a joint state, with tighter limits", "value": _JOINT},
+    "point": {"summary": "Let go at a point with a velocity", "value": _POINT},
+}
+EXECUTE_EXAMPLES = {"latest": {"summary": "Throw the newest plan (simulated cell)", "value": {"plan_id": "latest"}}}
