@@ -35,7 +35,9 @@ JOINT_CHECKS = (
 )
 MOTION_CHECKS = (
     tool.tcp_speed,
+    space.floor,
     space.keep_in,
+    space.keep_out,
     space.self_collision,
     tool.singularity_distance,
     tool.joint_torque,
@@ -56,9 +58,7 @@ def certify(problem: ThrowProblem, trajectory: Trajectory) -> Certificate:
         return Certificate(tuple(checks[:-1] if checks[-1].ok else checks))
     checks.pop()
     motion = Motion(problem, trajectory)
-    bodies = space.Bodies(motion)
     found = [check(motion) for check in MOTION_CHECKS]
-    found += [space.floor(motion, bodies), space.keep_out(motion, bodies)]
     found += [check(problem, trajectory) for check in THROW_CHECKS]
     checks += [check for check in found if check is not None]
     return Certificate(tuple(checks))

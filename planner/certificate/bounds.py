@@ -85,8 +85,8 @@ def point_speed(lever: Vector, rates: Rates) -> Vector:
 
 
 def point_acceleration(lever: Vector, rates: Rates) -> Vector:
-    """Returns the largest acceleration of the point over every stretch (m,) [m/s^2]."""
-    return rates.by_derivative[1] @ _not_growing(lever)
+    """Returns the largest acceleration over every stretch (m,) [m/s^2], or (m, k) of k points with levers (k, 6)."""
+    return rates.by_derivative[1] @ _not_growing(lever).T
 
 
 def point_jerk(lever: Vector, rates: Rates) -> Vector:
@@ -101,7 +101,7 @@ def point_snap(lever: Vector, rates: Rates) -> Vector:
 
 def _not_growing(lever: Vector) -> Vector:
     """Returns the largest lever not before each joint: levers fall towards the tool, rounding aside."""
-    return np.maximum.accumulate(lever[::-1])[::-1]
+    return np.maximum.accumulate(lever[..., ::-1], axis=-1)[..., ::-1]
 
 
 @dataclass(frozen=True)

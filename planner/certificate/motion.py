@@ -15,6 +15,7 @@ from planner.trajectory import Trajectory
 Vector = NDArray[np.float64]
 
 SPARSE_S = 0.032  # [s] spacing of the first look at distances, most of which are far from any limit
+TORQUE_S = 0.008  # [s] of the first look at torques, which cost most
 COARSE_S = 0.004  # [s] spacing of the first look (every tick at 125 Hz); bisection goes finer where it must
 
 
@@ -38,6 +39,11 @@ class Motion:
     def sparse(self) -> Motion:
         """The same motion with fewer knots."""
         return Motion(self.problem, self.trajectory, SPARSE_S)
+
+    @cached_property
+    def for_torques(self) -> Motion:
+        """The same motion with half the knots."""
+        return Motion(self.problem, self.trajectory, TORQUE_S)
 
     @cached_property
     def X_WL(self) -> Vector:

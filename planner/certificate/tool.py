@@ -83,7 +83,7 @@ def _singularity_rates(motion: Motion, rates: Rates) -> Vector:
 
 def joint_torque(motion: Motion) -> Check:
     """No joint needs more torque than allowed, with tool and, until the release, the object."""
-    problem, trajectory = motion.problem, motion.trajectory
+    motion, problem, trajectory = motion.for_torques, motion.problem, motion.trajectory
     limit = problem.limits.tau_max
     held = payload_of(motion, with_object=True)
     empty = payload_of(motion, with_object=False)
