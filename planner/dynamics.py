@@ -63,16 +63,21 @@ class _Turns:
 
     def outward(self, i: int, v: Array) -> Array:
         """Vector of frame i seen in frame i + 1."""
-        x = self.cos[i] * v[0] + self.sin[i] * v[1]
         y = self.cos[i] * v[1] - self.sin[i] * v[0]
         c, s = self.c_alpha[i], self.s_alpha[i]
-        return np.stack([x, c * y + s * v[2], c * v[2] - s * y])
+        out = np.empty_like(v)
+        out[0] = self.cos[i] * v[0] + self.sin[i] * v[1]
+        out[1], out[2] = c * y + s * v[2], c * v[2] - s * y
+        return out
 
     def inward(self, i: int, v: Array) -> Array:
         """Vector of frame i + 1 seen in frame i."""
         c, s = self.c_alpha[i], self.s_alpha[i]
-        y, z = c * v[1] - s * v[2], s * v[1] + c * v[2]
-        return np.stack([self.cos[i] * v[0] - self.sin[i] * y, self.sin[i] * v[0] + self.cos[i] * y, z])
+        y = c * v[1] - s * v[2]
+        out = np.empty_like(v)
+        out[0], out[1] = self.cos[i] * v[0] - self.sin[i] * y, self.sin[i] * v[0] + self.cos[i] * y
+        out[2] = s * v[1] + c * v[2]
+        return out
 
 
 def _spins(turns: _Turns, rate: Array, acceleration: Array) -> tuple[Array, Array]:
@@ -124,7 +129,10 @@ def _arms(robot: Robot) -> Array:
 
 def _cross(a: Array, b: Array) -> Array:
     """Cross product of vectors (6, 3, N)."""
-    return np.stack([a[:, j] * b[:, k] - a[:, k] * b[:, j] for j, k in ((1, 2), (2, 0), (0, 1))], axis=1)
+    out = np.empty_like(a)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        out[:, i] = a[:, j] * b[:, k] - a[:, k] * b[:, j]
+    return out
 
 
 def _bodies(robot: Robot, payload: Payload | None) -> tuple[Array, Array, Array]:
