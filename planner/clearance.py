@@ -39,8 +39,12 @@ class Clearances:
 
     def violations(self, row: int, cell: Cell) -> list[Violation]:
         """Returns which bounds posture `row` breaks at the release."""
-        required = {"floor": cell.surroundings.clearance_m, "keep_in": 0.0,
-                    "keep_out": cell.surroundings.clearance_m, "self_collision": SELF_CLEARANCE_M}
+        required = {
+            "floor": cell.surroundings.clearance_m,
+            "keep_in": 0.0,
+            "keep_out": cell.surroundings.clearance_m,
+            "self_collision": SELF_CLEARANCE_M,
+        }
         return [
             Violation(name, float(getattr(self, name)[row] + limit), limit, "m", detail="at the release")
             for name, limit in required.items()
@@ -56,7 +60,9 @@ def clearances(cell: Cell, q: Vector) -> Clearances:
     radius = np.array([c.radius_m for c in capsules])
     moving = np.array([c.frame > 0 for c in capsules])
     floor = (ends[..., 2].min(axis=-1) - radius)[:, moving].min(axis=1) - around.floor_z_m - around.clearance_m
-    return Clearances(floor, _inside(cell, q), _outside(cell, ends[:, moving], radius[moving]), _apart(cell, ends, radius))
+    return Clearances(
+        floor, _inside(cell, q), _outside(cell, ends[:, moving], radius[moving]), _apart(cell, ends, radius)
+    )
 
 
 def _inside(cell: Cell, q: Vector) -> Vector:

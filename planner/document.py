@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +16,13 @@ from planner.cell import Cell
 from planner.certificate import landing_errors, release_flight, tool_state
 from planner.errors import FieldError, InvalidProblem
 from planner.kinematics import tcp_acceleration
-from planner.planning import Plan
 from planner.problem import ThrowProblem
 from planner.request import problem_from_request
 from planner.rotations import matrix_to_quaternion, matrix_to_rotation_vector
 from planner.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from planner.planning import Plan
 
 __all__ = ["plan_document", "plan_from_document", "problem_from_request"]
 

@@ -6,7 +6,7 @@
     ├── UnknownRobot         no such arm
     ├── CellError            a cell file is refused: field, value, reason
     ├── InvalidProblem       a request is refused: every field and its reason
-    ├── Infeasible           no motion exists: what stands in the way, by how much, and the nearest thing that can be done
+    ├── Infeasible           no motion exists: what stands in the way, by how much, the nearest that can be done
     ├── SolverFailed         gave up within its time: status, iterations, what was tried
     └── BackendUnavailable   an optional back end is not installed: the extra to install
 """

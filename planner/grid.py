@@ -1,8 +1,8 @@
 """Bringing a motion onto the tick grid without losing its end state.
 
 A solver's jerk switches where it likes; a trajectory's jerk switches on ticks. Taking the solver's accelerations at the
-ticks gives every tick its mean jerk, which is within the bound, but moves the end of the phase by about jerk dt^2 / 4 in
-velocity for each switch. The least change of the jerks that puts the end state back is added, weighted so that it falls
+ticks gives every tick its mean jerk, which is within the bound, but moves the end of the phase by about
+jerk dt^2 / 4 in velocity for each switch. The least change of the jerks that puts the end state back is added, weighted so that it falls
 where the jerk has room. `grid_limits` is what a solver must keep free for it.
 """
 
@@ -46,9 +46,7 @@ def fits(phase: tuple[Vector, Vector, Vector], limits: Limits, dt: float) -> boo
     return all(bool(np.all(np.abs(x) <= bound * (1.0 + FIT_TOLERANCE))) for x, bound in pairs)
 
 
-def onto_grid(
-    start: State, end: State, qdd: Vector, dt: float, jerk_max: Vector
-) -> tuple[Vector, Vector, Vector]:
+def onto_grid(start: State, end: State, qdd: Vector, dt: float, jerk_max: Vector) -> tuple[Vector, Vector, Vector]:
     """Returns samples q, qd, qdd (N+1, n) from `start` exactly to `end`, close to the accelerations `qdd`.
 
     Args:

@@ -22,7 +22,14 @@ from planner.sampling import farthest_reach
 Vector = NDArray[np.float64]
 
 BISECTIONS = 6  # the share is found to 1/64
-OF_THE_PLACE = ("reach", "joint_position", "floor", "keep_in", "keep_out", "self_collision")  # not cured by slowing down
+OF_THE_PLACE = (
+    "reach",
+    "joint_position",
+    "floor",
+    "keep_in",
+    "keep_out",
+    "self_collision",
+)  # not cured by slowing down
 COMFORTABLE_REACH = 0.6  # [-] of the arm's: places there have many postures
 
 
@@ -120,7 +127,9 @@ def _closer(problem: ThrowProblem, release: Release) -> Callable[[float], Releas
 
 
 def _farthest(
-    problem: ThrowProblem, towards: Callable[[float], Release], certifiable: Callable[[ThrowProblem], bool],
+    problem: ThrowProblem,
+    towards: Callable[[float], Release],
+    certifiable: Callable[[ThrowProblem], bool],
     deadline_s: float,
 ) -> Release | None:
     """Bisects the largest share that can be certified."""
@@ -145,7 +154,11 @@ def _comfortable(problem: ThrowProblem, p_W: Vector) -> Vector:
     length = float(np.linalg.norm(away))
     direction = away / length if length > 1e-6 else np.array([1.0, 0.0])
     shoulder = base[2] + cell.robot.d[0]
-    height = p_W[2] if isinstance(problem.release, TargetRelease) else float(np.clip(p_W[2], shoulder, shoulder + 0.5 * reach))
+    height = (
+        p_W[2]
+        if isinstance(problem.release, TargetRelease)
+        else float(np.clip(p_W[2], shoulder, shoulder + 0.5 * reach))
+    )
     return np.array([*(base[:2] + direction * reach), min(height, shoulder + reach)])
 
 

@@ -7,7 +7,6 @@ candidates. All are sorted by the time no launch can beat.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +23,7 @@ from planner.kinematics import (
     singularity_distances,
 )
 from planner.lower_bound import least_time
-from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.problem import JointRelease, PointRelease, PoseRelease, ThrowProblem
 from planner.rotations import invert_pose
 from planner.sampling import point_states, target_states
 
@@ -109,8 +108,15 @@ def _reasons(problem: ThrowProblem, q: Vector, qd: Vector, excess: Vector, dista
     best = int(distance.argmax())
     distances = np.abs(signed_singularity_distances(problem.cell.robot, q[best]))
     name, value = SINGULARITIES[int(distances.argmin())], distances.min()
-    return [Violation("singularity_distance", float(value), limits.singularity_distance_min, "1",
-                      detail=f"{name} singularity at the release")]
+    return [
+        Violation(
+            "singularity_distance",
+            float(value),
+            limits.singularity_distance_min,
+            "1",
+            detail=f"{name} singularity at the release",
+        )
+    ]
 
 
 def _refuse_joint_state(problem: ThrowProblem, release: JointRelease) -> None:
@@ -169,5 +175,3 @@ def _nearest_joint_limit(problem: ThrowProblem, X_BT: Vector) -> Violation:
     q = float(anywhere[best, joint])
     bound = float(limits.q_lower[joint] if q < limits.q_lower[joint] else limits.q_upper[joint])
     return Violation("joint_position", q, bound, "rad", detail=f"{robot.joint_names[joint]} at the release")
-
-

@@ -43,8 +43,13 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
     if errors:
         raise InvalidProblem(errors)
     return ThrowProblem(
-        cell=cell, start=start, release=release, limits=limits, release_window_s=window,
-        landing_tolerance_m=tolerance, backend=str(request.get("backend") or "auto"),
+        cell=cell,
+        start=start,
+        release=release,
+        limits=limits,
+        release_window_s=window,
+        landing_tolerance_m=tolerance,
+        backend=str(request.get("backend") or "auto"),
         time_limit_s=_number(request, "time_limit_s", errors, -np.inf, np.inf, 5.0),
     )
 
@@ -176,7 +181,12 @@ def _vector(table: Mapping[str, Any], key: str, size: int, where: str, errors: l
 
 
 def _number(
-    table: Mapping[str, Any], key: str, errors: list[FieldError], lower: float, upper: float, default: float,
+    table: Mapping[str, Any],
+    key: str,
+    errors: list[FieldError],
+    lower: float,
+    upper: float,
+    default: float,
     where: str = "",
 ) -> float:
     value = table.get(key)

@@ -20,6 +20,7 @@ from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose, quaternion_to_matrix
 
 Vector = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 ORIENTATIONS = 96  # of the tool tried at a point
 PLACES = 1536  # joint states tried for a target
@@ -99,7 +100,7 @@ def _flights(problem: ThrowProblem, release: TargetRelease, q: Vector, p: Vector
     return q[hits], spread_velocity(problem, q[hits], v[hits])
 
 
-def _allowed_velocity(release: TargetRelease, v: Vector) -> Vector:
+def _allowed_velocity(release: TargetRelease, v: Vector) -> Mask:
     speed = np.linalg.norm(v, axis=1)
     elevation = np.arctan2(v[:, 2], np.hypot(v[:, 0], v[:, 1]))
     return (
@@ -136,7 +137,7 @@ def _weighted(J: Vector, weight: Vector, v: Vector) -> Vector:
 
 
 def _towards_maximum_norm(J: Vector, weight: Vector, v: Vector, qd: Vector, qd_max: Vector) -> Vector:
-    """Iteratively reweighted least squares with damped steps. Source: Burrus, Iterative Reweighted Least Squares, 2012."""
+    """Iteratively reweighted least squares, damped. Source: Burrus, Iterative Reweighted Least Squares, 2012."""
     for p in TAMING_NORMS:
         share = np.abs(qd) / qd_max
         share = np.maximum(share / share.max(axis=1, keepdims=True), SHARE_FLOOR)
@@ -183,7 +184,7 @@ def _turned_into(limits: Limits, start: Vector, q: Vector) -> Vector:
     return q[np.all((q >= limits.q_lower) & (q <= limits.q_upper), axis=1)]
 
 
-def _inside(problem: ThrowProblem, p: Vector) -> Vector:
+def _inside(problem: ThrowProblem, p: Vector) -> Mask:
     around = problem.cell.surroundings
     ok = p[:, 2] > around.floor_z_m + around.clearance_m + problem.cell.object.radius_m
     for box in around.keep_in:
@@ -199,7 +200,9 @@ def _unreachable(problem: ThrowProblem, p_W: Vector) -> Violation:
     away, reach = float(np.linalg.norm(p_B)), farthest_reach(problem)
     if away > reach:
         return Violation("reach", away, reach, "m", detail="distance from the arm's base")
-    return Violation("joint_position", away, reach, "m", detail="no posture within the joint limits brings the tool there")
+    return Violation(
+        "joint_position", away, reach, "m", detail="no posture within the joint limits brings the tool there"
+    )
 
 
 def farthest_reach(problem: ThrowProblem) -> float:
@@ -210,11 +213,21 @@ def farthest_reach(problem: ThrowProblem) -> float:
 
 def _no_flight(problem: ThrowProblem, release: TargetRelease, p: Vector) -> Violation:
     if len(p) == 0:
-        return Violation("release_position", 0.0, release.min_horizontal_distance_m, "m",
-                         detail="no release place obeys keep-in boxes, floor and distance to the target")
+        return Violation(
+            "release_position",
+            0.0,
+            release.min_horizontal_distance_m,
+            "m",
+            detail="no release place obeys keep-in boxes, floor and distance to the target",
+        )
     speed = float(least_speed(p, release.p_W, problem.gravity).min())
-    return Violation("release_velocity", speed, release.max_speed_m_s, "m/s",
-                     detail="least speed that hits the target within the elevations asked for")
+    return Violation(
+        "release_velocity",
+        speed,
+        release.max_speed_m_s,
+        "m/s",
+        detail="least speed that hits the target within the elevations asked for",
+    )
 
 
 @cache
@@ -241,7 +254,9 @@ def _quaternions(count: int) -> Vector:
     u = _halton(count, 3)
     angle_1, angle_2 = 2.0 * np.pi * u[:, 1], 2.0 * np.pi * u[:, 2]
     low, high = np.sqrt(1.0 - u[:, 0]), np.sqrt(u[:, 0])
-    return np.stack([low * np.sin(angle_1), low * np.cos(angle_1), high * np.sin(angle_2), high * np.cos(angle_2)], axis=1)
+    return np.stack(
+        [low * np.sin(angle_1), low * np.cos(angle_1), high * np.sin(angle_2), high * np.cos(angle_2)], axis=1
+    )
 
 
 def _spread(count: int) -> Vector:

@@ -92,7 +92,7 @@ def _independent(ruckig: ModuleType, start: State, end: State, limits: Limits, d
     """Returns the accelerations at the ticks (N+1, 6) with every joint as late and as fast as it can be."""
     motions = []
     for i in range(6):
-        own = _input(ruckig, *_joint(i, start, end), _one_joint(limits, i))
+        own = _input(ruckig, _joint(i, start), _joint(i, end), _one_joint(limits, i))
         own.duration_discretization = ruckig.DurationDiscretization.Discrete
         motions.append(_calculate(ruckig, own, dt))
     counts = [_ticks(motion.duration, dt) for motion in motions]
@@ -145,8 +145,9 @@ def _sample(motion: Any, count: int, dt: float) -> Vector:
     return np.array([motion.at_time(i * dt)[2] for i in range(count + 1)])
 
 
-def _joint(i: int, *states: State) -> list[State]:
-    return [tuple(x[i : i + 1] for x in state) for state in states]  # pyright: ignore[reportReturnType]
+def _joint(i: int, state: State) -> State:
+    q, qd, qdd = (x[i : i + 1] for x in state)
+    return q, qd, qdd
 
 
 def _one_joint(limits: Limits, i: int) -> Limits:

@@ -171,11 +171,17 @@ def _limits(table: dict[str, Any], arm: Robot) -> Limits:
     upper = vector(table, "joint_position_upper_rad", where, 6)
     for i in range(6):
         if lower[i] < arm.q_lower[i]:
-            raise CellError(f"{where}joint_position_lower_rad[{i}]", float(lower[i]),
-                            f"is beyond the arm's own limit of {arm.q_lower[i]:.6g}")
+            raise CellError(
+                f"{where}joint_position_lower_rad[{i}]",
+                float(lower[i]),
+                f"is beyond the arm's own limit of {arm.q_lower[i]:.6g}",
+            )
         if upper[i] > arm.q_upper[i]:
-            raise CellError(f"{where}joint_position_upper_rad[{i}]", float(upper[i]),
-                            f"is beyond the arm's own limit of {arm.q_upper[i]:.6g}")
+            raise CellError(
+                f"{where}joint_position_upper_rad[{i}]",
+                float(upper[i]),
+                f"is beyond the arm's own limit of {arm.q_upper[i]:.6g}",
+            )
         if lower[i] >= upper[i]:
             raise CellError(f"{where}joint_position_lower_rad[{i}]", float(lower[i]), "must be below the upper limit")
     fraction = number(table, "joint_torque_fraction", where, 0.01, 1.0)
@@ -230,7 +236,9 @@ def _gripper(table: Mapping[str, Any]) -> Gripper:
     if index != int(index):
         raise CellError("gripper.index", index, "must be a whole number")
     return Gripper(
-        output, int(index), table["open_level"],
+        output,
+        int(index),
+        table["open_level"],
         delay_s=number(table, "delay_s", "gripper.", 0.0, 2.0),
         jitter_s=number(table, "jitter_s", "gripper.", 0.0, 0.5),
     )

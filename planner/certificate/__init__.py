@@ -1,7 +1,7 @@
 """The judge: is this trajectory an answer to that problem? Written from the problem alone, without knowing any solver.
 
 Every bound holds at every instant, between samples too: joint bounds by closed forms on the cubic pieces, bounds in
-space by bisection with proven bounds on how far a function strays (`bounds`). The executor judges again before it moves.
+space by bisection with proven bounds on how far a function strays (`bounds`). The executor judges again.
 """
 
 from __future__ import annotations

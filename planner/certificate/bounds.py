@@ -116,7 +116,7 @@ class Proof:
 
 @dataclass(frozen=True, eq=False)
 class Intervals:
-    """Stretches of time on which a bound is not decided yet: ends [s], values at the ends, rate bound, item; each (k,)."""
+    """Stretches of time on which a bound is undecided: ends [s], values at the ends, rate bound, item; each (k,)."""
 
     left: Vector
     right: Vector
@@ -127,15 +127,24 @@ class Intervals:
 
     def keep(self, chosen: NDArray[np.bool_]) -> Intervals:
         """Returns the chosen ones."""
-        return Intervals(self.left[chosen], self.right[chosen], self.f_left[chosen], self.f_right[chosen],
-                         self.rate[chosen], self.item[chosen])
+        return Intervals(
+            self.left[chosen],
+            self.right[chosen],
+            self.f_left[chosen],
+            self.f_right[chosen],
+            self.rate[chosen],
+            self.item[chosen],
+        )
 
     def halves(self, middle: Vector, f_middle: Vector) -> Intervals:
         """Returns both halves of each."""
         return Intervals(
-            np.concatenate([self.left, middle]), np.concatenate([middle, self.right]),
-            np.concatenate([self.f_left, f_middle]), np.concatenate([f_middle, self.f_right]),
-            np.tile(self.rate, 2), np.tile(self.item, 2),
+            np.concatenate([self.left, middle]),
+            np.concatenate([middle, self.right]),
+            np.concatenate([self.f_left, f_middle]),
+            np.concatenate([f_middle, self.f_right]),
+            np.tile(self.rate, 2),
+            np.tile(self.item, 2),
         )
 
 
@@ -173,8 +182,11 @@ def prove_above(
     best = Proof(float(values[knot, item]), float(knots[knot]), int(item), False)
     shape = (len(knots) - 1, values.shape[1])
     todo = Intervals(
-        np.broadcast_to(knots[:-1, None], shape).ravel(), np.broadcast_to(knots[1:, None], shape).ravel(),
-        values[:-1].ravel(), values[1:].ravel(), rates.ravel(),
+        np.broadcast_to(knots[:-1, None], shape).ravel(),
+        np.broadcast_to(knots[1:, None], shape).ravel(),
+        values[:-1].ravel(),
+        values[1:].ravel(),
+        rates.ravel(),
         np.broadcast_to(np.arange(shape[1]), shape).ravel(),
     )
     spent = 0

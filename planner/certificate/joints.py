@@ -38,8 +38,16 @@ def joint_position(problem: ThrowProblem, trajectory: Trajectory) -> Check:
         piece = int(above[:, joint].argmin())
         value, limit, margin = highest[piece, joint], limits.q_upper[joint], worst_above[joint]
     ok = bool(margin >= -START_TOLERANCE * 1e-3)
-    return Check("joint_position", float(value), float(limit), "rad", float(margin), float(times[piece]), ok,
-                 _joint(problem, joint))
+    return Check(
+        "joint_position",
+        float(value),
+        float(limit),
+        "rad",
+        float(margin),
+        float(times[piece]),
+        ok,
+        _joint(problem, joint),
+    )
 
 
 def joint_velocity(problem: ThrowProblem, trajectory: Trajectory) -> Check:
@@ -74,11 +82,14 @@ def continuity(problem: ThrowProblem, trajectory: Trajectory) -> Check:
     residual = np.where(np.isfinite(residual), residual, np.inf)
     piece, joint = np.unravel_index(int(residual.argmax()), residual.shape)
     at_s = float(piece) * dt
-    return at_most("continuity", float(residual[piece, joint]), CONTINUITY_TOLERANCE, "rad", at_s,
-                   _joint(problem, int(joint)))
+    return at_most(
+        "continuity", float(residual[piece, joint]), CONTINUITY_TOLERANCE, "rad", at_s, _joint(problem, int(joint))
+    )
 
 
-def _largest(name: str, problem: ThrowProblem, trajectory: Trajectory, values: Vector, limit: Vector, unit: str) -> Check:
+def _largest(
+    name: str, problem: ThrowProblem, trajectory: Trajectory, values: Vector, limit: Vector, unit: str
+) -> Check:
     share = np.where(np.isfinite(values), values, np.inf) / limit
     piece, joint = np.unravel_index(int(share.argmax()), share.shape)
     at_s = float(piece) * trajectory.dt

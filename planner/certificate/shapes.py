@@ -1,4 +1,4 @@
-"""The capsules of a cell's arm, tool and object as tables: what the checks in space need of them, computed once a cell."""
+"""The capsules of a cell's arm, tool and object as tables for the checks in space, computed once a cell."""
 
 from __future__ import annotations
 

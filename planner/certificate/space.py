@@ -105,9 +105,7 @@ def distance_check(name: str, proof: Proof, required: float, detail: str) -> Che
     return check if proof.proven else replace(check, ok=False)
 
 
-def _prove(
-    motion: Motion, shapes: Shapes, distance: Distance, rates: Vector, required: float, smooth: bool
-) -> Proof:
+def _prove(motion: Motion, shapes: Shapes, distance: Distance, rates: Vector, required: float, smooth: bool) -> Proof:
     """Proves distance >= `required` for every moving capsule at every instant, the object's until its release."""
     moving = shapes.moving
     released_s = np.inf if motion.problem.ends_at_rest else motion.trajectory.release_time_s

@@ -1,4 +1,4 @@
-"""Checks of the throw: the release state, where the object lands, and how the landing stands a late or early release."""
+"""Checks of the throw: release state, landing, and how the landing stands a late or early release."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def singularity_distance(motion: Motion) -> Check | None:
 
 
 def _singularity_rates(motion: Motion, rates: Rates) -> Vector:
-    """Returns sup |f''| of the three distances (k, 3): sines of angles and a horizontal offset over the arm's length."""
+    """Returns sup |f''| of the three distances (k, 3): two sines, and a horizontal offset over the arm's length."""
     robot, qd, qdd = motion.problem.cell.robot, rates.qd, rates.qdd
     length = abs(robot.a[1]) + abs(robot.a[2])
     turn = [np.cumsum(x[:, 1:4], axis=1) for x in (qd, qdd)]  # of upper arm, forearm, wrist in the arm's plane
@@ -153,7 +153,7 @@ def _turning(rates: Rates) -> tuple[Vector, Vector, Vector, Vector]:
 
 
 def _masses(motion: Motion, payload: Payload) -> list[tuple[float, float, int, float]]:
-    """Returns mass [kg], distance of its centre from its frame [m], DH frame, largest inertia [kg m^2] of every body."""
+    """Returns mass [kg], its centre's distance from its frame [m], DH frame, largest inertia [kg m^2] of every body."""
     bodies = [
         (link.mass, float(np.linalg.norm(link.com)), i, float(np.trace(link.inertia)))
         for i, link in enumerate(motion.problem.cell.robot.links, start=1)

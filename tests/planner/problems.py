@@ -25,8 +25,9 @@ def joint_problem(name: str = "ur5e-sim", **changes) -> ThrowProblem:
     here = cell(name)
     q = here.home + np.array([0.6, 0.3, -0.4, 0.3, 0.2, 0.3])
     qd = np.array([0.8, 0.5, -0.6, 0.7, 0.2, 0.3])
-    return ThrowProblem(**{"cell": here, "start": here.home, "release": JointRelease(q, qd), "limits": here.limits,
-                           **changes})
+    return ThrowProblem(
+        **{"cell": here, "start": here.home, "release": JointRelease(q, qd), "limits": here.limits, **changes}
+    )
 
 
 def random_state(problem_cell: Cell, rng: np.random.Generator, spread: float = 1.2) -> tuple[np.ndarray, np.ndarray]:

@@ -27,7 +27,9 @@ def integrated(p, v, plane_z, drag):
         return x[2] - plane_z
 
     ground.terminal, ground.direction = True, -1
-    flight = solve_ivp(rate, (0.0, 20.0), np.concatenate([p, v]), events=ground, method="DOP853", rtol=1e-12, atol=1e-13)
+    flight = solve_ivp(
+        rate, (0.0, 20.0), np.concatenate([p, v]), events=ground, method="DOP853", rtol=1e-12, atol=1e-13
+    )
     return flight.y_events[0][0], flight.t_events[0][0]
 
 
@@ -53,9 +55,18 @@ def test_apex_and_speed(drag):
         assert flight.apex_height_m == pytest.approx(heights.max(), abs=1e-8)
     else:
         upward = solve_ivp(
-            lambda _t, x: [x[2], x[3], -0.3 * math.hypot(1.118 * 0 + x[2], x[3]) * x[2],
-                           -G - 0.3 * math.hypot(x[2], x[3]) * x[3]],
-            (0.0, 0.6), [0.0, 0.5, math.hypot(1.0, 0.5), 3.0], rtol=1e-11, atol=1e-12, dense_output=True)
+            lambda _t, x: [
+                x[2],
+                x[3],
+                -0.3 * math.hypot(1.118 * 0 + x[2], x[3]) * x[2],
+                -G - 0.3 * math.hypot(x[2], x[3]) * x[3],
+            ],
+            (0.0, 0.6),
+            [0.0, 0.5, math.hypot(1.0, 0.5), 3.0],
+            rtol=1e-11,
+            atol=1e-12,
+            dense_output=True,
+        )
         times = np.linspace(0.0, 0.6, 60001)
         assert flight.apex_height_m == pytest.approx(upward.sol(times)[1].max(), abs=1e-7)
 

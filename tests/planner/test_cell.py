@@ -43,8 +43,14 @@ def test_defaults_are_filled_in_and_numbers_kept_as_written():
 
 def test_the_table_of_the_project_is_its_published_frame():
     """The report's transform takes a world point into the base frame; ours is its inverse, made orthonormal."""
-    published = np.array([[-0.384, -0.9233, 0.0005, 0.7021], [0.9233, -0.384, 0.0018, -0.7111],
-                          [-0.0015, 0.0012, 1.0, -0.0334], [0.0, 0.0, 0.0, 1.0]])
+    published = np.array(
+        [
+            [-0.384, -0.9233, 0.0005, 0.7021],
+            [0.9233, -0.384, 0.0018, -0.7111],
+            [-0.0015, 0.0012, 1.0, -0.0334],
+            [0.0, 0.0, 0.0, 1.0],
+        ]
+    )
     X_WB = load_cell(CELLS / "sdu-table.toml").X_WB
     np.testing.assert_allclose(np.linalg.inv(X_WB), published, atol=1e-4)
 
@@ -64,12 +70,15 @@ def test_the_table_of_the_project_is_its_published_frame():
         (LEAST + "[limits]\njoint_acceleration_rad_s2 = 41.0\n", "limits.joint_acceleration_rad_s2"),
         (LEAST + "[limits]\njoint_torque_fraction = 1.1\n", "limits.joint_torque_fraction"),
         (LEAST + "[limits]\njoint_position_upper_rad = [7, 1, 1, 1, 1, 1]\n", "limits.joint_position_upper_rad"),
-        (LEAST + "[limits]\njoint_position_lower_rad = [1, 1, 1, 1, 1, 1]\n"
-                 "joint_position_upper_rad = [1, 2, 2, 2, 2, 2]\n", "limits.joint_position_lower_rad"),
+        (
+            LEAST + "[limits]\njoint_position_lower_rad = [1, 1, 1, 1, 1, 1]\n"
+            "joint_position_upper_rad = [1, 2, 2, 2, 2, 2]\n",
+            "limits.joint_position_lower_rad",
+        ),
         (LEAST.replace("[link]", "home_rad = [0, 0, 3.5, 0, 0, 0]\n[link]"), "home_rad"),
-        (LEAST + "[gripper]\noutput = \"pneumatic\"\n", "gripper.output"),
+        (LEAST + '[gripper]\noutput = "pneumatic"\n', "gripper.output"),
         (LEAST + "[gripper]\nindex = 2\n", "gripper.index"),
-        (LEAST + "[sim]\npolyscope = \"3.15\"\n", "sim.polyscope"),
+        (LEAST + '[sim]\npolyscope = "3.15"\n', "sim.polyscope"),
         (LEAST + "[surroundings]\nkeep_out = [{ lower_m = [0, 0, 0], upper_m = [1, 1, 0] }]\n", "keep_out"),
         (LEAST + "[surroundings]\nkeep_out = [{ lower_m = [0, 0, 0] }]\n", "keep_out"),
         (LEAST + "[tool]\ncapsules = [{ from_m = [0, 0], to_m = [0, 0, 1], radius_m = 0.1 }]\n", "capsules"),

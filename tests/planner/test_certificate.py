@@ -24,9 +24,22 @@ from planner.trajectory import Trajectory, integrate
 from tests.planner.problems import cell, feasible_states, joint_problem, point_problem, pose_problem, random_state
 
 EVERY_CHECK = {
-    "start", "joint_position", "joint_velocity", "joint_acceleration", "joint_jerk", "tcp_speed", "floor", "keep_in",
-    "keep_out", "self_collision", "singularity_distance", "joint_torque", "release_position", "release_velocity",
-    "end_at_rest", "continuity",
+    "start",
+    "joint_position",
+    "joint_velocity",
+    "joint_acceleration",
+    "joint_jerk",
+    "tcp_speed",
+    "floor",
+    "keep_in",
+    "keep_out",
+    "self_collision",
+    "singularity_distance",
+    "joint_torque",
+    "release_position",
+    "release_velocity",
+    "end_at_rest",
+    "continuity",
 }
 
 
@@ -35,8 +48,10 @@ def boxed_problem():
     plain = joint_problem()
     around = replace(
         plain.cell.surroundings,
-        keep_in=(Box(np.array([-1.0, -1.0, 0.05]), np.array([1.0, 1.0, 1.5])),
-                 Box(np.array([-0.55, -0.9, 0.02]), np.array([-0.2, 0.9, 1.5]))),
+        keep_in=(
+            Box(np.array([-1.0, -1.0, 0.05]), np.array([1.0, 1.0, 1.5])),
+            Box(np.array([-0.55, -0.9, 0.02]), np.array([-0.2, 0.9, 1.5])),
+        ),
         keep_out=(Box(np.array([-0.9, 0.25, 0.0]), np.array([0.9, 0.9, 1.2])),),
     )
     here = replace(plain.cell, surroundings=around)
@@ -179,8 +194,11 @@ def test_bounds_hold_between_samples():
         between = (values.max() + samples.max()) / 2.0
         if values.max() > samples.max() + 1e-12:
             bound = np.full(6, between)
-            limits = replace(problem.limits, qd_max=bound) if index == 1 else replace(
-                problem.limits, q_lower=top.q[0] - between, q_upper=top.q[0] + between)
+            limits = (
+                replace(problem.limits, qd_max=bound)
+                if index == 1
+                else replace(problem.limits, q_lower=top.q[0] - between, q_upper=top.q[0] + between)
+            )
             assert not certify(replace(problem, limits=limits), top).check(name).ok
 
 
@@ -196,8 +214,11 @@ def test_turning_points_between_samples_are_found():
     assert vertex > swing.qd[:, 0].max()
     limits = replace(problem.limits, qd_max=np.full(6, (vertex + swing.qd[:, 0].max()) / 2.0))
     assert not certify(replace(problem, limits=limits), swing).check("joint_velocity").ok
-    assert certify(replace(problem, limits=replace(limits, qd_max=np.full(6, vertex * 1.0001))), swing).check(
-        "joint_velocity").ok
+    assert (
+        certify(replace(problem, limits=replace(limits, qd_max=np.full(6, vertex * 1.0001))), swing)
+        .check("joint_velocity")
+        .ok
+    )
 
 
 def random_trajectories(count=6, seed=11):
@@ -235,13 +256,15 @@ def test_a_certified_bound_holds_at_every_instant_of_a_dense_look():
         certificate = certify(problem, trajectory)
         t = np.linspace(0.0, trajectory.duration_s, 20 * len(trajectory.q))
         q, qd, qdd = trajectory.at(t)
-        X_WT, V_WT = tool_state(problem, q, qd)
+        _, V_WT = tool_state(problem, q, qd)
         speed = np.linalg.norm(V_WT[:, :3], axis=1).max()
         check = certificate.check("tcp_speed")
         assert speed <= check.limit or not check.ok
         assert check.value == pytest.approx(speed, rel=0.05)
-        for name, values, limit in (("joint_velocity", qd, problem.limits.qd_max),
-                                    ("joint_acceleration", qdd, problem.limits.qdd_max)):
+        for name, values, limit in (
+            ("joint_velocity", qd, problem.limits.qd_max),
+            ("joint_acceleration", qdd, problem.limits.qdd_max),
+        ):
             share = (np.abs(values) / limit).max()
             check = certificate.check(name)
             assert check.value / check.limit == pytest.approx(share, rel=1e-4)

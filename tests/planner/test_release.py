@@ -50,8 +50,9 @@ def test_point_candidates_have_place_and_velocity():
 def test_target_candidates_hit(drag_coefficient):
     here = cell()
     here = replace(here, object=replace(here.object, drag_coefficient=drag_coefficient))
-    target = TargetRelease(np.array([1.4, -0.5, 0.1]), max_speed_m_s=3.9, min_elevation_rad=0.1,
-                           min_horizontal_distance_m=0.5)
+    target = TargetRelease(
+        np.array([1.4, -0.5, 0.1]), max_speed_m_s=3.9, min_elevation_rad=0.1, min_horizontal_distance_m=0.5
+    )
     problem = ThrowProblem(here, here.home, target, here.limits)
     _, X, V = states(problem)
     for X_WT, V_WT in zip(X, V, strict=True):
@@ -66,7 +67,9 @@ def test_target_candidates_hit(drag_coefficient):
 def test_a_fixed_release_place_is_kept():
     here = cell()
     place = np.array([0.5, 0.2, 0.5])
-    problem = ThrowProblem(here, here.home, TargetRelease(np.array([1.2, 0.5, 0.0]), release_position=place), here.limits)
+    problem = ThrowProblem(
+        here, here.home, TargetRelease(np.array([1.2, 0.5, 0.0]), release_position=place), here.limits
+    )
     _, X, _ = states(problem)
     np.testing.assert_allclose(X[:, :3, 3], np.broadcast_to(place, (len(X), 3)), atol=1e-8)
 

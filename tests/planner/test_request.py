@@ -35,7 +35,9 @@ def test_kinds_and_frames():
     np.testing.assert_allclose(one.X_WT, other.X_WT, atol=1e-12)
     joint = {"kind": "joint", "positions": [0.1] * 6, "velocities": [0.0] * 6}
     assert isinstance(problem_from_request({"release": joint}, cell()).release, JointRelease)
-    target = problem_from_request({"release": {"kind": "target", "position": [1, 0, 0], "min_elevation_rad": 0.4}}, cell())
+    target = problem_from_request(
+        {"release": {"kind": "target", "position": [1, 0, 0], "min_elevation_rad": 0.4}}, cell()
+    )
     assert isinstance(target.release, TargetRelease)
     assert target.release.min_elevation_rad == 0.4
 
@@ -47,8 +49,11 @@ def test_defaults():
 
 
 def test_limits_tighten():
-    request = {"release": POINT, "limits": {"velocity": 2.5, "acceleration": [5, 5, 5, 6, 6, 6], "jerk": 150.0},
-               "singularity_distance_min": 0.1}
+    request = {
+        "release": POINT,
+        "limits": {"velocity": 2.5, "acceleration": [5, 5, 5, 6, 6, 6], "jerk": 150.0},
+        "singularity_distance_min": 0.1,
+    }
     limits = problem_from_request(request, cell()).limits
     np.testing.assert_array_equal(limits.qd_max, np.full(6, 2.5))
     np.testing.assert_array_equal(limits.qdd_max, [5, 5, 5, 6, 6, 6])
@@ -76,13 +81,31 @@ def test_limits_tighten():
         ({"release": {"kind": "catch"}}, "release.kind"),
         ({"release": {**POINT, "velocity": [1, 2]}}, "release.velocity"),
         ({"release": {**POINT, "velocity": [1, 2, "3"]}}, "release.velocity"),
-        ({"release": {"kind": "pose", "pose": {"position": [0, 0, 1], "quaternion": [1, 1, 0, 0]},
-                      "twist": {"linear": [0, 0, 0], "angular": [0, 0, 0]}}}, "release.pose.quaternion"),
-        ({"release": {"kind": "pose", "pose": {"position": [0, 0, 1]},
-                      "twist": {"linear": [0, 0, 0], "angular": [0, 0, 0]}}}, "release.pose"),
+        (
+            {
+                "release": {
+                    "kind": "pose",
+                    "pose": {"position": [0, 0, 1], "quaternion": [1, 1, 0, 0]},
+                    "twist": {"linear": [0, 0, 0], "angular": [0, 0, 0]},
+                }
+            },
+            "release.pose.quaternion",
+        ),
+        (
+            {
+                "release": {
+                    "kind": "pose",
+                    "pose": {"position": [0, 0, 1]},
+                    "twist": {"linear": [0, 0, 0], "angular": [0, 0, 0]},
+                }
+            },
+            "release.pose",
+        ),
         ({"release": {"kind": "target", "position": [1, 0, 0], "min_elevation_rad": 2.0}}, "release.min_elevation_rad"),
-        ({"release": {"kind": "target", "position": [1, 0, 0], "min_elevation_rad": 1.0,
-                      "max_elevation_rad": 0.5}}, "release.min_elevation_rad"),
+        (
+            {"release": {"kind": "target", "position": [1, 0, 0], "min_elevation_rad": 1.0, "max_elevation_rad": 0.5}},
+            "release.min_elevation_rad",
+        ),
     ],
 )
 def test_every_refusal_names_its_field(change, field):
@@ -108,7 +131,8 @@ def test_a_plan_survives_the_way_through_json(arm):
     assert certify(problem, trajectory).valid
     release = document["release"]
     assert release["command_time_s"] == pytest.approx(
-        document["release_time_s"] - here.gripper.delay_s - here.timing.lag_s)
+        document["release_time_s"] - here.gripper.delay_s - here.timing.lag_s
+    )
     assert release["index"] / document["sample_rate_hz"] == pytest.approx(document["release_time_s"])
     assert document["flight"]["landing_point"] == pytest.approx([1.3, 0.3, 0.0], abs=1e-6)
     assert [check["name"] for check in document["certificate"]["checks"] if not check["ok"]] == []
