@@ -85,7 +85,7 @@ def _bears(cell: Cell, payload: Payload, q: Vector, qd: Vector, qdd: Vector) -> 
     """Returns for every brake (M,) whether torques stay within the cell's; the start's are the plan's own."""
     gravity_B = cell.X_WB[:3, :3].T @ np.array([0.0, 0.0, -cell.surroundings.gravity_m_s2])
     tau = joint_torques(cell.robot, q, qd, qdd, gravity_B, payload)
-    return (np.abs(tau[:, 1:]) <= cell.limits.tau_max).all(axis=(1, 2))
+    return np.asarray((np.abs(tau[:, 1:]) <= cell.limits.tau_max).all(axis=(1, 2)), np.bool_)
 
 
 def _clear(cell: Cell, q: Vector, qd: Vector, qdd: Vector, T: Vector) -> NDArray[np.bool_]:
@@ -96,4 +96,4 @@ def _clear(cell: Cell, q: Vector, qd: Vector, qdd: Vector, T: Vector) -> NDArray
     low = np.minimum(way[:, :-1], way[:, 1:]) - stray
     high = np.maximum(way[:, :-1], way[:, 1:]) + stray
     inside = ((low >= cell.limits.q_lower) & (high <= cell.limits.q_upper)).all(axis=(1, 2))
-    return np.logical_and(inside, Space(cell).keeps_clear(way))
+    return np.asarray(inside & Space(cell).keeps_clear(way), np.bool_)

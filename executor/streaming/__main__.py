@@ -27,6 +27,7 @@ def run(job: Job, board: Board, orders: Orders) -> tuple[str, str]:
     refused = realtime.prepare(job.core, job.priority)
     board.words[words.REALTIME] = 0.0 if refused else 1.0
     link = Link(job)
+    realtime.step_down(job.priority)
     realtime.freeze_memory()
     link.check()
     board.words[words.STATE] = words.APPROACHING

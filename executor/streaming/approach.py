@@ -11,6 +11,8 @@ from executor.streaming.orders import Orders
 ARRIVED_RAD = 1e-3  # [rad] a controller ends its moves within 1e-4; an encoder resolves 1e-5
 STANDS_RAD_S = 5e-3  # [rad/s] measured speed of an arm at rest, noise included
 STANDS_TICKS = 10  # [ticks] in a row at rest at the goal
+GRIP_S = 0.3  # [s] for the fingers to close; a two-finger gripper's stroke takes 0.2 to 0.6 s, and the approach follows
+OUTPUT_SHIFT = {"standard_digital": 0, "configurable_digital": 8, "tool_digital": 16}  # source: RTDE guide, output bits
 SLACK_S = 5.0  # [s] beyond twice the move's own duration
 
 
@@ -20,6 +22,8 @@ def approach(link: Link, job: Job, board: Board, orders: Orders) -> tuple[str, s
     Raises:
         LinkFault: the link failed.
     """
+    if _close_gripper(link, job, board):
+        return "aborted", "the gripper's output does not answer"
     for goal in job.approach:
         if job.dry_run or (arrived(link, goal) and goal is job.approach[-1]):
             continue
@@ -35,6 +39,21 @@ def arrived(link: Link, goal: list[float]) -> bool:
     """Whether the arm stands at `goal` (6,) [rad]."""
     near = max([abs(a - b) for a, b in zip(link.q, goal, strict=True)]) < ARRIVED_RAD
     return near and max(map(abs, link.qd)) < STANDS_RAD_S
+
+
+def _close_gripper(link: Link, job: Job, board: Board) -> bool:
+    """Closes the gripper where it is open, while the arm stands; returns whether its output failed to follow."""
+    bit = OUTPUT_SHIFT[job.output] + job.output_index
+    if job.dry_run or job.output_row < 0 or bool(int(link.outputs) >> bit & 1) != job.output_level:
+        return False
+    link.output(not job.output_level)
+    clock = Clock(link, job.dt)
+    while clock.tick * job.dt < GRIP_S:
+        clock.wait()
+        link.read()
+        link.check()
+        board.words[PULSE] = clock.host_s
+    return bool(int(link.outputs) >> bit & 1) == job.output_level
 
 
 def _follow(link: Link, goal: list[float], job: Job, board: Board, orders: Orders) -> tuple[str, str] | None:

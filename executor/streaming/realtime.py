@@ -14,9 +14,10 @@ PR_SET_TIMERSLACK = 29  # source: linux/prctl.h
 
 
 def prepare(core: int, priority: int) -> list[str]:
-    """Stays on one core, locks memory, takes SCHED_FIFO; returns what was not permitted, in words.
+    """Stays on one core, locks memory, takes SCHED_FIFO one above `priority`; returns what was not permitted, in words.
 
-    Call it before any interface of ur_rtde is constructed: its threads inherit the scheduling.
+    Call it before any interface of ur_rtde is constructed: its threads inherit the scheduling. `step_down` then puts
+    this thread below them: the library waits for them in a busy loop, which on one core would keep them from running.
     """
     refused = []
     libc = ctypes.CDLL(None, use_errno=True)
@@ -26,10 +27,16 @@ def prepare(core: int, priority: int) -> list[str]:
     if libc.mlockall(MCL_CURRENT | MCL_FUTURE) != 0:
         refused.append("memory is not locked")
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority + 1))
     except PermissionError:
         refused.append("no real-time scheduling (SCHED_FIFO)")
     return refused
+
+
+def step_down(priority: int) -> None:
+    """Puts this thread at `priority`, below the library's threads; nothing where real time was not permitted."""
+    if os.sched_getscheduler(0) == os.SCHED_FIFO:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
 
 
 def freeze_memory() -> None:
