@@ -1,9 +1,9 @@
 """Bringing a motion onto the tick grid without losing its end state.
 
-A solver's jerk switches where it likes; a trajectory's jerk switches on ticks. Taking the solver's accelerations at the
-ticks gives every tick its mean jerk, which is within the bound, but moves the end of the phase by about
-jerk dt^2 / 4 in velocity for each switch. The least change of the jerks that puts the end state back is added, weighted so that it falls
-where the jerk has room. `grid_limits` is what a solver must keep free for it.
+A solver's jerk switches where it likes; a trajectory's jerk switches on ticks. Taking the solver's accelerations at
+the ticks gives every tick its mean jerk, which is within the bound, but moves the end of the phase by about
+jerk dt^2 / 4 in velocity for each switch. The least change of the jerks that puts the end state back is added,
+weighted so that it falls where the jerk has room. `grid_limits` is what a solver must keep free for it.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ import pytest
 from planner.backends import ruckig_otg
 from planner.lower_bound import least_time
 from planner.problem import JointRelease
-from planner.release import candidates
+from planner.release import Candidate
 from tests.planner.problems import cell, joint_problem, random_state
 
 
@@ -17,9 +17,8 @@ def test_no_launch_is_sooner_than_the_bound():
     for _ in range(60):
         q, qd = random_state(here, rng)
         problem = joint_problem(release=JointRelease(q, qd))
-        problem = replace(problem, limits=replace(problem.limits, singularity_distance_min=0.0))
-        seed = candidates(problem)[0]
-        assert seed.bound_s <= ruckig_otg.least_times(problem, seed).max() + 1e-9
+        bound = float(least_time(q - problem.start, qd, problem.limits))
+        assert bound <= ruckig_otg.least_times(problem, Candidate(q, qd, bound, "random")).max() + 1e-9
 
 
 def test_with_boundless_jerk_ruckig_comes_down_to_the_bound():
@@ -27,9 +26,10 @@ def test_with_boundless_jerk_ruckig_comes_down_to_the_bound():
     limits = replace(here.limits, jerk_max=np.full(6, 1e7))
     for _ in range(30):
         q, qd = random_state(here, rng)
-        problem = joint_problem(release=JointRelease(q, qd), limits=replace(limits, singularity_distance_min=0.0))
-        seed = candidates(problem)[0]
-        assert ruckig_otg.least_times(problem, seed).max() == pytest.approx(seed.bound_s, abs=5e-4)
+        problem = joint_problem(release=JointRelease(q, qd), limits=limits)
+        bound = float(least_time(q - problem.start, qd, limits))
+        reached = ruckig_otg.least_times(problem, Candidate(q, qd, bound, "random"))
+        assert reached.max() == pytest.approx(bound, abs=5e-4)
 
 
 def test_closed_forms():
