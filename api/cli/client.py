@@ -1,0 +1,102 @@
+"""A client of the service, for the commands that need one."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from types import TracebackType
+from typing import IO, Any, Self
+
+import click
+import httpx
+
+TIMEOUT_S = 150.0  # [s] a plan may take its whole time limit
+PROBLEM = "application/problem+json"
+
+
+class ServiceError(click.ClickException):
+    """The service refused, or is not there; exit status 2 where a person can change the request."""
+
+    def __init__(self, problem: dict[str, Any]) -> None:
+        super().__init__(describe(problem))
+        self.problem = problem
+
+    def show(self, file: IO[Any] | None = None) -> None:
+        """Writes the problem to standard error, and ends with status 2 where a person can change the request."""
+        super().show(file)
+        if 400 <= int(self.problem.get("status", 0)) < 500:
+            sys.exit(2)
+
+
+class Client:
+    """Talks to a running service.
+
+    Raises:
+        ServiceError: from every call that does not succeed.
+    """
+
+    def __init__(self, url: str, token: str | None = None) -> None:
+        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        self._http = httpx.Client(base_url=url, headers=headers, timeout=TIMEOUT_S, trust_env=False)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self._http.close()
+
+    def get(self, path: str) -> dict[str, Any]:
+        """Returns the JSON of a GET."""
+        return self._call("GET", path)
+
+    def post(self, path: str, body: Any = None) -> dict[str, Any]:
+        """Returns the JSON of a POST."""
+        return self._call("POST", path, body)
+
+    def events(self, execution_id: str) -> Iterator[tuple[str, dict[str, Any]]]:
+        """Yields (kind, data) of every event of an execution until it has ended."""
+        kind = "message"
+        try:
+            with self._http.stream("GET", f"/executions/{execution_id}/events") as response:
+                _check(response)
+                for line in response.iter_lines():
+                    name, _, value = line.partition(": ")
+                    if name == "event":
+                        kind = value
+                    elif name == "data":
+                        yield kind, json.loads(value)
+        except httpx.TransportError as error:
+            raise _unreachable(self._http, error) from error
+
+    def _call(self, method: str, path: str, body: Any = None) -> dict[str, Any]:
+        try:
+            response = self._http.request(method, path, **({} if body is None else {"json": body}))
+        except httpx.TransportError as error:
+            raise _unreachable(self._http, error) from error
+        _check(response)
+        return response.json()
+
+
+def describe(problem: dict[str, Any]) -> str:
+    """Returns a problem as a person reads it."""
+    lines = [f"{problem.get('title', 'refused')}: {problem.get('detail', '')}"]
+    violations = problem.get("violations") or ()
+    lines += [f"  {v['constraint']}: {v['value']} against {v['limit']} {v['unit']}" for v in violations]
+    if problem.get("nearest"):
+        lines.append(f"  the nearest that can be done: {json.dumps(problem['nearest']['release'])}")
+    return "\n".join(lines)
+
+
+def _check(response: httpx.Response) -> None:
+    if response.status_code < 400:
+        return
+    response.read()
+    if response.headers.get("content-type", "").startswith(PROBLEM):
+        raise ServiceError(response.json())
+    raise ServiceError({"title": "unexpected answer", "detail": response.text[:200], "status": response.status_code})
+
+
+def _unreachable(http: httpx.Client, error: Exception) -> ServiceError:
+    detail = f"no service at {http.base_url} ({error}); start one with 'fling up'"
+    return ServiceError({"title": "no service", "detail": detail, "status": 0})

@@ -1,0 +1,90 @@
+"""`fling demo`: up on free addresses, one throw, a report, down."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import signal
+import socket
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import click
+
+TARGET_M = (1.2, 0.3, 0.0)  # [m] a metre and a quarter from the base, on the floor
+MISS_MAX_M = 0.010  # [m] the contract's: farther from the target is a failure
+
+
+@click.command()
+@click.option("--cell", default="ur5e-sim", show_default=True, help="Which simulated cell.")
+@click.option("--keep", type=click.Path(path_type=Path), help="Keep database and logs in this folder.")
+def demo(cell: str, keep: Path | None) -> None:
+    """Start everything, throw once, report, stop. Exit status 0 only where it landed within 10 mm of the target."""
+    from api.cli.running import cell_path, interrupt
+    from api.settings import Settings
+
+    signal.signal(signal.SIGTERM, interrupt)
+    original = cell_path(Settings().cells, cell)
+    with tempfile.TemporaryDirectory(prefix="fling-demo-") as temporary:
+        folder = keep or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        _own_cell(original, folder)
+        try:
+            missed_m = _throw(folder, cell)
+        except KeyboardInterrupt:
+            raise click.ClickException("interrupted") from None
+    if not missed_m <= MISS_MAX_M:
+        raise click.ClickException(f"it missed the target by {1000 * missed_m:.1f} mm")
+    click.echo(f"\nThe object landed {1000 * missed_m:.1f} mm from the target.")
+
+
+def _own_cell(original: Path, folder: Path) -> None:
+    """Copies the cell with a loopback address of this demo's own: another simulator does not get in its way."""
+    host = f"127.{100 + os.getpid() % 100}.{os.getpid() >> 8 & 255}.{os.getpid() & 255 or 1}"
+    text, count = re.subn(r'(?m)^(host\s*=\s*)"127\.[\d.]+"', rf'\g<1>"{host}"', original.read_text())
+    if count != 1:
+        raise click.ClickException(f"{original} is not a simulated cell on this machine")
+    (folder / original.name).write_text(text)
+
+
+def _throw(folder: Path, cell: str) -> float:
+    """Runs the stack for one throw. Returns the distance from the target [m]; NaN where nothing landed."""
+    from api.cli.client import Client, ServiceError
+    from api.cli.processes import ChildFailed, Children
+    from api.cli.running import say_starting
+    from api.cli.stack import start_stack
+    from api.cli.throwing import landing_text, plan_and_execute
+
+    port, log = _free_port(), folder / "log.txt"
+    url = f"http://127.0.0.1:{port}"
+    environment = {
+        "FLING_DATABASE_URL": f"sqlite:///{folder / 'fling.db'}", "FLING_CELLS": str(folder), "FLING_DATA": str(folder),
+        "FLING_DEFAULT_CELL": cell, "FLING_HOST": "127.0.0.1", "FLING_PORT": str(port), "FLING_TOKENS_FILE": "",
+    }  # fmt: skip
+    try:
+        with Children({k: v for k, v in environment.items() if v}, log) as children, Client(url) as client:
+            start_stack(children, folder, cell, url, True, say_starting)
+            request = {"cell": cell, "release": {"kind": "target", "position": list(TARGET_M)}}
+            plan, execution = plan_and_execute(client, request, "speedj", False)
+    except (ChildFailed, ServiceError) as error:
+        raise click.ClickException(f"{error}\n{_tail(log)}") from error
+    if execution["outcome"] != "completed":
+        raise click.ClickException(f"{execution['outcome']}: {execution['reason']}\n{_tail(log)}")
+    click.echo(landing_text(plan, execution))
+    return _miss(execution)
+
+
+def _miss(execution: dict[str, Any]) -> float:
+    point = (execution["metrics"] or {}).get("landing_point")
+    return math.nan if point is None else math.dist(point, TARGET_M)
+
+
+def _free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return int(server.getsockname()[1])
+
+
+def _tail(log: Path) -> str:
+    return "\n".join(log.read_text(errors="replace").splitlines()[-20:])

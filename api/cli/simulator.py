@@ -1,0 +1,76 @@
+"""`fling sim`: a simulated controller, and faults in one that runs."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+
+import click
+
+CONTROL_PORT = 29900  # the simulator's own; no robot has it
+TIMEOUT_S = 5.0
+
+
+@click.group(invoke_without_command=True)
+@click.option("--cell", help="Which cell; FLING_DEFAULT_CELL otherwise.")
+@click.option("--host", help="Loopback address to listen on; the cell's link.host otherwise.")
+@click.pass_context
+def sim(context: click.Context, cell: str | None, host: str | None) -> None:
+    """Run a simulated controller; with `fault`, make something go wrong in one that runs."""
+    from api.cli.running import cell_path
+    from api.settings import Settings
+
+    settings = Settings()
+    path = cell_path(settings.cells, cell or settings.default_cell)
+    if context.invoked_subcommand is None:
+        arguments = ["--cell", str(path), *(["--host", host] if host else [])]
+        os.execv(sys.executable, [sys.executable, "-m", "executor.simulator", *arguments])
+    context.obj = (path, host)
+
+
+@sim.command()
+@click.argument("name")
+@click.argument("parameters", nargs=-1, metavar="[KEY=VALUE]...")
+@click.pass_obj
+def fault(target: tuple[os.PathLike[str], str | None], name: str, parameters: tuple[str, ...]) -> None:
+    """Cause a fault: protective_stop, emergency_stop, safeguard_stop, … (docs/simulator.md lists them)."""
+    given = dict(_parameter(parameter) for parameter in parameters)
+    click.echo(json.dumps(_ask(_host(target), {"op": "fault", "name": name, **given})))
+
+
+@sim.command()
+@click.pass_obj
+def state(target: tuple[os.PathLike[str], str | None]) -> None:
+    """Show the truth about the controller and its arm."""
+    click.echo(json.dumps(_ask(_host(target), {"op": "state"}), indent=2))
+
+
+def _host(target: tuple[os.PathLike[str], str | None]) -> str:
+    from planner.cell import load_cell
+
+    path, host = target
+    return host or load_cell(os.fspath(path)).link.host
+
+
+def _parameter(text: str) -> tuple[str, object]:
+    key, _, value = text.partition("=")
+    try:
+        return key, json.loads(value)
+    except json.JSONDecodeError:
+        return key, value
+
+
+def _ask(host: str, request: dict[str, object]) -> dict[str, object]:
+    import socket
+
+    try:
+        with socket.create_connection((host, CONTROL_PORT), TIMEOUT_S) as line, line.makefile("rw") as text:
+            text.write(json.dumps(request) + "\n")
+            text.flush()
+            answer = json.loads(text.readline() or '{"ok": false, "error": "the simulator closed the line"}')
+    except OSError as error:
+        raise click.ClickException(f"no simulator at {host}: {error}") from error
+    if not answer.get("ok"):
+        raise click.ClickException(str(answer.get("error")))
+    return answer
