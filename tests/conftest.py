@@ -9,6 +9,11 @@ import pytest
 ROOT = Path(__file__).parent.parent
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """`--controller HOST`: the contract suite of the simulator runs against that controller instead."""
+    parser.addoption("--controller", metavar="HOST", help="URSim or a real controller for tests of its contract")
+
+
 @pytest.fixture
 def root() -> Path:
     """The checkout."""

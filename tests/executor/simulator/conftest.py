@@ -24,7 +24,9 @@ ROOT = Path(__file__).parents[3]
 READY_WITHIN_S = 20.0  # a loaded machine takes its time to import numpy
 CONTROL_PORT = 29900
 NUMBERS = count(31)  # second byte of the addresses: one a simulator, apart from those of other rooms' tests
-SCRIPT = "def rtde_control():\n  get_steptime() get_tcp_offset() get_inverse_kin_has_solution() protective_stop()\nend\n"
+FUNCTIONS = "get_steptime() get_tcp_offset() get_inverse_kin_has_solution() protective_stop() tool_contact()"
+SCRIPT = f"def rtde_control():\n  {FUNCTIONS}\nend\n"
+ORDINARY = Settings()
 
 CELL = """
 robot = "{robot}"
@@ -113,7 +115,7 @@ def start_simulator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Start]
 class Driven:
     """A controller inside this process with its program running, driven cycle by cycle as ur_rtde would."""
 
-    def __init__(self, cell: Cell, settings: Settings = Settings(), script: str = SCRIPT) -> None:
+    def __init__(self, cell: Cell, settings: Settings = ORDINARY, script: str = SCRIPT) -> None:
         self.controller = Controller(cell, settings)
         self.controller.execution.upload(script)
         while self.controller.execution.due:
@@ -142,12 +144,11 @@ class Driven:
     def call(self, command: int, doubles: Sequence[float] = (), ints: Sequence[int] = (), cycles: int = 5000) -> int:
         """Sends a command, waits until it is done, clears it; returns the cycles it took."""
         self.write(command, doubles, ints)
-        for taken in range(1, cycles):
+        taken = 0
+        while self.out_int(0) != 2 and self.controller.execution.playing:
             self.cycle()
-            if self.out_int(0) == 2 or not self.controller.execution.playing:
-                break
-        else:
-            raise AssertionError(f"command {command} is not done after {cycles} cycles")
+            taken += 1
+            assert taken < cycles, f"command {command} is not done after {cycles} cycles"
         self.write(0)
         self.cycle()
         return taken
