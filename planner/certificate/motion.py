@@ -15,8 +15,7 @@ from planner.trajectory import Trajectory
 Vector = NDArray[np.float64]
 
 SPARSE_S = 0.032  # [s] spacing of the first look at distances, most of which are far from any limit
-TORQUE_S = 0.008  # [s] of the first look at torques, which cost most
-COARSE_S = 0.004  # [s] spacing of the first look (every tick at 125 Hz); bisection goes finer where it must
+COARSE_S = 0.008  # [s] spacing of the first look (every tick at 125 Hz); bisection goes finer where it must
 
 
 class Motion:
@@ -38,12 +37,9 @@ class Motion:
     @cached_property
     def sparse(self) -> Motion:
         """The same motion with fewer knots."""
-        return Motion(self.problem, self.trajectory, SPARSE_S)
-
-    @cached_property
-    def for_torques(self) -> Motion:
-        """The same motion with half the knots."""
-        return Motion(self.problem, self.trajectory, TORQUE_S)
+        motion = Motion(self.problem, self.trajectory, SPARSE_S)
+        motion.tick_rates = self.tick_rates
+        return motion
 
     @cached_property
     def X_WL(self) -> Vector:
@@ -53,7 +49,12 @@ class Motion:
     @cached_property
     def rates(self) -> Rates:
         """What the joints do at most between neighbouring knots."""
-        return joint_rates(self.trajectory).between(self.knots)
+        return self.tick_rates.between(self.knots)
+
+    @cached_property
+    def tick_rates(self) -> Rates:
+        """What the joints do at most inside every tick."""
+        return joint_rates(self.trajectory)
 
     def link_poses(self, q: Vector) -> Vector:
         """Returns poses of base and links in the world (..., 7, 4, 4)."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.ballistics import Flight, fly, landing_points
-from planner.certificate.bounds import joint_rates, levers, point_acceleration, point_jerk
+from planner.certificate.bounds import levers, point_acceleration, point_jerk
 from planner.certificate.check import Check, at_least, at_most
 from planner.certificate.motion import Motion
 from planner.kinematics import forward, jacobian
@@ -168,7 +168,7 @@ def _landing_curvature(motion: Motion, delays: Vector) -> float:
     reach = math.ceil(delays[-1] * trajectory.sample_rate_hz) + 1
     k = trajectory.release_index
     near = np.array([max(0, k - reach), min(len(trajectory.q) - 1, k + reach)])
-    rates = joint_rates(trajectory).between(near)
+    rates = motion.tick_rates.between(near)
     lever = levers(problem.cell.robot, 6, float(np.linalg.norm(problem.cell.tool.X_FT[:3, 3])))
     a = float(point_acceleration(lever, rates).max())
     j = float(point_jerk(lever, rates).max())

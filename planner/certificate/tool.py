@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from planner.certificate.bounds import (
     Rates,
     curvature_bound,
-    joint_rates,
     levers,
     point_acceleration,
     point_jerk,
@@ -18,7 +17,7 @@ from planner.certificate.bounds import (
 from planner.certificate.check import Check, at_least, at_most
 from planner.certificate.motion import Motion
 from planner.dynamics import Payload, joint_torques
-from planner.kinematics import SINGULARITIES, jacobian, signed_singularity_distances
+from planner.kinematics import SINGULARITIES, signed_singularity_distances
 
 Vector = NDArray[np.float64]
 Index = NDArray[np.intp]
@@ -31,17 +30,17 @@ def tcp_speed(motion: Motion) -> Check:
     problem, trajectory = motion.problem, motion.trajectory
     cell, limit = problem.cell, problem.limits.tcp_speed_max
 
-    def room(q: Vector, qd: Vector) -> Vector:
-        J_v = jacobian(cell.robot, q, cell.tool.X_FT)[..., :3, :]
-        return limit - np.linalg.norm(np.einsum("kij,kj->ki", J_v, qd), axis=-1)
+    def room(X_WL: Vector, qd: Vector) -> Vector:
+        p_WT = X_WL[:, 6, :3, :3] @ cell.tool.X_FT[:3, 3] + X_WL[:, 6, :3, 3]
+        turns = np.cross(X_WL[:, :6, :3, 2], p_WT[:, None] - X_WL[:, :6, :3, 3])
+        return limit - np.linalg.norm((turns * qd[..., None]).sum(axis=1), axis=-1)
 
     def evaluate(t: Vector, item: Index) -> Vector:
-        q, qd, _ = trajectory.at(t)
-        return room(q, qd)
+        return room(motion.poses_at(t), trajectory.at(t)[1])
 
     lever = levers(cell.robot, 6, float(np.linalg.norm(cell.tool.X_FT[:3, 3])))
     rates = point_jerk(lever, motion.rates)[:, None]
-    values = room(trajectory.q[motion.knots], trajectory.qd[motion.knots])[:, None]
+    values = room(motion.X_WL, trajectory.qd[motion.knots])[:, None]
     # |v| lies below the chord of the vectors' ends plus their deviation from it, so the curvature bound of v serves.
     proof = prove_above(evaluate, motion.t, values, rates, -limit * 1e-7, curvature_bound)
     check = at_most("tcp_speed", limit - proof.value, limit, "m/s", proof.at_s)
@@ -65,7 +64,7 @@ def singularity_distance(motion: Motion) -> Check | None:
     def evaluate(t: Vector, item: Index) -> Vector:
         return distances(trajectory.at(t)[0])[np.arange(len(t)), item]
 
-    rates = _singularity_rates(motion, joint_rates(trajectory).between(rows))
+    rates = _singularity_rates(motion, motion.tick_rates.between(rows))
     proof = prove_above(evaluate, trajectory.t[rows], distances(trajectory.q[rows]), rates, required, curvature_bound)
     check = at_least("singularity_distance", proof.value, required, "1", proof.at_s, SINGULARITIES[proof.item])
     return check if proof.proven else Check(**{**check.__dict__, "ok": False})
@@ -83,7 +82,7 @@ def _singularity_rates(motion: Motion, rates: Rates) -> Vector:
 
 def joint_torque(motion: Motion) -> Check:
     """No joint needs more torque than allowed, with tool and, until the release, the object."""
-    motion, problem, trajectory = motion.for_torques, motion.problem, motion.trajectory
+    problem, trajectory = motion.problem, motion.trajectory
     limit = problem.limits.tau_max
     held = payload_of(motion, with_object=True)
     empty = payload_of(motion, with_object=False)
