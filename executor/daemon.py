@@ -20,6 +20,8 @@ POLL_S = 0.02  # [s] between two looks for a queued execution
 TELEMETRY_S = 0.04  # [s] between two telemetry events: 25 Hz
 NO_LATCH = ("completed", "refused", "aborted")  # ends that need no person to look; "aborted" only where in order
 
+STATES = ("preparing", "approaching", "streaming", "braking")  # as the contract has them, in order
+
 T = TypeVar("T")
 
 
@@ -99,17 +101,24 @@ class Daemon:
     def _watch(self, execution: Execution, ended: threading.Event) -> None:
         run, row = execution.run, execution.row
         assert run is not None
-        state = "preparing"
+        told = 0
         while not run.wait(TELEMETRY_S):
-            if execution.state() != state:
-                state = execution.state()
-                execution.note(state)
-                self._tell(lambda state=state: self.store.set_state(row.id, state))
+            told = self._tell_states(execution, told)
             if ended.is_set() or self._tell(lambda: self.store.abort_requested(row.id)):
                 run.abort()
             latest = run.latest_row()
             if latest is not None:
                 self._tell(lambda latest=latest: self.store.add_event(row.id, "telemetry", row_document(latest)))
+
+        self._tell_states(execution, told)
+
+    def _tell_states(self, execution: Execution, told: int) -> int:
+        """Tells every state reached since `told`; one that is shorter than our period is told all the same."""
+        reached = STATES.index(execution.state())
+        for state in STATES[told + 1 : reached + 1]:
+            execution.note(state)
+            self._tell(lambda state=state: self.store.set_state(execution.row.id, state))
+        return max(told, reached)
 
     def _close(self, execution: Execution, result: Result) -> None:
         run = execution.run

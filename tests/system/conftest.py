@@ -1,0 +1,27 @@
+"""Rigs for tests of the whole."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.system.rig import Rig
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
+    """One simulated controller with its executor for a module's tests, one after the other."""
+    rig = Rig(tmp_path_factory.mktemp("rig"))
+    rig.start()
+    yield rig
+    rig.stop()
+
+
+@pytest.fixture
+def own_rig(tmp_path: Path) -> Iterator[Rig]:
+    """A rig of this test alone, not started."""
+    rig = Rig(tmp_path)
+    yield rig
+    rig.stop()

@@ -1,0 +1,193 @@
+"""A rig: simulated controller, executor and store as real processes on an address of their own."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orjson
+import psutil
+
+from executor import truth
+from planner.cell import load_cell
+from planner.document import plan_document, problem_from_request
+from planner.planning import plan
+from store import ExecutionRow, Store, new_id
+
+ROOT = Path(__file__).parents[2]
+NUMBERS = count()
+READY_WITHIN_S = 30.0  # a loaded machine takes its time to import numpy
+END_WITHIN_S = 60.0
+MOVING_RAD_S = 0.5  # [rad/s] in mid-launch
+REST_RAD_S = 5e-3  # [rad/s] true speed of an arm at rest
+
+# From near home to 1.2 rad/s and back to rest: short, clear of everything, and it throws.
+TOSS = {"kind": "joint", "positions": [0.25, -1.45, 1.45, -1.5, -1.45, 0.1], "velocities": [1.2, 0.6, -0.6, 0.3, 0.5, 0.2]}
+NUDGE = {"kind": "joint", "positions": [0.03, -1.57, 1.57, -1.57, -1.57, 0.0], "velocities": [0.0] * 6}
+LOB = {"kind": "target", "position": [1.2, 0.3, 0.0]}
+
+
+class Rig:
+    """Everything one cell needs, and what a test does to it."""
+
+    def __init__(self, folder: Path, base: str = "ur5e-sim", replace: Mapping[str, str] | None = None) -> None:
+        pid = os.getpid()
+        self.host = f"127.{120 + next(NUMBERS) % 80}.{pid >> 8 & 255}.{pid & 255 or 1}"
+        text = (ROOT / "cells" / f"{base}.toml").read_text()
+        text = re.sub(r'host = "[^"]*"', f'host = "{self.host}"', text)
+        for old, new in (replace or {}).items():
+            assert old in text
+            text = text.replace(old, new)
+        folder.mkdir(parents=True, exist_ok=True)
+        self.path = folder / "rig.toml"
+        self.path.write_text(text)
+        self.folder, self.cell = folder, load_cell(self.path)
+        self.url = f"sqlite:///{folder / 'fling.db'}"
+        self.store = Store.open(self.url)
+        self.environment = {**os.environ, "FLING_DATABASE_URL": self.url, "FLING_CELLS": str(folder),
+                            "FLING_DATA": str(folder / "data")}  # fmt: skip
+        self.simulator = self.executor = None
+        self._plans: dict[str, str] = {}
+
+    # processes
+
+    def start(self) -> None:
+        """Starts the simulated controller and the executor."""
+        self.start_simulator()
+        self.start_executor()
+
+    def start_simulator(self) -> None:
+        """Starts the simulated controller alone."""
+        self.simulator = _start([sys.executable, "-m", "executor.simulator", "--cell", str(self.path),
+                                 "--protective-stop-lock-s", "0.1"], self.environment)  # fmt: skip
+
+    def start_executor(self, *flags: str) -> None:
+        """Starts the executor and waits until its heart beats."""
+        began = time.time()
+        self.executor = _start([sys.executable, "-m", "executor", "--cell", "rig", *flags], self.environment)
+        self.until(lambda: (row := self.store.cell_status("rig")) is not None and row.heartbeat_at > began
+                   and row.robot.get("connected") is True)  # fmt: skip
+
+    def stop(self) -> None:
+        """Ends every process and closes the store."""
+        for process in (self.executor, self.simulator):
+            if process is not None and process.poll() is None:
+                process.send_signal(signal.SIGCONT)
+                process.terminate()
+                process.wait(30.0)
+            if process is not None and process.stdout is not None:
+                process.stdout.close()
+        self.store.close()
+
+    def streamer(self) -> psutil.Process:
+        """Returns the streaming process."""
+        assert self.executor is not None
+        children = psutil.Process(self.executor.pid).children()
+        return next(c for c in children if "executor.streaming" in c.cmdline())
+
+    # executions
+
+    def plan(self, release: Mapping[str, Any], **fields: Any) -> str:
+        """Plans and stores; returns the id. The same question is planned once."""
+        key = repr((release, fields))
+        if key not in self._plans:
+            request = {"cell": "rig", "release": dict(release), "backend": "ruckig", "time_limit_s": 30.0, **fields}
+            answer = plan(problem_from_request(request, self.cell))
+            document = plan_document(answer, request, new_id(), "2026-01-01T00:00:00Z")
+            self.add_plan(document)
+            self._plans[key] = document["id"]
+        return self._plans[key]
+
+    def add_plan(self, document: Mapping[str, Any]) -> None:
+        """Stores a plan document as it is."""
+        data = orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY)
+        self.store.add_plan(document["id"], time.time(), "rig", document["cell_sha256"], document["backend"], data)
+
+    def queue(self, release: Mapping[str, Any] = TOSS, mode: str = "speedj", dry_run: bool = False) -> str:
+        """Queues an execution; returns its id."""
+        return self.store.queue_execution(self.plan(release), "rig", mode, dry_run, "test").id
+
+    def row(self, id: str) -> ExecutionRow:
+        """Returns an execution."""
+        row = self.store.execution(id)
+        assert row is not None
+        return row
+
+    def end(self, id: str) -> ExecutionRow:
+        """Waits for the end of an execution."""
+        self.until(lambda: self.row(id).state == "finished", END_WITHIN_S)
+        return self.row(id)
+
+    def throw(self, release: Mapping[str, Any] = TOSS, mode: str = "speedj", dry_run: bool = False) -> ExecutionRow:
+        """Queues an execution and waits for its end."""
+        return self.end(self.queue(release, mode, dry_run))
+
+    def in_launch(self, id: str, speed: float = MOVING_RAD_S) -> None:
+        """Waits until an execution streams and the arm is truly moving."""
+        self.until(lambda: self.row(id).state in ("streaming", "braking", "finished"))
+        assert self.row(id).state == "streaming", self.row(id)
+        self.until(lambda: max(map(abs, self.state()["qd"])) > speed, period=0.001)
+
+    def acknowledge(self) -> None:
+        """A person has looked."""
+        self.store.request_acknowledge("rig", "test")
+        self.until(lambda: (row := self.store.cell_status("rig")) is not None and row.fault is None)
+
+    # the controller
+
+    def state(self) -> dict[str, Any]:
+        """Returns the truth about the controller."""
+        return truth.ask(self.host, "state")
+
+    def world(self) -> dict[str, Any]:
+        """Returns releases and landings."""
+        return truth.ask(self.host, "world")
+
+    def fault(self, name: str, **parameters: Any) -> None:
+        """Makes a fault happen."""
+        truth.ask(self.host, "fault", name=name, **parameters)
+
+    def rest_time(self, since: float) -> float:
+        """Waits until the arm truly rests; returns how long after the controller's time `since` that was [s]."""
+        found: list[float] = []
+
+        def resting() -> bool:
+            state = self.state()
+            found.append(state["t"])
+            return max(map(abs, state["qd"])) < REST_RAD_S
+
+        self.until(resting, period=0.002)
+        time.sleep(0.1)
+        assert max(map(abs, self.state()["qd"])) < REST_RAD_S, "the arm moves again"
+        return found[-1] - since
+
+    @staticmethod
+    def until(condition: Callable[[], object], within_s: float = READY_WITHIN_S, period: float = 0.01) -> None:
+        """Waits for a condition; only a machine that hangs makes this fail."""
+        deadline = time.monotonic() + within_s
+        while not condition():
+            assert time.monotonic() < deadline, "waited too long"
+            time.sleep(period)
+
+
+def _start(command: list[str], environment: Mapping[str, str]) -> subprocess.Popen[bytes]:
+    process = subprocess.Popen(command, cwd=ROOT, env=dict(environment), stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    line = process.stdout.readline()
+    assert line.startswith(b"ready"), line
+    return process
+
+
+def rows_of(csv: bytes) -> tuple[list[str], np.ndarray]:
+    """Returns header and numbers (n, columns) of a recording's CSV."""
+    header, *lines = csv.decode().splitlines()
+    return header.split(","), np.array([[float(x) for x in line.split(",")] for line in lines])
