@@ -18,7 +18,7 @@ from store import ExecutionRow, Store, StoreUnavailable, new_id
 
 POLL_S = 0.02  # [s] between two looks for a queued execution
 TELEMETRY_S = 0.04  # [s] between two telemetry events: 25 Hz
-NO_LATCH = ("completed", "refused", "aborted")  # ends that need no person to look; "aborted" only where in order
+HARMLESS = ("completed", "refused")  # ends that need no person to look, nor does an abort that ended in order
 
 STATES = ("preparing", "approaching", "streaming", "braking")  # as the contract has them, in order
 
@@ -88,8 +88,8 @@ class Daemon:
             if execution.run is not None:
                 execution.run.abort()
                 execution.run.wait(30.0)
-            self.heartbeat.idle = True
             self._close(execution, result)
+            self.heartbeat.idle = True
 
     def _admit(self) -> None:
         fault = self.journal.fault()
@@ -109,7 +109,6 @@ class Daemon:
             latest = run.latest_row()
             if latest is not None:
                 self._tell(lambda latest=latest: self.store.add_event(row.id, "telemetry", row_document(latest)))
-
         self._tell_states(execution, told)
 
     def _tell_states(self, execution: Execution, told: int) -> int:
@@ -123,7 +122,7 @@ class Daemon:
     def _close(self, execution: Execution, result: Result) -> None:
         run = execution.run
         orderly = run is None or (run.result is not None and run.result.in_order)
-        if result.outcome not in NO_LATCH or not orderly:
+        if result.outcome not in HARMLESS and not (result.outcome == "aborted" and orderly):
             self.journal.latch({"outcome": result.outcome, "reason": result.reason,
                                 "execution_id": result.execution_id, "at": time.time()})  # fmt: skip
         self.journal.keep(result)

@@ -18,6 +18,7 @@ import orjson
 import psutil
 
 from executor import truth
+from executor.dashboard import Dashboard
 from planner.cell import load_cell
 from planner.document import plan_document, problem_from_request
 from planner.planning import plan
@@ -28,10 +29,12 @@ NUMBERS = count()
 READY_WITHIN_S = 30.0  # a loaded machine takes its time to import numpy
 END_WITHIN_S = 60.0
 MOVING_RAD_S = 0.5  # [rad/s] in mid-launch
+ROBOT_RUNNING = 7  # robot_mode
 REST_RAD_S = 5e-3  # [rad/s] true speed of an arm at rest
 
 # From near home to 1.2 rad/s and back to rest: short, clear of everything, and it throws.
-TOSS = {"kind": "joint", "positions": [0.25, -1.45, 1.45, -1.5, -1.45, 0.1], "velocities": [1.2, 0.6, -0.6, 0.3, 0.5, 0.2]}
+TOSS = {"kind": "joint", "positions": [0.25, -1.45, 1.45, -1.5, -1.45, 0.1],
+        "velocities": [1.2, 0.6, -0.6, 0.3, 0.5, 0.2]}  # fmt: skip
 NUDGE = {"kind": "joint", "positions": [0.03, -1.57, 1.57, -1.57, -1.57, 0.0], "velocities": [0.0] * 6}
 LOB = {"kind": "target", "position": [1.2, 0.3, 0.0]}
 
@@ -57,6 +60,11 @@ class Rig:
                             "FLING_DATA": str(folder / "data")}  # fmt: skip
         self.simulator = self.executor = None
         self._plans: dict[str, str] = {}
+
+    def reload(self) -> None:
+        """Reads the cell file again, after a test has changed it."""
+        self.cell = load_cell(self.path)
+        self._plans.clear()
 
     # processes
 
@@ -155,6 +163,28 @@ class Rig:
     def fault(self, name: str, **parameters: Any) -> None:
         """Makes a fault happen."""
         truth.ask(self.host, "fault", name=name, **parameters)
+
+    def recover(self) -> None:
+        """A person sees to the robot: every cause of a stop is gone, the arm is powered, remote, at full speed."""
+        self.fault("offline", on=False)
+        self.fault("stall_connection", role="any", on=False)
+        self.fault("disturb_connection", role="any")
+        self.fault("clear")
+        self.fault("local_mode", on=False)
+        self.fault("speed_slider", fraction=1.0)
+        self.fault("gripper_stuck", on=False)
+        self.fault("mute", port="dashboard", on=False)
+        if self.state()["robot_mode"] != ROBOT_RUNNING:
+            dashboard = Dashboard(self.host)
+            dashboard.ask("power on")
+            dashboard.ask("brake release")
+            dashboard.close()
+        self.until(lambda: self.robot().get("refusals") == [])
+
+    def robot(self) -> Mapping[str, Any]:
+        """Returns the live state as the executor tells it."""
+        row = self.store.cell_status("rig")
+        return {} if row is None else row.robot
 
     def rest_time(self, since: float) -> float:
         """Waits until the arm truly rests; returns how long after the controller's time `since` that was [s]."""

@@ -1,0 +1,123 @@
+"""The fault matrix of the robot's side: outcome, rest, no release by mistake, and work again after acknowledgement."""
+
+from __future__ import annotations
+
+import socket
+import struct
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from tests.system.rig import NUDGE, TOSS, Rig
+
+REST_S = 0.30  # [s] of the controller's time: watchdog 50 ms, stale state 40 ms, lag 20 ms, 1.2 rad/s at 20 rad/s^2, looks
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One row: what happens in mid-launch, how it may end."""
+
+    row: str
+    name: str
+    outcomes: tuple[str, ...]
+    parameters: dict[str, Any] = field(default_factory=dict)
+    rest_s: float = REST_S
+
+
+MATRIX = [
+    Fault("R1 paused", "protective_stop", ("protective_stop",)),
+    Fault("R1 stopped", "protective_stop", ("protective_stop",), {"runtime": "stopped"}),
+    Fault("R1 playing", "protective_stop", ("protective_stop",), {"runtime": "playing"}),
+    Fault("R2", "emergency_stop", ("emergency_stop",)),
+    Fault("R3", "safeguard_stop", ("protective_stop",)),
+    Fault("R4 stop", "stop_program", ("aborted",)),
+    Fault("R4 pause", "pause_program", ("aborted",)),
+    Fault("R7", "speed_slider", ("aborted",), {"fraction": 0.5}),
+    Fault("R8 control", "close_connection", ("link_lost",), {"role": "control", "reset": True}),
+    Fault("R8 receive", "close_connection", ("link_lost",), {"role": "receive", "reset": True}),
+    Fault("R9", "close_connection", ("link_lost",), {"role": "control"}),
+    Fault("R10 control", "stall_connection", ("link_lost", "aborted"), {"role": "control"}),
+    Fault("R10 receive", "stall_connection", ("link_lost",), {"role": "receive"}),
+    Fault("R10 frozen", "freeze", ("link_lost",), {"duration_s": 0.5}),
+    Fault("R11", "disturb_connection", ("late", "link_lost"), {"role": "receive", "drop": 0.5}),
+    Fault("R12 power", "power_loss", ("protective_stop", "emergency_stop", "aborted")),
+    Fault("R12 cable", "offline", ("link_lost",)),
+]
+
+
+@pytest.mark.parametrize("fault", MATRIX, ids=lambda fault: fault.row)
+def test_in_mid_launch_every_fault_is_a_stop(rig: Rig, fault: Fault) -> None:
+    released = len(rig.world()["releases"])
+    id = rig.queue(TOSS)
+    rig.in_launch(id)
+    at = rig.state()["t"]
+    rig.fault(fault.name, **fault.parameters)
+    rested = rig.rest_time(at)
+    row = rig.end(id)
+    latched = rig.throw(NUDGE)
+    rig.recover()
+    rig.acknowledge()
+    assert row.outcome in fault.outcomes, row.reason
+    assert row.reason
+    assert rested < fault.rest_s, f"{rested:.3f} s: {row.reason}"
+    assert len(rig.world()["releases"]) == released
+    assert latched.outcome == "refused"
+    assert "latched" in latched.reason
+    following = rig.throw(NUDGE)
+    assert following.outcome == "completed", following.reason
+
+
+@pytest.mark.parametrize(
+    ("name", "parameters", "word"),
+    [
+        ("local_mode", {}, "remote control"),  # R5
+        ("speed_slider", {"fraction": 0.5}, "speed slider"),  # R6
+        ("mute", {"port": "dashboard"}, "dashboard"),
+        ("protective_stop", {}, "protective stop"),
+    ],
+)
+def test_preflight_refuses_in_words(rig: Rig, name: str, parameters: dict, word: str) -> None:
+    before = rig.state()["q"]
+    rig.fault(name, **parameters)
+    row = rig.throw(NUDGE)
+    rig.recover()
+    assert row.outcome == "refused"
+    assert word in row.reason
+    assert rig.state()["q"] == pytest.approx(before, abs=1e-9)
+    assert rig.throw(NUDGE).outcome == "completed"  # a refusal latches nothing
+
+
+def test_registers_in_use_are_a_refusal(rig: Rig) -> None:  # R15
+    with socket.create_connection((rig.host, 30004)) as other:
+        other.sendall(struct.pack(">HBH", 5, 86, 2))
+        other.recv(64)
+        names = b"input_int_register_0"
+        other.sendall(struct.pack(">HB", 3 + len(names), 73) + names)
+        other.recv(64)
+        row = rig.throw(NUDGE)
+    assert row.outcome == "refused"
+    assert "in use" in row.reason
+    rig.acknowledge()
+    assert rig.throw(NUDGE).outcome == "completed"
+
+
+def test_a_gripper_that_does_not_open_releases_nothing(rig: Rig) -> None:  # H10
+    released = len(rig.world()["releases"])
+    rig.fault("gripper_stuck")
+    row = rig.throw(TOSS)
+    rig.recover()
+    assert row.metrics is not None
+    assert row.metrics["landing_point"] is None
+    assert len(rig.world()["releases"]) == released
+
+
+def test_an_arm_that_lags_more_than_the_cell_says_is_stopped(own_rig: Rig) -> None:  # R13
+    head, sim = own_rig.path.read_text().split("[sim]")
+    own_rig.path.write_text(head + "[sim]" + sim.replace("lag_s = 0.020", "lag_s = 0.100"))
+    own_rig.reload()
+    own_rig.start()
+    row = own_rig.throw(TOSS)
+    assert row.outcome == "tracking", row.reason
+    assert not own_rig.world()["releases"]
+    own_rig.acknowledge()
