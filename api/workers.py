@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import asyncio
 import math
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
+from typing import Any
 
 from api import solving
 from api.errors import Problem
@@ -21,11 +23,21 @@ TRIES = 2  # a job whose worker was killed under it is given one more
 
 
 class Workers:
-    """A line in front of `count` planner processes; more than `queue` waiting are turned away."""
+    """A line in front of `count` planner processes; more than `queue` waiting are turned away.
 
-    def __init__(self, count: int, queue: int, warm_up: Job | None = None) -> None:
+    A job that takes longer than its time limit and `grace_s` has its process ended.
+    """
+
+    def __init__(
+        self,
+        count: int,
+        queue: int,
+        warm_up: Job | None = None,
+        solve: Callable[[Any], Any] = solving.solve,
+        grace_s: float = GRACE_S,
+    ) -> None:
         self._count, self._bound = count, count + queue
-        self._warm_up = warm_up
+        self._warm_up, self._solve, self._grace_s = warm_up, solve, grace_s
         self._seats = asyncio.Semaphore(count)
         self._pool: ProcessPoolExecutor | None = None
         self._present = 0
@@ -49,7 +61,7 @@ class Workers:
         self._present += 1
         try:
             async with self._seats:
-                return await self._solve_surely(job, time_limit_s + GRACE_S)
+                return await self._solve_surely(job, time_limit_s + self._grace_s)
         finally:
             self._present -= 1
 
@@ -68,7 +80,7 @@ class Workers:
         for _ in range(TRIES):
             pool = self._open()
             try:
-                future = asyncio.wrap_future(pool.submit(solving.solve, job))
+                future = asyncio.wrap_future(pool.submit(self._solve, job))
                 return await asyncio.wait_for(future, patience_s)
             except BrokenProcessPool:
                 self._discard(pool)

@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import IO, Any, Self
 
 import click
-import httpx
+import httpx2
 
 TIMEOUT_S = 150.0  # [s] a plan may take its whole time limit
 PROBLEM = "application/problem+json"
@@ -38,7 +38,7 @@ class Client:
 
     def __init__(self, url: str, token: str | None = None) -> None:
         headers = {"Authorization": f"Bearer {token}"} if token else {}
-        self._http = httpx.Client(base_url=url, headers=headers, timeout=TIMEOUT_S, trust_env=False)
+        self._http = httpx2.Client(base_url=url, headers=headers, timeout=TIMEOUT_S, trust_env=False)
 
     def __enter__(self) -> Self:
         return self
@@ -66,13 +66,13 @@ class Client:
                         kind = value
                     elif name == "data":
                         yield kind, json.loads(value)
-        except httpx.TransportError as error:
+        except httpx2.TransportError as error:
             raise _unreachable(self._http, error) from error
 
     def _call(self, method: str, path: str, body: Any = None) -> dict[str, Any]:
         try:
             response = self._http.request(method, path, **({} if body is None else {"json": body}))
-        except httpx.TransportError as error:
+        except httpx2.TransportError as error:
             raise _unreachable(self._http, error) from error
         _check(response)
         return response.json()
@@ -88,7 +88,7 @@ def describe(problem: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _check(response: httpx.Response) -> None:
+def _check(response: httpx2.Response) -> None:
     if response.status_code < 400:
         return
     response.read()
@@ -97,6 +97,6 @@ def _check(response: httpx.Response) -> None:
     raise ServiceError({"title": "unexpected answer", "detail": response.text[:200], "status": response.status_code})
 
 
-def _unreachable(http: httpx.Client, error: Exception) -> ServiceError:
+def _unreachable(http: httpx2.Client, error: Exception) -> ServiceError:
     detail = f"no service at {http.base_url} ({error}); start one with 'fling up'"
     return ServiceError({"title": "no service", "detail": detail, "status": 0})

@@ -1,0 +1,106 @@
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from api.cli import COMMANDS, main
+from tests.api.conftest import JOINT, REQUEST
+
+HEAVY = ("numpy", "pydantic", "fastapi", "sqlalchemy", "httpx2", "orjson", "planner", "store")
+
+
+def fling(*arguments: str, **environment: str):
+    return CliRunner().invoke(main, arguments, env=environment or None)
+
+
+@pytest.fixture
+def request_file(tmp_path: Path) -> Path:
+    file = tmp_path / "request.json"
+    file.write_text(json.dumps(REQUEST))
+    return file
+
+
+def test_help_loads_nothing_heavy():
+    script = f"""
+import sys
+from api.cli import main
+try:
+    main(["--help"])
+except SystemExit:
+    pass
+print([name for name in {HEAVY!r} if name in sys.modules])
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "[]"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_explains_itself(name: str):
+    result = fling(name, "--help")
+    assert result.exit_code == 0, result.output
+    assert "Usage:" in result.output
+
+
+def test_an_unknown_command():
+    assert fling("frobnicate").exit_code == 2
+
+
+def test_plan_writes_the_plan(request_file: Path, root: Path):
+    result = fling("plan", str(request_file), "--cells", str(root / "cells"))
+    assert result.exit_code == 0, result.output
+    plan = json.loads(result.stdout)
+    assert plan["certificate"]["valid"] is True
+    assert plan["cell"] == "ur5e-sim"
+
+
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [({"release": {**JOINT, "velocities": [9.0, 0, 0, 0, 0, 0]}}, "infeasible"), ({"frame": "moon"}, "invalid-request"),
+     ({"cell": "nowhere"}, "invalid-request"), ({"start": {"current": True}}, "invalid-request")],
+)  # fmt: skip
+def test_plan_gives_the_problem_and_status_2(request_file: Path, root: Path, change: dict, name: str):
+    request_file.write_text(json.dumps({**REQUEST, **change}))
+    result = fling("plan", str(request_file), "--cells", str(root / "cells"))
+    assert result.exit_code == 2
+    assert json.loads(result.stderr)["type"] == f"/problems/{name}"
+    assert result.stdout == ""
+
+
+def test_cell_check(root: Path, tmp_path: Path):
+    good = fling("cell", "check", str(root / "cells" / "ur5e-sim.toml"))
+    assert (good.exit_code, "good" in good.output) == (0, True)
+    bad = tmp_path / "bad.toml"
+    bad.write_text('robot = "ur5e"\nsurprise = 1\n[link]\nkind = "sim"\n')
+    result = fling("cell", "check", str(bad))
+    assert result.exit_code == 1
+    assert "surprise" in result.output
+    assert fling("cell", "check", str(tmp_path / "missing.toml")).exit_code == 1
+
+
+def test_token_create(tmp_path: Path):
+    file = tmp_path / "tokens.toml"
+    result = fling("token", "create", "--scope", "plan", "--name", "me", "--file", str(file))
+    assert result.exit_code == 0
+    assert result.output.strip() not in file.read_text()
+    assert fling("token", "create", "--scope", "plan", "--name", "me", "--file", str(file)).exit_code == 1
+    assert fling("token", "create", "--scope", "root", "--name", "you", "--file", str(file)).exit_code == 2
+
+
+def test_db_upgrade(database_url: str):
+    assert "from 0" in fling("db", "upgrade", FLING_DATABASE_URL=database_url).output
+    assert "as before" in fling("db", "upgrade", FLING_DATABASE_URL=database_url).output
+
+
+def test_version():
+    assert fling("version").output.startswith("fling ")
+
+
+def test_no_service_says_how_to_start_one():
+    result = fling("throw", "1.2", "-0.3", "0", "--url", "http://127.0.0.1:9")
+    assert result.exit_code == 1
+    assert "fling up" in result.output

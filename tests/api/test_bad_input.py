@@ -1,0 +1,185 @@
+"""Whatever is posted, the answer is the contract's error: never a 500, never a success."""
+
+from __future__ import annotations
+
+import copy
+import json
+from typing import Any
+
+import pytest
+
+from tests.api.conftest import JOINT, REQUEST, Running
+
+JSON = {"Content-Type": "application/json"}
+POSE = {
+    "kind": "pose",
+    "pose": {"position": [0.4, 0.2, 0.6], "quaternion": [0.0, 0.0, 0.0, 1.0]},
+    "twist": {"linear": [0.5, 0.0, 0.5], "angular": [0.0, 0.0, 0.0]},
+}
+
+
+def changed(path: str, value: Any, base: dict[str, Any] = REQUEST) -> dict[str, Any]:
+    request = copy.deepcopy(base)
+    *parents, last = path.split(".")
+    at = request
+    for name in parents:
+        at = at.setdefault(name, {})
+    at[last] = value
+    return request
+
+
+def problem_of(response: Any, status: int, name: str) -> dict[str, Any]:
+    assert response.status_code == status, response.text
+    assert response.headers["content-type"] == "application/problem+json"
+    problem = response.json()
+    assert problem["type"] == f"/problems/{name}"
+    assert problem["status"] == status
+    assert problem["title"]
+    assert problem["detail"]
+    assert problem["instance"].startswith("/")
+    return problem
+
+
+REFUSED_FIELDS = [
+    ("release.positions", [0.0] * 5, "release.positions"),
+    ("release.positions", [0.0] * 7, "release.positions"),
+    ("release.positions", "six", "release.positions"),
+    ("release.positions", ["0.0"] * 6, "release.positions[0]"),
+    ("release.positions", [True] * 6, "release.positions[0]"),
+    ("release.positions", None, "release.positions"),
+    ("release.kind", "hurl", "release"),
+    ("release.velocity", [0.0] * 6, "release.velocity"),
+    ("release", None, "release"),
+    ("surprise", 1, "surprise"),
+    ("limits.surprise", 1, "limits.surprise"),
+    ("limits.velocity", 99.0, "limits.velocity[0]"),
+    ("limits.velocity", [1.0] * 5, "limits.velocity"),
+    ("limits.velocity", -1.0, "limits.velocity[0]"),
+    ("limits.jerk", 1e9, "limits.jerk[0]"),
+    ("singularity_distance_min", 0.001, "singularity_distance_min"),
+    ("start.positions", [0.0] * 3, "start.positions"),
+    ("start.positions", [100.0] * 6, "start.positions[0]"),
+    ("start.current", False, "start.current"),
+    ("start", {}, "start"),
+    ("frame", "moon", "frame"),
+    ("backend", "magic", "backend"),
+    ("time_limit_s", -1, "time_limit_s"),
+    ("time_limit_s", 1e6, "time_limit_s"),
+    ("release_window_s", 5.0, "release_window_s"),
+    ("cell", 7, "cell"),
+    ("cell", "x" * 1000, "cell"),
+]
+
+
+@pytest.mark.parametrize(("path", "value", "field"), REFUSED_FIELDS)
+def test_a_wrong_field_is_named(service: Running, path: str, value: Any, field: str):
+    problem = problem_of(service.client.post("/plan", json=changed(path, value)), 422, "invalid-request")
+    assert field in [error["field"] for error in problem["errors"]], problem["errors"]
+    assert all(error["reason"] for error in problem["errors"])
+
+
+@pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999"])
+@pytest.mark.parametrize("path", ["release.positions", "limits.velocity", "time_limit_s"])
+def test_numbers_that_are_none(service: Running, number: str, path: str):
+    text = json.dumps(changed(path, "HERE" if path == "time_limit_s" else ["HERE"] + [0.1] * 5))
+    response = service.client.post("/plan", content=text.replace('"HERE"', number), headers=JSON)
+    assert problem_of(response, 422, "invalid-request")["errors"][0]["field"].startswith(path)
+
+
+@pytest.mark.parametrize(
+    "body",
+    [b"", b"{", b"[]", b"null", b"7", b'"text"', b"\xff\xfe", b"[" * 100_000, b"9" * 5000, b'{"a\\ud800": 1}',
+     b'{"release": "\\ud800"}', b'{"cell": "\\ud800"}'],
+)  # fmt: skip
+def test_what_is_no_request(service: Running, body: bytes):
+    problem_of(service.client.post("/plan", content=body, headers=JSON), 422, "invalid-request")
+
+
+@pytest.mark.parametrize("quaternion", [[0, 0, 0, 0], [0, 0, 0, 2], [1, 1, 1, 1]])
+def test_a_quaternion_must_have_length_one(service: Running, quaternion: list[float]):
+    request = changed("release.pose.quaternion", quaternion, {"release": POSE})
+    problem = problem_of(service.client.post("/plan", json=request), 422, "invalid-request")
+    assert problem["errors"][0]["field"] == "release.pose.quaternion"
+
+
+def test_two_orientations_are_one_too_many(service: Running):
+    request = changed("release.pose.rotation_vector", [0, 0, 0], {"release": POSE})
+    problem = problem_of(service.client.post("/plan", json=request), 422, "invalid-request")
+    assert problem["errors"][0]["field"] == "release.pose"
+
+
+def test_an_unknown_cell(service: Running):
+    problem = problem_of(service.client.post("/plan", json={**REQUEST, "cell": "nowhere"}), 404, "not-found")
+    assert "nowhere" in problem["detail"]
+
+
+def test_a_cell_whose_file_is_refused(service: Running):
+    problem = problem_of(service.client.post("/plan", json={**REQUEST, "cell": "wrong"}), 422, "invalid-request")
+    assert problem["errors"][0]["field"] == "cell"
+    assert "unknown_key" in problem["detail"]
+
+
+@pytest.mark.parametrize("path", ["../ur5e-sim", "..%2Fur5e-sim", "a/b", "%00"])
+def test_a_cell_name_is_never_a_path(service: Running, path: str):
+    problem_of(service.client.get(f"/cells/{path}/state"), 404, "not-found")
+
+
+@pytest.mark.parametrize("chunked", [False, True])
+def test_two_megabytes(service: Running, chunked: bool):
+    body = b"[" + b"0," * 1_000_000 + b"0]"
+    content = iter([body[i : i + 65536] for i in range(0, len(body), 65536)]) if chunked else body
+    problem_of(service.client.post("/plan", content=content, headers=JSON), 413, "too-large")
+
+
+@pytest.mark.parametrize("media", ["text/plain", "application/x-www-form-urlencoded", "application/xml", ""])
+def test_not_json(service: Running, media: str):
+    response = service.client.post("/plan", content=json.dumps(REQUEST), headers={"Content-Type": media})
+    problem_of(response, 415, "unsupported-media-type")
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "status", "name"),
+    [("PUT", "/plan", 405, "method-not-allowed"), ("DELETE", "/plans/x", 405, "method-not-allowed"),
+     ("GET", "/nothing", 404, "not-found"), ("GET", "/plans/x", 404, "not-found"),
+     ("GET", "/plans/x/trajectory", 404, "not-found"), ("GET", "/executions/x", 404, "not-found"),
+     ("GET", "/executions/x/events", 404, "not-found"), ("GET", "/executions/x/recording", 404, "not-found"),
+     ("POST", "/executions/x/abort", 404, "not-found"), ("POST", "/cells/x/acknowledge", 404, "not-found"),
+     ("GET", "/cells/x", 404, "not-found"), ("GET", "/problems/x", 404, "not-found"),
+     ("GET", "/web/..%2fapp.py", 404, "not-found"), ("GET", "/plans?limit=0", 422, "invalid-request"),
+     ("GET", "/plans?limit=a", 422, "invalid-request"), ("GET", "/plans/", 404, "not-found")],
+)  # fmt: skip
+def test_wrong_addresses_are_problems_too(service: Running, method: str, path: str, status: int, name: str):
+    problem_of(service.client.request(method, path), status, name)
+
+
+@pytest.mark.parametrize("body", [{}, {"plan_id": 7}, {"plan_id": "x", "mode": "warp"}, {"plan_id": "x", "dry_run": 1},
+                                  {"plan_id": "x", "speed": 2}])  # fmt: skip
+def test_wrong_executions(service: Running, body: dict[str, Any]):
+    problem_of(service.client.post("/execute", json=body), 422, "invalid-request")
+
+
+def test_every_wrong_field_is_told_at_once(service: Running):
+    request = changed("frame", "moon", changed("release.positions", [0.0] * 5))
+    problem = problem_of(service.client.post("/plan", json=request), 422, "invalid-request")
+    assert {"frame", "release.positions"} <= {error["field"] for error in problem["errors"]}
+
+
+def test_an_impossible_release_is_infeasible_in_words(service: Running):
+    release = {**JOINT, "velocities": [9.0, 0, 0, 0, 0, 0]}
+    problem = problem_of(service.client.post("/plan", json={"release": release}), 422, "infeasible")
+    assert {"constraint", "value", "limit", "unit"} <= problem["violations"][0].keys()
+    assert problem["violations"][0]["constraint"] == "joint_velocity"
+    assert "nearest" in problem
+
+
+def test_the_nearest_can_be_posted_again(service: Running):
+    release = {**JOINT, "velocities": [9.0, 0, 0, 0, 0, 0]}
+    nearest = service.client.post("/plan", json={"release": release}).json()["nearest"]
+    assert service.client.post("/plan", json=nearest).status_code == 201
+
+
+def test_a_bug_shows_no_traces(service: Running, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(type(service.store), "plans", lambda *_: 1 / 0)
+    response = service.client.get("/plans")
+    problem_of(response, 500, "internal")
+    assert "ZeroDivisionError" not in response.text

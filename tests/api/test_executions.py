@@ -1,0 +1,160 @@
+from __future__ import annotations
+
+import json
+import threading
+import time
+from typing import Any
+
+import pytest
+
+from tests.api.conftest import PlayedExecutor, Running
+from tests.api.test_bad_input import problem_of
+
+
+def execute(service: Running, plan_id: str, **body: Any) -> Any:
+    return service.client.post("/execute", json={"plan_id": plan_id, **body})
+
+
+def events_of(text: str) -> list[dict[str, Any]]:
+    found = []
+    for block in text.split("\n\n"):
+        fields = dict(line.split(": ", 1) for line in block.splitlines() if not line.startswith(":"))
+        if "data" in fields:
+            found.append({"id": int(fields["id"]), "kind": fields["event"], **json.loads(fields["data"])})
+    return found
+
+
+def test_an_execution_from_queue_to_metrics(service: Running, executor: PlayedExecutor, plan):
+    response = execute(service, plan["id"], mode="servoj", dry_run=True)
+    assert response.status_code == 202
+    row = response.json()
+    assert response.headers["location"] == f"/executions/{row['id']}"
+    assert (row["state"], row["outcome"], row["mode"], row["dry_run"]) == ("queued", None, "servoj", True)
+    claimed = service.store.claim_execution("ur5e-sim", "played")
+    assert claimed is not None
+    service.store.finish_execution(row["id"], "completed", None, {"landing_error_m": 0.001})
+    finished = service.client.get(f"/executions/{row['id']}").json()
+    assert (finished["state"], finished["outcome"]) == ("finished", "completed")
+    assert finished["metrics"] == {"landing_error_m": 0.001}
+    assert finished["finished_at"].endswith("Z")
+    assert service.client.get("/executions/latest").json() == finished
+    assert service.client.get("/executions").json()["executions"][0] == finished
+
+
+def test_one_at_a_time(service: Running, executor: PlayedExecutor, plan):
+    assert execute(service, plan["id"]).status_code == 202
+    assert problem_of(execute(service, plan["id"]), 409, "robot-busy")["cell"] == "ur5e-sim"
+
+
+def test_the_same_key_is_one_motion(service: Running, executor: PlayedExecutor, plan):
+    body, headers = {"plan_id": plan["id"]}, {"Idempotency-Key": "one"}
+    first = service.client.post("/execute", json=body, headers=headers)
+    again = service.client.post("/execute", json=body, headers=headers)
+    assert (again.status_code, again.json()["id"]) == (202, first.json()["id"])
+    other = service.client.post("/execute", json={**body, "dry_run": True}, headers=headers)
+    problem_of(other, 422, "idempotency-conflict")
+
+
+def test_nobody_there(service: Running, plan):
+    assert "no executor" in problem_of(execute(service, service.plan(cell="changing")["id"]), 409, "robot-not-ready")[
+        "detail"
+    ]  # fmt: skip
+    problem_of(execute(service, "nothing"), 404, "not-found")
+
+
+def test_an_executor_that_went_silent(service: Running, plan, monkeypatch: pytest.MonkeyPatch):
+    service.store.beat("ur5e-sim", "played", "sim")
+    now = time.time
+    monkeypatch.setattr(time, "time", lambda: now() + 10.0)
+    assert "gone" in problem_of(execute(service, plan["id"]), 409, "robot-not-ready")["detail"]
+
+
+def test_a_fault_must_be_acknowledged(service: Running, executor: PlayedExecutor, plan):
+    executor.fault = {"reason": "tracking", "detail": "0.1 rad off"}
+    executor.beat()
+    assert "tracking" in problem_of(execute(service, plan["id"]), 409, "robot-not-ready")["detail"]
+    assert service.client.get("/cells/ur5e-sim/state").json()["fault"] == executor.fault
+    answer = service.client.post("/cells/ur5e-sim/acknowledge")
+    assert (answer.status_code, answer.json()["fault"]) == (200, executor.fault)
+    assert service.store.acknowledge_requested("ur5e-sim")
+    assert service.store.audit_lines(1)[0]["action"] == "acknowledge"
+
+
+def test_one_that_only_looks_on(service: Running, executor: PlayedExecutor, plan):
+    executor.read_only = True
+    executor.beat()
+    assert "read-only" in problem_of(execute(service, plan["id"]), 409, "robot-not-ready")["detail"]
+
+
+def test_a_cell_that_changed_since(service: Running, cells):
+    plan = service.plan(cell="changing")
+    file = cells / "changing.toml"
+    before = file.read_text()
+    file.write_text(before + "# moved the table\n")
+    problem_of(execute(service, plan["id"]), 409, "plan-not-executable")
+    file.unlink()
+    problem_of(execute(service, plan["id"]), 409, "plan-not-executable")
+    file.write_text(before)
+
+
+def test_without_tokens_no_real_arm_moves(service: Running):
+    problem_of(execute(service, service.plan(cell="real")["id"]), 403, "forbidden")
+
+
+def test_abort_is_a_request_that_may_be_repeated(service: Running, executor: PlayedExecutor, plan):
+    id = execute(service, plan["id"]).json()["id"]
+    service.store.claim_execution("ur5e-sim", "played")
+    for _ in range(2):
+        response = service.client.post(f"/executions/{id}/abort")
+        assert response.status_code == 202
+        assert response.json()["abort_requested_at"]
+    assert service.store.abort_requested(id)
+    assert [line["action"] for line in service.store.audit_lines(3)] == ["abort", "abort", "execute"]
+
+
+def test_abort_of_what_nobody_took(service: Running, executor: PlayedExecutor, plan):
+    execute(service, plan["id"])
+    assert service.client.post("/executions/latest/abort").json()["outcome"] == "aborted"
+    assert execute(service, plan["id"]).status_code == 202
+
+
+def test_events_come_as_they_happen_and_end_with_the_execution(service: Running, executor: PlayedExecutor, plan):
+    id = execute(service, plan["id"]).json()["id"]
+
+    def play() -> None:
+        service.store.claim_execution("ur5e-sim", "played")
+        service.store.set_state(id, "streaming")
+        for k in range(5):
+            service.store.add_event(id, "telemetry", {"clock_s": 0.04 * k})
+        service.store.finish_execution(id, "completed", None, {"ticks": 5})
+
+    thread = threading.Thread(target=play)
+    thread.start()
+    response = service.client.get(f"/executions/{id}/events")
+    thread.join()
+    assert response.headers["content-type"].startswith("text/event-stream")
+    events = events_of(response.text)
+    assert [e["state"] for e in events if e["kind"] == "state"] == ["queued", "preparing", "streaming", "finished"]
+    assert [e["clock_s"] for e in events if e["kind"] == "telemetry"] == [0.04 * k for k in range(5)]
+    assert events[-1]["outcome"] == "completed"
+    assert events[-1]["metrics"] == {"ticks": 5}
+
+
+def test_events_resume_after_the_last_one_seen(service: Running, executor: PlayedExecutor, plan):
+    id = execute(service, plan["id"]).json()["id"]
+    service.store.finish_execution(id, "completed")
+    path = f"/executions/{id}/events"
+    everything = events_of(service.client.get(path).text)
+    rest = events_of(service.client.get(path, headers={"Last-Event-ID": str(everything[0]["id"])}).text)
+    assert rest == everything[1:]
+    assert events_of(service.client.get(path, headers={"Last-Event-ID": str(everything[-1]["id"])}).text) == []
+    problem_of(service.client.get(path, headers={"Last-Event-ID": "yesterday"}), 422, "invalid-request")
+
+
+def test_the_recording_in_two_formats(service: Running, executor: PlayedExecutor, plan):
+    id = execute(service, plan["id"]).json()["id"]
+    path = f"/executions/{id}/recording"
+    problem_of(service.client.get(path), 404, "not-found")
+    service.store.add_recording(id, b"\x89MCAP0\r\n", b"t\n0\n")
+    assert service.client.get(path).content == b"\x89MCAP0\r\n"
+    assert service.client.get(path, headers={"Accept": "text/csv"}).text == "t\n0\n"

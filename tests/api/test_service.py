@@ -1,0 +1,155 @@
+"""Health, cells, pages, and what OpenAPI promises."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from api.app import UnsafeSettings, create_app
+from api.errors import PROBLEMS
+from api.settings import Settings
+from tests.api.conftest import PlayedExecutor, Running
+from tests.api.test_bad_input import problem_of
+
+
+def test_alive_ready_and_measured(service: Running, executor: PlayedExecutor, plan):
+    assert service.client.get("/healthz").json()["status"] == "ok"
+    ready = service.client.get("/readyz").json()
+    assert (ready["ready"], ready["store"], ready["planner"]) == (True, True, True)
+    assert ready["cells"]["ur5e-sim"] is True
+    assert ready["cells"]["real"] is False
+    text = service.client.get("/metrics").text
+    assert 'fling_plans_total{result="planned"}' in text
+    assert 'fling_executor_alive{cell="ur5e-sim"} 1.0' in text
+
+
+def test_a_store_that_is_gone_is_not_ready(service: Running, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(type(service.store), "is_reachable", lambda _: False)
+    assert problem_of(service.client.get("/readyz"), 503, "not-ready")["store"] is False
+    assert service.client.get("/healthz").status_code == 200
+
+
+def test_cells(service: Running, executor: PlayedExecutor):
+    listed = {cell["name"]: cell for cell in service.client.get("/cells").json()["cells"]}
+    assert set(listed) == {"ur5e-sim", "changing", "real", "wrong"}
+    assert listed["ur5e-sim"]["executor"]["alive"] is True
+    assert listed["ur5e-sim"]["default"] is True
+    assert listed["real"]["link_kind"] == "ur"
+    assert "unknown_key" in listed["wrong"]["error"]
+    state = service.client.get("/cells/ur5e-sim/state").json()
+    assert state["robot"] == executor.robot
+    assert service.client.get("/cells/real/state").json()["robot"] is None
+
+
+def test_a_cell_is_its_file(service: Running, root: Path):
+    import hashlib
+    import tomllib
+
+    raw = (root / "cells" / "ur5e-sim.toml").read_bytes()
+    answer = service.client.get("/cells/ur5e-sim").json()
+    assert answer["sha256"] == hashlib.sha256(raw).hexdigest()
+
+    def compare(written: dict[str, Any], answered: dict[str, Any]) -> None:
+        for key, value in written.items():
+            if isinstance(value, dict):
+                compare(value, answered[key])
+            else:
+                assert answered[key] == value, key
+
+    compare(tomllib.loads(raw.decode()), answer)
+
+
+def test_every_problem_has_its_page(service: Running):
+    for name, kind in PROBLEMS.items():
+        page = service.client.get(f"/problems/{name}")
+        assert page.status_code == 200
+        assert str(kind.status) in page.text
+        assert name in service.client.get("/problems").text
+
+
+def test_pages_load_nothing_from_elsewhere(service: Running):
+    for path in ("/", "/docs", "/problems"):
+        page = service.client.get(path)
+        assert page.status_code == 200
+        assert page.headers["content-security-policy"].startswith("default-src 'self'")
+        for link in re.findall(r'(?:src|href)="([^"]+)"', page.text):
+            assert not re.match(r"(https?:)?//", link), link
+            if link.startswith("/web/"):
+                assert service.client.get(link).status_code == 200, link
+        assert "onclick=" not in page.text
+        assert "<style" not in page.text
+        assert not re.search(r"<script(?! src=)", page.text)
+
+
+def operations(schema: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
+    for path, methods in schema["paths"].items():
+        for method, operation in methods.items():
+            yield method, path, operation
+
+
+def test_every_call_of_the_contract_is_there(service: Running):
+    schema = service.client.get("/openapi.json").json()
+    assert {f"{method.upper()} {path}" for method, path, _ in operations(schema)} == {
+        "POST /plan", "GET /plans", "GET /plans/{id}", "GET /plans/{id}/trajectory", "POST /execute", "GET /executions",
+        "GET /executions/{id}", "GET /executions/{id}/events", "GET /executions/{id}/recording",
+        "POST /executions/{id}/abort", "POST /cells/{name}/acknowledge", "GET /cells", "GET /cells/{name}",
+        "GET /cells/{name}/state", "GET /healthz", "GET /readyz", "GET /metrics",
+    }  # fmt: skip
+
+
+def test_every_reference_of_the_schema_resolves(service: Running):
+    schema = service.client.get("/openapi.json").json()
+    for name in re.findall(r"#/components/schemas/(\w+)", str(schema)):
+        assert name in schema["components"]["schemas"], name
+
+
+def test_every_field_of_a_request_is_described(service: Running):
+    schemas = service.client.get("/openapi.json").json()["components"]["schemas"]
+    for model in ("PlanRequest", "ExecuteRequest", "PoseRelease", "PointRelease", "JointRelease", "TargetRelease",
+                  "RequestLimits", "Start", "Pose", "Twist"):  # fmt: skip
+        for field, described in schemas[model]["properties"].items():
+            assert field == "kind" or described.get("description"), f"{model}.{field}"
+
+
+def test_every_example_runs(service: Running, executor: PlayedExecutor, plan):
+    """Every call can be run from the OpenAPI page with the examples it offers."""
+    schema = service.client.get("/openapi.json").json()
+    for method, path, operation in operations(schema):
+        for parameter in operation.get("parameters", []):
+            if parameter["in"] == "path":
+                example = next(iter(parameter["examples"].values()))["value"]
+                path = path.replace("{" + parameter["name"] + "}", example)
+        content = operation.get("requestBody", {}).get("content", {}).get("application/json", {})
+        bodies = [example["value"] for example in content.get("examples", {}).values()] or [None]
+        for body in bodies:
+            response = service.client.request(method, path, json=body)
+            assert response.status_code < 300, f"{method} {path}: {response.text}"
+            if path == "/execute":
+                service.store.add_recording(response.json()["id"], b"m", b"c")
+                service.store.finish_execution(response.json()["id"], "completed")
+
+
+def test_without_tokens_only_this_machine_may_listen(tmp_path: Path):
+    with pytest.raises(UnsafeSettings, match="token"):
+        create_app(Settings(host="0.0.0.0", database_url=f"sqlite:///{tmp_path / 'x.db'}"))
+
+
+@pytest.mark.parametrize("host", ["evil.example", "192.168.1.2", "127.0.0.1.evil.example", ""])
+def test_another_host_name_is_refused(service: Running, host: str):
+    problem_of(service.client.get("/plans", headers={"Host": host}), 403, "forbidden")
+
+
+@pytest.mark.parametrize("host", ["localhost:8000", "127.0.0.1:8000", "[::1]:8000", "127.4.5.6"])
+def test_names_of_this_machine_are_fine(service: Running, host: str):
+    assert service.client.get("/plans", headers={"Host": host}).status_code == 200
+
+
+def test_another_page_may_not_post(service: Running):
+    headers = {"Origin": "http://evil.example"}
+    problem_of(service.client.post("/executions/latest/abort", headers=headers), 403, "forbidden")
+    own = service.client.post("/executions/nothing/abort", headers={"Origin": "http://127.0.0.1:8000"})
+    problem_of(own, 404, "not-found")
