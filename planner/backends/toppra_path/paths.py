@@ -1,0 +1,153 @@
+"""Paths in joint space whose timing is still to be found. Each is q(s) with its first two derivatives by s.
+
+`DrawnPath` is the curve that a feasible motion has drawn, by that motion's time: the motion itself is a timing that
+keeps the limits on velocity and acceleration, so there is one. At rest its tangent is zero.
+`JointLine` is the straight line between two postures, `ToolLine` that of the tool, which turns at a constant rate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.cell import Cell
+from planner.errors import SolverFailed
+from planner.kinematics import forward, inverse_branches, inverse_velocity, jacobian, jacobian_dot_qd
+from planner.rotations import pose, rotation_vector_to_matrix
+from planner.velocity_profiles import Cubic, Trapezoid
+
+Vector = NDArray[np.float64]
+Derivatives = tuple[Vector, Vector, Vector]
+
+STEP_RAD = 0.7  # a joint that turns further between neighbouring samples of a tool line has jumped past a singularity
+SINGULAR = "the straight line passes a singularity"
+LINE_SAMPLES = 33  # of a tool line's postures, followed from the release outwards
+
+
+class Path(Protocol):
+    """A curve in joint space over s in [begin, end]."""
+
+    @property
+    def begin(self) -> float:
+        """Least s."""
+        ...
+
+    @property
+    def end(self) -> float:
+        """Largest s."""
+        ...
+
+    def at(self, s: Vector) -> Derivatives:
+        """Returns q, dq/ds, d2q/ds2 (k, 6) at `s` (k,)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnPath:
+    """The curve of a motion from `start` (6,) [rad], by its time [s]."""
+
+    start: Vector
+    motion: Cubic | Trapezoid
+    begin: float = 0.0
+
+    @property
+    def end(self) -> float:
+        """The motion's duration."""
+        return self.motion.duration_s
+
+    def at(self, s: Vector) -> Derivatives:
+        """Returns q, dq/ds, d2q/ds2 (k, 6) at `s` (k,) [s]."""
+        q, dq, ddq = self.motion.at(s)
+        return self.start + q, dq, ddq
+
+
+@dataclass(frozen=True, eq=False)
+class JointLine:
+    """q = origin + s direction."""
+
+    origin: Vector
+    direction: Vector
+    begin: float
+    end: float
+
+    def at(self, s: Vector) -> Derivatives:
+        """Returns q, dq/ds, d2q/ds2 (k, 6) at `s` (k,)."""
+        q = self.origin + np.asarray(s)[:, None] * self.direction
+        return q, np.broadcast_to(self.direction, q.shape), np.zeros_like(q)
+
+
+@dataclass(frozen=True, eq=False)
+class ToolLine:
+    """The tool on a straight line through the pose of `q` at s = 0, with the twist of (q, qd) there for every s [s].
+
+    So at speed ds/dt = 1 the tool moves and turns evenly. The arm keeps its branch of the inverse kinematics; where the
+    line leaves its reach or passes a singularity, `at` raises SolverFailed.
+    """
+
+    cell: Cell
+    q: Vector
+    qd: Vector
+    begin: float
+    end: float
+
+    def at(self, s: Vector) -> Derivatives:
+        """Returns q, dq/ds, d2q/ds2 (k, 6) at `s` (k,) [s]."""
+        robot, X_FT = self.cell.robot, self.cell.tool.X_FT
+        known_s, known_q = self._followed
+        near = known_q[np.abs(np.asarray(s)[:, None] - known_s).argmin(axis=1)]
+        q = _nearest_turn(self._postures(s), near)
+        J = jacobian(robot, q, X_FT)
+        try:
+            dq = inverse_velocity(J, np.broadcast_to(self._V_BT, q.shape))
+            ddq = -inverse_velocity(J, jacobian_dot_qd(robot, q, dq, X_FT))
+        except np.linalg.LinAlgError as error:
+            raise SolverFailed(SINGULAR) from error
+        return q, dq, ddq
+
+    @cached_property
+    def _X_BT(self) -> Vector:
+        """The tool's pose (4, 4) at s = 0."""
+        return forward(self.cell.robot, self.q, self.cell.tool.X_FT)
+
+    @cached_property
+    def _V_BT(self) -> Vector:
+        """Its twist (6,) everywhere."""
+        return jacobian(self.cell.robot, self.q, self.cell.tool.X_FT) @ self.qd
+
+    @cached_property
+    def _branch(self) -> int:
+        """Which branch of the inverse kinematics `q` lies on."""
+        branches, _ = inverse_branches(self.cell.robot, self._X_BT, self.cell.tool.X_FT)
+        return int(np.nanargmin(np.abs(_nearest_turn(branches, self.q) - self.q).max(axis=-1)))
+
+    @cached_property
+    def _followed(self) -> tuple[Vector, Vector]:
+        """Places s (k,) and the postures (k, 6) there, with the turns that follow from `q` without a jump."""
+        back, ahead = (np.linspace(0.0, edge, LINE_SAMPLES) for edge in (self.begin, self.end))
+        s = np.concatenate([back[:0:-1], ahead])
+        return s, np.concatenate([self._follow(back)[:0:-1], self._follow(ahead)])
+
+    def _follow(self, s: Vector) -> Vector:
+        q = np.unwrap(np.concatenate([self.q[None], self._postures(s)[1:]]), axis=0)
+        if np.abs(np.diff(q, axis=0)).max() > STEP_RAD:
+            raise SolverFailed(SINGULAR)
+        return q
+
+    def _postures(self, s: Vector) -> Vector:
+        """Returns the branch's postures (k, 6), at whatever turns."""
+        s = np.asarray(s)[:, None]
+        R = rotation_vector_to_matrix(s * self._V_BT[3:]) @ self._X_BT[:3, :3]
+        X_BT = pose(self._X_BT[:3, 3] + s * self._V_BT[:3], R)
+        q = inverse_branches(self.cell.robot, X_BT, self.cell.tool.X_FT)[0][:, self._branch]
+        if np.isnan(q).any():
+            raise SolverFailed("the straight line leaves the arm's reach")
+        return q
+
+
+def _nearest_turn(q: Vector, near: Vector) -> Vector:
+    """Returns the angles `q` at the full turns that bring them next to `near`."""
+    return q - 2.0 * np.pi * np.round((q - near) / (2.0 * np.pi))

@@ -1,0 +1,185 @@
+"""The fastest timing of a path within the limits on velocity, acceleration, torque and tool speed, by TOPP-RA.
+
+With s(t) on a path q(s): qd = q' s', qdd = q' s'' + q'' s'^2, and torque is linear in (s'', s'^2) in the same way. So
+each limit is a pair of straight lines in that plane at every s, and TOPP-RA walks the path twice.
+Source: Pham and Pham, A new approach to time-optimal path parameterization based on reachability analysis, IEEE
+Transactions on Robotics 34 (2018).
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.backends.toppra_path.paths import Derivatives, Path
+from planner.cell import Cell, Limits
+from planner.dynamics import Payload, joint_torques
+from planner.errors import BackendUnavailable, SolverFailed
+from planner.kinematics import jacobian
+
+Vector = NDArray[np.float64]
+
+GRID = 100  # stretches of a path with one path acceleration each
+LIMIT_SHARE = 0.999  # [-] of velocity and acceleration, for what happens between grid points
+TORQUE_SHARE = 0.97  # [-] likewise of torque, and for the averaging that follows, which keeps no bound on torque
+SLOWEST = 1e-4  # [-] share of the limits below which a path that hardly moves sets no bound on its speed
+
+
+@dataclass(frozen=True, eq=False)
+class Timing:
+    """One path acceleration between neighbouring grid points.
+
+    Attributes:
+        path: what is timed.
+        s: grid points (N+1,).
+        speed: ds/dt there (N+1,).
+        t: when they are passed (N+1,) [s].
+    """
+
+    path: Path
+    s: Vector
+    speed: Vector
+    t: Vector
+
+    @property
+    def duration_s(self) -> float:
+        """[s]."""
+        return float(self.t[-1])
+
+    def velocities(self, t: Vector) -> Vector:
+        """Returns joint velocities (k, 6) [rad/s] at times `t` (k,) in [0, duration] [s]."""
+        i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
+        tau = t - self.t[i]
+        slope = (self.speed[i + 1] - self.speed[i]) / (self.t[i + 1] - self.t[i])
+        s = np.clip(self.s[i] + tau * (self.speed[i] + tau * slope / 2.0), self.s[0], self.s[-1])
+        return self.path.at(s)[1] * (self.speed[i] + tau * slope)[:, None]
+
+
+def fastest(path: Path, cell: Cell, limits: Limits, ends: tuple[float, float], carrying: bool = True) -> Timing:
+    """Returns the fastest timing of the path with the path speeds `ends` at its ends.
+
+    Args:
+        path: of which all is used.
+        cell: whose arm, tool and object weigh.
+        limits: on joint velocity, acceleration, torque and the tool's speed.
+        ends: ds/dt at begin and end.
+        carrying: whether the object is in the gripper.
+
+    Raises:
+        SolverFailed: no timing keeps the limits with these ends.
+        BackendUnavailable: toppra is not installed.
+    """
+    toppra = _toppra()
+    s = np.linspace(path.begin, path.end, GRID + 1)
+    algorithm = _algorithm(toppra, _constraint(toppra, path.at(s), cell, limits, ends, carrying), s)
+    _, speed, _ = algorithm.compute_parameterization(*ends)
+    if speed is None or np.isnan(speed).any():
+        raise SolverFailed("no timing of the path keeps the limits and has the release's speed at its end")
+    with np.errstate(divide="ignore"):
+        steps = 2.0 * np.diff(s) / (speed[1:] + speed[:-1])
+    if not np.isfinite(steps).all():
+        raise SolverFailed("the timing comes to a halt on the path")
+    return Timing(path, s, speed, np.concatenate([[0.0], np.cumsum(steps)]))
+
+
+class _Interval:
+    """What TOPP-RA itself asks of a path: where it begins and ends."""
+
+    dof = 6
+
+    def __init__(self, s: Vector) -> None:
+        self.path_interval = s[[0, -1]]
+
+
+def _toppra() -> ModuleType:
+    try:
+        import toppra
+        import toppra.algorithm
+        import toppra.constraint
+        import toppra.solverwrapper.cy_seidel_solverwrapper
+    except ImportError as error:
+        raise BackendUnavailable("toppra", "toppra") from error
+    logger = logging.getLogger("toppra")
+    if logger.level != logging.CRITICAL:
+        logger.setLevel(logging.CRITICAL)  # it logs what it also returns
+    return toppra
+
+
+def _algorithm(toppra: ModuleType, constraint: Any, s: Vector) -> Any:
+    """Returns TOPP-RA ready to run, set up without its own constructor: that searches for other solvers every time."""
+    base = toppra.algorithm.algorithm.ParameterizationAlgorithm
+    algorithm = toppra.algorithm.TOPPRA.__new__(toppra.algorithm.TOPPRA)
+    base.__init__(algorithm, [constraint], _Interval(s), gridpoints=s)
+    wrapper = toppra.solverwrapper.cy_seidel_solverwrapper.seidelWrapper
+    algorithm.solver_wrapper = wrapper(algorithm.constraints, algorithm.path, algorithm.gridpoints, solve_lp1d=True)
+    return algorithm
+
+
+def _constraint(
+    toppra: ModuleType, along: Derivatives, cell: Cell, limits: Limits, ends: tuple[float, float], carrying: bool
+) -> Any:
+    """Returns all limits as one constraint of TOPP-RA: |a u + b x + c| <= 1 in rows, and x within bounds."""
+    a, b, c = (
+        np.concatenate(pair, axis=1)
+        for pair in zip(_acceleration_rows(along, limits), _torque_rows(along, cell, limits, carrying), strict=True)
+    )
+    bounds = np.stack([np.zeros(len(a)), _squared_speed(along, cell, limits, ends)], axis=1)
+    rows = a.shape[1]
+    F, g = np.concatenate([np.eye(rows), -np.eye(rows)]), np.ones(2 * rows)
+
+    class ArmLimits(toppra.constraint.LinearConstraint):
+        """The rows above, whatever the path that TOPP-RA passes."""
+
+        def __init__(self) -> None:
+            super().__init__()
+            self.identical = True
+            self.dof = 6
+            self._format_string = ""
+
+        def compute_constraint_params(self, path, gridpoints):
+            lines = toppra.constraint.linear_constraint.canlinear_colloc_to_interpolate
+            return (*lines(a, b, c, F, g, None, None, gridpoints, identical=True)[:5], None, bounds)
+
+    return ArmLimits()
+
+
+def _acceleration_rows(along: Derivatives, limits: Limits) -> tuple[Vector, Vector, Vector]:
+    bound = LIMIT_SHARE * limits.qdd_max
+    return along[1] / bound, along[2] / bound, np.zeros_like(along[1])
+
+
+def _torque_rows(along: Derivatives, cell: Cell, limits: Limits, carrying: bool) -> tuple[Vector, Vector, Vector]:
+    q, dq, ddq = along
+    gravity_B = cell.X_WB[:3, :3].T @ np.array([0.0, 0.0, -cell.surroundings.gravity_m_s2])
+    load, bound, still = _payload(cell, carrying), TORQUE_SHARE * limits.tau_max, np.zeros_like(q)
+    weight = joint_torques(cell.robot, q, still, still, gravity_B, load)
+    inertia = joint_torques(cell.robot, q, still, dq, gravity_B, load) - weight
+    curving = joint_torques(cell.robot, q, dq, ddq, gravity_B, load) - weight
+    return inertia / bound, curving / bound, weight / bound
+
+
+def _squared_speed(along: Derivatives, cell: Cell, limits: Limits, ends: tuple[float, float]) -> Vector:
+    """Returns the largest (ds/dt)^2 (k,) that joint velocities and the tool's speed allow."""
+    q, dq, _ = along
+    J_v = jacobian(cell.robot, q, cell.tool.X_FT)[:, :3]
+    tool = np.linalg.norm(np.einsum("kij,kj->ki", J_v, dq), axis=1) / limits.tcp_speed_max
+    used = np.maximum(np.max(np.abs(dq) / limits.qd_max, axis=1), tool)  # share of the limits at ds/dt = 1
+    share = max(LIMIT_SHARE, used[0] * ends[0], used[-1] * ends[1])  # a release at the very limit is allowed
+    return (min(share, 1.0) / np.maximum(used, SLOWEST)) ** 2
+
+
+def _payload(cell: Cell, carrying: bool) -> Payload:
+    """Returns the tool, its mass half way to the tool centre point, and where carried the object at that point."""
+    p_FT, tool = cell.tool.X_FT[:3, 3], cell.tool.mass_kg
+    thing = cell.object.mass_kg if carrying else 0.0
+    mass = tool + thing
+    if mass == 0.0:
+        return Payload(0.0, np.zeros(3), np.zeros((3, 3)))
+    spread = 0.25 * tool * thing / mass  # of two points half of p_FT apart, about their common centre
+    inertia = spread * (p_FT @ p_FT * np.eye(3) - np.outer(p_FT, p_FT))
+    return Payload(mass, (0.5 * tool + thing) / mass * p_FT, inertia)
