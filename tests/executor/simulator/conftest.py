@@ -65,7 +65,8 @@ class Simulator:
         self.host = host
         path = folder / "cell.toml"
         path.write_text(text)
-        command = [sys.executable, "-m", "executor.simulator", "--cell", str(path), *options]
+        # ordinary priority: several at a time would starve everything else on a small machine
+        command = [sys.executable, "-m", "executor.simulator", "--cell", str(path), "--priority", "0", *options]
         self.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout
         line = self.process.stdout.readline()

@@ -1,0 +1,241 @@
+"""The real ur_rtde client under faults, in a process of its own: it may hang or crash, as rtde.md §10 says it does.
+
+`python fault_client.py HOST SCENARIO` streams speedJ, causes the fault and prints what the client saw as JSON.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+import dashboard_client
+import rtde_control
+import rtde_io
+import rtde_receive
+
+SPEED = [0.2, 0.0, 0.0, 0.0, 0.0, 0.0]
+Seen = dict[str, Any]
+
+
+class Client:
+    """Control and receive on a simulator, and its control port."""
+
+    def __init__(self, host: str) -> None:
+        self.host = host
+        self.control = rtde_control.RTDEControlInterface(host)
+        self.receive = rtde_receive.RTDEReceiveInterface(host)
+
+    def ask(self, op: str, **request: object) -> Seen:
+        with socket.create_connection((self.host, 29900)) as sock:
+            sock.sendall(json.dumps({"op": op, **request}).encode() + b"\n")
+            return json.loads(sock.makefile().readline())
+
+    def fault(self, name: str, **parameters: object) -> None:
+        assert self.ask("fault", name=name, **parameters)["ok"]
+
+    def stream(self, seconds: float) -> list[object]:
+        """Streams speedJ; returns what each call returned or raised."""
+        answers: list[object] = []
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            begin = self.control.initPeriod()
+            try:
+                answers.append(self.control.speedJ(SPEED, 10.0, 0.002))
+            except RuntimeError as error:
+                answers.append(str(error))
+            self.control.waitPeriod(begin)
+        return answers
+
+    def streaming(self) -> Client:
+        """Streams for a moment first."""
+        assert all(self.stream(0.15))
+        return self
+
+
+def stopped(fault: str, **parameters: object) -> Callable[[str], Seen]:
+    """A stop while streaming: what the calls return, and what the client can read about it."""
+
+    def scenario(host: str) -> Seen:
+        c = Client(host).streaming()
+        c.fault(fault, **parameters)
+        time.sleep(0.1)
+        answers = c.stream(0.1)
+        begin = time.monotonic()
+        moved = c.control.moveJ(c.receive.getActualQ(), 0.5, 1.0) if False in answers else None
+        return {
+            "answers": sorted(set(map(str, answers))), "moveJ": moved, "moveJ_s": time.monotonic() - begin,
+            "protective": c.receive.isProtectiveStopped(), "emergency": c.receive.isEmergencyStopped(),
+            "runtime": c.receive.getRuntimeState(), "safety_mode": c.receive.getSafetyMode(),
+            "safety_bits": c.receive.getSafetyStatusBits(), "robot_mode": c.receive.getRobotMode(),
+        }  # fmt: skip
+
+    return scenario
+
+
+def unlock_and_play(host: str) -> Seen:
+    """After unlocking, "play" lets the speed thread go on with its last target; uploading again does not."""
+    c = Client(host).streaming()
+    c.fault("protective_stop")
+    time.sleep(0.3)
+    dashboard = dashboard_client.DashboardClient(host)
+    dashboard.connect()
+    dashboard.unlockProtectiveStop()
+    time.sleep(0.05)
+    dashboard.play()
+    time.sleep(0.3)
+    resumed = c.receive.getTargetQd()[0]
+    c.control.reuploadScript()
+    time.sleep(0.5)
+    return {"resumed": resumed, "after_upload": c.receive.getTargetQd()[0], "runs": c.control.isProgramRunning()}
+
+
+def killed(host: str) -> Seen:
+    c = Client(host).streaming()
+    with suppress(json.JSONDecodeError):  # it dies before it can answer
+        c.fault("kill")
+    time.sleep(0.1)
+    answers = c.stream(0.2)
+    return {"last": answers[-1], "errors": [a for a in answers if isinstance(a, str)],
+            "connected": c.control.isConnected(), "running": c.control.isProgramRunning()}  # fmt: skip
+
+
+def frozen(host: str) -> Seen:
+    c = Client(host).streaming()
+    c.fault("freeze", duration_s=0.8)
+    answers = c.stream(1.2)
+    return {"answers": sorted(set(map(str, answers))), "connected": c.receive.isConnected()}
+
+
+def receive_stalled(host: str) -> Seen:
+    c = Client(host).streaming()
+    c.fault("stall_connection", role="receive")
+    time.sleep(0.05)
+    first, early = c.receive.getTimestamp(), c.receive.isConnected()
+    time.sleep(1.5)
+    middle = c.receive.isConnected()
+    time.sleep(2.0)
+    return {"advanced": c.receive.getTimestamp() - first, "early": early, "middle": middle,
+            "late": c.receive.isConnected()}  # fmt: skip
+
+
+def receive_closed(host: str) -> Seen:
+    c = Client(host)
+    c.fault("close_connection", role="receive")
+    time.sleep(0.1)
+    q = c.receive.getActualQ()
+    connected = c.receive.isConnected()
+    c.receive.reconnect()
+    time.sleep(0.1)
+    return {"connected": connected, "stale": len(q), "again": c.receive.isConnected()}
+
+
+def io_closed(host: str) -> Seen:
+    c = Client(host)
+    io = rtde_io.RTDEIOInterface(host)
+    c.fault("close_connection", role="io")
+    time.sleep(0.1)
+    answers: list[object] = []
+    for _ in range(3):
+        try:
+            answers.append(io.setToolDigitalOut(0, True))
+        except RuntimeError as error:
+            answers.append(str(error))
+    io.reconnect()
+    again = io.setToolDigitalOut(0, True)
+    time.sleep(0.1)
+    return {"answers": answers, "again": again, "bit": c.receive.getDigitalOutState(16)}
+
+
+def control_closed(host: str) -> Seen:
+    """ur_rtde reconnects by itself, killing and uploading the program again; it may hang or crash on the way."""
+    c = Client(host).streaming()
+    uploads = sum("script received" in text for _, text in c.ask("events")["events"])
+    c.fault("close_connection", role="control", reset=True)
+    print(json.dumps({"uploads": uploads}), flush=True)
+    c.stream(0.5)
+    return {"uploads": uploads}
+
+
+def delayed(host: str) -> Seen:
+    c = Client(host)
+    c.fault("disturb_connection", role="receive", delay_s=0.2)
+    time.sleep(0.3)
+    late = c.ask("state")["t"] - c.receive.getTimestamp()
+    c.fault("disturb_connection", role="receive", drop=0.5)
+    time.sleep(0.5)
+    stamps = set()
+    until = time.monotonic() + 0.5
+    while time.monotonic() < until:
+        stamps.add(round(c.receive.getTimestamp() / 0.002))
+    return {"late": late, "seen": len(stamps) / (max(stamps) - min(stamps) + 1)}
+
+
+def dropped_commands(host: str) -> Seen:
+    c = Client(host).streaming()
+    c.fault("disturb_connection", role="control", drop=0.5)
+    c.ask("reset_stats")
+    c.stream(0.4)
+    return c.ask("stats")["commands_per_cycle"]
+
+
+def slider(host: str) -> Seen:
+    c = Client(host).streaming()
+    c.fault("speed_slider", fraction=0.5)
+    c.stream(0.4)
+    return {"fraction": c.receive.getTargetSpeedFraction(), "combined": c.receive.getSpeedScalingCombined(),
+            "speed": c.receive.getTargetQd()[0]}  # fmt: skip
+
+
+def constructed(prepare: str = "", **parameters: object) -> Callable[[str], Seen]:
+    """Constructs the control interface under a fault; returns what it raised."""
+
+    def scenario(host: str) -> Seen:
+        with socket.create_connection((host, 29900)) as sock:
+            sock.sendall(json.dumps({"op": "fault", "name": prepare, **parameters}).encode() + b"\n")
+            assert json.loads(sock.makefile().readline())["ok"]
+        begin = time.monotonic()
+        try:
+            rtde_control.RTDEControlInterface(host)
+        except RuntimeError as error:
+            return {"error": str(error), "after_s": time.monotonic() - begin}
+        return {"error": None, "after_s": time.monotonic() - begin}
+
+    return scenario
+
+
+SCENARIOS: dict[str, Callable[[str], Seen]] = {
+    "protective_stop_paused": stopped("protective_stop"),
+    "protective_stop_playing": stopped("protective_stop", runtime="playing"),
+    "protective_stop_stopped": stopped("protective_stop", runtime="stopped"),
+    "emergency_stop": stopped("emergency_stop"),
+    "safeguard_stop": stopped("safeguard_stop"),
+    "power_loss": stopped("power_loss"),
+    "stop_program": stopped("stop_program"),
+    "pause_program": stopped("pause_program"),
+    "unlock_and_play": unlock_and_play,
+    "killed": killed,
+    "frozen": frozen,
+    "receive_stalled": receive_stalled,
+    "receive_closed": receive_closed,
+    "io_closed": io_closed,
+    "control_closed": control_closed,
+    "delayed": delayed,
+    "dropped_commands": dropped_commands,
+    "slider": slider,
+    "local_mode": constructed("local_mode"),
+    "offline": constructed("offline"),
+    "mute_dashboard": constructed("mute", port="dashboard"),
+    "mute_rtde": constructed("mute", port="rtde"),
+    "protective_stop_before": constructed("protective_stop"),
+}
+
+
+if __name__ == "__main__":
+    print(json.dumps(SCENARIOS[sys.argv[2]](sys.argv[1])), flush=True)
+    os._exit(0)  # destructors of ur_rtde sleep for half a second each, and crash on lost sockets
