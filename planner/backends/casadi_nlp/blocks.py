@@ -22,23 +22,29 @@ class Block:
     Attributes:
         name: of the block.
         value: (z, p) -> rows.
-        slope: (z, p) -> rows, nonzeros of the Jacobian.
-        curve: (z, p, multipliers) -> their gradient, nonzeros of the Hessian.
-        jacobian: sparsity (n, NZ).
-        hessian: sparsity (NZ, NZ), symmetric.
+        slope: (z, p) -> rows, Jacobian (n, NZ).
+        curve: (z, p, multipliers) -> their gradient, Hessian (NZ, NZ).
     """
 
     name: str
     value: Any
     slope: Any
     curve: Any
-    jacobian: Any
-    hessian: Any
+
+    @property
+    def jacobian(self) -> Any:
+        """Sparsity (n, NZ)."""
+        return self.slope.sparsity_out(1)
+
+    @property
+    def hessian(self) -> Any:
+        """Sparsity (NZ, NZ), of both triangles."""
+        return self.curve.sparsity_out(1)
 
     @property
     def n(self) -> int:
         """Number of rows."""
-        return self.jacobian.size1()
+        return self.slope.size1_out(0)
 
     @property
     def functions(self) -> tuple[Any, Any, Any]:
@@ -46,11 +52,15 @@ class Block:
         return self.value, self.slope, self.curve
 
 
+KINDS = ("value", "slope", "curve")
+
 SOURCES: dict[str, tuple[Callable[[SX, SX], stages.Rows], int]] = {
     "motion": (stages.motion, 0),
     "cost": (stages.cost, stages.COST.size),
     "knot": (stages.knot, ARM.size),
     "middle": (stages.middle, ARM.size),
+    "boxes": (stages.boxes, ARM.size + BOXES.size),
+    "boxes_middle": (stages.boxes_middle, ARM.size + BOXES.size),
     "singular": (stages.singular, ARM.size),
     "release": (throw.release, ARM.size + RELEASE.size),
 }
@@ -75,14 +85,11 @@ def build(name: str, rows: Callable[[SX, SX], stages.Rows], parameters: int) -> 
     def function(kind: str, inputs: list[SX], outputs: list[SX]) -> Any:
         return ca.Function(f"{name}_{kind}", inputs, _release(made.held, outputs), {"cse": True})
 
-    nonzeros = [ca.vertcat(*matrix.nonzeros()) for matrix in (jacobian, hessian)]
     return Block(
         name,
-        function("value", [z, p], [made.rows]),
-        function("slope", [z, p], [made.rows, nonzeros[0]]),
-        function("curve", [z, p, lam], [gradient, nonzeros[1]]),
-        jacobian.sparsity(),
-        hessian.sparsity(),
+        function("value", [z, p], [ca.densify(made.rows)]),
+        function("slope", [z, p], [ca.densify(made.rows), jacobian]),
+        function("curve", [z, p, lam], [ca.densify(gradient), hessian]),
     )
 
 
@@ -90,4 +97,4 @@ def _release(held: Any, outputs: list[SX]) -> list[SX]:
     """Puts back what was held while differentiating, the last first: later ones may stand on earlier ones."""
     for symbol, value in reversed(list(zip(held.symbols, held.values, strict=True))):
         outputs = ca.substitute(outputs, [symbol], [value])
-    return [ca.densify(o) for o in outputs]
+    return outputs

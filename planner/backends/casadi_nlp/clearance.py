@@ -13,11 +13,12 @@ from typing import Any
 import casadi as ca
 
 from planner.backends.casadi_nlp.arm import Frames
-from planner.backends.casadi_nlp.layout import CAPSULE_FRAMES, KEEP_OUT
+from planner.backends.casadi_nlp.layout import CAPSULE_FRAMES, KEEP_OUT, PAIRS
 
 SX = Any
 
 WIDTH = 0.004  # [m] of the soft minimum: two equal distances count 2.8 mm less
+PROJECTIONS = 4  # between segment and box; the nearest point need only be near: its error counts in second order
 TINY = 1e-9  # [m^2] keeps the length of a segment and a distance away from zero
 
 
@@ -56,12 +57,12 @@ def capsules_in_s(arm: Frames, capsules: SX) -> Capsules:
     )
 
 
-def self_distance(body: Capsules, pairs: tuple[tuple[int, int], ...], held: Held) -> SX:
-    """Returns the soft least distance [m] between the surfaces of the pairs of capsule slots."""
+def self_distance(body: Capsules, added: SX, held: Held) -> SX:
+    """Returns the soft least distance [m] between the surfaces of `PAIRS`, each with its number of `added`."""
     gaps = [
         segment_distance(body.starts[i], body.ends[i], body.starts[j], body.ends[j], held)
-        - body.radii[i] - body.radii[j]
-        for i, j in pairs
+        - body.radii[i] - body.radii[j] + added[k]
+        for k, (i, j) in enumerate(PAIRS)
     ]
     return soft_minimum(gaps, held)
 
@@ -98,18 +99,36 @@ def lowest_heights(body: Capsules, up_S: SX, base_height: SX, first: int) -> lis
     ]
 
 
-def box_distances(points: list[SX], radii: list[SX], boxes: SX, held: Held) -> list[SX]:
-    """Returns for each ball and box the largest distance beyond a face [m]: no more than the true distance.
+def box_distances(body: Capsules, boxes: SX, held: Held) -> list[SX]:
+    """Returns how far each capsule that can reach a box stays outside of it [m]: no more than the true distance.
 
-    `boxes` holds lower (3) and upper (3) corners.
+    Args:
+        body: the capsules, in the frame of the boxes.
+        boxes: lower (3) and upper (3) corner of each.
+        held: what derivatives take as constant.
     """
-    gaps = []
-    for k in range(KEEP_OUT):
-        lower, upper = boxes[6 * k : 6 * k + 3], boxes[6 * k + 3 : 6 * k + 6]
-        for point, radius in zip(points, radii, strict=True):
-            faces = ca.vertsplit(ca.vertcat(lower - point, point - upper))
-            gaps.append(-soft_minimum([-face for face in faces], held) - radius)
-    return gaps
+    corners = [(boxes[6 * k : 6 * k + 3], boxes[6 * k + 3 : 6 * k + 6]) for k in range(KEEP_OUT)]
+    return [
+        _beyond_faces(_nearest(body.starts[i], body.ends[i], *box, held), *box, held) - body.radii[i]
+        for box in corners
+        for i in range(1, len(CAPSULE_FRAMES))
+    ]
+
+
+def _nearest(start: SX, end: SX, lower: SX, upper: SX, held: Held) -> SX:
+    """Returns the point of a segment nearest to a box, by projecting to and fro. source: von Neumann 1950."""
+    along = end - start
+    square = ca.dot(along, along) + TINY
+    s = ca.SX(0.5)
+    for _ in range(PROJECTIONS):
+        inside = ca.fmax(lower, ca.fmin(upper, start + s * along))
+        s = _unit(ca.dot(inside - start, along) / square)
+    return start + held.hold(s) * along
+
+
+def _beyond_faces(point: SX, lower: SX, upper: SX, held: Held) -> SX:
+    """Returns the soft largest distance [m] of a point beyond the planes of a box's faces."""
+    return -soft_minimum(ca.vertsplit(ca.vertcat(point - lower, upper - point)), held)
 
 
 def soft_minimum(distances: list[SX], held: Held) -> SX:

@@ -17,8 +17,15 @@ Vector = NDArray[np.float64]
 LINKS = 6
 TOOL_CAPSULES = 2  # capsules of a tool the generated functions have room for; more are wrapped into these
 KEEP_OUT = 4  # most keep-out boxes
-ARM_CAPSULE_FRAMES = (0, 1, 2, 3, 4, 5, 6)  # DH frame that carries each capsule of the arm
-CAPSULE_FRAMES = ARM_CAPSULE_FRAMES + (6,) * (TOOL_CAPSULES + 1)  # the last is the object
+# DH frames of the capsules: `geometry.arm_capsules` without the foot, which the floor covers; the tool's; the object.
+ARM_CAPSULE_FRAMES = (0, 1, 2, 2, 3, 3, 4, 5)  # base, shoulder, upper arm, elbow, forearm, wrists 1, 2, 3
+CAPSULE_FRAMES = ARM_CAPSULE_FRAMES + (6,) * (TOOL_CAPSULES + 1)
+FIRST_TOOL, OBJECT = len(ARM_CAPSULE_FRAMES), len(CAPSULE_FRAMES) - 1
+# Slots that can meet on some arm with some tool; which of them do on this one is a number of `ARM`.
+PAIRS = (
+    *((i, j) for i in (0, 1) for j in (4, 5, 6, 7)), *((2, j) for j in (5, 6, 7)), (4, 7),
+    *((i, FIRST_TOOL + j) for i in range(6) for j in range(TOOL_CAPSULES)),
+)
 
 NX = 19  # q, qd, qdd of six joints, and the time
 NU = 7  # jerk of six joints, and the step's length
@@ -73,6 +80,7 @@ ARM = Layout({
     "speed": 1,  # largest speed of the tool centre [m/s]
     "base": 12,  # pose of the base in the world: rotation by columns (9), origin (3)
     "capsules": 7 * len(CAPSULE_FRAMES),  # ends (3 + 3) in its frame, radius; a radius below zero: not there
+    "pairs": len(PAIRS),  # added to the distance of each pair of `PAIRS`: 0, or far for a pair that cannot meet [m]
     "floor": 1,  # lowest height of a capsule's surface [m]
     "self_clearance": 1,  # least distance between capsules of the arm and the tool [m]
     "keep_in": 6,  # lower (3), upper (3) of the tool centre's box [m]
@@ -80,4 +88,5 @@ ARM = Layout({
 BOXES = Layout({"boxes": 6 * KEEP_OUT, "box_clearance": 1})  # lower (3), upper (3) a box [m]
 RELEASE = Layout({"target": 3, "gravity_z": 1, "tan_elevation": 2})
 ABSENT_RADIUS = -1.0e3  # [m] radius of a capsule that is not there: never near anything
+FAR = 1.0e3  # [m] added where a pair cannot meet
 ABSENT_BOX = 1.0e3  # [m] where a keep-out box that is not there stands

@@ -68,10 +68,8 @@ def cost(z: SX, p: SX) -> Rows:
 
 
 COST = layout.Layout({"time": 1, "jerk": 1, "step": 1, "guess": 1})
-PAIRS: tuple[tuple[int, int], ...] = tuple(
-    (i, j) for i in (0, 1, 2, 3) for j in (5, 6, 7, 8) if j - i > 2
-)
 TORQUE_ROWS = 6
+FIRST_THAT_FALLS = 2  # base and shoulder do not come nearer to the floor
 
 
 def knot(z: SX, p: SX) -> Rows:
@@ -81,8 +79,9 @@ def knot(z: SX, p: SX) -> Rows:
 
 
 def middle(z: SX, p: SX) -> Rows:
-    """The same rows in the middle of the step."""
-    return _knot_rows(after(z, 0.5), ARM.split(p))
+    """The same rows in the middle of the step; their curvature is left out: little is lost, and half the time saved."""
+    made = _knot_rows(after(z, 0.5), ARM.split(p))
+    return Rows(made.rows, made.held, made.rows.size1())
 
 
 def _knot_rows(s: State, a: dict[str, SX]) -> Rows:
@@ -99,14 +98,33 @@ def _clearances(s: State, a: dict[str, SX], body: arm.Frames, held: clearance.He
     capsules = clearance.capsules_in_s(body, a["capsules"])
     R_WB, p_WB = ca.reshape(a["base"][:9], 3, 3), a["base"][9:]
     R_WS = R_WB @ arm.turn(s.q[0])
-    heights = clearance.lowest_heights(capsules, R_WS[2, :].T, p_WB[2], first=1)
+    heights = clearance.lowest_heights(capsules, R_WS[2, :].T, p_WB[2], FIRST_THAT_FALLS)
     p_WT = R_WS @ body.point(6, a["tcp"]) + p_WB
     inside = ca.vertsplit(ca.vertcat(p_WT - a["keep_in"][:3], a["keep_in"][3:] - p_WT))
     return [
-        clearance.self_distance(capsules, PAIRS, held) - a["self_clearance"],
+        clearance.self_distance(capsules, a["pairs"], held) - a["self_clearance"],
         clearance.soft_minimum(heights, held) - a["floor"],
         clearance.soft_minimum(inside, held),
     ]
+
+
+def boxes(z: SX, p: SX) -> Rows:
+    """Distance of everything that moves from the keep-out boxes, less what is asked (1) [m]. p: `ARM`, `BOXES`."""
+    return _box_rows(state(z), p)
+
+
+def boxes_middle(z: SX, p: SX) -> Rows:
+    """The same row in the middle of the step."""
+    return _box_rows(after(z, 0.5), p)
+
+
+def _box_rows(s: State, p: SX) -> Rows:
+    a, b, held = ARM.split(p[: ARM.size]), BOXES.split(p[ARM.size :]), clearance.Held()
+    body = clearance.capsules_in_s(arm.frames(a["dh"], s.q), a["capsules"])
+    R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
+    starts, ends = ([R_WS @ point + a["base"][9:] for point in points] for points in (body.starts, body.ends))
+    gaps = clearance.box_distances(clearance.Capsules(starts, ends, body.radii), b["boxes"], held)
+    return Rows(clearance.soft_minimum(gaps, held) - b["box_clearance"], held, uncurved=1)
 
 
 def singular(z: SX, p: SX) -> Rows:

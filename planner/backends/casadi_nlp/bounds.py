@@ -1,0 +1,110 @@
+"""Bounds on variables and rows, and the first guess: what makes one assembled problem this request's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.backends.casadi_nlp import throw
+from planner.backends.casadi_nlp.assembly import Table
+from planner.backends.casadi_nlp.layout import (
+    JERK, JERK_SCALE, NX, NZ, Q, QD, QD_SCALE, QDD, QDD_SCALE, STEP, TIME, TIME_SCALE,
+)
+from planner.cell import Limits
+
+Vector = NDArray[np.float64]
+
+SPEED_SHARE = 0.995  # [-] of the tool's speed, at knots and in the middles: what is left is for what lies between
+STEP_SHARES = (0.15, 2.5)  # [-] of a first guess's step: a step may not collapse, nor swallow its neighbours
+POSITION_ROOM = 1e-4  # [rad] kept free of a joint's limit
+
+
+@dataclass
+class Bounds:
+    """Lower and upper bounds of variables (NZ a stage, the last padded) and of rows."""
+
+    x: Vector  # (2, N + 1, NZ)
+    g: Vector  # (2, rows)
+
+
+def free_bounds(table: Table) -> Bounds:
+    """Returns bounds that hold the dynamics and nothing else."""
+    n = table.shape.stages + 1
+    infinite = np.array([-np.inf, np.inf])
+    g = np.tile(infinite[:, None], (1, table.size))
+    g[:, np.concatenate(table.dynamics)] = 0.0
+    return Bounds(np.tile(infinite[:, None, None], (1, n, NZ)), g)
+
+
+def set_limits(bounds: Bounds, table: Table, limits: Limits) -> None:
+    """Bounds joint position, velocity, acceleration and jerk, on the knots and on what lies between."""
+    x = bounds.x
+    lower, upper = limits.q_lower + POSITION_ROOM, limits.q_upper - POSITION_ROOM
+    x[0, :, Q], x[1, :, Q] = lower, upper
+    for rows, limit in ((QD, limits.qd_max / QD_SCALE), (QDD, limits.qdd_max / QDD_SCALE)):
+        x[0, :, rows], x[1, :, rows] = -limit, limit
+    x[0, :, JERK], x[1, :, JERK] = -limits.jerk_max / JERK_SCALE, limits.jerk_max / JERK_SCALE
+    for k in table.shape.knots("motion"):
+        bend = table.rows["motion", k][NX : NX + 6]
+        bounds.g[0, bend], bounds.g[1, bend] = -limits.qd_max / QD_SCALE, limits.qd_max / QD_SCALE
+        middle = table.rows["motion", k][NX + 6 :]
+        bounds.g[0, middle], bounds.g[1, middle] = lower, upper
+
+
+def set_surroundings(bounds: Bounds, table: Table, torque_share: float, keep_in: bool, keep_out: bool) -> None:
+    """Bounds torque, tool speed and clearances at knots and middles."""
+    for name in ("knot", "middle"):
+        for k in table.shape.knots(name):
+            rows = table.rows[name, k]
+            bounds.g[0, rows[:6]], bounds.g[1, rows[:6]] = -torque_share, torque_share
+            bounds.g[1, rows[6]] = SPEED_SHARE**2
+            bounds.g[0, rows[7:9]] = 0.0
+            if keep_in:
+                bounds.g[0, rows[9]] = 0.0
+    for name in ("boxes", "boxes_middle"):
+        for k in table.shape.knots(name) if keep_out else ():
+            bounds.g[0, table.rows[name, k]] = 0.0
+
+
+def set_singularity(bounds: Bounds, table: Table, distance: float) -> None:
+    """Bounds the distance from the singularities around the release."""
+    for k in table.shape.knots("singular"):
+        bounds.g[0, table.rows["singular", k]] = distance**2
+
+
+def fix_ends(bounds: Bounds, table: Table, start: Vector) -> None:
+    """Fixes the start at rest and the end at rest."""
+    bounds.x[:, 0, Q] = start
+    bounds.x[:, 0, QD] = bounds.x[:, 0, QDD] = bounds.x[:, 0, TIME] = 0.0
+    bounds.x[:, -1, QD] = bounds.x[:, -1, QDD] = 0.0
+    bounds.x[0, -1, NX:], bounds.x[1, -1, NX:] = -np.inf, np.inf
+
+
+def set_steps(bounds: Bounds, steps: Vector) -> None:
+    """Bounds each step around the first guess's (N,) [s]."""
+    for side, share in enumerate(STEP_SHARES):
+        bounds.x[side, :-1, STEP] = share * steps / TIME_SCALE
+
+
+def fix_release_state(bounds: Bounds, table: Table, q: Vector, qd: Vector) -> None:
+    """Fixes joint positions and velocities at the release; its acceleration stays free."""
+    bounds.x[:, table.shape.launch, Q] = q
+    bounds.x[:, table.shape.launch, QD] = qd / QD_SCALE
+
+
+def release_row(table: Table, name: str, offset: int = 0) -> np.ndarray:
+    """Returns the problem's rows of one entry of `throw.ROWS`, `offset` knots from the release."""
+    return throw.ROWS.split(table.rows["release", table.shape.launch + offset])[name]
+
+
+def variables(t: Vector, states: tuple[Vector, Vector, Vector]) -> Vector:
+    """Returns the variables (N + 1, NZ) that pass the states q, qd, qdd (N + 1, 6) at times `t` (N + 1,) [s]."""
+    q, qd, qdd = states
+    steps = np.diff(t)
+    z = np.zeros((len(t), NZ))
+    z[:, Q], z[:, QD], z[:, QDD], z[:, TIME] = q, qd / QD_SCALE, qdd / QDD_SCALE, t / TIME_SCALE
+    z[:-1, JERK] = np.diff(qdd, axis=0) / steps[:, None] / JERK_SCALE
+    z[:-1, STEP] = steps / TIME_SCALE
+    return z

@@ -1,0 +1,184 @@
+"""One request in the form of an assembled problem: parameters, bounds, first guess."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.backends.casadi_nlp import bounds as bound
+from planner.backends.casadi_nlp import numbers
+from planner.backends.casadi_nlp.assembly import Shape, Table
+from planner.backends.casadi_nlp.layout import QD, QDD, STEP, TIME, TIME_SCALE
+from planner.backends.casadi_nlp.stages import COST
+from planner.cell import Limits
+from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.release import Candidate
+
+Vector = NDArray[np.float64]
+
+LAUNCH_STAGES, BRAKE_STAGES = 8, 4  # source: measured; a jerk-optimal motion has few switches
+BRAKE_WEIGHT = 0.05  # [-] of a second of braking against a second of launch
+JERK_WEIGHT = 1e-3  # [-] of the mean squared jerk share: takes the play out of joints that have time
+STEP_WEIGHT = 3e-2  # [-] of the mean squared deviation of a step from its first guess: keeps steps from collapsing
+WINDOW_SHARE = 0.6  # [-] of the landing tolerance, in each of two directions (0.85 together), at the window's ends
+DRIFT_SHARE = 0.3  # [-] of tolerance over window, for the change of the landing with the instant
+FALL_MIN = 0.05  # [m^2/s^2] least discriminant: below, the object only grazes the plane
+SINGULARITY_ROOM = 1.03  # [-] of the distance asked, at the knots around the release
+
+
+@dataclass(frozen=True)
+class Margins:
+    """What is kept free of the limits that are only looked at on knots and middles."""
+
+    torque_share: float = 0.98
+    clearance_m: float = 0.001
+
+
+CLOSE, WIDE = Margins(), Margins(0.94, 0.006)
+
+
+def shape_of(problem: ThrowProblem) -> Shape:
+    """Returns the stages that the problem needs."""
+    boxes = bool(problem.cell.surroundings.keep_out)
+    if problem.ends_at_rest:
+        return Shape(LAUNCH_STAGES, 0, False, boxes)
+    extra = 1 if problem.is_robust else 0
+    return Shape(LAUNCH_STAGES + extra, BRAKE_STAGES + extra, problem.is_robust, boxes)
+
+
+@dataclass(frozen=True)
+class Request:
+    """A problem, one candidate for its release, and what to aim at.
+
+    Attributes:
+        problem: what is asked.
+        candidate: where the release is thought to be; `joint` and `pose` are held to it.
+        limits: of the joints, less what the tick grid needs.
+        aim: where the drag-free flight is to land (3,) [m].
+        margins: kept free.
+    """
+
+    problem: ThrowProblem
+    candidate: Candidate
+    limits: Limits
+    aim: Vector
+    margins: Margins
+
+
+@dataclass(frozen=True)
+class Start:
+    """A first guess: variables (N + 1, NZ), and the steps (N,) [s] that the solution is kept near."""
+
+    z: Vector
+    steps: Vector
+    times: tuple[float, float] | None = None  # release and end [s], where they are fixed
+
+
+def arguments(request: Request, table: Table, start: Start) -> dict[str, Any]:
+    """Returns what a solver is called with."""
+    problem, b = request.problem, bound.free_bounds(table)
+    around = problem.cell.surroundings
+    bound.set_limits(b, table, request.limits)
+    bound.set_surroundings(b, table, request.margins.torque_share, bool(around.keep_in), bool(around.keep_out))
+    bound.fix_ends(b, table, problem.start)
+    bound.set_steps(b, start.steps)
+    if not problem.ends_at_rest:
+        bound.set_singularity(b, table, SINGULARITY_ROOM * request.limits.singularity_distance_min)
+    _set_release(b, table, request)
+    if problem.is_robust:
+        _set_window(b, table, problem)
+    if start.times is not None:
+        b.x[:, table.shape.launch, TIME] = start.times[0] / TIME_SCALE
+        b.x[:, -1, TIME] = start.times[1] / TIME_SCALE
+    n = table.variables
+    return {
+        "x0": start.z.ravel()[:n], "p": _parameters(request, table, start),
+        "lbx": b.x[0].ravel()[:n], "ubx": b.x[1].ravel()[:n], "lbg": b.g[0], "ubg": b.g[1],
+    }
+
+
+def _parameters(request: Request, table: Table, start: Start) -> Vector:
+    cell, margin = request.problem.cell, request.margins.clearance_m
+    return np.concatenate([
+        numbers.arm_numbers(cell, request.limits, margin),
+        numbers.release_numbers(request.problem, request.aim),
+        numbers.box_numbers(cell, margin),
+        _costs(table, start),
+    ])
+
+
+def _costs(table: Table, start: Start) -> Vector:
+    """Returns the `COST` numbers of every stage; with fixed times only the jerk and the steps are left to choose."""
+    shape, n = table.shape, table.shape.stages
+    time = np.where(np.arange(n) < shape.launch, 1.0, BRAKE_WEIGHT)
+    rows = np.stack([
+        time if start.times is None else np.zeros(n),
+        np.full(n, JERK_WEIGHT / n / 6), np.full(n, STEP_WEIGHT / n), start.steps / TIME_SCALE,
+    ])
+    assert len(rows) == COST.size
+    return rows.T.ravel()
+
+
+def _set_release(b: bound.Bounds, table: Table, request: Request) -> None:
+    release = request.problem.release
+    if isinstance(release, JointRelease | PoseRelease):
+        bound.fix_release_state(b, table, request.candidate.q, request.candidate.qd)
+    elif isinstance(release, PointRelease):
+        b.g[:, bound.release_row(table, "position")] = release.p_WT
+        if request.problem.ends_at_rest:
+            b.x[:, table.shape.launch, QD] = 0.0
+        else:
+            b.g[:, bound.release_row(table, "velocity")] = release.v_WT
+    else:
+        _set_target(b, table, release)
+    if request.problem.ends_at_rest:
+        b.x[:, table.shape.launch, QDD] = 0.0
+
+
+def _set_target(b: bound.Bounds, table: Table, release: TargetRelease) -> None:
+    b.g[:, bound.release_row(table, "landing")] = 0.0
+    b.g[0, bound.release_row(table, "falls")] = FALL_MIN
+    low, high = bound.release_row(table, "elevation")
+    if release.min_elevation_rad > -np.pi / 2:
+        b.g[0, low] = 0.0
+    if release.max_elevation_rad < np.pi / 2:
+        b.g[1, high] = 0.0
+    if np.isfinite(release.max_speed_m_s):
+        b.g[1, bound.release_row(table, "speed")] = release.max_speed_m_s**2
+    if release.min_horizontal_distance_m > 0.0:
+        b.g[0, bound.release_row(table, "distance")] = release.min_horizontal_distance_m**2
+    if release.release_position is not None:
+        b.g[:, bound.release_row(table, "position")] = release.release_position
+
+
+def _set_window(b: bound.Bounds, table: Table, problem: ThrowProblem) -> None:
+    """Holds the landing of a release one window early and late, and its change with the instant."""
+    window, tolerance, k = problem.release_window_s, problem.landing_tolerance_m, table.shape.launch
+    for offset in (-1, 1):
+        rows = bound.release_row(table, "landing", offset)
+        b.g[0, rows], b.g[1, rows] = -WINDOW_SHARE * tolerance, WINDOW_SHARE * tolerance
+        b.g[0, bound.release_row(table, "falls", offset)] = FALL_MIN
+    rows, drift = bound.release_row(table, "drift"), DRIFT_SHARE * tolerance / window
+    b.g[0, rows], b.g[1, rows] = -drift, drift
+    b.x[:, k - 1 : k + 1, STEP] = window / TIME_SCALE
+
+
+def guess(table: Table, problem: ThrowProblem, at: Mapping[str, Any]) -> Start:
+    """Returns the first guess from a motion.
+
+    Args:
+        table: of the assembled problem.
+        problem: for its window.
+        at: "release_s", "end_s" [s] and "state", a function of times (k,) that gives q, qd, qdd (k, 6).
+    """
+    shape, release, end = table.shape, at["release_s"], at["end_s"]
+    window = problem.release_window_s if shape.window else 0.0
+    inner = 1 if shape.window else 0
+    launch = np.linspace(0.0, max(release - window, release / 2), shape.launch - inner + 1)
+    brake = np.linspace(min(release + window, (release + end) / 2), end, shape.brake - inner + 1)
+    t = np.concatenate([launch, [release], brake] if inner else [launch, brake[1:]])
+    return Start(bound.variables(t, at["state"](t)), np.diff(t))
