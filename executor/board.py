@@ -21,7 +21,7 @@ STARTING, CONNECTED, APPROACHING, STREAMING, BRAKING, STOPPING, DONE, FAULT = ra
 
 # Words of the header, the child's first; 16 and up are the daemon's.
 STATE, PULSE, ROWS, OUTCOME, MISSED, REALTIME, TEXT_LENGTH = range(7)
-OUTPUT_SENT_S, OUTPUT_LATE_S, TIMESTAMP_AT_ZERO, LATEST_Q = 7, 8, 9, 10
+OUTPUT_SENT_S, OUTPUT_LATE_S, TIMESTAMP_AT_ZERO, IN_CALL = 7, 8, 9, 10
 ABORT, DAEMON_PULSE = 16, 17
 
 VECTORS = ("planned_q", "planned_qd", "command", "q", "qd", "current")  # six numbers each

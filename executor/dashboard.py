@@ -5,6 +5,7 @@ Source: Universal Robots, "Dashboard Server": port 29999, one line in, one line 
 
 from __future__ import annotations
 
+import contextlib
 import socket
 
 PORT = 29999
@@ -25,10 +26,12 @@ class Dashboard:
         Raises:
             OSError: no connection, or no answer in time.
         """
+        if self._socket is not None:
+            with contextlib.suppress(OSError):  # it broke since the last question: once more, anew
+                return self._exchange(self._socket, line)
+            self.close()
         try:
-            connection = self._socket or self._connect()
-            connection.sendall(line.encode() + b"\n")
-            return self._read_line(connection)
+            return self._exchange(self._connect(), line)
         except OSError:
             self.close()
             raise
@@ -47,6 +50,10 @@ class Dashboard:
         if self._socket is not None:
             self._socket.close()
             self._socket = None
+
+    def _exchange(self, connection: socket.socket, line: str) -> str:
+        connection.sendall(line.encode() + b"\n")
+        return self._read_line(connection)
 
     def _connect(self) -> socket.socket:
         connection = socket.create_connection((self.host, PORT), TIMEOUT_S)

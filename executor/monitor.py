@@ -17,6 +17,7 @@ PORT = 30004
 TIMEOUT_S = 1.0  # [s] without a package the connection counts as lost
 RETRY_S = 0.5  # [s] between two attempts to connect
 RATE_HZ = 25.0  # [Hz] of the states; the daemon shows them at 20 Hz
+FRESH_S = 0.25  # [s] an older state says nothing about now
 VERSION, SETUP_OUTPUTS, START, DATA = 86, 79, 83, 85
 FORMATS = {"DOUBLE": "d", "UINT64": "Q", "UINT32": "I", "INT32": "i", "VECTOR6D": "6d"}
 WANTED = ("timestamp", "actual_q", "actual_qd", "target_qd", "robot_mode", "safety_status_bits", "runtime_state",
@@ -75,7 +76,7 @@ class Monitor:
         self._ended.set()
         self._thread.join(2.0 * TIMEOUT_S)
 
-    def fresh(self, within_s: float = 0.5) -> RobotState | None:
+    def fresh(self, within_s: float = FRESH_S) -> RobotState | None:
         """Returns the newest state where it is not older than `within_s`."""
         state = self.state
         return state if state is not None and state.age_s <= within_s else None

@@ -154,15 +154,19 @@ class Run:
                 self.dashboard.ask("stop")
         self.dashboard.close()
 
+    def _silent_outcome(self) -> str:
+        """Returns the outcome of a process that ended without a word: inside the library it was the link."""
+        if self._process is None:
+            return "refused"
+        return "link_lost" if self.board.words[words.IN_CALL] else "executor_lost"
+
     def _result(self, failure: str) -> RunResult:
         board = self.board
         known = self.state in (words.DONE, words.FAULT)
-        outcome = OUTCOMES[int(board.words[words.OUTCOME])] if known else "executor_lost"
-        if self._process is None:
-            outcome = "refused"
         sent = float(board.words[words.OUTPUT_SENT_S])
         return RunResult(
-            outcome=outcome, reason=board.text() if known else failure,
+            outcome=OUTCOMES[int(board.words[words.OUTCOME])] if known else self._silent_outcome(),
+            reason=board.text() if known else failure,
             rows=np.frombuffer(board.row_bytes()).reshape(-1, words.ROW.size // 8),
             missed=int(board.words[words.MISSED]), realtime=bool(board.words[words.REALTIME]),
             output_sent_s=None if np.isnan(sent) else sent, output_late_s=float(board.words[words.OUTPUT_LATE_S]),

@@ -28,7 +28,7 @@ def run(job: Job, board: Board, orders: Orders, alive: list[Link]) -> tuple[str,
     """
     refused = realtime.prepare(job.core, job.priority)
     board.words[words.REALTIME] = 0.0 if refused else 1.0
-    link = Link(job)
+    link = Link(job, board)
     alive.append(link)
     realtime.step_down(job.priority)
     realtime.freeze_memory()

@@ -16,6 +16,7 @@ from rtde_control import RTDEControlInterface
 from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 
+from executor.board import IN_CALL, Board
 from executor.job import Job
 from executor.streaming import realtime, safety
 from executor.streaming.fault import LinkFault
@@ -40,13 +41,13 @@ class Link:
         call_s: how long the last command took [s].
     """
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: Job, board: Board) -> None:
         """Connects.
 
         Raises:
             LinkFault: nobody listens, the script is refused, another client owns the registers.
         """
-        self.job = job
+        self.job, self.words = job, board.words
         self._stat = os.open(f"/proc/self/task/{threading.get_native_id()}/schedstat", os.O_RDONLY)
         self._waited = 0
         try:
@@ -139,12 +140,14 @@ class Link:
         self.control.stopScript()
 
     def _real_time(self, name: str, call: Callable[..., Any], *args: Any) -> None:
+        self.words[IN_CALL] = 1.0
         begin = monotonic()
         try:
             answer = call(*args)
         except RuntimeError as error:
             raise LinkFault("link_lost", f"{name}: {error}") from error
         self.call_s = spent = monotonic() - begin
+        self.words[IN_CALL] = 0.0
         self._answer(name, answer)
         if spent > CALL_MAX_S and spent - (self._run_delay_ns() - self._waited) * 1e-9 > CALL_MAX_S:
             raise LinkFault("link_lost", f"{name} took {spent * 1e3:.1f} ms")

@@ -11,12 +11,21 @@ from tests.system.rig import Rig
 
 
 @pytest.fixture(scope="module")
-def rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
+def shared_rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
     """One simulated controller with its executor for a module's tests, one after the other."""
     rig = Rig(tmp_path_factory.mktemp("rig"))
     rig.start()
     yield rig
     rig.stop()
+
+
+@pytest.fixture
+def rig(shared_rig: Rig) -> Rig:
+    """The module's rig, seen to by a person where the test before left a fault."""
+    if shared_rig.is_latched():
+        shared_rig.recover()
+        shared_rig.acknowledge()
+    return shared_rig
 
 
 @pytest.fixture

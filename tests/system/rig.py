@@ -19,6 +19,7 @@ import psutil
 
 from executor import truth
 from executor.dashboard import Dashboard
+from executor.heartbeat import BEAT_S
 from planner.cell import load_cell
 from planner.document import plan_document, problem_from_request
 from planner.planning import plan
@@ -92,8 +93,6 @@ class Rig:
                 process.send_signal(signal.SIGCONT)
                 process.terminate()
                 process.wait(30.0)
-            if process is not None and process.stdout is not None:
-                process.stdout.close()
         self.store.close()
 
     def streamer(self) -> psutil.Process:
@@ -145,10 +144,15 @@ class Rig:
         assert self.row(id).state == "streaming", self.row(id)
         self.until(lambda: max(map(abs, self.state()["qd"])) > speed, period=0.001)
 
+    def is_latched(self) -> bool:
+        """Whether a fault is latched."""
+        row = self.store.cell_status("rig")
+        return row is not None and row.fault is not None
+
     def acknowledge(self) -> None:
         """A person has looked."""
         self.store.request_acknowledge("rig", "test")
-        self.until(lambda: (row := self.store.cell_status("rig")) is not None and row.fault is None)
+        self.until(lambda: not self.is_latched())
 
     # the controller
 
@@ -179,7 +183,17 @@ class Rig:
             dashboard.ask("power on")
             dashboard.ask("brake release")
             dashboard.close()
-        self.until(lambda: self.robot().get("refusals") == [])
+        self.until_told(lambda robot: robot.get("refusals") == [])
+
+    def until_told(self, condition: Callable[[Mapping[str, Any]], object]) -> None:
+        """Waits until the executor tells, of now, a live state for which `condition` holds."""
+        began = time.time() + 2 * BEAT_S
+
+        def told() -> object:
+            row = self.store.cell_status("rig")
+            return row is not None and row.heartbeat_at > began and condition(row.robot)
+
+        self.until(told)
 
     def robot(self) -> Mapping[str, Any]:
         """Returns the live state as the executor tells it."""
@@ -213,6 +227,7 @@ def _start(command: list[str], environment: Mapping[str, str]) -> subprocess.Pop
     process = subprocess.Popen(command, cwd=ROOT, env=dict(environment), stdout=subprocess.PIPE)
     assert process.stdout is not None
     line = process.stdout.readline()
+    process.stdout.close()
     assert line.startswith(b"ready"), line
     return process
 

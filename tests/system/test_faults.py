@@ -36,7 +36,7 @@ MATRIX = [
     Fault("R7", "speed_slider", ("aborted",), {"fraction": 0.5}),
     Fault("R8 control", "close_connection", ("link_lost",), {"role": "control", "reset": True}),
     Fault("R8 receive", "close_connection", ("link_lost",), {"role": "receive", "reset": True}),
-    Fault("R9", "close_connection", ("link_lost",), {"role": "control"}),
+    Fault("R9", "close_connection", ("link_lost", "aborted"), {"role": "control"}),  # the library stops the program
     Fault("R10 control", "stall_connection", ("link_lost", "aborted"), {"role": "control"}),
     Fault("R10 receive", "stall_connection", ("link_lost",), {"role": "receive"}),
     Fault("R10 frozen", "freeze", ("link_lost",), {"duration_s": 0.5}),
@@ -80,6 +80,7 @@ def test_in_mid_launch_every_fault_is_a_stop(rig: Rig, fault: Fault) -> None:
 def test_preflight_refuses_in_words(rig: Rig, name: str, parameters: dict, word: str) -> None:
     before = rig.state()["q"]
     rig.fault(name, **parameters)
+    rig.until_told(lambda robot: robot.get("refusals"))
     row = rig.throw(NUDGE)
     rig.recover()
     assert row.outcome == "refused"
