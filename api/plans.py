@@ -16,6 +16,7 @@ from api.deps import ClientDep, PlanKey, PlannerClient, Service, ServiceDep
 from api.documented import json_answer, problems_of
 from api.errors import Problem, translate
 from api.negotiation import choose
+from api.picture import plan_svg
 from api.presence import is_alive
 from api.schemas.plans import PlanAnswer, PlanList, TrajectoryAnswer
 from api.schemas.requests import PLAN_EXAMPLES, PlanRequest
@@ -91,6 +92,16 @@ def read_trajectory(
     if choose(accept, ("application/json", "text/csv")) == "text/csv":
         return Response(_csv(trajectory), headers=headers, media_type="text/csv")
     return Response(orjson.dumps(trajectory), headers=headers, media_type="application/json")
+
+
+@router.get("/plans/{id}/picture.svg", include_in_schema=False)
+def draw_plan(id: PlanId, service: ServiceDep, client: ClientDep) -> Response:
+    """Draws the motion and the flight of a plan, for the web page."""
+    row = find_plan(service, id)
+    cell = service.cell(row.cell)
+    if cell.sha256 != row.cell_sha256:
+        raise Problem("not-found", f"the cell file {row.cell!r} has changed since: the plan cannot be drawn")
+    return Response(plan_svg(orjson.loads(row.document), cell), media_type="image/svg+xml")
 
 
 def find_plan(service: Service, id: str, whole: bool = True) -> PlanRow:

@@ -37,14 +37,20 @@ def plan(file: Path, cells: Path | None, cell: str | None) -> None:
 @click.command()
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="PLAN")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="HTML file; PLAN with .html otherwise.")
-def report(file: Path, output: Path | None) -> None:
+@click.option("--cells", type=click.Path(exists=True, file_okay=False, path_type=Path), help="FLING_CELLS.")
+def report(file: Path, output: Path | None, cells: Path | None) -> None:
     """Write the plan in PLAN (JSON as from `fling plan` or GET /plans/{id}) as one self-contained HTML file."""
     from api.report import report_html
+    from api.settings import Settings
+    from api.shelf import CellShelf
+    from planner.errors import PlannerError
 
     target = output or file.with_suffix(".html")
     try:
-        target.write_text(report_html(json.loads(file.read_text())))
-    except (KeyError, TypeError, ValueError) as error:
+        plan = json.loads(file.read_text())
+        shelf = CellShelf(cells or Settings().cells)
+        target.write_text(report_html(plan, shelf.cell(plan["cell"])))
+    except (KeyError, TypeError, ValueError, PlannerError) as error:
         raise click.ClickException(f"{file} is not a plan: {error!r}") from error
     click.echo(target)
 
