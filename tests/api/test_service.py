@@ -82,7 +82,7 @@ def test_pages_load_nothing_from_elsewhere(service: Running):
                 assert service.client.get(link).status_code == 200, link
         assert "onclick=" not in page.text
         assert "<style" not in page.text
-        assert not re.search(r"<script(?! src=)", page.text)
+        assert not re.search(r"<script(?![^>]* src=)", page.text)
 
 
 def operations(schema: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:
