@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import signal
 import socket
 import tempfile
 from pathlib import Path
@@ -22,10 +21,10 @@ MISS_MAX_M = 0.010  # [m] the contract's: farther from the target is a failure
 @click.option("--keep", type=click.Path(path_type=Path), help="Keep database and logs in this folder.")
 def demo(cell: str, keep: Path | None) -> None:
     """Start everything, throw once, report, stop. Exit status 0 only where it landed within 10 mm of the target."""
-    from api.cli.running import cell_path, interrupt
+    from api.cli.running import catch_signals, cell_path
     from api.settings import Settings
 
-    signal.signal(signal.SIGTERM, interrupt)
+    catch_signals()
     original = cell_path(Settings().cells, cell)
     with tempfile.TemporaryDirectory(prefix="fling-demo-") as temporary:
         folder = keep or Path(temporary)

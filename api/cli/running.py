@@ -33,7 +33,7 @@ def up(cell: str | None, port: int | None) -> None:
         "FLING_PORT": str(number), "FLING_CELLS": str(settings.cells), "FLING_DEFAULT_CELL": name,
         "FLING_DATABASE_URL": settings.database_url,
     }  # fmt: skip
-    signal.signal(signal.SIGTERM, interrupt)
+    catch_signals()
     try:
         with Children(environment) as children:
             start_stack(children, settings.cells, name, url, simulated, say_starting)
@@ -98,6 +98,11 @@ def say_starting(what: str) -> None:
     click.echo(f"starting the {what} …")
 
 
-def interrupt(_number: int, _frame: object) -> None:
-    """Handles SIGTERM like Ctrl-C: everything that was started is stopped."""
+def catch_signals() -> None:
+    """Makes SIGTERM, and SIGINT even where a shell had it ignored, stop everything like Ctrl-C."""
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, _interrupt)
+
+
+def _interrupt(_number: int, _frame: object) -> None:
     raise KeyboardInterrupt

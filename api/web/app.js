@@ -113,6 +113,7 @@ async function showPlan(plan) {
   const svg = await (await call("GET", `/plans/${plan.id}/picture.svg`)).text();
   const drawn = new DOMParser().parseFromString(svg, "image/svg+xml").documentElement;
   $("picture").replaceChildren(document.importNode(drawn, true));
+  $("legend").hidden = false;
   const table = element("table");
   const head = element("tr");
   head.append(...["check", "value", "limit", "unit", "margin"].map((title) => element("th", title)));

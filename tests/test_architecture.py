@@ -1,0 +1,118 @@
+"""Who may import whom: the contracts hold, and each of them bites."""
+
+from __future__ import annotations
+
+import ast
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOMS = ("planner", "store", "api", "executor")
+FUNCTION_LINES_MAX = 40
+MODULE_LINES_MAX = 250
+
+# contract: (file of the copy, the import planted there)
+PLANTED = {
+    "rooms": ("api/plans.py", "import executor.job"),
+    "planner-levels": ("planner/certificate/__init__.py", "import planner.backends.ruckig_otg"),
+    "backends-apart": ("planner/backends/ruckig_otg.py", "import planner.backends.profiles"),
+    "planner-pure": ("planner/cell/model.py", "import sqlalchemy"),
+    "executor-no-solver": ("executor/job.py", "import planner.planning"),
+    "api-no-robot": ("api/plans.py", "import rtde_control"),
+    "sql-in-store": ("executor/daemon.py", "import sqlalchemy"),
+    "simulator-alone": ("executor/daemon.py", "import executor.simulator.wire"),
+}  # fmt: skip
+
+
+def lint(folder: Path, contract: str | None = None) -> subprocess.CompletedProcess[str]:
+    """Runs import-linter on the packages in `folder`, not on the installed ones."""
+    program = "import sys; sys.path.insert(0, sys.argv.pop(1)); from importlinter.cli import *; lint_imports_command()"
+    arguments = ["--config", str(folder / "pyproject.toml"), "--no-cache"]
+    arguments += ["--contract", contract] if contract else []
+    environment = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-c", program, str(folder), *arguments]
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Path:
+    folder = tmp_path_factory.mktemp("copy")
+    root = request.config.rootpath
+    for room in ROOMS:
+        shutil.copytree(root / room, folder / room, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copy(root / "pyproject.toml", folder)
+    return folder
+
+
+def test_the_contracts_hold(root: Path):
+    result = lint(root)
+    assert result.returncode == 0, result.stdout
+
+
+def test_every_contract_is_tried(root: Path):
+    import tomllib
+
+    contracts = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    assert {contract["id"] for contract in contracts} == set(PLANTED)
+
+
+@pytest.mark.parametrize("contract", PLANTED)
+def test_a_contract_bites(copy: Path, contract: str):
+    name, line = PLANTED[contract]
+    file = copy / name
+    before = file.read_text()
+    file.write_text(before + f"\n{line}\n")
+    try:
+        result = lint(copy, contract)
+    finally:
+        file.write_text(before)
+    assert result.returncode == 1, result.stdout + result.stderr
+    assert "BROKEN" in result.stdout
+
+
+def test_the_planner_costs_numpy_alone():
+    modules = "planner.cells, planner.problem, planner.trajectory, planner.certificate, planner.document"
+    script = f"""
+import sys
+import {modules}
+heavy = ("casadi", "ruckig", "toppra", "scipy", "matplotlib", "pydantic", "sqlalchemy", "fastapi", "rtde_control")
+print([name for name in heavy if name in sys.modules])
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def sources(root: Path) -> list[Path]:
+    return [file for room in ROOMS for file in sorted((root / room).rglob("*.py"))]
+
+
+def test_modules_and_functions_stay_short(root: Path):
+    long = []
+    for file in sources(root):
+        text = file.read_text()
+        lines = len(text.splitlines())
+        if lines > MODULE_LINES_MAX and "# long:" not in text:
+            long.append(f"{file.relative_to(root)}: {lines} lines")
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                length = (node.end_lineno or node.lineno) - node.body[0].lineno + 1
+                if length > FUNCTION_LINES_MAX and "# long:" not in (ast.get_source_segment(text, node) or ""):
+                    long.append(f"{file.relative_to(root)}: {node.name} has {length} lines")
+    assert long == []
+
+
+def test_nothing_catches_everything(root: Path):
+    """`except Exception` only where a `finally` stops the robot, in the executor; and then it says so."""
+    found = []
+    for file in sources(root):
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.ExceptHandler):
+                kinds = [node.type] if not isinstance(node.type, ast.Tuple) else node.type.elts
+                names = {kind.id if isinstance(kind, ast.Name) else "" for kind in kinds if kind is not None}
+                if node.type is None or names & {"Exception", "BaseException"}:
+                    found.append(f"{file.relative_to(root)}:{node.lineno}")
+    assert [place for place in found if not place.startswith("executor/")] == []
