@@ -104,10 +104,10 @@ def _averaged(problem: ThrowProblem, candidate: Candidate, raw: RawMotion, width
     dt, zero, jerk_max = problem.dt, np.zeros(6), problem.limits.jerk_max
     still = np.zeros((width, 6))
     qdd = _slope(np.concatenate([still, raw.launch, raw.passage[1:]]), width, dt)
-    release = (candidate.q, candidate.qd, qdd[-1])
+    release = (candidate.q, candidate.qd, zero if problem.ends_at_rest else qdd[-1])
     head = onto_grid((problem.start, zero, zero), release, qdd, dt, jerk_max)
     if problem.ends_at_rest:
-        return join(head, (candidate.q[None], candidate.qd[None], qdd[-1:]), 1.0 / dt)
+        return join(head, (candidate.q[None], candidate.qd[None], zero[None]), 1.0 / dt)
     qdd = _slope(np.concatenate([raw.passage, raw.brake[1:], still]), width, dt)
     rest = integrate(*release, np.diff(qdd, axis=0) / dt, dt)[0][-1]
     tail = onto_grid(release, (rest, zero, zero), qdd, dt, jerk_max)

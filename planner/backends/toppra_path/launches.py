@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.backends.toppra_path.paths import DrawnPath, JointLine, ToolLine
+from planner.backends.toppra_path.paths import SINGULAR, DrawnPath, JointLine, ToolLine
 from planner.backends.toppra_path.timing import Timing, fastest
 from planner.cell import Limits
 from planner.errors import SolverFailed
+from planner.kinematics import forward, inverse_velocity, jacobian
 from planner.problem import ThrowProblem
 from planner.release import Candidate
+from planner.rotations import matrix_to_rotation_vector
 from planner.smoothing import RawMotion
-from planner.velocity_profiles import shortest_cubic, shortest_trapezoid
+from planner.velocity_profiles import shortest_cubic, shortest_trapezoid, whole_ticks
 
 Vector = NDArray[np.float64]
 
@@ -24,10 +26,11 @@ LAUNCHES = {
     "smooth": "the joint path that a cubic draws",
     "cartesian": "a straight line of the tool",
 }
-RUN_UPS = (1.1, 1.6, 2.5, 4.0, 6.5)  # [-] multiples of the shortest run-up that the acceleration limits could allow
-STOPS = RUN_UPS
+# Multiples tried one after the other of the shortest run-up, or way to stop, that the acceleration limits could allow.
+RUN_UPS = (1.1, 1.6, 2.5, 4.0, 6.5)
 AVERAGE_PASSES = 4  # of finding the line whose average passes the release; each gains about three digits
 DRAWN_SHARE = 0.98  # [-] of the acceleration limits used by the motion that draws the path: TOPP-RA needs some room
+SAME_POSTURE_RAD = 1e-6  # rounding of the inverse kinematics
 STANDSTILL_RAD = 1e-9  # a move shorter than this is none
 
 
@@ -47,9 +50,11 @@ def raw_motion(problem: ThrowProblem, candidate: Candidate, path: str, limits: L
     gentler = replace(limits, qdd_max=DRAWN_SHARE * limits.qdd_max)
     drawn = DrawnPath(problem.start, shape(d, v, gentler, problem.dt))
     launch = fastest(drawn, problem.cell, limits, (0.0, 1.0))
-    stop = _stop(v, limits)
-    brake = fastest(
-        JointLine(candidate.q, v, half, half + 1.05 * stop), problem.cell, limits, (1.0, 0.0), carrying=False
+    stop = max(_stop(v, limits), problem.dt)
+    brake = _first(
+        lambda share: fastest(
+            JointLine(candidate.q, v, half, half + share * stop), problem.cell, limits, (1.0, 0.0), False
+        )
     )
     passage = np.tile(v, (width + 1, 1))
     return RawMotion(_late([launch], problem.dt), passage, _early(brake, problem.dt))
@@ -61,12 +66,32 @@ def _stop(v: Vector, limits: Limits) -> float:
 
 
 def _to_rest(problem: ThrowProblem, candidate: Candidate, path: str, limits: Limits, width: int) -> RawMotion:
+    """A move that ends at rest: a straight line of the joints, or of the tool."""
+    if path == "smooth":
+        raise SolverFailed("a move that ends at rest runs straight in joint space or straight with the tool")
     d = candidate.q - problem.start
-    if path != "joint":
-        raise SolverFailed("a move that ends at rest has one path, the straight one in joint space")
-    move = _move(problem, problem.start, d, limits)
+    if path == "joint":
+        move = _move(problem, problem.start, d, limits)
+    else:
+        move = [fastest(_tool_line_to_rest(problem, candidate), problem.cell, limits, (0.0, 0.0))]
     launch = _late(move, problem.dt) if move else np.zeros((1, 6))
     return RawMotion(launch, np.zeros((width + 1, 6)), np.zeros((1, 6)))
+
+
+def _tool_line_to_rest(problem: ThrowProblem, candidate: Candidate) -> ToolLine:
+    """Returns the tool's straight line from the start to the candidate, turning about one axis, over s in [-1, 0]."""
+    robot, X_FT = problem.cell.robot, problem.cell.tool.X_FT
+    X_start, X_end = (forward(robot, q, X_FT) for q in (problem.start, candidate.q))
+    turn = matrix_to_rotation_vector(X_end[:3, :3] @ X_start[:3, :3].T)
+    twist = np.concatenate([X_end[:3, 3] - X_start[:3, 3], turn])
+    try:
+        dq = inverse_velocity(jacobian(robot, candidate.q, X_FT), twist)
+    except np.linalg.LinAlgError as error:
+        raise SolverFailed(SINGULAR) from error
+    line = ToolLine(problem.cell, candidate.q, dq, -1.0, 0.0)
+    if np.abs(line.at(np.array([-1.0]))[0][0] - problem.start).max() > SAME_POSTURE_RAD:
+        raise SolverFailed("the tool's straight line leads to the release in another posture")
+    return line
 
 
 def _move(problem: ThrowProblem, start: Vector, d: Vector, limits: Limits) -> list[Timing]:
@@ -79,21 +104,18 @@ def _move(problem: ThrowProblem, start: Vector, d: Vector, limits: Limits) -> li
 def _along_tool_line(problem: ThrowProblem, candidate: Candidate, limits: Limits, width: int) -> RawMotion:
     """A move to where the straight line begins, the run-up along it, the passage at constant speed, the stop on it."""
     cell, dt, half = problem.cell, problem.dt, width * problem.dt / 2.0
-    least = _stop(candidate.qd, limits)
-    centre = _centre(problem, candidate, half)
-    passage = _passage(ToolLine(cell, *centre, -half, half), width, dt, limits)
+    least = max(_stop(candidate.qd, limits), dt)
+    q, qd = _centre(problem, candidate, half)
+    passage = _passage(ToolLine(cell, q, qd, -half, half), width, dt, limits)
     run_up = _first(
-        RUN_UPS, lambda share: fastest(ToolLine(cell, *centre, -half - share * least, -half), cell, limits, (0.0, 1.0))
+        lambda share: fastest(ToolLine(cell, q, qd, -half - share * least, -half), cell, limits, (0.0, 1.0))
     )
-    brake = _first(
-        STOPS,
-        lambda share: fastest(
-            ToolLine(cell, *centre, half, half + share * least), cell, limits, (1.0, 0.0), carrying=False
-        ),
+    after = _first(
+        lambda share: fastest(ToolLine(cell, q, qd, half, half + share * least), cell, limits, (1.0, 0.0), False)
     )
     begin = run_up.path.at(run_up.s[:1])[0][0]
     move = _move(problem, problem.start, begin - problem.start, limits)
-    return RawMotion(_late([*move, run_up], dt), passage, _early(brake, dt))
+    return RawMotion(_late([*move, run_up], dt), passage, _early(after, dt))
 
 
 def _passage(line: ToolLine, width: int, dt: float, limits: Limits) -> Vector:
@@ -104,15 +126,14 @@ def _passage(line: ToolLine, width: int, dt: float, limits: Limits) -> Vector:
     return qd
 
 
-def _first(shares, attempt):
-    """Returns the first attempt that succeeds."""
-    failure = SolverFailed("nothing was tried")
-    for share in shares:
+def _first(attempt: Callable[[float], Timing]) -> Timing:
+    """Returns the first attempt over `RUN_UPS` that succeeds."""
+    for share in RUN_UPS[:-1]:
         try:
             return attempt(share)
-        except SolverFailed as error:
-            failure = error
-    raise failure
+        except SolverFailed:
+            continue
+    return attempt(RUN_UPS[-1])
 
 
 def _centre(problem: ThrowProblem, candidate: Candidate, half: float) -> tuple[Vector, Vector]:
@@ -130,7 +151,7 @@ def _centre(problem: ThrowProblem, candidate: Candidate, half: float) -> tuple[V
 def _late(timings: list[Timing], dt: float) -> Vector:
     """Returns velocities (N+1, 6) at ticks of the timings one after the other, which end on the last tick."""
     total = sum(timing.duration_s for timing in timings)
-    count = math.ceil(total / dt)
+    count = whole_ticks(total, dt)
     t = np.arange(count + 1) * dt - (count * dt - total)
     qd, begin = np.zeros((count + 1, 6)), 0.0
     for timing in timings:
@@ -142,7 +163,7 @@ def _late(timings: list[Timing], dt: float) -> Vector:
 
 def _early(timing: Timing, dt: float) -> Vector:
     """Returns velocities (M+1, 6) at ticks of a timing that begins on the first one."""
-    count = math.ceil(timing.duration_s / dt)
+    count = whole_ticks(timing.duration_s, dt)
     t = np.arange(count + 1) * dt
     qd = timing.velocities(np.minimum(t, timing.duration_s))
     return np.where((t <= timing.duration_s)[:, None], qd, 0.0)

@@ -169,8 +169,9 @@ def _squared_speed(along: Derivatives, cell: Cell, limits: Limits, ends: tuple[f
     J_v = jacobian(cell.robot, q, cell.tool.X_FT)[:, :3]
     tool = np.linalg.norm(np.einsum("kij,kj->ki", J_v, dq), axis=1) / limits.tcp_speed_max
     used = np.maximum(np.max(np.abs(dq) / limits.qd_max, axis=1), tool)  # share of the limits at ds/dt = 1
-    share = max(LIMIT_SHARE, used[0] * ends[0], used[-1] * ends[1])  # a release at the very limit is allowed
-    return (min(share, 1.0) / np.maximum(used, SLOWEST)) ** 2
+    # A release at the very limit is allowed, and so is the way there at the release's path speed.
+    share = np.clip(used * max(ends), LIMIT_SHARE, 1.0)
+    return (share / np.maximum(used, SLOWEST)) ** 2
 
 
 def _payload(cell: Cell, carrying: bool) -> Payload:

@@ -1,0 +1,144 @@
+"""What every back end promises, over named problems."""
+
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+
+from planner.backends import profiles, ruckig_otg, toppra_path
+from planner.certificate import certify
+from planner.errors import BackendUnavailable, Infeasible, SolverFailed
+from planner.problem import JointRelease, PointRelease, PoseRelease, ThrowProblem
+from planner.release import Candidate, candidates
+from planner.solution import Solution
+from tests.planner.problems import cell, joint_problem, point_problem, pose_problem
+
+Solve = Callable[[ThrowProblem, Candidate], Solution]
+
+WAYS: dict[str, Solve] = {
+    **{f"ruckig {launch}": partial(ruckig_otg.solve, launch=launch) for launch in ruckig_otg.LAUNCHES},
+    **{f"toppra {path}": partial(toppra_path.solve, path=path) for path in toppra_path.PATHS},
+    **{profile: partial(profiles.solve, profile=profile) for profile in profiles.PROFILES},
+}
+OPTIONAL = {"ruckig": (ruckig_otg.solve, "ruckig"), "toppra": (toppra_path.solve, "toppra")}
+CANDIDATES = 6  # a motion from one of so many release states must be certified
+
+
+def tightened() -> ThrowProblem:
+    limits = cell().limits
+    return joint_problem(limits=replace(limits, qd_max=limits.qd_max / 2, jerk_max=limits.jerk_max / 4))
+
+
+def pose() -> ThrowProblem:
+    release = joint_problem().release
+    assert isinstance(release, JointRelease)
+    return pose_problem(cell(), release.q, release.qd)
+
+
+def point() -> ThrowProblem:
+    release = joint_problem().release
+    assert isinstance(release, JointRelease)
+    return point_problem(cell(), release.q, release.qd)
+
+
+def at_the_velocity_limit() -> ThrowProblem:
+    release = joint_problem().release
+    assert isinstance(release, JointRelease)
+    limits = replace(cell().limits, qd_max=np.abs(release.qd) + np.array([0.0, 0.3, 0.3, 0.0, 0.5, 0.5]))
+    return joint_problem(limits=limits)
+
+
+THROWS: dict[str, Callable[[], ThrowProblem]] = {
+    "UR5e": joint_problem,
+    "UR5 at 125 Hz": partial(joint_problem, "ur5-sim"),
+    "UR3e": partial(joint_problem, "ur3e-sim"),
+    "UR10e": partial(joint_problem, "ur10e-sim"),
+    "tightened limits": tightened,
+    "at the velocity limit": at_the_velocity_limit,
+    "pose": pose,
+    "point": point,
+}
+
+
+def certified(problem: ThrowProblem, solve: Solve) -> tuple[Candidate, Solution]:
+    """A release state and the first answer that the judge accepts."""
+    stories = []
+    for candidate in candidates(problem)[:CANDIDATES]:
+        try:
+            solution = solve(problem, candidate)
+        except SolverFailed as error:
+            stories.append(error.status)
+            continue
+        certificate = certify(problem, solution.trajectory)
+        if certificate.valid:
+            return candidate, solution
+        stories.append(str([check.name for check in certificate.failures]))
+    raise AssertionError(stories)
+
+
+# Along a straight line of the tool a joint may have to be faster before the release than in it.
+NOT_OFFERED = {("toppra cartesian", "at the velocity limit")}
+PAIRS = [(way, throw) for way in WAYS for throw in THROWS if (way, throw) not in NOT_OFFERED]
+
+
+@pytest.mark.parametrize(("way", "throw"), PAIRS)
+def test_a_throw_passes_its_release_and_is_certified(way, throw):
+    problem = THROWS[throw]()
+    candidate, solution = certified(problem, WAYS[way])
+    motion = solution.trajectory
+    k = motion.release_index
+    np.testing.assert_array_equal(motion.q[0], problem.start)
+    np.testing.assert_array_equal(motion.qd[0], 0.0)
+    np.testing.assert_array_equal(motion.q[k], candidate.q)
+    np.testing.assert_array_equal(motion.qd[k], candidate.qd)
+    np.testing.assert_array_equal([motion.qd[-1], motion.qdd[-1]], 0.0)
+    assert motion.sample_rate_hz == problem.cell.robot.sample_rate_hz
+    assert 0 < k < len(motion.q) - 1
+    assert candidate.bound_s <= motion.release_time_s + 1e-9
+    assert solution.status
+
+
+@pytest.mark.parametrize("way", [way for way in WAYS if way != "toppra smooth"])
+def test_a_move_ends_at_rest(way):
+    here = cell()
+    problem = joint_problem(release=JointRelease(here.home + np.array([0.3, 0.1, -0.2, 0.3, 0.1, 0.4]), np.zeros(6)))
+    _, solution = certified(problem, WAYS[way])
+    motion = solution.trajectory
+    assert motion.release_index == len(motion.q) - 1
+    np.testing.assert_array_equal([motion.qd[-1], motion.qdd[-1]], 0.0)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_the_same_problem_has_the_same_answer(way):
+    (_, first), (_, second) = (certified(joint_problem(), WAYS[way]) for _ in range(2))
+    np.testing.assert_array_equal(first.trajectory.q, second.trajectory.q)
+    np.testing.assert_array_equal(first.trajectory.qdd, second.trajectory.qdd)
+    assert first.status == second.status
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize(
+    "release",
+    [
+        PointRelease(np.array([2.0, 0.2, 0.5]), np.array([0.3, 0.0, 0.2])),
+        PoseRelease(np.diag([1.0, -1.0, -1.0, 1.0]) + 3.0 * np.eye(4, k=3), np.full(6, 0.1)),
+        JointRelease(cell().home + 0.3, np.array([3.5, 0.0, 0.0, 0.0, 0.0, 0.0])),
+        JointRelease(cell().home + np.array([0.0, 0.0, 5.0, 0.0, 0.0, 0.0]), np.full(6, 0.1)),
+    ],
+    ids=["too far", "pose too far", "too fast", "outside its range"],
+)
+def test_what_cannot_be_reached_is_refused(way, release):
+    with pytest.raises((Infeasible, SolverFailed)):
+        certified(joint_problem(release=release), WAYS[way])
+
+
+@pytest.mark.parametrize("name", OPTIONAL)
+def test_a_missing_library_is_named_with_its_extra(name, monkeypatch):
+    solve, extra = OPTIONAL[name]
+    monkeypatch.setitem(sys.modules, name, None)
+    problem = joint_problem()
+    with pytest.raises(BackendUnavailable, match=rf"fling\[{extra}\]"):
+        solve(problem, candidates(problem)[0])
