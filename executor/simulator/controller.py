@@ -15,6 +15,7 @@ from executor.simulator.gripper import Gripper
 from executor.simulator.kinematics import Chain, Transform
 from executor.simulator.lag import Lag
 from executor.simulator.outputs import DigitalOutputs, take_outputs
+from executor.simulator.recipes import Inputs
 from executor.simulator.registers import Registers
 from executor.simulator.safety import Safety, SafetyLimits
 from executor.simulator.settings import Settings
@@ -57,6 +58,8 @@ class Controller:
         lag = Lag(self.dt, cell.sim.lag_s, settings.first_order_s, home)
         noise = (settings.position_noise_rad, settings.velocity_noise_rad_s)
         self.arm = Arm(self.chain, self.dt, home, lag, noise, cell.sim.seed)
+        self.target_at = -1  # cycle whose commanded motion of the TCP is in `target`
+        self.target = (kinematics.IDENTITY, [0.0] * 6)
         self.history: deque[list[float]] = deque(maxlen=HISTORY)
         self.gripper = Gripper(cell.gripper, cell.sim, cell.sim.seed)
         self.digital = DigitalOutputs(self.dt, cell.sim.lag_s, self.gripper.closed_bits)
@@ -69,10 +72,14 @@ class Controller:
     def _installation(self) -> None:
         """What the controller believes of tool, payload and mounting: the cell's truth, until a client changes it."""
         cell = self.cell
-        self.tcp: Transform = self.tool
+        self.set_tcp(self.tool)
         self.payload_kg, self.payload_cog_m, self.payload_inertia = cell.tool.mass_kg, [0.0] * 3, [0.0] * 6
         up_W = np.array([0.0, 0.0, cell.surroundings.gravity_m_s2])
         self.gravity_m_s2: list[float] = (cell.X_WB[:3, :3].T @ up_W).tolist()  # UR's sign: against the fall
+
+    def set_tcp(self, tcp: Transform) -> None:
+        """Changes the tool centre point the controller believes in; the true tool stays."""
+        self.tcp, self.tcp_pose = tcp, kinematics.pose_of(tcp)
 
     @property
     def t(self) -> float:
@@ -87,25 +94,19 @@ class Controller:
         """Keeps an event for whoever asks over the control port."""
         self.events.append((round(self.t, 4), event))
 
-    def take_inputs(self, values: Mapping[str, Any]) -> None:
+    def take_inputs(self, inputs: Inputs) -> None:
         """Obeys a data package: registers keep their values until overwritten, outputs and slider change."""
-        registers, others = self.registers, False
-        for name, value in values.items():
-            if name.startswith("input_double_register_"):
-                registers.double_in[int(name[22:])] = value
-            elif name.startswith("input_int_register_"):
-                self._take_int(int(name[19:]), value)
-            else:
-                others = True
-        if others:
-            take_outputs(values, self.digital, self.analog)
-            self._take_slider(values)
-
-    def _take_int(self, index: int, value: int) -> None:
-        self.registers.int_in[index] = value
-        self.registers.written_at[index] = self.cycles
-        if index in CONTROL_REGISTERS:
-            self.commands.arrived(value)
+        registers = self.registers
+        for first, values in inputs.doubles:
+            registers.double_in[first:first + len(values)] = values
+        for register, value in inputs.ints:
+            registers.int_in[register] = value
+            registers.written_at[register] = self.cycles
+            if register in CONTROL_REGISTERS:
+                self.commands.arrived(value)
+        if inputs.others:
+            take_outputs(inputs.others, self.digital, self.analog)
+            self._take_slider(inputs.others)
 
     def _take_slider(self, values: Mapping[str, Any]) -> None:
         fraction = values.get("speed_slider_fraction", -1.0)
@@ -133,10 +134,17 @@ class Controller:
         arm = self.arm
         if self.safety.stopped or not any(arm.qd):
             return
-        _, (vx, vy, vz, *_) = self.chain.motion(arm.q, arm.qd, self.tool)
+        _, (vx, vy, vz, *_) = self.target_motion()
         why = self.limits.violation(arm.q, arm.qd, arm.qdd, (vx * vx + vy * vy + vz * vz) ** 0.5)
         if why:
             self.stops.protective(why)
+
+    def target_motion(self) -> tuple[Transform, list[float]]:
+        """Returns pose and twist of the TCP in the base, as commanded; computed once a cycle."""
+        if self.target_at != self.cycles:
+            self.target_at = self.cycles
+            self.target = self.chain.motion(self.arm.q, self.arm.qd, self.tcp)
+        return self.target
 
     def _move_world(self) -> None:
         t = self.t

@@ -98,48 +98,62 @@ def from_matrix(matrix: np.ndarray) -> Transform:
 
 
 class Chain:
-    """The arm's joints with a tool at their end."""
+    """The arm's joints with a tool at their end; all arms of Universal Robots are built alike.
+
+    Joint 1 stands upright, joints 2, 3 and 4 are parallel, joints 5 and 6 each at a right angle to the one before.
+    """
 
     def __init__(self, arm: Robot) -> None:
         self.links = [
             (float(a), float(d), math.cos(alpha), math.sin(alpha))
             for a, d, alpha in zip(arm.a, arm.d, arm.alpha, strict=True)
         ]
+        self.lengths = tuple(float(x) for x in (arm.d[0], arm.a[1], arm.a[2], arm.d[3], arm.d[4], arm.d[5]))
 
     def forward(self, q: Vector, tool: Transform = IDENTITY) -> Transform:
         """Returns the pose of the tool in the base."""
         return self.motion(q, (0.0,) * 6, tool)[0]
 
     def motion(self, q: Vector, qd: Vector, tool: Transform = IDENTITY) -> tuple[Transform, list[float]]:
-        """Returns the pose of the tool and its twist (vx, vy, vz, wx, wy, wz), both in the base."""
-        xx = yy = zz = 1.0
-        xy = xz = yx = yz = zx = zy = 0.0  # column x is (xx, xy, xz), and so on
-        px = py = pz = vx = vy = vz = wx = wy = wz = 0.0
-        for (a, d, ca, sa), angle, rate in zip(self.links, q, qd, strict=True):
-            c, s = math.cos(angle), math.sin(angle)
-            wx += zx * rate
-            wy += zy * rate
-            wz += zz * rate
-            nx, ny, nz = c * xx + s * yx, c * xy + s * yy, c * xz + s * yz
-            mx, my, mz = c * yx - s * xx, c * yy - s * xy, c * yz - s * xz
-            rx, ry, rz = d * zx + a * nx, d * zy + a * ny, d * zz + a * nz
-            px += rx
-            py += ry
-            pz += rz
-            vx += wy * rz - wz * ry
-            vy += wz * rx - wx * rz
-            vz += wx * ry - wy * rx
-            xx, xy, xz = nx, ny, nz
-            yx, yy, yz, zx, zy, zz = (
-                ca * mx + sa * zx, ca * my + sa * zy, ca * mz + sa * zz,
-                ca * zx - sa * mx, ca * zy - sa * my, ca * zz - sa * mz,
-            )  # fmt: skip
-        flange: Transform = (xx, yx, zx, px, xy, yy, zy, py, xz, yz, zz, pz)
-        if tool is IDENTITY:
-            return flange, [vx, vy, vz, wx, wy, wz]
-        pose = product(flange, tool)
-        rx, ry, rz = pose[3] - px, pose[7] - py, pose[11] - pz
-        return pose, [vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx, wx, wy, wz]
+        """Returns the pose of the tool and its twist (vx, vy, vz, wx, wy, wz), both in the base.
+
+        e and the upright span the plane of the arm, n is its normal, the axis of joints 2 to 4. The lengths r and h
+        are those of the elbow (1) and the wrist (2) along e and upwards. One formula, so one function of this length.
+        """
+        q1, q2, q3, q4, q5, q6 = q
+        d1, a2, a3, d4, d5, d6 = self.lengths
+        ex, ey, nx, ny = math.cos(q1), math.sin(q1), math.sin(q1), -math.cos(q1)
+        c4, s4 = math.cos(q2 + q3 + q4), math.sin(q2 + q3 + q4)
+        c5, s5, c6, s6 = math.cos(q5), math.sin(q5), math.cos(q6), math.sin(q6)
+        r1, h1 = a2 * math.cos(q2), a2 * math.sin(q2) + d1
+        r2, h2 = r1 + a3 * math.cos(q2 + q3), h1 + a3 * math.sin(q2 + q3)
+        xx, xy, xz = c4 * ex, c4 * ey, s4  # x axis of frame 4
+        bx, by, bz = s4 * ex, s4 * ey, -c4  # axis of joint 5
+        ax, ay, az = c5 * nx - s5 * xx, c5 * ny - s5 * xy, -s5 * xz  # axis of joint 6
+        ux, uy, uz = c5 * xx + s5 * nx, c5 * xy + s5 * ny, c5 * xz  # x axis of frame 5
+        p4x, p4y = r2 * ex + d4 * nx, r2 * ey + d4 * ny
+        p5x, p5y, p5z = p4x + d5 * bx, p4y + d5 * by, h2 + d5 * bz
+        pose: Transform = (
+            c6 * ux - s6 * bx, -s6 * ux - c6 * bx, ax, p5x + d6 * ax,
+            c6 * uy - s6 * by, -s6 * uy - c6 * by, ay, p5y + d6 * ay,
+            c6 * uz - s6 * bz, -s6 * uz - c6 * bz, az, p5z + d6 * az,
+        )  # fmt: skip
+        if tool is not IDENTITY:
+            pose = product(pose, tool)
+        v1, v2, v3, v4, v5, v6 = qd
+        px, py, pz = pose[3], pose[7], pose[11]
+        v234 = v2 + v3 + v4
+        along = ex * px + ey * py  # of the tool in the plane of the arm
+        out = -(v2 * (pz - d1) + v3 * (pz - h1) + v4 * (pz - h2))
+        up = v234 * along - v3 * r1 - v4 * r2
+        fx, fy, fz = px - p4x, py - p4y, pz - h2
+        gx, gy, gz = px - p5x, py - p5y, pz - p5z
+        return pose, [
+            out * ex - v1 * py + v5 * (by * fz - bz * fy) + v6 * (ay * gz - az * gy),
+            out * ey + v1 * px + v5 * (bz * fx - bx * fz) + v6 * (az * gx - ax * gz),
+            up + v5 * (bx * fy - by * fx) + v6 * (ax * gy - ay * gx),
+            v234 * nx + v5 * bx + v6 * ax, v234 * ny + v5 * by + v6 * ay, v1 + v5 * bz + v6 * az,
+        ]  # fmt: skip
 
     def jacobian(self, q: Vector, tool: Transform = IDENTITY) -> tuple[np.ndarray, Transform]:
         """Returns the geometric Jacobian (6, 6) of the tool in the base, rows v then w, and its pose."""

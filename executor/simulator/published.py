@@ -60,7 +60,7 @@ class Published:
         if any(arm.qd) or not arm.at_rest or c.cycles % self.torque_every == 0:
             pose, out["actual_TCP_speed"] = c.chain.motion(arm.measured_q, arm.measured_qd, c.tcp)
             out["actual_TCP_pose"] = pose_of(pose)
-            pose, out["target_TCP_speed"] = c.chain.motion(arm.q, arm.qd, c.tcp)
+            pose, out["target_TCP_speed"] = c.target_motion()
             out["target_TCP_pose"] = pose_of(pose)
 
     def _io(self) -> None:
@@ -69,7 +69,7 @@ class Published:
         out["standard_analog_output0"], out["standard_analog_output1"] = c.analog[:1], c.analog[1:]
         out["payload"], out["payload_cog"] = [c.payload_kg], c.payload_cog_m
         out["payload_inertia"] = c.payload_inertia
-        out["tcp_offset"] = pose_of(c.tcp)
+        out["tcp_offset"] = c.tcp_pose
         bx, by, bz = c.gravity_m_s2
         out["actual_tool_accelerometer"] = [-bx, -by, -bz]
 

@@ -32,7 +32,7 @@ def _target_waypoint(program: ControlProgram) -> None:
 
 def _tcp_offset(program: ControlProgram) -> None:
     if program.has("get_tcp_offset"):
-        program.doubles_out(pose_of(program.controller.tcp))
+        program.doubles_out(program.controller.tcp_pose)
 
 
 def _flange_pose(program: ControlProgram) -> None:

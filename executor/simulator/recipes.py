@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
+from operator import itemgetter
+from typing import Any
 
 from executor.simulator.variables import FORMAT, IN_USE, INPUT_TYPES, NOT_FOUND, OUTPUT_TYPES, WIDTH, exists
 from executor.simulator.wire import DATA_PACKAGE, HEADER, MalformedPackage
@@ -20,25 +23,34 @@ class OutputRecipe:
     names: tuple[str, ...]
     every: int
     layout: struct.Struct
+    pick: Callable[[Mapping[str, Sequence[float]]], Iterable[Sequence[float]]]  # the values in order
 
     def encode(self, values: Mapping[str, Sequence[float]]) -> bytes:
         """Returns the data package with the values of now; `values` holds a sequence a name."""
-        flat: list[float] = []
-        for name in self.names:
-            flat += values[name]
+        flat = chain.from_iterable(self.pick(values))
         return self.layout.pack(self.layout.size, DATA_PACKAGE, OUTPUT_RECIPE_ID, *flat)
 
 
 @dataclass(frozen=True)
+class Inputs:
+    """What a data package brought: integer registers, runs of double registers, and everything else by name."""
+
+    ints: Sequence[tuple[int, int]] = ()  # (register, value)
+    doubles: Sequence[tuple[int, Sequence[float]]] = ()  # (first register, values)
+    others: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class InputRecipe:
-    """Input variables that one data package of a connection carries."""
+    """Input variables that one data package of a connection carries, and where among its numbers each stands."""
 
-    names: tuple[str, ...]
     layout: struct.Struct
-    single: bool  # every variable is one number: no vectors to cut out
+    ints: tuple[tuple[int, int], ...]  # (position, register)
+    doubles: tuple[tuple[int, int, int], ...]  # (position, count, first register)
+    others: tuple[tuple[int, int, str], ...]  # (position, count, name)
 
-    def decode(self, body: bytes) -> dict[str, float | tuple[float, ...]]:
-        """Returns name -> value of a data package's body, the recipe id stripped.
+    def decode(self, body: bytes) -> Inputs:
+        """Returns what a data package's body brings, the recipe id stripped.
 
         Raises:
             MalformedPackage: too few bytes; too many are ignored, as the protocol's padding is not defined.
@@ -46,18 +58,11 @@ class InputRecipe:
         if len(body) < self.layout.size:
             raise MalformedPackage(f"{len(body)} bytes of values where the recipe has {self.layout.size}")
         values = self.layout.unpack_from(body)
-        if self.single:
-            return dict(zip(self.names, values, strict=True))
-        return self._cut(values)
-
-    def _cut(self, values: tuple[float, ...]) -> dict[str, float | tuple[float, ...]]:
-        decoded: dict[str, float | tuple[float, ...]] = {}
-        at = 0
-        for name in self.names:
-            width = WIDTH[INPUT_TYPES[name]]
-            decoded[name] = values[at] if width == 1 else values[at:at + width]
-            at += width
-        return decoded
+        return Inputs(
+            [(register, values[at]) for at, register in self.ints],
+            [(first, values[at:at + count]) for at, count, first in self.doubles],
+            {name: values[at] if count == 1 else values[at:at + count] for at, count, name in self.others},
+        )
 
 
 def output_types(names: Sequence[str], version: tuple[int, ...]) -> list[str]:
@@ -68,14 +73,36 @@ def output_types(names: Sequence[str], version: tuple[int, ...]) -> list[str]:
 def output_recipe(names: Sequence[str], every: int) -> OutputRecipe:
     """Returns the compiled recipe of known output variables."""
     form = "".join(FORMAT[OUTPUT_TYPES[n]] for n in names)
-    return OutputRecipe(tuple(names), every, struct.Struct(f">{HEADER.format[1:]}B{form}"))
+    # of one name alone, itemgetter would give the value without a tuple around it
+    pick = itemgetter(*names) if len(names) > 1 else lambda values: (values[names[0]],)
+    return OutputRecipe(tuple(names), every, struct.Struct(f">{HEADER.format[1:]}B{form}"), pick)
 
 
 def input_recipe(names: Sequence[str]) -> InputRecipe:
     """Returns the compiled recipe of known input variables."""
-    types = [INPUT_TYPES[n] for n in names]
-    single = all(WIDTH[t] == 1 for t in types)
-    return InputRecipe(tuple(names), struct.Struct(">" + "".join(FORMAT[t] for t in types)), single)
+    ints, doubles, others, at = [], [], [], 0
+    for name in names:
+        width = WIDTH[INPUT_TYPES[name]]
+        kind, _, number = name.rpartition("_register_")
+        if kind == "input_int":
+            ints.append((at, int(number)))
+        elif kind == "input_double":
+            _append(doubles, at, int(number))
+        else:
+            others.append((at, width, name))
+        at += width
+    layout = struct.Struct(">" + "".join(FORMAT[INPUT_TYPES[n]] for n in names))
+    return InputRecipe(layout, tuple(ints), tuple(doubles), tuple(others))
+
+
+def _append(runs: list[tuple[int, int, int]], at: int, register: int) -> None:
+    """Adds a double register to the last run where it follows on it, else as a run of its own."""
+    if runs:
+        start, count, first = runs[-1]
+        if at == start + count and register == first + count:
+            runs[-1] = (start, count + 1, first)
+            return
+    runs.append((at, 1, register))
 
 
 @dataclass

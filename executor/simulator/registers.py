@@ -20,14 +20,16 @@ class Registers:
         self.double_in = [0.0] * REGISTERS
         self.written_at = [-1] * REGISTERS
         self.outputs: dict[str, list[float]] = {name: [0] * WIDTH[kind] for name, kind in OUTPUT_TYPES.items()}
+        self.int_out = [self.outputs[f"output_int_register_{i}"] for i in range(REGISTERS)]
+        self.double_out = [self.outputs[f"output_double_register_{i}"] for i in range(REGISTERS)]
 
     def write_int(self, index: int, value: int) -> None:
         """Sets an output integer register; the value wraps as a signed 32-bit integer does."""
-        self.outputs[f"output_int_register_{index}"][0] = (int(value) + 2**31) % 2**32 - 2**31
+        self.int_out[index][0] = (int(value) + 2**31) % 2**32 - 2**31
 
     def write_double(self, index: int, value: float) -> None:
         """Sets an output double register."""
-        self.outputs[f"output_double_register_{index}"][0] = float(value)
+        self.double_out[index][0] = float(value)
 
     def clear_outputs(self) -> None:
         """Sets every output register to zero, as a starting controller does."""

@@ -147,11 +147,11 @@ class RtdeServer:
         recipe = session.inputs.get(body[0]) if body else None
         if recipe is None:
             raise wire.MalformedPackage(f"data package for an unknown recipe {body[:1].hex()}")
-        values = recipe.decode(body[1:])
+        inputs = recipe.decode(body[1:])
         if len(body) - 1 > recipe.layout.size:
             self._note_malformed(f"recipe {body[0]}: {len(body) - 1} bytes, expected {recipe.layout.size}")
         session.packages_in += 1
-        self.controller.take_inputs(values)
+        self.controller.take_inputs(inputs)
 
     def publish(self, now: float) -> None:
         """Sends the outputs of this cycle to every started client; one that does not keep up misses packages."""

@@ -20,7 +20,7 @@ def _set_target_payload(program: ControlProgram) -> None:
 
 
 def _set_tcp(program: ControlProgram) -> None:
-    program.controller.tcp = transform(program.doubles_in(0))
+    program.controller.set_tcp(transform(program.doubles_in(0)))
 
 
 def _set_gravity(program: ControlProgram) -> None:

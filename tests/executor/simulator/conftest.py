@@ -17,6 +17,7 @@ import pytest
 
 from executor.simulator.arm import Arm
 from executor.simulator.controller import Controller
+from executor.simulator.recipes import Inputs
 from executor.simulator.settings import Settings
 from planner.cell import Cell, parse_cell
 
@@ -132,9 +133,12 @@ class Driven:
 
     def write(self, command: int, doubles: Sequence[float] = (), ints: Sequence[int] = ()) -> None:
         """Writes a command and its arguments, as one data package does; ints from register 1 on."""
-        values: dict[str, float] = {f"input_double_register_{i}": x for i, x in enumerate(doubles)}
-        values |= {f"input_int_register_{i + 1}": x for i, x in enumerate(ints)}
-        self.controller.take_inputs({"input_int_register_0": command, **values})
+        integers = [(0, command), *enumerate(ints, start=1)]
+        self.controller.take_inputs(Inputs(integers, [(0, doubles)] if doubles else []))
+
+    def set(self, **others: object) -> None:
+        """Writes inputs that are no registers."""
+        self.controller.take_inputs(Inputs(others=others))
 
     def out_int(self, index: int) -> int:
         return int(self.controller.registers.outputs[f"output_int_register_{index}"][0])

@@ -197,7 +197,7 @@ def test_a_paused_move_goes_on_from_where_the_arm_stands(driven):
 def test_the_speed_slider_scales_speed_smoothly(driven):
     driven.write(SPEEDJ, [0.4] * 6 + [10.0, 0.002])
     driven.cycle(100)
-    driven.controller.take_inputs({"speed_slider_mask": 1, "speed_slider_fraction": 0.5})
+    driven.set(speed_slider_mask=1, speed_slider_fraction=0.5)
     before = driven.arm.qd[0]
     for _ in range(200):
         driven.cycle()

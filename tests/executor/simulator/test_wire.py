@@ -41,18 +41,30 @@ def test_output_package_has_the_layout_of_the_rtde_guide():
     assert data == struct.pack(">HBB d 6d I Q", 72, 85, 1, 1.5, 0, 1, 2, 3, 4, 5, 2, 1 << 40)
 
 
+def test_an_output_package_of_one_variable():
+    assert output_recipe(["timestamp"], 1).encode({"timestamp": [2.0]}) == struct.pack(">HBB d", 12, 85, 1, 2.0)
+
+
 def test_speedj_recipe_of_ur_rtde_has_72_bytes():
     recipe = input_recipe(["input_int_register_0", *(f"input_double_register_{i}" for i in range(8))])
     assert recipe.layout.size + 4 == 72
     body = struct.pack(">i8d", 9, *range(8))
-    assert recipe.decode(body) == {"input_int_register_0": 9, **{f"input_double_register_{i}": i for i in range(8)}}
+    decoded = recipe.decode(body)
+    assert decoded.ints == [(0, 9)]
+    assert decoded.doubles == [(0, tuple(range(8)))]
+    assert not decoded.others
     with pytest.raises(wire.MalformedPackage):
         recipe.decode(body[:-1])
 
 
+def test_runs_of_registers_may_start_anywhere_and_break_off():
+    recipe = input_recipe([f"input_double_register_{i}" for i in (3, 4, 7, 6, 7)])
+    assert recipe.decode(struct.pack(">5d", *range(5))).doubles == [(3, (0, 1)), (7, (2,)), (6, (3, 4))]
+
+
 def test_a_vector_input_is_cut_out_whole():
     recipe = input_recipe(["input_int_register_0", "external_force_torque"])
-    assert recipe.decode(struct.pack(">i6d", 1, *range(6)))["external_force_torque"] == (0, 1, 2, 3, 4, 5)
+    assert recipe.decode(struct.pack(">i6d", 1, *range(6))).others["external_force_torque"] == (0, 1, 2, 3, 4, 5)
 
 
 def test_types_by_version():

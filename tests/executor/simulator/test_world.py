@@ -70,7 +70,7 @@ def test_the_object_leaves_with_the_true_velocity_of_the_tool_at_the_exact_time(
     driven.write(SPEEDJ, [0.6, -0.4, 0.3, 0.2, 0.1, 0.5, 20.0, 0.002])
     driven.cycle(60)
     sent_at = driven.controller.t
-    driven.controller.take_inputs({"tool_digital_output_mask": 1, "tool_digital_output": 1})
+    driven.set(tool_digital_output_mask=1, tool_digital_output=1)
     states = {}
     for _ in range(60):
         driven.cycle()
@@ -88,7 +88,7 @@ def test_the_object_leaves_with_the_true_velocity_of_the_tool_at_the_exact_time(
 def test_output_bits_change_one_lag_after_they_were_sent():
     driven = Driven(make_cell(lag_s=0.013))
     sent_at = driven.controller.t
-    driven.controller.take_inputs({"standard_digital_output_mask": 5, "standard_digital_output": 4})
+    driven.set(standard_digital_output_mask=5, standard_digital_output=4)
     driven.cycle(5)
     assert driven.controller.digital.bits == 0
     driven.cycle(5)
@@ -100,7 +100,7 @@ def test_a_gripper_that_opens_on_low_starts_closed_on_high():
     cell = make_cell(tables='gripper = { output = "configurable_digital", index = 3, open_level = false }\n')
     driven = Driven(cell)
     assert driven.controller.digital.bits == 1 << 11
-    driven.controller.take_inputs({"configurable_digital_output_mask": 8, "configurable_digital_output": 0})
+    driven.set(configurable_digital_output_mask=8, configurable_digital_output=0)
     driven.cycle(60)
     assert len(driven.controller.world.releases) == 1
 
@@ -110,11 +110,11 @@ def test_a_new_object_is_there_once_the_gripper_is_closed_and_the_arm_stands():
     tool = {"tool_digital_output_mask": 1}
     for number in (1, 2):
         assert driven.controller.gripper.holds == number
-        driven.controller.take_inputs({**tool, "tool_digital_output": 1})
+        driven.set(**tool, tool_digital_output=1)
         driven.cycle(50)
         assert driven.controller.gripper.holds is None
         driven.write(SPEEDJ, [0.1] * 6 + [1.0, 0.002])
-        driven.controller.take_inputs({**tool, "tool_digital_output": 0})
+        driven.set(**tool, tool_digital_output=0)
         driven.cycle(50)
         assert driven.controller.gripper.holds is None
         driven.call(SPEED_STOP, [1.0])
@@ -144,7 +144,7 @@ def test_jitter_scatters_the_delay_and_the_seed_repeats_it():
 def test_a_stuck_gripper_keeps_the_object():
     driven = Driven(make_cell())
     driven.controller.gripper.stuck = True
-    driven.controller.take_inputs({"tool_digital_output_mask": 1, "tool_digital_output": 1})
+    driven.set(tool_digital_output_mask=1, tool_digital_output=1)
     driven.cycle(100)
     assert driven.controller.world.releases == []
     assert driven.controller.gripper.holds == 1
