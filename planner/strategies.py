@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 
-from planner.backends import ruckig_otg
+from planner.backends import profiles, ruckig_otg, toppra_path
 from planner.errors import Infeasible, SolverFailed
 from planner.problem import ThrowProblem
 from planner.release import Candidate
@@ -18,6 +18,8 @@ Solve = Callable[[ThrowProblem, Candidate], Solution]
 # Every way of every back end that answers for one candidate at a time, in the order in which they are tried.
 WAYS: dict[str, tuple[Solve, ...]] = {
     "ruckig": tuple(partial(ruckig_otg.solve, launch=launch) for launch in ruckig_otg.LAUNCHES),
+    "toppra": tuple(partial(toppra_path.solve, path=path) for path in toppra_path.PATHS),
+    **{profile: (partial(profiles.solve, profile=profile),) for profile in profiles.PROFILES},
 }
 
 
