@@ -41,6 +41,14 @@ class Knots:
         """Duration of the brake [s]."""
         return float(self.t[-1] - self.t[self.launch])
 
+    def at(self, t: Vector) -> tuple[Vector, Vector, Vector]:
+        """Returns q, qd, qdd (k, 6) at times `t` (k,) [s] within the motion."""
+        i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
+        s = (t - self.t[i])[:, None]
+        jerk = (self.qdd[i + 1] - self.qdd[i]) / (self.t[i + 1] - self.t[i])[:, None]
+        q = self.q[i] + s * (self.qd[i] + s * (self.qdd[i] / 2.0 + s * jerk / 6.0))
+        return q, self.qd[i] + s * (self.qdd[i] + s * jerk / 2.0), self.qdd[i] + s * jerk
+
 
 def knots(z: Vector, shape: Shape) -> Knots:
     """Returns the states of the variables (N + 1, NZ)."""

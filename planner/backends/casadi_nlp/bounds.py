@@ -68,10 +68,12 @@ def set_surroundings(bounds: Bounds, table: Table, torque_share: float, keep_in:
             bounds.g[0, table.rows[name, k]] = 0.0
 
 
-def set_singularity(bounds: Bounds, table: Table, distance: float) -> None:
-    """Bounds the distance from the singularities around the release."""
+def set_singularity(bounds: Bounds, table: Table, signed: Vector, distance: float) -> None:
+    """Keeps the arm `distance` from the singularities around the release, on the side given by `signed` (3,)."""
     for k in table.shape.knots("singular"):
-        bounds.g[0, table.rows["singular", k]] = distance**2
+        rows = table.rows["singular", k]
+        bounds.g[0, rows] = np.where(signed > 0.0, distance, -np.inf)
+        bounds.g[1, rows] = np.where(signed > 0.0, np.inf, -distance)
 
 
 def fix_ends(bounds: Bounds, table: Table, start: Vector) -> None:

@@ -23,7 +23,9 @@ from planner.backends.casadi_nlp.layout import (
 )
 from planner.cell import Cell, Limits
 from planner.geometry import SELF_CLEARANCE_M, arm_capsules, self_collision_pairs
+from planner.kinematics import SINGULARITIES, signed_singularity_distances
 from planner.problem import TargetRelease, ThrowProblem
+from planner.robots import Robot
 
 Vector = NDArray[np.float64]
 
@@ -115,6 +117,12 @@ def box_numbers(cell: Cell, margin_m: float = 0.0) -> Vector:
     for row, box in zip(table, cell.surroundings.keep_out, strict=False):
         row[:] = [*box.lower, *box.upper]
     return BOXES.pack({"boxes": table.ravel(), "box_clearance": cell.surroundings.clearance_m + margin_m})
+
+
+def singular_sides(robot: Robot, q: Vector) -> Vector:
+    """Returns the signed distances from the elbow, wrist and shoulder singularities (3,), as block "singular" has them."""
+    distances = dict(zip(SINGULARITIES, signed_singularity_distances(robot, q), strict=True))
+    return np.array([distances[name] for name in ("elbow", "wrist", "shoulder")])
 
 
 def release_numbers(problem: ThrowProblem, target: Vector) -> Vector:

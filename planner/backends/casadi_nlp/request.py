@@ -24,7 +24,7 @@ LAUNCH_STAGES, BRAKE_STAGES = 8, 4  # source: measured; a jerk-optimal motion ha
 BRAKE_WEIGHT = 0.05  # [-] of a second of braking against a second of launch
 JERK_WEIGHT = 1e-3  # [-] of the mean squared jerk share: takes the play out of joints that have time
 STEP_WEIGHT = 3e-2  # [-] of the mean squared deviation of a step from its first guess: keeps steps from collapsing
-WINDOW_SHARE = 0.6  # [-] of the landing tolerance, in each of two directions (0.85 together), at the window's ends
+WINDOW_SHARE = 0.55  # [-] of the landing tolerance, in each of two directions (0.78 together), at the window's ends
 DRIFT_SHARE = 0.3  # [-] of tolerance over window, for the change of the landing with the instant
 FALL_MIN = 0.05  # [m^2/s^2] least discriminant: below, the object only grazes the plane
 SINGULARITY_ROOM = 1.03  # [-] of the distance asked, at the knots around the release
@@ -87,7 +87,8 @@ def arguments(request: Request, table: Table, start: Start) -> dict[str, Any]:
     bound.fix_ends(b, table, problem.start)
     bound.set_steps(b, start.steps)
     if not problem.ends_at_rest:
-        bound.set_singularity(b, table, SINGULARITY_ROOM * request.limits.singularity_distance_min)
+        distance = SINGULARITY_ROOM * request.limits.singularity_distance_min
+        bound.set_singularity(b, table, numbers.singular_sides(problem.cell.robot, request.candidate.q), distance)
     _set_release(b, table, request)
     if problem.is_robust:
         _set_window(b, table, problem)

@@ -128,7 +128,7 @@ def _box_rows(s: State, p: SX) -> Rows:
 
 
 def singular(z: SX, p: SX) -> Rows:
-    """Squared distances from the elbow, wrist and shoulder singularities (3) [-]."""
+    """Signed distances from the elbow, wrist and shoulder singularities (3) [-]."""
     q, a = z[layout.Q], ARM.split(p)
-    rows = ca.vertcat(ca.sin(q[2]) ** 2, ca.sin(q[4]) ** 2, arm.shoulder_distance(a["dh"], q) ** 2)
+    rows = ca.vertcat(ca.sin(q[2]), ca.sin(q[4]), arm.shoulder_distance(a["dh"], q))
     return Rows(rows, clearance.Held())

@@ -15,7 +15,7 @@ from planner.backends.casadi_nlp import answer, codegen, exactness, solvers
 from planner.backends.casadi_nlp.assembly import Shape, Table, assemble
 from planner.backends.casadi_nlp.blocks import Block, interpreted
 from planner.backends.casadi_nlp.layout import NZ, STEP, TIME, TIME_SCALE
-from planner.backends.casadi_nlp.request import CLOSE, WIDE, Request, Start, arguments, guess, shape_of
+from planner.backends.casadi_nlp.request import CLOSE, WIDE, Margins, Request, Start, arguments, guess, shape_of
 from planner.ballistics import fly
 from planner.errors import SolverFailed
 from planner.grid import grid_limits
@@ -27,7 +27,7 @@ from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
 
-FATROP = {"tolerance": 1e-4, "mu_init": 1e-3, "max_iter": 80, "linsol_lu_fact_tol": 1e-2}  # source: measured
+FATROP = {"tolerance": 1e-4, "mu_init": 1e-3, "max_iter": 100, "linsol_lu_fact_tol": 1e-2}  # source: measured
 POLISH = {"tolerance": 1e-4, "mu_init": 1e-4, "max_iter": 40, "linsol_lu_fact_tol": 1e-2}  # begins near its optimum
 IPOPT = {"tol": 1e-5, "mu_init": 1e-3, "max_iter": 120}
 SECOND_TRY_S = 0.15  # [s] of time left that IPOPT is worth
@@ -74,21 +74,42 @@ def solve(
     Raises:
         SolverFailed: neither solver found a motion in time.
     """
-    task = _Task(problem, candidate, shape_of(problem), deadline_s)
-    request = Request(problem, candidate, grid_limits(problem.limits, problem.dt), _aim(problem, candidate),
-                      WIDE if wide else CLOSE)
-    start = guess(machine(task.shape).table, problem, _motion(problem, candidate, warm_start))
-    z = task.run("fatrop", request, start)
-    return task.finish(request, z)
+    margins = WIDE if wide else CLOSE
+    motion, spent = _motion(problem, candidate, warm_start), 0
+    if problem.is_robust:
+        motion, spent = _without_window(problem, candidate, motion, deadline_s, margins)
+    task = _Task(problem, candidate, shape_of(problem), deadline_s, spent)
+    request = _request(problem, candidate, margins)
+    start = guess(task.machine.table, problem, motion)
+    return task.finish(request, task.run("fatrop", request, start))
+
+
+def _without_window(
+    problem: ThrowProblem, candidate: Candidate, motion: dict[str, Any], deadline_s: float, margins: Margins
+) -> tuple[dict[str, Any], int]:
+    """Returns the best motion for the nominal instant alone, from which the window is easily found, and iterations."""
+    nominal = replace(problem, release_window_s=0.0, landing_tolerance_m=0.0)
+    task = _Task(nominal, candidate, shape_of(nominal), deadline_s)
+    start = guess(task.machine.table, nominal, motion)
+    try:
+        found = answer.knots(task.run("fatrop", _request(nominal, candidate, margins), start), task.shape)
+    except SolverFailed:
+        return motion, task.iterations
+    return {"release_s": found.release_s, "end_s": float(found.t[-1]), "state": found.at}, task.iterations
+
+
+def _request(problem: ThrowProblem, candidate: Candidate, margins: Margins) -> Request:
+    return Request(problem, candidate, grid_limits(problem.limits, problem.dt), _aim(problem, candidate), margins)
 
 
 class _Task:
     """The state of one call: what was spent."""
 
-    def __init__(self, problem: ThrowProblem, candidate: Candidate, shape: Shape, deadline_s: float) -> None:
+    def __init__(self, problem: ThrowProblem, candidate: Candidate, shape: Shape, deadline_s: float,
+                 spent: int = 0) -> None:
         self.problem, self.candidate, self.shape, self.deadline_s = problem, candidate, shape, deadline_s
         self.machine = machine(shape)
-        self.iterations = 0
+        self.iterations = spent
         self.status = ""
 
     def run(self, solver: str, request: Request, start: Start) -> Vector:
