@@ -73,7 +73,8 @@ class Controller:
         """What the controller believes of tool, payload and mounting: the cell's truth, until a client changes it."""
         cell = self.cell
         self.set_tcp(self.tool)
-        self.payload_kg, self.payload_cog_m, self.payload_inertia = cell.tool.mass_kg, [0.0] * 3, [0.0] * 6
+        self.payload_kg, self.payload_inertia = cell.tool.mass_kg, [0.0] * 6
+        self.payload_cog_m: list[float] = (0.5 * cell.tool.X_FT[:3, 3]).tolist()  # half way to the TCP, as in cells.md
         up_W = np.array([0.0, 0.0, cell.surroundings.gravity_m_s2])
         self.gravity_m_s2: list[float] = (cell.X_WB[:3, :3].T @ up_W).tolist()  # UR's sign: against the fall
 
