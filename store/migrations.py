@@ -1,6 +1,6 @@
 """Migrations: numbered lists of statements, each applied once, in order, in one transaction.
 
-A step is never edited after a release; a change is a new step. Why not a tool: docs/decisions/0003-own-migrations.md.
+A step is never edited after a release; a change is a new step. Why not a tool: docs/decisions/0020-own-migrations.md.
 """
 
 from __future__ import annotations
