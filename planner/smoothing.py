@@ -58,17 +58,18 @@ def smooth(problem: ThrowProblem, candidate: Candidate, make: Maker) -> tuple[Tr
             candidate but for what sampling at ticks loses; that is put back.
     """
     dt = problem.dt
-    width, widest = (_width(problem.limits, multiple, dt) for multiple in (NARROWEST, WIDEST))
-    raw, trajectory = _attempt(problem, candidate, make, width, ROOMS[0])
-    if not _fits(problem, trajectory):
-        width = _narrowest(raw, width + 1, widest, problem.limits, dt)
-        _, trajectory = _attempt(problem, candidate, make, width, ROOMS[0])
-    for room in ROOMS:
+    narrowest, widest = (_width(problem.limits, multiple, dt) for multiple in (NARROWEST, WIDEST))
+    raw, trajectory = _attempt(problem, candidate, make, widest, ROOMS[0])
+    width = _narrowest(raw, narrowest, widest, problem.limits, dt)
+    if width < widest:
+        _, narrow = _attempt(problem, candidate, make, width, ROOMS[0])
+        if _fits(problem, narrow):
+            return narrow, width * dt
+    for room in ROOMS[1:]:
         if _fits(problem, trajectory):
             break
-        width = widest
-        _, trajectory = _attempt(problem, candidate, make, width, room)
-    return trajectory, width * dt
+        _, trajectory = _attempt(problem, candidate, make, widest, room)
+    return trajectory, widest * dt
 
 
 def _attempt(
