@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,9 @@ from typing import Any
 import pytest
 
 from executor.simulator.arm import Arm
+from executor.simulator.connections import Connection
 from executor.simulator.controller import Controller
+from executor.simulator.loop import Simulator as Loop
 from executor.simulator.recipes import Inputs
 from executor.simulator.settings import Settings
 from planner.cell import Cell, parse_cell
@@ -157,3 +160,43 @@ class Driven:
         self.write(0)
         self.cycle()
         return taken
+
+
+class Peer:
+    """The other end of a connection, inside this process."""
+
+    def __init__(self, loop: Loop, port: str) -> None:
+        self.socket, served = socket.socketpair()
+        served.setblocking(False)
+        self.loop = loop
+        self.port = next(p for p in loop.network.ports if p.name == port)
+        self.served, self.connection = served, Connection(served, port)
+        loop.network.connections[served] = (self.connection, self.port)
+        loop.network.changed()
+        self.port.opened(self.connection)
+
+    def send(self, data: bytes, cycles: int = 1) -> bytes:
+        """Sends, lets the loop serve it and run cycles; returns what came back."""
+        if self.connection.open:
+            self.socket.sendall(data)
+            self.loop.network.readable(self.served, 0.0)
+        for _ in range(cycles):
+            self.loop._tick(0.0)
+        self.socket.setblocking(False)
+        answer = b""
+        with suppress(BlockingIOError):
+            answer = self.socket.recv(1 << 20)
+        self.socket.setblocking(True)
+        return answer
+
+    def close(self) -> None:
+        self.loop.network.drop(self.connection)
+        self.socket.close()
+
+
+@pytest.fixture(scope="module")
+def loop() -> Iterator[Loop]:
+    """A simulator inside this process: its ports listen, but nobody runs its loop."""
+    simulator = Loop(make_cell(), Settings(), unique_address())
+    yield simulator
+    simulator.network.close()

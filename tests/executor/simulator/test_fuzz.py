@@ -6,7 +6,6 @@ import json
 import socket
 import struct
 import time
-from collections.abc import Iterator
 from contextlib import suppress
 
 import pytest
@@ -14,13 +13,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from executor.simulator import wire
-from executor.simulator.connections import Connection
 from executor.simulator.dashboard import Dashboard
 from executor.simulator.loop import Simulator as Loop
-from executor.simulator.settings import CONTROL_PORT, DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORT, Settings
+from executor.simulator.settings import CONTROL_PORT, DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORT
 from executor.simulator.variables import INPUT_TYPES, OUTPUT_TYPES
 
-from .conftest import Driven, Simulator, Start, make_cell, unique_address
+from .conftest import Driven, Peer, Simulator, Start, make_cell
 
 PORTS = [RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT, CONTROL_PORT]
 NAMES = st.lists(st.sampled_from([*OUTPUT_TYPES, *INPUT_TYPES, "nonsense", "", "é"]), max_size=60).map(
@@ -41,43 +39,6 @@ LINES = st.one_of(
                      b'{"op": "world", "after": "x"}\n', b'{"op": []}\n', b"[" * 3000,
                      b'{"op": "fault", "name": "speed_slider", "fraction": null}\n', b"\n", b"\xff\n"]),
 )  # fmt: skip
-
-
-class Peer:
-    """The other end of a connection, inside this process."""
-
-    def __init__(self, loop: Loop, port: str) -> None:
-        self.socket, served = socket.socketpair()
-        served.setblocking(False)
-        self.loop = loop
-        self.port = next(p for p in loop.network.ports if p.name == port)
-        self.served, self.connection = served, Connection(served, port)
-        loop.network.connections[served] = (self.connection, self.port)
-        loop.network.changed()
-        self.port.opened(self.connection)
-
-    def send(self, data: bytes) -> None:
-        """Sends, and lets the loop serve it and run a cycle."""
-        if self.connection.open:
-            self.socket.sendall(data)
-            self.loop.network.readable(self.served, 0.0)
-        self.loop._tick(0.0)
-        self.socket.setblocking(False)
-        with suppress(BlockingIOError):
-            self.socket.recv(1 << 20)
-        self.socket.setblocking(True)
-
-    def close(self) -> None:
-        self.loop.network.drop(self.connection)
-        self.socket.close()
-
-
-@pytest.fixture(scope="module")
-def loop() -> Iterator[Loop]:
-    """A simulator inside this process: its ports listen, but nobody runs its loop."""
-    simulator = Loop(make_cell(), Settings(), unique_address())
-    yield simulator
-    simulator.network.close()
 
 
 @pytest.mark.parametrize("port", ["rtde", "script", "dashboard", "control"])
