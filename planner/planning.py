@@ -1,7 +1,7 @@
 """plan(): candidates, back ends, the judge, the best.
 
-Only a certified trajectory leaves this module. `auto` takes Ruckig's best certified answer as the incumbent and lets
-the optimiser improve on it while time allows.
+Only a certified trajectory leaves this module. `auto` optimises from the seeds that Ruckig reaches soonest, then
+certifies those of Ruckig's motions that would release sooner still.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from planner.backends import ruckig_otg
 from planner.certificate import Certificate, certify
 from planner.errors import Infeasible, SolverFailed
 from planner.nearest import nearest_release, request_document
+from planner.optimising import optimised, sooner_by_ruckig
 from planner.problem import ThrowProblem
 from planner.release import candidates
 from planner.search import Attempt, Search
@@ -74,7 +75,12 @@ def _search(search: Search) -> None:
     """
     seeds = candidates(search.problem)
     backend = search.problem.backend
-    one_by_one(search, backend if backend in WAYS else "ruckig", seeds)
+    if backend in WAYS:
+        one_by_one(search, backend, seeds)
+    else:
+        optimised(search, seeds)
+    if backend == "auto":
+        sooner_by_ruckig(search, seeds)
     if search.best is None:
         raise search.refusal()
 

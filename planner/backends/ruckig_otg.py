@@ -72,6 +72,14 @@ def least_times(problem: ThrowProblem, candidate: Candidate) -> Vector:
     return np.array(motion.independent_min_durations)
 
 
+def launch_time(problem: ThrowProblem, candidate: Candidate) -> float:
+    """Returns how soon `solve` releases in the candidate [s], to a tick; infinite where Ruckig refuses it."""
+    try:
+        return float(least_times(problem, candidate).max())
+    except SolverFailed:
+        return float("inf")
+
+
 def _ruckig() -> ModuleType:
     try:
         import ruckig
