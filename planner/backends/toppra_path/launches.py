@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,7 @@ from planner.problem import ThrowProblem
 from planner.release import Candidate
 from planner.rotations import matrix_to_rotation_vector
 from planner.smoothing import RawMotion
-from planner.velocity_profiles import shortest_cubic, shortest_trapezoid, whole_ticks
+from planner.velocity_profiles import linear_brake, shortest_cubic, shortest_trapezoid, whole_ticks
 
 Vector = NDArray[np.float64]
 
@@ -50,14 +51,19 @@ def raw_motion(problem: ThrowProblem, candidate: Candidate, path: str, limits: L
     gentler = replace(limits, qdd_max=DRAWN_SHARE * limits.qdd_max)
     drawn = DrawnPath(problem.start, shape(d, v, gentler, problem.dt))
     launch = fastest(drawn, problem.cell, limits, (0.0, 1.0))
-    stop = max(_stop(v, limits), problem.dt)
-    brake = _first(
-        lambda share: fastest(
-            JointLine(candidate.q, v, half, half + share * stop), problem.cell, limits, (1.0, 0.0), False
-        )
-    )
     passage = np.tile(v, (width + 1, 1))
-    return RawMotion(_late([launch], problem.dt), passage, _early(brake, problem.dt))
+    return RawMotion(_late([launch], problem.dt), passage, _joint_brake(problem, candidate, limits))
+
+
+def _joint_brake(problem: ThrowProblem, candidate: Candidate, limits: Limits) -> Vector:
+    """Returns velocities (M+1, 6) at ticks of the fastest stop straight along the release velocity."""
+    q, v, stop = candidate.q, candidate.qd, _stop(candidate.qd, limits)
+    if stop < problem.dt:  # next to standing: TOPP-RA would only meet its own rounding
+        return linear_brake(v, limits, problem.dt)
+    line = partial(JointLine, q, v, 0.0)
+    return _early(
+        _first(lambda share: fastest(line(share * stop), problem.cell, limits, (1.0, 0.0), False)), problem.dt
+    )
 
 
 def _stop(v: Vector, limits: Limits) -> float:
@@ -98,7 +104,8 @@ def _move(problem: ThrowProblem, start: Vector, d: Vector, limits: Limits) -> li
     """Returns the straight joint move over `d` from rest to rest, none where it is no move."""
     if np.abs(d).max() < STANDSTILL_RAD:
         return []
-    return [fastest(JointLine(start, d, 0.0, 1.0), problem.cell, limits, (0.0, 0.0))]
+    longest = float(np.abs(d).max())
+    return [fastest(JointLine(start, d / longest, 0.0, longest), problem.cell, limits, (0.0, 0.0))]
 
 
 def _along_tool_line(problem: ThrowProblem, candidate: Candidate, limits: Limits, width: int) -> RawMotion:
