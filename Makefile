@@ -7,15 +7,15 @@ SOURCES := planner store api executor
 
 .PHONY: setup demo up test check bench lock clean
 
-setup: $(VENV)/dev.stamp        ## .venv with everything pinned, and the generated solvers built
+setup: $(VENV)/dev.stamp $(VENV)/warm.stamp   ## .venv with everything pinned, and the generated solvers built
 
-demo: $(VENV)/run.stamp         ## one throw from plan to landing on a simulated UR5e
+demo: $(VENV)/warm.stamp        ## one throw from plan to landing on a simulated UR5e
 	$(BIN)/fling demo
 
-up: $(VENV)/run.stamp           ## simulator, executor, service and web page until Ctrl-C
+up: $(VENV)/warm.stamp          ## simulator, executor, service and web page until Ctrl-C
 	$(BIN)/fling up
 
-test: $(VENV)/dev.stamp
+test: $(VENV)/dev.stamp $(VENV)/warm.stamp
 	$(BIN)/python -m pytest
 
 check: $(VENV)/dev.stamp
@@ -23,7 +23,7 @@ check: $(VENV)/dev.stamp
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
-bench: $(VENV)/dev.stamp
+bench: $(VENV)/dev.stamp $(VENV)/warm.stamp
 	$(BIN)/fling bench
 
 lock:                           ## pin requirements/*.in anew (needs uv)
@@ -43,6 +43,10 @@ $(VENV)/bin/python:
 $(VENV)/run.stamp: requirements/run.txt pyproject.toml | $(VENV)/bin/python
 	$(PIP) install --quiet --require-hashes -r requirements/run.txt
 	$(PIP) install --quiet --no-deps --no-build-isolation --editable .
+	touch $@
+
+$(VENV)/warm.stamp: $(VENV)/run.stamp $(wildcard planner/backends/casadi_nlp/*.py)
+	$(BIN)/fling warm
 	touch $@
 
 $(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp

@@ -64,6 +64,7 @@ def start(warm_up: Job | None) -> None:
     parent = parent_process()
     if parent is not None:
         threading.Thread(target=_follow, args=(parent,), daemon=True).start()
+    _build_solvers()
     if warm_up is not None:
         solve(warm_up)
 
@@ -96,6 +97,15 @@ def _refused(error: PlannerError) -> Refused:
         case CellError():
             return Refused("CellError", (error.field, str(error.value), error.reason))
     raise error
+
+
+def _build_solvers() -> None:
+    """Builds the optimiser's solvers from what `fling warm` compiled, or interpreted: never a compile here."""
+    from planner.backends.casadi_nlp.task import machine
+    from planner.backends.casadi_nlp.warming import SHAPES
+
+    for shape in SHAPES:
+        machine(shape)
 
 
 @lru_cache(maxsize=32)

@@ -7,13 +7,19 @@ import os
 import re
 import socket
 import tempfile
+import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+if TYPE_CHECKING:
+    from api.cli.client import Client
+
 TARGET_M = (1.2, 0.3, 0.0)  # [m] a metre and a quarter from the base, on the floor
 MISS_MAX_M = 0.010  # [m] the contract's: farther from the target is a failure
+ACKNOWLEDGED_S = 5.0  # [s] the executor hears of it at its next beat
+THROWS_MAX = 3  # a busy machine may be too late for the arm; more often than this it is no place for a demo
 
 
 @click.command()
@@ -67,12 +73,26 @@ def _throw(folder: Path, cell: str) -> float:
             start_stack(children, folder, cell, url, True, say_starting)
             request = {"cell": cell, "release": {"kind": "target", "position": list(TARGET_M)}}
             plan, execution = plan_and_execute(client, request, "speedj", False)
+            for _ in range(THROWS_MAX - 1):
+                if execution["outcome"] != "late":
+                    break
+                _throw_anew(client, cell, execution)
+                plan, execution = plan_and_execute(client, request, "speedj", False)
     except (ChildFailed, ServiceError) as error:
         raise click.ClickException(f"{error}\n{_tail(log)}") from error
     if execution["outcome"] != "completed":
         raise click.ClickException(f"{execution['outcome']}: {execution['reason']}\n{_tail(log)}")
     click.echo(landing_text(plan, execution))
     return _miss(execution)
+
+
+def _throw_anew(client: Client, cell: str, execution: dict[str, Any]) -> None:
+    """Says that the machine was too busy, and acknowledges: nobody stands beside a simulated arm."""
+    click.echo(f"late: {execution['reason']}; this machine is busy. Acknowledged; once more …")
+    client.post(f"/cells/{cell}/acknowledge")
+    deadline = time.monotonic() + ACKNOWLEDGED_S
+    while client.get(f"/cells/{cell}/state")["fault"] is not None and time.monotonic() < deadline:
+        time.sleep(0.1)
 
 
 def _miss(execution: dict[str, Any]) -> float:

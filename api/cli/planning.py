@@ -57,15 +57,27 @@ def report(file: Path, output: Path | None, cells: Path | None) -> None:
 
 @click.command()
 def warm() -> None:
-    """Build the generated solvers for this machine and cache them."""
-    os.execv(sys.executable, [sys.executable, "-m", "planner.backends.casadi_nlp.warm"])
+    """Build the generated solvers for this machine and cache them, so that no request waits for a compiler."""
+    from planner.backends.casadi_nlp.warming import warm as build
+
+    with click.progressbar(length=100, label="solvers") as bar:
+
+        def progress(what: str, share: float) -> None:
+            bar.label = f"solvers: {what}"
+            bar.update(max(0, round(100 * share) - bar.pos))
+
+        compiled = build(progress)
+    if not compiled:
+        click.echo("There is no C compiler: the interpreted functions are used; they are slower.", err=True)
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
 @click.argument("arguments", nargs=-1)
 def bench(arguments: tuple[str, ...]) -> None:
-    """Run the benchmark; the arguments are those of `python -m bench`."""
-    os.execv(sys.executable, [sys.executable, "-m", "bench", *arguments])
+    """Run the benchmark of this checkout; ARGUMENTS are those of `python -m tests.benchmarks`."""
+    if not Path("tests", "benchmarks").is_dir():
+        raise click.ClickException("the benchmark is part of the checkout: run this in its folder")
+    os.execv(sys.executable, [sys.executable, "-m", "tests.benchmarks", *arguments])
 
 
 def _read(file: Path) -> Any:
