@@ -9,10 +9,11 @@ import sys
 import threading
 
 from executor.daemon import Daemon
+from executor.doctor import DURATION_S, examine, report
 from executor.journal import Journal, Locked
 from executor.settings import Settings
 from executor.station import Station
-from planner.cell import load_cell
+from planner.cell import Cell, load_cell
 from planner.errors import CellError
 from store import Store
 
@@ -22,6 +23,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(prog="python -m executor", description="The executor of one cell.")
     parser.add_argument("--cell", help="name of the cell; FLING_DEFAULT_CELL otherwise")
     parser.add_argument("--read-only", action="store_true", help="connect and show, never move")
+    parser.add_argument("--doctor", action="store_true", help="judge this machine's timing and the link, and end")
     options = parser.parse_args(arguments)
     ended = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -29,6 +31,8 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         settings = Settings.from_environment(os.environ, options.cell, options.read_only)
         cell = load_cell(settings.cell_path)
+        if options.doctor:
+            return consult(cell)
         journal = Journal(settings.data)
         store = Store.open(settings.database_url)
     except (ValueError, CellError, OSError, Locked) as error:
@@ -39,6 +43,14 @@ def main(arguments: list[str] | None = None) -> int:
     Daemon(station, store, journal).run(ended)
     store.close()
     return 0
+
+
+def consult(cell: Cell) -> int:
+    """Prints the doctor's report; returns its exit code."""
+    print(f"Looking for {DURATION_S:.0f} seconds …", file=sys.stderr)
+    text, code = report(cell, examine(cell))
+    print(text)
+    return code
 
 
 if __name__ == "__main__":

@@ -13,14 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from executor.surroundings import Space
+from executor.surroundings import Space, Ways
 from planner.cell import Cell
 from planner.dynamics import Payload, joint_torques
 
 Vector = NDArray[np.float64]
 
 STRETCHES = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0)  # [-] durations tried, in shares of the shortest
-INSTANTS = 13  # looked at along one brake; between them the bounds below hold
+INSTANTS = 25  # looked at along one brake; between them the bounds below hold
 REST_SPEED = 1e-9  # [rad/s] below it there is nothing to brake
 
 
@@ -90,10 +90,16 @@ def _bears(cell: Cell, payload: Payload, q: Vector, qd: Vector, qdd: Vector) -> 
 
 def _clear(cell: Cell, q: Vector, qd: Vector, qdd: Vector, T: Vector) -> NDArray[np.bool_]:
     """Returns for every brake (M,) whether joint range and surroundings are kept, between the instants too."""
-    way, speed, _ = brake_way(q, qd, qdd, T, np.linspace(0.0, 1.0, INSTANTS))
+    way, speed, acceleration = brake_way(q, qd, qdd, T, np.linspace(0.0, 1.0, INSTANTS))
     step = (T / (INSTANTS - 1))[:, None, None]
-    stray = np.maximum(np.abs(speed[:, :-1]), np.abs(speed[:, 1:])) * step / 2.0
-    low = np.minimum(way[:, :-1], way[:, 1:]) - stray
-    high = np.maximum(way[:, :-1], way[:, 1:]) + stray
+    bend = _larger(acceleration) * step**2
+    low = np.minimum(way[:, :-1], way[:, 1:]) - bend / 8.0
+    high = np.maximum(way[:, :-1], way[:, 1:]) + bend / 8.0
     inside = ((low >= cell.limits.q_lower) & (high <= cell.limits.q_upper)).all(axis=(1, 2))
-    return np.asarray(inside & Space(cell).keeps_clear(way), np.bool_)
+    clear, _ = Space(cell).judge(Ways(way, _larger(speed) * step + bend, bend))
+    return np.asarray(inside & clear, np.bool_)
+
+
+def _larger(values: Vector) -> Vector:
+    """Returns the larger magnitude of each two neighbours along the way."""
+    return np.maximum(np.abs(values[:, :-1]), np.abs(values[:, 1:]))

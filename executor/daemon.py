@@ -13,6 +13,7 @@ from executor.heartbeat import Heartbeat
 from executor.journal import Journal, Result
 from executor.liveview import row_document
 from executor.preflight import Refused
+from executor.punctuality import punctual
 from executor.station import Station
 from store import ExecutionRow, Store, StoreUnavailable, new_id
 
@@ -79,8 +80,10 @@ class Daemon:
             plan = self.store.plan(row.plan_id)
             if plan is None:
                 raise Refused(f"there is no plan {row.plan_id}")
-            execution.start(execution.prepare(plan.document))
-            self._watch(execution, ended)
+            job = execution.prepare(plan.document)
+            with punctual():
+                execution.start(job)
+                self._watch(execution, ended)
             result = execution.finish()
         except (Refused, OSError, StoreUnavailable) as error:
             result = Result(row.id, "refused" if execution.run is None else "executor_lost", str(error), None)

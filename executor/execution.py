@@ -67,7 +67,7 @@ class Execution:
 
     def start(self, job: Job) -> None:
         """Starts the streaming process."""
-        self.run = Run(job, self.station.cell.link.host)
+        self.run = Run(job, self.station.cell.link.host, self.station.settings.data / "streaming.log")
         self.run.start()
 
     def state(self) -> str:

@@ -42,6 +42,7 @@ class Job:
         watchdog_hz: least command rate the controller accepts [Hz].
         core: processor to stay on, -1: any.
         priority: of SCHED_FIFO.
+        daemon_silent_s: without the daemon's pulse for so long the run brakes [s].
     """
 
     host: str
@@ -73,6 +74,7 @@ class Job:
     watchdog_hz: float
     core: int
     priority: int
+    daemon_silent_s: float
 
     def write(self) -> int:
         """Returns the descriptor of an anonymous file that holds the job."""

@@ -97,8 +97,8 @@ class Monitor:
 class Receiver:
     """One RTDE connection."""
 
-    def __init__(self, connection: socket.socket) -> None:
-        self.socket = connection
+    def __init__(self, connection: socket.socket, rate_hz: float = RATE_HZ) -> None:
+        self.socket, self.rate_hz = connection, rate_hz
         self.buffer = b""
         self._send(VERSION, struct.pack(">H", 2))
         self._await(VERSION)
@@ -117,8 +117,21 @@ class Receiver:
             values = dict(zip(self.names, self._unpack(body), strict=True))
             take(_state(values))
 
+    def stamps(self, duration_s: float) -> list[tuple[float, float]]:
+        """Returns when packages arrived (monotonic) and what time they bore [s], for so long.
+
+        Raises:
+            OSError: the connection is lost.
+        """
+        found: list[tuple[float, float]] = []
+        end = time.monotonic() + duration_s
+        while time.monotonic() < end:
+            body = self._await(DATA)
+            found.append((time.monotonic(), self._unpack(body)[0]))
+        return found
+
     def _set_up(self, names: list[str]) -> list[str]:
-        self._send(SETUP_OUTPUTS, struct.pack(">d", RATE_HZ) + ",".join(names).encode())
+        self._send(SETUP_OUTPUTS, struct.pack(">d", self.rate_hz) + ",".join(names).encode())
         types = self._await(SETUP_OUTPUTS)[1:].decode().split(",")
         known = [name for name, kind in zip(names, types, strict=True) if kind != "NOT_FOUND"]
         if known != names:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from executor.brake import Brakes
 from executor.job import Job
+from executor.punctuality import silence_limit
 from executor.settings import PRIORITY, Settings
 from planner.cell import Cell
 from planner.trajectory import Trajectory
@@ -81,4 +82,5 @@ def make_job(
         qd_max=cell.robot.qd_max.tolist(), acceleration=float(np.min(cell.robot.qdd_max)),
         feedback_gain=FEEDBACK_GAIN, feedback_max=FEEDBACK_MAX, tracking_max=TRACKING_MAX_RAD,
         watchdog_hz=settings.watchdog_hz, core=settings.core, priority=PRIORITY,
+        daemon_silent_s=silence_limit(),
     )

@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ SPARE_ROWS = 1000  # room for a brake that is longer than what is left of the pl
 LIMIT_S = {  # longest silence in each state [s]
     words.STARTING: 15.0,  # a refused program takes the library 5 s, a silent dashboard 2.5 s (rtde.md, section 10)
     words.CONNECTED: 1.0,
-    words.APPROACHING: 0.1,
+    words.APPROACHING: 0.25,
     words.STREAMING: 0.1,  # the process itself gives up after 40 ms; the controller's watchdog after 50
     words.BRAKING: 0.1,
     words.STOPPING: 5.0,  # speedStop and stopScript wait for the controller
@@ -66,7 +67,9 @@ class RunResult:
 class Run:
     """One streaming process."""
 
-    def __init__(self, job: Job, host: str) -> None:
+    def __init__(self, job: Job, host: str, log: Path) -> None:
+        """Prepares a run; what the library says goes into the file `log`."""
+        self.log = log
         self.board = Board.create(len(job.q) + SPARE_ROWS)
         self.board.words[words.OUTPUT_SENT_S] = np.nan
         self.dashboard = Dashboard(host)
@@ -120,7 +123,9 @@ class Run:
         job_fd = self.job.write()
         self.board.words[words.DAEMON_PULSE] = self.board.words[words.PULSE] = time.monotonic()
         command = [sys.executable, "-m", "executor.streaming", str(job_fd), str(self.board.fd), str(os.getpid())]
-        self._process = subprocess.Popen(command, pass_fds=(job_fd, self.board.fd), stdin=subprocess.DEVNULL)
+        with self.log.open("wb") as log:  # a file: a pipe that nobody reads would one day stop the stream
+            self._process = subprocess.Popen(command, pass_fds=(job_fd, self.board.fd), stdin=subprocess.DEVNULL,
+                                             stdout=log, stderr=log)  # fmt: skip
         os.close(job_fd)
 
     def _watch(self) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from executor.surroundings import Space
+from executor.surroundings import Space, Ways
 
 Vector = NDArray[np.float64]
 
@@ -50,4 +50,4 @@ def _hit(space: Space, a: Vector, b: Vector) -> str:
     limits = space.cell.limits
     if (way < limits.q_lower - NEAR_RAD).any() or (way > limits.q_upper + NEAR_RAD).any():
         return "a joint's limit"
-    return space.what_is_hit(way[None])[1]
+    return space.judge(Ways.straight(way[None]))[1]

@@ -37,6 +37,8 @@ class Gripper:
     def output_changed(self, t: float, bits: int) -> None:
         """Takes the physical output bits from `t` [s] on."""
         opened = bits & self.mask == self.open_bits
+        if not opened:
+            self.release_at = None  # closed again before the object was free: it is held
         if opened and not self.open and self.holds is not None and not self.stuck:
             self.release_at = t + max(0.0, self.delay_s + self.draw.gauss(0.0, self.jitter_s))
         self.open = opened

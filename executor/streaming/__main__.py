@@ -47,7 +47,8 @@ def run(job: Job, board: Board, orders: Orders, alive: list[Link]) -> tuple[str,
 def main(job_fd: int, board_fd: int, parent: int) -> None:
     """Runs, writes the end on the board, and leaves at once, past every destructor of the library."""
     board = Board.attach(board_fd)
-    orders = Orders(board)
+    job = Job.read(job_fd)
+    orders = Orders(board, job.daemon_silent_s)
     alive: list[Link] = []
     state, code = words.FAULT, 1
     outcome, reason = "executor_lost", "the streaming process failed"
@@ -55,7 +56,7 @@ def main(job_fd: int, board_fd: int, parent: int) -> None:
         orders.listen()
         realtime.die_with_parent(parent)
         board.words[words.PULSE] = monotonic()
-        outcome, reason = run(Job.read(job_fd), board, orders, alive)
+        outcome, reason = run(job, board, orders, alive)
         state, code = words.DONE, 0
     except LinkFault as fault:
         outcome, reason = fault.outcome, fault.reason

@@ -8,14 +8,13 @@ from types import FrameType
 
 from executor.board import ABORT, DAEMON_PULSE, Board
 
-DAEMON_SILENT_S = 0.100  # [s] without a pulse nobody supervises this run any more; the daemon's period is 5 ms
-
 
 class Orders:
     """Looks at the board and at the signals; a signal only sets a flag."""
 
-    def __init__(self, board: Board) -> None:
-        self.words = board.words
+    def __init__(self, board: Board, daemon_silent_s: float) -> None:
+        """After `daemon_silent_s` [s] without its pulse the daemon counts as gone."""
+        self.words, self.daemon_silent_s = board.words, daemon_silent_s
         self.terminated = False
 
     def listen(self) -> None:
@@ -29,8 +28,8 @@ class Orders:
             return "aborted", "abort requested"
         if self.terminated:
             return "executor_lost", "the executor ended"
-        if monotonic() - self.words[DAEMON_PULSE] > DAEMON_SILENT_S:
-            return "executor_lost", f"the executor was silent for {DAEMON_SILENT_S * 1e3:.0f} ms"
+        if monotonic() - self.words[DAEMON_PULSE] > self.daemon_silent_s:
+            return "executor_lost", f"the executor was silent for {self.daemon_silent_s * 1e3:.0f} ms"
         return None
 
     def _terminate(self, number: int, frame: FrameType | None) -> None:

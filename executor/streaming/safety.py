@@ -30,7 +30,7 @@ def check(safety_bits: int, runtime_state: int, speed_scaling: float) -> None:
         raise LinkFault(outcome, ", ".join(words) or "safety state unknown")
     if runtime_state != PLAYING:
         raise LinkFault("aborted", f"the program on the controller is {PROGRAM_WORDS.get(runtime_state, 'unknown')}")
-    if abs(speed_scaling - 1.0) > SCALING_TOLERANCE:
+    if not abs(speed_scaling - 1.0) <= SCALING_TOLERANCE:  # true for NaN too
         raise LinkFault("aborted", f"speed scaling went to {speed_scaling:.3g}")
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from tests.system.rig import NUDGE, TOSS, Rig
 
-REST_S = 0.30  # [s] of the controller's time: watchdog 50 ms, stale state 40 ms, lag 20 ms, 1.2 rad/s at 20 rad/s^2, looks
+REST_S = 0.30  # [s] of the controller's time: stale state 40 ms, watchdog 50 ms, lag 20 ms, 1.2 rad/s at 20 rad/s^2
 
 
 @dataclass(frozen=True)

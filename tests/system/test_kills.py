@@ -11,7 +11,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from tests.system.rig import NUDGE, TOSS, Rig
+from tests.system.rig import LOB, NUDGE, TOSS, Rig
 
 REST_S = 0.150  # [s] of the controller's time from the kill to rest: issue 5
 SILENT_REST_S = 0.300  # [s] a frozen daemon is noticed after 100 ms; then the brake is flown in peace
@@ -76,7 +76,7 @@ def test_a_daemon_that_dies(run_rig: Rig, when: str) -> None:
 def test_a_daemon_that_freezes(run_rig: Rig) -> None:
     rig = run_rig
     id = rig.queue(TOSS)
-    moment(rig, id, "launch")
+    rig.in_launch(id, speed=0.1)  # early: it takes 100 ms to be noticed
     streamer = rig.streamer()
     at = rig.state()["t"]
     rig.executor.send_signal(signal.SIGSTOP)
@@ -121,6 +121,15 @@ def test_a_database_that_is_gone_in_mid_run_loses_nothing(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("speed", [0.1, 0.6, 1.1])
+def test_an_abort_after_the_gripper_was_told_closes_it_again(rig: Rig) -> None:
+    id = rig.queue(LOB)
+    rig.until(lambda: rig.state()["gripper_open"], period=0.001)
+    rig.store.request_abort(id)
+    row = rig.end(id)
+    assert row.outcome in ("aborted", "completed"), row.reason  # the object may have left before the daemon heard of it
+    assert not rig.state()["gripper_open"] or row.metrics["gripper_opened_s"] is not None
+
+
 def test_an_abort_brakes_and_keeps_the_object(rig: Rig, speed: float) -> None:
     released = len(rig.world()["releases"])
     id = rig.queue(TOSS)

@@ -17,7 +17,7 @@ RELEASE_SHARE = 0.005  # [-] of the planned joint speed
 
 @pytest.mark.parametrize("mode", ["speedj", "servoj"])
 def test_a_throw_lands_where_it_was_planned(rig: Rig, mode: str) -> None:
-    row = rig.throw(LOB, mode)
+    row = rig.quiet_throw(LOB, mode)
     assert row.outcome == "completed", row.reason
     assert row.metrics is not None
     assert row.metrics["landing_error_m"] < LANDING_M

@@ -1,0 +1,82 @@
+"""A hundred throws in a row: outcomes, missed cycles in the simulator's own count, release and landing errors.
+
+`python -m tests.benchmarks.throws --count 100 [--busy 2]`; `--busy N` keeps N other processes spinning beside it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from executor import truth
+from tests.system.rig import LOB, Rig
+
+SPIN = "while True: pass"
+
+
+def main() -> None:
+    """Throws, and prints one JSON document."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=100)
+    parser.add_argument("--busy", type=int, default=0, help="processes that spin beside it")
+    parser.add_argument("--mode", default="speedj", choices=["speedj", "servoj"])
+    options = parser.parse_args()
+    spinning = [subprocess.Popen([sys.executable, "-c", SPIN]) for _ in range(options.busy)]
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            print(json.dumps(throws(Path(folder), options.count, options.mode, options.busy), indent=1))
+    finally:
+        for process in spinning:
+            process.kill()
+            process.wait()
+
+
+def throws(folder: Path, count: int, mode: str, busy: int) -> dict[str, Any]:
+    """Returns what `count` throws in a row showed."""
+    rig = Rig(folder)
+    rig.start()
+    try:
+        truth.ask(rig.host, "reset_stats")
+        rows = []
+        for _ in range(count):
+            if rig.is_latched():
+                rig.recover()
+                rig.acknowledge()
+            rows.append(rig.throw(LOB, mode))
+        cycles = truth.ask(rig.host, "stats")["commands_per_cycle"]
+    finally:
+        rig.stop()
+    return {"throws": count, "mode": mode, "busy_processes": busy, **_summary(rows, cycles)}
+
+
+def _summary(rows: list[Any], cycles: dict[str, int]) -> dict[str, Any]:
+    done = [row.metrics for row in rows if row.outcome == "completed"]
+    total = cycles["none"] + cycles["one"] + cycles["more"]
+    return {
+        "outcomes": dict(Counter(row.outcome for row in rows)),
+        "reasons": dict(Counter(row.reason for row in rows if row.reason)),
+        "cycles": cycles, "cycles_without_command_share": cycles["none"] / max(total, 1),
+        "missed_ticks": sum(m["missed_ticks"] for m in done),
+        "realtime": all(m["realtime"] for m in done),
+        "release_velocity_error_share": _spread([m["release_velocity_error_share"] for m in done]),
+        "landing_error_m": _spread([m["landing_error_m"] for m in done]),
+        "tracking_error_max_rad": _spread([m["tracking_error_max_rad"] for m in done]),
+        "period_max_s": _spread([m["period_max_s"] for m in done]),
+    }  # fmt: skip
+
+
+def _spread(values: list[float]) -> dict[str, float]:
+    known = [v for v in values if v is not None]
+    return {"median": float(np.median(known)), "max": float(np.max(known))} if known else {}
+
+
+if __name__ == "__main__":
+    main()

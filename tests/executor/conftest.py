@@ -1,0 +1,68 @@
+"""A cell, a plan and what the executor makes of it: computed once, shared by the tests."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import orjson
+import pytest
+
+from executor.brake import Brakes, brakes
+from executor.job import Job
+from executor.preparation import Rows, make_job, rows_of
+from executor.settings import Settings
+from planner.cell import Cell, load_cell
+from planner.certificate.motion import Motion
+from planner.certificate.tool import payload_of
+from planner.document import plan_document, problem_from_request
+from planner.dynamics import Payload
+from planner.planning import plan
+from planner.problem import ThrowProblem
+from planner.trajectory import Trajectory
+
+CELLS = Path(__file__).parents[2] / "cells"
+LOB = {"kind": "target", "position": [1.2, 0.3, 0.0]}
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """One throw, ready to stream."""
+
+    problem: ThrowProblem
+    trajectory: Trajectory
+    document: bytes
+    payload: Payload
+    rows: Rows
+    brakes: Brakes
+    job: Job
+
+    @property
+    def cell(self) -> Cell:
+        return self.problem.cell
+
+
+def settings(cell: str = "ur5e-sim", **changes: object) -> Settings:
+    """Returns settings that touch nothing."""
+    return Settings(**{"cell": cell, "cells": CELLS, "database_url": "", "data": Path("nowhere"), **changes})
+
+
+def prepare(name: str) -> Prepared:
+    """Returns a throw in a shipped cell."""
+    cell = load_cell(CELLS / f"{name}.toml")
+    request = {"cell": name, "release": LOB, "backend": "ruckig", "time_limit_s": 30.0}
+    answer = plan(problem_from_request(request, cell))
+    problem, trajectory = answer.problem, answer.trajectory
+    rows = rows_of(cell, trajectory, throws=True)
+    payload = payload_of(Motion(problem, trajectory), with_object=True)
+    ways = brakes(cell, payload, rows.q, rows.qd, rows.qdd, trajectory.dt)
+    job = make_job(cell, rows, ways, [trajectory.q[0]], "speedj", False, settings(name))
+    document = plan_document(answer, request, "id", "2026-01-01T00:00:00Z")
+    data = orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY)
+    return Prepared(problem, trajectory, data, payload, rows, ways, job)
+
+
+@pytest.fixture(scope="session", params=["ur5e-sim", "ur5-sim"])
+def prepared(request: pytest.FixtureRequest) -> Prepared:
+    """A throw of an e-Series arm at 500 Hz, and of a CB3 arm at 125 Hz."""
+    return prepare(request.param)

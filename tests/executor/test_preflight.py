@@ -1,0 +1,101 @@
+"""Preflight: every refusal in words a person understands."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import orjson
+import pytest
+
+from executor.monitor import RobotState
+from executor.preflight import Refused, judge_plan, refusals
+from tests.executor.conftest import Prepared
+
+
+@pytest.fixture
+def state(prepared: Prepared) -> RobotState:
+    cell = prepared.cell
+    return RobotState(
+        seen_at=time.monotonic(), timestamp_s=1.0, q=tuple(cell.home), qd=(0.0,) * 6, target_qd=(0.0,) * 6,
+        robot_mode=7, safety_bits=1, runtime_state=1, speed=1.0, outputs=0, payload_kg=cell.tool.mass_kg,
+        tcp_offset=(*cell.tool.X_FT[:3, 3], 0.0, 0.0, 0.0),
+    )  # fmt: skip
+
+
+def test_a_robot_in_order_is_not_refused(prepared: Prepared, state: RobotState) -> None:
+    assert refusals(prepared.cell, state, "true") == []
+
+
+@pytest.mark.parametrize(
+    ("change", "word"),
+    [
+        ({"robot_mode": 3}, "powered off"),
+        ({"robot_mode": 5}, "brakes not released"),
+        ({"robot_mode": 99}, "mode 99"),
+        ({"safety_bits": 1 << 2 | 1 << 10}, "protective stop"),
+        ({"safety_bits": 1 << 6}, "emergency stop"),
+        ({"speed": 0.5}, "speed slider is at 50%"),
+        ({"qd": (0.0, 0.2, 0.0, 0.0, 0.0, 0.0)}, "moving at 0.200 rad/s"),
+        ({"payload_kg": 3.0}, "payload of 3.00 kg"),
+        ({"payload_kg": 0.0}, "payload of 0.00 kg"),
+        ({"tcp_offset": (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)}, "70.0 mm"),
+        ({"tcp_offset": (0.0, 0.0, 0.17, 0.0, 0.5, 0.0)}, "0.500 rad"),
+    ],
+)
+def test_each_reason_is_told(prepared: Prepared, state: RobotState, change: dict, word: str) -> None:
+    reasons = refusals(prepared.cell, replace(state, **change), "true")
+    assert len(reasons) == 1
+    assert word in reasons[0]
+
+
+def test_every_reason_is_told_at_once(prepared: Prepared, state: RobotState) -> None:
+    assert len(refusals(prepared.cell, replace(state, robot_mode=3, speed=0.5), "false")) == 3
+
+
+@pytest.mark.parametrize(("remote", "word"), [("false", "remote control"), (None, "does not answer")])
+def test_remote_control_must_be_on(prepared: Prepared, state: RobotState, remote: str | None, word: str) -> None:
+    assert word in refusals(prepared.cell, state, remote)[0]
+
+
+def test_a_controller_that_does_not_know_remote_control_may_be_cb3(prepared: Prepared, state: RobotState) -> None:
+    reasons = refusals(prepared.cell, state, "could not understand: 'is in remote control'")
+    assert bool(reasons) == (prepared.cell.robot.generation != "CB3")
+
+
+def test_what_the_controller_does_not_tell_is_not_held_against_it(prepared: Prepared, state: RobotState) -> None:
+    assert refusals(prepared.cell, replace(state, payload_kg=None, tcp_offset=None), "true") == []
+
+
+def test_without_a_state_nothing_moves(prepared: Prepared) -> None:
+    assert "no state" in refusals(prepared.cell, None, "true")[0]
+
+
+class TestPlan:
+    """The plan is judged again, with the executor's own cell."""
+
+    @pytest.fixture
+    def document(self, prepared: Prepared) -> dict:
+        return orjson.loads(prepared.document)
+
+    def test_a_good_plan_passes(self, prepared: Prepared, document: dict) -> None:
+        _, trajectory = judge_plan(orjson.dumps(document), prepared.cell)
+        assert np.array_equal(trajectory.q, document["trajectory"]["positions"])
+
+    def test_another_cell_file_is_refused(self, prepared: Prepared, document: dict) -> None:
+        other = replace(prepared.cell, sha256="0" * 64)
+        with pytest.raises(Refused, match="another version of the cell"):
+            judge_plan(orjson.dumps(document), other)
+
+    @pytest.mark.parametrize("name", ["positions", "velocities", "accelerations"])
+    def test_a_plan_that_was_tampered_with_is_refused(self, prepared: Prepared, document: dict, name: str) -> None:
+        samples = [row.copy() for row in document["trajectory"][name]]
+        samples[100 % len(samples)][2] += 0.05
+        tampered = {**document, "trajectory": {**document["trajectory"], name: samples}}
+        with pytest.raises(Refused, match="certificate made again does not hold"):
+            judge_plan(orjson.dumps(tampered), prepared.cell)
+
+    def test_a_plan_without_its_samples_is_refused(self, prepared: Prepared, document: dict) -> None:
+        with pytest.raises(Refused, match="cannot be read"):
+            judge_plan(orjson.dumps({k: v for k, v in document.items() if k != "trajectory"}), prepared.cell)

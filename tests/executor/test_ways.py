@@ -1,0 +1,83 @@
+"""Ways to the start, and what they keep clear of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from executor.surroundings import Space, Ways
+from executor.ways import find_way
+from planner.cell import Box, Cell
+from planner.kinematics import forward
+from tests.executor.conftest import Prepared
+
+
+def with_box(cell: Cell, centre: np.ndarray, half: float) -> Cell:
+    """Returns the cell with a forbidden cube."""
+    return replace(cell, surroundings=replace(cell.surroundings, keep_out=(Box(centre - half, centre + half),)))
+
+
+def hand(cell: Cell, q: np.ndarray) -> np.ndarray:
+    """Returns where the tool centre point is (3,) [m]."""
+    return (cell.X_WB @ forward(cell.robot, q, cell.tool.X_FT))[:3, 3]
+
+
+def test_an_arm_at_the_start_goes_nowhere(prepared: Prepared) -> None:
+    start = prepared.trajectory.q[0]
+    way, hit = find_way(Space(prepared.cell), start, start)
+    assert len(way) == 1
+    assert not hit
+
+
+def test_a_clear_way_is_straight(prepared: Prepared) -> None:
+    start = prepared.trajectory.q[0]
+    way, _ = find_way(Space(prepared.cell), start + np.array([0.5, 0, 0, 0, 0, 0]), start)
+    assert [w.tolist() for w in way] == [start.tolist()]
+
+
+def test_what_stands_in_the_straight_way_is_gone_around(prepared: Prepared) -> None:
+    cell = prepared.cell
+    start = np.array([-0.8, -1.2, 1.6, -1.9, -1.57, 0.0])
+    now = start + np.array([1.6, 0, 0, 0, 0, 0])
+    middle = hand(cell, (now + start) / 2.0)
+    blocked = with_box(cell, middle, 0.06)
+    raised = replace(blocked, home=np.array([0.0, -1.57, 0.3, -1.57, -1.57, 0.0]))
+    space = Space(raised)
+    way, hit = find_way(space, now, start)
+    assert not hit
+    assert len(way) > 1
+    for a, b in zip([now, *way], way, strict=False):
+        assert space.judge(Ways.straight(np.linspace(a, b, 400)[None]))[0].all()
+
+
+def test_no_way_names_what_stands_there(prepared: Prepared) -> None:
+    cell = prepared.cell
+    start = prepared.trajectory.q[0]
+    blocked = with_box(cell, hand(cell, start), 0.1)
+    way, hit = find_way(Space(blocked), start + np.array([1.0, 0, 0, 0, 0, 0]), start)
+    assert way == []
+    assert "keep-out box" in hit
+
+
+def test_a_way_beyond_a_joints_range_is_no_way(prepared: Prepared) -> None:
+    start = prepared.trajectory.q[0]
+    way, hit = find_way(Space(prepared.cell), start, start + np.array([0, 0, 7.0, 0, 0, 0]))
+    assert way == []
+    assert hit
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_between_the_looked_at_positions_the_bound_holds(prepared: Prepared, seed: int) -> None:
+    """Values at 100 positions in between are never below what was promised."""
+    rng = np.random.default_rng(seed)
+    cell = with_box(prepared.cell, np.array([0.5, 0.0, 0.6]), 0.1)
+    cell = replace(cell, surroundings=replace(cell.surroundings, keep_in=(Box(np.full(3, -2.0), np.full(3, 2.0)),)))
+    space = Space(cell)
+    a = cell.home + rng.uniform(-0.5, 0.5, 6)
+    b = a + rng.uniform(-0.3, 0.3, 6)
+    fine = space._bounds(Ways.straight(np.linspace(a, b, 101)[None]))
+    coarse = space._bounds(Ways.straight(np.stack([a, b])[None]))
+    for (label, _, promised, _), (_, values, _, _) in zip(coarse, fine, strict=True):
+        assert values.min() >= promised.min() - 1e-12, label
