@@ -42,6 +42,7 @@ def main(arguments: list[str] | None = None) -> int:
     print(f"ready: {cell.name} at {cell.link.host}{', read-only' if settings.read_only else ''}", flush=True)
     Daemon(station, store, journal).run(ended)
     store.close()
+    journal.close()
     return 0
 
 

@@ -25,8 +25,17 @@ OUTPUT_SENT_S, OUTPUT_LATE_S, TIMESTAMP_AT_ZERO, IN_CALL = 7, 8, 9, 10
 ABORT, DAEMON_PULSE = 16, 17
 
 VECTORS = ("planned_q", "planned_qd", "command", "q", "qd", "current")  # six numbers each
-SCALARS = ("clock_s", "timestamp_s", "host_s", "safety_bits", "runtime_state", "speed_scaling", "digital_outputs",
-           "missed_ticks", "call_s")
+SCALARS = (
+    "clock_s",
+    "timestamp_s",
+    "host_s",
+    "safety_bits",
+    "runtime_state",
+    "speed_scaling",
+    "digital_outputs",
+    "missed_ticks",
+    "call_s",
+)
 ROW = struct.Struct(f"{len(SCALARS) + 6 * len(VECTORS)}d")  # scalars, then vectors
 
 

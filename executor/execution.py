@@ -125,4 +125,3 @@ class Execution:
             return watch_landing(self.station.cell.link.host, self.problem, self.released_before, duration)
         except (OSError, ValueError):
             return None  # the simulator is gone, as in a test of just that
-

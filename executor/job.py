@@ -11,8 +11,17 @@ from dataclasses import asdict, dataclass
 
 Row = list[float]
 
-OUTCOMES = ("completed", "aborted", "refused", "protective_stop", "emergency_stop", "link_lost", "late", "tracking",
-            "executor_lost")
+OUTCOMES = (
+    "completed",
+    "aborted",
+    "refused",
+    "protective_stop",
+    "emergency_stop",
+    "link_lost",
+    "late",
+    "tracking",
+    "executor_lost",
+)
 
 
 @dataclass(frozen=True)

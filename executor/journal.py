@@ -50,7 +50,12 @@ class Journal:
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
+            self._lock.close()
             raise Locked(f"another executor of this cell is running (it holds {folder})") from error
+
+    def close(self) -> None:
+        """Gives the folder free."""
+        self._lock.close()
 
     def waiting(self) -> bool:
         """Whether a result is not delivered yet."""

@@ -20,8 +20,20 @@ RATE_HZ = 25.0  # [Hz] of the states; the daemon shows them at 20 Hz
 FRESH_S = 0.25  # [s] an older state says nothing about now
 VERSION, SETUP_OUTPUTS, START, DATA = 86, 79, 83, 85
 FORMATS = {"DOUBLE": "d", "UINT64": "Q", "UINT32": "I", "INT32": "i", "VECTOR6D": "6d"}
-WANTED = ("timestamp", "actual_q", "actual_qd", "target_qd", "robot_mode", "safety_status_bits", "runtime_state",
-          "speed_scaling", "target_speed_fraction", "actual_digital_output_bits", "payload", "tcp_offset")
+WANTED = (
+    "timestamp",
+    "actual_q",
+    "actual_qd",
+    "target_qd",
+    "robot_mode",
+    "safety_status_bits",
+    "runtime_state",
+    "speed_scaling",
+    "target_speed_fraction",
+    "actual_digital_output_bits",
+    "payload",
+    "tcp_offset",
+)
 
 
 @dataclass(frozen=True)
@@ -169,9 +181,16 @@ class Receiver:
 
 def _state(values: dict[str, Any]) -> RobotState:
     return RobotState(
-        seen_at=time.monotonic(), timestamp_s=values["timestamp"], q=values["actual_q"], qd=values["actual_qd"],
-        target_qd=values["target_qd"], robot_mode=values["robot_mode"], safety_bits=values["safety_status_bits"],
-        runtime_state=values["runtime_state"], speed=values["speed_scaling"] * values["target_speed_fraction"],
-        outputs=values["actual_digital_output_bits"], payload_kg=values.get("payload"),
+        seen_at=time.monotonic(),
+        timestamp_s=values["timestamp"],
+        q=values["actual_q"],
+        qd=values["actual_qd"],
+        target_qd=values["target_qd"],
+        robot_mode=values["robot_mode"],
+        safety_bits=values["safety_status_bits"],
+        runtime_state=values["runtime_state"],
+        speed=values["speed_scaling"] * values["target_speed_fraction"],
+        outputs=values["actual_digital_output_bits"],
+        payload_kg=values.get("payload"),
         tcp_offset=values.get("tcp_offset"),
     )

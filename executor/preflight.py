@@ -21,8 +21,17 @@ from planner.trajectory import Trajectory
 Vector = NDArray[np.float64]
 
 RUNNING = 7  # robot_mode; source: RTDE guide
-ROBOT_MODES = {-1: "no controller", 0: "disconnected", 1: "confirming safety", 2: "booting", 3: "powered off",
-               4: "powered on", 5: "idle: brakes not released", 6: "in backdrive", 8: "updating its firmware"}
+ROBOT_MODES = {
+    -1: "no controller",
+    0: "disconnected",
+    1: "confirming safety",
+    2: "booting",
+    3: "powered off",
+    4: "powered on",
+    5: "idle: brakes not released",
+    6: "in backdrive",
+    8: "updating its firmware",
+}
 REST_RAD_S = 0.01  # [rad/s] faults.md C6: an arm this slow counts as at rest
 PAYLOAD_KG = 0.05  # [kg] what the controller's payload may differ from tool, or tool and object
 TCP_M, TCP_RAD = 1e-3, 5e-3  # [m, rad] what its tool centre point may differ: a millimetre at the object

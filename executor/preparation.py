@@ -60,8 +60,16 @@ def rows_of(cell: Cell, trajectory: Trajectory, throws: bool) -> Rows:
     still = (clock <= 0.0) | (clock >= trajectory.duration_s)
     qd[still], qdd[still] = 0.0, 0.0
     reference_q, reference_qd, _ = trajectory.at(clock - lag)
-    return Rows(first, q, qd, qdd, reference_q, reference_qd,
-                round((trajectory.release_time_s - first) / dt), round((opens - first) / dt) if throws else -1)
+    return Rows(
+        first,
+        q,
+        qd,
+        qdd,
+        reference_q,
+        reference_qd,
+        round((trajectory.release_time_s - first) / dt),
+        round((opens - first) / dt) if throws else -1,
+    )
 
 
 def make_job(
@@ -70,17 +78,34 @@ def make_job(
     """Returns the job of one execution; everything in it has been judged."""
     dt = 1.0 / cell.robot.sample_rate_hz
     return Job(
-        host=cell.link.host, mode=mode, dry_run=dry_run, dt=dt, lag_ticks=cell.timing.lag_s / dt,
+        host=cell.link.host,
+        mode=mode,
+        dry_run=dry_run,
+        dt=dt,
+        lag_ticks=cell.timing.lag_s / dt,
         first_clock_s=rows.first_clock_s,
-        q=rows.q.tolist(), qd=rows.qd.tolist(), qdd=rows.qdd.tolist(),
-        reference_q=rows.reference_q.tolist(), reference_qd=rows.reference_qd.tolist(),
-        release_row=rows.release_row, output_row=rows.output_row,
-        output=cell.gripper.output, output_index=cell.gripper.index, output_level=cell.gripper.open_level,
-        brake_row=brakes.row.tolist(), brake_ticks=brakes.ticks.tolist(),
+        q=rows.q.tolist(),
+        qd=rows.qd.tolist(),
+        qdd=rows.qdd.tolist(),
+        reference_q=rows.reference_q.tolist(),
+        reference_qd=rows.reference_qd.tolist(),
+        release_row=rows.release_row,
+        output_row=rows.output_row,
+        output=cell.gripper.output,
+        output_index=cell.gripper.index,
+        output_level=cell.gripper.open_level,
+        brake_row=brakes.row.tolist(),
+        brake_ticks=brakes.ticks.tolist(),
         approach=[q.tolist() for q in approach],
-        approach_speed=APPROACH_SPEED, approach_acceleration=APPROACH_ACCELERATION,
-        qd_max=cell.robot.qd_max.tolist(), acceleration=float(np.min(cell.robot.qdd_max)),
-        feedback_gain=FEEDBACK_GAIN, feedback_max=FEEDBACK_MAX, tracking_max=TRACKING_MAX_RAD,
-        watchdog_hz=settings.watchdog_hz, core=settings.core, priority=PRIORITY,
+        approach_speed=APPROACH_SPEED,
+        approach_acceleration=APPROACH_ACCELERATION,
+        qd_max=cell.robot.qd_max.tolist(),
+        acceleration=float(np.min(cell.robot.qdd_max)),
+        feedback_gain=FEEDBACK_GAIN,
+        feedback_max=FEEDBACK_MAX,
+        tracking_max=TRACKING_MAX_RAD,
+        watchdog_hz=settings.watchdog_hz,
+        core=settings.core,
+        priority=PRIORITY,
         daemon_silent_s=silence_limit(),
     )

@@ -43,7 +43,10 @@ def to_csv(telemetry: Telemetry) -> bytes:
 
 
 def to_mcap(
-    telemetry: Telemetry, joints: Sequence[str], started_at: float, log: Sequence[tuple[float, str]],
+    telemetry: Telemetry,
+    joints: Sequence[str],
+    started_at: float,
+    log: Sequence[tuple[float, str]],
     about: Mapping[str, str],
 ) -> bytes:
     """Returns the rows as MCAP.

@@ -173,7 +173,10 @@ class Run:
             outcome=OUTCOMES[int(board.words[words.OUTCOME])] if known else self._silent_outcome(),
             reason=board.text() if known else failure,
             rows=np.frombuffer(board.row_bytes()).reshape(-1, words.ROW.size // 8),
-            missed=int(board.words[words.MISSED]), realtime=bool(board.words[words.REALTIME]),
-            output_sent_s=None if np.isnan(sent) else sent, output_late_s=float(board.words[words.OUTPUT_LATE_S]),
-            timestamp_at_zero=float(board.words[words.TIMESTAMP_AT_ZERO]), in_order=not failure,
+            missed=int(board.words[words.MISSED]),
+            realtime=bool(board.words[words.REALTIME]),
+            output_sent_s=None if np.isnan(sent) else sent,
+            output_late_s=float(board.words[words.OUTPUT_LATE_S]),
+            timestamp_at_zero=float(board.words[words.TIMESTAMP_AT_ZERO]),
+            in_order=not failure,
         )

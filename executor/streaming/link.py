@@ -23,8 +23,15 @@ from executor.streaming.fault import LinkFault
 
 CALL_MAX_S = 0.005  # [s] a real-time call takes 30 us; one that reconnects in secret takes 160 ms (rtde.md, section 10)
 VARIABLES = [
-    "timestamp", "actual_q", "actual_qd", "actual_current", "safety_status_bits", "runtime_state", "speed_scaling",
-    "target_speed_fraction", "actual_digital_output_bits",
+    "timestamp",
+    "actual_q",
+    "actual_qd",
+    "actual_current",
+    "safety_status_bits",
+    "runtime_state",
+    "speed_scaling",
+    "target_speed_fraction",
+    "actual_digital_output_bits",
 ]
 SERVO_LOOKAHEAD_S = 0.03  # source: URScript manual, servoj, the smallest lookahead time
 SERVO_GAIN = 500.0  # source: URScript manual, servoj, between its 100 and 2000; the time constant is then two CB3 ticks
@@ -57,11 +64,15 @@ class Link:
         except (RuntimeError, ValueError) as error:
             raise LinkFault("refused", f"connecting: {error}") from error
         realtime.no_delay()
-        self.send_output = None if self.io is None else {
-            "tool_digital": self.io.setToolDigitalOut,
-            "standard_digital": self.io.setStandardDigitalOut,
-            "configurable_digital": self.io.setConfigurableDigitalOut,
-        }[job.output]
+        self.send_output = (
+            None
+            if self.io is None
+            else {
+                "tool_digital": self.io.setToolDigitalOut,
+                "standard_digital": self.io.setStandardDigitalOut,
+                "configurable_digital": self.io.setConfigurableDigitalOut,
+            }[job.output]
+        )
         self.read()
 
     def timestamp(self) -> float:

@@ -100,8 +100,22 @@ class Stream:
         job, link, clock = self.job, self.link, self.clock
         self.board.words[PULSE] = clock.host_s
         self.board.words[MISSED] = clock.total_missed
-        self.board.add_row([
-            job.first_clock_s + (clock.tick - job.lag_ticks) * job.dt, link.stamp, clock.host_s, link.safety_bits,
-            link.runtime_state, link.scaling, link.outputs, clock.missed, link.call_s,
-            *reference[0], *reference[1], *command, *link.q, *link.qd, *link.current,
-        ])
+        self.board.add_row(
+            [
+                job.first_clock_s + (clock.tick - job.lag_ticks) * job.dt,
+                link.stamp,
+                clock.host_s,
+                link.safety_bits,
+                link.runtime_state,
+                link.scaling,
+                link.outputs,
+                clock.missed,
+                link.call_s,
+                *reference[0],
+                *reference[1],
+                *command,
+                *link.q,
+                *link.qd,
+                *link.current,
+            ]
+        )

@@ -11,8 +11,16 @@ NORMAL = 1  # safety_status_bits in normal operation
 PLAYING = 2  # runtime_state of a running program
 EMERGENCY_BITS = 1 << 5 | 1 << 6 | 1 << 7
 SAFETY_WORDS = {
-    1: "reduced mode", 2: "protective stop", 3: "recovery mode", 4: "safeguard stop", 5: "system emergency stop",
-    6: "robot emergency stop", 7: "emergency stop", 8: "safety violation", 9: "safety fault", 10: "stopped for safety",
+    1: "reduced mode",
+    2: "protective stop",
+    3: "recovery mode",
+    4: "safeguard stop",
+    5: "system emergency stop",
+    6: "robot emergency stop",
+    7: "emergency stop",
+    8: "safety violation",
+    9: "safety fault",
+    10: "stopped for safety",
 }
 PROGRAM_WORDS = {0: "stopping", 1: "stopped", 3: "pausing", 4: "paused", 5: "resuming"}
 SCALING_TOLERANCE = 1e-6  # [-] of the speed scaling around 1; rounding only

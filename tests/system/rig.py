@@ -140,7 +140,7 @@ class Rig:
         return self.end(self.queue(release, mode, dry_run))
 
     def quiet_throw(self, release: Mapping[str, Any], mode: str = "speedj") -> ExecutionRow:
-        """Throws until a run has missed no tick: what is asserted of a throw holds on a machine that has time for it."""
+        """Throws until a run has missed no tick: what is asserted of a throw holds where the machine has time."""
         for _ in range(QUIET_TRIES):
             row = self.throw(release, mode)
             if row.outcome == "completed" and row.metrics is not None and row.metrics["missed_ticks"] == 0:

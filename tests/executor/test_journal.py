@@ -1,0 +1,107 @@
+"""The journal: results and faults that survive this process and the database."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from executor.journal import Journal, Locked, Result
+from store import Store, new_id
+
+Open = Callable[[], Journal]
+
+
+@pytest.fixture
+def store(database_url: str) -> Iterator[Store]:
+    store = Store.open(database_url)
+    yield store
+    store.close()
+
+
+@pytest.fixture
+def execution_id(store: Store) -> str:
+    plan_id = new_id()
+    store.add_plan(plan_id, time.time(), "cell", "0" * 64, "ruckig", b"{}")
+    store.queue_execution(plan_id, "cell")
+    row = store.claim_execution("cell", "me")
+    assert row is not None
+    return row.id
+
+
+@pytest.fixture
+def open_journal(tmp_path: Path) -> Iterator[Callable[[], Journal]]:
+    """Opens the test's journal, once after the other has closed."""
+    opened: list[Journal] = []
+
+    def open_one() -> Journal:
+        opened.append(Journal(tmp_path / "data"))
+        return opened[-1]
+
+    yield open_one
+    for journal in opened:
+        journal.close()
+
+
+def result(execution_id: str) -> Result:
+    return Result(execution_id, "completed", "", {"ticks": 3}, b"mcap", b"csv")
+
+
+def test_a_result_is_kept_and_delivered_once(open_journal: Open, store: Store, execution_id: str) -> None:
+    journal = open_journal()
+    journal.keep(result(execution_id))
+    assert journal.waiting()
+    assert journal.deliver(store) == 0
+    row = store.execution(execution_id)
+    assert (row.state, row.outcome, row.metrics) == ("finished", "completed", {"ticks": 3})
+    recording = store.recording(execution_id)
+    assert (recording.mcap, recording.csv) == (b"mcap", b"csv")
+    assert not journal.waiting()
+    assert journal.deliver(store) == 0
+
+
+def test_what_one_process_kept_the_next_one_delivers(open_journal: Open, store: Store, execution_id: str) -> None:
+    first = open_journal()
+    first.keep(result(execution_id))
+    first.close()
+    assert open_journal().deliver(store) == 0
+    assert store.execution(execution_id).outcome == "completed"
+
+
+def test_a_result_that_ended_otherwise_meanwhile_changes_nothing(
+    open_journal: Open, store: Store, execution_id: str
+) -> None:
+    journal = open_journal()
+    journal.keep(result(execution_id))
+    store.finish_execution(execution_id, "executor_lost")
+    journal.deliver(store)
+    assert store.execution(execution_id).outcome == "executor_lost"
+
+
+def test_an_execution_of_another_database_is_forgotten(open_journal: Open, store: Store) -> None:
+    journal = open_journal()
+    journal.keep(Result(new_id(), "completed", "", None))
+    assert journal.deliver(store) == 0
+    assert not journal.waiting()
+
+
+def test_a_fault_stays_until_a_person_has_looked(open_journal: Open) -> None:
+    journal = open_journal()
+    assert journal.fault() is None
+    journal.latch({"outcome": "late", "reason": "x"})
+    journal.close()
+    again = open_journal()
+    assert again.fault() == {"outcome": "late", "reason": "x"}
+    again.clear_fault()
+    assert again.fault() is None
+    again.clear_fault()
+
+
+def test_one_executor_a_cell(open_journal: Open) -> None:
+    journal = open_journal()
+    with pytest.raises(Locked, match="another executor"):
+        open_journal()
+    journal.close()
+    open_journal()

@@ -1,0 +1,105 @@
+"""Telemetry, recording and metrics of a run made up from its plan."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import orjson
+import pytest
+from mcap.reader import make_reader
+
+from executor.board import SCALARS, VECTORS
+from executor.landing import Landing
+from executor.metrics import metrics
+from executor.recording import COUNTS, to_csv, to_mcap
+from executor.supervision import RunResult
+from executor.telemetry import Telemetry, column_names
+from planner.certificate import release_flight
+from tests.executor.conftest import Prepared
+
+ABOUT = {"execution": "e", "plan": "p", "cell": "c", "cell_sha256": "0", "outcome": "completed"}
+
+
+def perfect(prepared: Prepared, offset: float = 0.0) -> Telemetry:
+    """Returns the telemetry of an arm that is `offset` [rad] off the plan in joint 2, and as fast as planned."""
+    clock = np.arange(0.0, prepared.trajectory.duration_s, prepared.trajectory.dt)
+    q, qd, _ = prepared.trajectory.at(clock)
+    measured = q + np.array([0.0, offset, 0.0, 0.0, 0.0, 0.0])
+    columns = {"clock_s": clock, "timestamp_s": 100.0 + clock, "host_s": 5.0 + clock, "safety_bits": clock * 0 + 1,
+               "runtime_state": clock * 0 + 2, "speed_scaling": clock * 0 + 1, "digital_outputs": clock * 0,
+               "missed_ticks": clock * 0, "call_s": clock * 0 + 3e-5}  # fmt: skip
+    vectors = {"planned_q": q, "planned_qd": qd, "command": qd, "q": measured, "qd": qd, "current": qd * 0}
+    scalars = np.stack([columns[name] for name in SCALARS], axis=1)
+    return Telemetry(np.hstack([scalars, *(vectors[name] for name in VECTORS)]))
+
+
+def ended(telemetry: Telemetry, prepared: Prepared) -> RunResult:
+    told = prepared.trajectory.release_time_s - prepared.cell.gripper.delay_s - prepared.cell.timing.lag_s
+    return RunResult("completed", "", telemetry.rows, 0, True, told, 0.0, 100.0, True)
+
+
+def test_a_perfect_run_has_perfect_metrics(prepared: Prepared) -> None:
+    trajectory, problem = prepared.trajectory, prepared.problem
+    telemetry = perfect(prepared)
+    flight = release_flight(problem, trajectory)
+    landing = Landing(100.0 + trajectory.release_time_s, flight.landing_point)
+    found = metrics(problem, trajectory, ended(telemetry, prepared), landing)
+    assert found["ticks"] == len(telemetry)
+    assert found["period_p50_s"] == pytest.approx(trajectory.dt)
+    assert found["tracking_error_max_rad"] == found["tracking_error_max_m"] == 0.0
+    assert found["release_velocity_error_rad_s"] == pytest.approx(0.0, abs=1e-9)
+    assert found["gripper_opened_s"] == pytest.approx(trajectory.release_time_s)
+    assert found["gripper_opened_late_s"] == pytest.approx(0.0)
+    assert found["landing_error_m"] == 0.0
+    assert orjson.dumps(found)
+
+
+def test_an_offset_shows_in_radians_and_metres(prepared: Prepared) -> None:
+    found = metrics(prepared.problem, prepared.trajectory, ended(perfect(prepared, 0.01), prepared), None)
+    assert found["tracking_error_max_rad"] == pytest.approx(0.01)
+    assert 0.002 < found["tracking_error_max_m"] < 0.012  # 0.01 rad at 0.2 to 1.2 m
+    assert found["landing_point"] is None
+    assert found["gripper_opened_s"] is None
+
+
+def test_a_run_without_a_tick_has_metrics_too(prepared: Prepared) -> None:
+    nothing = RunResult("aborted", "", np.empty((0, 45)), 0, False, None, 0.0, 0.0, True)
+    found = metrics(prepared.problem, prepared.trajectory, nothing, None)
+    assert found["ticks"] == 0
+    assert found["period_p50_s"] is None
+    assert found["released"] is False
+
+
+def test_the_csv_reads_back_exactly(prepared: Prepared) -> None:
+    telemetry = perfect(prepared, 0.001)
+    header, *lines = to_csv(telemetry).decode().splitlines()
+    assert header.split(",") == column_names()
+    assert np.array_equal([[float(x) for x in line.split(",")] for line in lines], telemetry.rows)
+
+
+def test_the_mcap_holds_the_same_rows(prepared: Prepared) -> None:
+    telemetry = perfect(prepared, 0.001)
+    joints = prepared.cell.robot.joint_names
+    data = to_mcap(telemetry, joints, 1000.0, [(1000.5, "streaming")], ABOUT)
+    reader = make_reader(io.BytesIO(data))
+    schemas = {schema.name for schema in reader.get_summary().schemas.values()}
+    assert schemas == {"foxglove.JointStates", "foxglove.Log", "fling.Tick"}
+    ticks, measured = [], []
+    for _, channel, message in reader.iter_messages():
+        content = orjson.loads(message.data)
+        if channel.topic == "/tick":
+            ticks.append(content)
+        elif channel.topic == "/measured":
+            measured.append([joint["position"] for joint in content["joints"]])
+            assert [joint["name"] for joint in content["joints"]] == list(joints)
+    for name in SCALARS:
+        kind = int if name in COUNTS else float
+        assert [tick[name] for tick in ticks] == [kind(x) for x in telemetry.scalar(name)]
+    assert np.array_equal(measured, telemetry.vector("q"))
+    assert dict(next(reader.iter_metadata()).metadata) == ABOUT
+
+
+def test_an_empty_recording_opens(prepared: Prepared) -> None:
+    data = to_mcap(Telemetry(np.empty((0, 45))), prepared.cell.robot.joint_names, 0.0, [(1.0, "refused")], ABOUT)
+    assert len(list(make_reader(io.BytesIO(data)).iter_messages())) == 1
