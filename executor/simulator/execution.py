@@ -102,7 +102,6 @@ class Execution:
         except ProgramError as error:
             self.controller.note(f"script refused: {error}")
             return
-        self.controller.registers.clear_outputs()
         self.runtime = PLAYING
         self.controller.note(f"program {self.program.name} plays")
 

@@ -30,9 +30,3 @@ class Registers:
     def write_double(self, index: int, value: float) -> None:
         """Sets an output double register."""
         self.double_out[index][0] = float(value)
-
-    def clear_outputs(self) -> None:
-        """Sets every output register to zero, as a starting controller does."""
-        for index in range(REGISTERS):
-            self.write_int(index, 0)
-            self.write_double(index, 0.0)

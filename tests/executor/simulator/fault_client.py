@@ -162,6 +162,21 @@ def control_closed(host: str) -> Seen:
     return {"uploads": uploads}
 
 
+def second_client(host: str) -> Seen:
+    """Two control clients in different register ranges: both connect, but only one program can run."""
+    kind = rtde_control.RTDEControlInterface
+    first = kind(host, 500.0, kind.FLAG_UPLOAD_SCRIPT | kind.FLAG_UPPER_RANGE_REGISTERS | kind.FLAG_NO_EXT_FT)
+    receive = rtde_receive.RTDEReceiveInterface(host)
+    q = receive.getTargetQ()
+    goal = [q[0] + 0.05, *q[1:]]
+    alone = first.moveJ(goal, 1.0, 5.0)
+    arrived = abs(receive.getTargetQ()[0] - goal[0]) < 1e-6
+    second = kind(host, 500.0, kind.FLAG_UPLOAD_SCRIPT | kind.FLAG_NO_EXT_FT)
+    moved = second.moveJ(q, 1.0, 5.0)
+    return {"alone": alone, "arrived": arrived, "second": moved, "first_still": first.speedJ(SPEED, 1.0, 0.002),
+            "speed": receive.getTargetQd()[0]}  # fmt: skip
+
+
 def delayed(host: str) -> Seen:
     c = Client(host)
     c.fault("disturb_connection", role="receive", delay_s=0.2)
@@ -225,6 +240,7 @@ SCENARIOS: dict[str, Callable[[str], Seen]] = {
     "receive_closed": receive_closed,
     "io_closed": io_closed,
     "control_closed": control_closed,
+    "second_client": second_client,
     "delayed": delayed,
     "dropped_commands": dropped_commands,
     "slider": slider,

@@ -20,8 +20,9 @@ from .conftest import ROOT, Driven, Simulator, Start, make_cell
 from .fault_client import SCENARIOS
 
 CLIENT = Path(__file__).with_name("fault_client.py")
-AT_ONCE = 4  # scenarios that run at the same time: they sleep most of it
-HANGS_S = 6.0  # what has not ended by then hangs
+AT_ONCE = 3  # scenarios that run at the same time: they sleep most of it
+HANGS_S = 40.0  # what has not ended by then hangs; several times the longest on a machine with much else to do
+EXPECTED_TO_HANG_S = {"mute_rtde": 4.0, "control_closed": 8.0}
 PROTECTIVE, SAFEGUARD, EMERGENCY, POWER_OFF = 3, 5, 7, 3
 STOPPED, PLAYING, PAUSED = 1, 2, 4
 Outcomes = dict[str, dict[str, Any]]
@@ -30,8 +31,9 @@ Outcomes = dict[str, dict[str, Any]]
 def observed(simulator: Simulator, scenario: str) -> dict[str, Any]:
     """Runs a scenario; returns what the client printed, {"hangs": true} or {"crashed": signal}."""
     command = [sys.executable, str(CLIENT), simulator.host, scenario]
+    timeout = EXPECTED_TO_HANG_S.get(scenario, HANGS_S)
     try:
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=HANGS_S, check=False)
+        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=timeout, check=False)
     except subprocess.TimeoutExpired:
         return {"hangs": True}
     lines = [line for line in done.stdout.splitlines() if line.startswith("{")]
@@ -130,6 +132,11 @@ def test_a_closed_control_connection_uploads_again_or_ends_the_client(outcomes: 
     uploads = sum("script received" in text for text in seen["events"])
     assert uploads > 1 or "crashed" in seen or "hangs" in seen
     assert uploads >= 1
+
+
+def test_two_control_clients_connect_but_only_one_program_runs(outcomes: Outcomes):
+    expected = {"alone": True, "arrived": True, "second": True, "first_still": True, "speed": 0.0}
+    assert seen_in(outcomes, "second_client") == expected
 
 
 def test_delayed_and_dropped_packages_arrive_late_and_not_at_all(outcomes: Outcomes):
