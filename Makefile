@@ -23,11 +23,11 @@ check: $(VENV)/dev.stamp
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
-bench: $(VENV)/dev.stamp $(VENV)/warm.stamp
-	$(BIN)/fling bench
+bench: $(VENV)/bench.stamp $(VENV)/warm.stamp  ## docs/benchmarks anew, about ten minutes; SLOW=1 for hours
+	$(BIN)/fling bench -- $(if $(SLOW),--slow)
 
 lock:                           ## pin requirements/*.in anew (needs uv)
-	for name in run dev; do \
+	for name in run dev bench; do \
 		uv pip compile --quiet --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
 			--no-emit-index-url --no-header --no-annotate requirements/$$name.in -o requirements/$$name.txt || exit 1; \
 	done
@@ -51,4 +51,8 @@ $(VENV)/warm.stamp: $(VENV)/run.stamp $(wildcard planner/backends/casadi_nlp/*.p
 
 $(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp
 	$(PIP) install --quiet --require-hashes -r requirements/dev.txt
+	touch $@
+
+$(VENV)/bench.stamp: requirements/bench.txt $(VENV)/dev.stamp
+	$(PIP) install --quiet --require-hashes -r requirements/bench.txt
 	touch $@
