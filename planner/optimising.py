@@ -19,6 +19,7 @@ from planner.trajectory import Trajectory
 
 # Seeds optimised once an answer is known, and at most while none is.  # source: measured, docs/benchmarks
 SEEDS = {JointRelease: (1, 1), PoseRelease: (1, 6), PointRelease: (2, 8), TargetRelease: (2, 8)}
+TIMED = 24  # candidates of least bound whose launch by Ruckig is timed; the others lie turns away
 WORTH = 0.995  # [-] a further seed must be able to release this much sooner than the best answer
 
 
@@ -30,11 +31,11 @@ class Seed:
     ruckig_s: float
 
 
-def optimised(search: Search, seeds: list[Candidate]) -> None:
+def optimised(search: Search, seeds: list[Seed]) -> None:
     """Improves on the best answer by optimal control, over a few seeds."""
     begun, solved, valid, failure = time.perf_counter(), 0, 0, ""
     enough, most = SEEDS[type(search.problem.release)]
-    for number, seed in enumerate(_by_launch_time(search.problem, seeds)[:most]):
+    for number, seed in enumerate(seeds[:most]):
         if (number >= enough and search.best is not None) or search.left_s <= 0.0:
             break
         if seed.candidate.bound_s >= WORTH * search.release_time_s:
@@ -48,10 +49,10 @@ def optimised(search: Search, seeds: list[Candidate]) -> None:
     search.tell("casadi", result, begun)
 
 
-def sooner_by_ruckig(search: Search, seeds: list[Candidate]) -> None:
+def sooner_by_ruckig(search: Search, seeds: list[Seed]) -> None:
     """Certifies those Ruckig motions that would release sooner than the best answer, soonest first."""
     begun, tried, valid = time.perf_counter(), 0, 0
-    for seed in _by_launch_time(search.problem, seeds):
+    for seed in seeds:
         if seed.ruckig_s >= search.release_time_s or search.left_s <= 0.0:
             break
         for launch in ruckig_otg.LAUNCHES:
@@ -62,9 +63,9 @@ def sooner_by_ruckig(search: Search, seeds: list[Candidate]) -> None:
     search.tell("ruckig", f"{valid} of {tried} motions certified that would release sooner", begun)
 
 
-def _by_launch_time(problem: ThrowProblem, seeds: list[Candidate]) -> list[Seed]:
-    """Returns the seeds sorted by how soon Ruckig releases in them; those it refuses come last."""
-    timed = [Seed(seed, ruckig_otg.launch_time(problem, seed)) for seed in seeds]
+def by_launch_time(problem: ThrowProblem, seeds: list[Candidate]) -> list[Seed]:
+    """Returns the soonest seeds by how soon Ruckig releases in them; those it refuses come last."""
+    timed = [Seed(seed, ruckig_otg.launch_time(problem, seed)) for seed in seeds[:TIMED]]
     return sorted(timed, key=lambda seed: seed.ruckig_s)
 
 

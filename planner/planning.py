@@ -13,7 +13,7 @@ from planner.backends import ruckig_otg
 from planner.certificate import Certificate, certify
 from planner.errors import Infeasible, SolverFailed
 from planner.nearest import nearest_release, request_document
-from planner.optimising import optimised, sooner_by_ruckig
+from planner.optimising import by_launch_time, optimised, sooner_by_ruckig
 from planner.problem import ThrowProblem
 from planner.release import candidates
 from planner.search import Attempt, Search
@@ -78,9 +78,10 @@ def _search(search: Search) -> None:
     if backend in WAYS:
         one_by_one(search, backend, seeds)
     else:
-        optimised(search, seeds)
-    if backend == "auto":
-        sooner_by_ruckig(search, seeds)
+        timed = by_launch_time(search.problem, seeds)
+        optimised(search, timed)
+        if backend == "auto":
+            sooner_by_ruckig(search, timed)
     if search.best is None:
         raise search.refusal()
 

@@ -30,6 +30,7 @@ from planner.sampling import point_states, target_states
 Vector = NDArray[np.float64]
 
 SPEED_SLACK = 1e-9  # [-] rounding allowed in the comparison with a speed limit
+FIRST_LOOK = 48  # states of least bound looked at first: a pose has hundreds, most of them turns away
 POSITION_SLACK = 1e-9  # [rad] likewise with a position limit
 
 
@@ -85,14 +86,24 @@ def _usable(problem: ThrowProblem, q: Vector, qd: Vector) -> list[Candidate]:
     if not good.any():
         raise Infeasible(_reasons(problem, q, qd, excess, distance))
     q, qd = q[good], qd[good]
-    free = clearances(problem.cell, q)
-    if not (free.least >= 0.0).any():
-        raise Infeasible(free.violations(int(free.least.argmax()), problem.cell))
-    q, qd = q[free.least >= 0.0], qd[free.least >= 0.0]
     bound = least_time(q - problem.start, qd, limits)
     order = np.lexsort([*q.T[::-1], bound])
-    kind = problem.release.__class__.__name__
-    return [Candidate(q[i], qd[i], float(bound[i]), f"{kind} {n}") for n, i in enumerate(order)]
+    return _clear(problem, q[order], qd[order], bound[order])
+
+
+def _clear(problem: ThrowProblem, q: Vector, qd: Vector, bound: Vector) -> list[Candidate]:
+    """Returns the sorted states in which the arm may stand; those of equal posture but more turns only if need be."""
+    kind, least = problem.release.__class__.__name__, []
+    for rows in (slice(0, FIRST_LOOK), slice(FIRST_LOOK, None)):
+        free = clearances(problem.cell, q[rows])
+        good = np.flatnonzero(free.least >= 0.0) + (rows.start or 0)
+        if len(good):
+            return [Candidate(q[i], qd[i], float(bound[i]), f"{kind} {i}") for i in good]
+        least.append(free)
+        if len(q) <= FIRST_LOOK:
+            break
+    best = max(least, key=lambda free: float(free.least.max()))
+    raise Infeasible(best.violations(int(best.least.argmax()), problem.cell))
 
 
 def _reasons(problem: ThrowProblem, q: Vector, qd: Vector, excess: Vector, distance: Vector) -> list[Violation]:

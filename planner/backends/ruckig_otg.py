@@ -123,11 +123,11 @@ def _brake(ruckig: ModuleType, release: State, limits: Limits, dt: float) -> tup
 
 def _input(ruckig: ModuleType, start: State, end: State, limits: Limits) -> Any:
     request = ruckig.InputParameter(len(start[0]))
-    request.current_position, request.current_velocity, request.current_acceleration = (list(x) for x in start)
-    request.target_position, request.target_velocity, request.target_acceleration = (list(x) for x in end)
+    request.current_position, request.current_velocity, request.current_acceleration = (x.tolist() for x in start)
+    request.target_position, request.target_velocity, request.target_acceleration = (x.tolist() for x in end)
     # A release at the very limit is allowed: only the way there keeps the room that the grid needs.
-    request.max_velocity = list(np.maximum(limits.qd_max, np.abs(end[1])))
-    request.max_acceleration, request.max_jerk = list(limits.qdd_max), list(limits.jerk_max)
+    request.max_velocity = np.maximum(limits.qd_max, np.abs(end[1])).tolist()
+    request.max_acceleration, request.max_jerk = limits.qdd_max.tolist(), limits.jerk_max.tolist()
     return request
 
 
