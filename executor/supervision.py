@@ -146,7 +146,10 @@ class Run:
             time.sleep(PERIOD_S)
         if self.state == words.DONE:
             return ""
-        return "fault" if self.state == words.FAULT else f"the streaming process ended with {process.returncode}"
+        if self.state == words.FAULT:
+            return "fault"
+        last = self.log.read_text(errors="replace").strip().splitlines()[-1:]
+        return ": ".join([f"the streaming process ended with {process.returncode}", *last])
 
     def _make_safe(self, failure: str) -> None:
         """Kills what hangs and stops the program on the controller, unless the run ended in order."""

@@ -6,6 +6,7 @@ the library answers True for ever, reconnects by itself and resumes (reference: 
 
 from __future__ import annotations
 
+import math
 import os
 import threading
 from collections.abc import Callable
@@ -46,6 +47,7 @@ class Link:
         stamp: controller time of the newest state read [s].
         q, qd, current: measured, of that state.
         call_s: how long the last command took [s].
+        sent_at: when, by the monotonic clock [s].
     """
 
     def __init__(self, job: Job, board: Board) -> None:
@@ -159,6 +161,7 @@ class Link:
             raise LinkFault("link_lost", f"{name}: {error}") from error
         self.call_s = spent = monotonic() - begin
         self.words[IN_CALL] = 0.0
+        self.sent_at = begin
         self._answer(name, answer)
         if spent > CALL_MAX_S and spent - (self._run_delay_ns() - self._waited) * 1e-9 > CALL_MAX_S:
             raise LinkFault("link_lost", f"{name} took {spent * 1e3:.1f} ms")
@@ -174,3 +177,4 @@ class Link:
         return int(os.pread(self._stat, 64, 0).split()[1])
 
     call_s = 0.0
+    sent_at = math.inf

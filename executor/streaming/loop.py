@@ -10,16 +10,19 @@ from executor.board import (
     OUTPUT_LATE_S,
     OUTPUT_SENT_S,
     PULSE,
+    REALTIME,
     STATE,
     TIMESTAMP_AT_ZERO,
     Board,
 )
 from executor.job import Job, Row
 from executor.streaming.clock import Clock, Lateness
+from executor.streaming.fault import LinkFault
 from executor.streaming.link import SERVO_CONSTANT_S, Link
 from executor.streaming.orders import Orders
 from executor.streaming.schedule import Schedule
 
+WATCHDOG_SHARE = 0.5  # [-] of the watchdog's period: a gap this long, and a program that stopped, belong together
 POSITION_LIMITS = [2.0 * math.pi] * 6  # [rad] source: UR joint range; the certificate has checked the cell's
 
 
@@ -29,7 +32,7 @@ class Stream:
     def __init__(self, link: Link, job: Job, board: Board, orders: Orders) -> None:
         self.link, self.job, self.board, self.orders = link, job, board, orders
         self.schedule = Schedule(job)
-        self.lateness = Lateness(job.dt)
+        self.lateness = Lateness(job.dt, realtime=bool(board.words[REALTIME]))
         self.clock = Clock(link, job.dt)
         self.verdict = ("completed", "")
         self.output_sent = False
@@ -44,7 +47,7 @@ class Stream:
         while self.clock.tick <= self.schedule.last:
             self.clock.wait()
             self.link.read()
-            self.link.check()
+            self._check()
             row = self.clock.tick
             reference = self.schedule.reference(row)
             stop = self._must_stop(reference[0])
@@ -54,6 +57,17 @@ class Stream:
             self._tell_gripper(row)
             self._record(reference, command)
         return self.verdict
+
+    def _check(self) -> None:
+        """Judges the controller's state; a program that stopped while our commands stayed out is our lateness."""
+        try:
+            self.link.check()
+        except LinkFault as fault:
+            silent = max(self.clock.missed * self.job.dt, self.clock.host_s - self.link.sent_at)
+            if fault.outcome == "aborted" and silent > WATCHDOG_SHARE / self.job.watchdog_hz:
+                reason = f"no command for {silent * 1e3:.0f} ms: the controller's watchdog stopped the program"
+                raise LinkFault("late", reason) from fault
+            raise
 
     def _must_stop(self, reference_q: Row) -> tuple[str, str] | None:
         if self.schedule.diverted is not None:

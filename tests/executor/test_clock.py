@@ -52,12 +52,17 @@ def test_time_that_runs_backwards_is_a_lost_link() -> None:
 
 
 def test_twenty_milliseconds_in_a_row_are_too_late() -> None:
-    assert not Lateness(DT).too_late(9)
-    assert Lateness(DT).too_late(10)
-    assert Lateness(0.008).too_late(3)
+    assert not Lateness(DT, True).too_late(9)
+    assert Lateness(DT, True).too_late(10)
+    assert Lateness(0.008, True).too_late(3)
+
+
+def test_without_real_time_a_gap_is_borne_twice_as_long() -> None:
+    assert not Lateness(DT, False).too_late(19)
+    assert Lateness(DT, False).too_late(20)
 
 
 def test_one_tick_in_ten_is_too_late_but_one_in_a_hundred_is_not() -> None:
-    rare, often = Lateness(DT), Lateness(DT)
+    rare, often = Lateness(DT, True), Lateness(DT, True)
     assert not any(rare.too_late(int(i % 100 == 0)) for i in range(2000))
     assert any(often.too_late(int(i % 5 == 0)) for i in range(2000))
