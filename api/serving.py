@@ -14,10 +14,12 @@ def serve(settings: Settings) -> int:
     import uvicorn
 
     from api.app import create_app
+    from store import Store, StoreError
 
     try:
+        Store.open(settings.database_url).close()
         app = create_app(settings)
-    except ValueError as error:
+    except (ValueError, RuntimeError, StoreError) as error:
         print(f"fling: {error}", file=sys.stderr)
         return 2
     uvicorn.run(

@@ -21,12 +21,18 @@ READING = {"fling_reading": True}
 
 
 def open_engine(url: str) -> Engine:
-    """Returns an engine for `url`; makes the folder of a SQLite file."""
+    """Returns an engine for `url`; makes the folder of a SQLite file.
+
+    Raises:
+        StoreUnavailable: the folder cannot be made.
+    """
     address = make_url(url)
     if address.get_backend_name() != "sqlite":
         return create_engine(address, pool_pre_ping=True)
-    if address.database and address.database != ":memory:":
-        Path(address.database).expanduser().parent.mkdir(parents=True, exist_ok=True)
+    try:
+        Path(address.database or "").parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StoreUnavailable(error) from error
     engine = create_engine(address)
     event.listen(engine, "connect", _configure)
     event.listen(engine, "begin", _begin)

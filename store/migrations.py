@@ -60,17 +60,28 @@ def upgrade(engine: Engine) -> tuple[int, int]:
         if connection.dialect.name == "postgresql":
             connection.execute(text("SELECT pg_advisory_xact_lock(:id)"), {"id": LOCK_ID})
         before = _version(connection)
-        if before > LATEST:
-            raise RuntimeError(f"the database is at version {before}; this Fling knows {LATEST}: install a newer one")
+        _refuse_newer(before)
         for number in range(before, LATEST):
             _apply(connection, number)
     return before, LATEST
 
 
-def current_version(engine: Engine) -> int:
-    """Returns the number of steps applied; 0 for an empty database."""
+def check(engine: Engine) -> None:
+    """Makes sure that every step was applied, and no other.
+
+    Raises:
+        RuntimeError: the database is older or newer than this Fling.
+    """
     with engine.connect() as connection:
-        return _version(connection)
+        version = _version(connection)
+    _refuse_newer(version)
+    if version < LATEST:
+        raise RuntimeError(f"the database is at version {version}, not {LATEST}: run 'fling db upgrade'")
+
+
+def _refuse_newer(version: int) -> None:
+    if version > LATEST:
+        raise RuntimeError(f"the database is at version {version}; this Fling knows {LATEST}: install a newer one")
 
 
 def _version(connection: Connection) -> int:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Self
 
 from sqlalchemy import text
+from sqlalchemy.exc import SQLAlchemyError
 
 from store import migrations
 from store.access import Access
@@ -28,13 +29,19 @@ class Store(Plans, Executions, Runs, Cells, Access):
 
         Raises:
             RuntimeError: the database is older (PostgreSQL) or newer than this Fling.
+            StoreUnavailable: there is no database at `url`.
         """
         engine = open_engine(url)
-        if engine.dialect.name == "sqlite":
-            migrations.upgrade(engine)
-        elif (version := migrations.current_version(engine)) != migrations.LATEST:
+        try:
+            if engine.dialect.name == "sqlite":
+                migrations.upgrade(engine)
+            else:
+                migrations.check(engine)
+        except (RuntimeError, SQLAlchemyError) as error:
             engine.dispose()
-            raise RuntimeError(f"the database is at version {version}, not {migrations.LATEST}: run 'fling db upgrade'")
+            if isinstance(error, SQLAlchemyError):
+                raise StoreUnavailable(error) from error
+            raise
         return cls(engine)
 
     @staticmethod
@@ -43,6 +50,8 @@ class Store(Plans, Executions, Runs, Cells, Access):
         engine = open_engine(url)
         try:
             return migrations.upgrade(engine)
+        except SQLAlchemyError as error:
+            raise StoreUnavailable(error) from error
         finally:
             engine.dispose()
 

@@ -21,12 +21,16 @@ def up(cell: str | None, port: int | None) -> None:
     from api.cli.stack import start_stack
     from api.settings import Settings
     from planner.cell import load_cell
-    from store import Store
+    from planner.errors import CellError
+    from store import Store, StoreError
 
     settings = Settings()
     name, number = cell or settings.default_cell, port or settings.port
-    simulated = load_cell(cell_path(settings.cells, name)).link.kind == "sim"
-    Store.upgrade(settings.database_url)
+    try:
+        simulated = load_cell(cell_path(settings.cells, name)).link.kind == "sim"
+        Store.upgrade(settings.database_url)
+    except (CellError, StoreError, RuntimeError) as error:
+        raise click.ClickException(str(error)) from error
     host = "127.0.0.1" if settings.host == "0.0.0.0" else settings.host
     url = f"http://{host}:{number}"
     environment = {

@@ -1,14 +1,45 @@
+"""The store on SQLite; and on PostgreSQL where FLING_TEST_POSTGRES names an empty server, a database a test."""
+
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
+from sqlalchemy import create_engine, make_url, text
 
 from store import Store, new_id
+
+POSTGRES = os.environ.get("FLING_TEST_POSTGRES")  # such as postgresql+psycopg://postgres@127.0.0.1:5432/postgres
+
+
+@pytest.fixture(params=["sqlite", *(["postgresql"] if POSTGRES else [])])
+def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
+    """Address of an empty database of this test's own."""
+    if request.param == "sqlite":
+        yield f"sqlite:///{tmp_path / 'fling.db'}"
+        return
+    name = f"fling_{new_id().replace('-', '')}"
+    engine = create_engine(str(POSTGRES), isolation_level="AUTOCOMMIT")
+    with engine.connect() as connection:
+        connection.execute(text(f"CREATE DATABASE {name}"))
+    yield make_url(str(POSTGRES)).set(database=name).render_as_string(hide_password=False)
+    with engine.connect() as connection:
+        connection.execute(text(f"DROP DATABASE {name} WITH (FORCE)"))
+    engine.dispose()
+
+
+@pytest.fixture
+def sqlite_url(tmp_path: Path) -> str:
+    """Address of an empty SQLite file of this test's own."""
+    return f"sqlite:///{tmp_path / 'own.db'}"
 
 
 @pytest.fixture
 def store(database_url: str) -> Iterator[Store]:
+    """An empty store."""
+    Store.upgrade(database_url)
     opened = Store.open(database_url)
     yield opened
     opened.close()
@@ -16,6 +47,8 @@ def store(database_url: str) -> Iterator[Store]:
 
 @pytest.fixture
 def add_plan(store: Store) -> Callable[..., str]:
+    """Adds a plan; returns its id."""
+
     def add(cell: str = "ur5e-sim") -> str:
         id = new_id()
         store.add_plan(id, 1.0, cell, "sha", "ruckig", b'{"trajectory":[]}', b"{}")

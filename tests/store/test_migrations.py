@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 from sqlalchemy import inspect, text
 
-from store import Store, migrations
+from store import Store, StoreUnavailable, migrations
 from store.engine import open_engine
 from store.tables import METADATA
 
@@ -24,11 +24,10 @@ def test_the_migrations_make_the_tables_that_the_code_knows(store):
 
 
 def test_the_partial_index_is_unique_and_partial(store):
-    with store._engine.connect() as connection:
-        sql = connection.execute(text("SELECT sql FROM sqlite_master WHERE name = 'one_active_execution_per_cell'"))
-        statement = sql.scalar_one()
-    assert "UNIQUE" in statement
-    assert "state <> 'finished'" in statement
+    (index,) = inspect(store._engine).get_indexes("executions")
+    assert (index["name"], index["unique"]) == ("one_active_execution_per_cell", 1)
+    option = f"{store._engine.dialect.name}_where"
+    assert "finished" in str(index["dialect_options"][option])
 
 
 def test_upgrading_twice_changes_nothing(database_url):
@@ -38,6 +37,7 @@ def test_upgrading_twice_changes_nothing(database_url):
 
 def test_many_may_open_an_empty_database_at_once(database_url):
     def attempt(_: int) -> bool:
+        Store.upgrade(database_url)
         opened = Store.open(database_url)
         try:
             return opened.is_reachable()
@@ -58,8 +58,26 @@ def test_a_newer_database_is_refused(database_url):
         Store.open(database_url)
 
 
-def test_sqlite_runs_in_write_ahead_mode_with_foreign_keys(store):
+def test_an_older_postgresql_is_refused_and_an_older_sqlite_upgraded(database_url):
+    if database_url.startswith("sqlite"):
+        Store.open(database_url).close()
+        assert Store.upgrade(database_url) == (migrations.LATEST, migrations.LATEST)
+    else:
+        with pytest.raises(RuntimeError, match="fling db upgrade"):
+            Store.open(database_url)
+
+
+def test_no_database_there(tmp_path):
+    file = tmp_path / "file"
+    file.write_text("this is no database, and long enough to be looked at as one " * 20)
+    with pytest.raises(StoreUnavailable):
+        Store.open(f"sqlite:///{file}")
+
+
+def test_sqlite_runs_in_write_ahead_mode_with_foreign_keys(sqlite_url):
+    store = Store.open(sqlite_url)
     with store._engine.connect() as connection:
         pragma = {name: connection.exec_driver_sql(f"PRAGMA {name}").scalar_one()
                   for name in ("journal_mode", "foreign_keys", "busy_timeout")}  # fmt: skip
+    store.close()
     assert pragma == {"journal_mode": "wal", "foreign_keys": 1, "busy_timeout": 5000}

@@ -59,6 +59,5 @@ def test_ids_sort_by_time_and_are_version_7():
 def test_a_closed_store_and_a_missing_table_are_not_reachable(store: Store):
     assert store.is_reachable()
     with store._engine.begin() as connection:
-        connection.exec_driver_sql("PRAGMA foreign_keys = OFF")
         connection.exec_driver_sql("ALTER TABLE plans RENAME TO gone")
     assert not store.is_reachable()
