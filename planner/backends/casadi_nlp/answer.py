@@ -16,9 +16,9 @@ from planner.trajectory import Trajectory, join
 
 Vector = NDArray[np.float64]
 
-WHOLE = 1e-4  # [ticks] a time this little beyond a tick is on it: the solver's tolerance
+SPARE = 0.2  # [ticks] beyond the least time: room for bringing jerks onto ticks
 LEAST_TICKS = 4  # of a phase: three are needed to reach an end state
-ROUNDING = 1e-9  # [-] share of a limit that floating point may exceed
+ROUNDING = 1e-8  # [-] share of a limit that floating point may exceed
 
 
 @dataclass(frozen=True)
@@ -56,8 +56,8 @@ def knots(z: Vector, shape: Shape) -> Knots:
 
 
 def whole_ticks(duration: float, dt: float) -> int:
-    """Returns the least number of ticks of `dt` that lasts `duration` [s]."""
-    return max(LEAST_TICKS, math.ceil(duration / dt - WHOLE))
+    """Returns the least number of ticks of `dt` that lasts `duration` [s], and a little more."""
+    return max(LEAST_TICKS, math.ceil(duration / dt + SPARE))
 
 
 def trajectory(problem: ThrowProblem, found: Knots, release: tuple[Vector, Vector], ticks: tuple[int, int]) -> Trajectory:
@@ -92,8 +92,5 @@ def _stretched(t: Vector, qdd: Vector, ticks: int, dt: float) -> tuple[Vector, V
 def joints_within(problem: ThrowProblem, made: Trajectory) -> bool:
     """Whether velocity, acceleration and jerk obey the problem's limits at the ticks."""
     limits, room = problem.limits, 1.0 + ROUNDING
-    return bool(
-        (np.abs(made.qd) <= limits.qd_max * room).all()
-        and (np.abs(made.qdd) <= limits.qdd_max * room).all()
-        and (np.abs(made.jerk) <= limits.jerk_max * room).all()
-    )
+    pairs = ((made.qd, limits.qd_max), (made.qdd, limits.qdd_max), (made.jerk, limits.jerk_max))
+    return all(bool((np.abs(values) <= limit * room).all()) for values, limit in pairs)

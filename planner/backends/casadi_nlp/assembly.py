@@ -51,7 +51,8 @@ class Shape:
             "motion": range(self.stages), "cost": range(self.stages),
             "knot": range(1, self.stages + 1), "middle": range(self.stages),
             "boxes": range(1, self.stages + 1), "boxes_middle": range(self.stages),
-            "singular": range(self.launch - 2 - around, min(self.launch + 2 + around, self.stages) + 1),
+            "singular": range(self.launch - 4 - around, self.stages + 1),
+            "singular_middle": range(self.launch - 4 - around, self.stages),
             "release": range(self.launch - around, self.launch + around + 1),
         }[block]
 

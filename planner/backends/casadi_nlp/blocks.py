@@ -62,6 +62,7 @@ SOURCES: dict[str, tuple[Callable[[SX, SX], stages.Rows], int]] = {
     "boxes": (stages.boxes, ARM.size + BOXES.size),
     "boxes_middle": (stages.boxes_middle, ARM.size + BOXES.size),
     "singular": (stages.singular, ARM.size),
+    "singular_middle": (stages.singular_middle, ARM.size),
     "release": (throw.release, ARM.size + RELEASE.size),
 }
 

@@ -23,7 +23,7 @@ Vector = NDArray[np.float64]
 LAUNCH_STAGES, BRAKE_STAGES = 8, 4  # source: measured; a jerk-optimal motion has few switches
 BRAKE_WEIGHT = 0.05  # [-] of a second of braking against a second of launch
 JERK_WEIGHT = 1e-3  # [-] of the mean squared jerk share: takes the play out of joints that have time
-STEP_WEIGHT = 3e-2  # [-] of the mean squared deviation of a step from its first guess: keeps steps from collapsing
+STEP_WEIGHT = 6e-2  # [-] of the mean squared deviation of a step from its first guess: keeps steps from collapsing
 WINDOW_SHARE = 0.55  # [-] of the landing tolerance, in each of two directions (0.78 together), at the window's ends
 DRIFT_SHARE = 0.3  # [-] of tolerance over window, for the change of the landing with the instant
 FALL_MIN = 0.05  # [m^2/s^2] least discriminant: below, the object only grazes the plane
@@ -34,11 +34,11 @@ SINGULARITY_ROOM = 1.03  # [-] of the distance asked, at the knots around the re
 class Margins:
     """What is kept free of the limits that are only looked at on knots and middles."""
 
-    torque_share: float = 0.98
-    clearance_m: float = 0.001
+    shares: tuple[float, float] = (0.98, 0.995)  # of torque and of tool speed
+    clearance_m: float = 0.0005
 
 
-CLOSE, WIDE = Margins(), Margins(0.94, 0.006)
+CLOSE, WIDE = Margins(), Margins((0.94, 0.975), 0.006)
 
 
 def shape_of(problem: ThrowProblem) -> Shape:
@@ -83,7 +83,7 @@ def arguments(request: Request, table: Table, start: Start) -> dict[str, Any]:
     problem, b = request.problem, bound.free_bounds(table)
     around = problem.cell.surroundings
     bound.set_limits(b, table, request.limits)
-    bound.set_surroundings(b, table, request.margins.torque_share, bool(around.keep_in), bool(around.keep_out))
+    bound.set_surroundings(b, table, request.margins.shares, bool(around.keep_in), bool(around.keep_out))
     bound.fix_ends(b, table, problem.start)
     bound.set_steps(b, start.steps)
     if not problem.ends_at_rest:

@@ -129,6 +129,16 @@ def _box_rows(s: State, p: SX) -> Rows:
 
 def singular(z: SX, p: SX) -> Rows:
     """Signed distances from the elbow, wrist and shoulder singularities (3) [-]."""
-    q, a = z[layout.Q], ARM.split(p)
+    return _singular_rows(z[layout.Q], p)
+
+
+def singular_middle(z: SX, p: SX) -> Rows:
+    """The same rows in the middle of the step; their curvature is left out."""
+    made = _singular_rows(after(z, 0.5).q, p)
+    return Rows(made.rows, made.held, uncurved=3)
+
+
+def _singular_rows(q: SX, p: SX) -> Rows:
+    a = ARM.split(p)
     rows = ca.vertcat(ca.sin(q[2]), ca.sin(q[4]), arm.shoulder_distance(a["dh"], q))
     return Rows(rows, clearance.Held())

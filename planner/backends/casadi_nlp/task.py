@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -27,10 +26,12 @@ from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
 
-FATROP = {"tolerance": 1e-4, "mu_init": 1e-3, "max_iter": 100, "linsol_lu_fact_tol": 1e-2}  # source: measured
-POLISH = {"tolerance": 1e-4, "mu_init": 1e-4, "max_iter": 40, "linsol_lu_fact_tol": 1e-2}  # begins near its optimum
-IPOPT = {"tol": 1e-5, "mu_init": 1e-3, "max_iter": 120}
+# source of the options: measured on random problems; the LU tolerance keeps fatrop 1.1.8 from an endless factorisation
+FATROP = {"tolerance": 1e-4, "mu_init": 1e-3, "max_iter": 100, "linsol_lu_fact_tol": 1e-2}
+POLISH = {**FATROP, "mu_init": 1e-4, "max_iter": 40}  # begins near its optimum
+IPOPT = {"tol": 1e-5, "mu_init": 1e-3, "max_iter": 80}
 SECOND_TRY_S = 0.15  # [s] of time left that IPOPT is worth
+EXTRA_TICKS = (1, 2, 3)  # given to launch and brake where the first whole number of ticks does not do
 DRAG_ROUNDS = 3  # corrections of the aim for drag; each leaves a tenth of the error or less
 
 
@@ -81,7 +82,7 @@ def solve(
     task = _Task(problem, candidate, shape_of(problem), deadline_s, spent)
     request = _request(problem, candidate, margins)
     start = guess(task.machine.table, problem, motion)
-    return task.finish(request, task.run("fatrop", request, start))
+    return task.finish(request, task.run(request, start))
 
 
 def _without_window(
@@ -92,7 +93,7 @@ def _without_window(
     task = _Task(nominal, candidate, shape_of(nominal), deadline_s)
     start = guess(task.machine.table, nominal, motion)
     try:
-        found = answer.knots(task.run("fatrop", _request(nominal, candidate, margins), start), task.shape)
+        found = answer.knots(task.run(_request(nominal, candidate, margins), start), task.shape)
     except SolverFailed:
         return motion, task.iterations
     return {"release_s": found.release_s, "end_s": float(found.t[-1]), "state": found.at}, task.iterations
@@ -112,42 +113,67 @@ class _Task:
         self.iterations = spent
         self.status = ""
 
-    def run(self, solver: str, request: Request, start: Start) -> Vector:
-        """Returns the variables (N + 1, NZ) of the solution; IPOPT where fatrop gives up.
+    def run(self, request: Request, start: Start) -> Vector:
+        """Returns the variables (N + 1, NZ) of the solution; IPOPT's where fatrop gives up.
 
         Raises:
             SolverFailed: both gave up, or time ran out.
         """
         call = arguments(request, self.machine.table, start)
-        for name, solver_of in ((solver, lambda: getattr(self.machine, solver)), ("ipopt", lambda: _ipopt(self.shape))):
-            if self.deadline_s - time.perf_counter() < (SECOND_TRY_S if name == "ipopt" else 0.0):
-                break
-            solution, ok = self._call(name, solver_of, call)
-            if ok:
-                return np.append(solution, np.zeros(NZ * (self.shape.stages + 1) - len(solution))).reshape(-1, NZ)
-        raise SolverFailed(self.status or "out of time", self.iterations)
+        z = self._call("fatrop", self.machine.fatrop, call) if self.left_s > 0.0 else None
+        if z is None and self.left_s > SECOND_TRY_S:
+            z = self._call("ipopt", _ipopt(self.shape), call)
+        if z is None:
+            raise SolverFailed(self.status or "out of time", self.iterations)
+        return z
 
-    def _call(self, name: str, solver_of: Callable[[], Any], call: dict[str, Any]) -> tuple[Vector, bool]:
-        solver = solver_of()
+    @property
+    def left_s(self) -> float:
+        """Time left [s]."""
+        return self.deadline_s - time.perf_counter()
+
+    def _call(self, name: str, solver: Any, call: dict[str, Any]) -> Vector | None:
+        """Returns the variables (N + 1, NZ), None where the solver gave up."""
         solution = solver(**call)
         stats = solver.stats()
         self.iterations += int(stats["iter_count"])
         x = np.array(solution["x"]).ravel()
         ok = bool(stats["success"]) and bool(np.isfinite(x).all())
         self.status = f"{name}: {'solved' if ok else 'gave up'} in {stats['iter_count']} iterations"
-        return x, ok
+        padded = np.append(x, np.zeros(NZ * (self.shape.stages + 1) - len(x)))
+        return padded.reshape(-1, NZ) if ok else None
 
     def finish(self, request: Request, z: Vector) -> Solution:
-        """Returns the solution on whole ticks: stretched where that obeys the limits, otherwise solved again."""
-        dt = self.problem.dt
-        found = answer.knots(z, self.shape)
+        """Returns the solution on whole ticks: stretched to them, solved again for them, or stretched further.
+
+        Raises:
+            SolverFailed: the limits are broken on the grid whatever is tried.
+        """
+        dt, found = self.problem.dt, answer.knots(z, self.shape)
         ticks = (answer.whole_ticks(found.release_s, dt), answer.whole_ticks(found.brake_s, dt) if self.shape.brake else 0)
         made, request = self._made(request, found, ticks)
-        if not answer.joints_within(self.problem, made):
-            fixed = Start(_restarted(z, ticks, dt), _steps(z), (ticks[0] * dt, sum(ticks) * dt))
-            found = answer.knots(self.run("polish", request, fixed), self.shape)
-            made, request = self._made(request, found, ticks)
-        return Solution(made, self.status, self.iterations)
+        if answer.joints_within(self.problem, made):
+            return Solution(made, self.status, self.iterations)
+        polished = self._polished(request, z, ticks)
+        if polished is not None:
+            return polished
+        for extra in EXTRA_TICKS:
+            slower = (ticks[0] + extra, ticks[1] + extra * bool(ticks[1]))
+            made, _ = self._made(request, found, slower)
+            if answer.joints_within(self.problem, made):
+                return Solution(made, self.status, self.iterations)
+        raise SolverFailed("the solution does not fit the ticks", self.iterations)
+
+    def _polished(self, request: Request, z: Vector, ticks: tuple[int, int]) -> Solution | None:
+        """Returns the motion solved again with its times fixed to `ticks`, None where that breaks a limit or fails."""
+        dt, status = self.problem.dt, self.status
+        start = Start(_restarted(z, ticks, dt), z[:-1, STEP] * TIME_SCALE, (ticks[0] * dt, sum(ticks) * dt))
+        again = self._call("fatrop", self.machine.polish, arguments(request, self.machine.table, start))
+        self.status = status
+        if again is None:
+            return None
+        made, _ = self._made(request, answer.knots(again, self.shape), ticks)
+        return Solution(made, status, self.iterations) if answer.joints_within(self.problem, made) else None
 
     def _made(self, request: Request, found: answer.Knots, ticks: tuple[int, int]) -> tuple[Trajectory, Request]:
         """Returns the trajectory through the exact release, and the request with the aim that drag asks for."""
@@ -168,10 +194,6 @@ def _restarted(z: Vector, ticks: tuple[int, int], dt: float) -> Vector:
     z = z.copy()
     z[-1, TIME] = sum(ticks) * dt / TIME_SCALE
     return z
-
-
-def _steps(z: Vector) -> Vector:
-    return z[:-1, STEP] * TIME_SCALE
 
 
 def _aim(problem: ThrowProblem, candidate: Candidate) -> Vector:
