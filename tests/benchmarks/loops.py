@@ -1,0 +1,130 @@
+"""Our loop beside the plain loop of ur_rtde's documentation, streaming the same plan to the same simulated arm.
+
+`python -m tests.benchmarks.loops [--count 5] [--busy 2]`. The plain loop is `initPeriod(); speedJ(...); waitPeriod(t)`
+with the trajectory indexed by count. It sends the same rows and tells the gripper with the same row as we do, so it is
+judged with the arm's lag known; what remains is its own drift and its missed cycles.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from executor import truth
+from executor.preparation import rows_of
+from planner.ballistics import fly
+from planner.certificate import release_flight
+from planner.document import problem_from_request
+from planner.planning import plan
+from planner.problem import ThrowProblem
+from planner.trajectory import Trajectory
+from tests.system.rig import LOB, ROOT, Rig
+
+PLAIN = """
+import sys, json, os
+from rtde_control import RTDEControlInterface
+from rtde_receive import RTDEReceiveInterface
+from rtde_io import RTDEIOInterface
+job = json.load(sys.stdin)
+dt = job["dt"]
+receive = RTDEReceiveInterface(job["host"], 1.0 / dt)
+control = RTDEControlInterface(job["host"], 1.0 / dt)
+io = RTDEIOInterface(job["host"])
+io.setToolDigitalOut(0, False)
+control.moveJ(job["start"], 1.0, 1.4)
+found = []
+for i, qd in enumerate(job["qd"]):
+    t = control.initPeriod()
+    control.speedJ(qd, 40.0, dt)
+    if i == job["output_row"]:
+        io.setToolDigitalOut(0, True)
+    found.append((receive.getActualQ(), receive.getActualQd()))
+    control.waitPeriod(t)
+control.speedStop(20.0)
+control.stopScript()
+print(json.dumps(found), flush=True)
+os._exit(0)
+"""
+
+
+def main() -> None:
+    """Streams with all loops in turn and prints one JSON document."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=5)
+    parser.add_argument("--busy", type=int, default=0, help="processes that spin beside it")
+    options = parser.parse_args()
+    spinning = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(options.busy)]
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            print(json.dumps(compare(Path(folder), options.count), indent=1))
+    finally:
+        for process in spinning:
+            process.kill()
+            process.wait()
+
+
+def compare(folder: Path, count: int) -> dict[str, Any]:
+    """Returns the worst of `count` runs of each loop."""
+    rig = Rig(folder)
+    request = {"cell": "rig", "release": LOB, "backend": "ruckig", "time_limit_s": 30.0}
+    problem = problem_from_request(request, rig.cell)
+    trajectory = plan(problem).trajectory
+    rig.start()
+    try:
+        runs = {
+            "ours": [_ours(rig) for _ in range(count)],
+            "plain": [_plain(rig, problem, trajectory) for _ in range(count)],
+        }
+    finally:
+        rig.stop()
+    return {name: {key: max(run[key] for run in found) for key in found[0]} for name, found in runs.items()}
+
+
+def _ours(rig: Rig) -> dict[str, float]:
+    truth.ask(rig.host, "reset_stats")
+    row = rig.quiet_throw(LOB)
+    assert row.metrics is not None
+    m = row.metrics
+    return {"cycles_without_command": _silent_cycles(rig), "tracking_error_max_rad": m["tracking_error_max_rad"],
+            "release_velocity_error_rad_s": m["release_velocity_error_rad_s"],
+            "landing_error_m": m["landing_error_m"]}  # fmt: skip
+
+
+def _plain(rig: Rig, problem: ThrowProblem, trajectory: Trajectory) -> dict[str, float]:
+    """Streams with the plain loop."""
+    rows, dt = rows_of(rig.cell, trajectory, throws=True), trajectory.dt
+    job = {"host": rig.host, "dt": dt, "start": trajectory.q[0].tolist(), "qd": rows.qd.tolist(),
+           "output_row": rows.output_row}  # fmt: skip
+    before = len(rig.world()["releases"])
+    truth.ask(rig.host, "reset_stats")
+    answer = subprocess.run([sys.executable, "-c", PLAIN], input=json.dumps(job), capture_output=True, text=True,
+                            check=True, cwd=ROOT, env=dict(os.environ))  # fmt: skip
+    silent = _silent_cycles(rig)
+    q, qd = (np.array(x) for x in zip(*json.loads(answer.stdout.splitlines()[-1]), strict=True))
+    clock = rows.first_clock_s + np.arange(len(q)) * dt - rig.cell.timing.lag_s  # measured just after row i was sent
+    planned_q, planned_qd, _ = trajectory.at(clock)
+    release = round((trajectory.release_time_s - clock[0]) / dt)
+    rig.until(lambda: len(rig.world()["releases"]) > before)
+    flown = rig.world()["releases"][-1]
+    landed = fly(flown["position_m"], flown["velocity_m_s"], problem.plane_z, problem.gravity, problem.drag)
+    planned = release_flight(problem, trajectory)
+    assert landed is not None and planned is not None
+    return {"cycles_without_command": silent, "tracking_error_max_rad": float(np.abs(q - planned_q).max()),
+            "release_velocity_error_rad_s": float(np.abs(qd[release] - planned_qd[release]).max()),
+            "landing_error_m": float(np.linalg.norm(landed.landing_point - planned.landing_point))}  # fmt: skip
+
+
+def _silent_cycles(rig: Rig) -> int:
+    return int(truth.ask(rig.host, "stats")["commands_per_cycle"]["none"])
+
+
+if __name__ == "__main__":
+    main()
