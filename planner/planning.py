@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-from planner.backends import ruckig_otg
 from planner.certificate import Certificate, certify
 from planner.errors import Infeasible, SolverFailed
 from planner.nearest import nearest_release, request_document
@@ -95,14 +94,15 @@ def _with_nearest(search: Search, refusal: Infeasible) -> Infeasible:
 
 
 def _certifiable(problem: ThrowProblem) -> bool:
-    """Whether one of the first few candidates gives a certified motion by Ruckig alone."""
+    """Whether one of the first few candidates gives a certified motion by the back end's first way, or Ruckig's."""
+    solve = WAYS.get(problem.backend, WAYS["ruckig"])[0]
     try:
         seeds = candidates(problem)[:NEAREST_SEEDS]
     except Infeasible:
         return False
     for seed in seeds:
         try:
-            if certify(problem, ruckig_otg.solve(problem, seed).trajectory).valid:
+            if certify(problem, solve(problem, seed).trajectory).valid:
                 return True
         except SolverFailed:
             continue
