@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from planner.backends.casadi_nlp import warm
 from tests.benchmarks import report
 from tests.benchmarks.audit import Audit, audit
 from tests.benchmarks.known import known_motion
@@ -53,7 +54,8 @@ class Choice:
 
 
 def run(choice: Choice) -> None:
-    """Runs everything chosen and writes the report."""
+    """Runs everything chosen and writes the report; solvers are built first, as `fling warm` does."""
+    _say("solvers compiled" if warm() else "no C compiler: interpreted solvers")
     about, record, runner = machine(), Record(choice.rows / "rows.jsonl", choice.resume), Runner()
     tasks = {name: build(name, choice.count or {**QUICK, **PAIRS}[name], choice.seed) for name in choice.sets}
     there = supported(next(iter(tasks.values()))[0].problem)
