@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from executor.execution import Execution
 from executor.heartbeat import Heartbeat
-from executor.journal import Journal, Result
+from executor.journal import ROOM_BYTES, Journal, Result, deliver
 from executor.liveview import row_document
 from executor.preflight import Refused
 from executor.punctuality import punctual
@@ -55,7 +55,7 @@ class Daemon:
         self._tell(lambda: self.journal.deliver(self.store))
         reason = "the executor was restarted"
         left = self._tell(lambda: self.store.close_open_executions(self.cell, reason=reason)) or []
-        rows = [row for id in left if (row := self.store.execution(id)) is not None and row.claimed_at is not None]
+        rows = [row for id in left if (row := self._tell(lambda id=id: self.store.execution(id))) and row.claimed_at]
         if not rows:
             return
         self.journal.latch({"outcome": "executor_lost", "reason": "the executor was lost during an execution",
@@ -100,6 +100,8 @@ class Daemon:
             raise Refused(f"a fault is latched ({fault['outcome']}: {fault['reason']}): look, then acknowledge")
         if self.station.settings.read_only:
             raise Refused("this executor is read-only")
+        if not self.journal.has_room():
+            raise Refused(f"the disk is full: less than {ROOM_BYTES / 1e6:.0f} MB are left for the recording")
 
     def _watch(self, execution: Execution, ended: threading.Event) -> None:
         run, row = execution.run, execution.row
@@ -128,9 +130,18 @@ class Daemon:
         if result.outcome not in HARMLESS and not (result.outcome == "aborted" and orderly):
             self.journal.latch({"outcome": result.outcome, "reason": result.reason,
                                 "execution_id": result.execution_id, "at": time.time()})  # fmt: skip
-        self.journal.keep(result)
+        self._keep(result)
         self.heartbeat.beat()
         self._tell(lambda: self.journal.deliver(self.store))
+
+    def _keep(self, result: Result) -> None:
+        """Keeps a result on the disk; where that is full it goes straight to the store, without its recording."""
+        try:
+            self.journal.keep(result)
+        except OSError as error:
+            reason = f"{result.reason} (the recording is lost: {error})".strip()
+            bare = Result(result.execution_id, result.outcome, reason, result.metrics)
+            self._tell(lambda: deliver(self.store, bare))
 
     @staticmethod
     def _tell(call: Callable[[], T]) -> T | None:

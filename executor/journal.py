@@ -5,18 +5,19 @@ A result is written here first and delivered to the store after; a latched fault
 
 from __future__ import annotations
 
-import contextlib
 import fcntl
 import os
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import orjson
 
-from store import Store, StoreUnavailable, UnknownExecution
+from store import Store, StoreUnavailable
 
 FAULT_FILE = "fault.json"
+ROOM_BYTES = 100_000_000  # a recording takes one; below this the disk is as good as full
 
 
 class Locked(Exception):
@@ -61,6 +62,10 @@ class Journal:
         """Whether a result is not delivered yet."""
         return next(self.folder.glob("*.result.json"), None) is not None
 
+    def has_room(self) -> bool:
+        """Whether the disk has room for what an execution leaves behind."""
+        return shutil.disk_usage(self.folder).free >= ROOM_BYTES
+
     def keep(self, result: Result) -> None:
         """Writes a result to the disk; it is complete or not there at all."""
         self._write(f"{result.execution_id}.mcap", result.mcap)
@@ -95,10 +100,8 @@ class Journal:
         execution_id = path.name.removesuffix(".result.json")
         summary = orjson.loads(path.read_bytes())
         mcap, csv = (self.folder / f"{execution_id}{kind}" for kind in (".mcap", ".csv"))
-        if mcap.exists() and (data := mcap.read_bytes()):
-            store.add_recording(execution_id, data, csv.read_bytes())
-        with contextlib.suppress(UnknownExecution):  # another database by now; there is nobody to tell
-            store.finish_execution(execution_id, summary["outcome"], summary["reason"], summary["metrics"])
+        recording = [file.read_bytes() if file.exists() else b"" for file in (mcap, csv)]
+        deliver(store, Result(execution_id, summary["outcome"], summary["reason"], summary["metrics"], *recording))
         for file in (path, mcap, csv):
             file.unlink(missing_ok=True)
 
@@ -109,3 +112,16 @@ class Journal:
             stream.flush()
             os.fsync(stream.fileno())
         part.replace(self.folder / name)
+
+
+def deliver(store: Store, result: Result) -> None:
+    """Hands one result to the store, the recording first; nothing where the store does not know the execution.
+
+    Raises:
+        StoreUnavailable: the database is gone.
+    """
+    if store.execution(result.execution_id) is None:
+        return  # another database by now: there is nobody to tell
+    if result.mcap:
+        store.add_recording(result.execution_id, result.mcap, result.csv)
+    store.finish_execution(result.execution_id, result.outcome, result.reason, result.metrics)

@@ -105,3 +105,10 @@ def test_one_executor_a_cell(open_journal: Open) -> None:
         open_journal()
     journal.close()
     open_journal()
+
+
+def test_a_full_disk_is_noticed_before_anything_moves(open_journal: Open, monkeypatch: pytest.MonkeyPatch) -> None:
+    journal = open_journal()
+    assert journal.has_room()
+    monkeypatch.setattr("executor.journal.ROOM_BYTES", 10**18)
+    assert not journal.has_room()

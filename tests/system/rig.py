@@ -61,6 +61,7 @@ class Rig:
         self.environment = {**os.environ, "FLING_DATABASE_URL": self.url, "FLING_CELLS": str(folder),
                             "FLING_DATA": str(folder / "data")}  # fmt: skip
         self.simulator = self.executor = None
+        self.wrap: list[str] = []  # put before every command
         self._plans: dict[str, str] = {}
 
     def reload(self) -> None:
@@ -77,13 +78,15 @@ class Rig:
 
     def start_simulator(self) -> None:
         """Starts the simulated controller alone."""
-        self.simulator = _start([sys.executable, "-m", "executor.simulator", "--cell", str(self.path),
+        self.simulator = _start([*self.wrap, sys.executable, "-m", "executor.simulator", "--cell", str(self.path),
                                  "--protective-stop-lock-s", "0.1"], self.environment)  # fmt: skip
 
     def start_executor(self, *flags: str) -> None:
         """Starts the executor and waits until its heart beats."""
         began = time.time()
-        self.executor = _start([sys.executable, "-m", "executor", "--cell", "rig", *flags], self.environment)
+        self.executor = _start(
+            [*self.wrap, sys.executable, "-m", "executor", "--cell", "rig", *flags], self.environment
+        )
         self.until(lambda: (row := self.store.cell_status("rig")) is not None and row.heartbeat_at > began
                    and row.robot.get("connected") is True)  # fmt: skip
 

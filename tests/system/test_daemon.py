@@ -1,0 +1,108 @@
+"""The daemon's own refusals and recoveries, with real processes."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import orjson
+import pytest
+
+from planner.document import plan_document, problem_from_request
+from planner.planning import plan
+from store import new_id
+from tests.system.rig import NUDGE, ROOT, Rig
+
+
+def test_a_plan_of_another_cell_file_is_refused(rig: Rig) -> None:  # C7
+    document = orjson.loads(rig.store.plan(rig.plan(NUDGE)).document)
+    stale = {**document, "id": new_id(), "cell_sha256": "0" * 64}
+    rig.add_plan(stale)
+    row = rig.end(rig.store.queue_execution(stale["id"], "rig", "speedj", False, "test").id)
+    assert row.outcome == "refused"
+    assert "another version of the cell" in row.reason
+
+
+def test_a_plan_that_was_tampered_with_is_refused(rig: Rig) -> None:  # C11
+    document = orjson.loads(rig.store.plan(rig.plan(NUDGE)).document)
+    document["id"] = new_id()
+    document["trajectory"]["positions"][20][1] += 0.1
+    rig.add_plan(document)
+    before = rig.state()["q"]
+    row = rig.end(rig.store.queue_execution(document["id"], "rig", "speedj", False, "test").id)
+    assert row.outcome == "refused"
+    assert "certificate" in row.reason
+    assert rig.state()["q"] == pytest.approx(before, abs=1e-9)
+
+
+def test_a_start_elsewhere_is_driven_to_first(rig: Rig) -> None:  # C6
+    start = [0.4, -1.4, 1.4, -1.5, -1.5, 0.2]
+    request = {"cell": "rig", "start": {"positions": start}, "release": NUDGE, "backend": "ruckig"}
+    answer = plan(problem_from_request(request, rig.cell))
+    document = plan_document(answer, request, new_id(), "2026-01-01T00:00:00Z")
+    rig.add_plan(document)
+    row = rig.end(rig.store.queue_execution(document["id"], "rig", "speedj", False, "test").id)
+    assert row.outcome == "completed", row.reason
+
+
+def test_a_controller_whose_tool_differs_is_refused(own_rig: Rig) -> None:
+    own_rig.start_simulator()
+    text = own_rig.path.read_text()
+    own_rig.path.write_text(
+        text.replace("[0.0, 0.0, 0.17]", "[0.0, 0.0, 0.12]").replace("mass_kg = 1.0", "mass_kg = 2.0")
+    )
+    own_rig.reload()
+    own_rig.start_executor()
+    row = own_rig.throw(NUDGE)
+    assert row.outcome == "refused"
+    assert "payload of 1.00 kg" in row.reason
+    assert "50.0 mm" in row.reason
+
+
+def test_a_read_only_executor_shows_and_never_moves(own_rig: Rig) -> None:
+    own_rig.start_simulator()
+    own_rig.start_executor("--read-only")
+    assert own_rig.store.cell_status("rig").read_only
+    assert own_rig.robot()["positions"] == pytest.approx(own_rig.cell.home, abs=1e-3)
+    row = own_rig.throw(NUDGE)
+    assert (row.outcome, "read-only" in row.reason) == ("refused", True)
+
+
+def test_a_second_executor_of_a_cell_does_not_start(rig: Rig) -> None:
+    command = [sys.executable, "-m", "executor", "--cell", "rig"]
+    second = subprocess.run(command, cwd=ROOT, env=rig.environment, capture_output=True, text=True)
+    assert second.returncode == 1
+    assert "another executor" in second.stderr
+
+
+def test_what_was_queued_while_no_executor_lived_never_starts_by_surprise(own_rig: Rig) -> None:
+    own_rig.start_simulator()
+    id = own_rig.queue(NUDGE)
+    own_rig.start_executor()
+    assert own_rig.end(id).outcome == "executor_lost"
+    assert not own_rig.is_latched()  # nothing had moved
+    assert own_rig.throw(NUDGE).outcome == "completed"
+
+
+def test_a_controller_that_is_not_there_is_a_refusal(own_rig: Rig) -> None:
+    own_rig.start()
+    own_rig.simulator.send_signal(signal.SIGKILL)
+    own_rig.simulator.wait()
+    own_rig.until(lambda: own_rig.robot().get("connected") is False)
+    row = own_rig.throw(NUDGE)
+    assert row.outcome == "refused"
+    assert "no state" in row.reason
+
+
+def test_without_real_time_permission_it_works_and_says_so(own_rig: Rig, tmp_path: Path) -> None:  # H9
+    dropped = "-sys_nice,-ipc_lock"
+    if os.geteuid() == 0 and (setpriv := shutil.which("setpriv")):
+        own_rig.wrap = [setpriv, f"--bounding-set={dropped}", f"--inh-caps={dropped}"]
+    own_rig.start()
+    row = own_rig.throw(NUDGE)
+    assert row.outcome in ("completed", "late"), row.reason  # late: the machine is busy, and it says so
+    assert row.metrics["realtime"] is False or os.geteuid() != 0
