@@ -21,6 +21,8 @@ Vector = NDArray[np.float64]
 
 UNIT_TOLERANCE = 1e-3  # [-] a quaternion this close to unit length is normalised; anything else is refused
 WINDOW_MAX_S = 0.2  # a release window longer than this is no window
+JITTER_DEVIATIONS = 3.0  # [-] of the gripper's delay that the default window spans: 99.7 % of normal releases
+ROBUST_TOLERANCE_M = 0.01  # [m] default for a gripper that scatters: the contract's own example
 LIMIT_FIELDS = {
     "velocity": ("qd_max", "rad/s"),
     "acceleration": ("qdd_max", "rad/s^2"),
@@ -38,8 +40,7 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
     start = _start(request.get("start"), cell, errors)
     limits = _limits(request, cell, errors)
     release = _release(request.get("release"), cell, request.get("frame", "world"), errors)
-    window = _number(request, "release_window_s", errors, 0.0, WINDOW_MAX_S, 0.0)
-    tolerance = _number(request, "landing_tolerance_m", errors, 0.0, 10.0, 0.0)
+    window, tolerance = _window(request, release, cell, errors)
     if errors:
         raise InvalidProblem(errors)
     return ThrowProblem(
@@ -52,6 +53,15 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
         backend=str(request.get("backend") or "auto"),
         time_limit_s=_number(request, "time_limit_s", errors, -np.inf, np.inf, 5.0),
     )
+
+
+def _window(request: Mapping[str, Any], release: Any, cell: Cell, errors: list[FieldError]) -> tuple[float, float]:
+    """Returns release window [s] and landing tolerance [m]; of a target, those of the cell's gripper by default."""
+    scatters = isinstance(release, TargetRelease) and cell.gripper.jitter_s > 0.0
+    default = min(JITTER_DEVIATIONS * cell.gripper.jitter_s, WINDOW_MAX_S) if scatters else 0.0
+    window = _number(request, "release_window_s", errors, 0.0, WINDOW_MAX_S, default)
+    tolerance = _number(request, "landing_tolerance_m", errors, 0.0, 10.0, ROBUST_TOLERANCE_M if scatters else 0.0)
+    return window, tolerance
 
 
 def _start(start: Any, cell: Cell, errors: list[FieldError]) -> Vector:

@@ -1,6 +1,7 @@
 """The door: requests become problems, and whatever is wrong is named, all at once."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -46,6 +47,18 @@ def test_defaults():
     problem = problem_from_request({"release": POINT}, cell())
     np.testing.assert_array_equal(problem.start, cell().home)
     assert (problem.backend, problem.time_limit_s, problem.release_window_s) == ("auto", 5.0, 0.0)
+
+
+def test_a_gripper_that_scatters_makes_targets_robust_unless_switched_off():
+    here = cell()
+    shaky = replace(here, gripper=replace(here.gripper, jitter_s=0.004))
+    target = {"release": {"kind": "target", "position": [1.2, 0.2, 0.0]}}
+    robust = problem_from_request(target, shaky)
+    assert (robust.release_window_s, robust.landing_tolerance_m) == (pytest.approx(0.012), 0.01)
+    assert robust.is_robust
+    assert not problem_from_request({**target, "release_window_s": 0.0}, shaky).is_robust
+    assert not problem_from_request(target, here).is_robust
+    assert not problem_from_request({"release": POINT}, shaky).is_robust
 
 
 def test_limits_tighten():
