@@ -78,7 +78,7 @@ class Simulator:
 
     def ask(self, op: str, **request: object) -> dict[str, Any]:
         """Sends one request to the control port and returns the answer."""
-        with socket.create_connection((self.host, CONTROL_PORT), timeout=5.0) as sock:
+        with socket.create_connection((self.host, CONTROL_PORT), timeout=READY_WITHIN_S) as sock:
             sock.sendall(json.dumps({"op": op, **request}).encode() + b"\n")
             with sock.makefile() as file:
                 answer = json.loads(file.readline())
@@ -93,7 +93,7 @@ class Simulator:
         """Ends the process."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGTERM)
-        self.process.wait(5.0)
+        self.process.wait(READY_WITHIN_S)
         assert self.process.stdout
         self.process.stdout.close()
 

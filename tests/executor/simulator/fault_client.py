@@ -23,6 +23,16 @@ SPEED = [0.2, 0.0, 0.0, 0.0, 0.0, 0.0]
 Seen = dict[str, Any]
 
 
+def wait(condition: Callable[[], object], seconds: float = 5.0) -> bool:
+    """Waits until `condition` holds, long enough for a machine with much else to do; returns whether it came to."""
+    until = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > until:
+            return False
+        time.sleep(0.005)
+    return True
+
+
 class Client:
     """Control and receive on a simulator, and its control port."""
 
@@ -64,7 +74,9 @@ def stopped(fault: str, **parameters: object) -> Callable[[str], Seen]:
     def scenario(host: str) -> Seen:
         c = Client(host).streaming()
         c.fault(fault, **parameters)
-        time.sleep(0.1)
+        hidden = parameters.get("runtime") == "playing"
+        wait(c.receive.isProtectiveStopped if hidden else lambda: c.receive.getRuntimeState() != 2)
+        wait(lambda: hidden or c.stream(0.004)[-1] is False)
         answers = c.stream(0.1)
         begin = time.monotonic()
         moved = c.control.moveJ(c.receive.getActualQ(), 0.5, 1.0) if False in answers else None
@@ -82,24 +94,33 @@ def unlock_and_play(host: str) -> Seen:
     """After unlocking, "play" lets the speed thread go on with its last target; uploading again does not."""
     c = Client(host).streaming()
     c.fault("protective_stop")
-    time.sleep(0.3)
     dashboard = dashboard_client.DashboardClient(host)
     dashboard.connect()
-    dashboard.unlockProtectiveStop()
-    time.sleep(0.05)
-    dashboard.play()
-    time.sleep(0.3)
+    wait(lambda: succeeds(dashboard.unlockProtectiveStop) and not c.receive.isProtectiveStopped())
+    wait(lambda: succeeds(dashboard.play))
+    wait(lambda: c.receive.getTargetQd()[0] == SPEED[0])
     resumed = c.receive.getTargetQd()[0]
     c.control.reuploadScript()
-    time.sleep(0.5)
-    return {"resumed": resumed, "after_upload": c.receive.getTargetQd()[0], "runs": c.control.isProgramRunning()}
+    wait(lambda: c.receive.getTargetQd()[0] == 0.0)
+    runs = wait(c.control.isProgramRunning)
+    time.sleep(0.2)
+    return {"resumed": resumed, "after_upload": c.receive.getTargetQd()[0], "runs": runs}
+
+
+def succeeds(call: Callable[[], object]) -> bool:
+    """Whether a dashboard command is obeyed."""
+    try:
+        call()
+    except (RuntimeError, ValueError):
+        return False
+    return True
 
 
 def killed(host: str) -> Seen:
     c = Client(host).streaming()
     with suppress(json.JSONDecodeError):  # it dies before it can answer
         c.fault("kill")
-    time.sleep(0.1)
+    wait(lambda: not c.control.isConnected())
     answers = c.stream(0.2)
     return {"last": answers[-1], "errors": [a for a in answers if isinstance(a, str)],
             "connected": c.control.isConnected(), "running": c.control.isProgramRunning()}  # fmt: skip
@@ -115,24 +136,22 @@ def frozen(host: str) -> Seen:
 def receive_stalled(host: str) -> Seen:
     c = Client(host).streaming()
     c.fault("stall_connection", role="receive")
-    time.sleep(0.05)
+    time.sleep(0.2)
     first, early = c.receive.getTimestamp(), c.receive.isConnected()
     time.sleep(1.5)
     middle = c.receive.isConnected()
-    time.sleep(2.0)
-    return {"advanced": c.receive.getTimestamp() - first, "early": early, "middle": middle,
-            "late": c.receive.isConnected()}  # fmt: skip
+    lost = wait(lambda: not c.receive.isConnected())
+    return {"advanced": c.receive.getTimestamp() - first, "early": early, "middle": middle, "late": not lost}
 
 
 def receive_closed(host: str) -> Seen:
     c = Client(host)
     c.fault("close_connection", role="receive")
-    time.sleep(0.1)
+    wait(lambda: not c.receive.isConnected())
     q = c.receive.getActualQ()
     connected = c.receive.isConnected()
     c.receive.reconnect()
-    time.sleep(0.1)
-    return {"connected": connected, "stale": len(q), "again": c.receive.isConnected()}
+    return {"connected": connected, "stale": len(q), "again": wait(c.receive.isConnected)}
 
 
 def io_closed(host: str) -> Seen:
@@ -146,10 +165,10 @@ def io_closed(host: str) -> Seen:
             answers.append(io.setToolDigitalOut(0, True))
         except RuntimeError as error:
             answers.append(str(error))
+        time.sleep(0.1)
     io.reconnect()
     again = io.setToolDigitalOut(0, True)
-    time.sleep(0.1)
-    return {"answers": answers, "again": again, "bit": c.receive.getDigitalOutState(16)}
+    return {"answers": answers, "again": again, "bit": wait(lambda: c.receive.getDigitalOutState(16))}
 
 
 def control_closed(host: str) -> Seen:
@@ -170,7 +189,7 @@ def second_client(host: str) -> Seen:
     q = receive.getTargetQ()
     goal = [q[0] + 0.05, *q[1:]]
     alone = first.moveJ(goal, 1.0, 5.0)
-    arrived = abs(receive.getTargetQ()[0] - goal[0]) < 1e-6
+    arrived = wait(lambda: abs(receive.getTargetQ()[0] - goal[0]) < 1e-6)
     second = kind(host, 500.0, kind.FLAG_UPLOAD_SCRIPT | kind.FLAG_NO_EXT_FT)
     moved = second.moveJ(q, 1.0, 5.0)
     return {"alone": alone, "arrived": arrived, "second": moved, "first_still": first.speedJ(SPEED, 1.0, 0.002),
@@ -180,7 +199,7 @@ def second_client(host: str) -> Seen:
 def delayed(host: str) -> Seen:
     c = Client(host)
     c.fault("disturb_connection", role="receive", delay_s=0.2)
-    time.sleep(0.3)
+    time.sleep(0.5)
     late = c.ask("state")["t"] - c.receive.getTimestamp()
     c.fault("disturb_connection", role="receive", drop=0.5)
     time.sleep(0.5)
@@ -202,7 +221,7 @@ def dropped_commands(host: str) -> Seen:
 def slider(host: str) -> Seen:
     c = Client(host).streaming()
     c.fault("speed_slider", fraction=0.5)
-    c.stream(0.4)
+    wait(lambda: c.stream(0.02) and abs(c.receive.getTargetQd()[0] - SPEED[0] / 2) < 1e-9)
     return {"fraction": c.receive.getTargetSpeedFraction(), "combined": c.receive.getSpeedScalingCombined(),
             "speed": c.receive.getTargetQd()[0]}  # fmt: skip
 
