@@ -22,13 +22,13 @@ class Arm:
 
     def __init__(self, chain: Chain, dt: float, q: Sequence[float], lag: Lag, noise: tuple[float, float], seed: int):
         """`noise`: standard deviations of the encoder's position [rad] and of the measured speed [rad/s]."""
-        self.chain, self.dt, self.lag, self.noise = chain, dt, lag, noise
+        self.chain, self.dt, self.lag = chain, dt, lag
         self.q, self.qd, self.qdd = list(q), [0.0] * 6, [0.0] * 6
         self.true_q, self.true_qd = list(q), [0.0] * 6
         self.last_q, self.last_qd = self.true_q, self.true_qd
         self.measured_q, self.measured_qd = self.true_q, self.true_qd
         draw = random.Random(seed)
-        self.table = [draw.gauss(0.0, 1.0) for _ in range(NOISE_TABLE)] * 2
+        self.q_noise, self.qd_noise = ([draw.gauss(0.0, s) for _ in range(NOISE_TABLE)] * 2 for s in noise)
         self.draws = 0
         self.drives = 0
         self.before = self.q, self.qd, self.qdd  # commanded motion before this cycle's
@@ -86,11 +86,10 @@ class Arm:
         """Lets the true motion follow the command, and reads the encoders."""
         self.last_q, self.last_qd = self.true_q, self.true_qd
         self.true_q, self.true_qd = self.lag.step(self.q, self.qd)
-        sq, sv = self.noise
         at = self.draws
-        self.draws = (at + 12) % NOISE_TABLE
-        self.measured_q = [x + sq * n for x, n in zip(self.true_q, self.table[at:at + 6], strict=True)]
-        self.measured_qd = [x + sv * n for x, n in zip(self.true_qd, self.table[at + 6:at + 12], strict=True)]
+        self.draws = (at + 6) % NOISE_TABLE
+        self.measured_q = [x + n for x, n in zip(self.true_q, self.q_noise[at:at + 6], strict=True)]
+        self.measured_qd = [x + n for x, n in zip(self.true_qd, self.qd_noise[at:at + 6], strict=True)]
         self.drives = 0
 
     def true_at(self, back_s: float, tool: Transform) -> tuple[Transform, list[float]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 
-from executor.simulator.control_program import DONE, ControlProgram
+from executor.simulator.control_program import ControlProgram
 from executor.simulator.move_commands import MOVES
 from executor.simulator.program import ProgramError, Thread
 from executor.simulator.queries import QUERIES
@@ -21,8 +21,8 @@ ARGUMENTS = {  # command -> double registers the script reads for it, from 0 on;
 }  # fmt: skip
 
 
-def process(program: ControlProgram, number: int) -> Thread:
-    """Carries out one command and signals that it is done; an unknown number is done at once, as in the script.
+def process(program: ControlProgram, number: int) -> Thread | None:
+    """Carries out one command, or returns what is left to do of it; an unknown number is nothing, as in the script.
 
     Raises:
         ProgramError: an argument is not finite.
@@ -30,7 +30,4 @@ def process(program: ControlProgram, number: int) -> Thread:
     if not all(map(math.isfinite, program.doubles_in(0, ARGUMENTS.get(number, 0)))):
         raise ProgramError(f"command {number}: an argument is not finite")
     command = COMMANDS.get(number)
-    motion = command(program) if command else None
-    if motion is not None:
-        yield from motion
-    program.int_out(0, DONE)
+    return command(program) if command else None

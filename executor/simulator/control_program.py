@@ -29,7 +29,7 @@ _OFFSET = "# {} register offset\n"
 _WAYPOINT = re.compile(r"(movej|movel|movep)\((p?)\[([^\]]*)\],a=([^,]+),v=([^,]+),r=([^)]+)\)")
 
 
-Process = Callable[["ControlProgram", int], Thread]
+Process = Callable[["ControlProgram", int], Thread | None]
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,9 @@ class ControlProgram(Program):
         while True:
             command = self._next_command()
             if command in REALTIME:
-                yield from self.process(self, command)
+                motion = self.process(self, command)
+                if motion is not None:
+                    yield from motion
                 self.int_out(0, READY)
             elif command == NO_COMMAND:
                 executing = False
@@ -127,7 +129,10 @@ class ControlProgram(Program):
             elif not executing:
                 if command == STOP_SCRIPT:
                     return
-                yield from self.process(self, command)
+                motion = self.process(self, command)
+                if motion is not None:
+                    yield from motion
+                self.int_out(0, DONE)
                 executing = True
             yield
 

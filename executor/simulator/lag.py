@@ -35,10 +35,13 @@ class Lag:
         self.input = [0.0] * len(q)
         self.speed = [0.0] * len(q)
 
-    def step(self, q: Sequence[float], qd: Sequence[float]) -> tuple[list[float], list[float]]:
-        """Takes the commanded state at the end of this cycle; returns the true one (q, qd) of the same instant."""
+    def step(self, q: list[float], qd: list[float]) -> tuple[list[float], list[float]]:
+        """Takes the commanded state at the end of this cycle; returns the true one (q, qd) of the same instant.
+
+        The lists are kept, not copied: who commands a motion makes new ones.
+        """
         self.at = (self.at + 1) % self.size
-        self.ring[self.at] = (list(q), list(qd))
+        self.ring[self.at] = (q, qd)
         delayed_q, delayed_qd = self._delayed()
         if self.tau <= 0.0:
             return delayed_q, delayed_qd

@@ -39,7 +39,7 @@ class Settings:
     protective_stop_runtime: str = "paused"  # source: UR forum 6634: the program is paused
     joint_speed_tolerance_rad_s: float = 0.192  # source: UR user manual, safety limits: 191 deg/s for a 180 deg/s joint
     tcp_speed_limit_m_s: float = 5.0  # source: UR user manual, the largest tool speed a safety setup accepts
-    torque_every_s: float = 0.04  # chosen: joint torques are computed at 25 Hz and held
+    torque_every_s: float = 0.1  # chosen: joint torques are computed at 10 Hz and held: they are dear
     restitution: float = 0.0  # chosen: an object stays where it lands; above 0 it bounces and lands again
     serial_number: str = "20235500001"  # chosen: digits only, as ur_rtde demands
     build: int = 123456  # chosen
