@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from executor.board import PULSE, Board
+from executor.board import PULSE, STATE, STOPPING, Board
 from executor.job import Job
 from executor.streaming.clock import Clock
 from executor.streaming.link import Link
@@ -30,6 +30,7 @@ def approach(link: Link, job: Job, board: Board, orders: Orders) -> tuple[str, s
         link.move(goal)
         early = _follow(link, goal, job, board, orders)
         if early is not None:
+            board.words[STATE] = STOPPING  # the deceleration may take a second without a pulse
             link.stop_move()
             return early
     return None

@@ -120,16 +120,29 @@ def test_a_database_that_is_gone_in_mid_run_loses_nothing(rig: Rig) -> None:
     assert rig.store.recording(id) is not None
 
 
-@pytest.mark.parametrize("speed", [0.1, 0.6, 1.1])
+def test_an_abort_in_the_approach_stops_in_order(rig: Rig) -> None:
+    assert rig.throw(NUDGE).outcome == "completed"
+    far = {**NUDGE, "positions": [0.9, -1.57, 1.57, -1.57, -1.57, 0.0]}
+    assert rig.throw(far).outcome == "completed"
+    id = rig.queue(NUDGE)  # starts at home: 0.9 rad away
+    rig.until(lambda: rig.row(id).state == "approaching" and max(map(abs, rig.state()["qd"])) > 0.3, period=0.001)
+    rig.store.request_abort(id)
+    row = rig.end(id)
+    assert row.outcome == "aborted", row.reason
+    assert max(map(abs, rig.state()["qd"])) < 1e-3
+    assert not rig.is_latched()
+
+
 def test_an_abort_after_the_gripper_was_told_closes_it_again(rig: Rig) -> None:
     id = rig.queue(LOB)
-    rig.until(lambda: rig.state()["gripper_open"], period=0.001)
+    moment(rig, id, "release")
     rig.store.request_abort(id)
     row = rig.end(id)
     assert row.outcome in ("aborted", "completed"), row.reason  # the object may have left before the daemon heard of it
     assert not rig.state()["gripper_open"] or row.metrics["gripper_opened_s"] is not None
 
 
+@pytest.mark.parametrize("speed", [0.1, 0.6, 1.1])
 def test_an_abort_brakes_and_keeps_the_object(rig: Rig, speed: float) -> None:
     released = len(rig.world()["releases"])
     id = rig.queue(TOSS)
