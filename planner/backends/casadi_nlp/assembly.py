@@ -20,6 +20,7 @@ from planner.backends.casadi_nlp.layout import ARM, BOXES, NX, NZ, RELEASE
 from planner.backends.casadi_nlp.stages import COST
 
 MX = Any
+WATCHED = 3  # stages before the release on which the singularities are watched; so are all after it
 PARAMETERS = ARM.size + RELEASE.size + BOXES.size  # before the costs of the stages
 
 
@@ -51,8 +52,8 @@ class Shape:
             "motion": range(self.stages), "cost": range(self.stages),
             "knot": range(1, self.stages + 1), "middle": range(self.stages),
             "boxes": range(1, self.stages + 1), "boxes_middle": range(self.stages),
-            "singular": range(self.launch - 4 - around, self.stages + 1),
-            "singular_middle": range(self.launch - 4 - around, self.stages),
+            "singular": range(self.launch - WATCHED - around, self.stages + 1),
+            "singular_middle": range(self.launch - WATCHED - around, self.stages),
             "release": range(self.launch - around, self.launch + around + 1),
         }[block]
 

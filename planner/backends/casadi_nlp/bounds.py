@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp import throw
-from planner.backends.casadi_nlp.assembly import Table
+from planner.backends.casadi_nlp.assembly import WATCHED, Table
 from planner.backends.casadi_nlp.layout import (
     JERK, JERK_SCALE, NX, NZ, Q, QD, QD_SCALE, QDD, QDD_SCALE, STEP, TIME, TIME_SCALE,
 )
@@ -17,6 +17,7 @@ from planner.cell import Limits
 Vector = NDArray[np.float64]
 
 STEP_SHARES = (0.15, 2.5)  # [-] of a first guess's step: a step may not collapse, nor swallow its neighbours
+WATCH_S = 0.052  # [s] that the watched stages before the release last at least: the certificate looks 0.05 s back
 POSITION_ROOM = 1e-3  # [rad] kept free of a joint's limit
 
 
@@ -84,10 +85,12 @@ def fix_ends(bounds: Bounds, table: Table, start: Vector) -> None:
     bounds.x[0, -1, NX:], bounds.x[1, -1, NX:] = -np.inf, np.inf
 
 
-def set_steps(bounds: Bounds, steps: Vector) -> None:
-    """Bounds each step around the first guess's (N,) [s]."""
-    for side, share in enumerate(STEP_SHARES):
-        bounds.x[side, :-1, STEP] = share * steps / TIME_SCALE
+def set_steps(bounds: Bounds, table: Table, steps: Vector) -> None:
+    """Bounds each step around the first guess's (N,) [s]; those that watch the singularities cover their window."""
+    least, most = (share * steps for share in STEP_SHARES)
+    watched = slice(table.shape.launch - WATCHED, table.shape.launch)
+    least[watched] = np.minimum(np.maximum(least[watched], WATCH_S / WATCHED), 0.5 * most[watched])
+    bounds.x[0, :-1, STEP], bounds.x[1, :-1, STEP] = least / TIME_SCALE, most / TIME_SCALE
 
 
 def fix_release_state(bounds: Bounds, table: Table, q: Vector, qd: Vector) -> None:

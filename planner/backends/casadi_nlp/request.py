@@ -34,11 +34,12 @@ SINGULARITY_ROOM = 1.03  # [-] of the distance asked, at the knots around the re
 class Margins:
     """What is kept free of the limits that are only looked at on knots and middles."""
 
-    shares: tuple[float, float] = (0.98, 0.995)  # of torque and of tool speed
+    shares: tuple[float, float] = (0.98, 0.985)  # of torque and of tool speed
     clearance_m: float = 0.0005
+    box_m: float = 0.003  # a hand passes a corner between two looks
 
 
-CLOSE, WIDE = Margins(), Margins((0.94, 0.975), 0.006)
+CLOSE, WIDE = Margins(), Margins((0.94, 0.96), 0.006, 0.03)
 
 
 def shape_of(problem: ThrowProblem) -> Shape:
@@ -85,7 +86,7 @@ def arguments(request: Request, table: Table, start: Start) -> dict[str, Any]:
     bound.set_limits(b, table, request.limits)
     bound.set_surroundings(b, table, request.margins.shares, bool(around.keep_in), bool(around.keep_out))
     bound.fix_ends(b, table, problem.start)
-    bound.set_steps(b, start.steps)
+    bound.set_steps(b, table, start.steps)
     if not problem.ends_at_rest:
         distance = SINGULARITY_ROOM * request.limits.singularity_distance_min
         bound.set_singularity(b, table, numbers.singular_sides(problem.cell.robot, request.candidate.q), distance)
@@ -102,12 +103,20 @@ def arguments(request: Request, table: Table, start: Start) -> dict[str, Any]:
     }
 
 
+def pattern_of(call: Mapping[str, Any]) -> bytes:
+    """Returns which variables and rows are fixed (2), bounded (1) or free (0)."""
+    lower = np.concatenate([call["lbx"], call["lbg"]])
+    upper = np.concatenate([call["ubx"], call["ubg"]])
+    bounded = np.isfinite(lower) | np.isfinite(upper)
+    return (bounded.astype(np.int8) + (lower == upper)).astype(np.int8).tobytes()
+
+
 def _parameters(request: Request, table: Table, start: Start) -> Vector:
     cell, margin = request.problem.cell, request.margins.clearance_m
     return np.concatenate([
         numbers.arm_numbers(cell, request.limits, margin),
         numbers.release_numbers(request.problem, request.aim),
-        numbers.box_numbers(cell, margin),
+        numbers.box_numbers(cell, request.margins.box_m),
         _costs(table, start),
     ])
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,7 @@ from planner.backends.casadi_nlp import answer, codegen, exactness, solvers
 from planner.backends.casadi_nlp.assembly import Shape, Table, assemble
 from planner.backends.casadi_nlp.blocks import Block, interpreted
 from planner.backends.casadi_nlp.layout import NZ, STEP, TIME, TIME_SCALE
-from planner.backends.casadi_nlp.request import CLOSE, WIDE, Margins, Request, Start, arguments, guess, shape_of
+from planner.backends.casadi_nlp.request import CLOSE, WIDE, Margins, Request, Start, arguments, guess, pattern_of, shape_of
 from planner.ballistics import fly
 from planner.errors import SolverFailed
 from planner.grid import grid_limits
@@ -32,18 +32,18 @@ POLISH = {**FATROP, "mu_init": 1e-4, "max_iter": 40}  # begins near its optimum
 IPOPT = {"tol": 1e-5, "mu_init": 1e-3, "max_iter": 80}
 SECOND_TRY_S = 0.15  # [s] of time left that IPOPT is worth
 EXTRA_TICKS = (1, 2, 3)  # given to launch and brake where the first whole number of ticks does not do
+PATTERNS_MAX = 64  # solvers kept: a few for each kind of release
 DRAG_ROUNDS = 3  # corrections of the aim for drag; each leaves a tenth of the error or less
 
 
 @dataclass(frozen=True)
 class Machine:
-    """An assembled problem with its solvers."""
+    """An assembled problem."""
 
+    shape: Shape
     table: Table
     blocks: dict[str, Block]
     functions: dict[str, Any]
-    fatrop: Any
-    polish: Any
 
 
 @cache
@@ -51,8 +51,18 @@ def machine(shape: Shape) -> Machine:
     """Returns the problem of a shape, built once a process; with compiled functions where there are any."""
     blocks = codegen.compiled() or interpreted()
     functions, table = assemble(shape, blocks)
-    return Machine(table, blocks, functions, solvers.fatrop(functions, table, FATROP),
-                   solvers.fatrop(functions, table, POLISH))
+    return Machine(shape, table, blocks, functions)
+
+
+@lru_cache(maxsize=PATTERNS_MAX)
+def fatrop(shape: Shape, pattern: bytes, polish: bool) -> Any:
+    """Returns the solver for one pattern of equalities, inequalities and free rows.
+
+    casadi 3.8.2 makes fatrop anew where the pattern differs from the call before, and then forgets its options: each
+    pattern gets a solver of its own, which takes a few milliseconds.
+    """
+    made = machine(shape)
+    return solvers.fatrop(made.functions, made.table, POLISH if polish else FATROP)
 
 
 @cache
@@ -120,7 +130,7 @@ class _Task:
             SolverFailed: both gave up, or time ran out.
         """
         call = arguments(request, self.machine.table, start)
-        z = self._call("fatrop", self.machine.fatrop, call) if self.left_s > 0.0 else None
+        z = self._fatrop(call, polish=False) if self.left_s > 0.0 else None
         if z is None and self.left_s > SECOND_TRY_S:
             z = self._call("ipopt", _ipopt(self.shape), call)
         if z is None:
@@ -131,6 +141,9 @@ class _Task:
     def left_s(self) -> float:
         """Time left [s]."""
         return self.deadline_s - time.perf_counter()
+
+    def _fatrop(self, call: dict[str, Any], polish: bool) -> Vector | None:
+        return self._call("fatrop", fatrop(self.shape, pattern_of(call), polish), call)
 
     def _call(self, name: str, solver: Any, call: dict[str, Any]) -> Vector | None:
         """Returns the variables (N + 1, NZ), None where the solver gave up."""
@@ -168,7 +181,7 @@ class _Task:
         """Returns the motion solved again with its times fixed to `ticks`, None where that breaks a limit or fails."""
         dt, status = self.problem.dt, self.status
         start = Start(_restarted(z, ticks, dt), z[:-1, STEP] * TIME_SCALE, (ticks[0] * dt, sum(ticks) * dt))
-        again = self._call("fatrop", self.machine.polish, arguments(request, self.machine.table, start))
+        again = self._fatrop(arguments(request, self.machine.table, start), polish=True)
         self.status = status
         if again is None:
             return None

@@ -1,0 +1,141 @@
+"""The optimal control back end from request to trajectory, judged by the certificate."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planner.backends import casadi_nlp, ruckig_otg
+from planner.backends.casadi_nlp import codegen, exactness, numbers
+from planner.cell import Box, Cell, ToolCapsule, load_cell
+from planner.certificate import certify
+from planner.errors import SolverFailed
+from planner.kinematics import forward
+from planner.problem import JointRelease, PointRelease, TargetRelease, ThrowProblem
+from planner.release import Candidate, candidates
+from planner.trajectory import Trajectory
+
+CELLS = Path(__file__).parents[3] / "cells"
+GENEROUS_S = 60.0  # the interpreted functions are slow, and so are busy machines
+TARGET = TargetRelease(np.array([1.2, 0.4, 0.0]))
+
+
+@pytest.fixture(scope="module")
+def cell() -> Cell:
+    return load_cell(CELLS / "ur5e-sim.toml")
+
+
+def _problem(cell: Cell, release: object, **more: float) -> ThrowProblem:
+    return ThrowProblem(cell, cell.home, release, cell.limits, **more)  # pyright: ignore[reportArgumentType]
+
+
+def _solve(problem: ThrowProblem, seeds: int = 3) -> tuple[Trajectory, Candidate, Trajectory]:
+    """Returns the first certified answer, its candidate and Ruckig's motion to that."""
+    story = []
+    for candidate in candidates(problem)[:seeds]:
+        rough = ruckig_otg.solve(problem, candidate).trajectory
+        for wide in (False, True):
+            try:
+                made = casadi_nlp.solve(problem, candidate, rough, time.perf_counter() + GENEROUS_S, wide).trajectory
+            except SolverFailed as error:
+                story.append(error.status)
+                break
+            story.append(str(certify(problem, made).failures))
+            if certify(problem, made).valid:
+                return made, candidate, rough
+    pytest.fail(f"no candidate gave a certified motion: {story}")
+
+
+def test_a_joint_release_is_sooner_than_ruckig_and_not_below_the_bound(cell: Cell) -> None:
+    release = JointRelease(cell.home + [0.8, 0.4, -0.5, 0.3, 0.2, 0.1], np.array([1.5, 1.0, -0.8, 0.5, 0.0, 0.0]))
+    made, candidate, rough = _solve(_problem(cell, release))
+    assert candidate.bound_s <= made.release_time_s < rough.release_time_s
+    assert np.array_equal(made.q[made.release_index], release.q)
+
+
+def test_a_target_is_hit_sooner_than_by_ruckig(cell: Cell) -> None:
+    made, _, rough = _solve(_problem(cell, TARGET))
+    assert made.release_time_s < 0.95 * rough.release_time_s
+
+
+def test_a_window_keeps_the_landing(cell: Cell) -> None:
+    problem = _problem(cell, TARGET, release_window_s=0.02, landing_tolerance_m=0.01)
+    made, _, _ = _solve(problem)
+    assert certify(problem, made).check("landing_window").value <= 0.01
+
+
+def test_a_point_leaves_the_posture_free(cell: Cell) -> None:
+    made, _, rough = _solve(_problem(cell, PointRelease(np.array([0.5, 0.3, 0.6]), np.array([0.8, 0.8, 0.8]))))
+    assert made.release_time_s <= rough.release_time_s
+
+
+def test_drag_is_aimed_against(cell: Cell) -> None:
+    light = replace(cell, object=replace(cell.object, drag_coefficient=0.47, radius_m=0.03, mass_kg=0.02))
+    made, _, _ = _solve(_problem(light, TARGET), seeds=6)
+    assert made.duration_s > made.release_time_s
+
+
+def test_boxes_are_kept_out_of(cell: Cell) -> None:
+    free, _, _ = _solve(_problem(cell, TARGET))
+    box = Box(np.array([-0.9, -0.4, 0.75]), np.array([-0.2, 0.1, 1.2]))
+    walled = replace(cell, surroundings=replace(cell.surroundings, keep_out=(box,)))
+    assert not certify(_problem(walled, TARGET), free).check("keep_out").ok
+    made, _, _ = _solve(_problem(walled, TARGET), seeds=6)
+    assert certify(_problem(walled, TARGET), made).check("keep_out").ok
+
+
+def test_a_move_that_ends_at_rest_has_no_brake(cell: Cell) -> None:
+    made, _, _ = _solve(_problem(cell, JointRelease(cell.home + 0.3, np.zeros(6))))
+    assert made.release_index == len(made.q) - 1
+
+
+def test_without_a_first_guess(cell: Cell) -> None:
+    problem = _problem(cell, JointRelease(cell.home + 0.3, np.array([1.0, 0.5, 0.0, 0.0, 0.0, 0.0])))
+    made = casadi_nlp.solve(problem, candidates(problem)[0], None, time.perf_counter() + GENEROUS_S).trajectory
+    assert certify(problem, made).valid
+
+
+def test_the_same_request_gives_the_same_motion(cell: Cell) -> None:
+    problem = _problem(cell, TARGET)
+    first, _, _ = _solve(problem)
+    other, _, _ = _solve(_problem(cell, JointRelease(cell.home + 0.2, np.zeros(6))))
+    second, _, _ = _solve(problem)
+    assert len(other.q) > 0
+    assert np.array_equal(first.q, second.q)
+
+
+def test_125_hz() -> None:
+    made, _, _ = _solve(_problem(load_cell(CELLS / "ur5-sim.toml"), TARGET), seeds=6)
+    assert made.sample_rate_hz == 125
+
+
+def test_no_compiler_no_library(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(codegen, "COMPILERS", ())
+    codegen.library.cache_clear()
+    try:
+        assert codegen.compile_blocks() is None
+        assert codegen.compiled() is None
+    finally:
+        codegen.library.cache_clear()
+
+
+def test_many_tool_capsules_are_wrapped(cell: Cell) -> None:
+    spheres = tuple(ToolCapsule(np.array([0, 0, z]), np.array([0.01, 0, z]), 0.03) for z in (0.0, 0.05, 0.1, 0.15))
+    wrapped = numbers.tool_capsules(replace(cell, tool=replace(cell.tool, capsules=spheres)))
+    p0, p1, radius = wrapped[-1]
+    assert len(wrapped) == 2
+    for capsule in spheres[1:]:
+        along = np.clip((capsule.from_m - p0) @ (p1 - p0) / ((p1 - p0) @ (p1 - p0)), 0, 1)
+        assert np.linalg.norm(capsule.from_m - p0 - along * (p1 - p0)) + 0.03 <= radius + 1e-9
+
+
+def test_the_aim_is_moved_against_drag(cell: Cell) -> None:
+    light = replace(cell, object=replace(cell.object, drag_coefficient=0.47, radius_m=0.03, mass_kg=0.02))
+    p, v = np.array([0.0, 0.0, 0.5]), np.array([2.0, 0.0, 1.0])
+    aim = exactness.drag_free_aim(_problem(light, TARGET), np.array([1.0, 0.0, 0.0]), p, v)
+    assert aim[0] > 1.0

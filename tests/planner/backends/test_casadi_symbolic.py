@@ -1,0 +1,138 @@
+"""The symbolic arm against the numerical one, which has its own independent tests, and derivatives against differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from planner import ballistics
+from planner.backends.casadi_nlp import assembly, blocks, layout, numbers, throw
+from planner.cell import Cell, load_cell
+from planner.dynamics import Payload, joint_torques
+from planner.geometry import SELF_CLEARANCE_M, body_capsules, capsule_endpoints, segment_segment_distance
+from planner.geometry import self_collision_pairs
+from planner.kinematics import forward, jacobian, tcp_acceleration
+from planner.robots import ROBOT_NAMES, robot
+
+CELLS = Path(__file__).parents[3] / "cells"
+TURNED = np.array([[0.0, -0.6, 0.8, 0.3], [1.0, 0.0, 0.0, -0.2], [0.0, 0.8, 0.6, 0.5], [0.0, 0.0, 0.0, 1.0]])
+
+
+@pytest.fixture(params=ROBOT_NAMES)
+def cell(request: pytest.FixtureRequest) -> Cell:
+    """Each arm, on a tilted base."""
+    plain = load_cell(CELLS / "ur5e-sim.toml")
+    arm = robot(request.param)
+    limits = replace(plain.limits, tau_max=arm.tau_max)
+    return replace(plain, robot=arm, limits=limits, X_WB=TURNED)
+
+
+def _state(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    q, qd, qdd = rng.uniform(-3, 3, 6), rng.uniform(-2, 2, 6), rng.uniform(-10, 10, 6)
+    z = np.concatenate([q, qd / layout.QD_SCALE, qdd / layout.QDD_SCALE, np.zeros(8)])
+    return q, qd, qdd, z
+
+
+def _rows(block: str, z: np.ndarray, p: np.ndarray) -> np.ndarray:
+    return np.array(blocks.interpreted()[block].value(z, p)).ravel()
+
+
+def test_torques_of_every_arm(cell: Cell) -> None:
+    q, qd, qdd, z = _state(1)
+    p_FT, tool, thing = cell.tool.X_FT[:3, 3], cell.tool.mass_kg, cell.object.mass_kg
+    apart = tool * thing / (tool + thing) / 4.0
+    payload = Payload(tool + thing, (tool / 2 + thing) / (tool + thing) * p_FT,
+                      apart * (p_FT @ p_FT * np.eye(3) - np.outer(p_FT, p_FT)))
+    gravity_B = cell.X_WB[:3, :3].T @ [0.0, 0.0, -cell.surroundings.gravity_m_s2]
+    expected = joint_torques(cell.robot, q, qd, qdd, gravity_B, payload)
+    rows = _rows("knot", z, numbers.arm_numbers(cell, cell.limits))
+    assert rows[:6] * cell.limits.tau_max == pytest.approx(expected, abs=1e-9)
+
+
+def test_tool_speed_and_clearances(cell: Cell) -> None:
+    q, qd, _, z = _state(2)
+    rows = _rows("knot", z, numbers.arm_numbers(cell, cell.limits))
+    v = jacobian(cell.robot, q, cell.tool.X_FT)[:3] @ qd
+    assert rows[6] * cell.limits.tcp_speed_max**2 == pytest.approx(v @ v)
+    assert rows[7] == pytest.approx(_self_distance(cell, q) - SELF_CLEARANCE_M, abs=0.012)
+
+
+def _self_distance(cell: Cell, q: np.ndarray) -> float:
+    """The least distance of the pairs that the optimiser looks at: all but the foot's and the elbow's with the base."""
+    capsules = body_capsules(cell.robot, cell.tool.capsules)
+    ends = capsule_endpoints(cell.robot, capsules, q)
+    slots = {(i + 1, j + 1) for i, j in layout.PAIRS}
+    gaps = [
+        float(segment_segment_distance(ends[i, 0], ends[i, 1], ends[j, 0], ends[j, 1]))
+        - capsules[i].radius_m - capsules[j].radius_m
+        for i, j in self_collision_pairs(cell.robot, cell.tool.capsules) if (i, j) in slots
+    ]
+    return min(gaps)
+
+
+def test_soft_distances_are_never_larger_than_the_true_ones() -> None:
+    cell = load_cell(CELLS / "ur5e-sim.toml")
+    p = numbers.arm_numbers(cell, cell.limits)
+    for seed in range(40):
+        q, _, _, z = _state(seed)
+        assert _rows("knot", z, p)[7] <= _self_distance(cell, q) - SELF_CLEARANCE_M + 1e-6
+
+
+def test_release_rows(cell: Cell) -> None:
+    q, qd, qdd, z = _state(3)
+    target = np.array([1.0, 0.5, -3.0])
+    release = layout.RELEASE.pack({"target": target, "gravity_z": 9.81, "tan_elevation": 0.0})
+    p = np.concatenate([numbers.arm_numbers(cell, cell.limits), release])
+    rows = throw.ROWS.split(_rows("release", z, p))
+    R_WB = cell.X_WB[:3, :3]
+    place = (cell.X_WB @ forward(cell.robot, q, cell.tool.X_FT))[:3, 3]
+    v = R_WB @ (jacobian(cell.robot, q, cell.tool.X_FT) @ qd)[:3]
+    a = R_WB @ tcp_acceleration(cell.robot, q, qd, qdd, cell.tool.X_FT)[:3]
+    assert rows["position"] == pytest.approx(place)
+    assert rows["velocity"] == pytest.approx(v)
+    flight = ballistics.fly(place, v, target[2], 9.81)
+    assert flight is not None
+    assert rows["landing"] == pytest.approx((flight.landing_point - target)[:2], abs=1e-5)
+    drift = ballistics.landing_per_release_delay(place, v, a, target[2], 9.81)
+    assert rows["drift"] == pytest.approx(drift[:2], abs=1e-4)
+
+
+@pytest.mark.parametrize("shape", [assembly.Shape(), assembly.Shape(9, 5, window=True, boxes=True), assembly.Shape(8, 0)])
+def test_derivatives_of_the_whole_problem(shape: assembly.Shape) -> None:
+    cell = load_cell(CELLS / "ur5e-sim.toml")
+    functions, table = assembly.assemble(shape, blocks.interpreted())
+    rng = np.random.default_rng(5)
+    x = rng.normal(size=(shape.stages + 1, layout.NZ)) * 0.4
+    x[:, layout.STEP] = rng.uniform(0.2, 0.6, shape.stages + 1)
+    x = x.ravel()[: table.variables]
+    release = layout.RELEASE.pack({"target": [1, 0, -2], "gravity_z": 9.81, "tan_elevation": [0.1, 1.0]})
+    costs = np.tile([1.0, 1e-3, 1e-2, 0.4], shape.stages)
+    p = np.concatenate([numbers.arm_numbers(cell, cell.limits), release, numbers.box_numbers(cell), costs])
+    along, step = rng.normal(size=x.size), 1e-6
+
+    def difference(name: str) -> np.ndarray:
+        ahead, behind = (np.array(functions[name](x + s * along, p)) for s in (step, -step))
+        return (ahead - behind).ravel() / (2 * step)
+
+    jac = functions["jac_g"](x, p)[1]
+    assert np.array(jac @ along).ravel() == pytest.approx(difference("g"), abs=1e-5)
+    slope = np.array(functions["grad_f"](x, p)).ravel()
+    assert slope @ along == pytest.approx(float(difference("f")[0]), rel=1e-6)
+    lam = _smooth_multipliers(table, rng)
+    gradient, hessian = functions["hess_l"](x, p, 1.0, lam)
+    assert np.array(gradient).ravel() == pytest.approx(slope + np.array(jac.T @ lam).ravel())
+    ends = [np.array(functions["hess_l"](x + s * along, p, 1.0, lam)[0]).ravel() for s in (step, -step)]
+    assert np.array(hessian @ along).ravel() == pytest.approx((ends[0] - ends[1]) / (2 * step), abs=1e-5)
+
+
+def _smooth_multipliers(table: assembly.Table, rng: np.random.Generator) -> np.ndarray:
+    """Multipliers that leave out the rows whose curvature is left out."""
+    lam = rng.normal(size=table.size)
+    for (name, _), rows in table.rows.items():
+        if name in ("knot", "middle", "boxes", "boxes_middle", "singular_middle"):
+            lam[rows] = 0.0
+    return lam
