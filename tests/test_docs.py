@@ -1,0 +1,52 @@
+"""What the documents point at is there."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from api.cli import COMMANDS
+
+ROOT = Path(__file__).parent.parent
+PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
+
+
+def anchor(heading: str) -> str:
+    return re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path):
+    prose = re.sub(r"```.*?```|`[^`\n]*`", "", page.read_text(), flags=re.S)
+    for target in re.findall(r"\]\(([^)\s]+)\)", prose):
+        if re.match(r"[a-z]+:", target):
+            continue
+        name, _, part = target.partition("#")
+        file = (page.parent / name).resolve() if name else page
+        assert file.exists(), target
+        if part:
+            assert part in [anchor(line.lstrip("#")) for line in file.read_text().splitlines() if line.startswith("#")]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_commands_that_are_named_exist(page: Path):
+    for name in re.findall(r"`(?:\.venv/bin/)?fling ([a-z]+)", page.read_text()):
+        assert name in COMMANDS, name
+
+
+def test_no_file_names_an_index_or_a_place_on_one_machine():
+    for file in [*(ROOT / "requirements").iterdir(), ROOT / "pyproject.toml", ROOT / "Makefile", *PAGES]:
+        text = file.read_text()
+        assert "--index-url" not in text, file
+        assert "--find-links" not in text, file
+        assert not re.search(r"(^|[\s\"'(])/(root|work|opt)/", text), file
+
+
+def test_every_pinned_requirement_has_its_hashes():
+    for name in ("run", "dev"):
+        text = (ROOT / "requirements" / f"{name}.txt").read_text()
+        for block in re.split(r"\n(?=\S)", text.strip()):
+            assert re.match(r"[a-z0-9][a-z0-9.\-\[\]]*==", block), block
+            assert "--hash=sha256:" in block, block
