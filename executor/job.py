@@ -48,7 +48,7 @@ class Job:
         acceleration: passed to speedj [rad/s^2].
         feedback_gain, feedback_max: of the position error [1/s, rad/s].
         tracking_max: position error that ends the run [rad].
-        watchdog_hz: least command rate the controller accepts [Hz].
+        watchdog_hz: least command rate the controller accepts [Hz]; None: by whether real time was granted.
         core: processor to stay on, -1: any.
         priority: of SCHED_FIFO.
         daemon_silent_s: without the daemon's pulse for so long the run brakes [s].
@@ -80,7 +80,7 @@ class Job:
     feedback_gain: float
     feedback_max: float
     tracking_max: float
-    watchdog_hz: float
+    watchdog_hz: float | None
     core: int
     priority: int
     daemon_silent_s: float

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from store import default_database_url
 
-WATCHDOG_HZ = 20.0  # [Hz] the arm coasts at most 50 ms; faster than 50 Hz trips on a busy machine (faults.md, 2.2)
 WATCHDOG_MIN_HZ, WATCHDOG_MAX_HZ = 10.0, 50.0  # [Hz] outside: coasts too long, or trips by itself (faults.md, 2.2)
 PRIORITY = 50  # of SCHED_FIFO; below the kernel's interrupt threads on any machine
 
@@ -25,7 +24,7 @@ class Settings:
         database_url: of the store.
         data: folder for what must survive: results not delivered yet, a latched fault.
         read_only: connect and show, never move.
-        watchdog_hz: least command rate the controller accepts [Hz].
+        watchdog_hz: least command rate the controller accepts [Hz]; None: by whether real time is permitted.
         core: processor the streaming process stays on; -1: any.
 
     Raises:
@@ -37,11 +36,11 @@ class Settings:
     database_url: str
     data: Path
     read_only: bool = False
-    watchdog_hz: float = WATCHDOG_HZ
+    watchdog_hz: float | None = None
     core: int = -1
 
     def __post_init__(self) -> None:
-        if not WATCHDOG_MIN_HZ <= self.watchdog_hz <= WATCHDOG_MAX_HZ:
+        if self.watchdog_hz is not None and not WATCHDOG_MIN_HZ <= self.watchdog_hz <= WATCHDOG_MAX_HZ:
             raise ValueError(
                 f"FLING_WATCHDOG_HZ {self.watchdog_hz:g} is not within {WATCHDOG_MIN_HZ:g} and {WATCHDOG_MAX_HZ:g} Hz"
             )
@@ -62,7 +61,7 @@ class Settings:
             database_url=environment.get("FLING_DATABASE_URL") or default_database_url(),
             data=Path(environment.get("FLING_DATA") or Path(data) / "fling") / "executor" / name,
             read_only=read_only,
-            watchdog_hz=float(environment.get("FLING_WATCHDOG_HZ", WATCHDOG_HZ)),
+            watchdog_hz=float(hz) if (hz := environment.get("FLING_WATCHDOG_HZ")) else None,
             core=int(environment.get("FLING_STREAM_CORE", last_core())),
         )
 

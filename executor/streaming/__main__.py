@@ -36,7 +36,7 @@ def run(job: Job, board: Board, orders: Orders, alive: list[Link]) -> tuple[str,
     board.words[words.STATE] = words.APPROACHING
     verdict = approach(link, job, board, orders)
     if verdict is None:
-        link.arm_watchdog()
+        link.arm_watchdog(realtime=not refused)
         board.words[words.STATE] = words.STREAMING
         verdict = Stream(link, job, board, orders).run()
     board.words[words.STATE] = words.STOPPING

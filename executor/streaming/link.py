@@ -23,6 +23,8 @@ from executor.streaming import realtime, safety
 from executor.streaming.fault import LinkFault
 
 CALL_MAX_S = 0.005  # [s] a real-time call takes 30 us; one that reconnects in secret takes 160 ms (rtde.md, section 10)
+WATCHDOG_HZ = 40.0  # [Hz] 25 ms, just beyond the 20 ms after which the loop itself gives up as late
+WATCHDOG_ORDINARY_HZ = 20.0  # [Hz] 50 ms, likewise beyond the 40 ms borne without real-time scheduling
 VARIABLES = [
     "timestamp",
     "actual_q",
@@ -120,10 +122,11 @@ class Link:
         if self.control is not None:
             self.control.stopJ(self.job.approach_acceleration)
 
-    def arm_watchdog(self) -> None:
+    def arm_watchdog(self, realtime: bool) -> None:
         """From now on the controller stops the program where commands stay out."""
+        self.watchdog_hz = self.job.watchdog_hz or (WATCHDOG_HZ if realtime else WATCHDOG_ORDINARY_HZ)
         if self.control is not None:
-            self._answer("setWatchdog", self.control.setWatchdog(self.job.watchdog_hz))
+            self._answer("setWatchdog", self.control.setWatchdog(self.watchdog_hz))
 
     def speed(self, qd: list[float]) -> None:
         """Sends joint speeds (6,) [rad/s] for the next tick."""
@@ -178,3 +181,4 @@ class Link:
 
     call_s = 0.0
     sent_at = math.inf
+    watchdog_hz = WATCHDOG_HZ

@@ -64,7 +64,7 @@ class Stream:
             self.link.check()
         except LinkFault as fault:
             silent = max(self.clock.missed * self.job.dt, self.clock.host_s - self.link.sent_at)
-            if fault.outcome == "aborted" and silent > WATCHDOG_SHARE / self.job.watchdog_hz:
+            if fault.outcome == "aborted" and silent > WATCHDOG_SHARE / self.link.watchdog_hz:
                 reason = f"no command for {silent * 1e3:.0f} ms: the controller's watchdog stopped the program"
                 raise LinkFault("late", reason) from fault
             raise
