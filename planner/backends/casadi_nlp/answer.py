@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp.assembly import Shape
-from planner.backends.casadi_nlp.layout import Q, QD, QD_SCALE, QDD, QDD_SCALE, TIME, TIME_SCALE
+from planner.backends.casadi_nlp.layout import QD, QD_SCALE, QDD, QDD_SCALE, TIME, TIME_SCALE, Q
 from planner.grid import onto_grid
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory, join
@@ -60,7 +60,9 @@ def whole_ticks(duration: float, dt: float) -> int:
     return max(LEAST_TICKS, math.ceil(duration / dt + SPARE))
 
 
-def trajectory(problem: ThrowProblem, found: Knots, release: tuple[Vector, Vector], ticks: tuple[int, int]) -> Trajectory:
+def trajectory(
+    problem: ThrowProblem, found: Knots, release: tuple[Vector, Vector], ticks: tuple[int, int]
+) -> Trajectory:
     """Returns the motion stretched to whole ticks, through the release state exactly.
 
     Args:

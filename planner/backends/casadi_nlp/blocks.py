@@ -97,5 +97,5 @@ def build(name: str, rows: Callable[[SX, SX], stages.Rows], parameters: int) -> 
 def _release(held: Any, outputs: list[SX]) -> list[SX]:
     """Puts back what was held while differentiating, the last first: later ones may stand on earlier ones."""
     for symbol, value in reversed(list(zip(held.symbols, held.values, strict=True))):
-        outputs = ca.substitute(outputs, [symbol], [value])
+        outputs = list(ca.substitute(outputs, [symbol], [value]))  # pyright: ignore[reportAssignmentType]
     return outputs

@@ -10,7 +10,18 @@ from numpy.typing import NDArray
 from planner.backends.casadi_nlp import throw
 from planner.backends.casadi_nlp.assembly import WATCHED, Table
 from planner.backends.casadi_nlp.layout import (
-    JERK, JERK_SCALE, NX, NZ, Q, QD, QD_SCALE, QDD, QDD_SCALE, STEP, TIME, TIME_SCALE,
+    JERK,
+    JERK_SCALE,
+    NX,
+    NZ,
+    QD,
+    QD_SCALE,
+    QDD,
+    QDD_SCALE,
+    STEP,
+    TIME,
+    TIME_SCALE,
+    Q,
 )
 from planner.cell import Limits
 

@@ -1,7 +1,8 @@
 """The blocks' functions as machine code: C written by casadi, compiled once, kept in the user's cache folder.
 
 The file's name is the hash of the modules that hold the formulas and of the compiler's options, so a changed formula is
-another file and an old one is never used. Nothing is compiled while a request waits: where there is no file, the interpreted functions serve.
+another file and an old one is never used. Nothing is compiled while a request waits: where there is no file, the
+interpreted functions serve.
 """
 
 from __future__ import annotations
@@ -12,10 +13,8 @@ import platform
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import casadi as ca
 
@@ -44,7 +43,7 @@ def c_source() -> str:
 @cache
 def library() -> Path:
     """Returns where the compiled functions are, or would be; told by the formulas' text alone, which is quick."""
-    digest = hashlib.sha256(f"{ca.__version__} {platform.machine()} {FLAGS}".encode())
+    digest = hashlib.sha256(f"{ca.CasadiMeta.version()} {platform.machine()} {FLAGS}".encode())
     for module in sorted(Path(__file__).parent.glob("*.py")):
         if module.stem in FORMULAS:
             digest.update(module.read_bytes())

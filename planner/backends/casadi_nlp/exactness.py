@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp import numbers, throw
-from planner.backends.casadi_nlp.layout import NZ, Q, QD, QD_SCALE
+from planner.backends.casadi_nlp.layout import NZ, QD, QD_SCALE, Q
 from planner.ballistics import fly
 from planner.errors import SolverFailed
 from planner.problem import JointRelease, PointRelease, PoseRelease, ThrowProblem

@@ -1,4 +1,4 @@
-"""The two solvers of an assembled problem: fatrop, which knows its stages, and IPOPT, which does not and gives up less."""
+"""The two solvers of an assembled problem: fatrop, which knows the stages, and IPOPT, which does not and fails less."""
 
 from __future__ import annotations
 

@@ -6,14 +6,13 @@ z = (q, qd / pi, qdd / 15, t / 0.1 | jerk / 500, h / 0.1): constant jerk over a 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 
 from planner.backends.casadi_nlp import arm, clearance, layout
-from planner.backends.casadi_nlp.layout import ARM, BOXES, NX, NZ, RELEASE
+from planner.backends.casadi_nlp.layout import ARM, BOXES
 
 SX = Any
 

@@ -14,7 +14,17 @@ from planner.backends.casadi_nlp import answer, codegen, exactness, solvers
 from planner.backends.casadi_nlp.assembly import Shape, Table, assemble
 from planner.backends.casadi_nlp.blocks import Block, interpreted
 from planner.backends.casadi_nlp.layout import NZ, STEP, TIME, TIME_SCALE
-from planner.backends.casadi_nlp.request import CLOSE, WIDE, Margins, Request, Start, arguments, guess, pattern_of, shape_of
+from planner.backends.casadi_nlp.request import (
+    CLOSE,
+    WIDE,
+    Margins,
+    Request,
+    Start,
+    arguments,
+    guess,
+    pattern_of,
+    shape_of,
+)
 from planner.ballistics import fly
 from planner.errors import SolverFailed
 from planner.grid import grid_limits
@@ -163,7 +173,8 @@ class _Task:
             SolverFailed: the limits are broken on the grid whatever is tried.
         """
         dt, found = self.problem.dt, answer.knots(z, self.shape)
-        ticks = (answer.whole_ticks(found.release_s, dt), answer.whole_ticks(found.brake_s, dt) if self.shape.brake else 0)
+        brake = answer.whole_ticks(found.brake_s, dt) if self.shape.brake else 0
+        ticks = (answer.whole_ticks(found.release_s, dt), brake)
         made, request = self._made(request, found, ticks)
         if answer.joints_within(self.problem, made):
             return Solution(made, self.status, self.iterations)

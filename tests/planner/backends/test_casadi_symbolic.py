@@ -1,4 +1,4 @@
-"""The symbolic arm against the numerical one, which has its own independent tests, and derivatives against differences."""
+"""The symbolic arm against the numerical one, which has its own tests, and derivatives against differences."""
 
 from __future__ import annotations
 
@@ -12,8 +12,13 @@ from planner import ballistics
 from planner.backends.casadi_nlp import assembly, blocks, layout, numbers, throw
 from planner.cell import Cell, load_cell
 from planner.dynamics import Payload, joint_torques
-from planner.geometry import SELF_CLEARANCE_M, body_capsules, capsule_endpoints, segment_segment_distance
-from planner.geometry import self_collision_pairs
+from planner.geometry import (
+    SELF_CLEARANCE_M,
+    body_capsules,
+    capsule_endpoints,
+    segment_segment_distance,
+    self_collision_pairs,
+)
 from planner.kinematics import forward, jacobian, tcp_acceleration
 from planner.robots import ROBOT_NAMES, robot
 
@@ -101,7 +106,10 @@ def test_release_rows(cell: Cell) -> None:
     assert rows["drift"] == pytest.approx(drift[:2], abs=1e-4)
 
 
-@pytest.mark.parametrize("shape", [assembly.Shape(), assembly.Shape(9, 5, window=True, boxes=True), assembly.Shape(8, 0)])
+SHAPES = (assembly.Shape(), assembly.Shape(9, 5, window=True, boxes=True), assembly.Shape(8, 0))
+
+
+@pytest.mark.parametrize("shape", SHAPES)
 def test_derivatives_of_the_whole_problem(shape: assembly.Shape) -> None:
     cell = load_cell(CELLS / "ur5e-sim.toml")
     functions, table = assembly.assemble(shape, blocks.interpreted())
