@@ -22,6 +22,8 @@ ROOT = Path(__file__).parents[2]
 TARGET_M = [1.2, 0.3, 0.0]
 UP_WITHIN_S = 90.0
 DOWN_WITHIN_S = 30.0
+ACKNOWLEDGED_S = 5.0
+THROWS_MAX = 3  # on a machine whose cores are all taken the stream may be too late, and says so
 
 
 class Up:
@@ -67,7 +69,15 @@ def up(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Up]:
         running.down()
 
 
-def finished(http: httpx2.Client, id: str) -> dict[str, Any]:
+def executed(http: httpx2.Client, plan_id: str) -> dict[str, Any]:
+    """Clears what an earlier execution left, executes, and waits for the end."""
+    http.post("/cells/ur5e-sim/acknowledge")
+    deadline = time.monotonic() + ACKNOWLEDGED_S
+    while http.get("/cells/ur5e-sim/state").json()["fault"] is not None and time.monotonic() < deadline:
+        time.sleep(0.05)
+    response = http.post("/execute", json={"plan_id": plan_id})
+    assert response.status_code == 202, response.text
+    id = response.json()["id"]
     text = http.get(f"/executions/{id}/events").text  # ends with the execution
     assert "event: telemetry" in text
     return http.get(f"/executions/{id}").json()
@@ -75,9 +85,10 @@ def finished(http: httpx2.Client, id: str) -> dict[str, Any]:
 
 def test_a_throw_lands_where_the_plan_said(up: Up):
     plan = up.http.post("/plan", json={"release": {"kind": "target", "position": TARGET_M}}).json()
-    response = up.http.post("/execute", json={"plan_id": plan["id"]})
-    assert response.status_code == 202, response.text
-    run = finished(up.http, response.json()["id"])
+    run = executed(up.http, plan["id"])
+    for _ in range(THROWS_MAX - 1):
+        if run["outcome"] == "late":
+            run = executed(up.http, plan["id"])
     assert (run["state"], run["outcome"]) == ("finished", "completed"), run["reason"]
     metrics = run["metrics"]
     assert metrics["release_velocity_error_share"] < 0.01
