@@ -56,7 +56,7 @@ def arm_numbers(cell: Cell, limits: Limits, margin_m: float = 0.0) -> Vector:
 
 
 def link_numbers(cell: Cell) -> Vector:
-    """Returns mass, first moment and inertia about the frame's origin of each link (60,), tool and object in the last."""
+    """Returns mass, first moment, inertia about the frame's origin of each link (60,), load in the last."""
     rows = [_about_origin(link.mass, link.com, link.inertia) for link in cell.robot.links]
     p_FT = cell.tool.X_FT[:3, 3]
     rows[-1] = rows[-1] + _about_origin(cell.tool.mass_kg, p_FT / 2.0, np.zeros((3, 3)))
@@ -120,7 +120,7 @@ def box_numbers(cell: Cell, margin_m: float = 0.0) -> Vector:
 
 
 def singular_sides(robot: Robot, q: Vector) -> Vector:
-    """Returns the signed distances from the elbow, wrist and shoulder singularities (3,), in block "singular"'s order."""
+    """Returns signed distances from elbow, wrist and shoulder singularities (3,), in block "singular"'s order."""
     distances = dict(zip(SINGULARITIES, signed_singularity_distances(robot, q), strict=True))
     return np.array([distances[name] for name in ("elbow", "wrist", "shoulder")])
 

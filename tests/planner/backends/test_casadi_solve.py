@@ -50,7 +50,8 @@ def _solve(problem: ThrowProblem, seeds: int = 3) -> tuple[Trajectory, Candidate
 
 
 def test_a_joint_release_is_sooner_than_ruckig_and_not_below_the_bound(cell: Cell) -> None:
-    release = JointRelease(cell.home + np.array([0.8, 0.4, -0.5, 0.3, 0.2, 0.1]), np.array([1.5, 1.0, -0.8, 0.5, 0.0, 0.0]))
+    q = cell.home + np.array([0.8, 0.4, -0.5, 0.3, 0.2, 0.1])
+    release = JointRelease(q, np.array([1.5, 1.0, -0.8, 0.5, 0.0, 0.0]))
     made, candidate, rough = _solve(_problem(cell, release))
     assert candidate.bound_s <= made.release_time_s < rough.release_time_s
     assert np.array_equal(made.q[made.release_index], release.q)
