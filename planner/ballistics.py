@@ -4,6 +4,7 @@ World frame, z up, gravity along -z. Without drag everything is a closed form; w
 a = -g z - k |v| v) the path is integrated by the classical Runge-Kutta method of fourth order.
 """
 
+# long: flight without drag and with it stand side by side, each the other's check
 from __future__ import annotations
 
 import math

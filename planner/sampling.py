@@ -4,6 +4,7 @@ A `point` leaves the tool's orientation and turning free; a `target` leaves plac
 Joint velocities are weighted least-norm ones, which spread a speed over the joints that can bear it.
 """
 
+# long: points and targets draw from one sequence and share how a state is spread and kept
 from __future__ import annotations
 
 from functools import cache

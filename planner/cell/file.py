@@ -4,6 +4,7 @@ The file's keys and units are those of the product contract, section 7 (`docs/ce
 so that `GET /cells/{name}` answers them unchanged with the defaults filled in.
 """
 
+# long: one reader for each table of the file; apart they would hide what a whole file may say
 from __future__ import annotations
 
 import hashlib
