@@ -65,14 +65,14 @@ class Simulator:
             self.network.close()
 
     def _serve_until(self, due: float) -> None:
-        """Serves the sockets until the tick is due."""
-        network = self.network
+        """Serves the sockets until the tick is due; once at least, so that a loop that is behind hears its clients."""
+        network, now = self.network, time.monotonic()
         while self.running:
+            for sock in select.select(network.sockets, (), (), max(due - now, 0.0))[0]:
+                network.readable(sock, now)
             now = time.monotonic()
             if now >= due:
                 return
-            for sock in select.select(network.sockets, (), (), due - now)[0]:
-                network.readable(sock, now)
 
     def _tick(self, now: float) -> None:
         self.controller.cycle()

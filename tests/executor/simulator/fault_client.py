@@ -200,7 +200,8 @@ def delayed(host: str) -> Seen:
     c = Client(host)
     c.fault("disturb_connection", role="receive", delay_s=0.2)
     time.sleep(0.5)
-    late = c.ask("state")["t"] - c.receive.getTimestamp()
+    seen = c.receive.getTimestamp()
+    late = c.ask("state")["t"] - seen
     c.fault("disturb_connection", role="receive", drop=0.5)
     time.sleep(0.5)
     stamps = set()
