@@ -42,6 +42,7 @@ def main(argv: Sequence[str]) -> int:
         out=given.out,
         rows=given.rows,
         resume=given.resume,
+        given=tuple(argv),
     )
     run(choice)
     return 0

@@ -36,10 +36,10 @@ def _panels(titles: Sequence[str], label: str):
     return figure, axes
 
 
-def _cumulative(axis, values: Sequence[float], name: str, style: str = "-") -> None:
+def _cumulative(axis, values: Sequence[float], name: str, style: str = "-", label: str = "") -> None:
     if len(values):
         share = np.arange(1, len(values) + 1) / len(values)
-        axis.step(np.sort(values), share, where="post", label=name, color=COLOURS[name], linestyle=style)
+        axis.step(np.sort(values), share, where="post", label=label or name, color=COLOURS[name], linestyle=style)
 
 
 def _save(figure, path: Path) -> None:
@@ -81,7 +81,7 @@ def _windows(path: Path, rows: Sequence[Row]) -> None:
         for group, style in (("target", "-"), ("robust", "--")):
             for name in ("auto", "ruckig"):
                 chosen = [r for r in rows if (r.group, r.backend) == (group, name) and r.certified]
-                _cumulative(axis, [1000 * r.window_m[width] for r in chosen], name, style)
+                _cumulative(axis, [1000 * r.window_m[width] for r in chosen], name, style, f"{group}, {name}")
         axis.set_xscale("log")
-    axes[0].legend(["target, auto", "target, ruckig", "robust, auto"], fontsize=7)
+    axes[0].legend(fontsize=7)
     _save(figure, path)

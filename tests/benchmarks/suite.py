@@ -51,12 +51,14 @@ class Choice:
     out: Path
     rows: Path
     resume: bool
+    given: tuple[str, ...] = ()
 
 
 def run(choice: Choice) -> None:
     """Runs everything chosen and writes the report; solvers are built first, as `fling warm` does."""
     _say("solvers compiled" if warm() else "no C compiler: interpreted solvers")
-    about, record, runner = machine(), Record(choice.rows / "rows.jsonl", choice.resume), Runner()
+    about = machine() | {"command": " ".join(["fling bench", *choice.given])}
+    record, runner = Record(choice.rows / "rows.jsonl", choice.resume), Runner()
     tasks = {name: build(name, choice.count or {**QUICK, **PAIRS}[name], choice.seed) for name in choice.sets}
     there = supported(next(iter(tasks.values()))[0].problem)
     for name, group in tasks.items():
