@@ -18,8 +18,9 @@ from planner.solution import Solution
 from planner.trajectory import Trajectory
 
 # Seeds optimised once an answer is known, and at most while none is.  # source: measured, docs/benchmarks
-SEEDS = {JointRelease: (1, 1), PoseRelease: (1, 6), PointRelease: (2, 8), TargetRelease: (2, 8)}
+SEEDS = {JointRelease: (1, 1), PoseRelease: (1, 6), PointRelease: (1, 8), TargetRelease: (1, 8)}
 TIMED = 24  # candidates of least bound whose launch by Ruckig is timed; the others lie turns away
+SECOND_TRY_S = 0.12  # [s] for a further seed once an answer is known: too little for the slow second solver to begin
 WORTH = 0.995  # [-] a further seed must be able to release this much sooner than the best answer
 
 
@@ -80,7 +81,10 @@ def _optimise(search: Search, seed: Seed) -> bool:
 
 def _solve_and_judge(search: Search, seed: Seed, warm_start: Trajectory | None, wide: bool) -> Certificate:
     problem = search.problem
-    solution: Solution = casadi_nlp.solve(problem, seed.candidate, warm_start, search.deadline_s, wide)
+    deadline_s = search.deadline_s
+    if search.best is not None:
+        deadline_s = min(deadline_s, time.perf_counter() + SECOND_TRY_S)
+    solution: Solution = casadi_nlp.solve(problem, seed.candidate, warm_start, deadline_s, wide)
     return search.judge("casadi", solution)
 
 
