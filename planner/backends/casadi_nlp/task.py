@@ -1,5 +1,6 @@
 """Solving one request: launch and brake of least time, then the same on whole ticks."""
 
+# long: one task from its bounds to its answer; the steps share the problem, the shape and the solver's vector
 from __future__ import annotations
 
 import time
