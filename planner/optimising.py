@@ -9,18 +9,17 @@ import time
 from dataclasses import dataclass
 
 from planner.backends import casadi_nlp, ruckig_otg
-from planner.certificate import Certificate
 from planner.errors import SolverFailed
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.release import Candidate
 from planner.search import Search
-from planner.solution import Solution
 from planner.trajectory import Trajectory
 
-# Seeds optimised once an answer is known, and at most while none is.  # source: measured, docs/benchmarks
-SEEDS = {JointRelease: (1, 1), PoseRelease: (1, 6), PointRelease: (1, 8), TargetRelease: (1, 8)}
+MOST_SEEDS = {JointRelease: 1, PoseRelease: 6, PointRelease: 8, TargetRelease: 8}  # tried while there is no answer
 TIMED = 24  # candidates of least bound whose launch by Ruckig is timed; the others lie turns away
-SECOND_TRY_S = 0.12  # [s] for a further seed once an answer is known: too little for the slow second solver to begin
+FIRST_TRY_S = 0.6  # [s] for the first seed, a second solver included, before Ruckig's own motions are looked at
+SECOND_TRY_S = 0.12  # [s] for a further seed once there is an answer: too little for the slow second solver to begin
+FURTHER_TRY_S = 1.5  # [s] for a further seed while there is none
 WORTH = 0.995  # [-] a further seed must be able to release this much sooner than the best answer
 
 
@@ -32,17 +31,34 @@ class Seed:
     ruckig_s: float
 
 
-def optimised(search: Search, seeds: list[Seed]) -> None:
-    """Improves on the best answer by optimal control, over a few seeds."""
+def optimised(search: Search, seeds: list[Seed], with_ruckig: bool) -> None:
+    """Optimises from the soonest seed, certifies Ruckig's sooner motions, goes on to further seeds while there is none.
+
+    Args:
+        search: to be filled in.
+        seeds: soonest first.
+        with_ruckig: whether Ruckig's own motions count as answers.
+    """
+    _optimise_some(search, seeds[:1], FIRST_TRY_S)
+    by_optimiser = search.best is not None
+    if with_ruckig:
+        _sooner_by_ruckig(search, seeds)
+    if not by_optimiser:
+        answered = search.best is not None
+        most = 2 if answered else MOST_SEEDS[type(search.problem.release)]
+        _optimise_some(search, seeds[1:most], SECOND_TRY_S if answered else FURTHER_TRY_S)
+
+
+def _optimise_some(search: Search, seeds: list[Seed], patience_s: float) -> None:
+    """Optimises from seed after seed until one is certified."""
     begun, solved, valid, failure = time.perf_counter(), 0, 0, ""
-    enough, most = SEEDS[type(search.problem.release)]
-    for number, seed in enumerate(seeds[:most]):
-        if (number >= enough and search.best is not None) or search.left_s <= 0.0:
+    for seed in seeds:
+        if valid or search.left_s <= 0.0:
             break
         if seed.candidate.bound_s >= WORTH * search.release_time_s:
             continue
         try:
-            valid += _optimise(search, seed)
+            valid += _optimise(search, seed, patience_s)
             solved += 1
         except SolverFailed as error:
             failure = str(error)
@@ -50,14 +66,17 @@ def optimised(search: Search, seeds: list[Seed]) -> None:
     search.tell("casadi", result, begun)
 
 
-def sooner_by_ruckig(search: Search, seeds: list[Seed]) -> None:
+def _sooner_by_ruckig(search: Search, seeds: list[Seed]) -> None:
     """Certifies those Ruckig motions that would release sooner than the best answer, soonest first."""
     begun, tried, valid = time.perf_counter(), 0, 0
     for seed in seeds:
         if seed.ruckig_s >= search.release_time_s or search.left_s <= 0.0:
             break
         for launch in ruckig_otg.LAUNCHES:
-            solution = ruckig_otg.solve(search.problem, seed.candidate, launch)
+            try:
+                solution = ruckig_otg.solve(search.problem, seed.candidate, launch)
+            except SolverFailed:
+                continue  # a phase that does not fit the tick grid; its launch time alone was known
             if solution.trajectory.release_time_s < search.release_time_s:
                 tried += 1
                 valid += search.judge("ruckig", solution).valid
@@ -70,22 +89,15 @@ def by_launch_time(problem: ThrowProblem, seeds: list[Candidate]) -> list[Seed]:
     return sorted(timed, key=lambda seed: seed.ruckig_s)
 
 
-def _optimise(search: Search, seed: Seed) -> bool:
+def _optimise(search: Search, seed: Seed, patience_s: float) -> bool:
     """Solves from one seed; once more with wide margins where the certificate finds fault. Returns whether valid."""
     warm_start = _warm_start(search.problem, seed)
-    certificate = _solve_and_judge(search, seed, warm_start, wide=False)
-    if certificate.valid:
-        return True
-    return _solve_and_judge(search, seed, warm_start, wide=True).valid
-
-
-def _solve_and_judge(search: Search, seed: Seed, warm_start: Trajectory | None, wide: bool) -> Certificate:
-    problem = search.problem
-    deadline_s = search.deadline_s
-    if search.best is not None:
-        deadline_s = min(deadline_s, time.perf_counter() + SECOND_TRY_S)
-    solution: Solution = casadi_nlp.solve(problem, seed.candidate, warm_start, deadline_s, wide)
-    return search.judge("casadi", solution)
+    deadline_s = min(search.deadline_s, time.perf_counter() + patience_s)
+    for wide in (False, True):
+        solution = casadi_nlp.solve(search.problem, seed.candidate, warm_start, deadline_s, wide)
+        if search.judge("casadi", solution).valid:
+            return True
+    return False
 
 
 def _warm_start(problem: ThrowProblem, seed: Seed) -> Trajectory | None:

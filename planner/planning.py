@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from planner.certificate import Certificate, certify
 from planner.errors import Infeasible, SolverFailed
 from planner.nearest import nearest_release, request_document
-from planner.optimising import by_launch_time, optimised, sooner_by_ruckig
+from planner.optimising import by_launch_time, optimised
 from planner.problem import ThrowProblem
 from planner.release import candidates
 from planner.search import Attempt, Search
@@ -77,10 +77,7 @@ def _search(search: Search) -> None:
     if backend in WAYS:
         one_by_one(search, backend, seeds)
     else:
-        timed = by_launch_time(search.problem, seeds)
-        optimised(search, timed)
-        if backend == "auto":
-            sooner_by_ruckig(search, timed)
+        optimised(search, by_launch_time(search.problem, seeds), with_ruckig=backend == "auto")
     if search.best is None:
         raise search.refusal()
 
