@@ -22,6 +22,7 @@ from planner.sampling import farthest_reach
 Vector = NDArray[np.float64]
 
 BISECTIONS = 6  # the share is found to 1/64
+LEAST_SHARE = 0.02  # [-] of what was asked; the first thing tried
 OF_THE_PLACE = (
     "reach",
     "joint_position",
@@ -97,7 +98,11 @@ def _ways(problem: ThrowProblem, violations: list[Violation]) -> list[Callable[[
     slower = _slower(release)
     if not any(v.constraint in OF_THE_PLACE for v in violations) or isinstance(release, JointRelease):
         return [slower]
-    return [_closer(problem, release), lambda share: _closer(problem, _slower(release)(share))(share)]
+    ways = [_closer(problem, release), lambda share: _closer(problem, _slower(release)(share))(share)]
+    if isinstance(release, PoseRelease):  # at last without the orientation: a point with the same velocity
+        point = PointRelease(release.X_WT[:3, 3], release.V_WT[:3])
+        ways.append(lambda share: _closer(problem, _slower(point)(share))(share))
+    return ways
 
 
 def _slower(release: Release) -> Callable[[float], Release]:
@@ -132,9 +137,11 @@ def _farthest(
     certifiable: Callable[[ThrowProblem], bool],
     deadline_s: float,
 ) -> Release | None:
-    """Bisects the largest share that can be certified."""
-    good, bad, found = 0.0, 1.0, None
-    for _ in range(BISECTIONS + 1):
+    """Bisects the largest share that can be certified; a way on which not even a little can be is left at once."""
+    if not certifiable(replace(problem, release=towards(LEAST_SHARE))):
+        return None
+    good, bad, found = LEAST_SHARE, 1.0, towards(LEAST_SHARE)
+    for _ in range(BISECTIONS):
         if time.perf_counter() > deadline_s:
             break
         share = (good + bad) / 2.0

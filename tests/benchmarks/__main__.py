@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from planner.problem import BACKENDS
+from tests.benchmarks.streaming import report
 from tests.benchmarks.suite import PAIRS, QUICK, Choice, run
 
 ROOT = Path(__file__).parents[2]
@@ -22,6 +23,7 @@ def arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--slow", action="store_true", help="also 2 x 2,800 pairs and 10,000 judged plans")
     parser.add_argument("--judged", type=int, help="plans judged by other libraries (default 200, slow 10,000)")
     parser.add_argument("--no-peers", dest="peers", action="store_false", help="leave other planners out")
+    parser.add_argument("--no-streaming", dest="streaming", action="store_false", help="leave the streaming half out")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "benchmarks", help="folder of the report")
     parser.add_argument("--rows", type=Path, default=ROOT / "build" / "benchmarks", help="folder of the raw rows")
     parser.add_argument("--resume", action="store_true", help="keep the rows of a run that was broken off")
@@ -45,6 +47,8 @@ def main(argv: Sequence[str]) -> int:
         given=tuple(argv),
     )
     run(choice)
+    if given.streaming and given.sets is None:
+        (given.out / "streaming.md").write_text(report(100 if given.slow else 30, 5))
     return 0
 
 
