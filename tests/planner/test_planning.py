@@ -71,5 +71,6 @@ def test_a_pose_below_the_floor_names_the_floor():
 def test_the_story_is_told():
     answer = plan(joint_problem())
     assert answer.attempts
-    assert answer.attempts[0].backend == "ruckig"
+    assert {attempt.backend for attempt in answer.attempts} <= {"casadi", "ruckig"}
+    assert any("certified" in attempt.result for attempt in answer.attempts)
     assert answer.solve_time_s > 0.0
