@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import signal
+import socket
 import sqlite3
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import httpx2
 import psutil
 import pytest
 
-from tests.system.rig import LOB, NUDGE, TOSS, Rig
+from tests.system.rig import LOB, NUDGE, ROOT, TOSS, Rig
 
 REST_S = 0.150  # [s] of the controller's time from the kill to rest: issue 5
 SILENT_REST_S = 0.300  # [s] a frozen daemon is noticed after 100 ms; then the brake is flown in peace
+ORPHANS_GONE_S = 10.0  # [s] within which planner processes follow their service
 MOMENTS = ("launch", "release")
 
 
@@ -154,3 +159,52 @@ def test_an_abort_brakes_and_keeps_the_object(rig: Rig, speed: float) -> None:
     assert rig.state()["gripper_holds"] is not None
     assert max(map(abs, rig.state()["qd"])) < 1e-3
     assert rig.throw(NUDGE).outcome == "completed"  # an abort in order latches nothing
+
+
+def test_a_service_that_dies(run_rig: Rig) -> None:
+    """The run goes on to its end, and its result is there when the next service starts."""
+    rig = run_rig
+    service = _Service(rig)
+    id = service.execute(rig.plan(TOSS))
+    rig.in_launch(id)
+    planners = psutil.Process(service.process.pid).children(recursive=True)
+    service.process.kill()
+    row = rig.end(id)
+    assert row.outcome == "completed", row.reason
+    assert psutil.wait_procs(planners, ORPHANS_GONE_S)[1] == []
+    service.end()
+    following = _Service(rig)
+    assert following.http.get(f"/executions/{id}").json()["outcome"] == "completed"
+    assert following.http.get(f"/executions/{id}/recording").content.startswith(b"\x89MCAP0\r\n")
+    following.end()
+
+
+class _Service:
+    """A service on the rig's store."""
+
+    def __init__(self, rig: Rig) -> None:
+        with socket.create_server(("127.0.0.1", 0)) as server:
+            port = server.getsockname()[1]
+        environment = {**rig.environment, "FLING_PORT": str(port), "FLING_PLANNER_WORKERS": "1",
+                       "FLING_DEFAULT_CELL": "rig"}  # fmt: skip
+        self.process = subprocess.Popen([sys.executable, "-m", "api"], cwd=ROOT, env=environment)
+        self.http = httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=60.0, trust_env=False)
+        rig.until(self._answers)
+
+    def _answers(self) -> bool:
+        try:
+            return self.http.get("/healthz").status_code == 200
+        except httpx2.TransportError:
+            return False
+
+    def end(self) -> None:
+        """Ends the process, where it has not been ended, and the connection to it."""
+        self.http.close()
+        self.process.terminate()
+        self.process.wait(30.0)
+
+    def execute(self, plan_id: str) -> str:
+        """Queues an execution over HTTP; returns its id."""
+        response = self.http.post("/execute", json={"plan_id": plan_id})
+        assert response.status_code == 202, response.text
+        return response.json()["id"]
