@@ -63,7 +63,9 @@ def whole_ticks(duration: float, dt: float) -> int:
 def trajectory(
     problem: ThrowProblem, found: Knots, release: tuple[Vector, Vector], ticks: tuple[int, int]
 ) -> Trajectory:
-    """Returns the motion stretched to whole ticks, through the release state exactly.
+    """Returns the motion on whole ticks, through the release state exactly.
+
+    What a phase lacks to whole ticks is spent at rest: before the launch, and after the brake.
 
     Args:
         problem: for its start, limits and tick.
@@ -73,22 +75,21 @@ def trajectory(
     """
     dt, jerk_max, k = problem.dt, problem.limits.jerk_max, found.launch
     zero, (q, qd) = np.zeros(6), release
-    acceleration, a = _stretched(found.t[: k + 1], found.qdd[: k + 1], ticks[0], dt)
-    state = (q, qd, zero if problem.ends_at_rest else a)
+    launch, brake = found.t[: k + 1], found.t[k:] - found.t[k]
+    acceleration = _sampled(launch, found.qdd[: k + 1], np.arange(ticks[0] + 1) * dt - (ticks[0] * dt - launch[-1]))
+    state = (q, qd, zero if problem.ends_at_rest else found.qdd[k])
     head = onto_grid((problem.start, zero, zero), state, acceleration, dt, jerk_max)
     if problem.ends_at_rest:
         return join(head, tuple(x[-1:] for x in head), 1.0 / dt)  # pyright: ignore[reportArgumentType]
-    acceleration, _ = _stretched(found.t[k:] - found.t[k], found.qdd[k:], ticks[1], dt)
-    tail = onto_grid(state, (found.q[-1], zero, zero), acceleration, dt, jerk_max)
+    acceleration = _sampled(brake, found.qdd[k:], np.arange(ticks[1] + 1) * dt)
+    rest = q + found.q[-1] - found.q[k]
+    tail = onto_grid(state, (rest, zero, zero), acceleration, dt, jerk_max)
     return join(head, tail, 1.0 / dt)
 
 
-def _stretched(t: Vector, qdd: Vector, ticks: int, dt: float) -> tuple[Vector, Vector]:
-    """Returns the accelerations at the ticks (n + 1, 6) of a phase slowed down to `ticks`, and the last one."""
-    slower = t[-1] / (ticks * dt)
-    when = np.linspace(0.0, t[-1], ticks + 1)
-    samples = np.stack([np.interp(when, t, column) for column in qdd.T], axis=1) * slower**2
-    return samples, samples[-1]
+def _sampled(t: Vector, qdd: Vector, when: Vector) -> Vector:
+    """Returns the accelerations (n, 6) at times `when` (n,) [s] of a phase from knots `t`: at rest outside it."""
+    return np.stack([np.interp(when, t, column) for column in qdd.T], axis=1)
 
 
 def joints_within(problem: ThrowProblem, made: Trajectory) -> bool:

@@ -168,7 +168,7 @@ class _Task:
         return padded.reshape(-1, NZ) if ok else None
 
     def finish(self, request: Request, z: Vector) -> Solution:
-        """Returns the solution on whole ticks: stretched to them, solved again for them, or stretched further.
+        """Returns the solution on whole ticks: as found with a wait at rest, solved again for them, or longer.
 
         Raises:
             SolverFailed: the limits are broken on the grid whatever is tried.
