@@ -76,12 +76,13 @@ def trajectory(
     dt, jerk_max, k = problem.dt, problem.limits.jerk_max, found.launch
     zero, (q, qd) = np.zeros(6), release
     launch, brake = found.t[: k + 1], found.t[k:] - found.t[k]
-    acceleration = _sampled(launch, found.qdd[: k + 1], np.arange(ticks[0] + 1) * dt - (ticks[0] * dt - launch[-1]))
+    wait = ticks[0] * dt - float(launch[-1])
+    acceleration = _sampled(launch, found.qdd[: k + 1], dt * np.arange(ticks[0] + 1, dtype=np.float64) - wait)
     state = (q, qd, zero if problem.ends_at_rest else found.qdd[k])
     head = onto_grid((problem.start, zero, zero), state, acceleration, dt, jerk_max)
     if problem.ends_at_rest:
         return join(head, tuple(x[-1:] for x in head), 1.0 / dt)  # pyright: ignore[reportArgumentType]
-    acceleration = _sampled(brake, found.qdd[k:], np.arange(ticks[1] + 1) * dt)
+    acceleration = _sampled(brake, found.qdd[k:], dt * np.arange(ticks[1] + 1, dtype=np.float64))
     rest = q + found.q[-1] - found.q[k]
     tail = onto_grid(state, (rest, zero, zero), acceleration, dt, jerk_max)
     return join(head, tail, 1.0 / dt)
