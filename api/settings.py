@@ -3,24 +3,17 @@
 from __future__ import annotations
 
 import os
-import sys
 from ipaddress import ip_address
 from pathlib import Path
 
 from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from planner.cell_folder import default_cells_folder
 from store import default_database_url
 
 BODY_LIMIT_BYTES = 1_000_000  # the contract's 1 MB; a request is a few hundred bytes
 HEARTBEAT_FRESH_S = 2.0  # [s] an executor beats several times a second; older than this it is gone
-
-
-def default_cells_folder() -> Path:
-    """Returns `cells` here, or in the checkout, or where an installed Fling keeps its own."""
-    checkout = Path(__file__).parent.parent / "cells"
-    candidates = (Path("cells"), checkout, Path(sys.prefix) / "share" / "fling" / "cells")
-    return next((folder for folder in candidates if any(folder.glob("*.toml"))), checkout).resolve()
 
 
 def default_workers() -> int:

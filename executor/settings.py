@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from planner.cell_folder import default_cells_folder
 from store import default_database_url
 
 WATCHDOG_MIN_HZ, WATCHDOG_MAX_HZ = 10.0, 50.0  # [Hz] outside: coasts too long, or trips by itself (faults.md, 2.2)
@@ -64,13 +64,6 @@ class Settings:
             watchdog_hz=float(hz) if (hz := environment.get("FLING_WATCHDOG_HZ")) else None,
             core=int(environment.get("FLING_STREAM_CORE", last_core())),
         )
-
-
-def default_cells_folder() -> Path:
-    """Returns `cells` here, or in the checkout, or where an installed Fling keeps its own."""
-    checkout = Path(__file__).parent.parent / "cells"
-    candidates = (Path("cells"), checkout, Path(sys.prefix) / "share" / "fling" / "cells")
-    return next((folder for folder in candidates if any(folder.glob("*.toml"))), checkout).resolve()
 
 
 def last_core() -> int:
