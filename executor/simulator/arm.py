@@ -10,6 +10,7 @@ from executor.simulator.kinematics import Chain, Transform
 from executor.simulator.lag import Lag
 
 NOISE_TABLE = 8191  # noise samples drawn at the start; a prime, so six joints a cycle do not repeat soon
+MOVING = 5e-3  # [rad/s] true speed above which the arm moves, as a person would say
 AT_REST = 1e-9  # [rad/s] commanded speed below which the arm stands
 
 
@@ -37,6 +38,11 @@ class Arm:
     def at_rest(self) -> bool:
         """Whether the controller commands no motion and none is left in the lag."""
         return max(map(abs, self.qd)) < AT_REST and max(map(abs, self.true_qd)) < 1e-6
+
+    @property
+    def moves(self) -> bool:
+        """Whether the arm truly moves."""
+        return max(map(abs, self.true_qd)) > MOVING
 
     def drive(self, q: list[float], qd: list[float]) -> None:
         """Commands position and speed of the end of this cycle.

@@ -40,6 +40,7 @@ class Controller:
         self.version = version_of(cell.sim.polyscope)
         self.dt = 1.0 / cell.robot.sample_rate_hz
         self.cycles = 0
+        self.moved_at = 0.0  # controller time [s] of the last cycle in which the arm truly moved
         self.events: deque[tuple[float, str]] = deque(maxlen=EVENTS_MAX)
         self._mechanics()
         self._installation()
@@ -123,6 +124,8 @@ class Controller:
         self.arm.brake(self.deceleration)
         self._check_limits()
         self.arm.finish_cycle()
+        if self.arm.moves:
+            self.moved_at = self.t
         self.history.append(self.arm.measured_q)
         self._move_world()
 

@@ -19,6 +19,7 @@ from executor.simulator.statistics import Lateness
 from planner.cell import Cell
 
 CATCH_UP_S = 0.1  # [s] a loop later than this drops the lost cycles instead of running them one after another
+ANSWER_SHARE = 0.5  # [-] of a cycle: a state told later than this before the next cycle leaves a client no time
 
 
 class Simulator:
@@ -33,7 +34,7 @@ class Simulator:
         self.published = Published(self.controller)
         self.rtde = RtdeServer(self.controller)
         self.lateness = Lateness()
-        self.freeze_s = 0.0
+        self.freeze_s = self.told_at = 0.0
         self.running = True
         control = ControlPort(self, self.stats, self.reset_stats, self.quit)
         services = [
@@ -55,7 +56,9 @@ class Simulator:
                 self._serve_until(due)
                 now = time.monotonic()
                 self.lateness.add(now - due)
+                self.controller.commands.answerable = now - self.told_at >= ANSWER_SHARE * dt
                 self._tick(now)
+                self.told_at = time.monotonic()
                 due = self._freeze() or due + dt
                 lost = int((time.monotonic() - due) / dt)
                 if lost * dt > CATCH_UP_S:

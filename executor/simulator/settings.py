@@ -19,7 +19,7 @@ REALTIME_PRIORITY = 51  # above the executor's 50: a controller is not slower th
 class Decelerations:
     """Leading-axis decelerations [rad/s^2] of the ways an arm is brought to rest without a command."""
 
-    program_end: float = 30.0  # chosen: as an emergency stop; 3 rad/s to rest in 100 ms, nobody here could measure it
+    program_end: float = 30.0  # chosen: as an emergency stop; no source, and nobody here could measure it
     protective_stop: float = 20.0  # chosen: category 2, 3 rad/s to rest in 150 ms
     safeguard_stop: float = 20.0  # chosen: category 2 as well
     emergency_stop: float = 30.0  # chosen: category 1, 3 rad/s to rest in 100 ms

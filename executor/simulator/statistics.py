@@ -12,6 +12,11 @@ class Commands:
     """How many fresh streaming commands every cycle brought, while a client streams.
 
     A stream begins with the first cycle that brings a streaming command, and ends with another command or the program.
+
+    Attributes:
+        answerable: whether a client had time to answer the state before this cycle. A real controller is punctual; this
+            one shares a machine with its client, and after a stall runs the cycles it is behind at once. What stays
+            out of those is counted, and counted apart as well.
     """
 
     def __init__(self) -> None:
@@ -21,7 +26,8 @@ class Commands:
         """Starts counting anew."""
         self.fresh = 0
         self.streaming = False
-        self.cycles_with_none = self.cycles_with_one = self.cycles_with_more = 0
+        self.cycles_with_none = self.cycles_with_one = self.cycles_with_more = self.unanswerable = 0
+        self.answerable = True
         self.longest_gap = self.gap = 0
 
     def arrived(self, command: int) -> None:
@@ -43,6 +49,7 @@ class Commands:
             return
         if self.fresh == 0:
             self.cycles_with_none += 1
+            self.unanswerable += not self.answerable
             self.gap += 1
             self.longest_gap = max(self.longest_gap, self.gap)
         else:
@@ -54,7 +61,7 @@ class Commands:
     def as_document(self) -> dict[str, Any]:
         """Returns the counts."""
         return {"none": self.cycles_with_none, "one": self.cycles_with_one, "more": self.cycles_with_more,
-                "longest_gap_cycles": self.longest_gap}
+                "unanswerable": self.unanswerable, "longest_gap_cycles": self.longest_gap}
 
 
 class Lateness:

@@ -43,15 +43,18 @@ def test_a_bad_cell_and_a_taken_address_are_told(start_simulator: Start, tmp_pat
 def test_fresh_commands_are_counted_cycle_by_cycle_while_a_client_streams():
     commands = Commands()
     commands.cycle()
-    for arrivals in (1, 1, 0, 0, 3, 0, 1):
+    for arrivals, answerable in ((1, True), (1, True), (0, False), (0, True), (3, True), (0, True), (1, False)):
+        commands.answerable = answerable
         for _ in range(arrivals):
             commands.arrived(9)
         commands.cycle()
+    commands.answerable = True
     commands.arrived(0)  # a kick of the watchdog is no command
     commands.cycle()
     commands.arrived(15)
     commands.cycle()
-    assert commands.as_document() == {"none": 4, "one": 3, "more": 1, "longest_gap_cycles": 2}
+    expected = {"none": 4, "one": 3, "more": 1, "unanswerable": 1, "longest_gap_cycles": 2}
+    assert commands.as_document() == expected
 
 
 def test_quantiles_of_lateness():
