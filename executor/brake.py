@@ -1,9 +1,9 @@
 """Brake from anywhere: for every tick of a plan a judged way to rest, computed before anything moves.
 
-The brake is the cubic Hermite polynomial of the speed (executor.streaming.schedule): position, speed and acceleration
-go on continuously. For each tick the shortest duration is taken whose accelerations the arm bears and whose torques are
-within the cell's; then joint range and surroundings are checked along the whole way. Where a brake fails its check the
-plan is flown on to the next tick whose brake passes: the plan's own end is always one.
+Its shape is that of executor.streaming.brake_profile: position, speed and acceleration go on continuously. For each
+tick the shortest duration is taken whose accelerations the arm bears and whose torques are within the cell's; then
+joint range and surroundings are checked along the whole way. Where a brake fails its check the plan is flown on to the
+next tick whose brake passes: the plan's own end is always one.
 """
 
 from __future__ import annotations
@@ -13,14 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from executor.streaming.brake_profile import RAMP, parts
 from executor.surroundings import Space, Ways
 from planner.cell import Cell
 from planner.dynamics import Payload, joint_torques
 
 Vector = NDArray[np.float64]
 
-STRETCHES = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0)  # [-] durations tried, in shares of the shortest
-INSTANTS = 25  # looked at along one brake; between them the bounds below hold
+STRETCHES = (1.0, 1.05, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.2, 4.0)  # [-] durations tried, in shares of the shortest
+INSTANTS = 25  # looked at along one brake, the corners of its acceleration among them; between them the bounds hold
+FADE_S = 0.008  # [s] more, for an acceleration to fade out: a CB3 tick
 REST_SPEED = 1e-9  # [rad/s] below it there is nothing to brake
 
 
@@ -34,12 +36,11 @@ class Brakes:
 
 def brake_way(q: Vector, qd: Vector, qdd: Vector, T: Vector, u: Vector) -> tuple[Vector, Vector, Vector]:
     """Returns q, qd, qdd (M, U, n) along the brakes from states (M, n) of durations T (M,) [s] at shares `u` (U,)."""
-    T, u = T[:, None, None], u[None, :, None]
-    q, qd, qdd = q[:, None], qd[:, None], qdd[:, None]
+    weights = np.array([parts(share) for share in u]).T[:, None, :, None]
+    T, q, qd, qdd = T[:, None, None], q[:, None], qd[:, None], qdd[:, None]
     rate = np.where(T > 0.0, 1.0 / np.maximum(T, 1e-9), 0.0)
-    way = q + qd * T * (u - u**3 + u**4 / 2) + qdd * T**2 * (u**2 / 2 - 2 * u**3 / 3 + u**4 / 4)
-    speed = qd * (1 - 3 * u**2 + 2 * u**3) + qdd * T * (u - 2 * u**2 + u**3)
-    return way, speed, qd * rate * (6 * u**2 - 6 * u) + qdd * (1 - 4 * u + 3 * u**2)
+    way = q + qd * T * weights[0] + qdd * T**2 * weights[1]
+    return way, qd * weights[2] + qdd * T * weights[3], qd * rate * weights[4] + qdd * weights[5]
 
 
 def brakes(cell: Cell, payload: Payload, q: Vector, qd: Vector, qdd: Vector, dt: float) -> Brakes:
@@ -73,12 +74,12 @@ def _durations(
 
 
 def _shortest(qd: Vector, qdd: Vector, qdd_max: Vector) -> Vector:
-    """Returns the duration (M,) [s] at which no acceleration on the way exceeds the arm's: 1.5 |qd| / T and a margin.
+    """Returns the duration (M,) [s] at which no acceleration on the way exceeds the arm's: |qd / T + qdd r/2| / (1-r).
 
-    |qdd(u)| <= 1.5 |qd| / T + |qdd|/3 where both act the same way: the second term is at most 1/3 after its start.
+    What acts against the speed shortens a brake by no more than it would lengthen one: the size of qdd is taken.
     """
-    room = np.maximum(qdd_max - np.abs(qdd) / 3.0, 0.25 * qdd_max)
-    return (1.5 * np.abs(qd) / room).max(axis=1) + np.where(np.abs(qdd).max(axis=1) > REST_SPEED, 0.008, 0.0)
+    room = np.maximum(qdd_max * (1.0 - RAMP) - np.abs(qdd) * RAMP / 2.0, 0.25 * qdd_max)
+    return (np.abs(qd) / room).max(axis=1) + np.where(np.abs(qdd).max(axis=1) > REST_SPEED, FADE_S, 0.0)
 
 
 def _bears(cell: Cell, payload: Payload, q: Vector, qd: Vector, qdd: Vector) -> NDArray[np.bool_]:

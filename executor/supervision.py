@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import subprocess
 import sys
 import threading
 import time
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 
 from executor import board as words
 from executor.board import Board
+from executor.child import Child
 from executor.dashboard import Dashboard
 from executor.job import OUTCOMES, Job
 
@@ -77,7 +77,8 @@ class Run:
         self.result: RunResult | None = None
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._supervise, name="supervision", daemon=True)
-        self._process: subprocess.Popen[bytes] | None = None
+        self._child: Child | None = None
+        self._failed_by_itself = False
 
     @property
     def state(self) -> int:
@@ -122,51 +123,53 @@ class Run:
     def _spawn(self) -> None:
         job_fd = self.job.write()
         self.board.words[words.DAEMON_PULSE] = self.board.words[words.PULSE] = time.monotonic()
-        command = [sys.executable, "-m", "executor.streaming", str(job_fd), str(self.board.fd), str(os.getpid())]
-        with self.log.open("wb") as log:  # a file: a pipe that nobody reads would one day stop the stream
-            self._process = subprocess.Popen(command, pass_fds=(job_fd, self.board.fd), stdin=subprocess.DEVNULL,
-                                             stdout=log, stderr=log)  # fmt: skip
+        pulse = threading.get_native_id()  # this thread gives the pulse: frozen, it can be seen to be
+        command = [sys.executable, "-m", "executor.streaming", *map(str, (job_fd, self.board.fd, os.getpid(), pulse))]
+        self._child = Child(command, (job_fd, self.board.fd), self.log)
         os.close(job_fd)
 
     def _watch(self) -> str:
-        """Returns when the process ended or hangs; the text says how, empty where all is in order."""
-        process, board = self._process, self.board
-        assert process is not None
+        """Returns when the process ended, hangs or is frozen; the text says how, empty where all is in order."""
+        child, board = self._child, self.board
+        assert child is not None
         since, state = time.monotonic(), words.STARTING
-        while process.poll() is None:
+        while not child.ends_within(PERIOD_S):
             now = time.monotonic()
             board.words[words.DAEMON_PULSE] = now
             if self.state != state:
                 since, state = now, self.state
             if state == words.FAULT:
                 return "fault"
+            if child.is_frozen():
+                return "the streaming process was frozen"
             silent = now - max(since, board.words[words.PULSE])
             if silent > LIMIT_S[state]:
+                self._failed_by_itself = True
                 return f"the streaming process was silent for {silent * 1e3:.0f} ms"
-            time.sleep(PERIOD_S)
         if self.state == words.DONE:
             return ""
         if self.state == words.FAULT:
             return "fault"
-        last = self.log.read_text(errors="replace").strip().splitlines()[-1:]
-        return ": ".join([f"the streaming process ended with {process.returncode}", *last])
+        self._failed_by_itself = not child.ended_from_outside
+        return ": ".join([f"the streaming process ended with {child.code}", *child.last_words()])
 
     def _make_safe(self, failure: str) -> None:
         """Kills what hangs and stops the program on the controller, unless the run ended in order."""
-        if self._process is not None:
+        child = self._child
+        if child is not None:
             if failure:
-                self._process.kill()
-            self._process.wait()
-        if failure and self._process is not None:
-            with contextlib.suppress(OSError):  # then only the controller's own watchdog is left, and it is armed
-                self.dashboard.ask("stop")
+                child.kill()  # first: what hangs in the library may wake and upload the program anew
+                with contextlib.suppress(OSError):  # then only the controller's own watchdog is left, and it is armed
+                    self.dashboard.ask("stop")
+            child.reap()
         self.dashboard.close()
 
     def _silent_outcome(self) -> str:
-        """Returns the outcome of a process that ended without a word: inside the library it was the link."""
-        if self._process is None:
+        """Returns the outcome of a process that ended without a word; failing in the library it was the link."""
+        if self._child is None:
             return "refused"
-        return "link_lost" if self.board.words[words.IN_CALL] else "executor_lost"
+        in_library = self.board.words[words.IN_CALL] and self._failed_by_itself
+        return "link_lost" if in_library else "executor_lost"
 
     def _result(self, failure: str) -> RunResult:
         board = self.board

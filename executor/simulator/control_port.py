@@ -75,7 +75,8 @@ def state(simulation: Simulation) -> Document:
     c = simulation.controller
     program = c.execution.program
     return {
-        "t": c.t, "moved_at": c.moved_at, "cell": c.cell.name, "cell_sha256": c.cell.sha256, "polyscope": c.cell.sim.polyscope,
+        "t": c.t, "moved_at": c.moved_at, "cell": c.cell.name,
+        "cell_sha256": c.cell.sha256, "polyscope": c.cell.sim.polyscope,
         "target_q": c.arm.q, "target_qd": c.arm.qd, "q": c.arm.true_q, "qd": c.arm.true_qd,
         "measured_q": c.arm.measured_q, "measured_qd": c.arm.measured_qd,
         "runtime_state": c.execution.runtime, "program": program.name if program else None,

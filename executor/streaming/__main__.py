@@ -1,4 +1,4 @@
-"""Entry of the streaming process: `python -m executor.streaming JOB_FD BOARD_FD PARENT_PID`."""
+"""Entry of the streaming process: `python -m executor.streaming JOB_FD BOARD_FD PARENT_PID PULSE_THREAD`."""
 
 from __future__ import annotations
 
@@ -44,15 +44,15 @@ def run(job: Job, board: Board, orders: Orders, alive: list[Link]) -> tuple[str,
     return verdict
 
 
-def main(job_fd: int, board_fd: int, parent: int) -> None:
+def main(job_fd: int, board_fd: int, parent: int, pulse: int) -> None:
     """Runs, writes the end on the board, and leaves at once, past every destructor of the library."""
     board = Board.attach(board_fd)
     job = Job.read(job_fd)
-    orders = Orders(board, job.daemon_silent_s)
     alive: list[Link] = []
     state, code = words.FAULT, 1
     outcome, reason = "executor_lost", "the streaming process failed"
     try:
+        orders = Orders(board, job.daemon_silent_s, parent, pulse)
         orders.listen()
         realtime.die_with_parent(parent)
         board.words[words.PULSE] = monotonic()
@@ -70,4 +70,4 @@ def main(job_fd: int, board_fd: int, parent: int) -> None:
 
 
 if __name__ == "__main__":
-    main(*map(int, sys.argv[1:4]))
+    main(*map(int, sys.argv[1:5]))

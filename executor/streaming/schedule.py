@@ -1,16 +1,9 @@
-"""The schedule: what to send at each tick, the plan's rows or, once diverted, the certified brake.
-
-The brake from a state (q, qd, qdd) takes T and keeps position, speed and acceleration continuous: with u = s / T
-
-    qd(s) = qd (1 - 3u^2 + 2u^3) + qdd T (u - 2u^2 + u^3)
-    q(s)  = q + qd T (u - u^3 + u^4/2) + qdd T^2 (u^2/2 - 2u^3/3 + u^4/4)
-
-the cubic Hermite polynomial of the speed, to rest. See executor.brake, which chose T and judged the way.
-"""
+"""The schedule: what to send at each tick, the plan's rows or, once diverted, the certified brake."""
 
 from __future__ import annotations
 
 from executor.job import Job, Row
+from executor.streaming.brake_profile import parts
 
 
 class Schedule:
@@ -54,10 +47,7 @@ class Schedule:
     def _braking(self, s: float) -> tuple[Row, Row]:
         start = self.diverted or 0
         T = self.brake_s
-        u = min(s / T, 1.0) if T > 0.0 else 1.0
-        speed, lift = 1.0 - u * u * (3.0 - 2.0 * u), T * u * (1.0 - u) ** 2
-        way = T * u * (1.0 - u * u * (1.0 - 0.5 * u))
-        bend = T * T * u * u * (0.5 - u * (2.0 / 3.0 - 0.25 * u))
+        way, bend, speed, lift, _, _ = parts(s / T if T > 0.0 else 1.0)
         q0, qd0, qdd0 = self.job.q[start], self.job.qd[start], self.job.qdd[start]
-        q = [x + way * v + bend * a for x, v, a in zip(q0, qd0, qdd0, strict=True)]
-        return q, [speed * v + lift * a for v, a in zip(qd0, qdd0, strict=True)]
+        q = [x + T * (way * v + T * bend * a) for x, v, a in zip(q0, qd0, qdd0, strict=True)]
+        return q, [speed * v + T * lift * a for v, a in zip(qd0, qdd0, strict=True)]

@@ -1,0 +1,45 @@
+"""A child process: its end, and its freezing."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from pathlib import Path
+
+from executor.child import Child
+
+
+def sleeping(tmp_path: Path) -> Child:
+    return Child(["sleep", "60"], (), tmp_path / "log")
+
+
+def test_a_child_that_is_killed_is_seen_to_have_been(tmp_path: Path) -> None:
+    child = sleeping(tmp_path)
+    assert not child.ends_within(0.0)
+    assert not child.is_frozen()
+    assert child.code is None
+    child.kill()
+    assert child.ends_within(60.0)
+    assert child.ended_from_outside
+    child.reap()
+    assert not child.is_frozen()
+
+
+def test_a_frozen_child_is_seen_and_can_be_killed(tmp_path: Path) -> None:
+    child = sleeping(tmp_path)
+    os.kill(child.pid, signal.SIGSTOP)
+    while not child.is_frozen():
+        pass
+    assert not child.ends_within(0.0)
+    child.kill()
+    child.reap()
+    assert child.code == -signal.SIGKILL
+
+
+def test_a_child_that_fails_by_itself_leaves_its_last_words(tmp_path: Path) -> None:
+    child = Child([sys.executable, "-c", "raise SystemExit('it broke')"], (), tmp_path / "log")
+    assert child.ends_within(60.0)
+    child.reap()
+    assert not child.ended_from_outside
+    assert child.last_words() == ["it broke"]
