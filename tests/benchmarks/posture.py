@@ -59,3 +59,11 @@ def self_distance(cell: Cell, q: Vector) -> float:
     radius = np.array([c.radius_m for c in capsules])
     gap = segment_segment_distance(one[..., 0, :], one[..., 1, :], other[..., 0, :], other[..., 1, :])
     return float((gap - radius[pairs].sum(axis=1)).min())
+
+
+def pose_and_twist(cell: Cell, q: Vector, qd: Vector) -> tuple[Vector, Vector]:
+    """Returns the tool's pose (4, 4) and twist (6,) in the world."""
+    X_WT = cell.X_WB @ forward(cell.robot, q, cell.tool.X_FT)
+    V_BT = jacobian(cell.robot, q, cell.tool.X_FT) @ qd
+    R_WB = cell.X_WB[:3, :3]
+    return X_WT, np.concatenate([R_WB @ V_BT[:3], R_WB @ V_BT[3:]])

@@ -157,9 +157,12 @@ def peers(rows: Sequence[Row]) -> list[str]:
 def audit(judged: Audit) -> list[str]:
     """Returns what the second judge found."""
     text = (
-        f"{judged.judged} certified plans of other random poses, points, targets and robust targets (back end auto; "
-        f"{judged.refused} more were refused) were judged by Pinocchio (kinematics, torques, on a 1 ms grid), coal "
-        f"(distances, 8 ms), MuJoCo (inverse dynamics, the flight simulated): **{len(judged.wrong)} wrong**."
+        f"{judged.judged:,} certified plans of other random problems were judged by other libraries: poses, points, "
+        "targets and robust targets on four arms, and every kind of release in varied cells (bases turned, tilted and "
+        "raised, long tools off the axis, heavy objects, boxes to stay in and out of); back end auto, every fourth by "
+        f"ruckig; {judged.refused:,} more were refused. Pinocchio judged kinematics, singularities and, with MuJoCo, "
+        "torques (4 ms); coal the distances (8 ms); MuJoCo simulated the flight: "
+        f"**{len(judged.wrong)} wrong**."
     )
     return [text, *(f"- `{name}`: {fault}" for name, fault in judged.wrong)]
 

@@ -13,7 +13,7 @@ from planner.cell import Cell
 
 Vector = NDArray[np.float64]
 
-STEP_S = 0.001  # of the flight; the classical Runge-Kutta method is exact for a free fall
+STEP_S = 0.002  # of the flight; the classical Runge-Kutta method is exact for a free fall, a chord is 5e-6 m off
 FLIGHT_MAX_S = 5.0
 INERTIA_ORDER = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])  # of MJCF: xx yy zz xy xz yz
 

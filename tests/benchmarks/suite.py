@@ -67,10 +67,14 @@ def run(choice: Choice) -> None:
         _run_peers(tasks["pose"][:PEER_TASKS], record)
     for group in tasks.values():
         _search(group, record)
-    judged = audit(choice.judged, choice.seed, "auto", processes=2) if choice.judged else Audit(0, 0, ())
+    judged = _audited(choice) if choice.judged else Audit(0, 0, ())
     _say(f"{judged.judged} certified plans judged by other libraries, {len(judged.wrong)} wrong")
     report.write(choice.out, about, record.rows, judged, _rebuilt(choice))
     _say(f"written: {choice.out}/README.md")
+
+
+def _audited(choice: Choice) -> Audit:
+    return audit(choice.judged, choice.seed, processes=2, rows=choice.rows / "audit.jsonl", resume=choice.resume)
 
 
 def _backends(name: str, there: tuple[str, ...], wanted: tuple[str, ...]) -> list[str]:
