@@ -43,15 +43,27 @@ def brake_way(q: Vector, qd: Vector, qdd: Vector, T: Vector, u: Vector) -> tuple
     return way, qd * weights[2] + qdd * T * weights[3], qd * rate * weights[4] + qdd * weights[5]
 
 
-def brakes(cell: Cell, payload: Payload, q: Vector, qd: Vector, qdd: Vector, dt: float) -> Brakes:
-    """Returns the brakes of rows (M, 6) [rad, rad/s, rad/s^2], `dt` [s] apart, the last of them at rest."""
-    ticks, bearable = _durations(cell, payload, q, qd, qdd, dt)
-    good = bearable & _clear(cell, q, qd, qdd, ticks.astype(np.float64) * dt)
-    good |= (np.abs(qd).max(axis=1) < REST_SPEED) & (np.abs(qdd).max(axis=1) < REST_SPEED)
+def brakes(cell: Cell, payload: Payload, q: Vector, qd: Vector, qdd: Vector, dt: float, every: int = 1) -> Brakes:
+    """Returns the brakes of rows (M, 6) [rad, rad/s, rad/s^2], `dt` [s] apart, the last of them at rest.
+
+    Of `every` so many rows one has a brake of its own; the others wait for it.
+    """
+    good, ticks = np.zeros(len(q), np.bool_), np.zeros(len(q), np.int64)
+    some = slice(None, None, every)
+    ticks[some], good[some] = _judged(cell, payload, q[some], qd[some], qdd[some], dt)
     good[-1] = True
     index = np.where(good, np.arange(len(q)), len(q))
     row = np.minimum.accumulate(index[::-1])[::-1]
     return Brakes(row, ticks)
+
+
+def _judged(
+    cell: Cell, payload: Payload, q: Vector, qd: Vector, qdd: Vector, dt: float
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Returns the duration of every row's brake [ticks], and whether it passes."""
+    ticks, bearable = _durations(cell, payload, q, qd, qdd, dt)
+    good = bearable & _clear(cell, q, qd, qdd, ticks.astype(np.float64) * dt)
+    return ticks, good | ((np.abs(qd).max(axis=1) < REST_SPEED) & (np.abs(qdd).max(axis=1) < REST_SPEED))
 
 
 def _durations(

@@ -4,30 +4,32 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
 from executor import board as words
-from executor.brake import brakes
-from executor.job import Job
+from executor.brake import Brakes, brakes
+from executor.job import Approach, Job
 from executor.journal import Result
 from executor.landing import Landing, last_release, watch_landing
 from executor.metrics import metrics
 from executor.preflight import Refused, judge_plan
-from executor.preparation import make_job, rows_of
+from executor.preparation import Rows, approach_of, make_job, rows_of
 from executor.recording import to_csv, to_mcap
 from executor.station import Station
 from executor.streaming.safety import EMERGENCY_BITS, NORMAL
 from executor.supervision import Run, RunResult
 from executor.surroundings import Space
 from executor.telemetry import Telemetry
-from executor.ways import find_way
+from executor.ways import Way, find_way
 from planner.certificate import release_flight
 from planner.certificate.motion import Motion
 from planner.certificate.tool import payload_of
+from planner.problem import ThrowProblem
+from planner.trajectory import Trajectory
 from store import ExecutionRow
 
+APPROACH_BRAKE_EVERY = 5  # [rows] of a way at 1 rad/s: 1 cm further on at 500 Hz, a second less of preparation
 TRUTH_AGE_S = 0.2  # [s] how long after a fault a state is waited for that is newer than it
 STATES = {words.APPROACHING: "approaching", words.STREAMING: "streaming", words.BRAKING: "braking",
           words.STOPPING: "braking", words.DONE: "braking"}  # fmt: skip
@@ -60,7 +62,7 @@ class Execution:
         if state is None:
             raise Refused("the controller fell silent")
         way, hit = find_way(Space(cell), np.array(state.q), self.trajectory.q[0])
-        if not way:
+        if way is None:
             raise Refused(f"no way to the plan's start keeps clear: {hit}")
         self.released_before = last_release(cell.link.host) if cell.link.kind == "sim" else -np.inf
         return self._job(way)
@@ -95,13 +97,23 @@ class Execution:
         mcap = to_mcap(telemetry, self.station.cell.robot.joint_names, began, self.log, about)
         return Result(self.row.id, outcome, reason, numbers, mcap, to_csv(telemetry))
 
-    def _job(self, way: list[Any]) -> Job:
-        cell, problem, trajectory = self.station.cell, self.problem, self.trajectory
+    def _job(self, way: Way) -> Job:
+        rows, ways_to_rest = self._sampled(self.problem, self.trajectory)
+        cell, settings, approach = self.station.cell, self.station.settings, self._approach(way)
+        return make_job(cell, rows, ways_to_rest, approach, self.row.mode, self.row.dry_run, settings)
+
+    def _approach(self, way: Way) -> Approach | None:
+        if way.problem is None or way.trajectory is None:
+            return None
+        self.note(f"planned a way to the start, {way.trajectory.duration_s:.1f} s: a straight one would hit something")
+        return approach_of(*self._sampled(way.problem, way.trajectory, APPROACH_BRAKE_EVERY))
+
+    def _sampled(self, problem: ThrowProblem, trajectory: Trajectory, every: int = 1) -> tuple[Rows, Brakes]:
+        """Returns a motion on the controller's ticks, and a way to rest from each of them."""
+        cell = self.station.cell
         rows = rows_of(cell, trajectory, throws=not problem.ends_at_rest)
         payload = payload_of(Motion(problem, trajectory), with_object=True)
-        ways_to_rest = brakes(cell, payload, rows.q, rows.qd, rows.qdd, trajectory.dt)
-        settings = self.station.settings
-        return make_job(cell, rows, ways_to_rest, way, self.row.mode, self.row.dry_run, settings)
+        return rows, brakes(cell, payload, rows.q, rows.qd, rows.qdd, trajectory.dt, every)
 
     def _judge_end(self, ended: RunResult) -> tuple[str, str]:
         """Returns outcome and reason; where the link broke, what the controller itself says goes first."""

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 Row = list[float]
 
@@ -22,6 +22,20 @@ OUTCOMES = (
     "tracking",
     "executor_lost",
 )
+
+
+@dataclass(frozen=True)
+class Approach:
+    """Rows of a planned way to the start; fields as those of `Job`."""
+
+    first_clock_s: float
+    q: list[Row]
+    qd: list[Row]
+    qdd: list[Row]
+    reference_q: list[Row]
+    reference_qd: list[Row]
+    brake_row: list[int]
+    brake_ticks: list[int]
 
 
 @dataclass(frozen=True)
@@ -42,8 +56,9 @@ class Job:
         output: "tool_digital", "standard_digital" or "configurable_digital"; its index and the level that opens.
         brake_row: for every row the first row from which the certified brake may be flown.
         brake_ticks: for every row how long the brake from there takes [ticks].
-        approach: joint positions (K, 6) to pass by straight joint moves, the last one the plan's start.
-        approach_speed, approach_acceleration: of those moves [rad/s, rad/s^2].
+        start: joint positions (6,) [rad] from which the plan begins.
+        approach: rows of a planned way to them, to be streamed first; None: one straight joint move leads there.
+        approach_speed, approach_acceleration: of that move [rad/s, rad/s^2].
         qd_max: what no command may exceed (6,) [rad/s].
         acceleration: passed to speedj [rad/s^2].
         feedback_gain, feedback_max: of the position error [1/s, rad/s].
@@ -72,7 +87,8 @@ class Job:
     output_level: bool
     brake_row: list[int]
     brake_ticks: list[int]
-    approach: list[Row]
+    start: Row
+    approach: Approach | None
     approach_speed: float
     approach_acceleration: float
     qd_max: Row
@@ -94,4 +110,12 @@ class Job:
     @classmethod
     def read(cls, fd: int) -> Job:
         """Returns the job behind an inherited descriptor."""
-        return cls(**json.loads(os.pread(fd, os.fstat(fd).st_size, 0)))
+        fields = json.loads(os.pread(fd, os.fstat(fd).st_size, 0))
+        approach = fields.pop("approach")
+        return cls(**fields, approach=None if approach is None else Approach(**approach))
+
+    def of_approach(self) -> Job:
+        """Returns the job of streaming the planned way to the start: it throws nothing."""
+        assert self.approach is not None
+        rows = vars(self.approach)
+        return replace(self, **rows, mode="speedj", output_row=-1, release_row=len(self.approach.q) - 1, approach=None)

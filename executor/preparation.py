@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from executor import ways
 from executor.brake import Brakes
-from executor.job import Job
+from executor.job import Approach, Job
 from executor.punctuality import silence_limit
 from executor.settings import PRIORITY, Settings
 from planner.cell import Cell
@@ -22,8 +23,6 @@ SETTLE_S = 0.060  # [s] at rest after it: the measured motion, one lag behind, c
 FEEDBACK_GAIN = 5.0  # [1/s] with a lag of 20 ms the loop's phase is 0.1 rad: far from ringing (rtde.md, section 11)
 FEEDBACK_MAX = 0.05  # [rad/s] bound of the correction
 TRACKING_MAX_RAD = 0.05  # [rad] 20 times the error of a gap of 10 ms at 15 rad/s^2
-APPROACH_SPEED = 1.0  # [rad/s] unhurried; UR's own default for movej is 1.05
-APPROACH_ACCELERATION = 1.4  # [rad/s^2] source: URScript manual, movej's default
 
 
 @dataclass(frozen=True)
@@ -72,8 +71,22 @@ def rows_of(cell: Cell, trajectory: Trajectory, throws: bool) -> Rows:
     )
 
 
+def approach_of(rows: Rows, brakes: Brakes) -> Approach:
+    """Returns a planned way to the start, for a job."""
+    return Approach(
+        first_clock_s=rows.first_clock_s,
+        q=rows.q.tolist(),
+        qd=rows.qd.tolist(),
+        qdd=rows.qdd.tolist(),
+        reference_q=rows.reference_q.tolist(),
+        reference_qd=rows.reference_qd.tolist(),
+        brake_row=brakes.row.tolist(),
+        brake_ticks=brakes.ticks.tolist(),
+    )
+
+
 def make_job(
-    cell: Cell, rows: Rows, brakes: Brakes, approach: list[Vector], mode: str, dry_run: bool, settings: Settings
+    cell: Cell, rows: Rows, brakes: Brakes, approach: Approach | None, mode: str, dry_run: bool, settings: Settings
 ) -> Job:
     """Returns the job of one execution; everything in it has been judged."""
     dt = 1.0 / cell.robot.sample_rate_hz
@@ -96,9 +109,10 @@ def make_job(
         output_level=cell.gripper.open_level,
         brake_row=brakes.row.tolist(),
         brake_ticks=brakes.ticks.tolist(),
-        approach=[q.tolist() for q in approach],
-        approach_speed=APPROACH_SPEED,
-        approach_acceleration=APPROACH_ACCELERATION,
+        start=rows.q[0].tolist(),
+        approach=approach,
+        approach_speed=ways.SPEED,
+        approach_acceleration=ways.ACCELERATION,
         qd_max=cell.robot.qd_max.tolist(),
         acceleration=float(np.min(cell.robot.qdd_max)),
         feedback_gain=FEEDBACK_GAIN,

@@ -34,7 +34,7 @@ def run(job: Job, board: Board, orders: Orders, alive: list[Link]) -> tuple[str,
     realtime.freeze_memory()
     link.check()
     board.words[words.STATE] = words.APPROACHING
-    verdict = approach(link, job, board, orders)
+    verdict = approach(link, job, board, orders, realtime=not refused)
     if verdict is None:
         link.arm_watchdog(realtime=not refused)
         board.words[words.STATE] = words.STREAMING

@@ -1,4 +1,4 @@
-"""The approach: straight joint moves, one after the other, to where the plan starts."""
+"""The approach: to where the plan starts, by a straight joint move or along a planned way."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ from executor.board import PULSE, STATE, STOPPING, Board
 from executor.job import Job
 from executor.streaming.clock import Clock
 from executor.streaming.link import Link
+from executor.streaming.loop import Stream
 from executor.streaming.orders import Orders
 
 ARRIVED_RAD = 1e-3  # [rad] a controller ends its moves within 1e-4; an encoder resolves 1e-5
+START_RAD = 0.01  # [rad] source: faults.md, C6
 STANDS_RAD_S = 5e-3  # [rad/s] measured speed of an arm at rest, noise included
 STANDS_TICKS = 10  # [ticks] in a row at rest at the goal
 GRIP_S = 0.3  # [s] for the fingers to close; a two-finger gripper's stroke takes 0.2 to 0.6 s, and the approach follows
@@ -16,7 +18,7 @@ OUTPUT_SHIFT = {"standard_digital": 0, "configurable_digital": 8, "tool_digital"
 SLACK_S = 5.0  # [s] beyond twice the move's own duration
 
 
-def approach(link: Link, job: Job, board: Board, orders: Orders) -> tuple[str, str] | None:
+def approach(link: Link, job: Job, board: Board, orders: Orders, realtime: bool) -> tuple[str, str] | None:
     """Moves to the plan's start; returns outcome and reason where that ended early, at rest.
 
     Raises:
@@ -24,16 +26,28 @@ def approach(link: Link, job: Job, board: Board, orders: Orders) -> tuple[str, s
     """
     if _close_gripper(link, job, board):
         return "aborted", "the gripper's output does not answer"
-    for goal in job.approach:
-        if job.dry_run or (arrived(link, goal) and goal is job.approach[-1]):
-            continue
-        link.move(goal)
-        early = _follow(link, goal, job, board, orders)
-        if early is not None:
-            board.words[STATE] = STOPPING  # the deceleration may take a second without a pulse
-            link.stop_move()
-            return early
-    return None
+    if job.dry_run or arrived(link, job.start):
+        return None
+    if job.approach is not None:
+        return _stream(link, job, board, orders, realtime)
+    link.move(job.start)
+    early = _follow(link, job.start, job, board, orders)
+    if early is not None:
+        board.words[STATE] = STOPPING  # the deceleration may take a second without a pulse
+        link.stop_move()
+    return early
+
+
+def _stream(link: Link, job: Job, board: Board, orders: Orders, realtime: bool) -> tuple[str, str] | None:
+    """Streams the planned way, like a plan; the plan's own stream then goes on where it has ended."""
+    link.arm_watchdog(realtime)
+    verdict = Stream(link, job.of_approach(), board, orders, recorded=False).run()
+    if verdict[0] != "completed":
+        return verdict
+    if job.mode == "servoj":
+        link.end_speeds()
+    off = max([abs(a - b) for a, b in zip(link.q, job.start, strict=True)])
+    return ("aborted", f"the approach ended {off:.3f} rad off the start") if off > START_RAD else None
 
 
 def arrived(link: Link, goal: list[float]) -> bool:

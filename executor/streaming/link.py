@@ -123,7 +123,10 @@ class Link:
             self.control.stopJ(self.job.approach_acceleration)
 
     def arm_watchdog(self, realtime: bool) -> None:
-        """From now on the controller stops the program where commands stay out."""
+        """From now on, and once only, the controller stops the program where commands stay out."""
+        if self.armed:
+            return
+        self.armed = True
         self.watchdog_hz = self.job.watchdog_hz or (WATCHDOG_HZ if realtime else WATCHDOG_ORDINARY_HZ)
         if self.control is not None:
             self._answer("setWatchdog", self.control.setWatchdog(self.watchdog_hz))
@@ -144,6 +147,11 @@ class Link:
         """Sets the gripper's output."""
         if self.send_output is not None:
             self._real_time("the digital output", self.send_output, self.job.output_index, level)
+
+    def end_speeds(self) -> None:
+        """Ends a stream of speeds at rest, so that another kind of motion may follow."""
+        if self.control is not None:
+            self._answer("speedStop", self.control.speedStop(STOP_DECELERATION))
 
     def stop(self) -> None:
         """Ends the stream at rest, and the program with it: the only way to disarm the watchdog."""
@@ -182,3 +190,4 @@ class Link:
     call_s = 0.0
     sent_at = math.inf
     watchdog_hz = WATCHDOG_HZ
+    armed = False

@@ -29,8 +29,9 @@ POSITION_LIMITS = [2.0 * math.pi] * 6  # [rad] source: UR joint range; the certi
 class Stream:
     """One run of one job over a link that is connected and whose watchdog is armed."""
 
-    def __init__(self, link: Link, job: Job, board: Board, orders: Orders) -> None:
-        self.link, self.job, self.board, self.orders = link, job, board, orders
+    def __init__(self, link: Link, job: Job, board: Board, orders: Orders, recorded: bool = True) -> None:
+        """`recorded`: whether a row of telemetry is left each tick; the way to the start leaves none."""
+        self.link, self.job, self.board, self.orders, self.recorded = link, job, board, orders, recorded
         self.schedule = Schedule(job)
         self.lateness = Lateness(job.dt, realtime=bool(board.words[REALTIME]))
         self.clock = Clock(link, job.dt)
@@ -113,6 +114,8 @@ class Stream:
     def _record(self, reference: tuple[Row, Row], command: Row) -> None:
         job, link, clock = self.job, self.link, self.clock
         self.board.words[PULSE] = clock.host_s
+        if not self.recorded:
+            return
         self.board.words[MISSED] = clock.total_missed
         self.board.add_row(
             [

@@ -56,7 +56,7 @@ def prepare(name: str) -> Prepared:
     rows = rows_of(cell, trajectory, throws=True)
     payload = payload_of(Motion(problem, trajectory), with_object=True)
     ways = brakes(cell, payload, rows.q, rows.qd, rows.qdd, trajectory.dt)
-    job = make_job(cell, rows, ways, [trajectory.q[0]], "speedj", False, settings(name))
+    job = make_job(cell, rows, ways, None, "speedj", False, settings(name))
     document = plan_document(answer, request, "id", "2026-01-01T00:00:00Z")
     data = orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY)
     return Prepared(problem, trajectory, data, payload, rows, ways, job)

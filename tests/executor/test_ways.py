@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from executor.surroundings import Space, Ways
-from executor.ways import find_way
+from executor.ways import SPEED, find_way
 from planner.cell import Box, Cell
+from planner.certificate import certify
+from planner.clearance import clearances
 from planner.kinematics import forward
 from tests.executor.conftest import Prepared
 
@@ -27,29 +29,33 @@ def hand(cell: Cell, q: np.ndarray) -> np.ndarray:
 def test_an_arm_at_the_start_goes_nowhere(prepared: Prepared) -> None:
     start = prepared.trajectory.q[0]
     way, hit = find_way(Space(prepared.cell), start, start)
-    assert len(way) == 1
+    assert way is not None
+    assert way.trajectory is None
     assert not hit
 
 
-def test_a_clear_way_is_straight(prepared: Prepared) -> None:
+def test_a_clear_way_is_a_straight_move(prepared: Prepared) -> None:
     start = prepared.trajectory.q[0]
     way, _ = find_way(Space(prepared.cell), start + np.array([0.5, 0, 0, 0, 0, 0]), start)
-    assert [w.tolist() for w in way] == [start.tolist()]
+    assert way is not None
+    assert way.goal is start
+    assert way.trajectory is None
 
 
 def test_what_stands_in_the_straight_way_is_gone_around(prepared: Prepared) -> None:
     cell = prepared.cell
     start = np.array([-0.8, -1.2, 1.6, -1.9, -1.57, 0.0])
     now = start + np.array([1.6, 0, 0, 0, 0, 0])
-    middle = hand(cell, (now + start) / 2.0)
-    blocked = with_box(cell, middle, 0.06)
-    raised = replace(blocked, home=np.array([0.0, -1.57, 0.3, -1.57, -1.57, 0.0]))
-    space = Space(raised)
-    way, hit = find_way(space, now, start)
-    assert not hit
-    assert len(way) > 1
-    for a, b in zip([now, *way], way, strict=False):
-        assert space.judge(Ways.straight(np.linspace(a, b, 400)[None]))[0].all()
+    blocked = with_box(cell, hand(cell, (now + start) / 2.0), 0.12)
+    way, hit = find_way(Space(blocked), now, start)
+    assert way is not None and way.trajectory is not None and way.problem is not None
+    assert "keep-out box" in hit  # what the straight move would have hit
+    motion = way.trajectory
+    assert motion.q[0] == pytest.approx(now, abs=1e-9)
+    assert motion.q[-1] == pytest.approx(start, abs=1e-9)
+    assert clearances(blocked, motion.at(np.linspace(0.0, motion.duration_s, 5000))[0]).least.min() > 0.0
+    assert np.abs(motion.qd).max() <= SPEED
+    assert certify(way.problem, motion).valid
 
 
 def test_no_way_names_what_stands_there(prepared: Prepared) -> None:
@@ -57,14 +63,14 @@ def test_no_way_names_what_stands_there(prepared: Prepared) -> None:
     start = prepared.trajectory.q[0]
     blocked = with_box(cell, hand(cell, start), 0.1)
     way, hit = find_way(Space(blocked), start + np.array([1.0, 0, 0, 0, 0, 0]), start)
-    assert way == []
+    assert way is None
     assert "keep-out box" in hit
 
 
 def test_a_way_beyond_a_joints_range_is_no_way(prepared: Prepared) -> None:
     start = prepared.trajectory.q[0]
     way, hit = find_way(Space(prepared.cell), start, start + np.array([0, 0, 7.0, 0, 0, 0]))
-    assert way == []
+    assert way is None
     assert hit
 
 

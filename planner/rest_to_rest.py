@@ -1,0 +1,61 @@
+"""Straight motions from rest to rest through postures, exactly on the tick grid, with bounded jerk.
+
+Each piece is the double S along its line: the jerk J for a ticks, nothing for b, -J for a, nothing for c, and the same
+mirrored. With all durations whole ticks it covers the way J dt^3 a (a + b) (2a + b + c), so J is chosen to end exactly
+at the goal. Source: Biagiotti and Melchiorri, Trajectory Planning for Automatic Machines and Robots, Springer 2008,
+section 3.4.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.cell import Limits
+from planner.trajectory import Trajectory, integrate
+
+Vector = NDArray[np.float64]
+
+ROUNDING = 1e-9  # [ticks] a duration that is whole but for rounding stays so
+
+
+def through(points: Vector, limits: Limits, dt: float) -> Trajectory:
+    """Returns the motion through `points` (K >= 2, n) [rad], at rest in each, within the limits on qd, qdd and jerk."""
+    jerks = [jerk for a, b in pairwise(points) if len(jerk := _piece(b - a, limits, dt))]
+    jerk = np.concatenate(jerks) if jerks else np.zeros((1, points.shape[1]))
+    still = np.zeros(points.shape[1])
+    q, qd, qdd = integrate(points[0], still, still, jerk, dt)
+    q[-1], qd[-1], qdd[-1] = points[-1], 0.0, 0.0
+    return Trajectory(1.0 / dt, q, qd, qdd, release_index=len(q) - 1)
+
+
+def _piece(way: Vector, limits: Limits, dt: float) -> Vector:
+    """Returns the jerks (N, n) of one piece; none where there is no way."""
+    size = np.abs(way)
+    if size.max() == 0.0:
+        return np.zeros((0, len(way)))
+    moving = size > 0.0
+    bounds = (limits.qd_max, limits.qdd_max, limits.jerk_max)
+    v, a, j = (float((bound[moving] / size[moving]).min()) for bound in bounds)
+    up, steady, cruise = (math.ceil(t / dt - ROUNDING) for t in _durations(v, a, j))
+    up = max(up, 1)
+    signs = np.repeat([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0], [up, steady, up, cruise, up, steady, up])
+    share = dt**3 * up * (up + steady) * (2 * up + steady + cruise)
+    return (signs / share)[:, None] * way
+
+
+def _durations(v: float, a: float, j: float) -> tuple[float, float, float]:
+    """Returns how long jerk, steady acceleration and cruise last [s] on a way of length 1; bounds are per length."""
+    up = min(a / j, math.sqrt(v / j))
+    steady = max(v / a - up, 0.0)
+    cruise = 1.0 / v - 2.0 * up - steady
+    if cruise >= 0.0:
+        return up, steady, cruise
+    up = a / j  # the way is too short to reach v; for long enough steady acceleration a (up + s) (2 up + s) = 1
+    steady = (-3.0 * up + math.sqrt(up**2 + 4.0 / a)) / 2.0
+    if steady >= 0.0:
+        return up, steady, 0.0
+    return (1.0 / (2.0 * j)) ** (1.0 / 3.0), 0.0, 0.0
