@@ -89,7 +89,7 @@ class Space:
 
     def _stray(self, capsule: Capsule, ways: Ways) -> Vector:
         """Returns how far the capsule's points stray from their chords at most (M, U-1) [m]."""
-        turn, bend = ways.turn.reshape(-1, 6), ways.bend.reshape(-1, 6)
+        turn, bend = ways.turn.reshape(-1, 6).T, ways.bend.reshape(-1, 6).T
         rates = Rates(turn, bend, np.zeros_like(turn))
         return point_acceleration(self._lever(capsule), rates).reshape(ways.turn.shape[:2]) / 8.0
 

@@ -15,7 +15,7 @@ changes no faster than L obeys f >= (f0 + f1 - L h)/2. `prove_above` bisects unt
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,83 +25,88 @@ from planner.robots import Robot
 from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 ROUNDS = 16  # bisections of one interval: 2^16 parts of a coarse interval are below a microsecond
 EVALUATIONS_MAX = 40_000  # of one check; a motion this close to a limit for this long is not certified
 
 
 class Rates:
-    """Bounds on |qd|, |qdd|, |jerk| of each joint over each of m stretches of time, (m, n) each.
+    """Bounds on |qd|, |qdd|, |jerk| of each joint over each of m stretches of time, (n, m) each.
 
-    The products of them that bound a point's derivatives are sorted by their outermost joint, once for all points.
+    Attributes:
+        sums: of each over the joints up to and with every one, (3, n, m).
     """
 
     def __init__(self, qd: Vector, qdd: Vector, jerk: Vector) -> None:
         self.qd, self.qdd, self.jerk = qd, qdd, jerk
-        self._sums = [np.cumsum(x, axis=1) for x in (qd, qdd, jerk)]
-
-    def between(self, knots: NDArray[np.intp]) -> Rates:
-        """Returns the largest between neighbouring `knots` (k,), which count the stretches' ends."""
-        rows = slice(0, knots[-1])
-        return Rates(*(np.maximum.reduceat(x[rows], knots[:-1], axis=0) for x in (self.qd, self.qdd, self.jerk)))
+        self.sums = np.tri(len(qd)) @ np.stack([qd, qdd, jerk])
 
     @cached_property
     def by_derivative(self) -> tuple[Vector, Vector, Vector, Vector]:
-        """Weights (m, n) of the levers in the bounds on first to fourth derivative of a point."""
-        s, a, j = self._sums
-        totals = (s, a + s * s, j + 3 * s * a + s**3, 4 * s * j + 3 * a * a + 6 * s * s * a + s**4)
-        return tuple(np.diff(total, axis=1, prepend=0.0) for total in totals)  # pyright: ignore[reportReturnType]
+        """Bounds (n, m) on first to fourth derivative of a point at lever one from each joint up to and with this."""
+        s, a, j = self.sums
+        s2 = s * s
+        return s, a + s2, j + 3 * s * a + s2 * s, 4 * s * j + 3 * a * a + 6 * s2 * a + s2 * s2
 
     @property
-    def totals(self) -> tuple[Vector, Vector, Vector]:
-        """Sums over the joints (m,) of |qd|, |qdd|, |jerk|."""
-        return self._sums[0][:, -1], self._sums[1][:, -1], self._sums[2][:, -1]
+    def turning(self) -> tuple[Vector, Vector, Vector, Vector]:
+        """Bounds (m,) on first to fourth derivative of any direction fixed in the last link."""
+        one, two, three, four = self.by_derivative
+        return one[-1], two[-1], three[-1], four[-1]
 
 
-def joint_rates(trajectory: Trajectory) -> Rates:
-    """Returns what the joints do at most inside every tick."""
-    jerk = np.abs(trajectory.jerk)
-    qd = np.maximum(np.abs(trajectory.qd[:-1]), np.abs(trajectory.qd[1:])) + jerk * trajectory.dt**2 / 8.0
-    qdd = np.maximum(np.abs(trajectory.qdd[:-1]), np.abs(trajectory.qdd[1:]))
-    return Rates(qd, qdd, jerk)
+def joint_rates(trajectory: Trajectory, knots: Index | None = None) -> Rates:
+    """Returns what the joints do at most between neighbouring `knots` (k,), samples; inside every tick by default."""
+    if knots is None:
+        knots = np.arange(len(trajectory.q))
+    first, last = knots[0], knots[-1]
+    rows = np.concatenate([trajectory.qd, trajectory.qdd], axis=1)[first : last + 1]
+    size, jerk = np.abs(rows.T), np.abs(trajectory.jerk[first:last].T)
+    inside = np.maximum.reduceat(size[:, :-1], knots[:-1] - first, axis=1)
+    most = np.maximum(inside, size[:, knots[1:] - first])
+    jerk_most = np.maximum.reduceat(jerk, knots[:-1] - first, axis=1)
+    n = trajectory.q.shape[1]
+    return Rates(most[:n] + jerk_most * trajectory.dt**2 / 8.0, most[n:], jerk_most)
 
 
 def levers(robot: Robot, frame: int, reach: float) -> Vector:
     """Returns for each joint (6,) how far a point within `reach` [m] of DH frame `frame`'s origin is from its axis.
 
     The offset d of a joint's own link lies along its axis and does not count; joints after `frame` do not move it.
+    They fall towards the tool.
     """
     own = np.abs(robot.a)
     beyond = np.hypot(robot.a, robot.d)
     lever = np.zeros(6)
     for j in range(frame):
         lever[j] = own[j] + beyond[j + 1 : frame].sum() + reach
-    return lever
+    return np.maximum.accumulate(lever[::-1])[::-1]  # rounding alone could make them grow
+
+
+def _steps(lever: Vector) -> Vector:
+    """Returns by how much each lever (..., 6) exceeds the next: sum l_j x_j = sum steps_j (x_0 + ... + x_j)."""
+    return lever - np.concatenate([lever[..., 1:], np.zeros((*lever.shape[:-1], 1))], axis=-1)
 
 
 def point_speed(lever: Vector, rates: Rates) -> Vector:
-    """Returns the largest speed of the point over every stretch (m,) [m/s]."""
-    return rates.by_derivative[0] @ _not_growing(lever)
+    """Returns the largest speed (m,) over every stretch [m/s], or (k, m) of k points with levers (k, 6)."""
+    return _steps(lever) @ rates.by_derivative[0]
 
 
 def point_acceleration(lever: Vector, rates: Rates) -> Vector:
-    """Returns the largest acceleration over every stretch (m,) [m/s^2], or (m, k) of k points with levers (k, 6)."""
-    return rates.by_derivative[1] @ _not_growing(lever).T
+    """Returns the largest acceleration over every stretch likewise [m/s^2]."""
+    return _steps(lever) @ rates.by_derivative[1]
 
 
 def point_jerk(lever: Vector, rates: Rates) -> Vector:
-    """Returns the largest jerk of the point over every stretch (m,) [m/s^3]."""
-    return rates.by_derivative[2] @ _not_growing(lever)
+    """Returns the largest jerk over every stretch likewise [m/s^3]."""
+    return _steps(lever) @ rates.by_derivative[2]
 
 
 def point_snap(lever: Vector, rates: Rates) -> Vector:
-    """Returns the largest fourth derivative of the point over every stretch (m,) [m/s^4]."""
-    return rates.by_derivative[3] @ _not_growing(lever)
-
-
-def _not_growing(lever: Vector) -> Vector:
-    """Returns the largest lever not before each joint: levers fall towards the tool, rounding aside."""
-    return np.maximum.accumulate(lever[..., ::-1], axis=-1)[..., ::-1]
+    """Returns the largest fourth derivative over every stretch likewise [m/s^4]."""
+    return _steps(lever) @ rates.by_derivative[3]
 
 
 @dataclass(frozen=True)
@@ -123,7 +128,7 @@ class Intervals:
     f_left: Vector
     f_right: Vector
     rate: Vector
-    item: NDArray[np.intp]
+    item: Index
 
     def keep(self, chosen: NDArray[np.bool_]) -> Intervals:
         """Returns the chosen ones."""
@@ -148,63 +153,67 @@ class Intervals:
         )
 
 
-def slope_bound(intervals: Intervals) -> Vector:
-    """Returns the least f can be on each interval where |f'| is at most `rate`."""
-    return (intervals.f_left + intervals.f_right - intervals.rate * (intervals.right - intervals.left)) / 2.0
+Least = Callable[[Vector, Vector, Vector, Vector], Vector]  # of values at both ends, rate and length of intervals
 
 
-def curvature_bound(intervals: Intervals) -> Vector:
-    """Returns the least f can be on each interval where |f''| is at most `rate`."""
-    h = intervals.right - intervals.left
-    return np.minimum(intervals.f_left, intervals.f_right) - intervals.rate * h**2 / 8.0
+def slope_bound(f_left: Vector, f_right: Vector, rate: Vector, h: Vector) -> Vector:
+    """Returns the least f can be on each interval of length h where |f'| is at most `rate`."""
+    return (f_left + f_right - rate * h) / 2.0
+
+
+def curvature_bound(f_left: Vector, f_right: Vector, rate: Vector, h: Vector) -> Vector:
+    """Returns the least f can be on each interval of length h where |f''| is at most `rate`."""
+    return np.minimum(f_left, f_right) - rate * (h * h / 8.0)
 
 
 def prove_above(
-    evaluate: Callable[[Vector, NDArray[np.intp]], Vector],
+    evaluate: Callable[[Vector, Index], Vector],
     knots: Vector,
     values: Vector,
     rates: Vector,
     required: float,
-    least: Callable[[Intervals], Vector],
+    least: Least,
 ) -> Proof:
     """Proves f(t) >= `required` over [knots[0], knots[-1]] for every item by bisection, or finds where it fails.
 
     Args:
         evaluate: f at times (k,) [s] of items (k,).
         knots: increasing times (m,) [s].
-        values: f at the knots (m, items).
-        rates: of every item on every interval (m-1, items), as `least` takes them.
+        values: f at the knots (items, m), or less than it where that is enough.
+        rates: of every item on every interval (items, m-1) or (m-1,), as `least` takes them.
         required: the bound.
         least: `slope_bound` or `curvature_bound`.
     """
-    worst = int(np.argmin(_or_lowest(values)))
-    knot, item = np.unravel_index(worst, values.shape)
-    best = Proof(float(values[knot, item]), float(knots[knot]), int(item), False)
-    shape = (len(knots) - 1, values.shape[1])
-    todo = Intervals(
-        np.broadcast_to(knots[:-1, None], shape).ravel(),
-        np.broadcast_to(knots[1:, None], shape).ravel(),
-        values[:-1].ravel(),
-        values[1:].ravel(),
-        rates.ravel(),
-        np.broadcast_to(np.arange(shape[1]), shape).ravel(),
-    )
+    item, knot = divmod(int(values.argmin()), values.shape[1])  # the first that is not a number, if there is one
+    best = Proof(float(values[item, knot]), float(knots[knot]), item, False)
+    if not best.value >= required:
+        return best
+    enough = least(values[:, :-1], values[:, 1:], rates, np.diff(knots)) >= required
+    if enough.all():
+        return replace(best, proven=True)
+    items, parts = np.nonzero(~enough)
+    rate = np.broadcast_to(rates, enough.shape)[items, parts]
+    todo = Intervals(knots[parts], knots[parts + 1], values[items, parts], values[items, parts + 1], rate, items)
+    return _bisect(evaluate, todo, best, required, least)
+
+
+def _bisect(
+    evaluate: Callable[[Vector, Index], Vector], todo: Intervals, best: Proof, required: float, least: Least
+) -> Proof:
     spent = 0
     for _ in range(ROUNDS):
-        todo = todo.keep(~(least(todo) >= required))
         spent += len(todo.left)
-        if not best.value >= required or spent > EVALUATIONS_MAX:
+        if spent > EVALUATIONS_MAX:
             return best
-        if len(todo.left) == 0:
-            return Proof(best.value, best.at_s, best.item, True)
         middle = (todo.left + todo.right) / 2.0
         f_middle = evaluate(middle, todo.item)
-        worst = int(np.argmin(_or_lowest(f_middle)))
+        worst = int(f_middle.argmin())
         if not f_middle[worst] >= best.value:
             best = Proof(float(f_middle[worst]), float(middle[worst]), int(todo.item[worst]), False)
+        if not best.value >= required:
+            return best
         todo = todo.halves(middle, f_middle)
+        todo = todo.keep(~(least(todo.f_left, todo.f_right, todo.rate, todo.right - todo.left) >= required))
+        if len(todo.left) == 0:
+            return replace(best, proven=True)
     return best
-
-
-def _or_lowest(f: Vector) -> Vector:
-    return np.where(np.isfinite(f), f, -np.inf)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ class Shapes:
         moving: those that the first joint moves (j,).
         pairs: indices (p, 2) of arm and tool.
         pair_lever: of the outer one about the joints between the two (p, 6) [m].
+        tool_lever: of the tool centre point about each joint (6,) [m].
     """
 
     names: tuple[str, ...]
@@ -41,16 +42,28 @@ class Shapes:
     moving: Index
     pairs: Index
     pair_lever: Vector
+    tool_lever: Vector
+
+    @cached_property
+    def homogeneous(self) -> Vector:
+        """End points with a fourth coordinate of one (k, 2, 4)."""
+        return np.concatenate([self.ends, np.ones((len(self.ends), 2, 1))], axis=2)
 
     @property
     def object(self) -> int:
         """Index of the object."""
         return len(self.names) - 1
 
-    def ends_in_world(self, X_WL: Vector, item: Index) -> Vector:
-        """Returns the end points (..., k, 2, 3) of capsules `item` (k,) for link poses (..., 7, 4, 4)."""
-        X = X_WL[..., self.frame[item], :, :]
-        return np.matmul(self.ends[item], np.swapaxes(X[..., :3, :3], -1, -2)) + X[..., None, :3, 3]
+    def ends_in_world(self, X_WL: Vector) -> Vector:
+        """Returns the end points of every capsule (k, 2, 3, n) for link poses (n, 7, 4, 4)."""
+        X = X_WL[:, self.frame, :3].transpose(1, 3, 2, 0).reshape(len(self.frame), 4, -1)
+        return (self.homogeneous @ X).reshape(len(self.frame), 2, 3, -1)
+
+    def heights(self, X_WL: Vector) -> Vector:
+        """Returns how high the lowest point of every moving capsule is (j, n) [m] for link poses (n, 7, 4, 4)."""
+        rows = X_WL[:, self.frame[self.moving], 2].transpose(1, 2, 0)
+        ends = self.homogeneous[self.moving] @ rows
+        return np.minimum(ends[:, 0], ends[:, 1]) - self.radius[self.moving, None]
 
     def end_in_world(self, X_WL: Vector, item: Index) -> Vector:
         """Returns the end points (n, 2, 3) of capsule `item[i]` for the i-th of link poses (n, 7, 4, 4)."""
@@ -78,6 +91,7 @@ def shapes_of(cell: Cell) -> Shapes:
         moving=np.flatnonzero(frame > 0),
         pairs=pairs,
         pair_lever=_pair_levers(frame, lever, pairs),
+        tool_lever=levers(cell.robot, 6, float(np.linalg.norm(p_FT))),
     )
 
 

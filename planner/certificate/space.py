@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.cell import Box
-from planner.certificate.bounds import Proof, curvature_bound, levers, point_acceleration, prove_above, slope_bound
+from planner.certificate.bounds import Proof, curvature_bound, point_acceleration, prove_above, slope_bound
 from planner.certificate.check import Check, at_least
 from planner.certificate.motion import Motion
-from planner.certificate.shapes import Shapes, shapes_of
+from planner.certificate.shapes import shapes_of
 from planner.geometry import SELF_CLEARANCE_M, segment_box_distance, segment_segment_distance
 
 Vector = NDArray[np.float64]
 Index = NDArray[np.intp]
-Distance = Callable[[Vector, Index], Vector]  # of capsules `item` (n,) with ends (n, 2, 3)
 
 FAR_M = 1e3  # distance reported for an object that has already left
 
@@ -25,32 +22,60 @@ FAR_M = 1e3  # distance reported for an object that has already left
 def floor(motion: Motion) -> Check:
     """Every capsule stays the clearance above the floor."""
     around, shapes = motion.problem.cell.surroundings, shapes_of(motion.problem.cell)
+    moving = shapes.moving
 
-    def height(ends: Vector, item: Index) -> Vector:
-        return ends[..., 2].min(axis=-1) - shapes.radius[item] - around.floor_z_m
+    def evaluate(t: Vector, item: Index) -> Vector:
+        ends = shapes.end_in_world(motion.poses_at(t), moving[item])
+        height = ends[..., 2].min(axis=-1) - shapes.radius[moving[item]] - around.floor_z_m
+        return np.where((moving[item] == shapes.object) & (t > motion.released_s), FAR_M, height)
 
     # The lower end of a capsule is the lower of two smooth functions: the curvature bound holds for both.
-    rates = point_acceleration(shapes.lever[shapes.moving], motion.rates)
-    proof = _prove(motion, shapes, height, rates, around.clearance_m, smooth=True)
-    return distance_check("floor", proof, around.clearance_m, shapes.names[shapes.moving[proof.item]])
+    heights = shapes.heights(motion.look.X_WL) - around.floor_z_m
+    heights[-1, motion.look.t > motion.released_s] = FAR_M
+    rates = point_acceleration(shapes.lever[moving], motion.rates)
+    proof = prove_above(evaluate, motion.look.t, heights, rates, around.clearance_m, curvature_bound)
+    return distance_check("floor", proof, around.clearance_m, shapes.names[moving[proof.item]])
 
 
 def keep_out(motion: Motion) -> Check | None:
     """No capsule comes nearer than the clearance to any forbidden box; None where the cell has none."""
-    around, shapes, sparse = motion.problem.cell.surroundings, shapes_of(motion.problem.cell), motion.sparse
-    rates = sparse.rates.qd @ shapes.lever[shapes.moving].T
-    worst: Check | None = None
-    for i, box in enumerate(around.keep_out):
+    around, shapes = motion.problem.cell.surroundings, shapes_of(motion.problem.cell)
+    if not around.keep_out:
+        return None
+    moving, count = shapes.moving, len(shapes.moving)
+    lower, upper = (np.array([getattr(box, side) for box in around.keep_out]) for side in ("lower", "upper"))
 
-        def distance(ends: Vector, item: Index, box: Box = box) -> Vector:
-            return segment_box_distance(ends[..., 0, :], ends[..., 1, :], box.lower, box.upper) - shapes.radius[item]
+    def distance(ends: Vector, item: Index) -> Vector:
+        box, body = item // count, moving[item % count]
+        return segment_box_distance(ends[:, 0], ends[:, 1], lower[box], upper[box]) - shapes.radius[body]
 
-        proof = _prove(sparse, shapes, distance, rates, around.clearance_m, smooth=False)
-        name = f"{shapes.names[shapes.moving[proof.item]]}, box {i}"
-        check = distance_check("keep_out", proof, around.clearance_m, name)
-        if worst is None or (check.ok, check.margin) < (worst.ok, worst.margin):
-            worst = check
-    return worst
+    def evaluate(t: Vector, item: Index) -> Vector:
+        body = moving[item % count]
+        gap = distance(shapes.end_in_world(motion.poses_at(t), body), item)
+        return np.where((body == shapes.object) & (t > motion.released_s), FAR_M, gap)
+
+    t = motion.look.t[motion.sparse]
+    ends = shapes.ends_in_world(motion.look.X_WL[motion.sparse])[moving]
+    gaps = _box_gaps(ends, lower, upper) - shapes.radius[moving, None]
+    gaps[:, -1, t > motion.released_s] = FAR_M
+    gaps = gaps.reshape(-1, len(t))
+    rates = np.tile(shapes.lever[moving] @ motion.sparse_rates.qd, (len(lower), 1))
+    # What is far by its bounding box is far enough; the rest, and what may be nearest, is measured.
+    item, row = (np.array([i]) for i in divmod(int(gaps.argmin()), len(t)))
+    nearest = float(distance(ends[item % count, :, :, row], item)[0])
+    close = max(nearest, around.clearance_m + float((rates * np.diff(t)).max()))
+    items, rows = np.nonzero(gaps <= close)
+    gaps[items, rows] = distance(ends[items % count, :, :, rows], items)
+    proof = prove_above(evaluate, t, gaps, rates, around.clearance_m, slope_bound)
+    name = f"{shapes.names[moving[proof.item % count]]}, box {proof.item // count}"
+    return distance_check("keep_out", proof, around.clearance_m, name)
+
+
+def _box_gaps(ends: Vector, lower: Vector, upper: Vector) -> Vector:
+    """Returns distances (b, k, n) of b boxes from the boxes around segments (k, 2, 3, n): none is farther than that."""
+    lowest, highest = ends.min(axis=1), ends.max(axis=1)
+    apart = np.maximum(lower[:, None, :, None] - highest, lowest - upper[:, None, :, None])
+    return np.sqrt((np.maximum(apart, 0.0) ** 2).sum(axis=2))
 
 
 def keep_in(motion: Motion) -> Check | None:
@@ -58,66 +83,43 @@ def keep_in(motion: Motion) -> Check | None:
     boxes = motion.problem.cell.surroundings.keep_in
     if not boxes:
         return None
-    lower = np.max([box.lower for box in boxes], axis=0)
-    upper = np.min([box.upper for box in boxes], axis=0)
-    p_FT = motion.problem.cell.tool.X_FT[:3, 3]
+    lower = np.max([box.lower for box in boxes], axis=0)[:, None]
+    upper = np.min([box.upper for box in boxes], axis=0)[:, None]
 
-    def inside(X_WL: Vector) -> Vector:
-        p = X_WL[:, 6, :3, :3] @ p_FT + X_WL[:, 6, :3, 3]
-        return np.concatenate([p - lower, upper - p], axis=1)
+    def inside(p_WT: Vector) -> Vector:
+        return np.concatenate([p_WT - lower, upper - p_WT])
 
     def evaluate(t: Vector, item: Index) -> Vector:
-        return inside(motion.poses_at(t))[np.arange(len(t)), item]
+        return inside(motion.look_at(t).p_WT)[item, np.arange(len(t))]
 
-    lever = levers(motion.problem.cell.robot, 6, float(np.linalg.norm(p_FT)))
-    rates = np.repeat(point_acceleration(lever, motion.rates)[:, None], 6, axis=1)
-    proof = prove_above(evaluate, motion.t, inside(motion.X_WL), rates, 0.0, curvature_bound)
+    rates = point_acceleration(shapes_of(motion.problem.cell).tool_lever, motion.rates)
+    proof = prove_above(evaluate, motion.look.t, inside(motion.look.p_WT), rates, 0.0, curvature_bound)
     return distance_check("keep_in", proof, 0.0, f"{'xyz'[proof.item % 3]} {'lower' if proof.item < 3 else 'upper'}")
 
 
 def self_collision(motion: Motion) -> Check | None:
     """No two capsules that can meet come nearer than the self clearance; None where none can."""
-    shapes, sparse = shapes_of(motion.problem.cell), motion.sparse
-    pairs = shapes.pairs
-    if len(pairs) == 0:
+    shapes = shapes_of(motion.problem.cell)
+    if len(shapes.pairs) == 0:
         return None
-
-    def gap(one: Vector, other: Vector, item: Index) -> Vector:
-        apart = segment_segment_distance(one[..., 0, :], one[..., 1, :], other[..., 0, :], other[..., 1, :])
-        return apart - shapes.radius[pairs[item, 0]] - shapes.radius[pairs[item, 1]]
+    first, second = shapes.pairs.T
+    thickness = shapes.radius[first] + shapes.radius[second]
 
     def evaluate(t: Vector, item: Index) -> Vector:
-        X_WL = sparse.poses_at(t)
-        one, other = (shapes.end_in_world(X_WL, pairs[item, side]) for side in (0, 1))
-        return gap(one, other, item)
+        X_WL = motion.poses_at(t)
+        one, other = (shapes.end_in_world(X_WL, side[item]) for side in (first, second))
+        return segment_segment_distance(one[:, 0], one[:, 1], other[:, 0], other[:, 1]) - thickness[item]
 
-    ends = shapes.ends_in_world(sparse.X_WL, np.arange(len(shapes.names)))
-    values = gap(ends[:, pairs[:, 0]], ends[:, pairs[:, 1]], np.arange(len(pairs)))
-    rates = sparse.rates.qd @ shapes.pair_lever.T
-    proof = prove_above(evaluate, sparse.t, values, rates, SELF_CLEARANCE_M, slope_bound)
-    first, second = pairs[proof.item]
-    return distance_check("self_collision", proof, SELF_CLEARANCE_M, f"{shapes.names[first]}, {shapes.names[second]}")
+    ends = shapes.ends_in_world(motion.look.X_WL[motion.sparse])
+    one, other = ends[first], ends[second]
+    gaps = segment_segment_distance(one[:, 0], one[:, 1], other[:, 0], other[:, 1], axis=1) - thickness[:, None]
+    rates = shapes.pair_lever @ motion.sparse_rates.qd
+    proof = prove_above(evaluate, motion.look.t[motion.sparse], gaps, rates, SELF_CLEARANCE_M, slope_bound)
+    names = shapes.names[first[proof.item]], shapes.names[second[proof.item]]
+    return distance_check("self_collision", proof, SELF_CLEARANCE_M, ", ".join(names))
 
 
 def distance_check(name: str, proof: Proof, required: float, detail: str) -> Check:
     """Returns the check of a distance [m]: not ok where it is broken, nor where it could not be proven."""
     check = at_least(name, proof.value, required, "m", proof.at_s, detail)
     return check if proof.proven else replace(check, ok=False)
-
-
-def _prove(motion: Motion, shapes: Shapes, distance: Distance, rates: Vector, required: float, smooth: bool) -> Proof:
-    """Proves distance >= `required` for every moving capsule at every instant, the object's until its release."""
-    moving = shapes.moving
-    released_s = np.inf if motion.problem.ends_at_rest else motion.trajectory.release_time_s
-
-    def forget_released(t: Vector, item: Index, values: Vector) -> Vector:
-        return np.where((moving[item] == shapes.object) & (t > released_s), FAR_M, values)
-
-    def evaluate(t: Vector, item: Index) -> Vector:
-        ends = shapes.end_in_world(motion.poses_at(t), moving[item])
-        return forget_released(t, item, distance(ends, moving[item]))
-
-    every = np.arange(len(moving))
-    values = distance(shapes.ends_in_world(motion.X_WL, moving), moving)
-    values = forget_released(motion.t[:, None], every, values)
-    return prove_above(evaluate, motion.t, values, rates, required, curvature_bound if smooth else slope_bound)

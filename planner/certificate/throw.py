@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planner.ballistics import Flight, fly, landing_points
-from planner.certificate.bounds import levers, point_acceleration, point_jerk
-from planner.certificate.check import Check, at_least, at_most
-from planner.certificate.motion import Motion
+from planner.certificate.bounds import curvature_bound, joint_rates, point_acceleration, point_jerk, prove_above
+from planner.certificate.check import ROUNDING, Check, at_least, at_most
+from planner.certificate.motion import Look, Motion
+from planner.certificate.shapes import shapes_of
 from planner.kinematics import forward, jacobian
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.rotations import matrix_to_rotation_vector
 from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
+Index = NDArray[np.intp]
 
 RELEASE_POSITION_TOLERANCE = 1e-5  # [m, rad] a tenth of a UR's repeatability of 0.03 mm and more
 RELEASE_VELOCITY_TOLERANCE = 1e-4  # [m/s, rad/s] 0.1 mm of landing for a flight of one second
 LANDING_TOLERANCE_M = 5e-4  # [m] of the nominal instant; far below what a gripper scatters
-WINDOW_STEP_S = 0.0005  # [s] spacing at which the window is looked at; between, a curvature bound
+WINDOW_STEP_S = 0.001  # [s] spacing at which the window is looked at first; between, a curvature bound
 
 
 def tool_state(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[Vector, Vector]:
@@ -42,19 +45,19 @@ def release_flight(problem: ThrowProblem, trajectory: Trajectory) -> Flight | No
     return fly(X_WT[:3, 3], V_WT[:3], problem.plane_z, problem.gravity, problem.drag)
 
 
-def release_position(problem: ThrowProblem, trajectory: Trajectory) -> Check | None:
+def release_position(motion: Motion) -> Check | None:
     """The release happens where it was asked for; None where the place is free."""
-    k = trajectory.release_index
-    name, at_s, tolerance = "release_position", trajectory.release_time_s, RELEASE_POSITION_TOLERANCE
-    release = problem.release
+    problem, at_s = motion.problem, motion.trajectory.release_time_s
+    name, tolerance, release = "release_position", RELEASE_POSITION_TOLERANCE, problem.release
+    p = motion.look.p_WT[:, motion.release]
     if isinstance(release, JointRelease):
-        return at_most(name, float(np.abs(trajectory.q[k] - release.q).max()), tolerance, "rad", at_s)
-    X_WT, _ = tool_state(problem, trajectory.q[k], trajectory.qd[k])
-    p = X_WT[:3, 3]
+        off = np.abs(motion.trajectory.q[motion.trajectory.release_index] - release.q)
+        return at_most(name, float(off.max()), tolerance, "rad", at_s)
     if isinstance(release, PointRelease):
         return at_most(name, float(np.linalg.norm(p - release.p_WT)), tolerance, "m", at_s)
     if isinstance(release, PoseRelease):
-        turn = matrix_to_rotation_vector(X_WT[:3, :3] @ release.X_WT[:3, :3].T)
+        R_WT = motion.look.X_WL[motion.release, 6, :3, :3] @ problem.cell.tool.X_FT[:3, :3]
+        turn = matrix_to_rotation_vector(R_WT @ release.X_WT[:3, :3].T)
         miss, twist = float(np.linalg.norm(p - release.X_WT[:3, 3])), float(np.linalg.norm(turn))
         detail = "position [m]" if miss >= twist else "orientation [rad]"
         return at_most(name, max(miss, twist), tolerance, "m", at_s, detail)
@@ -66,19 +69,20 @@ def release_position(problem: ThrowProblem, trajectory: Trajectory) -> Check | N
     return None
 
 
-def release_velocity(problem: ThrowProblem, trajectory: Trajectory) -> Check | None:
+def release_velocity(motion: Motion) -> Check | None:
     """The release happens with the velocity asked for; None where it is free."""
-    k = trajectory.release_index
-    name, at_s, tolerance = "release_velocity", trajectory.release_time_s, RELEASE_VELOCITY_TOLERANCE
-    release = problem.release
+    k, at_s = motion.release, motion.trajectory.release_time_s
+    name, tolerance, release = "release_velocity", RELEASE_VELOCITY_TOLERANCE, motion.problem.release
     if isinstance(release, JointRelease):
-        return at_most(name, float(np.abs(trajectory.qd[k] - release.qd).max()), tolerance, "rad/s", at_s)
-    _, V_WT = tool_state(problem, trajectory.q[k], trajectory.qd[k])
+        off = np.abs(motion.trajectory.qd[motion.trajectory.release_index] - release.qd)
+        return at_most(name, float(off.max()), tolerance, "rad/s", at_s)
+    v = motion.look.v_WT[:, k]
     if isinstance(release, PointRelease):
-        return at_most(name, float(np.linalg.norm(V_WT[:3] - release.v_WT)), tolerance, "m/s", at_s)
+        return at_most(name, float(np.linalg.norm(v - release.v_WT)), tolerance, "m/s", at_s)
     if isinstance(release, PoseRelease):
+        V_WT = np.concatenate([v, motion.look.links.spin[:, 5, k]])
         return at_most(name, float(np.abs(V_WT - release.V_WT).max()), tolerance, "m/s", at_s)
-    return _free_velocity(release, V_WT[:3], at_s)
+    return _free_velocity(release, v, at_s)
 
 
 def _free_velocity(release: TargetRelease, v: Vector, at_s: float) -> Check | None:
@@ -97,14 +101,15 @@ def _free_velocity(release: TargetRelease, v: Vector, at_s: float) -> Check | No
     return min(checks, key=lambda check: (check.ok, check.margin)) if checks else None
 
 
-def landing(problem: ThrowProblem, trajectory: Trajectory) -> Check | None:
+def landing(motion: Motion) -> Check | None:
     """The object released at the nominal instant lands on the target; None where there is no target."""
-    release = problem.release
+    problem, release, k = motion.problem, motion.problem.release, motion.release
     if not isinstance(release, TargetRelease):
         return None
-    flight = release_flight(problem, trajectory)
+    p, v = motion.look.p_WT[:, k], motion.look.v_WT[:, k]
+    flight = fly(p, v, problem.plane_z, problem.gravity, problem.drag)
     miss = math.inf if flight is None else float(np.linalg.norm(flight.landing_point - release.p_W))
-    return at_most("landing", miss, LANDING_TOLERANCE_M, "m", trajectory.release_time_s)
+    return at_most("landing", miss, LANDING_TOLERANCE_M, "m", motion.trajectory.release_time_s)
 
 
 def landing_window(motion: Motion) -> Check | None:
@@ -112,17 +117,25 @@ def landing_window(motion: Motion) -> Check | None:
 
     Between the instants looked at, the landing point strays from its chord by at most sup|L''| h^2/8.
     """
-    problem, trajectory = motion.problem, motion.trajectory
+    problem, released = motion.problem, motion.trajectory.release_time_s
     if not problem.is_robust:
         return None
-    window, released = problem.release_window_s, trajectory.release_time_s
-    delays = np.linspace(-window, window, 2 * math.ceil(window / WINDOW_STEP_S) + 1)
-    errors = landing_errors(problem, trajectory, delays)
-    if not np.isfinite(errors).all():
-        return at_most("landing_window", math.inf, problem.landing_tolerance_m, "m", released, "never lands")
-    worst = int(errors.argmax())
-    value = float(errors[worst]) + _landing_curvature(motion, delays) * float(delays[1] - delays[0]) ** 2 / 8.0
-    return at_most("landing_window", value, problem.landing_tolerance_m, "m", released + float(delays[worst]))
+    window, tolerance = problem.release_window_s, problem.landing_tolerance_m
+    aim = _aim(problem, motion.trajectory)
+
+    def room(look: Look) -> Vector:
+        return tolerance * (1.0 + ROUNDING) - np.linalg.norm(_landed(problem, look) - aim, axis=1)
+
+    def evaluate(t: Vector, item: Index) -> Vector:
+        return room(motion.look_at(t))
+
+    look = motion.look_at(released + np.linspace(-window, window, 2 * math.ceil(window / WINDOW_STEP_S) + 1))
+    rates = np.array([_landing_curvature(motion, look)])
+    proof = prove_above(evaluate, look.t, room(look)[None], rates, 0.0, curvature_bound)
+    if not math.isfinite(proof.value):
+        return at_most("landing_window", math.inf, tolerance, "m", released, "never lands")
+    check = at_most("landing_window", tolerance * (1.0 + ROUNDING) - proof.value, tolerance, "m", proof.at_s)
+    return check if proof.proven else replace(check, ok=False)
 
 
 def landing_errors(problem: ThrowProblem, trajectory: Trajectory, delays: Vector) -> Vector:
@@ -130,17 +143,17 @@ def landing_errors(problem: ThrowProblem, trajectory: Trajectory, delays: Vector
 
     Where it should land is the target, or without a target where the nominal release takes it.
     """
-    t = trajectory.release_time_s + delays
-    q, qd, _ = trajectory.at(t)
-    X_WT, V_WT = tool_state(problem, q, qd)
-    p, v = X_WT[:, :3, 3], V_WT[:, :3]
-    if problem.drag > 0.0:
-        flights = [fly(p[i], v[i], problem.plane_z, problem.gravity, problem.drag) for i in range(len(t))]
-        landed = np.array([np.full(3, np.nan) if f is None else f.landing_point for f in flights])
-    else:
-        landed = landing_points(p, v, problem.plane_z, problem.gravity)
-    aim = _aim(problem, trajectory)
-    return np.linalg.norm(landed - aim, axis=1)
+    look = Motion(problem, trajectory).look_at(trajectory.release_time_s + delays)
+    return np.linalg.norm(_landed(problem, look) - _aim(problem, trajectory), axis=1)
+
+
+def _landed(problem: ThrowProblem, look: Look) -> Vector:
+    """Returns where the object lands (k, 3) [m] if it leaves at each instant; not a number where it never does."""
+    p, v = look.p_WT.T, look.v_WT.T
+    if problem.drag <= 0.0:
+        return landing_points(p, v, problem.plane_z, problem.gravity)
+    flights = [fly(p[i], v[i], problem.plane_z, problem.gravity, problem.drag) for i in range(len(p))]
+    return np.array([np.full(3, np.nan) if f is None else f.landing_point for f in flights])
 
 
 def _aim(problem: ThrowProblem, trajectory: Trajectory) -> Vector:
@@ -150,28 +163,23 @@ def _aim(problem: ThrowProblem, trajectory: Trajectory) -> Vector:
     return np.full(3, np.nan) if flight is None else flight.landing_point
 
 
-def _landing_curvature(motion: Motion, delays: Vector) -> float:
-    """Returns sup |L''| [m/s^2] of the drag-free landing point over the window.
+def _landing_curvature(motion: Motion, look: Look) -> float:
+    """Returns sup |L''| [m/s^2] of the drag-free landing point over the window that was looked at.
 
     L = p + v t with the plane's t(p_z, v_z): with bounds A, J on acceleration and jerk, T on the flight time, V on the
     speed and w on the (downward) speed at landing, |t'| <= (V + A T) / w =: t1, |t''| <= (A + J T + 2 A t1 + G t1^2)/w
     =: t2, and |L''| <= A + J T + 2 A t1 + V t2.
     """
     problem, trajectory = motion.problem, motion.trajectory
-    t = trajectory.release_time_s + delays
-    q, qd, _ = trajectory.at(t)
-    X_WT, V_WT = tool_state(problem, q, qd)
-    height, v_z = X_WT[:, 2, 3] - problem.plane_z, V_WT[:, 2]
+    height, v_z = look.p_WT[2] - problem.plane_z, look.v_WT[2]
     landing_speed = np.sqrt(np.maximum(v_z**2 + 2.0 * problem.gravity * height, 1e-12))
     time = float(((v_z + landing_speed) / problem.gravity).max())
-    w, speed = float(landing_speed.min()), float(np.linalg.norm(V_WT[:, :3], axis=1).max())
-    reach = math.ceil(delays[-1] * trajectory.sample_rate_hz) + 1
+    w, speed = float(landing_speed.min()), float(np.sqrt((look.v_WT**2).sum(axis=0).max()))
+    reach = math.ceil(problem.release_window_s * trajectory.sample_rate_hz) + 1
     k = trajectory.release_index
-    near = np.array([max(0, k - reach), min(len(trajectory.q) - 1, k + reach)])
-    rates = motion.tick_rates.between(near)
-    lever = levers(problem.cell.robot, 6, float(np.linalg.norm(problem.cell.tool.X_FT[:3, 3])))
-    a = float(point_acceleration(lever, rates).max())
-    j = float(point_jerk(lever, rates).max())
+    rates = joint_rates(trajectory, np.array([max(0, k - reach), min(len(trajectory.q) - 1, k + reach)]))
+    lever = shapes_of(problem.cell).tool_lever
+    a, j = float(point_acceleration(lever, rates)[0]), float(point_jerk(lever, rates)[0])
     t1 = (speed + a * time) / w
     t2 = (a + j * time + 2.0 * a * t1 + problem.gravity * t1**2) / w
     return a + j * time + 2.0 * a * t1 + speed * t2

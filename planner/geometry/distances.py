@@ -11,47 +11,37 @@ Array = NDArray[np.float64]
 POINT_M2 = 1e-18
 
 
-def segment_segment_distance(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: ArrayLike) -> Array:
-    """Distance (...) [m] between segments p0-p1 and q0-q1, ends (..., 3) [m].
+def segment_segment_distance(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: ArrayLike, axis: int = -1) -> Array:
+    """Distance (...) [m] between segments p0-p1 and q0-q1, ends (..., 3) with the coordinates along `axis`.
 
-    The smallest of the distance between the lines where both nearest points lie inside the segments, and of each
-    end's distance to the other segment; no case is divided by the sine of the angle between them.
+    The nearest points of the lines, put back onto the first segment, then the second's nearest point to it, then the
+    first's to that: exact, as the squared distance is convex in both. For parallel lines any point of the first
+    serves to begin with. Source: Ericson, Real-Time Collision Detection (2005), section 5.1.9.
     """
-    p0, p1, q0, q1 = (np.asarray(x, dtype=np.float64) for x in (p0, p1, q0, q1))
-    ends = np.minimum(
-        np.minimum(point_segment_distance(p0, q0, q1), point_segment_distance(p1, q0, q1)),
-        np.minimum(point_segment_distance(q0, p0, p1), point_segment_distance(q1, p0, p1)),
-    )
-    return np.minimum(ends, _inner_distance(p1 - p0, q1 - q0, q0 - p0))
-
-
-def _inner_distance(u: Array, v: Array, w: Array) -> Array:
-    """Distance (...) of two lines of directions u and v, w apart, or infinity where a foot is outside its segment.
-
-    Parallel segments are nearest at an end of one of them, so they may be left to the ends.
-    """
-    uu, uv, vv, uw, vw = _dot(u, u), _dot(u, v), _dot(v, v), _dot(u, w), _dot(v, w)
+    p0, p1, q0, q1 = (np.moveaxis(np.asarray(x, dtype=np.float64), axis, 0) for x in (p0, p1, q0, q1))
+    u, v, w = p1 - p0, q1 - q0, q0 - p0
+    uu, uv, vv, uw, vw = _along(u, u), _along(u, v), _along(v, v), _along(u, w), _along(v, w)
     determinant = uu * vv - uv * uv
     crossing = determinant > np.finfo(np.float64).eps * uu * vv
-    divisor = np.where(crossing, determinant, 1.0)
-    s, t = (vv * uw - uv * vw) / divisor, (uv * uw - uu * vw) / divisor
-    inside = crossing & (s >= 0.0) & (s <= 1.0) & (t >= 0.0) & (t <= 1.0)
-    gap = w + t[..., None] * v - s[..., None] * u
-    return np.where(inside, np.sqrt(_dot(gap, gap)), np.inf)
+    s = _onto((vv * uw - uv * vw) * crossing / np.where(crossing, determinant, 1.0))
+    t = _onto((s * uv - vw) / np.maximum(vv, POINT_M2))
+    s = _onto((uw + t * uv) / np.maximum(uu, POINT_M2))
+    gap = w + t * v - s * u
+    return np.sqrt(_along(gap, gap))
 
 
-def point_segment_distance(p: ArrayLike, q0: ArrayLike, q1: ArrayLike) -> Array:
-    """Distance (...) [m] of points p (..., 3) from segments q0-q1."""
-    p, q0, q1 = (np.asarray(x, dtype=np.float64) for x in (p, q0, q1))
-    along, to_point = q1 - q0, p - q0
-    length = _dot(along, along)
-    share = np.where(length > POINT_M2, _dot(to_point, along) / np.maximum(length, POINT_M2), 0.0)
-    gap = to_point - np.clip(share, 0.0, 1.0)[..., None] * along
-    return np.sqrt(_dot(gap, gap))
+def _onto(share: Array) -> Array:
+    """The place on the line put back onto the segment, whose ends are at 0 and 1."""
+    return np.minimum(np.maximum(share, 0.0), 1.0)
+
+
+def _along(a: Array, b: Array) -> Array:
+    """Scalar product (...) of vectors (3, ...)."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def segment_box_distance(p0: ArrayLike, p1: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Array:
-    """Distance (...) [m] of segments p0-p1, ends (..., 3), from the box between `lower` and `upper` (3,); 0 inside.
+    """Distance (...) [m] of segments p0-p1, ends (..., 3), from the box between `lower` and `upper` (..., 3); 0 inside.
 
     The squared distance along the segment is convex and piecewise quadratic, with a new piece where the segment
     crosses a face's plane: its slope is linear between those points, so the zero of the slope is found exactly.
@@ -62,7 +52,7 @@ def segment_box_distance(p0: ArrayLike, p1: ArrayLike, lower: ArrayLike, upper: 
     crossings = np.concatenate([(lower - p0) / moving, (upper - p0) / moving], axis=-1)
     ends = np.broadcast_to(np.array([0.0, 1.0]), (*p0.shape[:-1], 2))
     knots = np.sort(np.concatenate([ends, np.clip(crossings, 0.0, 1.0)], axis=-1), axis=-1)
-    gaps = _outside(p0[..., None, :] + knots[..., None] * along[..., None, :], lower, upper)
+    gaps = _outside(p0[..., None, :] + knots[..., None] * along[..., None, :], lower[..., None, :], upper[..., None, :])
     share = _zero(knots, _dot(gaps, along[..., None, :]))
     gap = _outside(p0 + share[..., None] * along, lower, upper)
     return np.sqrt(_dot(gap, gap))

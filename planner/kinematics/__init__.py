@@ -9,6 +9,7 @@ from planner.kinematics.chain import (
     link_poses,
     tcp_acceleration,
 )
+from planner.kinematics.motion import LinkMotion
 from planner.kinematics.singularities import (
     SINGULARITIES,
     SingularityDistances,
@@ -22,6 +23,7 @@ from planner.kinematics.velocities import forward_velocity, inverse_velocity
 __all__ = [
     "SINGULARITIES",
     "InverseKinematics",
+    "LinkMotion",
     "SingularityDistances",
     "analytical_jacobian",
     "forward",

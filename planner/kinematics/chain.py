@@ -17,18 +17,19 @@ from planner.rotations import cross, matrix_to_rotation_vector, rotation_vector_
 Array = NDArray[np.float64]
 
 
-def link_poses(robot: Robot, q: ArrayLike) -> Array:
-    """Poses (..., 7, 4, 4) of the DH frames in the base: index 0 is the base itself, 6 the flange.
+def link_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Array:
+    """Poses (..., 7, 4, 4) of the DH frames: index 0 is the base itself, 6 the flange.
 
     Args:
         q: joint positions (..., 6) [rad].
+        X_WB: pose of the base (4, 4); the poses are in the base where it is None.
 
     Source: Denavit and Hartenberg, distal convention: Rot_z(q) Trans_z(d) Trans_x(a) Rot_x(alpha).
     """
     A = _joint_poses(robot, np.asarray(q, dtype=np.float64))
     X = np.empty((*A.shape[:-3], 7, 4, 4))
-    X[..., 0, :, :] = np.eye(4)
-    X[..., 1, :, :] = A[..., 0, :, :]
+    X[..., 0, :, :] = np.eye(4) if X_WB is None else X_WB
+    X[..., 1, :, :] = A[..., 0, :, :] if X_WB is None else np.asarray(X_WB, dtype=np.float64) @ A[..., 0, :, :]
     for i in range(1, 6):
         np.matmul(X[..., i, :, :], A[..., i, :, :], out=X[..., i + 1, :, :])
     return X
