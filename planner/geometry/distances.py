@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 POINT_M2 = 1e-18
 
 
-def segment_segment_distance(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: ArrayLike, axis: int = -1) -> Array:
+def segment_segment_distance(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: ArrayLike, *, axis: int = -1) -> Array:
     """Distance (...) [m] between segments p0-p1 and q0-q1, ends (..., 3) with the coordinates along `axis`.
 
     The nearest points of the lines, put back onto the first segment, then the second's nearest point to it, then the
