@@ -12,7 +12,7 @@ from executor.brake import Brakes, brakes
 from executor.job import Approach, Job
 from executor.journal import Result
 from executor.landing import Landing, last_release, watch_landing
-from executor.metrics import metrics
+from executor.metrics import judge_release, metrics
 from executor.preflight import Refused, judge_plan
 from executor.preparation import Rows, approach_of, make_job, rows_of
 from executor.recording import to_csv, to_mcap
@@ -87,9 +87,11 @@ class Execution:
         assert run is not None and run.result is not None
         ended = run.result
         outcome, reason = self._judge_end(ended)
-        self.note(f"{outcome}: {reason}" if reason else outcome)
         landing = self._landing(ended)
         numbers = metrics(self.problem, self.trajectory, ended, landing)
+        if outcome == "completed" and not self.row.dry_run:
+            outcome, reason = judge_release(numbers) or (outcome, reason)
+        self.note(f"{outcome}: {reason}" if reason else outcome)
         telemetry = Telemetry(ended.rows)
         began = time.time() if not len(telemetry) else time.time() - (time.monotonic() - telemetry.scalar("host_s")[0])
         about = {"execution": self.row.id, "plan": self.row.plan_id, "cell": self.station.cell.name,

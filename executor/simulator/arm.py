@@ -26,7 +26,6 @@ class Arm:
         self.chain, self.dt, self.lag = chain, dt, lag
         self.q, self.qd, self.qdd = list(q), [0.0] * 6, [0.0] * 6
         self.true_q, self.true_qd = list(q), [0.0] * 6
-        self.last_q, self.last_qd = self.true_q, self.true_qd
         self.measured_q, self.measured_qd = self.true_q, self.true_qd
         draw = random.Random(seed)
         self.q_noise, self.qd_noise = ([draw.gauss(0.0, s) for _ in range(NOISE_TABLE)] * 2 for s in noise)
@@ -90,7 +89,6 @@ class Arm:
 
     def finish_cycle(self) -> None:
         """Lets the true motion follow the command, and reads the encoders."""
-        self.last_q, self.last_qd = self.true_q, self.true_qd
         self.true_q, self.true_qd = self.lag.step(self.q, self.qd)
         at = self.draws
         self.draws = (at + 6) % NOISE_TABLE
@@ -100,13 +98,7 @@ class Arm:
 
     def true_at(self, back_s: float, tool: Transform) -> tuple[Transform, list[float]]:
         """Returns true pose and twist of the tool in the base, `back_s` [s] before the end of the last cycle."""
-        s = 1.0 - back_s / self.dt
-        h = self.dt
-        qd = [a + (b - a) * s for a, b in zip(self.last_qd, self.true_qd, strict=True)]
-        q = [
-            qa + h * s * va + s * s * (3.0 * (qb - qa) - h * (2.0 * va + vb)) + s**3 * (2.0 * (qa - qb) + h * (va + vb))
-            for qa, va, qb, vb in zip(self.last_q, self.last_qd, self.true_q, self.true_qd, strict=True)
-        ]
+        q, qd = self.lag.before(back_s)
         return self.chain.motion(q, qd, tool)
 
     def _set(self, q: list[float], qd: list[float]) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+Sample = tuple[list[float], list[float], list[float]]  # commanded position and speed, and the speed filtered
 ON_GRID = 1e-6  # [cycles] a delay this close to a whole number of cycles counts as whole
 
 
@@ -20,54 +21,59 @@ class Lag:
         rest = max(lag_s - dt, 0.0)
         self.dt = dt
         self.tau = min(first_order_s, rest / 2.0)
-        cycles = (rest - self.tau) / dt
-        self.whole = math.floor(cycles + ON_GRID)
-        part = cycles - self.whole
-        self.part = part if part > ON_GRID else 0.0  # the delay is (whole + part) cycles
+        self.delay = (rest - self.tau) / dt  # [cycles]
         self.decay = math.exp(-dt / self.tau) if self.tau > 0.0 else 0.0
-        self.size = self.whole + 2
+        self.size = math.floor(self.delay) + 4
         self.settle(q)
 
     def settle(self, q: Sequence[float]) -> None:
         """Starts anew, at rest at `q`."""
-        self.ring = [(list(q), [0.0] * len(q))] * self.size
+        still = [0.0] * len(q)
+        self.ring: list[Sample] = [(list(q), still, still)] * self.size
         self.at = 0
-        self.input = [0.0] * len(q)
-        self.speed = [0.0] * len(q)
 
     def step(self, q: list[float], qd: list[float]) -> tuple[list[float], list[float]]:
         """Takes the commanded state at the end of this cycle; returns the true one (q, qd) of the same instant.
 
         The lists are kept, not copied: who commands a motion makes new ones.
         """
+        _, u, v = self.ring[self.at]
         self.at = (self.at + 1) % self.size
-        self.ring[self.at] = (q, qd)
-        delayed_q, delayed_qd = self._delayed()
-        if self.tau <= 0.0:
-            return delayed_q, delayed_qd
-        return self._filtered(delayed_q, delayed_qd)
+        self.ring[self.at] = (q, qd, self._filtered(u, qd, v, 1.0, self.decay))
+        return self.before(0.0)
 
-    def _delayed(self) -> tuple[list[float], list[float]]:
-        newer = self.ring[self.at - self.whole]
-        if not self.part:
-            return newer
-        older = self.ring[self.at - self.whole - 1]
-        s = 1.0 - self.part
-        qd = [a + (b - a) * s for a, b in zip(older[1], newer[1], strict=True)]
+    def before(self, back_s: float) -> tuple[list[float], list[float]]:
+        """Returns the true state (q, qd) `back_s` [s] before the end of this cycle, one cycle at most.
+
+        First-order part and delay commute: what was filtered cycle by cycle is looked up where the delay points to.
+        """
+        cycles = self.delay + back_s / self.dt
+        whole = math.floor(cycles + ON_GRID)
+        part = cycles - whole
+        q, _, v = self._within(whole, 1.0 - part) if part > ON_GRID else self.ring[self.at - whole]
+        return [a - self.tau * b for a, b in zip(q, v, strict=True)], v  # tau v' + v = u, and so q_u - q = tau v
+
+    def _within(self, back: int, s: float) -> Sample:
+        """Returns the sample at the share `s` of the cycle that ended `back` cycles ago.
+
+        The position is Hermite's cubic: the exact parabola where the speed runs linearly over the cycle.
+        """
+        (qa, ua, va), (qb, ub, _) = self.ring[self.at - back - 1], self.ring[self.at - back]
         h = self.dt
-        # Hermite's cubic; the exact parabola where the speed runs linearly over the cycle
         q = [
-            qa + h * s * va + s * s * (3.0 * (qb - qa) - h * (2.0 * va + vb)) + s**3 * (2.0 * (qa - qb) + h * (va + vb))
-            for qa, va, qb, vb in zip(older[0], older[1], newer[0], newer[1], strict=True)
+            a + h * s * u + s * s * (3.0 * (b - a) - h * (2.0 * u + w)) + s**3 * (2.0 * (a - b) + h * (u + w))
+            for a, u, b, w in zip(qa, ua, qb, ub, strict=True)
         ]
-        return q, qd
+        u = [a + (b - a) * s for a, b in zip(ua, ub, strict=True)]
+        return q, u, self._filtered(ua, u, va, s, math.exp(-s * h / self.tau) if self.tau > 0.0 else 0.0)
 
-    def _filtered(self, q: list[float], qd: list[float]) -> tuple[list[float], list[float]]:
-        """First order, exact for a speed that runs linearly over the cycle: tau v' + v = u, and so q_u - q = tau v."""
-        tau, decay, dt = self.tau, self.decay, self.dt
+    def _filtered(self, u0: list[float], u1: list[float], v0: list[float], s: float, decay: float) -> list[float]:
+        """Returns the filtered speed after `s` of a cycle in which the input runs linearly: tau v' + v = u, exactly."""
+        if self.tau <= 0.0:
+            return u1
+        slope = self.tau / (s * self.dt)
         speed = []
-        for u0, u1, v0 in zip(self.input, qd, self.speed, strict=True):
-            bend = tau * (u1 - u0) / dt
-            speed.append(u1 - bend + (v0 - u0 + bend) * decay)
-        self.input, self.speed = qd, speed
-        return [a - tau * v for a, v in zip(q, speed, strict=True)], speed
+        for a, b, v in zip(u0, u1, v0, strict=True):
+            bend = slope * (b - a)
+            speed.append(b - bend + (v - a + bend) * decay)
+        return speed

@@ -88,10 +88,10 @@ class Stream:
             self.link.output(not self.job.output_level)  # not left yet: keep hold of the object
 
     def _send(self, row: int, reference_q: Row) -> Row:
-        q, qd = self.schedule.command(row)
+        _, qd = self.schedule.command(row)
         if self.job.mode == "servoj":
-            lead = SERVO_CONSTANT_S - self.job.dt  # the arm is one tick on its way when the goal's time comes
-            ahead = [x + lead * v for x, v in zip(q, qd, strict=True)]
+            before, _ = self.schedule.command(max(row - 1, 0))  # where the arm is when the goal reaches it
+            ahead = [x + SERVO_CONSTANT_S * v for x, v in zip(before, qd, strict=True)]
             self.link.servo(ahead, POSITION_LIMITS)
             return ahead
         most, gain = self.job.feedback_max, self.job.feedback_gain

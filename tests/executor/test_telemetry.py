@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from dataclasses import replace
 
 import numpy as np
 import orjson
@@ -11,7 +12,7 @@ from mcap.reader import make_reader
 
 from executor.board import SCALARS, VECTORS
 from executor.landing import Landing
-from executor.metrics import metrics
+from executor.metrics import judge_release, metrics
 from executor.recording import COUNTS, to_csv, to_mcap
 from executor.supervision import RunResult
 from executor.telemetry import Telemetry, column_names
@@ -69,6 +70,22 @@ def test_a_run_without_a_tick_has_metrics_too(prepared: Prepared) -> None:
     assert found["ticks"] == 0
     assert found["period_p50_s"] is None
     assert found["released"] is False
+
+
+@pytest.mark.parametrize(
+    ("faster", "late_s", "outcome"),
+    [(0.0, 0.0, None), (0.003, 0.0, None), (0.01, 0.0, "tracking"), (-0.01, 0.0, "tracking"), (0.0, 0.008, "late")],
+)
+def test_a_release_that_was_not_as_planned_is_told(
+    prepared: Prepared, faster: float, late_s: float, outcome: str | None
+) -> None:
+    telemetry = perfect(prepared)
+    telemetry.vector("qd")[:] *= 1.0 + faster
+    run = replace(ended(telemetry, prepared), output_late_s=late_s)
+    found = metrics(prepared.problem, prepared.trajectory, run, None)
+    assert found["release_velocity_error_share"] == pytest.approx(abs(faster), abs=1e-4)
+    told = judge_release(found)
+    assert (told and told[0]) == outcome
 
 
 def test_the_csv_reads_back_exactly(prepared: Prepared) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from pathlib import Path
 
 import numpy as np
 import orjson
@@ -25,6 +26,32 @@ def test_a_throw_lands_where_it_was_planned(rig: Rig, mode: str) -> None:
     assert row.metrics["landing_point"] == pytest.approx(LOB["position"], abs=2 * LANDING_M)
     states = [e.data["state"] for e in rig.store.events(row.id) if e.kind == "state"]
     assert states == ["queued", "preparing", "approaching", "streaming", "braking", "finished"]
+
+
+def test_a_cb3_arm_at_125_hz_lands_as_well(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, "ur5-sim")
+    rig.start()
+    try:
+        row = rig.quiet_throw(LOB)
+    finally:
+        rig.stop()
+    assert row.outcome == "completed", row.reason
+    assert row.metrics["landing_error_m"] < LANDING_M
+    assert row.metrics["release_velocity_error_share"] < RELEASE_SHARE
+
+
+def test_a_throw_that_lost_its_commands_says_so(rig: Rig) -> None:
+    """A servoj goal that stays out slows the arm: the plan is streamed to its end, and the throw is wrong."""
+    id = rig.queue(LOB, "servoj")
+    rig.until(lambda: rig.row(id).state == "streaming", period=0.001)
+    rig.fault("disturb_connection", role="control", drop=0.3)
+    row = rig.end(id)
+    rig.recover()
+    assert row.outcome == "tracking", row.reason
+    assert "at the release" in row.reason
+    assert row.metrics["release_velocity_error_share"] > RELEASE_SHARE
+    assert row.metrics["landing_error_m"] > LANDING_M
+    rig.acknowledge()
 
 
 def test_the_gripper_is_told_at_its_time(rig: Rig) -> None:

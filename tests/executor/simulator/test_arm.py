@@ -74,6 +74,24 @@ def test_position_is_the_integral_of_speed(lag_s):
     assert max(map(abs, sums)) < 5e-7  # [rad] the trapezoidal rule's own error over one cycle
 
 
+@pytest.mark.parametrize(("dt", "lag_s"), [(0.002, 0.020), (0.008, 0.020), (0.008, 0.0333)])
+def test_between_cycles_the_motion_is_that_of_a_finer_lag(dt, lag_s):
+    """The delay falls between two cycles of 125 Hz: there the true motion is still the filtered command, delayed."""
+    fine = 16
+    coarse, exact = Lag(dt, lag_s, 0.002, [0.0]), Lag(dt / fine, lag_s - dt + dt / fine, 0.002, [0.0])
+    q, qd = 0.0, 0.0
+    for k in range(60):
+        new = math.sin(0.3 * k)
+        q_of = [q + dt * s * qd + dt * s * s * (new - qd) / 2 for s in np.arange(1, fine + 1) / fine]
+        found = [exact.step([x], [qd + (new - qd) * (i + 1) / fine]) for i, x in enumerate(q_of)]
+        q, qd = q_of[-1], new
+        coarse.step([q], [qd])
+        for i, (x, v) in enumerate(found):
+            (position,), (speed,) = coarse.before(dt * (1.0 - (i + 1) / fine))
+            assert position == pytest.approx(x[0], abs=1e-9)
+            assert speed == pytest.approx(v[0], abs=1e-9)
+
+
 def test_the_leading_axis_ramps_and_the_others_keep_in_proportion():
     driven = Driven(make_cell())
     driven.write(SPEEDJ, [1.0, 0.5, 0.0, 0.0, 0.0, -0.25, 10.0, 0.002])
