@@ -15,7 +15,7 @@ from executor.settings import Settings
 from executor.station import Station
 from planner.cell import Cell, load_cell
 from planner.errors import CellError
-from store import Store
+from store import Store, StoreUnavailable
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -35,8 +35,9 @@ def main(arguments: list[str] | None = None) -> int:
             return consult(cell)
         journal = Journal(settings.data)
         store = Store.open(settings.database_url)
-    except (ValueError, CellError, OSError, Locked) as error:
-        print(f"executor: {error}", file=sys.stderr)
+    except (ValueError, CellError, OSError, Locked, StoreUnavailable) as error:
+        hint = " (FLING_DATABASE_URL)" if isinstance(error, StoreUnavailable) else ""
+        print(f"executor: {error}{hint}", file=sys.stderr)
         return 1
     station = Station.of(cell, settings)
     print(f"ready: {cell.name} at {cell.link.host}{', read-only' if settings.read_only else ''}", flush=True)

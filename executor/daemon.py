@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from executor.execution import Execution
 from executor.heartbeat import Heartbeat
-from executor.journal import ROOM_BYTES, Journal, Result, deliver
+from executor.journal import ROOM_BYTES, Journal, Result
 from executor.liveview import row_document
 from executor.preflight import Refused
 from executor.punctuality import punctual
@@ -130,18 +130,9 @@ class Daemon:
         if result.outcome not in HARMLESS and not (result.outcome == "aborted" and orderly):
             self.journal.latch({"outcome": result.outcome, "reason": result.reason,
                                 "execution_id": result.execution_id, "at": time.time()})  # fmt: skip
-        self._keep(result)
+        self.journal.keep(result)
         self.heartbeat.beat()
         self._tell(lambda: self.journal.deliver(self.store))
-
-    def _keep(self, result: Result) -> None:
-        """Keeps a result on the disk; where that is full it goes straight to the store, without its recording."""
-        try:
-            self.journal.keep(result)
-        except OSError as error:
-            reason = f"{result.reason} (the recording is lost: {error})".strip()
-            bare = Result(result.execution_id, result.outcome, reason, result.metrics)
-            self._tell(lambda: deliver(self.store, bare))
 
     @staticmethod
     def _tell(call: Callable[[], T]) -> T | None:

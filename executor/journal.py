@@ -5,6 +5,7 @@ A result is written here first and delivered to the store after; a latched fault
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import os
 import shutil
@@ -37,7 +38,10 @@ class Result:
 
 
 class Journal:
-    """Results not delivered yet, and the latched fault. One process at a time owns it."""
+    """Results not delivered yet, and the latched fault. One process at a time owns it.
+
+    Where the disk is full both are kept in memory: a result until it is delivered, a fault until a person has looked.
+    """
 
     def __init__(self, folder: Path) -> None:
         """Opens the folder.
@@ -46,6 +50,8 @@ class Journal:
             Locked: another process has it.
         """
         self.folder = folder
+        self._results: list[Result] = []
+        self._fault: dict[str, Any] | None = None
         folder.mkdir(parents=True, exist_ok=True)
         self._lock = (folder / "lock").open("w")
         try:
@@ -60,7 +66,7 @@ class Journal:
 
     def waiting(self) -> bool:
         """Whether a result is not delivered yet."""
-        return next(self.folder.glob("*.result.json"), None) is not None
+        return bool(self._results) or next(self.folder.glob("*.result.json"), None) is not None
 
     def has_room(self) -> bool:
         """Whether the disk has room for what an execution leaves behind."""
@@ -68,32 +74,41 @@ class Journal:
 
     def keep(self, result: Result) -> None:
         """Writes a result to the disk; it is complete or not there at all."""
-        self._write(f"{result.execution_id}.mcap", result.mcap)
-        self._write(f"{result.execution_id}.csv", result.csv)
         summary = {"outcome": result.outcome, "reason": result.reason, "metrics": result.metrics}
-        self._write(f"{result.execution_id}.result.json", orjson.dumps(summary, option=orjson.OPT_SERIALIZE_NUMPY))
+        data = orjson.dumps(summary, option=orjson.OPT_SERIALIZE_NUMPY)
+        id = result.execution_id
+        try:
+            for name, content in ((f"{id}.mcap", result.mcap), (f"{id}.csv", result.csv), (f"{id}.result.json", data)):
+                self._write(name, content)
+        except OSError:  # the disk is full
+            for path in self.folder.glob(f"{id}.*"):
+                path.unlink()
+            self._results.append(result)
 
     def deliver(self, store: Store) -> int:
         """Hands every kept result to the store and forgets it; returns how many are left."""
-        waiting = sorted(self.folder.glob("*.result.json"))
-        for path in waiting:
-            try:
+        with contextlib.suppress(StoreUnavailable):  # the database is gone: later
+            while self._results:
+                deliver(store, self._results[0])
+                del self._results[0]
+            for path in sorted(self.folder.glob("*.result.json")):
                 self._deliver_one(store, path)
-            except StoreUnavailable:
-                break  # the database is gone: later
-        return len(list(self.folder.glob("*.result.json")))
+        return len(self._results) + len(list(self.folder.glob("*.result.json")))
 
     def fault(self) -> dict[str, Any] | None:
         """Returns the latched fault."""
         path = self.folder / FAULT_FILE
-        return orjson.loads(path.read_bytes()) if path.exists() else None
+        return self._fault or (orjson.loads(path.read_bytes()) if path.exists() else None)
 
     def latch(self, fault: dict[str, Any]) -> None:
         """Latches a fault, beyond the life of this process."""
-        self._write(FAULT_FILE, orjson.dumps(fault))
+        self._fault = fault
+        with contextlib.suppress(OSError):  # the disk is full: then in this process alone
+            self._write(FAULT_FILE, orjson.dumps(fault))
 
     def clear_fault(self) -> None:
         """A person has looked."""
+        self._fault = None
         (self.folder / FAULT_FILE).unlink(missing_ok=True)
 
     def _deliver_one(self, store: Store, path: Path) -> None:

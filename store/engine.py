@@ -24,14 +24,14 @@ def open_engine(url: str) -> Engine:
     """Returns an engine for `url`; makes the folder of a SQLite file.
 
     Raises:
-        StoreUnavailable: the folder cannot be made.
+        StoreUnavailable: the address cannot be read, its driver is not installed, the folder cannot be made.
     """
-    address = make_url(url)
-    if address.get_backend_name() != "sqlite":
-        return create_engine(address, pool_pre_ping=True)
     try:
+        address = make_url(url)
+        if address.get_backend_name() != "sqlite":
+            return create_engine(address, pool_pre_ping=True)
         Path(address.database or "").parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
+    except (SQLAlchemyError, ImportError, OSError) as error:
         raise StoreUnavailable(error) from error
     engine = create_engine(address)
     event.listen(engine, "connect", _configure)

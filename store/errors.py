@@ -21,7 +21,7 @@ class StoreUnavailable(StoreError):
     """The database does not answer, is locked for too long, full or broken; the cause is the driver's own error."""
 
     def __init__(self, cause: Exception) -> None:
-        super().__init__(f"the database cannot be used: {cause}")
+        super().__init__(f"the database cannot be used: {getattr(cause, 'orig', None) or cause}")
 
 
 class CellBusy(StoreError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -112,3 +113,27 @@ def test_a_full_disk_is_noticed_before_anything_moves(open_journal: Open, monkey
     assert journal.has_room()
     monkeypatch.setattr("executor.journal.ROOM_BYTES", 10**18)
     assert not journal.has_room()
+
+
+def test_on_a_full_disk_a_result_waits_in_memory_and_leaves_nothing_half(
+    open_journal: Open, store: Store, execution_id: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    journal = open_journal()
+    kept = Journal._write
+
+    def full(self: Journal, name: str, data: bytes) -> None:
+        kept(self, name, data[:1])
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Journal, "_write", full)
+    journal.keep(result(execution_id))
+    journal.latch({"outcome": "late", "reason": "", "execution_id": execution_id, "at": 0.0})
+    assert list(journal.folder.glob(f"{execution_id}*")) == []
+    assert journal.waiting()
+    assert journal.fault() is not None
+    assert journal.deliver(store) == 0
+    assert not journal.waiting()
+    assert store.execution(execution_id).outcome == "completed"
+    assert store.recording(execution_id).mcap == b"mcap"
+    journal.clear_fault()
+    assert journal.fault() is None

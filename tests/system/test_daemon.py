@@ -106,3 +106,17 @@ def test_without_real_time_permission_it_works_and_says_so(own_rig: Rig, tmp_pat
     row = own_rig.throw(NUDGE)
     assert row.outcome in ("completed", "late"), row.reason  # late: the machine is busy, and it says so
     assert row.metrics["realtime"] is False or os.geteuid() != 0
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["postgresql+psycopg://fling@127.0.0.1:1/fling", "sqlite:////proc/nowhere/fling.db", "nonsense"],
+    ids=["nobody listens", "no folder", "no address"],
+)
+def test_without_its_database_it_ends_with_a_message(rig: Rig, url: str) -> None:
+    environment = {**rig.environment, "FLING_DATABASE_URL": url, "FLING_DATA": str(rig.folder / "other")}
+    command = [sys.executable, "-m", "executor", "--cell", "rig"]
+    ended = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+    assert ended.returncode == 1
+    assert ended.stderr.startswith("executor: the database cannot be used: ")
+    assert "Traceback" not in ended.stderr

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 import signal
 import socket
 import sqlite3
@@ -15,6 +16,7 @@ import pytest
 from tests.system.rig import FAST_RAD_S, LOB, NUDGE, ROOT, Rig
 
 REST_S = 0.150  # [s] of the controller's time from the kill to rest: issue 5
+FULL_AT_BYTES = 1000  # [bytes] of every file: what is written already stays
 ORPHANS_GONE_S = 10.0  # [s] within which planner processes follow their service
 MOMENTS = ("launch", "release")
 SIGNALS = pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=lambda n: n.name)
@@ -104,6 +106,23 @@ def test_a_database_that_is_gone_in_mid_run_loses_nothing(rig: Rig) -> None:
     assert row.metrics["landing_error_m"] < 0.005
     rig.until(lambda: not kept.exists())
     assert rig.store.recording(id) is not None
+
+
+def test_a_disk_that_fills_up_in_mid_run_loses_nothing(rig: Rig) -> None:  # H6
+    """No file of the executor may grow any more: neither journal nor database, as on a full disk."""
+    id = rig.queue(LOB)
+    moment(rig, id, "launch")
+    soft, hard = resource.prlimit(rig.executor.pid, resource.RLIMIT_FSIZE)
+    resource.prlimit(rig.executor.pid, resource.RLIMIT_FSIZE, (FULL_AT_BYTES, hard))
+    rig.until(lambda: (state := rig.state())["t"] - state["moved_at"] > 2.0)
+    assert rig.world()["landings"]
+    assert rig.row(id).state != "finished"
+    resource.prlimit(rig.executor.pid, resource.RLIMIT_FSIZE, (soft, hard))
+    row = rig.end(id)
+    assert row.outcome == "completed", row.reason
+    assert row.metrics["landing_error_m"] < 0.005
+    assert rig.store.recording(id).mcap.startswith(b"\x89MCAP0\r\n")
+    assert rig.throw(NUDGE).outcome == "completed"
 
 
 def test_an_abort_in_the_approach_stops_in_order(rig: Rig) -> None:
