@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from itertools import product
 
 from planner.certificate import Certificate, certify
 from planner.errors import Infeasible, SolverFailed
@@ -90,14 +91,17 @@ def _with_nearest(search: Search, refusal: Infeasible) -> Infeasible:
     return Infeasible(refusal.violations, nearest, refusal.attempts)
 
 
-def _certifiable(problem: ThrowProblem) -> bool:
-    """Whether one of the first few candidates gives a certified motion by the back end's first way, or Ruckig's."""
-    solve = WAYS.get(problem.backend, WAYS["ruckig"])[0]
+def _certifiable(problem: ThrowProblem, thorough: bool) -> bool:
+    """Whether one of the first few candidates gives a certified motion, by Ruckig for a back end that optimises.
+
+    The gentlest way comes first; the others are tried where it is worth a thorough look.
+    """
+    ways = WAYS.get(problem.backend, WAYS["ruckig"])[::-1]
     try:
-        seeds = candidates(problem)[:NEAREST_SEEDS]
+        seeds = candidates(problem)[: NEAREST_SEEDS if thorough else NEAREST_SEEDS // 2]
     except Infeasible:
         return False
-    for seed in seeds:
+    for solve, seed in product(ways if thorough else ways[:1], seeds):
         try:
             if certify(problem, solve(problem, seed).trajectory).valid:
                 return True

@@ -161,7 +161,7 @@ def _soonest_rows(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[Vector,
     bound = least_time(q[usable] - problem.start, qd[usable], problem.limits)
     kept: list[int] = []
     for i in usable[np.argsort(bound, kind="stable")]:
-        if all(np.abs(q[i] - q[k]).max() > APART_RAD for k in kept):
+        if not kept or np.abs(q[kept] - q[i]).max(axis=1).min() > APART_RAD:
             kept.append(int(i))
         if len(kept) == KEPT:
             break

@@ -1,7 +1,8 @@
 """Ruckig: the microsecond answer. State to state in joint space, jerk-limited, time-optimal for each joint.
 
-The release acceleration is zero. Two launches are offered: `synchronised` stretches every joint to the slowest one's
-time, `independent` lets every joint run its own fastest motion and wait at rest before it.
+The release acceleration is zero. Three launches are offered: `synchronised` stretches every joint to the slowest one's
+time, `independent` lets every joint run its own fastest motion and wait at rest before it, and `gentle` is synchronised
+with half the acceleration and jerk and less speed: later, but easy on torques and on the tool's speed on the way.
 Source: Berscheid and Kroeger, Jerk-limited Real-time Trajectory Generation with Arbitrary Target States, RSS 2021.
 """
 
@@ -26,7 +27,8 @@ from planner.trajectory import join
 Vector = NDArray[np.float64]
 State = tuple[Vector, Vector, Vector]
 
-LAUNCHES = ("synchronised", "independent")
+LAUNCHES = ("synchronised", "independent", "gentle")
+GENTLE_SPEED, GENTLE = 0.6, 0.5  # [-] of the limits on velocity, and on acceleration and jerk
 TICKS_MAX = 20_000  # a phase longer than this is no throw
 
 
@@ -44,13 +46,20 @@ def solve(problem: ThrowProblem, candidate: Candidate, launch: str = "synchronis
     """
     ruckig, zero = _ruckig(), np.zeros(6)
     start, release = (problem.start, zero, zero), (candidate.q, candidate.qd, zero)
-    way = _synchronised if launch == "synchronised" else _independent
+    if launch == "gentle":
+        problem = replace(problem, limits=_gentle(problem.limits, candidate))
+    way = _independent if launch == "independent" else _synchronised
     head = _on_grid(problem, start, lambda limits: (release, way(ruckig, start, release, limits, problem.dt)))
     if problem.ends_at_rest:
         tail = (candidate.q[None], candidate.qd[None], zero[None])
     else:
         tail = _on_grid(problem, release, lambda limits: _brake(ruckig, release, limits, problem.dt))
     return Solution(join(head, tail, 1.0 / problem.dt), launch)
+
+
+def _gentle(limits: Limits, candidate: Candidate) -> Limits:
+    qd_max = np.maximum(GENTLE_SPEED * limits.qd_max, np.minimum(np.abs(candidate.qd), limits.qd_max))
+    return replace(limits, qd_max=qd_max, qdd_max=GENTLE * limits.qdd_max, jerk_max=GENTLE * limits.jerk_max)
 
 
 def _on_grid(problem: ThrowProblem, start: State, phase: Callable[[Limits], tuple[State, Vector]]) -> State:

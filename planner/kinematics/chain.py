@@ -11,8 +11,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from planner.kinematics.motion import LinkMotion, cross
 from planner.robots import Robot
-from planner.rotations import cross, matrix_to_rotation_vector, rotation_vector_rate
+from planner.rotations import matrix_to_rotation_vector, rotation_vector_rate
 
 Array = NDArray[np.float64]
 
@@ -26,24 +27,19 @@ def link_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Arr
 
     Source: Denavit and Hartenberg, distal convention: Rot_z(q) Trans_z(d) Trans_x(a) Rot_x(alpha).
     """
-    A = _joint_poses(robot, np.asarray(q, dtype=np.float64))
-    X = np.empty((*A.shape[:-3], 7, 4, 4))
-    X[..., 0, :, :] = np.eye(4) if X_WB is None else X_WB
-    X[..., 1, :, :] = A[..., 0, :, :] if X_WB is None else np.asarray(X_WB, dtype=np.float64) @ A[..., 0, :, :]
-    for i in range(1, 6):
-        np.matmul(X[..., i, :, :], A[..., i, :, :], out=X[..., i + 1, :, :])
-    return X
-
-
-def _joint_poses(robot: Robot, q: Array) -> Array:
-    """Pose (..., 6, 4, 4) of each DH frame in the one before it."""
-    c, s = np.cos(q), np.sin(q)
-    c_alpha, s_alpha = twists(robot)
-    A = np.zeros((*q.shape, 4, 4))
-    A[..., 0, 0], A[..., 0, 1], A[..., 0, 2], A[..., 0, 3] = c, -s * c_alpha, s * s_alpha, robot.a * c
-    A[..., 1, 0], A[..., 1, 1], A[..., 1, 2], A[..., 1, 3] = s, c * c_alpha, -c * s_alpha, robot.a * s
-    A[..., 2, 1], A[..., 2, 2], A[..., 2, 3], A[..., 3, 3] = s_alpha, c_alpha, robot.d, 1.0
-    return A
+    q = np.asarray(q, dtype=np.float64)
+    cos, sin = (np.ascontiguousarray(f(q).reshape(-1, 6).T) for f in (np.cos, np.sin))
+    base = np.eye(4) if X_WB is None else np.asarray(X_WB, dtype=np.float64)
+    x, y, z, p = (np.repeat(base[:3, k, None], cos.shape[1], axis=1) for k in range(4))
+    X = np.zeros((cos.shape[1], 7, 4, 4))
+    X[:, 0], X[:, 1:, 3, 3] = base, 1.0
+    for i, (c_alpha, s_alpha) in enumerate(zip(*twists(robot), strict=True)):
+        x, turned, p = cos[i] * x + sin[i] * y, cos[i] * y - sin[i] * x, p + robot.d[i] * z
+        p = p + robot.a[i] * x
+        y, z = c_alpha * turned + s_alpha * z, c_alpha * z - s_alpha * turned
+        for column, vector in enumerate((x, y, z, p)):
+            X[:, i + 1, :3, column] = vector.T
+    return X.reshape(*q.shape[:-1], 7, 4, 4)
 
 
 @cache
@@ -63,9 +59,9 @@ def forward(robot: Robot, q: ArrayLike, X_FT: ArrayLike | None = None) -> Array:
 def jacobian(robot: Robot, q: ArrayLike, X_FT: ArrayLike | None = None) -> Array:
     """Geometric Jacobian (..., 6, 6) at the tool, in the base: rows linear [m/rad], then angular [1] velocity."""
     X = link_poses(robot, q)
-    axes, origins = X[..., :6, :3, 2], X[..., :6, :3, 3]
-    J_v = cross(axes, _tool_point(X, X_FT)[..., None, :] - origins)
-    return np.swapaxes(np.concatenate([J_v, axes], axis=-1), -1, -2)
+    axes, origins = (np.moveaxis(X[..., :6, :3, k], -1, 0) for k in (2, 3))
+    J_v = cross(axes, np.moveaxis(_tool_point(X, X_FT), -1, 0)[..., None] - origins)
+    return np.moveaxis(np.concatenate([J_v, axes]), 0, -2)
 
 
 def _tool_point(X: Array, X_FT: ArrayLike | None) -> Array:
@@ -87,26 +83,15 @@ def analytical_jacobian(robot: Robot, q: ArrayLike, X_FT: ArrayLike | None = Non
 
 def tcp_acceleration(robot: Robot, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, X_FT: ArrayLike | None = None) -> Array:
     """Linear [m/s2] and angular [rad/s2] acceleration (..., 6) of the tool in the base: J qdd + dJ/dt qd."""
-    X = link_poses(robot, q)
-    spin, spin_rate = angular_motion(X, np.asarray(qd, dtype=np.float64), np.asarray(qdd, dtype=np.float64))
-    ends = np.concatenate([X[..., 1:6, :3, 3], _tool_point(X, X_FT)[..., None, :]], axis=-2)
-    arms = ends - X[..., :6, :3, 3]
-    linear = centre_acceleration(spin, spin_rate, arms).sum(axis=-2)
-    return np.concatenate([linear, spin_rate[..., 5, :]], axis=-1)
+    q, qd, qdd = np.broadcast_arrays(*(np.asarray(x, dtype=np.float64) for x in (q, qd, qdd)))
+    X = link_poses(robot, q.reshape(-1, 6))
+    links = LinkMotion(X, qd.reshape(-1, 6), qdd.reshape(-1, 6))
+    tool = _tool_point(X, X_FT).T - links.origins[:, 6]
+    points = np.concatenate([links.arms, tool[:, None]], axis=1)
+    linear = links.relative_acceleration(points, np.array([*range(6), 5])).sum(axis=1)
+    return np.concatenate([linear, links.spin_rate[:, 5]]).T.reshape(q.shape)
 
 
 def jacobian_dot_qd(robot: Robot, q: ArrayLike, qd: ArrayLike, X_FT: ArrayLike | None = None) -> Array:
     """The part dJ/dt qd (..., 6) of the tool's acceleration that is there without joint acceleration."""
     return tcp_acceleration(robot, q, qd, np.zeros(6), X_FT)
-
-
-def angular_motion(X: Array, qd: Array, qdd: Array) -> tuple[Array, Array]:
-    """Angular velocity and acceleration (..., 6, 3) of the links, from the link poses (..., 7, 4, 4)."""
-    turn = X[..., :6, :3, 2] * qd[..., None]
-    spin = np.cumsum(turn, axis=-2)
-    return spin, np.cumsum(X[..., :6, :3, 2] * qdd[..., None] + cross(spin - turn, turn), axis=-2)
-
-
-def centre_acceleration(spin: Array, spin_rate: Array, arm: Array) -> Array:
-    """Acceleration (..., 3) of a point at `arm` from another point of the same body, relative to that point."""
-    return cross(spin_rate, arm) + cross(spin, cross(spin, arm))
