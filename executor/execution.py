@@ -61,7 +61,7 @@ class Execution:
         state = station.monitor.fresh()
         if state is None:
             raise Refused("the controller fell silent")
-        way, hit = find_way(Space(cell), np.array(state.q), self.trajectory.q[0])
+        way, hit = find_way(Space(cell), np.array(state.q), self.trajectory.q[0], station.settings.approach_pace)
         if way is None:
             raise Refused(f"no way to the plan's start keeps clear: {hit}")
         self.released_before = last_release(cell.link.host) if cell.link.kind == "sim" else -np.inf

@@ -11,6 +11,7 @@ from planner.cell_folder import default_cells_folder
 from store import default_database_url
 
 WATCHDOG_MIN_HZ, WATCHDOG_MAX_HZ = 10.0, 50.0  # [Hz] outside: coasts too long, or trips by itself (faults.md, 2.2)
+PACE_MIN, PACE_MAX = 0.1, 2.0  # [-] slower is no approach, faster is a throw
 PRIORITY = 50  # of SCHED_FIFO; below the kernel's interrupt threads on any machine
 
 
@@ -26,6 +27,7 @@ class Settings:
         read_only: connect and show, never move.
         watchdog_hz: least command rate the controller accepts [Hz]; None: by whether real time is permitted.
         core: processor the streaming process stays on; -1: any.
+        approach_pace: how fast the arm goes to a plan's start; 2 takes half as long as 1.
 
     Raises:
         ValueError: a value that cannot be meant.
@@ -38,12 +40,16 @@ class Settings:
     read_only: bool = False
     watchdog_hz: float | None = None
     core: int = -1
+    approach_pace: float = 1.0
 
     def __post_init__(self) -> None:
         if self.watchdog_hz is not None and not WATCHDOG_MIN_HZ <= self.watchdog_hz <= WATCHDOG_MAX_HZ:
             raise ValueError(
                 f"FLING_WATCHDOG_HZ {self.watchdog_hz:g} is not within {WATCHDOG_MIN_HZ:g} and {WATCHDOG_MAX_HZ:g} Hz"
             )
+
+        if not PACE_MIN <= self.approach_pace <= PACE_MAX:
+            raise ValueError(f"FLING_APPROACH_PACE {self.approach_pace:g} is not within {PACE_MIN:g} and {PACE_MAX:g}")
 
     @property
     def cell_path(self) -> Path:
@@ -63,6 +69,7 @@ class Settings:
             read_only=read_only,
             watchdog_hz=float(hz) if (hz := environment.get("FLING_WATCHDOG_HZ")) else None,
             core=int(environment.get("FLING_STREAM_CORE", last_core())),
+            approach_pace=float(environment.get("FLING_APPROACH_PACE") or 1.0),
         )
 
 

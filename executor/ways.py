@@ -24,7 +24,7 @@ SPEED = 1.0  # [rad/s] unhurried; UR's own default for movej is 1.05
 ACCELERATION = 1.4  # [rad/s^2] source: URScript manual, movej's default
 JERK = 14.0  # [rad/s^3] full acceleration after 0.1 s
 ROOMS_M = (0.01, 0.002)  # [m] beyond the cell's clearance that a search is asked to keep, in turn
-PACES = (1.0, 0.5, 0.25)  # [-] of the speed, in turn: torques and tool speed may ask for a slower one
+PACES = (1.0, 0.5, 0.25)  # [-] shares of the pace, in turn: torques and tool speed may ask for a slower one
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,29 +41,29 @@ class Way:
     trajectory: Trajectory | None = None
 
 
-def find_way(space: Space, now: Vector, start: Vector) -> tuple[Way | None, str]:
+def find_way(space: Space, now: Vector, start: Vector, pace: float = 1.0) -> tuple[Way | None, str]:
     """Returns the way from `now` to `start` (6,) [rad], or None and what stands in the way."""
     if np.abs(start - now).max() < NEAR_RAD:
         return Way(start), ""
     hit = _hit(space, now, start)
-    return (Way(start), "") if not hit else (_planned(space.cell, now, start), hit)
+    return (Way(start), "") if not hit else (_planned(space.cell, now, start, pace), hit)
 
 
-def _planned(cell: Cell, now: Vector, start: Vector) -> Way | None:
+def _planned(cell: Cell, now: Vector, start: Vector, pace: float) -> Way | None:
     """Returns a motion around what stands in the straight way; None where none is found."""
     limits = cell.limits
     if any((q < limits.q_lower).any() or (q > limits.q_upper).any() for q in (now, start)):
         return None
     for room in ROOMS_M:
         path = find_path(is_clear(cell, room), now, start, limits.q_lower, limits.q_upper)
-        if path is not None and (way := _timed(cell, path)) is not None:
+        if path is not None and (way := _timed(cell, path, pace)) is not None:
             return way
     return None
 
 
-def _timed(cell: Cell, path: Vector) -> Way | None:
+def _timed(cell: Cell, path: Vector, pace: float) -> Way | None:
     """Returns the fastest motion along a path whose certificate holds."""
-    ways = (_certified(cell, path, _unhurried(cell.limits, pace)) for pace in PACES)
+    ways = (_certified(cell, path, _unhurried(cell.limits, pace * share)) for share in PACES)
     return next((way for way in ways if way is not None), None)
 
 
@@ -82,8 +82,8 @@ def _unhurried(limits: Limits, pace: float) -> Limits:
     return replace(
         limits,
         qd_max=np.minimum(limits.qd_max, pace * SPEED),
-        qdd_max=np.minimum(limits.qdd_max, pace * ACCELERATION),
-        jerk_max=np.minimum(limits.jerk_max, pace * JERK),
+        qdd_max=np.minimum(limits.qdd_max, pace**2 * ACCELERATION),
+        jerk_max=np.minimum(limits.jerk_max, pace**3 * JERK),
         singularity_distance_min=0.0,
     )
 

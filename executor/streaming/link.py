@@ -10,7 +10,7 @@ import math
 import os
 import threading
 from collections.abc import Callable
-from time import monotonic
+from time import monotonic, sleep
 from typing import Any
 
 from rtde_control import RTDEControlInterface
@@ -39,6 +39,8 @@ VARIABLES = [
 SERVO_LOOKAHEAD_S = 0.03  # source: URScript manual, servoj, the smallest lookahead time
 SERVO_GAIN = 500.0  # source: URScript manual, servoj, between its 100 and 2000; the time constant is then two CB3 ticks
 SERVO_CONSTANT_S = SERVO_LOOKAHEAD_S * 300.0 / SERVO_GAIN  # [s] at gain 300 the lookahead time is the time constant
+REST_RAD_S = 0.01  # [rad/s] source: faults.md, C6; the noise of a measured joint speed is below it
+REST_WITHIN_S = 1.0  # [s] then it is told as it is
 STOP_DECELERATION = 20.0  # [rad/s^2] of speedStop at the end, where only rounding is left to stop
 
 
@@ -162,6 +164,14 @@ class Link:
         else:
             self.control.speedStop(STOP_DECELERATION)
         self.control.stopScript()
+        self._await_rest()
+
+    def _await_rest(self) -> None:
+        """Returns once the arm is measured at rest: it may follow the commands later than the cell says."""
+        end = monotonic() + REST_WITHIN_S
+        while max(map(abs, self.qd)) > REST_RAD_S and monotonic() < end:
+            sleep(self.job.dt)
+            self.read()
 
     def _real_time(self, name: str, call: Callable[..., Any], *args: Any) -> None:
         self.words[IN_CALL] = 1.0

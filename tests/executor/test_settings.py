@@ -31,3 +31,9 @@ def test_the_environment_and_the_command_line(tmp_path: Path) -> None:
 def test_a_watchdog_that_guards_nothing_or_trips_by_itself_is_refused(hz: str) -> None:
     with pytest.raises(ValueError, match="FLING_WATCHDOG_HZ"):
         Settings.from_environment({**HOME, "FLING_WATCHDOG_HZ": hz}, None, False)
+
+
+@pytest.mark.parametrize("pace", ["0.05", "3", "nan"])
+def test_a_pace_that_is_no_approach_is_refused(pace: str) -> None:
+    with pytest.raises(ValueError, match="FLING_APPROACH_PACE"):
+        Settings.from_environment({**HOME, "FLING_APPROACH_PACE": pace}, None, False)

@@ -60,7 +60,7 @@ class Rig:
         self.url = f"sqlite:///{folder / 'fling.db'}"
         self.store = Store.open(self.url)
         self.environment = {**os.environ, "FLING_DATABASE_URL": self.url, "FLING_CELLS": str(folder),
-                            "FLING_DATA": str(folder / "data")}  # fmt: skip
+                            "FLING_DATA": str(folder / "data"), "FLING_APPROACH_PACE": "2"}  # fmt: skip
         self.simulator = self.executor = None
         self.wrap: list[str] = []  # put before every command
         self._plans: dict[str, str] = {}

@@ -15,7 +15,7 @@ import pytest
 from planner.document import plan_document, problem_from_request
 from planner.planning import plan
 from store import new_id
-from tests.system.rig import NUDGE, ROOT, Rig
+from tests.system.rig import LOB, NUDGE, ROOT, Rig
 
 
 def test_a_plan_of_another_cell_file_is_refused(rig: Rig) -> None:  # C7
@@ -120,3 +120,20 @@ def test_without_its_database_it_ends_with_a_message(rig: Rig, url: str) -> None
     assert ended.returncode == 1
     assert ended.stderr.startswith("executor: the database cannot be used: ")
     assert "Traceback" not in ended.stderr
+
+
+JUMPING_CLOCK = """
+import time
+real = time.time
+time.time = lambda: real() + (3600.0 if int(5 * real()) % 2 else -3600.0)
+"""
+
+
+def test_a_wall_clock_that_jumps_by_hours_changes_no_throw(own_rig: Rig) -> None:  # H5
+    """Five times a second, by two hours, for every process of the executor; motion knows the monotonic clock alone."""
+    (own_rig.folder / "sitecustomize.py").write_text(JUMPING_CLOCK)
+    own_rig.environment["PYTHONPATH"] = str(own_rig.folder)
+    own_rig.start()
+    row = own_rig.throw(LOB)
+    assert row.outcome == "completed", row.reason
+    assert row.metrics["landing_error_m"] < 0.005

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-from tests.system.rig import NUDGE, TOSS, Rig
+from tests.system.rig import FAST_RAD_S, LOB, NUDGE, Rig
 
-REST_S = 0.30  # [s] of the controller's time: stale state 40 ms, watchdog 50 ms, lag 20 ms, 1.2 rad/s at 20 rad/s^2
+REST_S = 0.25  # [s] of the controller's time from 2.5 rad/s: stale state 40 ms, lag 20 ms, 125 ms at 20 rad/s^2, room
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,7 @@ MATRIX = [
     Fault("R10 frozen", "freeze", ("link_lost",), {"duration_s": 0.5}),
     Fault("R11", "disturb_connection", ("late", "link_lost"), {"role": "receive", "drop": 0.5}),
     Fault("R12 power", "power_loss", ("protective_stop", "emergency_stop", "aborted")),
+    Fault("R14", "disturb_connection", ("aborted",), {"role": "control", "drop": 1.0}),  # commands get lost: it trips
     Fault("R12 cable", "offline", ("link_lost",)),
 ]
 
@@ -49,8 +50,8 @@ MATRIX = [
 @pytest.mark.parametrize("fault", MATRIX, ids=lambda fault: fault.row)
 def test_in_mid_launch_every_fault_is_a_stop(rig: Rig, fault: Fault) -> None:
     released = len(rig.world()["releases"])
-    id = rig.queue(TOSS)
-    rig.in_launch(id)
+    id = rig.queue(LOB)
+    rig.in_launch(id, FAST_RAD_S)
     at = rig.state()["t"]
     rig.fault(fault.name, **fault.parameters)
     rested = rig.rest_time(at)
@@ -106,11 +107,12 @@ def test_registers_in_use_are_a_refusal(rig: Rig) -> None:  # R15
 def test_a_gripper_that_does_not_open_releases_nothing(rig: Rig) -> None:  # H10
     released = len(rig.world()["releases"])
     rig.fault("gripper_stuck")
-    row = rig.throw(TOSS)
+    row = rig.throw(LOB)
     rig.recover()
     assert row.metrics is not None
     assert row.metrics["landing_point"] is None
     assert len(rig.world()["releases"]) == released
+    assert rig.throw(NUDGE).outcome == "completed"
 
 
 def test_an_arm_that_lags_more_than_the_cell_says_is_stopped(own_rig: Rig) -> None:  # R13
@@ -118,7 +120,10 @@ def test_an_arm_that_lags_more_than_the_cell_says_is_stopped(own_rig: Rig) -> No
     own_rig.path.write_text(head + "[sim]" + sim.replace("lag_s = 0.020", "lag_s = 0.100"))
     own_rig.reload()
     own_rig.start()
-    row = own_rig.throw(TOSS)
+    row = own_rig.throw(LOB)
     assert row.outcome == "tracking", row.reason
     assert not own_rig.world()["releases"]
+    assert max(map(abs, own_rig.state()["qd"])) < 1e-3
     own_rig.acknowledge()
+    following = own_rig.throw({**NUDGE, "positions": own_rig.cell.home.tolist()})
+    assert following.outcome == "completed", following.reason

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +29,18 @@ def test_a_throw_lands_where_it_was_planned(rig: Rig, mode: str) -> None:
     assert row.metrics["landing_point"] == pytest.approx(LOB["position"], abs=2 * LANDING_M)
     states = [e.data["state"] for e in rig.store.events(row.id) if e.kind == "state"]
     assert states == ["queued", "preparing", "approaching", "streaming", "braking", "finished"]
+
+
+def test_a_throw_beside_processes_that_take_every_processor(rig: Rig) -> None:  # H4
+    spinning = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(os.cpu_count() or 1)]
+    try:
+        row = rig.throw(LOB)
+    finally:
+        for process in spinning:
+            process.kill()
+            process.wait()
+    assert row.outcome == "completed", row.reason
+    assert row.metrics["landing_error_m"] < LANDING_M
 
 
 def test_a_cb3_arm_at_125_hz_lands_as_well(tmp_path: Path) -> None:
