@@ -41,12 +41,15 @@ def report(count: int, runs: int) -> str:
     lines = [
         "# Streaming", "",
         f"{where['date']}, {where['processor']}, {where['system']}; load {where['load']}; commit {where['commit']}.",
-        "ur5e-sim, a target throw, the simulator's own count of cycles without a fresh command;",
-        "every run counts. Release speed error: largest joint against the plan's speed.", "",
+        "ur5e-sim, a target throw, the simulator's own count of cycles without a fresh command; every run counts.",
+        "*Unanswerable* are those of them before which the simulator itself was late: it told the state less than half",
+        "a cycle earlier, which no real controller does. Client and simulator share this machine and its stalls.",
+        "Release speed error: largest joint against the plan's speed.", "",
         f"## {count} throws in a row", "",
-        "| beside | outcomes | cycles without a command | release speed error p50 / max | landing error p50 / max |",
-        "| --- | --- | --- | --- | --- |",
-        _throws_row("nothing", quiet), _throws_row(f"{BUSY} spinning processes", busy), "",
+        "| beside | outcomes | cycles without a command | of them unanswerable | the others | "
+        "release speed error p50 / max | landing error p50 / max |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+        _throws_row("nothing", quiet), _throws_row(f"{BUSY} spinning processes", busy), "", *_reasons(quiet, busy),
         f"## Our loop and the plain one, worst of {runs} runs each", "",
         "Plain: `initPeriod; speedJ; waitPeriod` of ur_rtde's documentation, sending the same rows, the lag known.", "",
         "| loop | cycles without a command | tracking error [rad] | release speed error [rad/s] | landing error [m] |",
@@ -69,11 +72,20 @@ def _beside_busy_processes(folder: Path, count: int) -> dict[str, Any]:
 def _throws_row(beside: str, found: dict[str, Any]) -> str:
     outcomes = ", ".join(f"{count} {name}" for name, count in found["outcomes"].items())
     speed, landing = found["release_velocity_error_share"], found["landing_error_m"]
-    silent = f"{found['cycles']['none']} ({found['cycles_without_command_share']:.1e})"
+    cycles = found["cycles"]
+    silent = f"{cycles['none']} ({found['cycles_without_command_share']:.1e})"
+    missed = f"{cycles['none'] - cycles['unanswerable']} ({found['missed_share']:.1e})"
     return (
-        f"| {beside} | {outcomes} | {silent} | {_percent(speed, 'median')} / {_percent(speed, 'max')} "
+        f"| {beside} | {outcomes} | {silent} | {cycles['unanswerable']} | {missed} "
+        f"| {_percent(speed, 'median')} / {_percent(speed, 'max')} "
         f"| {_millimetres(landing, 'median')} / {_millimetres(landing, 'max')} |"
     )
+
+
+def _reasons(*series: dict[str, Any]) -> list[str]:
+    """Returns why throws were not completed."""
+    told = [f"{reason} ({count})" for found in series for reason, count in found["reasons"].items()]
+    return [f"Not completed: {'; '.join(told)}.", ""] if told else []
 
 
 def _loop_row(name: str, worst: dict[str, float]) -> str:

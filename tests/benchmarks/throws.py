@@ -64,6 +64,7 @@ def _summary(rows: list[Any], cycles: dict[str, int]) -> dict[str, Any]:
         "outcomes": dict(Counter(row.outcome for row in rows)),
         "reasons": dict(Counter(row.reason for row in rows if row.reason)),
         "cycles": cycles, "cycles_without_command_share": cycles["none"] / max(total, 1),
+        "missed_share": (cycles["none"] - cycles["unanswerable"]) / max(total, 1),
         "missed_ticks": sum(m["missed_ticks"] for m in done),
         "realtime": all(m["realtime"] for m in done),
         "release_velocity_error_share": _spread([m["release_velocity_error_share"] for m in done]),
