@@ -21,6 +21,7 @@ from planner.backends.casadi_nlp.stages import COST
 
 MX = Any
 WATCHED = 3  # stages before the release on which the singularities are watched; so are all after it
+GROUPS = ("effort", "space", "boxes")  # blocks that a problem may do without, each with its rows in the steps' middles
 PARAMETERS = ARM.size + RELEASE.size + BOXES.size  # before the costs of the stages
 
 
@@ -32,26 +33,31 @@ class Shape:
         launch: stages before the release.
         brake: stages after it.
         window: whether the first stages on either side of the release are a release window.
-        boxes: whether there are keep-out boxes.
+        groups: those of `GROUPS` that it holds.
     """
 
     launch: int = 8
     brake: int = 4
     window: bool = False
-    boxes: bool = False
+    groups: tuple[str, ...] = ()
 
     @property
     def stages(self) -> int:
         """Number of steps."""
         return self.launch + self.brake
 
+    def holds(self, block: str) -> bool:
+        """Returns whether a block is part of the problem."""
+        group = block.removesuffix("_middle")
+        return group not in GROUPS or group in self.groups
+
     def knots(self, block: str) -> range:
         """Returns the stages on which a block applies."""
         around = 1 if self.window else 0
         return {
             "motion": range(self.stages), "cost": range(self.stages),
-            "knot": range(1, self.stages + 1), "middle": range(self.stages),
-            "boxes": range(1, self.stages + 1), "boxes_middle": range(self.stages),
+            **{group: range(1, self.stages + 1) for group in GROUPS},
+            **{f"{group}_middle": range(self.stages) for group in GROUPS},
             "singular": range(self.launch - WATCHED - around, self.stages + 1),
             "singular_middle": range(self.launch - WATCHED - around, self.stages),
             "release": range(self.launch - around, self.launch + around + 1),
@@ -92,6 +98,19 @@ class Table:
         """Length of x."""
         return self.shape.stages * NZ + NX
 
+    def rows_of(self, block: str) -> np.ndarray:
+        """Returns the rows of a block on all its stages."""
+        return np.concatenate([rows for (name, _), rows in self.rows.items() if name == block])
+
+    def within(self, whole: Table) -> np.ndarray:
+        """Returns for every row where it stands in a problem that holds more groups."""
+        places = np.zeros(self.size, dtype=np.intp)
+        for k, rows in enumerate(self.dynamics):
+            places[rows] = whole.dynamics[k]
+        for key, rows in self.rows.items():
+            places[rows] = whole.rows[key]
+        return places
+
     @staticmethod
     def sign(name: str) -> np.ndarray | float:
         """Returns by what a block's rows enter the problem: its first NX rows are F in x_{k+1} - F."""
@@ -100,7 +119,7 @@ class Table:
 
 def assemble(shape: Shape, blocks: Mapping[str, Block]) -> tuple[dict[str, Any], Table]:
     """Returns the functions f, g and their derivatives of (x, p), and where the rows stand."""
-    blocks = {name: block for name, block in blocks.items() if shape.boxes or not name.startswith("boxes")}
+    blocks = {name: block for name, block in blocks.items() if shape.holds(name)}
     table = Table(shape, blocks)
     x, p = ca.MX.sym("x", table.variables), ca.MX.sym("p", PARAMETERS + COST.size * shape.stages)
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", table.size)

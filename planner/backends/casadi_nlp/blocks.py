@@ -57,8 +57,10 @@ KINDS = ("value", "slope", "curve")
 SOURCES: dict[str, tuple[Callable[[SX, SX], stages.Rows], int]] = {
     "motion": (stages.motion, 0),
     "cost": (stages.cost, stages.COST.size),
-    "knot": (stages.knot, ARM.size),
-    "middle": (stages.middle, ARM.size),
+    "effort": (stages.effort, ARM.size),
+    "effort_middle": (stages.effort_middle, ARM.size),
+    "space": (stages.space, ARM.size),
+    "space_middle": (stages.space_middle, ARM.size),
     "boxes": (stages.boxes, ARM.size + BOXES.size),
     "boxes_middle": (stages.boxes_middle, ARM.size + BOXES.size),
     "singular": (stages.singular, ARM.size),

@@ -64,19 +64,16 @@ def set_limits(bounds: Bounds, table: Table, limits: Limits) -> None:
         bounds.g[0, middle], bounds.g[1, middle] = lower, upper
 
 
-def set_surroundings(bounds: Bounds, table: Table, shares: tuple[float, float], keep_in: bool, keep_out: bool) -> None:
+def set_groups(bounds: Bounds, table: Table, shares: tuple[float, float]) -> None:
     """Bounds torque and tool speed to `shares` of their limits, and clearances, at knots and middles."""
-    for name in ("knot", "middle"):
-        for k in table.shape.knots(name):
+    for name in ("effort", "effort_middle"):
+        for k in table.shape.knots(name) if table.shape.holds(name) else ():
             rows = table.rows[name, k]
             bounds.g[0, rows[:6]], bounds.g[1, rows[:6]] = -shares[0], shares[0]
             bounds.g[1, rows[6]] = shares[1] ** 2
-            bounds.g[0, rows[7:9]] = 0.0
-            if keep_in:
-                bounds.g[0, rows[9]] = 0.0
-    for name in ("boxes", "boxes_middle"):
-        for k in table.shape.knots(name) if keep_out else ():
-            bounds.g[0, table.rows[name, k]] = 0.0
+    for name in ("space", "space_middle", "boxes", "boxes_middle"):
+        if table.shape.holds(name):
+            bounds.g[0, table.rows_of(name)] = 0.0
 
 
 def set_singularity(bounds: Bounds, table: Table, signed: Vector, distance: float) -> None:
@@ -112,7 +109,7 @@ def fix_release_state(bounds: Bounds, table: Table, q: Vector, qd: Vector) -> No
     k = table.shape.launch
     bounds.x[:, k, Q] = q
     bounds.x[:, k, QD] = qd / QD_SCALE
-    for name, first in (("knot", 6), ("boxes", 0), ("singular", 0)):
+    for name, first in (("effort", 6), ("space", 0), ("boxes", 0), ("singular", 0)):
         rows = table.rows.get((name, k), np.zeros(0, int))[first:]
         bounds.g[0, rows], bounds.g[1, rows] = -np.inf, np.inf
 

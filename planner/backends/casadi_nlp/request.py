@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp import bounds as bound
 from planner.backends.casadi_nlp import numbers
-from planner.backends.casadi_nlp.assembly import Shape, Table
+from planner.backends.casadi_nlp.assembly import GROUPS, Shape, Table
 from planner.backends.casadi_nlp.layout import QD, QDD, STEP, TIME, TIME_SCALE
 from planner.backends.casadi_nlp.stages import COST
 from planner.cell import Limits
@@ -42,13 +42,13 @@ class Margins:
 CLOSE, WIDE = Margins(), Margins((0.94, 0.96), 0.006, 0.03)
 
 
-def shape_of(problem: ThrowProblem) -> Shape:
-    """Returns the stages that the problem needs."""
-    boxes = bool(problem.cell.surroundings.keep_out)
+def whole_shape(problem: ThrowProblem) -> Shape:
+    """Returns the stages that the problem needs, with every group of rows that applies."""
+    groups = GROUPS if problem.cell.surroundings.keep_out else GROUPS[:-1]
     if problem.ends_at_rest:
-        return Shape(LAUNCH_STAGES, 0, False, boxes)
+        return Shape(LAUNCH_STAGES, 0, False, groups)
     extra = 1 if problem.is_robust else 0
-    return Shape(LAUNCH_STAGES + extra, BRAKE_STAGES + extra, problem.is_robust, boxes)
+    return Shape(LAUNCH_STAGES + extra, BRAKE_STAGES + extra, problem.is_robust, groups)
 
 
 @dataclass(frozen=True)
@@ -82,9 +82,8 @@ class Start:
 def arguments(request: Request, table: Table, start: Start) -> dict[str, Any]:
     """Returns what a solver is called with."""
     problem, b = request.problem, bound.free_bounds(table)
-    around = problem.cell.surroundings
     bound.set_limits(b, table, request.limits)
-    bound.set_surroundings(b, table, request.margins.shares, bool(around.keep_in), bool(around.keep_out))
+    bound.set_groups(b, table, request.margins.shares)
     bound.fix_ends(b, table, problem.start)
     bound.set_steps(b, table, start.steps)
     if not problem.ends_at_rest:
@@ -101,14 +100,6 @@ def arguments(request: Request, table: Table, start: Start) -> dict[str, Any]:
         "x0": start.z.ravel()[:n], "p": _parameters(request, table, start),
         "lbx": b.x[0].ravel()[:n], "ubx": b.x[1].ravel()[:n], "lbg": b.g[0], "ubg": b.g[1],
     }
-
-
-def pattern_of(call: Mapping[str, Any]) -> bytes:
-    """Returns which variables and rows are fixed (2), bounded (1) or free (0)."""
-    lower = np.concatenate([call["lbx"], call["lbg"]])
-    upper = np.concatenate([call["ubx"], call["ubg"]])
-    bounded = np.isfinite(lower) | np.isfinite(upper)
-    return (bounded.astype(np.int8) + (lower == upper)).astype(np.int8).tobytes()
 
 
 def _parameters(request: Request, table: Table, start: Start) -> Vector:

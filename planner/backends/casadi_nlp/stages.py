@@ -71,40 +71,50 @@ TORQUE_ROWS = 6
 FIRST_THAT_FALLS = 2  # base and shoulder do not come nearer to the floor
 
 
-def knot(z: SX, p: SX) -> Rows:
-    """Joint torque shares (6), tool speed share squared, and the clearances, at the stage's beginning."""
-    a = ARM.split(p)
-    return _knot_rows(state(z), a)
+def effort(z: SX, p: SX) -> Rows:
+    """Joint torque shares (6), whose curvature is left out, and tool speed share squared, at the stage's beginning."""
+    return _effort_rows(state(z), ARM.split(p))
 
 
-def middle(z: SX, p: SX) -> Rows:
-    """The same rows in the middle of the step; their curvature is left out: little is lost, and half the time saved."""
-    made = _knot_rows(after(z, 0.5), ARM.split(p))
-    return Rows(made.rows, made.held, made.rows.size1())
+def effort_middle(z: SX, p: SX) -> Rows:
+    """The same rows in the middle of the step; all their curvature is left out: little is lost, half the time saved."""
+    return _uncurved(_effort_rows(after(z, 0.5), ARM.split(p)))
 
 
-def _knot_rows(s: State, a: dict[str, SX]) -> Rows:
-    held = clearance.Held()
+def _effort_rows(s: State, a: dict[str, SX]) -> Rows:
     tau = arm.torques(a["dh"], a["links"], a["gravity"], s.q, s.qd, s.qdd) / a["torque"]
-    body = arm.frames(a["dh"], s.q)
     v = arm.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd).velocity
-    rows = ca.vertcat(tau, ca.sumsqr(v) / a["speed"] ** 2, *_clearances(s, a, body, held))
-    return Rows(rows, held, TORQUE_ROWS)
+    return Rows(ca.vertcat(tau, ca.sumsqr(v) / a["speed"] ** 2), clearance.Held(), TORQUE_ROWS)
 
 
-def _clearances(s: State, a: dict[str, SX], body: arm.Frames, held: clearance.Held) -> list[SX]:
-    """Self, floor and keep-in distances less what is asked: each a row [m] that must not be negative."""
+def space(z: SX, p: SX) -> Rows:
+    """Self, floor and keep-in distances less what is asked, at the stage's beginning: rows [m] not to be negative."""
+    return _space_rows(state(z), ARM.split(p))
+
+
+def space_middle(z: SX, p: SX) -> Rows:
+    """The same rows in the middle of the step; their curvature is left out."""
+    return _uncurved(_space_rows(after(z, 0.5), ARM.split(p)))
+
+
+def _space_rows(s: State, a: dict[str, SX]) -> Rows:
+    held, body = clearance.Held(), arm.frames(a["dh"], s.q)
     capsules = clearance.capsules_in_s(body, a["capsules"])
     R_WB, p_WB = ca.reshape(a["base"][:9], 3, 3), a["base"][9:]
     R_WS = R_WB @ arm.turn(s.q[0])
     heights = clearance.lowest_heights(capsules, R_WS[2, :].T, p_WB[2], FIRST_THAT_FALLS)
     p_WT = R_WS @ body.point(6, a["tcp"]) + p_WB
     inside = ca.vertsplit(ca.vertcat(p_WT - a["keep_in"][:3], a["keep_in"][3:] - p_WT))
-    return [
+    rows = ca.vertcat(
         clearance.self_distance(capsules, a["pairs"], held) - a["self_clearance"],
         clearance.soft_minimum(heights, held) - a["floor"],
         clearance.soft_minimum(inside, held),
-    ]
+    )
+    return Rows(rows, held)
+
+
+def _uncurved(made: Rows) -> Rows:
+    return Rows(made.rows, made.held, made.rows.size1())
 
 
 def boxes(z: SX, p: SX) -> Rows:
@@ -133,8 +143,7 @@ def singular(z: SX, p: SX) -> Rows:
 
 def singular_middle(z: SX, p: SX) -> Rows:
     """The same rows in the middle of the step; their curvature is left out."""
-    made = _singular_rows(after(z, 0.5).q, p)
-    return Rows(made.rows, made.held, uncurved=3)
+    return _uncurved(_singular_rows(after(z, 0.5).q, p))
 
 
 def _singular_rows(q: SX, p: SX) -> Rows:

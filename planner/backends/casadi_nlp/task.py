@@ -1,31 +1,17 @@
 """Solving one request: launch and brake of least time, then the same on whole ticks."""
 
-# long: one task from its bounds to its answer; the steps share the problem, the shape and the solver's vector
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.backends.casadi_nlp import answer, codegen, exactness, solvers
-from planner.backends.casadi_nlp.assembly import Shape, Table, assemble
-from planner.backends.casadi_nlp.blocks import Block, interpreted
-from planner.backends.casadi_nlp.layout import NZ, STEP, TIME, TIME_SCALE
-from planner.backends.casadi_nlp.request import (
-    CLOSE,
-    WIDE,
-    Margins,
-    Request,
-    Start,
-    arguments,
-    guess,
-    pattern_of,
-    shape_of,
-)
+from planner.backends.casadi_nlp import answer, exactness
+from planner.backends.casadi_nlp.layout import STEP, TIME, TIME_SCALE
+from planner.backends.casadi_nlp.request import CLOSE, WIDE, Margins, Request, Start, arguments, guess, whole_shape
+from planner.backends.casadi_nlp.solving import Solving, machine
 from planner.ballistics import fly
 from planner.errors import SolverFailed
 from planner.grid import grid_limits
@@ -37,48 +23,8 @@ from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
 
-# source of the options: measured on random problems; the LU tolerance keeps fatrop 1.1.8 from an endless factorisation
-FATROP = {"tolerance": 1e-4, "mu_init": 1e-3, "max_iter": 100, "linsol_lu_fact_tol": 1e-2}
-POLISH = {**FATROP, "mu_init": 1e-4, "max_iter": 40}  # begins near its optimum
-IPOPT = {"tol": 1e-5, "mu_init": 1e-3, "max_iter": 80}
-SECOND_TRY_S = 0.15  # [s] of time left that IPOPT is worth
 EXTRA_TICKS = (1, 2, 3)  # given to launch and brake where the first whole number of ticks does not do
-PATTERNS_MAX = 64  # solvers kept: a few for each kind of release
 DRAG_ROUNDS = 3  # corrections of the aim for drag; each leaves a tenth of the error or less
-
-
-@dataclass(frozen=True)
-class Machine:
-    """An assembled problem."""
-
-    shape: Shape
-    table: Table
-    blocks: dict[str, Block]
-    functions: dict[str, Any]
-
-
-@cache
-def machine(shape: Shape) -> Machine:
-    """Returns the problem of a shape, built once a process; with compiled functions where there are any."""
-    blocks = codegen.compiled() or interpreted()
-    functions, table = assemble(shape, blocks)
-    return Machine(shape, table, blocks, functions)
-
-
-@lru_cache(maxsize=PATTERNS_MAX)
-def fatrop(shape: Shape, pattern: bytes, polish: bool) -> Any:
-    """Returns the solver for one pattern of equalities, inequalities and free rows.
-
-    casadi 3.8.2 makes fatrop anew where the pattern differs from the call before, and then forgets its options: each
-    pattern gets a solver of its own, which takes a few milliseconds.
-    """
-    made = machine(shape)
-    return solvers.fatrop(made.functions, made.table, POLISH if polish else FATROP)
-
-
-@cache
-def _ipopt(shape: Shape) -> Any:
-    return solvers.ipopt(machine(shape).functions, IPOPT)
 
 
 def solve(
@@ -97,75 +43,48 @@ def solve(
         SolverFailed: neither solver found a motion in time.
     """
     margins = WIDE if wide else CLOSE
-    motion, spent = _motion(problem, candidate, warm_start), 0
+    solving = Solving(whole_shape(problem), deadline_s)
+    motion = _motion(problem, candidate, warm_start)
     if problem.is_robust:
-        motion, spent = _without_window(problem, candidate, motion, deadline_s, margins)
-    task = _Task(problem, candidate, shape_of(problem), deadline_s, spent)
+        motion = _without_window(problem, candidate, motion, solving, margins)
     request = _request(problem, candidate, margins)
-    start = guess(task.machine.table, problem, motion)
-    return task.finish(request, task.run(request, start))
+    start = guess(solving.table, problem, motion)
+    z = solving.solve(arguments(request, solving.table, start))
+    return _Task(problem, candidate, solving).finish(request, z)
 
 
 def _without_window(
-    problem: ThrowProblem, candidate: Candidate, motion: dict[str, Any], deadline_s: float, margins: Margins
-) -> tuple[dict[str, Any], int]:
-    """Returns the best motion for the nominal instant alone, from which the window is easily found, and iterations."""
+    problem: ThrowProblem, candidate: Candidate, motion: dict[str, Any], solving: Solving, margins: Margins
+) -> dict[str, Any]:
+    """Returns the best motion for the nominal instant alone, from which the window is easily found."""
     nominal = replace(problem, release_window_s=0.0, landing_tolerance_m=0.0)
-    task = _Task(nominal, candidate, shape_of(nominal), deadline_s)
-    start = guess(task.machine.table, nominal, motion)
+    first = Solving(whole_shape(nominal), solving.deadline_s)
+    start = guess(first.table, nominal, motion)
     try:
-        found = answer.knots(task.run(_request(nominal, candidate, margins), start), task.shape)
+        z = first.solve(arguments(_request(nominal, candidate, margins), first.table, start))
     except SolverFailed:
-        return motion, task.iterations
-    return {"release_s": found.release_s, "end_s": float(found.t[-1]), "state": found.at}, task.iterations
+        return motion
+    finally:
+        solving.iterations, solving.groups = first.iterations, first.groups
+    found = answer.knots(z, first.whole)
+    return {"release_s": found.release_s, "end_s": float(found.t[-1]), "state": found.at}
 
 
 def _request(problem: ThrowProblem, candidate: Candidate, margins: Margins) -> Request:
-    return Request(problem, candidate, grid_limits(problem.limits, problem.dt), _aim(problem, candidate), margins)
+    limits = grid_limits(problem.limits, problem.dt)
+    if isinstance(problem.release, JointRelease | PoseRelease):
+        # A release at the very limit is allowed: only the way there keeps the room that the grid needs.
+        limits = replace(limits, qd_max=np.maximum(limits.qd_max, np.abs(candidate.qd)))
+    return Request(problem, candidate, limits, _aim(problem, candidate), margins)
 
 
+@dataclass(frozen=True)
 class _Task:
-    """The state of one call: what was spent."""
+    """One call, once it is solved."""
 
-    def __init__(self, problem: ThrowProblem, candidate: Candidate, shape: Shape, deadline_s: float,
-                 spent: int = 0) -> None:
-        self.problem, self.candidate, self.shape, self.deadline_s = problem, candidate, shape, deadline_s
-        self.machine = machine(shape)
-        self.iterations = spent
-        self.status = ""
-
-    def run(self, request: Request, start: Start) -> Vector:
-        """Returns the variables (N + 1, NZ) of the solution; IPOPT's where fatrop gives up.
-
-        Raises:
-            SolverFailed: both gave up, or time ran out.
-        """
-        call = arguments(request, self.machine.table, start)
-        z = self._fatrop(call, polish=False) if self.left_s > 0.0 else None
-        if z is None and self.left_s > SECOND_TRY_S:
-            z = self._call("ipopt", _ipopt(self.shape), call)
-        if z is None:
-            raise SolverFailed(self.status or "out of time", self.iterations)
-        return z
-
-    @property
-    def left_s(self) -> float:
-        """Time left [s]."""
-        return self.deadline_s - time.perf_counter()
-
-    def _fatrop(self, call: dict[str, Any], polish: bool) -> Vector | None:
-        return self._call("fatrop", fatrop(self.shape, pattern_of(call), polish), call)
-
-    def _call(self, name: str, solver: Any, call: dict[str, Any]) -> Vector | None:
-        """Returns the variables (N + 1, NZ), None where the solver gave up."""
-        solution = solver(**call)
-        stats = solver.stats()
-        self.iterations += int(stats["iter_count"])
-        x = np.array(solution["x"]).ravel()
-        ok = bool(stats["success"]) and bool(np.isfinite(x).all())
-        self.status = f"{name}: {'solved' if ok else 'gave up'} in {stats['iter_count']} iterations"
-        padded = np.append(x, np.zeros(NZ * (self.shape.stages + 1) - len(x)))
-        return padded.reshape(-1, NZ) if ok else None
+    problem: ThrowProblem
+    candidate: Candidate
+    solving: Solving
 
     def finish(self, request: Request, z: Vector) -> Solution:
         """Returns the solution on whole ticks: as found with a wait at rest, solved again for them, or longer.
@@ -173,36 +92,38 @@ class _Task:
         Raises:
             SolverFailed: the limits are broken on the grid whatever is tried.
         """
-        dt, found = self.problem.dt, answer.knots(z, self.shape)
-        brake = answer.whole_ticks(found.brake_s, dt) if self.shape.brake else 0
+        dt, found, status = self.problem.dt, answer.knots(z, self.solving.whole), self.solving.status
+        brake = answer.whole_ticks(found.brake_s, dt) if self.solving.whole.brake else 0
         ticks = (answer.whole_ticks(found.release_s, dt), brake)
         made, request = self._made(request, found, ticks)
         if answer.joints_within(self.problem, made):
-            return Solution(made, self.status, self.iterations)
+            return self._solution(made, status)
         polished = self._polished(request, z, ticks)
         if polished is not None:
-            return polished
+            return self._solution(polished, status)
         for extra in EXTRA_TICKS:
             slower = (ticks[0] + extra, ticks[1] + extra * bool(ticks[1]))
             made, _ = self._made(request, found, slower)
             if answer.joints_within(self.problem, made):
-                return Solution(made, self.status, self.iterations)
-        raise SolverFailed("the solution does not fit the ticks", self.iterations)
+                return self._solution(made, status)
+        raise SolverFailed("the solution does not fit the ticks", self.solving.iterations)
 
-    def _polished(self, request: Request, z: Vector, ticks: tuple[int, int]) -> Solution | None:
+    def _polished(self, request: Request, z: Vector, ticks: tuple[int, int]) -> Trajectory | None:
         """Returns the motion solved again with its times fixed to `ticks`, None where that breaks a limit or fails."""
-        dt, status = self.problem.dt, self.status
+        dt, solving = self.problem.dt, self.solving
         start = Start(_restarted(z, ticks, dt), z[:-1, STEP] * TIME_SCALE, (ticks[0] * dt, sum(ticks) * dt))
-        again = self._fatrop(arguments(request, self.machine.table, start), polish=True)
-        self.status = status
+        again = solving.lazily(arguments(request, solving.table, start), polish=True)
         if again is None:
             return None
-        made, _ = self._made(request, answer.knots(again, self.shape), ticks)
-        return Solution(made, status, self.iterations) if answer.joints_within(self.problem, made) else None
+        made, _ = self._made(request, answer.knots(again, solving.whole), ticks)
+        return made if answer.joints_within(self.problem, made) else None
+
+    def _solution(self, made: Trajectory, status: str) -> Solution:
+        return Solution(made, status, self.solving.iterations)
 
     def _made(self, request: Request, found: answer.Knots, ticks: tuple[int, int]) -> tuple[Trajectory, Request]:
         """Returns the trajectory through the exact release, and the request with the aim that drag asks for."""
-        problem, slope = self.problem, self.machine.blocks["release"].slope
+        problem, slope = self.problem, machine(self.solving.whole).blocks["release"].slope
         state = (found.q[found.launch], found.qd[found.launch])
         aim = request.aim
         for _ in range(DRAG_ROUNDS if problem.drag > 0.0 else 1):

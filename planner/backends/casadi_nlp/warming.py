@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from itertools import combinations
 
 from planner.backends.casadi_nlp import codegen
-from planner.backends.casadi_nlp.assembly import Shape
+from planner.backends.casadi_nlp.assembly import GROUPS, Shape
 from planner.backends.casadi_nlp.request import BRAKE_STAGES, LAUNCH_STAGES
-from planner.backends.casadi_nlp.task import machine
+from planner.backends.casadi_nlp.solving import machine
 
-SHAPES = (
+STAGES = (
     Shape(LAUNCH_STAGES, BRAKE_STAGES),
     Shape(LAUNCH_STAGES + 1, BRAKE_STAGES + 1, window=True),
     Shape(LAUNCH_STAGES, 0),
-)  # with keep-out boxes: built with the first such request, in a few hundredths of a second
+)
+ALWAYS = GROUPS[:-1]  # with keep-out boxes: built with the first such request, in a few hundredths of a second
+SHAPES = tuple(
+    replace(stages, groups=groups)
+    for stages in STAGES
+    for size in range(len(ALWAYS) + 1)
+    for groups in combinations(ALWAYS, size)
+)
 
 
 def warm(progress: Callable[[str, float], None]) -> bool:
