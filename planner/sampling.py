@@ -1,10 +1,8 @@
 """Release states for releases that leave something free, drawn from a fixed quasi-random sequence.
 
 A `point` leaves the tool's orientation and turning free; a `target` leaves place, direction and speed free too.
-Joint velocities are weighted least-norm ones, which spread a speed over the joints that can bear it.
 """
 
-# long: points and targets draw from one sequence and share how a state is spread and kept
 from __future__ import annotations
 
 from functools import cache
@@ -19,6 +17,7 @@ from planner.kinematics import forward, inverse_branches, jacobian, singularity_
 from planner.lower_bound import least_time
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose, quaternion_to_matrix
+from planner.velocity_spread import spread_velocity
 
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -27,11 +26,7 @@ ORIENTATIONS = 96  # of the tool tried at a point
 PLACES = 1536  # joint states tried for a target
 KEPT = 48  # of them, the soonest, kept apart from one another
 APART_RAD = 0.35  # two kept states differ by this in some joint
-TAMED_EXCESS = 1.5  # [-] the maximum norm is seldom smaller than the 2-norm's largest share by more
-TAMED_MAX = 300  # states for which the smaller norm is sought
-SHARE_FLOOR = 0.1  # [-] of the largest share; smaller ones would weigh without bound
-GRAM_FLOOR = 1e-13  # [-] keeps a singular posture solvable; moves a velocity by less than 1e-9 where it matters
-TAMING_NORMS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 8.0, 8.0)
+TOO_FAST_S = 1e3  # [s] for a joint at its largest speed: every state that is too fast comes after all others
 FLIGHT_STRETCH = (1.0, 0.8, 1.25, 0.6)  # flight times tried, as shares of the slowest throw's
 
 
@@ -42,7 +37,9 @@ def point_states(problem: ThrowProblem, release: PointRelease) -> tuple[Vector, 
         Infeasible: no orientation brings the tool there.
     """
     q = _postures(problem, release.p_WT)
-    return _soonest(problem, q, spread_velocity(problem, q, np.broadcast_to(release.v_WT, (len(q), 3))))
+    qd = spread_velocity(_tool_jacobian(problem, q), problem.cell.X_WB[:3, :3].T @ release.v_WT, problem.limits.qd_max)
+    rows = _soonest(problem, q, qd)
+    return q[rows], qd[rows]
 
 
 def _postures(problem: ThrowProblem, p_WT: Vector) -> Vector:
@@ -85,25 +82,48 @@ def target_states(problem: ThrowProblem, release: TargetRelease) -> tuple[Vector
 
 
 def _flights(problem: ThrowProblem, release: TargetRelease, q: Vector, p: Vector) -> tuple[Vector, Vector]:
-    """Returns for the places (n, 3) the joint states whose flights obey the bounds, for several flight times each."""
+    """Returns for postures q (n, 6) at places p (n, 3) those joint states whose flights obey the bounds.
+
+    Raises:
+        Infeasible: there are none.
+    """
     slowest = np.sqrt(2.0 * np.linalg.norm(release.p_W - p, axis=1) / problem.gravity)
-    t = np.concatenate([stretch * slowest for stretch in FLIGHT_STRETCH])
-    q, p = np.tile(q, (len(FLIGHT_STRETCH), 1)), np.tile(p, (len(FLIGHT_STRETCH), 1))
+    t = np.outer(FLIGHT_STRETCH, slowest)
     v = launch_velocity(p, release.p_W, t, problem.gravity)
-    ok = _allowed_velocity(release, v) & (v[:, 2] < problem.gravity * t)
+    ok = _allowed_velocity(release, v) & (v[..., 2] < problem.gravity * t)
     if not ok.any():
         raise Infeasible([_no_flight(problem, release, p)])
-    q, qd, row = _soonest_rows(problem, q[ok], spread_velocity(problem, q[ok], v[ok]))
+    J, R_BW = _tool_jacobian(problem, q), problem.cell.X_WB[:3, :3].T
+    qd = spread_velocity(J, v @ R_BW.T, problem.limits.qd_max, ok)
+    stretch = _best_of_place(problem, q, qd, ok)
+    flown = np.flatnonzero(ok.any(axis=0))
+    qd = qd[stretch[flown], flown]
+    rows = _soonest(problem, q[flown], qd)
+    kept, qd = flown[rows], qd[rows]
     if problem.drag <= 0.0:
-        return q, qd
-    v = launch_velocity(p[ok][row], release.p_W, t[ok][row], problem.gravity, problem.drag)
+        return q[kept], qd
+    v = launch_velocity(p[kept], release.p_W, t[stretch[kept], kept], problem.gravity, problem.drag)
     hits = np.isfinite(v).all(axis=1) & _allowed_velocity(release, v)
-    return q[hits], spread_velocity(problem, q[hits], v[hits])
+    kept, v = kept[hits], v[hits]
+    return q[kept], spread_velocity(J[kept], v @ R_BW.T, problem.limits.qd_max)
+
+
+def _best_of_place(problem: ThrowProblem, q: Vector, qd: Vector, ok: Mask) -> NDArray[np.intp]:
+    """Returns which of the flights qd (k, n, 6) of every posture q (n, 6) is soonest, or least too fast, of those ok."""
+    excess = np.max(np.abs(qd) / problem.limits.qd_max, axis=-1)
+    bound = least_time(q - problem.start, qd, problem.limits)
+    penalty = np.where(excess <= 1.0, bound, TOO_FAST_S * excess)
+    return np.where(ok, penalty, np.inf).argmin(axis=0)
+
+
+def _tool_jacobian(problem: ThrowProblem, q: Vector) -> Vector:
+    """Returns the tool's linear Jacobian in the base (n, 3, 6) [m/rad]."""
+    return jacobian(problem.cell.robot, q, problem.cell.tool.X_FT)[:, :3, :]
 
 
 def _allowed_velocity(release: TargetRelease, v: Vector) -> Mask:
-    speed = np.linalg.norm(v, axis=1)
-    elevation = np.arctan2(v[:, 2], np.hypot(v[:, 0], v[:, 1]))
+    speed = np.linalg.norm(v, axis=-1)
+    elevation = np.arctan2(v[..., 2], np.hypot(v[..., 0], v[..., 1]))
     return (
         (speed <= release.max_speed_m_s)
         & (elevation >= release.min_elevation_rad)
@@ -111,62 +131,19 @@ def _allowed_velocity(release: TargetRelease, v: Vector) -> Mask:
     )
 
 
-def spread_velocity(problem: ThrowProblem, q: Vector, v_W: Vector) -> Vector:
-    """Returns joint velocities (n, 6) for tool velocities `v_W` (n, 3) in the world, spread over the joints.
-
-    Least squares weighted with qd_max^2; where that exceeds a limit by less than `TAMED_EXCESS`, the largest share of
-    a limit is made smaller by going from the 2-norm towards the maximum norm.
-    """
-    cell, weight = problem.cell, problem.limits.qd_max**2
-    J = jacobian(cell.robot, q, cell.tool.X_FT)[:, :3, :]
-    v_B = v_W @ cell.X_WB[:3, :3]
-    qd = _weighted(J, np.broadcast_to(weight, q.shape), v_B)
-    excess = np.max(np.abs(qd) / problem.limits.qd_max, axis=1)
-    rows = np.flatnonzero((excess > 1.0) & (excess < TAMED_EXCESS))
-    rows = rows[np.argsort(excess[rows], kind="stable")][:TAMED_MAX]
-    if len(rows):
-        tamed = _towards_maximum_norm(J[rows], weight, v_B[rows], qd[rows], problem.limits.qd_max)
-        qd[rows] = tamed
-    return qd
-
-
-def _weighted(J: Vector, weight: Vector, v: Vector) -> Vector:
-    """Returns the least-norm joint velocities (n, 6): W J^T (J W J^T)^-1 v for weights (n, 6)."""
-    gram = np.einsum("nij,nj,nkj->nik", J, weight, J)
-    gram += GRAM_FLOOR * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-    return weight * np.einsum("nij,ni->nj", J, np.linalg.solve(gram, v[..., None])[..., 0])
-
-
-def _towards_maximum_norm(J: Vector, weight: Vector, v: Vector, qd: Vector, qd_max: Vector) -> Vector:
-    """Iteratively reweighted least squares, damped. Source: Burrus, Iterative Reweighted Least Squares, 2012."""
-    for p in TAMING_NORMS:
-        share = np.abs(qd) / qd_max
-        share = np.maximum(share / share.max(axis=1, keepdims=True), SHARE_FLOOR)
-        step = _weighted(J, weight * share ** (2.0 - p), v)
-        qd = qd + (step - qd) / (p - 1.0)
-    return qd
-
-
-def _soonest(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[Vector, Vector]:
-    return _soonest_rows(problem, q, qd)[:2]
-
-
-def _soonest_rows(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[Vector, Vector, NDArray[np.intp]]:
-    """Returns the KEPT states of least bound that differ from one another, and their rows; too fast ones if all are."""
+def _soonest(problem: ThrowProblem, q: Vector, qd: Vector) -> NDArray[np.intp]:
+    """Returns the rows of the KEPT states of least bound that differ from one another; of too fast ones if all are."""
     excess = np.max(np.abs(qd) / problem.limits.qd_max, axis=1)
     usable = np.flatnonzero(excess <= 1.0)
     if len(usable) == 0:
-        best = np.argsort(excess, kind="stable")[:KEPT]
-        return q[best], qd[best], best
+        return np.argsort(excess, kind="stable")[:KEPT]
     bound = least_time(q[usable] - problem.start, qd[usable], problem.limits)
+    rest = usable[np.argsort(bound, kind="stable")]
     kept: list[int] = []
-    for i in usable[np.argsort(bound, kind="stable")]:
-        if not kept or np.abs(q[kept] - q[i]).max(axis=1).min() > APART_RAD:
-            kept.append(int(i))
-        if len(kept) == KEPT:
-            break
-    rows = np.array(kept, dtype=np.intp)
-    return q[rows], qd[rows], rows
+    while len(rest) and len(kept) < KEPT:
+        kept.append(int(rest[0]))
+        rest = rest[(np.abs(q[rest] - q[rest[0]]) > APART_RAD).any(axis=1)]
+    return np.array(kept, dtype=np.intp)
 
 
 def _within(problem: ThrowProblem, q: Vector) -> Vector:

@@ -20,7 +20,7 @@ from planner.release import Candidate
 
 Vector = NDArray[np.float64]
 
-LAUNCH_STAGES, BRAKE_STAGES = 8, 4  # source: measured; a jerk-optimal motion has few switches
+LAUNCH_STAGES, BRAKE_STAGES = 8, 3  # source: measured; a jerk-optimal motion has few switches, braking is not hurried
 BRAKE_WEIGHT = 0.05  # [-] of a second of braking against a second of launch
 JERK_WEIGHT = 1e-3  # [-] of the mean squared jerk share: takes the play out of joints that have time
 STEP_WEIGHT = 6e-2  # [-] of the mean squared deviation of a step from its first guess: keeps steps from collapsing
