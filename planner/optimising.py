@@ -16,11 +16,12 @@ from planner.search import Search
 from planner.trajectory import Trajectory
 
 MOST_SEEDS = {JointRelease: 1, PoseRelease: 6, PointRelease: 8, TargetRelease: 8}  # tried while there is no answer
+SEEDS_FIRST = 2  # tried before Ruckig's own motions are looked at, the second where the first fails
+SEEDS_ANSWERED = 3  # tried in all where Ruckig has an answer and the optimiser has none
 TIMED = 24  # candidates of least bound whose launch by Ruckig is timed; the others lie turns away
-FIRST_TRY_S = 0.6  # [s] for the first seed, a second solver included, before Ruckig's own motions are looked at
-SECOND_TRY_S = 0.12  # [s] for a further seed once there is an answer: too little for the slow second solver to begin
-FURTHER_TRY_S = 1.5  # [s] for a further seed while there is none
-WORTH = 0.995  # [-] a further seed must be able to release this much sooner than the best answer
+SEED_S = 0.4  # [s] for a seed: what its solutions take when each of them is a hard one
+STUBBORN_S = 1.5  # [s] for a seed where the slow second solver is asked too
+ROUNDS = 4  # solutions of one seed, each keeping away from what the certificate found in the one before
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,38 +33,43 @@ class Seed:
 
 
 def optimised(search: Search, seeds: list[Seed], with_ruckig: bool) -> None:
-    """Optimises from the soonest seed, certifies Ruckig's sooner motions, goes on to further seeds while there is none.
+    """Optimises from the soonest seed that leads to an answer, and certifies those Ruckig motions that are sooner.
+
+    Counts decide what is tried, the deadline only cuts off.
 
     Args:
         search: to be filled in.
         seeds: soonest first.
         with_ruckig: whether Ruckig's own motions count as answers.
     """
-    _optimise_some(search, seeds[:1], FIRST_TRY_S)
-    by_optimiser = search.best is not None
+    likely, most = seeds[:SEEDS_FIRST], MOST_SEEDS[type(search.problem.release)]
+    by_optimiser = _first_answer(search, likely, SEED_S, stubborn=False)
     if with_ruckig:
         _sooner_by_ruckig(search, seeds)
-    if not by_optimiser:
-        answered = search.best is not None
-        most = 2 if answered else MOST_SEEDS[type(search.problem.release)]
-        _optimise_some(search, seeds[1:most], SECOND_TRY_S if answered else FURTHER_TRY_S)
+    if search.best is None:
+        by_optimiser = _first_answer(search, seeds[SEEDS_FIRST:most], SEED_S, stubborn=False)
+    elif not by_optimiser:
+        _first_answer(search, seeds[SEEDS_FIRST:SEEDS_ANSWERED], SEED_S, stubborn=False)
+    if search.best is None:
+        _first_answer(search, seeds[:most], STUBBORN_S, stubborn=True)
 
 
-def _optimise_some(search: Search, seeds: list[Seed], patience_s: float) -> None:
-    """Optimises from seed after seed until one is certified."""
+def _first_answer(search: Search, seeds: list[Seed], patience_s: float, stubborn: bool) -> bool:
+    """Optimises from seed after seed until one is certified; returns whether one was."""
     begun, solved, valid, failure = time.perf_counter(), 0, 0, ""
     for seed in seeds:
         if valid or search.left_s <= 0.0:
             break
-        if seed.candidate.bound_s >= WORTH * search.release_time_s:
+        if seed.candidate.bound_s >= search.release_time_s:
             continue
         try:
-            valid += _optimise(search, seed, patience_s)
+            valid += _optimise(search, seed, patience_s, stubborn)
             solved += 1
         except SolverFailed as error:
             failure = str(error)
     result = f"{valid} of {solved} motions certified" + (f"; {failure}" if failure else "")
     search.tell("casadi", result, begun)
+    return valid > 0
 
 
 def _sooner_by_ruckig(search: Search, seeds: list[Seed]) -> None:
@@ -89,15 +95,18 @@ def by_launch_time(problem: ThrowProblem, seeds: list[Candidate]) -> list[Seed]:
     return sorted(timed, key=lambda seed: seed.ruckig_s)
 
 
-def _optimise(search: Search, seed: Seed, patience_s: float) -> bool:
-    """Solves from one seed; once more with wide margins where the certificate finds fault. Returns whether valid."""
-    warm_start = _warm_start(search.problem, seed)
+def _optimise(search: Search, seed: Seed, patience_s: float, stubborn: bool = False) -> bool:
+    """Solves from one seed; again with wider margins where the certificate finds fault. Returns whether valid."""
+    warm_start, margins = _warm_start(search.problem, seed), casadi_nlp.CLOSE
     deadline_s = min(search.deadline_s, time.perf_counter() + patience_s)
-    for wide in (False, True):
-        solution = casadi_nlp.solve(search.problem, seed.candidate, warm_start, deadline_s, wide)
-        if search.judge("casadi", solution).valid:
-            return True
-    return False
+    for _ in range(ROUNDS):
+        solution = casadi_nlp.solve(search.problem, seed.candidate, warm_start, deadline_s, margins, stubborn)
+        certificate = search.judge("casadi", solution)
+        wider = margins.widened(certificate.failures)
+        if certificate.valid or wider is None:
+            break
+        warm_start, margins = solution.trajectory, wider
+    return certificate.valid
 
 
 def _warm_start(problem: ThrowProblem, seed: Seed) -> Trajectory | None:

@@ -7,17 +7,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from planner.backends.casadi_nlp.margins import Margins
 from planner.errors import BackendUnavailable
 from planner.problem import ThrowProblem
 from planner.release import Candidate
 from planner.solution import Solution
 from planner.trajectory import Trajectory
 
-__all__ = ["solve", "warm"]
+__all__ = ["CLOSE", "Margins", "solve", "warm"]
+
+CLOSE = Margins()
 
 
 def solve(
-    problem: ThrowProblem, candidate: Candidate, warm_start: Trajectory | None, deadline_s: float, wide: bool = False
+    problem: ThrowProblem,
+    candidate: Candidate,
+    warm_start: Trajectory | None,
+    deadline_s: float,
+    margins: Margins = CLOSE,
+    stubborn: bool = False,
 ) -> Solution:
     """Returns the motion of least release time next to a candidate.
 
@@ -26,7 +34,8 @@ def solve(
         candidate: where to begin; `joint` and `pose` are held to it.
         warm_start: a motion to it, best Ruckig's; None: a plain one is made up.
         deadline_s: on `time.perf_counter`, when to stop trying.
-        wide: keep more room from torque, obstacles and floor, for when a certificate has found fault.
+        margins: kept free of what is only looked at on knots; wider ones for when a certificate has found fault.
+        stubborn: whether the slow second solver is asked where the first gives up.
 
     Raises:
         SolverFailed: no motion was found in time.
@@ -35,7 +44,7 @@ def solve(
     _require()
     from planner.backends.casadi_nlp import task
 
-    return task.solve(problem, candidate, warm_start, deadline_s, wide)
+    return task.solve(problem, candidate, warm_start, deadline_s, margins, stubborn)
 
 
 def warm(progress: Callable[[str, float], None] | None = None) -> bool:

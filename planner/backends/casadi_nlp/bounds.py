@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,16 +65,16 @@ def set_limits(bounds: Bounds, table: Table, limits: Limits) -> None:
         bounds.g[0, middle], bounds.g[1, middle] = lower, upper
 
 
-def set_groups(bounds: Bounds, table: Table, shares: tuple[float, float]) -> None:
-    """Bounds torque and tool speed to `shares` of their limits, and clearances, at knots and middles."""
+def set_groups(bounds: Bounds, table: Table, shares: tuple[float, float], least: Mapping[str, Vector]) -> None:
+    """Bounds torque and tool speed to `shares` of their limits, clearances to `least`, at knots and middles."""
     for name in ("effort", "effort_middle"):
         for k in table.shape.knots(name) if table.shape.holds(name) else ():
             rows = table.rows[name, k]
             bounds.g[0, rows[:6]], bounds.g[1, rows[:6]] = -shares[0], shares[0]
             bounds.g[1, rows[6]] = shares[1] ** 2
-    for name in ("space", "space_middle", "boxes", "boxes_middle"):
-        if table.shape.holds(name):
-            bounds.g[0, table.rows_of(name)] = 0.0
+    for group, values in least.items():
+        for name in (group, f"{group}_middle"):
+            bounds.g[0, table.rows_of(name)] = np.tile(values, len(table.shape.knots(name)))
 
 
 def set_singularity(bounds: Bounds, table: Table, signed: Vector, distance: float) -> None:

@@ -17,7 +17,7 @@ from planner.backends.casadi_nlp.layout import CAPSULE_FRAMES, KEEP_OUT, PAIRS
 
 SX = Any
 
-WIDTH = 0.004  # [m] of the soft minimum: two equal distances count 2.8 mm less
+WIDTH = 0.002  # [m] of the soft minimum: two equal distances count 1.4 mm less
 PROJECTIONS = 4  # between segment and box; the nearest point need only be near: its error counts in second order
 TINY = 1e-9  # [m^2] keeps the length of a segment and a distance away from zero
 

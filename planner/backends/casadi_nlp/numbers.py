@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from planner.backends.casadi_nlp.layout import (
     RELEASE,
     TOOL_CAPSULES,
 )
+from planner.backends.casadi_nlp.margins import Margins
 from planner.cell import Cell, Limits
 from planner.geometry import SELF_CLEARANCE_M, arm_capsules, self_collision_pairs
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
@@ -29,30 +31,41 @@ from planner.robots import Robot
 
 Vector = NDArray[np.float64]
 
+CELLS_KEPT = 32  # cells whose numbers are remembered
 UNBOUNDED = 1.0e3  # [m, m/s] stands for a bound that is not there
 
 
-def arm_numbers(cell: Cell, limits: Limits, margin_m: float = 0.0) -> Vector:
-    """Returns the `ARM` vector. `margin_m` is added to every clearance asked for."""
-    around, robot = cell.surroundings, cell.robot
-    boxes = around.keep_in
+NO_MARGINS = Margins(torque=1.0, tcp_speed=1.0, floor_m=0.0, self_m=0.0, keep_in_m=0.0, box_m=0.0, singularity=1.0)
+
+
+def arm_numbers(cell: Cell, limits: Limits, margins: Margins = NO_MARGINS) -> Vector:
+    """Returns the `ARM` vector, with the margins added to every clearance asked for."""
+    boxes = cell.surroundings.keep_in
     lower = np.max([box.lower for box in boxes], axis=0) if boxes else np.full(3, -UNBOUNDED)
     upper = np.min([box.upper for box in boxes], axis=0) if boxes else np.full(3, UNBOUNDED)
-    R_WB = cell.X_WB[:3, :3]
     return ARM.pack({
-        "dh": [robot.d[0], robot.a[1], robot.a[2], robot.d[3], robot.d[4], robot.d[5]],
-        "tcp": cell.tool.X_FT[:3, 3],
-        "links": link_numbers(cell),
-        "gravity": R_WB.T @ [0.0, 0.0, around.gravity_m_s2],
+        **_cell_numbers(cell),
         "torque": limits.tau_max,
         "speed": limits.tcp_speed_max,
+        "floor": cell.surroundings.floor_z_m + cell.surroundings.clearance_m + margins.floor_m,
+        "self_clearance": SELF_CLEARANCE_M + margins.self_m,
+        "keep_in": np.concatenate([lower + margins.keep_in_m, upper - margins.keep_in_m]),
+    })
+
+
+@lru_cache(maxsize=CELLS_KEPT)
+def _cell_numbers(cell: Cell) -> dict[str, Vector]:
+    """Returns those pieces of `ARM` that are the cell's alone."""
+    robot, R_WB = cell.robot, cell.X_WB[:3, :3]
+    return {
+        "dh": np.array([robot.d[0], robot.a[1], robot.a[2], robot.d[3], robot.d[4], robot.d[5]]),
+        "tcp": cell.tool.X_FT[:3, 3],
+        "links": link_numbers(cell),
+        "gravity": R_WB.T @ [0.0, 0.0, cell.surroundings.gravity_m_s2],
         "base": np.concatenate([R_WB.T.ravel(), cell.X_WB[:3, 3]]),
         "capsules": capsule_numbers(cell),
         "pairs": pair_numbers(cell),
-        "floor": around.floor_z_m + around.clearance_m + margin_m,
-        "self_clearance": SELF_CLEARANCE_M + margin_m,
-        "keep_in": np.concatenate([lower + margin_m, upper - margin_m]),
-    })
+    }
 
 
 def link_numbers(cell: Cell) -> Vector:

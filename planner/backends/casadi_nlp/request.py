@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from planner.backends.casadi_nlp import bounds as bound
 from planner.backends.casadi_nlp import numbers
 from planner.backends.casadi_nlp.assembly import GROUPS, Shape, Table
-from planner.backends.casadi_nlp.layout import QD, QDD, STEP, TIME, TIME_SCALE
+from planner.backends.casadi_nlp.layout import NZ, QD, QDD, STEP, TIME, TIME_SCALE, Q
+from planner.backends.casadi_nlp.margins import Margins
 from planner.backends.casadi_nlp.stages import COST
 from planner.cell import Limits
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
@@ -27,19 +28,6 @@ STEP_WEIGHT = 6e-2  # [-] of the mean squared deviation of a step from its first
 WINDOW_SHARE = 0.55  # [-] of the landing tolerance, in each of two directions (0.78 together), at the window's ends
 DRIFT_SHARE = 0.3  # [-] of tolerance over window, for the change of the landing with the instant
 FALL_MIN = 0.05  # [m^2/s^2] least discriminant: below, the object only grazes the plane
-SINGULARITY_ROOM = 1.03  # [-] of the distance asked, at the knots around the release
-
-
-@dataclass(frozen=True)
-class Margins:
-    """What is kept free of the limits that are only looked at on knots and middles."""
-
-    shares: tuple[float, float] = (0.98, 0.985)  # of torque and of tool speed
-    clearance_m: float = 0.0005
-    box_m: float = 0.003  # a hand passes a corner between two looks
-
-
-CLOSE, WIDE = Margins(), Margins((0.94, 0.96), 0.006, 0.03)
 
 
 def whole_shape(problem: ThrowProblem) -> Shape:
@@ -83,11 +71,11 @@ def arguments(request: Request, table: Table, start: Start) -> dict[str, Any]:
     """Returns what a solver is called with."""
     problem, b = request.problem, bound.free_bounds(table)
     bound.set_limits(b, table, request.limits)
-    bound.set_groups(b, table, request.margins.shares)
+    bound.set_groups(b, table, (request.margins.torque, request.margins.tcp_speed), _spare(request, table))
     bound.fix_ends(b, table, problem.start)
     bound.set_steps(b, table, start.steps)
     if not problem.ends_at_rest:
-        distance = SINGULARITY_ROOM * request.limits.singularity_distance_min
+        distance = request.margins.singularity * request.limits.singularity_distance_min
         bound.set_singularity(b, table, numbers.singular_sides(problem.cell.robot, request.candidate.q), distance)
     _set_release(b, table, request)
     if problem.is_robust:
@@ -103,13 +91,38 @@ def arguments(request: Request, table: Table, start: Start) -> dict[str, Any]:
 
 
 def _parameters(request: Request, table: Table, start: Start) -> Vector:
-    cell, margin = request.problem.cell, request.margins.clearance_m
+    cell = request.problem.cell
     return np.concatenate([
-        numbers.arm_numbers(cell, request.limits, margin),
+        numbers.arm_numbers(cell, request.limits, request.margins),
         numbers.release_numbers(request.problem, request.aim),
         numbers.box_numbers(cell, request.margins.box_m),
         _costs(table, start),
     ])
+
+
+def _spare(request: Request, table: Table) -> dict[str, Vector]:
+    """Returns by group the least values that the clearances need to have (3,) and (1,) [m]: 0, or what is given.
+
+    The optimiser's distances are smaller than the true ones by some millimetres: where the start, or a release that is
+    asked for, is nearer than that to something, the way between is not held to more.
+    """
+    cell, problem = request.problem.cell, request.problem
+    given = [problem.start]
+    if isinstance(problem.release, JointRelease | PoseRelease):
+        given.append(request.candidate.q)
+    arm = numbers.arm_numbers(cell, request.limits)
+    numbers_of = {"space": arm, "boxes": np.concatenate([arm, numbers.box_numbers(cell)])}
+    spare = {}
+    for group in (group for group in numbers_of if table.shape.holds(group)):
+        values = [np.array(table.blocks[group].value(_standing(q), numbers_of[group])).ravel() for q in given]
+        spare[group] = np.minimum(np.min(values, axis=0), 0.0)
+    return spare
+
+
+def _standing(q: Vector) -> Vector:
+    z = np.zeros(NZ)
+    z[Q] = q
+    return z
 
 
 def _costs(table: Table, start: Start) -> Vector:

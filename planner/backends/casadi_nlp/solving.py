@@ -24,7 +24,7 @@ Vector = NDArray[np.float64]
 Call = dict[str, Any]
 
 # source of the options: measured on random problems; the LU tolerance keeps fatrop 1.1.8 from an endless factorisation
-FATROP = {"tolerance": 1e-4, "mu_init": 1e-3, "max_iter": 100, "linsol_lu_fact_tol": 1e-2}
+FATROP = {"tolerance": 1e-4, "mu_init": 1e-3, "max_iter": 70, "linsol_lu_fact_tol": 1e-2}
 POLISH = {**FATROP, "mu_init": 1e-4, "max_iter": 40}  # begins near its optimum
 IPOPT = {"tol": 1e-5, "mu_init": 1e-3, "max_iter": 80}
 SECOND_TRY_S = 0.15  # [s] of time left that IPOPT is worth
@@ -87,13 +87,13 @@ class Solving:
         whole: the shape with every group of rows; a call is made for it.
         deadline_s: on `time.perf_counter`.
         groups: held so far.
+        stubborn: whether the slow second solver is asked where the first gives up.
         iterations: spent so far.
         status: how the last solver ended, in words.
     """
 
-    def __init__(self, whole: Shape, deadline_s: float) -> None:
-        self.whole, self.deadline_s = whole, deadline_s
-        self.groups: frozenset[str] = frozenset()
+    def __init__(self, whole: Shape, deadline_s: float, groups: frozenset[str], stubborn: bool) -> None:
+        self.whole, self.deadline_s, self.groups, self.stubborn = whole, deadline_s, groups, stubborn
         self.iterations = 0
         self.status = ""
 
@@ -108,16 +108,16 @@ class Solving:
         return self.deadline_s - time.perf_counter()
 
     def solve(self, call: Call) -> Vector:
-        """Returns the variables (N + 1, NZ) of the solution; IPOPT's where fatrop gives up.
+        """Returns the variables (N + 1, NZ) of the solution; where fatrop gives up, IPOPT's if that is wanted.
 
         Args:
             call: what a solver of the whole problem is called with.
 
         Raises:
-            SolverFailed: both gave up, or time ran out.
+            SolverFailed: they gave up, or time ran out.
         """
         z = self.lazily(call, polish=False)
-        if z is None and self.left_s > SECOND_TRY_S:
+        if z is None and self.stubborn and self.left_s > SECOND_TRY_S:
             z = self._call("ipopt", _ipopt(self.whole), call)
         if z is None:
             raise SolverFailed(self.status or "out of time", self.iterations)

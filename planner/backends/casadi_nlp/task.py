@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp import answer, exactness
 from planner.backends.casadi_nlp.layout import STEP, TIME, TIME_SCALE
-from planner.backends.casadi_nlp.request import CLOSE, WIDE, Margins, Request, Start, arguments, guess, whole_shape
+from planner.backends.casadi_nlp.margins import Margins
+from planner.backends.casadi_nlp.request import Request, Start, arguments, guess, whole_shape
 from planner.backends.casadi_nlp.solving import Solving, machine
 from planner.ballistics import fly
 from planner.errors import SolverFailed
@@ -28,7 +29,12 @@ DRAG_ROUNDS = 3  # corrections of the aim for drag; each leaves a tenth of the e
 
 
 def solve(
-    problem: ThrowProblem, candidate: Candidate, warm_start: Trajectory | None, deadline_s: float, wide: bool = False
+    problem: ThrowProblem,
+    candidate: Candidate,
+    warm_start: Trajectory | None,
+    deadline_s: float,
+    margins: Margins,
+    stubborn: bool,
 ) -> Solution:
     """Returns the motion of least release time next to a candidate. See docs/optimal-control.md.
 
@@ -37,13 +43,13 @@ def solve(
         candidate: where to begin; `joint` and `pose` are held to it.
         warm_start: a motion to it, best Ruckig's; None: a plain one is made up.
         deadline_s: on `time.perf_counter`, when to stop trying.
-        wide: keep more room from what is only looked at on knots, for when a certificate has found fault.
+        margins: kept free of what is only looked at on knots.
+        stubborn: whether the slow second solver is asked where the first gives up.
 
     Raises:
-        SolverFailed: neither solver found a motion in time.
+        SolverFailed: no motion was found in time.
     """
-    margins = WIDE if wide else CLOSE
-    solving = Solving(whole_shape(problem), deadline_s)
+    solving = Solving(whole_shape(problem), deadline_s, margins.held, stubborn)
     motion = _motion(problem, candidate, warm_start)
     if problem.is_robust:
         motion = _without_window(problem, candidate, motion, solving, margins)
@@ -58,7 +64,7 @@ def _without_window(
 ) -> dict[str, Any]:
     """Returns the best motion for the nominal instant alone, from which the window is easily found."""
     nominal = replace(problem, release_window_s=0.0, landing_tolerance_m=0.0)
-    first = Solving(whole_shape(nominal), solving.deadline_s)
+    first = Solving(whole_shape(nominal), solving.deadline_s, solving.groups, solving.stubborn)
     start = guess(first.table, nominal, motion)
     try:
         z = first.solve(arguments(_request(nominal, candidate, margins), first.table, start))
