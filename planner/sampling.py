@@ -23,7 +23,7 @@ Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 ORIENTATIONS = 96  # of the tool tried at a point
-PLACES = 1536  # joint states tried for a target
+PLACES = 1024  # joint states tried for a target
 KEPT = 48  # of them, the soonest, kept apart from one another
 APART_RAD = 0.35  # two kept states differ by this in some joint
 TOO_FAST_S = 1e3  # [s] for a joint at its largest speed: every state that is too fast comes after all others
