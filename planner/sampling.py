@@ -109,7 +109,7 @@ def _flights(problem: ThrowProblem, release: TargetRelease, q: Vector, p: Vector
 
 
 def _best_of_place(problem: ThrowProblem, q: Vector, qd: Vector, ok: Mask) -> NDArray[np.intp]:
-    """Returns which of the flights qd (k, n, 6) of every posture q (n, 6) is soonest, or least too fast, of those ok."""
+    """Returns which of the flights qd (k, n, 6) of every posture q (n, 6) is soonest, or least too fast."""
     excess = np.max(np.abs(qd) / problem.limits.qd_max, axis=-1)
     bound = least_time(q - problem.start, qd, problem.limits)
     penalty = np.where(excess <= 1.0, bound, TOO_FAST_S * excess)

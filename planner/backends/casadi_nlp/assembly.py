@@ -32,13 +32,13 @@ class Shape:
     Attributes:
         launch: stages before the release.
         brake: stages after it.
-        window: whether the first stages on either side of the release are a release window.
+        window: stages on either side of the release that make up a release window.
         groups: those of `GROUPS` that it holds.
     """
 
     launch: int = 8
     brake: int = 4
-    window: bool = False
+    window: int = 0
     groups: tuple[str, ...] = ()
 
     @property
@@ -53,7 +53,7 @@ class Shape:
 
     def knots(self, block: str) -> range:
         """Returns the stages on which a block applies."""
-        around = 1 if self.window else 0
+        around = self.window
         return {
             "motion": range(self.stages), "cost": range(self.stages),
             **{group: range(1, self.stages + 1) for group in GROUPS},

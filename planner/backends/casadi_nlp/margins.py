@@ -12,7 +12,7 @@ from planner.certificate import Check
 
 SPARE_M = 0.001  # [m] added to what was lacking: the next solution passes elsewhere
 SPARE_SHARE = 0.01  # [-] likewise of a limit
-LEAST_SHARE = 0.6  # [-] of a limit below which a margin is no remedy
+LEAST_SHARE = {"torque": 0.6, "tcp_speed": 0.6, "window": 0.1}  # [-] of a limit below which a margin is no remedy
 MOST_M = 0.1  # [m] likewise, beyond which a clearance's margin is none
 GROUPS = {  # which rows a check is about, and the margin that keeps it
     "joint_torque": ("effort", "torque"),
@@ -22,6 +22,7 @@ GROUPS = {  # which rows a check is about, and the margin that keeps it
     "keep_in": ("space", "keep_in_m"),
     "keep_out": ("boxes", "box_m"),
     "singularity_distance": ("", "singularity"),
+    "landing_window": ("", "window"),
 }
 
 
@@ -37,6 +38,7 @@ class Margins:
         keep_in_m: likewise.
         box_m: likewise: a hand passes a corner between two looks.
         singularity: multiple of the distance asked for [-].
+        window: share of the landing tolerance that may be used at the window's ends, in each of two directions [-].
         held: groups of rows known to matter.
     """
 
@@ -47,6 +49,7 @@ class Margins:
     keep_in_m: float = 0.0005
     box_m: float = 0.003
     singularity: float = 1.03
+    window: float = 0.55
     held: frozenset[str] = frozenset()
 
     def widened(self, failures: Iterable[Check]) -> Margins | None:
@@ -57,9 +60,9 @@ class Margins:
                 return None
             group, name = GROUPS[check.name]
             now = getattr(made, name)
-            if name in ("torque", "tcp_speed"):
+            if name in LEAST_SHARE:
                 wide = now * check.limit / check.value - SPARE_SHARE
-                if wide < LEAST_SHARE:
+                if wide < LEAST_SHARE[name]:
                     return None
             elif name == "singularity":
                 wide = now + (check.limit - check.value) / check.limit + SPARE_SHARE

@@ -25,8 +25,8 @@ LAUNCH_STAGES, BRAKE_STAGES = 8, 3  # source: measured; a jerk-optimal motion ha
 BRAKE_WEIGHT = 0.05  # [-] of a second of braking against a second of launch
 JERK_WEIGHT = 1e-3  # [-] of the mean squared jerk share: takes the play out of joints that have time
 STEP_WEIGHT = 6e-2  # [-] of the mean squared deviation of a step from its first guess: keeps steps from collapsing
-WINDOW_SHARE = 0.55  # [-] of the landing tolerance, in each of two directions (0.78 together), at the window's ends
-DRIFT_SHARE = 0.3  # [-] of tolerance over window, for the change of the landing with the instant
+WINDOW_STAGES = 1  # on either side of the release; two or three release 1 % sooner and fail in every fourth case
+DRIFT_SHARE = 1.0  # [-] of tolerance over window, for the change of the landing with the instant
 FALL_MIN = 0.05  # [m^2/s^2] least discriminant: below, the object only grazes the plane
 
 
@@ -35,8 +35,8 @@ def whole_shape(problem: ThrowProblem) -> Shape:
     groups = GROUPS if problem.cell.surroundings.keep_out else GROUPS[:-1]
     if problem.ends_at_rest:
         return Shape(LAUNCH_STAGES, 0, False, groups)
-    extra = 1 if problem.is_robust else 0
-    return Shape(LAUNCH_STAGES + extra, BRAKE_STAGES + extra, problem.is_robust, groups)
+    extra = WINDOW_STAGES if problem.is_robust else 0
+    return Shape(LAUNCH_STAGES + extra, BRAKE_STAGES + extra, extra, groups)
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def arguments(request: Request, table: Table, start: Start) -> dict[str, Any]:
         bound.set_singularity(b, table, numbers.singular_sides(problem.cell.robot, request.candidate.q), distance)
     _set_release(b, table, request)
     if problem.is_robust:
-        _set_window(b, table, problem)
+        _set_window(b, table, problem, request.margins.window * problem.landing_tolerance_m)
     if start.times is not None:
         b.x[:, table.shape.launch, TIME] = start.times[0] / TIME_SCALE
         b.x[:, -1, TIME] = start.times[1] / TIME_SCALE
@@ -169,16 +169,17 @@ def _set_target(b: bound.Bounds, table: Table, release: TargetRelease) -> None:
         b.g[:, bound.release_row(table, "position")] = release.release_position
 
 
-def _set_window(b: bound.Bounds, table: Table, problem: ThrowProblem) -> None:
+def _set_window(b: bound.Bounds, table: Table, problem: ThrowProblem, miss_m: float) -> None:
     """Holds the landing of a release one window early and late, and its change with the instant."""
     window, tolerance, k = problem.release_window_s, problem.landing_tolerance_m, table.shape.launch
-    for offset in (-1, 1):
+    stages = table.shape.window
+    for offset in (o for o in range(-stages, stages + 1) if o):
         rows = bound.release_row(table, "landing", offset)
-        b.g[0, rows], b.g[1, rows] = -WINDOW_SHARE * tolerance, WINDOW_SHARE * tolerance
+        b.g[0, rows], b.g[1, rows] = -miss_m, miss_m
         b.g[0, bound.release_row(table, "falls", offset)] = FALL_MIN
     rows, drift = bound.release_row(table, "drift"), DRIFT_SHARE * tolerance / window
     b.g[0, rows], b.g[1, rows] = -drift, drift
-    b.x[:, k - 1 : k + 1, STEP] = window / TIME_SCALE
+    b.x[:, k - stages : k + stages, STEP] = window / stages / TIME_SCALE
 
 
 def guess(table: Table, problem: ThrowProblem, at: Mapping[str, Any]) -> Start:
@@ -190,9 +191,10 @@ def guess(table: Table, problem: ThrowProblem, at: Mapping[str, Any]) -> Start:
         at: "release_s", "end_s" [s] and "state", a function of times (k,) that gives q, qd, qdd (k, 6).
     """
     shape, release, end = table.shape, at["release_s"], at["end_s"]
-    window = problem.release_window_s if shape.window else 0.0
-    inner = 1 if shape.window else 0
-    launch = np.linspace(0.0, max(release - window, release / 2), shape.launch - inner + 1)
-    brake = np.linspace(min(release + window, (release + end) / 2), end, shape.brake - inner + 1)
-    t = np.concatenate([launch, [release], brake] if inner else [launch, brake[1:]])
+    window, inner = problem.release_window_s if table.shape.window else 0.0, table.shape.window
+    first, last = max(release - window, release / 2), min(release + window, (release + end) / 2)
+    launch = np.linspace(0.0, first, shape.launch - inner + 1)
+    before, after = np.linspace(first, release, inner + 1), np.linspace(release, last, inner + 1)
+    brake = np.linspace(last, end, shape.brake - inner + 1)
+    t = np.concatenate([launch, before[1:], after[1:], brake[1:]])
     return Start(bound.variables(t, at["state"](t)), np.diff(t))

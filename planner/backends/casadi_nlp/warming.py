@@ -8,12 +8,12 @@ from itertools import combinations
 
 from planner.backends.casadi_nlp import codegen
 from planner.backends.casadi_nlp.assembly import GROUPS, Shape
-from planner.backends.casadi_nlp.request import BRAKE_STAGES, LAUNCH_STAGES
+from planner.backends.casadi_nlp.request import BRAKE_STAGES, LAUNCH_STAGES, WINDOW_STAGES
 from planner.backends.casadi_nlp.solving import machine
 
 STAGES = (
     Shape(LAUNCH_STAGES, BRAKE_STAGES),
-    Shape(LAUNCH_STAGES + 1, BRAKE_STAGES + 1, window=True),
+    Shape(LAUNCH_STAGES + WINDOW_STAGES, BRAKE_STAGES + WINDOW_STAGES, WINDOW_STAGES),
     Shape(LAUNCH_STAGES, 0),
 )
 ALWAYS = GROUPS[:-1]  # with keep-out boxes: built with the first such request, in a few hundredths of a second

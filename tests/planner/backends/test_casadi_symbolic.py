@@ -54,16 +54,16 @@ def test_torques_of_every_arm(cell: Cell) -> None:
                       apart * (p_FT @ p_FT * np.eye(3) - np.outer(p_FT, p_FT)))
     gravity_B = cell.X_WB[:3, :3].T @ [0.0, 0.0, -cell.surroundings.gravity_m_s2]
     expected = joint_torques(cell.robot, q, qd, qdd, gravity_B, payload)
-    rows = _rows("knot", z, numbers.arm_numbers(cell, cell.limits))
+    rows = _rows("effort", z, numbers.arm_numbers(cell, cell.limits))
     assert rows[:6] * cell.limits.tau_max == pytest.approx(expected, abs=1e-9)
 
 
 def test_tool_speed_and_clearances(cell: Cell) -> None:
     q, qd, _, z = _state(2)
-    rows = _rows("knot", z, numbers.arm_numbers(cell, cell.limits))
+    p = numbers.arm_numbers(cell, cell.limits)
     v = jacobian(cell.robot, q, cell.tool.X_FT)[:3] @ qd
-    assert rows[6] * cell.limits.tcp_speed_max**2 == pytest.approx(v @ v)
-    assert rows[7] == pytest.approx(_self_distance(cell, q) - SELF_CLEARANCE_M, abs=0.012)
+    assert _rows("effort", z, p)[6] * cell.limits.tcp_speed_max**2 == pytest.approx(v @ v)
+    assert _rows("space", z, p)[0] == pytest.approx(_self_distance(cell, q) - SELF_CLEARANCE_M, abs=0.006)
 
 
 def _self_distance(cell: Cell, q: np.ndarray) -> float:
@@ -84,7 +84,7 @@ def test_soft_distances_are_never_larger_than_the_true_ones() -> None:
     p = numbers.arm_numbers(cell, cell.limits)
     for seed in range(40):
         q, _, _, z = _state(seed)
-        assert _rows("knot", z, p)[7] <= _self_distance(cell, q) - SELF_CLEARANCE_M + 1e-6
+        assert _rows("space", z, p)[0] <= _self_distance(cell, q) - SELF_CLEARANCE_M + 1e-6
 
 
 def test_release_rows(cell: Cell) -> None:
@@ -106,7 +106,11 @@ def test_release_rows(cell: Cell) -> None:
     assert rows["drift"] == pytest.approx(drift[:2], abs=1e-4)
 
 
-SHAPES = (assembly.Shape(), assembly.Shape(9, 5, window=True, boxes=True), assembly.Shape(8, 0))
+SHAPES = (
+    assembly.Shape(),
+    assembly.Shape(9, 5, window=1, groups=assembly.GROUPS),
+    assembly.Shape(8, 0, groups=("effort",)),
+)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -141,6 +145,6 @@ def _smooth_multipliers(table: assembly.Table, rng: np.random.Generator) -> np.n
     """Multipliers that leave out the rows whose curvature is left out."""
     lam = rng.normal(size=table.size)
     for (name, _), rows in table.rows.items():
-        if name in ("knot", "middle", "boxes", "boxes_middle", "singular_middle"):
+        if name.removesuffix("_middle") in assembly.GROUPS or name == "singular_middle":
             lam[rows] = 0.0
     return lam
