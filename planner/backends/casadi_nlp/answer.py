@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.backends.casadi_nlp.assembly import Shape
 from planner.backends.casadi_nlp.layout import QD, QD_SCALE, QDD, QDD_SCALE, TIME, TIME_SCALE, Q
+from planner.backends.casadi_nlp.table import Shape
 from planner.grid import onto_grid
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory, join

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp import throw
-from planner.backends.casadi_nlp.assembly import WATCHED, Table
 from planner.backends.casadi_nlp.layout import (
     JERK,
     JERK_SCALE,
@@ -24,6 +23,7 @@ from planner.backends.casadi_nlp.layout import (
     TIME_SCALE,
     Q,
 )
+from planner.backends.casadi_nlp.table import WATCHED, Table
 from planner.cell import Limits
 
 Vector = NDArray[np.float64]

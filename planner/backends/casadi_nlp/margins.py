@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-
-from planner.certificate import Check
+from typing import Protocol
 
 SPARE_M = 0.001  # [m] added to what was lacking: the next solution passes elsewhere
 SPARE_SHARE = 0.01  # [-] likewise of a limit
@@ -24,6 +23,25 @@ GROUPS = {  # which rows a check is about, and the margin that keeps it
     "singularity_distance": ("", "singularity"),
     "landing_window": ("", "window"),
 }
+
+
+class Finding(Protocol):
+    """A failed check, of whatever judge: its name, the worst value, the limit it is held against."""
+
+    @property
+    def name(self) -> str:
+        """Of the contract, such as "floor"."""
+        ...
+
+    @property
+    def value(self) -> float:
+        """The worst value."""
+        ...
+
+    @property
+    def limit(self) -> float:
+        """What it is held against."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -52,7 +70,7 @@ class Margins:
     window: float = 0.55
     held: frozenset[str] = frozenset()
 
-    def widened(self, failures: Iterable[Check]) -> Margins | None:
+    def widened(self, failures: Iterable[Finding]) -> Margins | None:
         """Returns the margins after what a certificate found, None where a margin is no remedy."""
         made = self
         for check in failures:

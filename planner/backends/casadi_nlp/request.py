@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp import bounds as bound
 from planner.backends.casadi_nlp import numbers
-from planner.backends.casadi_nlp.assembly import GROUPS, Shape, Table
 from planner.backends.casadi_nlp.layout import NZ, QD, QDD, STEP, TIME, TIME_SCALE, Q
 from planner.backends.casadi_nlp.margins import Margins
 from planner.backends.casadi_nlp.stages import COST
+from planner.backends.casadi_nlp.table import GROUPS, Shape, Table
 from planner.cell import Limits
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.release import Candidate

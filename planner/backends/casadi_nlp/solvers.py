@@ -7,8 +7,8 @@ from typing import Any
 
 import casadi as ca
 
-from planner.backends.casadi_nlp.assembly import Table
 from planner.backends.casadi_nlp.layout import NU, NX
+from planner.backends.casadi_nlp.table import Table
 
 # Everything is differentiated by the blocks; casadi must not try.
 QUIET = {"print_time": False, "error_on_fail": False, "calc_lam_p": False, "calc_lam_x": False}

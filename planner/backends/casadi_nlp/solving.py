@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp import codegen, solvers
-from planner.backends.casadi_nlp.assembly import Shape, Table, assemble
+from planner.backends.casadi_nlp.assembly import assemble
 from planner.backends.casadi_nlp.blocks import Block, interpreted
 from planner.backends.casadi_nlp.layout import NX, NZ, Q
+from planner.backends.casadi_nlp.table import Shape, Table
 from planner.errors import SolverFailed
 
 Vector = NDArray[np.float64]

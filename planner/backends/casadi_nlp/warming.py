@@ -7,9 +7,9 @@ from dataclasses import replace
 from itertools import combinations
 
 from planner.backends.casadi_nlp import codegen
-from planner.backends.casadi_nlp.assembly import GROUPS, Shape
 from planner.backends.casadi_nlp.request import BRAKE_STAGES, LAUNCH_STAGES, WINDOW_STAGES
 from planner.backends.casadi_nlp.solving import machine
+from planner.backends.casadi_nlp.table import GROUPS, Shape
 
 STAGES = (
     Shape(LAUNCH_STAGES, BRAKE_STAGES),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from planner import ballistics
-from planner.backends.casadi_nlp import assembly, blocks, layout, numbers, throw
+from planner.backends.casadi_nlp import assembly, blocks, layout, numbers, table, throw
 from planner.cell import Cell, load_cell
 from planner.dynamics import Payload, joint_torques
 from planner.geometry import (
@@ -107,20 +107,20 @@ def test_release_rows(cell: Cell) -> None:
 
 
 SHAPES = (
-    assembly.Shape(),
-    assembly.Shape(9, 5, window=1, groups=assembly.GROUPS),
-    assembly.Shape(8, 0, groups=("effort",)),
+    table.Shape(),
+    table.Shape(9, 5, window=1, groups=table.GROUPS),
+    table.Shape(8, 0, groups=("effort",)),
 )
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-def test_derivatives_of_the_whole_problem(shape: assembly.Shape) -> None:
+def test_derivatives_of_the_whole_problem(shape: table.Shape) -> None:
     cell = load_cell(CELLS / "ur5e-sim.toml")
-    functions, table = assembly.assemble(shape, blocks.interpreted())
+    functions, places = assembly.assemble(shape, blocks.interpreted())
     rng = np.random.default_rng(5)
     x = rng.normal(size=(shape.stages + 1, layout.NZ)) * 0.4
     x[:, layout.STEP] = rng.uniform(0.2, 0.6, shape.stages + 1)
-    x = x.ravel()[: table.variables]
+    x = x.ravel()[: places.variables]
     release = layout.RELEASE.pack({"target": [1, 0, -2], "gravity_z": 9.81, "tan_elevation": [0.1, 1.0]})
     costs = np.tile([1.0, 1e-3, 1e-2, 0.4], shape.stages)
     p = np.concatenate([numbers.arm_numbers(cell, cell.limits), release, numbers.box_numbers(cell), costs])
@@ -134,17 +134,17 @@ def test_derivatives_of_the_whole_problem(shape: assembly.Shape) -> None:
     assert np.array(jac @ along).ravel() == pytest.approx(difference("g"), abs=1e-5)
     slope = np.array(functions["grad_f"](x, p)).ravel()
     assert slope @ along == pytest.approx(float(difference("f")[0]), rel=1e-6)
-    lam = _smooth_multipliers(table, rng)
+    lam = _smooth_multipliers(places, rng)
     gradient, hessian = functions["hess_l"](x, p, 1.0, lam)
     assert np.array(gradient).ravel() == pytest.approx(slope + np.array(jac.T @ lam).ravel())
     ends = [np.array(functions["hess_l"](x + s * along, p, 1.0, lam)[0]).ravel() for s in (step, -step)]
     assert np.array(hessian @ along).ravel() == pytest.approx((ends[0] - ends[1]) / (2 * step), abs=1e-5)
 
 
-def _smooth_multipliers(table: assembly.Table, rng: np.random.Generator) -> np.ndarray:
+def _smooth_multipliers(places: table.Table, rng: np.random.Generator) -> np.ndarray:
     """Multipliers that leave out the rows whose curvature is left out."""
-    lam = rng.normal(size=table.size)
-    for (name, _), rows in table.rows.items():
-        if name.removesuffix("_middle") in assembly.GROUPS or name == "singular_middle":
+    lam = rng.normal(size=places.size)
+    for (name, _), rows in places.rows.items():
+        if name.removesuffix("_middle") in table.GROUPS or name == "singular_middle":
             lam[rows] = 0.0
     return lam
