@@ -37,7 +37,7 @@ def point_states(problem: ThrowProblem, release: PointRelease) -> tuple[Vector, 
         Infeasible: no orientation brings the tool there.
     """
     q = _postures(problem, release.p_WT)
-    qd = spread_velocity(_tool_jacobian(problem, q), problem.cell.X_WB[:3, :3].T @ release.v_WT, problem.limits.qd_max)
+    qd = spread_velocity(tool_jacobian(problem, q), problem.cell.X_WB[:3, :3].T @ release.v_WT, problem.limits.qd_max)
     rows = _soonest(problem, q, qd)
     return q[rows], qd[rows]
 
@@ -93,7 +93,7 @@ def _flights(problem: ThrowProblem, release: TargetRelease, q: Vector, p: Vector
     ok = _allowed_velocity(release, v) & (v[..., 2] < problem.gravity * t)
     if not ok.any():
         raise Infeasible([_no_flight(problem, release, p)])
-    J, R_BW = _tool_jacobian(problem, q), problem.cell.X_WB[:3, :3].T
+    J, R_BW = tool_jacobian(problem, q), problem.cell.X_WB[:3, :3].T
     qd = spread_velocity(J, v @ R_BW.T, problem.limits.qd_max, ok)
     stretch = _best_of_place(problem, q, qd, ok)
     flown = np.flatnonzero(ok.any(axis=0))
@@ -116,7 +116,7 @@ def _best_of_place(problem: ThrowProblem, q: Vector, qd: Vector, ok: Mask) -> ND
     return np.where(ok, penalty, np.inf).argmin(axis=0)
 
 
-def _tool_jacobian(problem: ThrowProblem, q: Vector) -> Vector:
+def tool_jacobian(problem: ThrowProblem, q: Vector) -> Vector:
     """Returns the tool's linear Jacobian in the base (n, 3, 6) [m/rad]."""
     return jacobian(problem.cell.robot, q, problem.cell.tool.X_FT)[:, :3, :]
 
