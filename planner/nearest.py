@@ -37,6 +37,7 @@ OF_THE_PLACE = (
     "keep_out",
     "self_collision",
 )  # not cured by slowing down
+UNDER_M = 0.2  # from under the tool at the start, towards the target: an easy throw
 COMFORTABLE_REACH = 0.6  # [-] of the arm's: places there have many postures
 
 
@@ -174,12 +175,19 @@ def _farthest(
 
 
 def _nearer_targets(problem: ThrowProblem, release: TargetRelease) -> Iterator[Way]:
-    """Yields ways from places that are easily hit: in the target's direction, and in the tool's at the start."""
+    """Yields ways from places that are easily hit: in the target's direction, in the tool's, under the tool."""
     cell, farthest = problem.cell, _farthest_throw(problem, release)
     tool = (cell.X_WB @ forward(cell.robot, problem.start, cell.tool.X_FT))[:3, 3]
-    for direction in (release.p_W, tool):
-        easy = _comfortable(problem, direction, release.p_W[2])
-        yield lambda share, easy=easy: replace(release, p_W=_between(easy, farthest, share))
+    under = np.array([*_within(tool[:2], release.p_W[:2], UNDER_M), release.p_W[2]])
+    releases = [release] if release.release_position is None else [release, replace(release, release_position=None)]
+    for asked in releases:
+        for direction in (release.p_W, tool):
+            yield partial(_target_between, asked, _comfortable(problem, direction, release.p_W[2]), farthest)
+        yield partial(_target_between, asked, under, farthest)
+
+
+def _target_between(release: TargetRelease, near: Vector, far: Vector, share: float) -> Release:
+    return replace(release, p_W=_between(near, far, share))
 
 
 def _comfortable(problem: ThrowProblem, direction: Vector, height: float) -> Vector:

@@ -7,7 +7,7 @@ certifies those of Ruckig's motions that would release sooner still.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 from planner.certificate import Certificate, certify
@@ -22,6 +22,8 @@ from planner.trajectory import Trajectory
 
 NEAREST_TIME_S = 1.0  # [s] spent at most on finding what can be done instead
 NEAREST_SEEDS = 6  # candidates tried for each share
+OPTIMISING = ("auto", "casadi")
+ROBUST_TIME_S = 0.3  # [s] for the optimiser to show that a target can be hit robustly
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +96,12 @@ def _with_nearest(search: Search, refusal: Infeasible) -> Infeasible:
 def _certifiable(problem: ThrowProblem, thorough: bool) -> bool:
     """Whether one of the first few candidates gives a certified motion, by Ruckig for a back end that optimises.
 
-    The gentlest way comes first; the others are tried where it is worth a thorough look.
+    The gentlest way comes first; the others are tried where it is worth a thorough look. A landing that must hold for
+    a window of releases is the optimiser's alone: it is asked where Ruckig shows that the target can be hit at all.
     """
+    if problem.is_robust and problem.backend in OPTIMISING:
+        nominal = replace(problem, release_window_s=0.0)
+        return _certifiable(nominal, thorough) and _optimisable(problem)
     ways = WAYS.get(problem.backend, WAYS["ruckig"])[::-1]
     try:
         seeds = candidates(problem)[: NEAREST_SEEDS if thorough else NEAREST_SEEDS // 2]
@@ -108,3 +114,10 @@ def _certifiable(problem: ThrowProblem, thorough: bool) -> bool:
         except SolverFailed:
             continue
     return False
+
+
+def _optimisable(problem: ThrowProblem) -> bool:
+    """Whether the optimiser gives a certified motion from its first seed."""
+    search = Search(problem, time.perf_counter() + ROBUST_TIME_S)
+    optimised(search, by_launch_time(problem, candidates(problem))[:1], with_ruckig=False)
+    return search.best is not None

@@ -39,23 +39,65 @@ def test_the_same_request_has_the_same_plan():
     assert first.certificate == second.certificate
 
 
-@pytest.mark.parametrize(
-    "release",
-    [
-        PointRelease(np.array([0.5, 0.2, 0.5]), np.array([6.0, 0.0, 2.0])),
-        PointRelease(np.array([2.0, 0.2, 0.5]), np.array([0.3, 0.0, 0.2])),
-        JointRelease(cell().home + 0.3, np.array([3.5, 0.0, 0.0, 0.0, 0.0, 0.0])),
-        TargetRelease(np.array([9.0, 0.0, 0.0])),
-    ],
-    ids=["too fast", "too far", "joint too fast", "target too far"],
-)
-def test_a_refusal_offers_something_that_certifies(release):
-    problem = joint_problem(release=release)
+FAR_POSE = PoseRelease(np.eye(4) + 2.0 * np.eye(4, k=3), np.array([0.5, -0.6, 0.7, 0.0, 0.0, 0.0]))
+REFUSED = {
+    "point too fast": ("ur5e-sim", {"release": PointRelease(np.array([0.5, 0.2, 0.5]), np.array([6.0, 0.0, 2.0]))}),
+    "point too far": ("ur10e-sim", {"release": PointRelease(np.array([3.0, 0.2, 0.5]), np.array([0.8, 0.5, 0.6]))}),
+    "joint too fast": ("ur5e-sim", {"release": JointRelease(cell().home + 0.3, 3.5 * np.eye(6)[0])}),
+    "joint outside its range": ("ur5e-sim", {"release": JointRelease(cell().home + 5.0 * np.eye(6)[2], np.ones(6))}),
+    "pose too far, UR3e": ("ur3e-sim", {"release": FAR_POSE}),
+    "pose too far, UR10e": ("ur10e-sim", {"release": FAR_POSE}),
+    "pose too fast": ("ur5-sim", {"release": PoseRelease(np.eye(4) + 0.4 * np.eye(4, k=3), np.full(6, 4.0))}),
+    "target too far": ("ur5e-sim", {"release": TargetRelease(np.array([9.0, 0.0, 0.0]))}),
+    "target too far from its place": (
+        "ur10e-sim",
+        {"release": TargetRelease(np.array([9.0, 1.0, 0.0]), release_position=np.array([0.4, 0.2, 0.4]))},
+    ),
+    "robust target too far": (
+        "ur5e-sim",
+        {
+            "release": TargetRelease(np.array([9.0, 0.0, 0.0])),
+            "release_window_s": 0.02,
+            "landing_tolerance_m": 0.01,
+        },
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_refusal_offers_something_that_certifies(case):
+    arm, changes = REFUSED[case]
+    problem = joint_problem(arm, **changes)
     with pytest.raises(Infeasible) as refusal:
         plan(problem)
     assert refusal.value.violations
     assert refusal.value.nearest is not None
-    assert plan(problem_from_request(refusal.value.nearest, problem.cell)).certificate.valid
+    nearest = problem_from_request(refusal.value.nearest, problem.cell)
+    assert nearest.is_robust == problem.is_robust
+    assert plan(nearest).certificate.valid
+
+
+def test_the_nearest_place_is_at_the_edge_of_what_the_arm_reaches():
+    asked = np.array([3.0, 0.3, 0.5])
+    problem = joint_problem(release=PointRelease(asked, np.array([0.0, 0.3, 0.3])))
+    with pytest.raises(Infeasible) as refusal:
+        plan(problem)
+    assert refusal.value.nearest is not None
+    found = refusal.value.nearest["release"]
+    np.testing.assert_allclose(found["velocity"], [0.0, 0.3, 0.3])
+    shoulder = np.array([0.0, 0.0, problem.cell.robot.d[0]])
+    assert 0.75 < np.linalg.norm(np.array(found["position"]) - shoulder) < 1.35
+    assert np.dot(found["position"], asked) / np.linalg.norm(asked) > 0.7
+
+
+def test_the_nearest_target_is_in_the_direction_asked_for_and_far():
+    problem = joint_problem(release=TargetRelease(np.array([6.0, 6.0, 0.0])))
+    with pytest.raises(Infeasible) as refusal:
+        plan(problem)
+    assert refusal.value.nearest is not None
+    x, y, z = refusal.value.nearest["release"]["position"]
+    assert (y, z) == (pytest.approx(x), 0.0)
+    assert np.hypot(x, y) > 1.4
 
 
 def test_a_pose_below_the_floor_names_the_floor():
