@@ -1,0 +1,82 @@
+"""Bounds on how far torques, singularity distances and landing points stray, against dense differences; distances
+against a dense look by the plain functions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planner.ballistics import landing_points
+from planner.cell import Box
+from planner.certificate import certify, tool_state
+from planner.certificate.bounds import joint_rates
+from planner.certificate.loads import loads_of
+from planner.certificate.motion import Motion
+from planner.certificate.throw import _landing_curvature
+from planner.certificate.tool import _singularity_rates, _torque_curvature, payload_of
+from planner.dynamics import joint_torques
+from planner.geometry import body_capsules, capsule_endpoints, segment_box_distance
+from planner.kinematics import signed_singularity_distances
+from planner.problem import TargetRelease
+from tests.planner.test_certificate import random_trajectories
+
+DOWN = np.array([0.0, 0.0, -9.81])
+
+
+def second_differences(function, trajectory):
+    """Second derivative of f(q, qd, qdd) (n, k) in the middle of every tick, and the steps' noise allowed."""
+    h = trajectory.dt / 40.0
+    middles = (trajectory.t[:-1] + trajectory.dt / 2.0)[:, None] + h * np.arange(-1, 2)
+    f = function(*trajectory.at(middles))
+    return (f[:, 2] - 2.0 * f[:, 1] + f[:, 0]) / h**2
+
+
+def test_torques_stray_no_further_than_their_bound():
+    for problem, trajectory in random_trajectories(3, seed=15):
+        robot, held = problem.cell.robot, payload_of(Motion(problem, trajectory), with_object=True)
+        curvature = second_differences(lambda *s: joint_torques(robot, *s, DOWN, held), trajectory)  # noqa: B023
+        bound = _torque_curvature(loads_of(problem.cell), joint_rates(trajectory), problem.gravity)
+        assert np.all(np.abs(curvature) <= bound.T + 1e-2)
+
+
+def test_singularity_distances_stray_no_further_than_their_bound():
+    for problem, trajectory in random_trajectories(3, seed=16):
+        robot = problem.cell.robot
+        curvature = second_differences(lambda q, qd, qdd: signed_singularity_distances(robot, q), trajectory)  # noqa: B023
+        assert np.all(np.abs(curvature) <= _singularity_rates(robot, joint_rates(trajectory)).T + 1e-4)
+
+
+def test_the_landing_point_strays_no_further_than_its_bound():
+    for problem, trajectory in random_trajectories(6, seed=17):
+        thrown = replace(problem, release=TargetRelease(np.zeros(3)), release_window_s=0.01, landing_tolerance_m=0.01)
+        delays = np.linspace(-0.01, 0.01, 201)
+        q, qd, _ = trajectory.at(trajectory.release_time_s + delays)
+        X_WT, V_WT = tool_state(thrown, q, qd)
+        landed = landing_points(X_WT[:, :3, 3], V_WT[:, :3], 0.0, 9.81)
+        if not np.isfinite(landed).all():
+            continue
+        motion = Motion(thrown, trajectory)
+        bound = _landing_curvature(motion, motion.look_at(trajectory.release_time_s + delays))
+        curvature = np.diff(landed, n=2, axis=0) / (delays[1] - delays[0]) ** 2
+        assert np.linalg.norm(curvature, axis=1).max() <= bound * (1.0 + 1e-6) + 1e-2
+
+
+def test_distances_from_boxes_are_those_of_a_dense_look():
+    boxes = (
+        Box(np.array([-0.9, 0.35, 0.0]), np.array([0.9, 0.9, 1.2])),
+        Box(np.array([0.15, -0.6, 0.5]), np.array([0.5, 0.2, 0.9])),
+    )
+    for problem, trajectory in random_trajectories(6, seed=18):
+        around = replace(problem.cell.surroundings, keep_out=boxes, clearance_m=0.001)
+        boxed = replace(problem, cell=replace(problem.cell, surroundings=around))
+        capsules = [c for c in body_capsules(boxed.cell.robot, boxed.cell.tool.capsules) if c.frame > 0]
+        t = np.linspace(0.0, trajectory.duration_s, 4 * len(trajectory.q))
+        ends = capsule_endpoints(boxed.cell.robot, capsules, trajectory.at(t)[0], boxed.cell.X_WB)
+        gaps = [segment_box_distance(ends[..., 0, :], ends[..., 1, :], b.lower, b.upper) for b in boxes]
+        least = float((np.min(gaps, axis=0) - [c.radius_m for c in capsules]).min())
+        check = certify(boxed, trajectory).check("keep_out")
+        if least < 0.001:
+            assert not check.ok
+        else:
+            assert check.value == pytest.approx(least, abs=0.01)
+            assert check.value >= least - 1e-3 or not check.ok
