@@ -79,6 +79,8 @@ def _sooner_by_ruckig(search: Search, seeds: list[Seed]) -> None:
         if seed.ruckig_s >= search.release_time_s or search.left_s <= 0.0:
             break
         for launch in ruckig_otg.LAUNCHES:
+            if launch == ruckig_otg.SPARE and search.best is not None:
+                continue
             try:
                 solution = ruckig_otg.solve(search.problem, seed.candidate, launch)
             except SolverFailed:

@@ -15,9 +15,11 @@ from planner.solution import Solution
 
 Solve = Callable[[ThrowProblem, Candidate], Solution]
 
+SPARE = partial(ruckig_otg.solve, launch=ruckig_otg.SPARE)  # tried only while there is no answer
+
 # Every way of every back end that answers for one candidate at a time, in the order in which they are tried.
 WAYS: dict[str, tuple[Solve, ...]] = {
-    "ruckig": tuple(partial(ruckig_otg.solve, launch=launch) for launch in ruckig_otg.LAUNCHES),
+    "ruckig": (*(partial(ruckig_otg.solve, launch=launch) for launch in ruckig_otg.LAUNCHES[:-1]), SPARE),
     "toppra": tuple(partial(toppra_path.solve, path=path) for path in toppra_path.PATHS),
     **{profile: (partial(profiles.solve, profile=profile),) for profile in profiles.PROFILES},
 }
@@ -30,6 +32,8 @@ def one_by_one(search: Search, backend: str, seeds: list[Candidate]) -> None:
         if seed.bound_s >= search.release_time_s or search.left_s <= 0.0:
             break
         for solve in WAYS[backend]:
+            if solve is SPARE and search.best is not None:
+                continue
             try:
                 solution = solve(search.problem, seed)
             except (SolverFailed, Infeasible) as error:

@@ -28,6 +28,7 @@ Vector = NDArray[np.float64]
 State = tuple[Vector, Vector, Vector]
 
 LAUNCHES = ("synchronised", "independent", "gentle")
+SPARE = LAUNCHES[-1]  # never the soonest: for where the others are not certified
 GENTLE_SPEED, GENTLE = 0.6, 0.5  # [-] of the limits on velocity, and on acceleration and jerk
 TICKS_MAX = 20_000  # a phase longer than this is no throw
 
