@@ -18,6 +18,7 @@ from planner.trajectory import Trajectory
 MOST_SEEDS = {JointRelease: 1, PoseRelease: 6, PointRelease: 8, TargetRelease: 8}  # tried while there is no answer
 SEEDS_FIRST = 2  # tried before Ruckig's own motions are looked at, the second where the first fails
 SEEDS_ANSWERED = 3  # tried in all where Ruckig has an answer and the optimiser has none
+RUCKIG_FIRST = 6  # seeds whose motions by Ruckig are looked at before more seeds are optimised
 TIMED = 24  # candidates of least bound whose launch by Ruckig is timed; the others lie turns away
 SEED_S = 0.4  # [s] for a seed: what its solutions take when each of them is a hard one
 STUBBORN_S = 1.5  # [s] for a seed where the slow second solver is asked too
@@ -42,14 +43,15 @@ def optimised(search: Search, seeds: list[Seed], with_ruckig: bool) -> None:
         seeds: soonest first.
         with_ruckig: whether Ruckig's own motions count as answers.
     """
-    likely, most = seeds[:SEEDS_FIRST], MOST_SEEDS[type(search.problem.release)]
-    by_optimiser = _first_answer(search, likely, SEED_S, stubborn=False)
+    most = MOST_SEEDS[type(search.problem.release)]
+    by_optimiser = _first_answer(search, seeds[:SEEDS_FIRST], SEED_S, stubborn=False)
     if with_ruckig:
-        _sooner_by_ruckig(search, seeds)
-    if search.best is None:
-        by_optimiser = _first_answer(search, seeds[SEEDS_FIRST:most], SEED_S, stubborn=False)
-    elif not by_optimiser:
-        _first_answer(search, seeds[SEEDS_FIRST:SEEDS_ANSWERED], SEED_S, stubborn=False)
+        _sooner_by_ruckig(search, seeds if by_optimiser else seeds[:RUCKIG_FIRST])
+    if not by_optimiser:
+        further = seeds[SEEDS_FIRST : most if search.best is None else SEEDS_ANSWERED]
+        _first_answer(search, further, SEED_S, stubborn=False)
+        if with_ruckig:
+            _sooner_by_ruckig(search, seeds[RUCKIG_FIRST:])
     if search.best is None:
         _first_answer(search, seeds[:most], STUBBORN_S, stubborn=True)
 
@@ -104,7 +106,7 @@ def _optimise(search: Search, seed: Seed, patience_s: float, stubborn: bool = Fa
     for _ in range(ROUNDS):
         solution = casadi_nlp.solve(search.problem, seed.candidate, warm_start, deadline_s, margins, stubborn)
         certificate = search.judge("casadi", solution)
-        wider = margins.widened(certificate.failures)
+        wider = margins.widened(certificate.failures, solution)
         if certificate.valid or wider is None:
             break
         warm_start, margins = solution.trajectory, wider

@@ -7,7 +7,6 @@ import pytest
 
 from planner.cell import Box
 from planner.planning import plan
-from planner.problem import JointRelease
 from tests.benchmarks.judge import wrongs
 from tests.benchmarks.sets import build
 from tests.benchmarks.variants import varied_tasks

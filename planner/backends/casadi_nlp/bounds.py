@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +23,7 @@ from planner.backends.casadi_nlp.layout import (
     TIME_SCALE,
     Q,
 )
+from planner.backends.casadi_nlp.margins import LOCAL, Spot
 from planner.backends.casadi_nlp.table import WATCHED, Table
 from planner.cell import Limits
 
@@ -30,6 +31,7 @@ Vector = NDArray[np.float64]
 
 STEP_SHARES = (0.15, 2.5)  # [-] of a first guess's step: a step may not collapse, nor swallow its neighbours
 WATCH_S = 0.052  # [s] that the watched stages before the release last at least: the certificate looks 0.05 s back
+SPOT_STAGES = 1.0  # either side of where a margin was lacking
 POSITION_ROOM = 1e-3  # [rad] kept free of a joint's limit
 
 
@@ -75,6 +77,23 @@ def set_groups(bounds: Bounds, table: Table, shares: tuple[float, float], least:
     for group, values in least.items():
         for name in (group, f"{group}_middle"):
             bounds.g[0, table.rows_of(name)] = np.tile(values, len(table.shape.knots(name)))
+
+
+def set_spots(bounds: Bounds, table: Table, spots: Iterable[Spot]) -> None:
+    """Keeps more free at the knots and middles within a stage of each spot."""
+    shape = table.shape
+    for spot in spots:
+        group, first, last = LOCAL[spot.check]
+        stages = shape.launch * min(spot.share, 1.0) + shape.brake * max(spot.share - 1.0, 0.0)
+        for name, offset in ((group, 0.0), (f"{group}_middle", 0.5)):
+            for k in table.shape.knots(name):
+                if abs(k + offset - stages) > SPOT_STAGES:
+                    continue
+                rows = table.rows[name, k][first:last]
+                if group == "effort":
+                    bounds.g[1, rows] -= spot.amount
+                if spot.check != "tcp_speed":
+                    bounds.g[0, rows] += spot.amount
 
 
 def set_singularity(bounds: Bounds, table: Table, signed: Vector, distance: float) -> None:

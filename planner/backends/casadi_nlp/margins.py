@@ -9,19 +9,21 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+from planner.solution import Solution
+from planner.trajectory import Trajectory
+
 SPARE_M = 0.001  # [m] added to what was lacking: the next solution passes elsewhere
 SPARE_SHARE = 0.01  # [-] likewise of a limit
-LEAST_SHARE = {"torque": 0.6, "tcp_speed": 0.6, "window": 0.1}  # [-] of a limit below which a margin is no remedy
-MOST_M = 0.1  # [m] likewise, beyond which a clearance's margin is none
-GROUPS = {  # which rows a check is about, and the margin that keeps it
-    "joint_torque": ("effort", "torque"),
-    "tcp_speed": ("effort", "tcp_speed"),
-    "floor": ("space", "floor_m"),
-    "self_collision": ("space", "self_m"),
-    "keep_in": ("space", "keep_in_m"),
-    "keep_out": ("boxes", "box_m"),
-    "singularity_distance": ("", "singularity"),
-    "landing_window": ("", "window"),
+PASSED_ON = 1.5  # [-] what was lacking between two looks takes more than as much at them
+MOST_SHARE = 0.4  # [-] of a limit, beyond which keeping away from it is no remedy
+MOST_M = 0.1  # [m] likewise of a clearance
+LOCAL = {  # which group of rows a check is about, and the first and last of them
+    "joint_torque": ("effort", 0, 6),
+    "tcp_speed": ("effort", 6, 7),
+    "self_collision": ("space", 0, 1),
+    "floor": ("space", 1, 2),
+    "keep_in": ("space", 2, 3),
+    "keep_out": ("boxes", 0, 1),
 }
 
 
@@ -43,6 +45,26 @@ class Finding(Protocol):
         """What it is held against."""
         ...
 
+    @property
+    def at_s(self) -> float | None:
+        """When [s]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Spot:
+    """Where on the way more is to be kept free, and how much.
+
+    Attributes:
+        check: of `LOCAL`.
+        share: of the launch's time, up to 1; 1 and on: of the brake's.
+        amount: of the limit [-], or of the clearance [m].
+    """
+
+    check: str
+    share: float
+    amount: float
+
 
 @dataclass(frozen=True)
 class Margins:
@@ -57,7 +79,8 @@ class Margins:
         box_m: likewise: a hand passes a corner between two looks.
         singularity: multiple of the distance asked for [-].
         window: share of the landing tolerance that may be used at the window's ends, in each of two directions [-].
-        held: groups of rows known to matter.
+        spots: where more was lacking.
+        known: groups of rows that turned out to matter.
     """
 
     torque: float = 0.98
@@ -68,25 +91,33 @@ class Margins:
     box_m: float = 0.003
     singularity: float = 1.03
     window: float = 0.55
-    held: frozenset[str] = frozenset()
+    spots: tuple[Spot, ...] = ()
+    known: frozenset[str] = frozenset()
 
-    def widened(self, failures: Iterable[Finding]) -> Margins | None:
-        """Returns the margins after what a certificate found, None where a margin is no remedy."""
-        made = self
+    @property
+    def held(self) -> frozenset[str]:
+        """Groups of rows to be held from the beginning."""
+        return self.known | {LOCAL[spot.check][0] for spot in self.spots}
+
+    def widened(self, failures: Iterable[Finding], solution: Solution) -> Margins | None:
+        """Returns the margins after what a certificate found in a solution, None where a margin is no remedy."""
+        made: Margins | None = replace(self, known=self.known | solution.held)
         for check in failures:
-            if check.name not in GROUPS:
-                return None
-            group, name = GROUPS[check.name]
-            now = getattr(made, name)
-            if name in LEAST_SHARE:
-                wide = now * check.limit / check.value - SPARE_SHARE
-                if wide < LEAST_SHARE[name]:
-                    return None
-            elif name == "singularity":
-                wide = now + (check.limit - check.value) / check.limit + SPARE_SHARE
-            else:
-                wide = now + check.limit - check.value + SPARE_M
-                if wide > MOST_M:
-                    return None
-            made = replace(made, held=made.held | ({group} if group else set()), **{name: wide})
+            made = made and made._after(check, solution.trajectory)
         return made
+
+    def _after(self, check: Finding, failed: Trajectory) -> Margins | None:
+        lacking = abs(check.value - check.limit)
+        if check.name == "singularity_distance":
+            return replace(self, singularity=self.singularity + lacking / check.limit + SPARE_SHARE)
+        if check.name == "landing_window" and check.value < 2.0 * check.limit:
+            return replace(self, window=self.window * check.limit / check.value - SPARE_SHARE)
+        if check.name not in LOCAL or check.at_s is None:
+            return None
+        relative = LOCAL[check.name][0] == "effort"
+        amount = lacking / check.limit + SPARE_SHARE if relative else PASSED_ON * lacking + SPARE_M
+        if amount > (MOST_SHARE if relative else MOST_M):
+            return None
+        at, release_s, end_s = check.at_s, failed.release_time_s, failed.duration_s
+        share = at / release_s if at <= release_s else 1.0 + (at - release_s) / (end_s - release_s)
+        return replace(self, spots=(*self.spots, Spot(check.name, share, amount)))

@@ -72,6 +72,7 @@ def arguments(request: Request, table: Table, start: Start) -> dict[str, Any]:
     problem, b = request.problem, bound.free_bounds(table)
     bound.set_limits(b, table, request.limits)
     bound.set_groups(b, table, (request.margins.torque, request.margins.tcp_speed), _spare(request, table))
+    bound.set_spots(b, table, request.margins.spots)
     bound.fix_ends(b, table, problem.start)
     bound.set_steps(b, table, start.steps)
     if not problem.ends_at_rest:

@@ -78,13 +78,13 @@ def effort(z: SX, p: SX) -> Rows:
 
 def effort_middle(z: SX, p: SX) -> Rows:
     """The same rows in the middle of the step; all their curvature is left out: little is lost, half the time saved."""
-    return _uncurved(_effort_rows(after(z, 0.5), ARM.split(p)))
+    return _effort_rows(after(z, 0.5), ARM.split(p))
 
 
 def _effort_rows(s: State, a: dict[str, SX]) -> Rows:
     tau = arm.torques(a["dh"], a["links"], a["gravity"], s.q, s.qd, s.qdd) / a["torque"]
     v = arm.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd).velocity
-    return Rows(ca.vertcat(tau, ca.sumsqr(v) / a["speed"] ** 2), clearance.Held(), TORQUE_ROWS)
+    return Rows(ca.vertcat(tau, ca.sumsqr(v) / a["speed"] ** 2), clearance.Held())
 
 
 def space(z: SX, p: SX) -> Rows:
@@ -94,7 +94,7 @@ def space(z: SX, p: SX) -> Rows:
 
 def space_middle(z: SX, p: SX) -> Rows:
     """The same rows in the middle of the step; their curvature is left out."""
-    return _uncurved(_space_rows(after(z, 0.5), ARM.split(p)))
+    return _space_rows(after(z, 0.5), ARM.split(p))
 
 
 def _space_rows(s: State, a: dict[str, SX]) -> Rows:
@@ -143,7 +143,7 @@ def singular(z: SX, p: SX) -> Rows:
 
 def singular_middle(z: SX, p: SX) -> Rows:
     """The same rows in the middle of the step; their curvature is left out."""
-    return _uncurved(_singular_rows(after(z, 0.5).q, p))
+    return _singular_rows(after(z, 0.5).q, p)
 
 
 def _singular_rows(q: SX, p: SX) -> Rows:

@@ -125,7 +125,7 @@ class _Task:
         return made if answer.joints_within(self.problem, made) else None
 
     def _solution(self, made: Trajectory, status: str) -> Solution:
-        return Solution(made, status, self.solving.iterations)
+        return Solution(made, status, self.solving.iterations, self.solving.groups)
 
     def _made(self, request: Request, found: answer.Knots, ticks: tuple[int, int]) -> tuple[Trajectory, Request]:
         """Returns the trajectory through the exact release, and the request with the aim that drag asks for."""

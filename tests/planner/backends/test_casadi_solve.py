@@ -41,15 +41,16 @@ def _solve(problem: ThrowProblem, seeds: int = 3) -> tuple[Trajectory, Candidate
         while margins is not None and len(story) < 12:
             deadline_s = time.perf_counter() + GENEROUS_S
             try:
-                made = casadi_nlp.solve(problem, candidate, guess, deadline_s, margins, stubborn=True).trajectory
+                solution = casadi_nlp.solve(problem, candidate, guess, deadline_s, margins, stubborn=True)
             except SolverFailed as error:
                 story.append(error.status)
                 break
+            made = solution.trajectory
             failures = certify(problem, made).failures
             if not failures:
                 return made, candidate, rough
             story.append(str(failures))
-            guess, margins = made, margins.widened(failures)
+            guess, margins = made, margins.widened(failures, solution)
     pytest.fail(f"no candidate gave a certified motion: {story}")
 
 
