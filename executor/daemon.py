@@ -19,6 +19,7 @@ from store import ExecutionRow, Store, StoreUnavailable, new_id
 
 POLL_S = 0.02  # [s] between two looks for a queued execution
 TELEMETRY_S = 0.04  # [s] between two telemetry events: 25 Hz
+STORE_GONE_S = 1.0  # [s] a database that did not answer is left alone: asking it may take five seconds each time
 HARMLESS = ("completed", "refused")  # ends that need no person to look, nor does an abort that ended in order
 
 STATES = ("preparing", "approaching", "streaming", "braking")  # as the contract has them, in order
@@ -33,6 +34,7 @@ class Daemon:
         self.station, self.store, self.journal = station, store, journal
         self.cell = station.cell.name
         self.executor_id = new_id()
+        self._store_gone_until = 0.0
         eyes = Station.of(station.cell, station.settings, station.monitor)
         self.heartbeat = Heartbeat(eyes, store, journal, self.executor_id)
 
@@ -134,10 +136,12 @@ class Daemon:
         self.heartbeat.beat()
         self._tell(lambda: self.journal.deliver(self.store))
 
-    @staticmethod
-    def _tell(call: Callable[[], T]) -> T | None:
-        """Calls the store; None where the database is gone: the robot does not wait for it."""
+    def _tell(self, call: Callable[[], T]) -> T | None:
+        """Calls the store; None where the database is gone: the robot does not wait for it, nor ask again at once."""
+        if time.monotonic() < self._store_gone_until:
+            return None
         try:
             return call()
         except StoreUnavailable:
+            self._store_gone_until = time.monotonic() + STORE_GONE_S
             return None

@@ -21,7 +21,7 @@ LIMITS = replace(
 joints = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6).map(np.array)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=25, deadline=None)
 @given(st.lists(joints, min_size=2, max_size=4), st.sampled_from([0.002, 0.008]))
 def test_it_rests_in_every_point_and_keeps_the_limits(points, dt):
     points = np.array(points)

@@ -198,7 +198,17 @@ class Rig:
             dashboard.ask("power on")
             dashboard.ask("brake release")
             dashboard.close()
-        self.until_told(lambda robot: robot.get("refusals") == [])
+
+    def throw_when_ready(self, release: Mapping[str, Any] = NUDGE) -> ExecutionRow:
+        """Throws as soon as the executor sees that its robot is in order again."""
+        rows: list[ExecutionRow] = []
+
+        def accepted() -> bool:
+            rows.append(self.throw(release))
+            return rows[-1].outcome != "refused"
+
+        self.until(accepted, READY_WITHIN_S, period=0.05)
+        return rows[-1]
 
     def until_told(self, condition: Callable[[Mapping[str, Any]], object]) -> None:
         """Waits until the executor tells, of now, a live state for which `condition` holds."""

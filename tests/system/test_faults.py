@@ -65,7 +65,7 @@ def test_in_mid_launch_every_fault_is_a_stop(rig: Rig, fault: Fault) -> None:
     assert len(rig.world()["releases"]) == released
     assert latched.outcome == "refused"
     assert "latched" in latched.reason
-    following = rig.throw(NUDGE)
+    following = rig.throw_when_ready()
     assert following.outcome == "completed", following.reason
 
 
@@ -87,7 +87,7 @@ def test_preflight_refuses_in_words(rig: Rig, name: str, parameters: dict, word:
     assert row.outcome == "refused"
     assert word in row.reason
     assert rig.state()["q"] == pytest.approx(before, abs=1e-9)
-    assert rig.throw(NUDGE).outcome == "completed"  # a refusal latches nothing
+    assert rig.throw_when_ready().outcome == "completed"  # a refusal latches nothing
 
 
 def test_registers_in_use_are_a_refusal(rig: Rig) -> None:  # R15
@@ -112,7 +112,7 @@ def test_a_gripper_that_does_not_open_releases_nothing(rig: Rig) -> None:  # H10
     assert row.metrics is not None
     assert row.metrics["landing_point"] is None
     assert len(rig.world()["releases"]) == released
-    assert rig.throw(NUDGE).outcome == "completed"
+    assert rig.throw_when_ready().outcome == "completed"
 
 
 def test_an_arm_that_lags_more_than_the_cell_says_is_stopped(own_rig: Rig) -> None:  # R13

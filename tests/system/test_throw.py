@@ -27,6 +27,10 @@ def test_a_throw_lands_where_it_was_planned(rig: Rig, mode: str) -> None:
     assert row.metrics["landing_error_m"] < LANDING_M
     assert row.metrics["release_velocity_error_share"] < RELEASE_SHARE
     assert row.metrics["landing_point"] == pytest.approx(LOB["position"], abs=2 * LANDING_M)
+    plan = orjson.loads(rig.store.plan(row.plan_id).document)
+    told = plan["release"]["command_time_s"] + row.metrics["gripper_command_late_s"]
+    assert row.metrics["gripper_commanded_s"] == pytest.approx(told, abs=1e-9)
+    assert row.metrics["gripper_opened_s"] == pytest.approx(plan["release_time_s"], abs=0.002)
     states = [e.data["state"] for e in rig.store.events(row.id) if e.kind == "state"]
     assert states == ["queued", "preparing", "approaching", "streaming", "braking", "finished"]
 
@@ -67,16 +71,6 @@ def test_a_throw_that_lost_its_commands_says_so(rig: Rig) -> None:
     assert row.metrics["release_velocity_error_share"] > RELEASE_SHARE
     assert row.metrics["landing_error_m"] > LANDING_M
     rig.acknowledge()
-
-
-def test_the_gripper_is_told_at_its_time(rig: Rig) -> None:
-    row = rig.throw(LOB)
-    assert row.metrics is not None
-    plan = orjson.loads(rig.store.plan(row.plan_id).document)
-    assert row.metrics["gripper_commanded_s"] == pytest.approx(
-        plan["release"]["command_time_s"] + row.metrics["gripper_command_late_s"], abs=1e-9
-    )
-    assert row.metrics["gripper_opened_s"] == pytest.approx(plan["release_time_s"], abs=0.002)
 
 
 def test_a_move_that_ends_at_rest_releases_nothing(rig: Rig) -> None:

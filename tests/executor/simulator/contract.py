@@ -331,11 +331,16 @@ def tool_centre_point(c: Client) -> None:
     assert c.control.setTcp(before)
 
 
-def flange_pose_and_pose_trans(c: Client) -> None:
-    c.control.getActualToolFlangePose()  # the first answer of a real-time query may be what was in the registers before
+def answered(query: Callable[[], list[float]]) -> list[float]:
+    """Returns the second answer of a real-time query: the first may be what was in the registers before."""
+    query()
     time.sleep(0.05)
-    flange = c.control.getActualToolFlangePose()
-    tool = c.control.poseTrans(flange, c.control.getTCPOffset())
+    return query()
+
+
+def flange_pose_and_pose_trans(c: Client) -> None:
+    flange, offset = answered(c.control.getActualToolFlangePose), answered(c.control.getTCPOffset)
+    tool = c.control.poseTrans(flange, offset)
     assert math.dist(tool[:3], c.receive.getActualTCPPose()[:3]) < POSE_TOLERANCE_M
 
 
