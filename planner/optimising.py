@@ -106,11 +106,13 @@ def _optimise(search: Search, seed: Seed, patience_s: float, stubborn: bool = Fa
     for _ in range(ROUNDS):
         solution = casadi_nlp.solve(search.problem, seed.candidate, warm_start, deadline_s, margins, stubborn)
         certificate = search.judge("casadi", solution)
+        if certificate.valid:
+            return True
         wider = margins.widened(certificate.failures, solution)
-        if certificate.valid or wider is None:
-            break
+        if wider is None:
+            return False
         warm_start, margins = solution.trajectory, wider
-    return certificate.valid
+    return False
 
 
 def _warm_start(problem: ThrowProblem, seed: Seed) -> Trajectory | None:
