@@ -2,19 +2,23 @@
 
 `pytest tests/executor/simulator/test_contract.py --controller HOST` runs the calls against URSim or a real controller
 instead, but for those that stop the robot or drive it into something. The arm moves by less than 0.15 rad: give it
-room first.
+room first. The simulated versions are called side by side, each call as soon as the one before has ended: they mostly
+wait for an arm.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 from .conftest import Start
 from .contract import CALLS, SIMULATED_ONLY, Client, move_until_contact
 
-VERSIONS = [("ur5", "3.15"), ("ur5e", "5.11.1"), ("ur5e", "5.22")]
+VERSIONS = {"3.15": "ur5", "5.11.1": "ur5e", "5.22": "ur5e"}
+Call = Callable[[Client], None]
+Verdicts = dict[tuple[str, Call], Exception | None]
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -22,34 +26,53 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "call" not in metafunc.fixturenames:
         return
     host = metafunc.config.getoption("--controller", default=None)
-    targets = [host] if host else VERSIONS
-    calls = CALLS if host else [*CALLS, *SIMULATED_ONLY]
-    names = [host] if host else [version for _, version in VERSIONS]
-    metafunc.parametrize("client", targets, ids=names, indirect=True, scope="module")
-    metafunc.parametrize("call", calls, ids=lambda call: call.__name__)
+    metafunc.parametrize("target", [host] if host else VERSIONS)
+    metafunc.parametrize("call", CALLS if host else [*CALLS, *SIMULATED_ONLY], ids=lambda call: call.__name__)
 
 
 @pytest.fixture(scope="module")
-def client(request: pytest.FixtureRequest, start_simulator: Start) -> Iterator[Client]:
-    """A client of a simulator, which has met no malformed package and skipped no cycle at the end."""
-    if isinstance(request.param, str):
-        connected = Client.connect(request.param)
-        yield connected
-        connected.close()
-        return
-    robot, version = request.param
-    simulator = start_simulator(robot, ("--protective-stop-lock-s", "0.2"), polyscope=version)
-    connected = Client.connect(simulator.host)
-    yield connected
-    connected.close()
-    assert simulator.ask("stats")["malformed_packages"] == 0, simulator.ask("events")
+def verdicts(request: pytest.FixtureRequest, start_simulator: Start) -> Verdicts:
+    """What came of every call that is asked for. At the end no simulator has met a malformed package."""
+    asked: dict[str, list[Call]] = {}
+    for item in request.session.items:
+        params = item.callspec.params if isinstance(item, pytest.Function) and hasattr(item, "callspec") else {}
+        if "call" in params:
+            asked.setdefault(params["target"], []).append(params["call"])
+
+    def judge(target: str) -> Verdicts:
+        if target not in VERSIONS:
+            return called(target, target, asked[target])
+        options = ("--protective-stop-lock-s", "0.2")
+        simulator = start_simulator(VERSIONS[target], options, polyscope=target)
+        found = called(target, simulator.host, asked[target])
+        assert simulator.ask("stats")["malformed_packages"] == 0, simulator.ask("events")
+        return found
+
+    with ThreadPoolExecutor(len(asked)) as pool:
+        return {key: verdict for found in pool.map(judge, asked) for key, verdict in found.items()}
+
+
+def called(target: str, host: str, calls: Sequence[Call]) -> Verdicts:
+    """Makes calls, one after the other; returns what each raised."""
+    client = Client.connect(host)
+    found: Verdicts = {}
+    for call in calls:
+        try:
+            call(client)
+            found[target, call] = None
+        except (AssertionError, RuntimeError, ValueError) as error:
+            found[target, call] = error
+    client.close()
+    return found
+
+
+def test_a_controller_keeps_the_contract(verdicts: Verdicts, target: str, call: Call) -> None:
+    verdict = verdicts[target, call]
+    if verdict is not None:
+        raise verdict
 
 
 def test_move_until_contact_ends_on_the_floor_and_comes_back_to_it(start_simulator: Start) -> None:
     connected = Client.connect(start_simulator().host)
     move_until_contact(connected)
     connected.close()
-
-
-def test_a_controller_keeps_the_contract(client: Client, call: Callable[[Client], None]) -> None:
-    call(client)
