@@ -8,8 +8,9 @@ A point beyond joint m at distance at most r_m from the axes before it obeys (je
 
 where the lever r of a product is that of the outermost joint in it. Source: repeated differentiation of a chain of
 rotations; each derivative of a rotation costs one factor, and a cross product never lengthens a vector by more.
-A smooth function f then obeys f >= min(f0, f1) - sup|f''| h^2/8 between two instants h apart, and a function that
-changes no faster than L obeys f >= (f0 + f1 - L h)/2. `prove_above` bisects until one of them decides.
+A function f with a continuous slope then obeys f >= min(f0, f1) - sup|f''| h^2/8 between two instants h apart, and a
+function that changes no faster than L obeys f >= (f0 + f1 - L h)/2. Torques follow the joints' accelerations, whose
+slope jumps with the jerk from tick to tick: each jump counts (`kinked_bound`). `prove_above` bisects until one decides.
 """
 
 from __future__ import annotations
@@ -70,6 +71,14 @@ def joint_rates(trajectory: Trajectory, knots: Index | None = None) -> Rates:
     return Rates(most[:n] + jerk_most * trajectory.dt**2 / 8.0, most[n:], jerk_most)
 
 
+def jerk_jumps(trajectory: Trajectory, knots: Index) -> Vector:
+    """Returns how much the jerk of each joint changes inside every stretch between `knots`, all in all (n, m)."""
+    jumps = np.zeros((trajectory.q.shape[1], knots[-1] + 1))
+    jumps[:, 1:-1] = np.abs(np.diff(trajectory.jerk[: knots[-1]], axis=0)).T
+    jumps[:, knots] = 0.0  # at the ends of a stretch they bend nothing inside
+    return np.add.reduceat(jumps, knots[:-1], axis=1)
+
+
 def levers(robot: Robot, frame: int, reach: float) -> Vector:
     """Returns for each joint (6,) how far a point within `reach` [m] of DH frame `frame`'s origin is from its axis.
 
@@ -121,7 +130,7 @@ class Proof:
 
 @dataclass(frozen=True, eq=False)
 class Intervals:
-    """Stretches of time on which a bound is undecided: ends [s], values at the ends, rate bound, item; each (k,)."""
+    """Stretches of time on which a bound is undecided: ends [s], values there, rate bound (..., k), item; each (k,)."""
 
     left: Vector
     right: Vector
@@ -137,7 +146,7 @@ class Intervals:
             self.right[chosen],
             self.f_left[chosen],
             self.f_right[chosen],
-            self.rate[chosen],
+            self.rate[..., chosen],
             self.item[chosen],
         )
 
@@ -148,7 +157,7 @@ class Intervals:
             np.concatenate([middle, self.right]),
             np.concatenate([self.f_left, f_middle]),
             np.concatenate([f_middle, self.f_right]),
-            np.tile(self.rate, 2),
+            np.concatenate([self.rate, self.rate], axis=-1),
             np.tile(self.item, 2),
         )
 
@@ -166,6 +175,14 @@ def curvature_bound(f_left: Vector, f_right: Vector, rate: Vector, h: Vector) ->
     return np.minimum(f_left, f_right) - rate * (h * h / 8.0)
 
 
+def kinked_bound(f_left: Vector, f_right: Vector, rates: Vector, h: Vector) -> Vector:
+    """Returns the least f can be where |f''| is at most rates[0] but for kinks whose jumps of f' add up to rates[1].
+
+    A jump d at a time s after the left end moves f from its chord by d s (h - s) / h, at most d h/4.
+    """
+    return np.minimum(f_left, f_right) - (rates[0] * (h / 8.0) + rates[1] / 4.0) * h
+
+
 def prove_above(
     evaluate: Callable[[Vector, Index], Vector],
     knots: Vector,
@@ -180,9 +197,9 @@ def prove_above(
         evaluate: f at times (k,) [s] of items (k,).
         knots: increasing times (m,) [s].
         values: f at the knots (items, m), or less than it where that is enough.
-        rates: of every item on every interval (items, m-1) or (m-1,), as `least` takes them.
+        rates: of every item on every interval (..., items, m-1) or (m-1,), as `least` takes them.
         required: the bound.
-        least: `slope_bound` or `curvature_bound`.
+        least: `slope_bound`, `curvature_bound` or `kinked_bound`.
     """
     item, knot = divmod(int(values.argmin()), values.shape[1])  # the first that is not a number, if there is one
     best = Proof(float(values[item, knot]), float(knots[knot]), item, False)
@@ -192,7 +209,7 @@ def prove_above(
     if enough.all():
         return replace(best, proven=True)
     items, parts = np.nonzero(~enough)
-    rate = np.broadcast_to(rates, enough.shape)[items, parts]
+    rate = np.broadcast_to(rates, (*rates.shape[:-2], *enough.shape))[..., items, parts]
     todo = Intervals(knots[parts], knots[parts + 1], values[items, parts], values[items, parts + 1], rate, items)
     return _bisect(evaluate, todo, best, required, least)
 

@@ -27,6 +27,7 @@ class Loads:
         lever: of the centre of mass of each of eight bodies about each joint (8, 6) [m].
         moment_arm: mass times the arm at which its weight can act on each joint (8, 6) [kg m].
         inertia: of everything that each joint turns, at most (6,) [kg m^2].
+        mass_matrix: how much torque of each joint an acceleration of each can ask for, at most (6, 6) [kg m^2].
     """
 
     empty: Bodies
@@ -34,6 +35,7 @@ class Loads:
     lever: Vector
     moment_arm: Vector
     inertia: Vector
+    mass_matrix: Vector
 
 
 @lru_cache(maxsize=CELLS_KEPT)
@@ -51,4 +53,7 @@ def loads_of(cell: Cell) -> Loads:
     turned = np.array([np.arange(6) < frame for _, _, frame, _ in rows])
     mass, inertia = np.array([row[0] for row in rows]), np.array([row[3] for row in rows])
     along = np.where(turned, np.abs(robot.d), 0.0)  # offsets along each joint's own axis, which `levers` leaves out
-    return Loads(bodies(robot, tool), thing, lever, mass[:, None] * (lever + along), inertia @ turned)
+    moment_arm = mass[:, None] * (lever + along)
+    both_turned = turned[:, :, None] & turned[:, None, :]
+    mass_matrix = moment_arm.T @ lever + np.tensordot(inertia, both_turned, axes=1)
+    return Loads(bodies(robot, tool), thing, lever, moment_arm, inertia @ turned, mass_matrix)

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from planner.certificate.bounds import (
     Rates,
     curvature_bound,
+    jerk_jumps,
     joint_rates,
+    kinked_bound,
     point_acceleration,
     point_jerk,
     point_snap,
@@ -98,8 +100,10 @@ def joint_torque(motion: Motion) -> Check:
     def evaluate(t: Vector, item: Index) -> Vector:
         return room(motion.look_at(t))[item, np.arange(len(t))]
 
-    rates = _torque_curvature(loads, motion.rates, problem.gravity) / limit[:, None]
-    proof = prove_above(evaluate, motion.look.t, room(motion.look), rates, 0.0, curvature_bound)
+    # The torque's slope jumps where the jerk does.
+    jumps = loads.mass_matrix @ jerk_jumps(motion.trajectory, motion.knots)
+    rates = np.stack([_torque_curvature(loads, motion.rates, problem.gravity), jumps]) / limit[:, None]
+    proof = prove_above(evaluate, motion.look.t, room(motion.look), rates, 0.0, kinked_bound)
     worst, name = float(limit[proof.item]), problem.cell.robot.joint_names[proof.item]
     check = at_most("joint_torque", (1.0 - proof.value) * worst, worst, "N m", proof.at_s, name)
     return check if proof.proven else replace(check, ok=False)
@@ -118,7 +122,7 @@ def payload_of(motion: Motion, with_object: bool) -> Payload:
 
 
 def _torque_curvature(loads: Loads, rates: Rates, gravity: float) -> Vector:
-    """Returns sup |tau''| of every joint between the knots (6, m) [N m/s^2].
+    """Returns sup |tau''| of every joint between the knots (6, m) [N m/s^2], the ticks' ends aside.
 
     tau_j = z_j . sum over links beyond of [r x m (a - g) + d/dt (I w)]; by the product rule, with w1 to w4 bounding the
     derivatives of any turning direction:

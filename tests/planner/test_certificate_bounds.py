@@ -18,6 +18,8 @@ from planner.dynamics import joint_torques
 from planner.geometry import body_capsules, capsule_endpoints, segment_box_distance
 from planner.kinematics import signed_singularity_distances
 from planner.problem import TargetRelease
+from planner.trajectory import Trajectory, integrate
+from tests.planner.problems import joint_problem
 from tests.planner.test_certificate import random_trajectories
 
 DOWN = np.array([0.0, 0.0, -9.81])
@@ -37,6 +39,39 @@ def test_torques_stray_no_further_than_their_bound():
         curvature = second_differences(lambda *s: joint_torques(robot, *s, DOWN, held), trajectory)  # noqa: B023
         bound = _torque_curvature(loads_of(problem.cell), joint_rates(trajectory), problem.gravity)
         assert np.all(np.abs(curvature) <= bound.T + 1e-2)
+
+
+def test_a_torque_that_peaks_where_the_jerk_turns_is_seen():
+    """Between two instants looked at the acceleration is a spike: its torque has a kink that no curvature tells."""
+    problem = joint_problem()
+    jerk = np.zeros((20, 6))
+    jerk[2:18, 1] = 400.0 * np.repeat([1.0, -1.0, -1.0, 1.0], 4)
+    q, qd, qdd = integrate(problem.start, np.zeros(6), np.zeros(6), jerk, problem.dt)
+    spike = Trajectory(500.0, q, qd, qdd, release_index=20)
+    motion = Motion(problem, spike)
+    held = payload_of(motion, with_object=True)
+    t = np.linspace(0.0, spike.duration_s, 2001)
+    tau = np.abs(joint_torques(problem.cell.robot, *spike.at(t), DOWN, held)).max(axis=0)
+    rows = motion.knots
+    looked_at = joint_torques(problem.cell.robot, q[rows], qd[rows], qdd[rows], DOWN, held)
+    assert np.abs(looked_at).max(axis=0)[1] < 0.99 * tau[1]
+    between = (np.abs(looked_at).max(axis=0)[1] + tau[1]) / 2.0
+    for limit, ok in ((between, False), (1.01 * tau[1], True)):
+        tau_max = np.where(np.arange(6) == 1, limit, problem.limits.tau_max)
+        limited = replace(problem, limits=replace(problem.limits, tau_max=tau_max))
+        assert certify(limited, spike).check("joint_torque").ok == ok
+
+
+def test_no_acceleration_asks_for_more_torque_than_the_bound_of_the_mass_matrix():
+    rng, still = np.random.default_rng(4), np.zeros(6)
+    for name in ("ur5e-sim", "ur10e-sim"):
+        problem = joint_problem(name)
+        motion = Motion(problem, random_trajectories(1)[0][1])
+        robot, held = problem.cell.robot, payload_of(motion, with_object=True)
+        for q in rng.uniform(-np.pi, np.pi, (200, 6)):
+            weight = joint_torques(robot, q, still, still, DOWN, held)
+            mass_matrix = joint_torques(robot, np.tile(q, (6, 1)), still, np.eye(6), DOWN, held) - weight
+            assert np.all(np.abs(mass_matrix.T) <= loads_of(problem.cell).mass_matrix + 1e-9)
 
 
 def test_singularity_distances_stray_no_further_than_their_bound():
