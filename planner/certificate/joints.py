@@ -106,16 +106,21 @@ def _speed_extrema(trajectory: Trajectory) -> Vector:
 
 
 def _position_extrema(trajectory: Trajectory) -> tuple[Vector, Vector, Vector]:
-    """Returns lowest and highest q of every tick (N-1, n) and the ticks' times (N-1,)."""
-    dt, q, qd, qdd, jerk = trajectory.dt, trajectory.q, trajectory.qd, trajectory.qdd, trajectory.jerk
+    """Returns lowest and highest q of every tick (N-1, n) and the ticks' times (N-1,).
+
+    A joint turns back inside a tick only where its velocity changes sign, or its acceleration does.
+    """
+    dt, q, qd, qdd = trajectory.dt, trajectory.q, trajectory.qd, trajectory.qdd
     lowest, highest = np.minimum(q[:-1], q[1:]), np.maximum(q[:-1], q[1:])
-    v, a = qd[:-1], qdd[:-1]
+    turns = ~((qd[:-1] * qd[1:] > 0.0) & (qdd[:-1] * qdd[1:] >= 0.0))
+    start, v, a, jerk = q[:-1][turns], qd[:-1][turns], qdd[:-1][turns], trajectory.jerk[turns]
     with np.errstate(divide="ignore", invalid="ignore"):
         root = np.sqrt(a * a - 2.0 * jerk * v)
         for s in ((-a + root) / jerk, (-a - root) / jerk, -v / a):
             s = np.where(np.isfinite(s), np.clip(s, 0.0, dt), 0.0)
-            turn = q[:-1] + s * (v + s * (a / 2.0 + s * jerk / 6.0))
-            lowest, highest = np.minimum(lowest, turn), np.maximum(highest, turn)
+            turn = start + s * (v + s * (a / 2.0 + s * jerk / 6.0))
+            lowest[turns] = np.minimum(lowest[turns], turn)
+            highest[turns] = np.maximum(highest[turns], turn)
     return lowest, highest, trajectory.t[:-1]
 
 

@@ -73,9 +73,9 @@ class Motion:
         return joint_rates(self.trajectory, self.knots)
 
     @cached_property
-    def sparse_rates(self) -> Rates:
-        """What the joints do at most between neighbouring sparse knots."""
-        return joint_rates(self.trajectory, self.knots[self.sparse])
+    def sparse_speeds(self) -> Vector:
+        """The joints' largest speeds between neighbouring sparse knots (6, k) [rad/s]."""
+        return np.maximum.reduceat(self.rates.qd, self.sparse[:-1], axis=1)
 
     @cached_property
     def release(self) -> int:

@@ -59,7 +59,7 @@ def keep_out(motion: Motion) -> Check | None:
     gaps = _box_gaps(ends, lower, upper) - shapes.radius[moving, None]
     gaps[:, -1, t > motion.released_s] = FAR_M
     gaps = gaps.reshape(-1, len(t))
-    rates = np.tile(shapes.lever[moving] @ motion.sparse_rates.qd, (len(lower), 1))
+    rates = np.tile(shapes.lever[moving] @ motion.sparse_speeds, (len(lower), 1))
     # What is far by its bounding box is far enough; the rest, and what may be nearest, is measured.
     item, row = (np.array([i]) for i in divmod(int(gaps.argmin()), len(t)))
     nearest = float(distance(ends[item % count, :, :, row], item)[0])
@@ -113,7 +113,7 @@ def self_collision(motion: Motion) -> Check | None:
     ends = shapes.ends_in_world(motion.look.X_WL[motion.sparse])
     one, other = ends[first], ends[second]
     gaps = segment_segment_distance(one[:, 0], one[:, 1], other[:, 0], other[:, 1], axis=1) - thickness[:, None]
-    rates = shapes.pair_lever @ motion.sparse_rates.qd
+    rates = shapes.pair_lever @ motion.sparse_speeds
     proof = prove_above(evaluate, motion.look.t[motion.sparse], gaps, rates, SELF_CLEARANCE_M, slope_bound)
     names = shapes.names[first[proof.item]], shapes.names[second[proof.item]]
     return distance_check("self_collision", proof, SELF_CLEARANCE_M, ", ".join(names))
