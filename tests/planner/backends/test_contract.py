@@ -12,7 +12,7 @@ import pytest
 from planner.backends import casadi_nlp, profiles, ruckig_otg, toppra_path
 from planner.certificate import certify
 from planner.errors import BackendUnavailable, Infeasible, SolverFailed
-from planner.problem import JointRelease, PointRelease, PoseRelease, ThrowProblem
+from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.release import Candidate, candidates
 from planner.solution import Solution
 from tests.planner.problems import cell, joint_problem, point_problem, pose_problem
@@ -59,6 +59,10 @@ def point() -> ThrowProblem:
     return point_problem(cell(), release.q, release.qd)
 
 
+def target() -> ThrowProblem:
+    return joint_problem(release=TargetRelease(np.array([-0.9, -0.3, 0.0])))
+
+
 def at_the_velocity_limit() -> ThrowProblem:
     release = joint_problem().release
     assert isinstance(release, JointRelease)
@@ -75,6 +79,7 @@ THROWS: dict[str, Callable[[], ThrowProblem]] = {
     "at the velocity limit": at_the_velocity_limit,
     "pose": pose,
     "point": point,
+    "target": target,
 }
 
 
@@ -99,8 +104,9 @@ NOT_OFFERED = {
     ("toppra cartesian", "at the velocity limit"),
     # The optimiser keeps the room of the tick grid at the release too, and so has no answer at the very limit.
     ("casadi", "at the velocity limit"),
-    # A point's release state is the optimiser's own, not the candidate's: tested with the optimiser.
+    # A point's or target's release state is the optimiser's own, not the candidate's: tested with the optimiser.
     ("casadi", "point"),
+    ("casadi", "target"),
 }
 PAIRS = [(way, throw) for way in WAYS for throw in THROWS if (way, throw) not in NOT_OFFERED]
 
