@@ -15,13 +15,14 @@ from planner.release import Candidate
 from planner.search import Search
 from planner.trajectory import Trajectory
 
-MOST_SEEDS = {JointRelease: 1, PoseRelease: 6, PointRelease: 8, TargetRelease: 8}  # tried while there is no answer
+MOST_SEEDS = {JointRelease: 1, PoseRelease: 4, PointRelease: 5, TargetRelease: 5}  # tried while there is no answer
 SEEDS_FIRST = 2  # tried before Ruckig's own motions are looked at, the second where the first fails
 SEEDS_ANSWERED = 3  # tried in all where Ruckig has an answer and the optimiser has none
 RUCKIG_FIRST = 6  # seeds whose motions by Ruckig are looked at before more seeds are optimised
+RUCKIG_LAST = 14  # of the seeds likewise while there is no answer at all: a refusal shall not take long
 TIMED = 24  # candidates of least bound whose launch by Ruckig is timed; the others lie turns away
 SEED_S = 0.4  # [s] for a seed: what its solutions take when each of them is a hard one
-STUBBORN_S = 1.5  # [s] for a seed where the slow second solver is asked too
+STUBBORN_S = 0.6  # [s] for the soonest seed once more, where the slow second solver is asked too
 ROUNDS = 4  # solutions of one seed, each keeping away from what the certificate found in the one before
 
 
@@ -51,9 +52,9 @@ def optimised(search: Search, seeds: list[Seed], with_ruckig: bool) -> None:
         further = seeds[SEEDS_FIRST : most if search.best is None else SEEDS_ANSWERED]
         _first_answer(search, further, SEED_S, stubborn=False)
         if with_ruckig:
-            _sooner_by_ruckig(search, seeds[RUCKIG_FIRST:])
+            _sooner_by_ruckig(search, seeds[RUCKIG_FIRST:] if search.best else seeds[RUCKIG_FIRST:RUCKIG_LAST])
     if search.best is None:
-        _first_answer(search, seeds[:most], STUBBORN_S, stubborn=True)
+        _first_answer(search, seeds[:1], STUBBORN_S, stubborn=True)
 
 
 def _first_answer(search: Search, seeds: list[Seed], patience_s: float, stubborn: bool) -> bool:
