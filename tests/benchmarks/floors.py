@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from tests.benchmarks.audit import Audit
+from tests.benchmarks.speed import certificate_time
 from tests.benchmarks.statistics import Summary, paired, quantiles
 from tests.benchmarks.task import Row
 
@@ -16,6 +17,7 @@ TO_RUCKIG = {"point": 0.88, "target": 0.58}
 BOUND = (1.01, 1.05)
 ROBUST_ERROR_M, ROBUST_SHARE, ROBUST_TIME = 0.010, 0.90, 1.2
 REACH_S, OTHER_S = 0.3, 1.5
+SAMPLES, CERTIFICATE_S = 750, 0.003
 
 Verdict = tuple[str, str, str, str, str]
 
@@ -24,7 +26,7 @@ def verdicts(lines: Sequence[Summary], rows: Sequence[Row], judged: Audit) -> li
     """Returns the rows of the table for the sets that ran."""
     auto = {s.group: s for s in lines if s.backend == "auto"}
     found = [*_shares(auto), *_times(auto), *_release_times(auto, rows), *_bounds(auto), *_sdu(auto)]
-    found += [*_robust(auto, rows), *_refusals(rows)]
+    found += [*_robust(auto, rows), *_refusals(rows), *_certificate(auto)]
     if judged.judged:
         wrong = len(judged.wrong)
         found.append(_verdict("wrong certificates", "0 in 10,000", "0", f"{wrong} in {judged.judged:,}", wrong == 0))
@@ -33,6 +35,14 @@ def verdicts(lines: Sequence[Summary], rows: Sequence[Row], judged: Audit) -> li
 
 def _verdict(what: str, floor: str, goal: str, measured: str, met: bool) -> Verdict:
     return what, floor, goal, measured, "yes" if met else "**no**"
+
+
+def _certificate(auto: dict[str, Summary]) -> Iterator[Verdict]:
+    if "target" in auto or "robust" in auto:
+        samples, seconds = certificate_time()
+        share = seconds * SAMPLES / samples
+        measured = f"{1000 * seconds:.1f} ms of processor time for {samples} samples, {1000 * share:.1f} for {SAMPLES}"
+        yield _verdict("certificate, 1.5 s at 500 Hz", "3 ms", "", measured, share <= CERTIFICATE_S)
 
 
 def _shares(auto: dict[str, Summary]) -> Iterator[Verdict]:
