@@ -44,16 +44,23 @@ class Rates:
         self.sums = np.tri(len(qd)) @ np.stack([qd, qdd, jerk])
 
     @cached_property
-    def by_derivative(self) -> tuple[Vector, Vector, Vector, Vector]:
-        """Bounds (n, m) on first to fourth derivative of a point at lever one from each joint up to and with this."""
+    def totals(self) -> tuple[Vector, Vector, Vector, Vector]:
+        """Bounds (n, m) on first to fourth derivative of a direction fixed in the link beyond each joint."""
         s, a, j = self.sums
         s2 = s * s
         return s, a + s2, j + 3 * s * a + s2 * s, 4 * s * j + 3 * a * a + 6 * s2 * a + s2 * s2
 
+    @cached_property
+    def by_derivative(self) -> tuple[Vector, Vector, Vector, Vector]:
+        """Weights (n, m) of the levers in the bounds on first to fourth derivative of a point."""
+        n = len(self.qd)
+        one_less_the_one_before = np.eye(n) - np.eye(n, k=-1)
+        return tuple(one_less_the_one_before @ total for total in self.totals)  # pyright: ignore[reportReturnType]
+
     @property
     def turning(self) -> tuple[Vector, Vector, Vector, Vector]:
         """Bounds (m,) on first to fourth derivative of any direction fixed in the last link."""
-        one, two, three, four = self.by_derivative
+        one, two, three, four = self.totals
         return one[-1], two[-1], three[-1], four[-1]
 
 
@@ -93,29 +100,24 @@ def levers(robot: Robot, frame: int, reach: float) -> Vector:
     return np.maximum.accumulate(lever[::-1])[::-1]  # rounding alone could make them grow
 
 
-def _steps(lever: Vector) -> Vector:
-    """Returns by how much each lever (..., 6) exceeds the next: sum l_j x_j = sum steps_j (x_0 + ... + x_j)."""
-    return lever - np.concatenate([lever[..., 1:], np.zeros((*lever.shape[:-1], 1))], axis=-1)
-
-
 def point_speed(lever: Vector, rates: Rates) -> Vector:
     """Returns the largest speed (m,) over every stretch [m/s], or (k, m) of k points with levers (k, 6)."""
-    return _steps(lever) @ rates.by_derivative[0]
+    return lever @ rates.by_derivative[0]
 
 
 def point_acceleration(lever: Vector, rates: Rates) -> Vector:
     """Returns the largest acceleration over every stretch likewise [m/s^2]."""
-    return _steps(lever) @ rates.by_derivative[1]
+    return lever @ rates.by_derivative[1]
 
 
 def point_jerk(lever: Vector, rates: Rates) -> Vector:
     """Returns the largest jerk over every stretch likewise [m/s^3]."""
-    return _steps(lever) @ rates.by_derivative[2]
+    return lever @ rates.by_derivative[2]
 
 
 def point_snap(lever: Vector, rates: Rates) -> Vector:
     """Returns the largest fourth derivative over every stretch likewise [m/s^4]."""
-    return _steps(lever) @ rates.by_derivative[3]
+    return lever @ rates.by_derivative[3]
 
 
 @dataclass(frozen=True)

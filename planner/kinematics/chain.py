@@ -34,9 +34,15 @@ def link_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Arr
     X = np.zeros((cos.shape[1], 7, 4, 4))
     X[:, 0], X[:, 1:, 3, 3] = base, 1.0
     for i, (c_alpha, s_alpha) in enumerate(zip(*twists(robot), strict=True)):
-        x, turned, p = cos[i] * x + sin[i] * y, cos[i] * y - sin[i] * x, p + robot.d[i] * z
-        p = p + robot.a[i] * x
-        y, z = c_alpha * turned + s_alpha * z, c_alpha * z - s_alpha * turned
+        x, turned = cos[i] * x + sin[i] * y, cos[i] * y - sin[i] * x
+        if robot.d[i] != 0.0:
+            p = p + robot.d[i] * z
+        if robot.a[i] != 0.0:
+            p = p + robot.a[i] * x
+        if c_alpha == 1.0:
+            y = turned
+        else:
+            y, z = c_alpha * turned + s_alpha * z, c_alpha * z - s_alpha * turned
         for column, vector in enumerate((x, y, z, p)):
             X[:, i + 1, :3, column] = vector.T
     return X.reshape(*q.shape[:-1], 7, 4, 4)

@@ -20,7 +20,7 @@ REPEATS = 25
 
 
 def certificate_time() -> tuple[int, float]:
-    """Returns the number of samples of a robust throw with a tool, and the median processor time of its certificate [s]."""
+    """Returns the samples of a robust throw with a tool, and the median processor time of its certificate [s]."""
     here = cell("ur5e-sim")
     limits = replace(here.limits, qdd_max=np.full(6, SLOW_JOINTS[0]), jerk_max=np.full(6, SLOW_JOINTS[1]))
     problem = ThrowProblem(
