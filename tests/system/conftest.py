@@ -22,9 +22,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.flaky(reruns=STALL_RETRIES))
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def shared_rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
-    """One simulated controller with its executor for a module's tests, one after the other."""
+    """One simulated controller with its executor for all tests, one after the other."""
     rig = Rig(tmp_path_factory.mktemp("rig"))
     rig.start()
     yield rig
@@ -33,10 +33,8 @@ def shared_rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
 
 @pytest.fixture
 def rig(shared_rig: Rig) -> Rig:
-    """The module's rig, seen to by a person where the test before left a fault."""
-    if shared_rig.is_latched():
-        shared_rig.recover()
-        shared_rig.acknowledge()
+    """The shared rig, in order whatever the test before left."""
+    shared_rig.stand_up()
     return shared_rig
 
 

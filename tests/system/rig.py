@@ -19,7 +19,6 @@ import psutil
 
 from executor import truth
 from executor.dashboard import Dashboard
-from executor.heartbeat import BEAT_S
 from planner.cell import load_cell
 from planner.document import plan_document, problem_from_request
 from planner.planning import plan
@@ -90,6 +89,16 @@ class Rig:
         )
         self.until(lambda: (row := self.store.cell_status("rig")) is not None and row.heartbeat_at > began
                    and row.robot.get("connected") is True)  # fmt: skip
+
+    def stand_up(self) -> None:
+        """A person sees to everything: the executor runs, the robot is in order, no fault is latched."""
+        assert self.executor is not None
+        if self.executor.poll() is not None:
+            self.start_executor()
+        self.executor.send_signal(signal.SIGCONT)
+        self.recover()
+        if self.is_latched():
+            self.acknowledge()
 
     def stop(self) -> None:
         """Ends every process and closes the store."""
@@ -209,16 +218,6 @@ class Rig:
 
         self.until(accepted, READY_WITHIN_S, period=0.05)
         return rows[-1]
-
-    def until_told(self, condition: Callable[[Mapping[str, Any]], object]) -> None:
-        """Waits until the executor tells, of now, a live state for which `condition` holds."""
-        began = time.time() + 2 * BEAT_S
-
-        def told() -> object:
-            row = self.store.cell_status("rig")
-            return row is not None and row.heartbeat_at > began and condition(row.robot)
-
-        self.until(told)
 
     def robot(self) -> Mapping[str, Any]:
         """Returns the live state as the executor tells it."""
