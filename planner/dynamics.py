@@ -49,11 +49,17 @@ def joint_torques(
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """The six links, a payload joined to the last: masses (6,), centres (6, 3) and inertias about them (6, 3, 3)."""
+    """The six links, a payload joined to the last.
+
+    Attributes:
+        mass: (6,) [kg].
+        fixed: centre of mass [m] and the three principal axes, in the link's frame (4, 6, 3).
+        principal: moments of inertia about these axes through the centre of mass (3, 6) [kg m2].
+    """
 
     mass: Array
-    com: Array
-    inertia: Array
+    fixed: Array
+    principal: Array
 
 
 def chain_torques(
@@ -68,12 +74,13 @@ def chain_torques(
         p_F: by default the flange's origin.
     """
     upward = -np.asarray(gravity, dtype=np.float64)[:, None]  # an arm at rest feels as if it accelerated upwards
-    coms = chain.fixed(carried.com)
+    fixed = chain.fixed(carried.fixed)
+    coms, axes = fixed[:, 0], fixed[:, 1:]
     extra = np.zeros((3, 1, coms.shape[2])) if p_F is None else (chain.on_flange(p_F) - chain.origins[:, 6])[:, None]
     relative = chain.relative_acceleration(np.concatenate([chain.arms, coms, extra], axis=1), _CARRIERS)
     origins = added_up(relative[:, :6]) + upward[:, None]
     force = carried.mass[:, None] * (origins + relative[:, 6:12])
-    moment = _turning_moments(chain, carried.inertia) + cross(chain.origins[:, 1:] + coms, force)
+    moment = _turning_moments(chain, axes, carried.principal) + cross(chain.origins[:, 1:] + coms, force)
     for v in (force, moment):
         added_up(v[:, ::-1])  # from the tip inwards: what each joint must bear
     tau = dot(chain.axes, moment - cross(chain.origins[:, :6], force))
@@ -84,19 +91,26 @@ def chain_torques(
 _CARRIERS = np.array([*range(6), *range(6), 5])  # the links with which arms, centres of mass and the extra point move
 
 
-def _turning_moments(chain: LinkMotion, inertia: Array) -> Array:
-    """Moments (3, 6, N) that turn the links about their centres of mass: I dw/dt + w x I w."""
-    both = np.stack([chain.spin_rate, chain.spin]).transpose(3, 2, 1, 0)
-    R = chain.rotations
-    moments = (R @ (inertia @ (np.swapaxes(R, -1, -2) @ both))).transpose(3, 2, 1, 0)
-    return moments[0] + cross(chain.spin, moments[1])
+def _turning_moments(chain: LinkMotion, axes: Array, principal: Array) -> Array:
+    """Moments (3, 6, N) that turn the links about their centres of mass: I dw/dt + w x I w.
+
+    Args:
+        chain: how the links turn.
+        axes: principal axes of the links (3, 3, 6, N), the second index counting them.
+        principal: moments about them (3, 6).
+    """
+    both = np.stack([chain.spin_rate, chain.spin], axis=1)
+    along = (axes[:, :, None] * both[:, None]).sum(axis=0) * principal[:, None, :, None]
+    moments = (axes[:, :, None] * along).sum(axis=1)
+    return moments[:, 0] + cross(chain.spin, moments[:, 1])
 
 
 def bodies(robot: Robot, payload: Payload | None) -> Bodies:
     """The arm's links with the payload joined to the last."""
     links = robot.links if payload is None else (*robot.links[:5], _with_payload(robot.links[5], payload))
-    rows = ([getattr(link, name) for link in links] for name in ("mass", "com", "inertia"))
-    return Bodies(*(np.array(values) for values in rows))
+    mass, com, inertia = (np.array([getattr(link, name) for link in links]) for name in ("mass", "com", "inertia"))
+    principal, axes = np.linalg.eigh(inertia)
+    return Bodies(mass, np.stack([com, *axes.transpose(2, 0, 1)]), principal.T)
 
 
 def _with_payload(link: Link, payload: Payload) -> Link:

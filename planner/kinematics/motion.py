@@ -19,7 +19,7 @@ class LinkMotion:
     Attributes:
         axes: directions of the joints' axes (3, 6, N).
         origins: of the DH frames 0 to 6 (3, 7, N) [m].
-        rotations: of the DH frames 1 to 6 (N, 6, 3, 3).
+        frames: directions of x, y and z of the DH frames 1 to 6 (3, 3, 6, N), the axis first.
         turns: angular velocity that each joint adds (3, 6, N) [rad/s].
     """
 
@@ -27,7 +27,7 @@ class LinkMotion:
         """From link poses (N, 7, 4, 4) of `link_poses` and joint rates (N, 6) [rad/s, rad/s2]."""
         self.axes = np.ascontiguousarray(X[:, :6, :3, 2].transpose(2, 1, 0))
         self.origins = np.ascontiguousarray(X[:, :, :3, 3].transpose(2, 1, 0))
-        self.rotations = X[:, 1:, :3, :3]
+        self.frames = np.ascontiguousarray(X[:, 1:, :3, :3].transpose(3, 2, 1, 0))
         self.turns = self.axes * qd.T
         self._qdd = qdd.T
 
@@ -46,13 +46,16 @@ class LinkMotion:
         """Angular acceleration of the links (3, 6, N) [rad/s2]."""
         return added_up(self.axes * self._qdd + cross(self.spin, self.turns))
 
-    def fixed(self, points: Array) -> Array:
-        """Points (6, 3), one fixed in each link's frame, from its origin (3, 6, N) [m]."""
-        return (self.rotations @ points[:, :, None])[..., 0].transpose(2, 1, 0)
+    def fixed(self, vectors: Array) -> Array:
+        """Vectors (k, 6, 3), k of them fixed in each link's frame, as they point now (3, k, 6, N)."""
+        x, y, z = self.frames[:, :, None]
+        along_x, along_y, along_z = vectors.transpose(2, 0, 1)[..., None]
+        return x * along_x + y * along_y + z * along_z
 
     def on_flange(self, p_F: Array) -> Array:
         """Point (3,) of the flange (3, N) [m]."""
-        return (self.rotations[:, 5] @ p_F).T + self.origins[:, 6]
+        x, y, z = self.frames[:, :, 5]
+        return self.origins[:, 6] + x * p_F[0] + y * p_F[1] + z * p_F[2]
 
     def velocity(self, point: Array) -> Array:
         """Velocity (3, N) [m/s] of a point (3, N) that moves with the flange."""
