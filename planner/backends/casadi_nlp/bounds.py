@@ -124,9 +124,15 @@ def set_steps(bounds: Bounds, table: Table, steps: Vector) -> None:
 def fix_release_state(bounds: Bounds, table: Table, q: Vector, qd: Vector) -> None:
     """Fixes joint positions and velocities at the release; its acceleration stays free.
 
-    What depends on these alone cannot be helped any more and is not asked for: the certificate judges it.
+    What depends on these alone cannot be helped any more and is not asked for: the certificate judges it. A release at
+    the very velocity limit is allowed: only the way there keeps the room that the tick grid needs.
     """
     k = table.shape.launch
+    for stage in (k - 1, k):
+        if stage < table.shape.stages:
+            bend = table.rows["motion", stage][NX : NX + 6]
+            most = np.maximum(bounds.g[1, bend], np.abs(qd) / QD_SCALE)
+            bounds.g[0, bend], bounds.g[1, bend] = -most, most
     bounds.x[:, k, Q] = q
     bounds.x[:, k, QD] = qd / QD_SCALE
     for name, first in (("effort", 6), ("space", 0), ("boxes", 0), ("singular", 0)):

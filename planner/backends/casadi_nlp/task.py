@@ -78,9 +78,6 @@ def _without_window(
 
 def _request(problem: ThrowProblem, candidate: Candidate, margins: Margins) -> Request:
     limits = grid_limits(problem.limits, problem.dt)
-    if isinstance(problem.release, JointRelease | PoseRelease):
-        # A release at the very limit is allowed: only the way there keeps the room that the grid needs.
-        limits = replace(limits, qd_max=np.maximum(limits.qd_max, np.abs(candidate.qd)))
     return Request(problem, candidate, limits, _aim(problem, candidate), margins)
 
 

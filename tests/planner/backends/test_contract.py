@@ -25,7 +25,7 @@ SOLVER_TIME_S = 60.0  # far more than it takes: no answer may depend on how busy
 def optimal(problem: ThrowProblem, candidate: Candidate) -> Solution:
     """The optimiser from Ruckig's motion, as the planner uses it."""
     seed = ruckig_otg.solve(problem, candidate).trajectory
-    return casadi_nlp.solve(problem, candidate, seed, time.perf_counter() + SOLVER_TIME_S)
+    return casadi_nlp.solve(problem, candidate, seed, time.perf_counter() + SOLVER_TIME_S, stubborn=True)
 
 
 WAYS: dict[str, Solve] = {
@@ -102,8 +102,6 @@ def certified(problem: ThrowProblem, solve: Solve) -> tuple[Candidate, Solution]
 NOT_OFFERED = {
     # Along a straight line of the tool a joint may have to be faster before the release than in it.
     ("toppra cartesian", "at the velocity limit"),
-    # The optimiser keeps the room of the tick grid at the release too, and so has no answer at the very limit.
-    ("casadi", "at the velocity limit"),
     # A point's or target's release state is the optimiser's own, not the candidate's: tested with the optimiser.
     ("casadi", "point"),
     ("casadi", "target"),
