@@ -26,7 +26,12 @@ class Child:
             self._process = subprocess.Popen(
                 command, pass_fds=descriptors, stdin=subprocess.DEVNULL, stdout=stream, stderr=stream
             )
-        self._descriptor = os.pidfd_open(self._process.pid)
+        try:
+            self._descriptor = os.pidfd_open(self._process.pid)
+        except OSError:  # a kernel before 5.3: a child whose end nobody would notice must not live
+            self._process.kill()
+            self._process.wait()
+            raise
         self._end = select.poll()
         self._end.register(self._descriptor, select.POLLIN)
 

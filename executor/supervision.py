@@ -110,11 +110,13 @@ class Run:
     def _supervise(self) -> None:
         failure = "the supervision failed"
         try:
+            failure = f"the dashboard at {self.dashboard.host}"
             self.dashboard.connect()
+            failure = "starting the streaming process"
             self._spawn()
             failure = self._watch()
         except OSError as error:
-            failure = f"the dashboard at {self.dashboard.host}: {error}"
+            failure = f"{failure}: {error}"
         finally:
             self._make_safe(failure)
             self.result = self._result(failure)
