@@ -23,6 +23,7 @@ Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 ORIENTATIONS = 96  # of the tool tried at a point
+MORE_ORIENTATIONS, FEW_POSTURES = 1024, 24  # tried where the first lead to so few postures: narrow joint limits
 PLACES = 1024  # joint states tried for a target
 KEPT = 48  # of them, the soonest, kept apart from one another
 APART_RAD = 0.35  # two kept states differ by this in some joint
@@ -48,16 +49,23 @@ def _postures(problem: ThrowProblem, p_WT: Vector) -> Vector:
     Raises:
         Infeasible: there are none.
     """
-    X_WT = np.tile(np.eye(4), (ORIENTATIONS, 1, 1))
-    X_WT[:, :3, :3] = quaternion_to_matrix(_quaternions(ORIENTATIONS))
+    for orientations in (ORIENTATIONS, MORE_ORIENTATIONS):
+        q = _postures_in(problem, p_WT, orientations)
+        if len(q) >= FEW_POSTURES:
+            break
+    if len(q) == 0:
+        raise Infeasible([_unreachable(problem, p_WT)])
+    return q
+
+
+def _postures_in(problem: ThrowProblem, p_WT: Vector, orientations: int) -> Vector:
+    X_WT = np.tile(np.eye(4), (orientations, 1, 1))
+    X_WT[:, :3, :3] = quaternion_to_matrix(_quaternions(orientations))
     X_WT[:, :3, 3] = p_WT
     cell = problem.cell
     branches, _ = inverse_branches(cell.robot, invert_pose(cell.X_WB) @ X_WT, cell.tool.X_FT)
     q = _within(problem, branches)
-    q = q[singularity_distances(cell.robot, q).minimum >= problem.limits.singularity_distance_min]
-    if len(q) == 0:
-        raise Infeasible([_unreachable(problem, p_WT)])
-    return q
+    return q[singularity_distances(cell.robot, q).minimum >= problem.limits.singularity_distance_min]
 
 
 def target_states(problem: ThrowProblem, release: TargetRelease) -> tuple[Vector, Vector]:

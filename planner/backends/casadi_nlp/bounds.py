@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,7 +32,6 @@ Vector = NDArray[np.float64]
 STEP_SHARES = (0.15, 2.5)  # [-] of a first guess's step: a step may not collapse, nor swallow its neighbours
 WATCH_S = 0.052  # [s] that the watched stages before the release last at least: the certificate looks 0.05 s back
 SPOT_STAGES = 1.0  # either side of where a margin was lacking
-POSITION_ROOM = 1e-3  # [rad] kept free of a joint's limit
 
 
 @dataclass
@@ -52,10 +51,19 @@ def free_bounds(table: Table) -> Bounds:
     return Bounds(np.tile(infinite[:, None, None], (1, n, NZ)), g)
 
 
-def set_limits(bounds: Bounds, table: Table, limits: Limits) -> None:
-    """Bounds joint position, velocity, acceleration and jerk, on the knots and on what lies between."""
+def set_limits(bounds: Bounds, table: Table, limits: Limits, room: float, given: Sequence[Vector]) -> None:
+    """Bounds joint position, velocity, acceleration and jerk, on the knots and on what lies between.
+
+    Args:
+        bounds: to be narrowed.
+        table: of the assembled problem.
+        limits: of the joints.
+        room: kept free of the position limits [rad], …
+        given: … but for positions (6,) that are asked for and lie nearer [rad].
+    """
     x = bounds.x
-    lower, upper = limits.q_lower + POSITION_ROOM, limits.q_upper - POSITION_ROOM
+    lower = np.min([limits.q_lower + room, *given], axis=0)
+    upper = np.max([limits.q_upper - room, *given], axis=0)
     x[0, :, Q], x[1, :, Q] = lower, upper
     for rows, limit in ((QD, limits.qd_max / QD_SCALE), (QDD, limits.qdd_max / QDD_SCALE)):
         x[0, :, rows], x[1, :, rows] = -limit, limit

@@ -17,6 +17,7 @@ SPARE_SHARE = 0.01  # [-] likewise of a limit
 PASSED_ON = 1.5  # [-] what was lacking between two looks takes more than as much at them
 MOST_SHARE = 0.4  # [-] of a limit, beyond which keeping away from it is no remedy
 MOST_M = 0.1  # [m] likewise of a clearance
+MOST_RAD = 0.2  # [rad] likewise of a joint's position
 LOCAL = {  # which group of rows a check is about, and the first and last of them
     "joint_torque": ("effort", 0, 6),
     "tcp_speed": ("effort", 6, 7),
@@ -77,6 +78,7 @@ class Margins:
         self_m: likewise; less than nothing, because the optimiser's distance is a little smaller than the true one.
         keep_in_m: likewise.
         box_m: likewise: a hand passes a corner between two looks.
+        position_rad: kept free of a joint's position limits [rad].
         singularity: multiple of the distance asked for [-].
         window: share of the landing tolerance that may be used at the window's ends, in each of two directions [-].
         spots: where more was lacking.
@@ -89,6 +91,7 @@ class Margins:
     self_m: float = -0.0005
     keep_in_m: float = 0.0005
     box_m: float = 0.003
+    position_rad: float = 0.001
     singularity: float = 1.03
     window: float = 0.55
     spots: tuple[Spot, ...] = ()
@@ -110,6 +113,8 @@ class Margins:
         lacking = abs(check.value - check.limit)
         if check.name == "singularity_distance":
             return replace(self, singularity=self.singularity + lacking / check.limit + SPARE_SHARE)
+        if check.name == "joint_position" and lacking < MOST_RAD:
+            return replace(self, position_rad=self.position_rad + PASSED_ON * lacking)
         if check.name == "landing_window" and check.value < 2.0 * check.limit:
             return replace(self, window=self.window * check.limit / check.value - SPARE_SHARE)
         if check.name not in LOCAL or check.at_s is None:

@@ -70,7 +70,7 @@ class Start:
 def arguments(request: Request, table: Table, start: Start) -> dict[str, Any]:
     """Returns what a solver is called with."""
     problem, b = request.problem, bound.free_bounds(table)
-    bound.set_limits(b, table, request.limits)
+    bound.set_limits(b, table, request.limits, request.margins.position_rad, _given(request))
     bound.set_groups(b, table, (request.margins.torque, request.margins.tcp_speed), _spare(request, table))
     bound.set_spots(b, table, request.margins.spots)
     bound.fix_ends(b, table, problem.start)
@@ -107,10 +107,7 @@ def _spare(request: Request, table: Table) -> dict[str, Vector]:
     The optimiser's distances are smaller than the true ones by some millimetres: where the start, or a release that is
     asked for, is nearer than that to something, the way between is not held to more.
     """
-    cell, problem = request.problem.cell, request.problem
-    given = [problem.start]
-    if isinstance(problem.release, JointRelease | PoseRelease):
-        given.append(request.candidate.q)
+    cell, given = request.problem.cell, _given(request)
     arm = numbers.arm_numbers(cell, request.limits)
     numbers_of = {"space": arm, "boxes": np.concatenate([arm, numbers.box_numbers(cell)])}
     spare = {}
@@ -118,6 +115,12 @@ def _spare(request: Request, table: Table) -> dict[str, Vector]:
         values = [np.array(table.blocks[group].value(_standing(q), numbers_of[group])).ravel() for q in given]
         spare[group] = np.minimum(np.min(values, axis=0), 0.0)
     return spare
+
+
+def _given(request: Request) -> list[Vector]:
+    """Returns the joint positions (6,) that are not the optimiser's to choose [rad]."""
+    fixed = isinstance(request.problem.release, JointRelease | PoseRelease)
+    return [request.problem.start, request.candidate.q] if fixed else [request.problem.start]
 
 
 def _standing(q: Vector) -> Vector:

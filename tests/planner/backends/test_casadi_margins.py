@@ -35,10 +35,12 @@ def test_each_failure_adds_to_the_one_before() -> None:
     assert len(twice.spots) == 2
 
 
-def test_singularities_and_windows_have_margins_of_their_own() -> None:
+def test_singularities_windows_and_positions_have_margins_of_their_own() -> None:
     near, late = at_least("singularity_distance", 0.04, 0.05, "1"), at_most("landing_window", 6e-3, 5e-3, "m")
-    wide = CLOSE.widened([near, late], SOLUTION)
+    turned = at_least("joint_position", -1.68, -1.66, "rad", 0.1)
+    wide = CLOSE.widened([near, late, turned], SOLUTION)
     assert wide is not None
+    assert 0.02 < wide.position_rad < 0.04
     assert wide.singularity > CLOSE.singularity + 0.2
     assert wide.window < CLOSE.window * 5.0 / 6.0
     assert wide.held == SOLUTION.held
