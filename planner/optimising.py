@@ -21,6 +21,7 @@ SEEDS_ANSWERED = 3  # tried in all where Ruckig has an answer and the optimiser 
 RUCKIG_FIRST = 6  # seeds whose motions by Ruckig are looked at before more seeds are optimised
 RUCKIG_LAST = 14  # of the seeds likewise while there is no answer at all: a refusal shall not take long
 TIMED = 24  # candidates of least bound whose launch by Ruckig is timed; the others lie turns away
+GIVE_UP_S = 1.0  # [s] after which no further seed is begun: a refusal shall not take long
 SEED_S = 0.4  # [s] for a seed: what its solutions take when each of them is a hard one
 STUBBORN_S = 0.6  # [s] for the soonest seed once more, where the slow second solver is asked too
 ROUNDS = 4  # solutions of one seed, each keeping away from what the certificate found in the one before
@@ -61,7 +62,7 @@ def _first_answer(search: Search, seeds: list[Seed], patience_s: float, stubborn
     """Optimises from seed after seed until one is certified; returns whether one was."""
     begun, solved, valid, failure = time.perf_counter(), 0, 0, ""
     for seed in seeds:
-        if valid or search.left_s <= 0.0:
+        if valid or search.left_s <= 0.0 or search.spent_s > GIVE_UP_S:
             break
         if seed.candidate.bound_s >= search.release_time_s:
             continue

@@ -5,8 +5,6 @@ A `point` leaves the tool's orientation and turning free; a `target` leaves plac
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +14,7 @@ from planner.errors import Infeasible, Violation
 from planner.kinematics import forward, inverse_branches, jacobian, singularity_distances
 from planner.lower_bound import least_time
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
+from planner.quasi_random import offsets, quaternions
 from planner.rotations import invert_pose, quaternion_to_matrix
 from planner.velocity_spread import spread_velocity
 
@@ -60,7 +59,7 @@ def _postures(problem: ThrowProblem, p_WT: Vector) -> Vector:
 
 def _postures_in(problem: ThrowProblem, p_WT: Vector, orientations: int) -> Vector:
     X_WT = np.tile(np.eye(4), (orientations, 1, 1))
-    X_WT[:, :3, :3] = quaternion_to_matrix(_quaternions(orientations))
+    X_WT[:, :3, :3] = quaternion_to_matrix(quaternions(orientations))
     X_WT[:, :3, 3] = p_WT
     cell = problem.cell
     branches, _ = inverse_branches(cell.robot, invert_pose(cell.X_WB) @ X_WT, cell.tool.X_FT)
@@ -79,7 +78,7 @@ def target_states(problem: ThrowProblem, release: TargetRelease) -> tuple[Vector
         return _flights(problem, release, q, np.broadcast_to(release.release_position, (len(q), 3)))
     limits = problem.limits
     centre = np.clip(problem.start, limits.q_lower, limits.q_upper)
-    q = np.clip(centre + _spread(PLACES), limits.q_lower, limits.q_upper)
+    q = np.clip(centre + offsets(PLACES), limits.q_lower, limits.q_upper)
     cell = problem.cell
     p = (cell.X_WB @ forward(cell.robot, q, cell.tool.X_FT))[:, :3, 3]
     away = np.linalg.norm((p - release.p_W)[:, :2], axis=1)
@@ -214,38 +213,3 @@ def _no_flight(problem: ThrowProblem, release: TargetRelease, p: Vector) -> Viol
         "m/s",
         detail="least speed that hits the target within the elevations asked for",
     )
-
-
-@cache
-def _halton(count: int, dimension: int) -> Vector:
-    """Returns a Halton sequence (count, dimension) in (0, 1): deterministic and evenly spread.
-
-    Source: Halton 1960, doi 10.1007/BF01386213.
-    """
-    primes = (2, 3, 5, 7, 11, 13)[:dimension]
-    columns = []
-    for prime in primes:
-        index, value, scale = np.arange(1, count + 1), np.zeros(count), 1.0 / prime
-        while index.any():
-            value += scale * (index % prime)
-            index, scale = index // prime, scale / prime
-        columns.append(value)
-    points = np.stack(columns, axis=1)
-    points.setflags(write=False)
-    return points
-
-
-def _quaternions(count: int) -> Vector:
-    """Returns unit quaternions (count, 4) spread evenly. Source: Shoemake, Graphics Gems III (1992), p. 124."""
-    u = _halton(count, 3)
-    angle_1, angle_2 = 2.0 * np.pi * u[:, 1], 2.0 * np.pi * u[:, 2]
-    low, high = np.sqrt(1.0 - u[:, 0]), np.sqrt(u[:, 0])
-    return np.stack(
-        [low * np.sin(angle_1), low * np.cos(angle_1), high * np.sin(angle_2), high * np.cos(angle_2)], axis=1
-    )
-
-
-def _spread(count: int) -> Vector:
-    """Returns joint offsets (count, 6) [rad] from the start: dense near it, as the soonest throws are, but far too."""
-    u = 2.0 * _halton(count, 6) - 1.0
-    return np.array([np.pi, 1.8, 1.8, 2.2, 2.2, np.pi]) * np.sign(u) * np.abs(u) ** 1.5

@@ -32,13 +32,19 @@ class Answer:
 
 @dataclass(eq=False)
 class Search:
-    """The state of one search. `deadline_s` is on `time.perf_counter`'s clock."""
+    """The state of one search. `deadline_s` and `begun_s` are on `time.perf_counter`'s clock."""
 
     problem: ThrowProblem
     deadline_s: float
     best: Answer | None = None
     refused: Answer | None = None
     attempts: list[Attempt] = field(default_factory=list)
+    begun_s: float = field(default_factory=time.perf_counter)
+
+    @property
+    def spent_s(self) -> float:
+        """Time spent searching [s]."""
+        return time.perf_counter() - self.begun_s
 
     @property
     def left_s(self) -> float:
