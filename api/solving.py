@@ -5,6 +5,7 @@ Answers are plain data, because exceptions with fields do not survive the way be
 
 from __future__ import annotations
 
+import gc
 import os
 import threading
 from collections.abc import Mapping
@@ -67,6 +68,8 @@ def start(warm_up: Job | None) -> None:
     _build_solvers()
     if warm_up is not None:
         solve(warm_up)
+    gc.collect()
+    gc.freeze()  # what is loaded stays; looking through it again and again would cost milliseconds a plan
 
 
 def solve(job: Job) -> Planned | Refused:

@@ -7,20 +7,22 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from functools import cached_property
 
 from planner.backends import casadi_nlp, ruckig_otg
+from planner.backends.casadi_nlp import Guess
 from planner.errors import SolverFailed
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.release import Candidate
 from planner.search import Search
-from planner.trajectory import Trajectory
 
 MOST_SEEDS = {JointRelease: 1, PoseRelease: 4, PointRelease: 5, TargetRelease: 5}  # tried while there is no answer
 SEEDS_FIRST = 2  # tried before Ruckig's own motions are looked at, the second where the first fails
 SEEDS_ANSWERED = 3  # tried in all where Ruckig has an answer and the optimiser has none
 RUCKIG_FIRST = 6  # seeds whose motions by Ruckig are looked at before more seeds are optimised
 RUCKIG_LAST = 14  # of the seeds likewise while there is no answer at all: a refusal shall not take long
-TIMED = 24  # candidates of least bound whose launch by Ruckig is timed; the others lie turns away
+LOOKED_AT = 24  # candidates of least bound; the others lie turns away
+TIMED = 8  # of these are sorted by their launch by Ruckig
 GIVE_UP_S = 1.0  # [s] after which no further seed is begun: a refusal shall not take long
 SEED_S = 0.4  # [s] for a seed: what its solutions take when each of them is a hard one
 STUBBORN_S = 0.6  # [s] for the soonest seed once more, where the slow second solver is asked too
@@ -29,10 +31,15 @@ ROUNDS = 4  # solutions of one seed, each keeping away from what the certificate
 
 @dataclass(frozen=True, eq=False)
 class Seed:
-    """A candidate and how soon Ruckig releases in it [s]; infinite where Ruckig refuses."""
+    """A candidate for the release of a problem."""
 
+    problem: ThrowProblem
     candidate: Candidate
-    ruckig_s: float
+
+    @cached_property
+    def ruckig_s(self) -> float:
+        """How soon Ruckig releases in it [s]; infinite where it refuses."""
+        return ruckig_otg.launch_time(self.problem, self.candidate)
 
 
 def optimised(search: Search, seeds: list[Seed], with_ruckig: bool) -> None:
@@ -80,8 +87,10 @@ def _sooner_by_ruckig(search: Search, seeds: list[Seed]) -> None:
     """Certifies those Ruckig motions that would release sooner than the best answer, soonest first."""
     begun, tried, valid = time.perf_counter(), 0, 0
     for seed in seeds:
-        if seed.ruckig_s >= search.release_time_s or search.left_s <= 0.0:
+        if search.left_s <= 0.0:
             break
+        if seed.candidate.bound_s >= search.release_time_s or seed.ruckig_s >= search.release_time_s:
+            continue
         for launch in ruckig_otg.LAUNCHES:
             if launch == ruckig_otg.SPARE and search.best is not None:
                 continue
@@ -95,15 +104,15 @@ def _sooner_by_ruckig(search: Search, seeds: list[Seed]) -> None:
     search.tell("ruckig", f"{valid} of {tried} motions certified that would release sooner", begun)
 
 
-def by_launch_time(problem: ThrowProblem, seeds: list[Candidate]) -> list[Seed]:
-    """Returns the soonest seeds by how soon Ruckig releases in them; those it refuses come last."""
-    timed = [Seed(seed, ruckig_otg.launch_time(problem, seed)) for seed in seeds[:TIMED]]
-    return sorted(timed, key=lambda seed: seed.ruckig_s)
+def by_launch_time(problem: ThrowProblem, candidates: list[Candidate]) -> list[Seed]:
+    """Returns seeds: the first by how soon Ruckig releases in them, those after them by their bound."""
+    seeds = [Seed(problem, candidate) for candidate in candidates[:LOOKED_AT]]
+    return [*sorted(seeds[:TIMED], key=lambda seed: seed.ruckig_s), *seeds[TIMED:]]
 
 
 def _optimise(search: Search, seed: Seed, patience_s: float, stubborn: bool = False) -> bool:
     """Solves from one seed; again with wider margins where the certificate finds fault. Returns whether valid."""
-    warm_start, margins = _warm_start(search.problem, seed), casadi_nlp.CLOSE
+    warm_start, margins = _warm_start(seed), casadi_nlp.CLOSE
     deadline_s = min(search.deadline_s, time.perf_counter() + patience_s)
     for _ in range(ROUNDS):
         solution = casadi_nlp.solve(search.problem, seed.candidate, warm_start, deadline_s, margins, stubborn)
@@ -117,7 +126,5 @@ def _optimise(search: Search, seed: Seed, patience_s: float, stubborn: bool = Fa
     return False
 
 
-def _warm_start(problem: ThrowProblem, seed: Seed) -> Trajectory | None:
-    if seed.ruckig_s == float("inf"):
-        return None
-    return ruckig_otg.solve(problem, seed.candidate).trajectory
+def _warm_start(seed: Seed) -> Guess | None:
+    return None if seed.ruckig_s == float("inf") else ruckig_otg.rough(seed.problem, seed.candidate)

@@ -9,12 +9,12 @@ Source: Berscheid and Kroeger, Jerk-limited Real-time Trajectory Generation with
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from types import ModuleType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from planner.cell import Limits
 from planner.errors import BackendUnavailable, SolverFailed
@@ -56,6 +56,53 @@ def solve(problem: ThrowProblem, candidate: Candidate, launch: str = "synchronis
     else:
         tail = _on_grid(problem, release, lambda limits: _brake(ruckig, release, limits, problem.dt))
     return Solution(join(head, tail, 1.0 / problem.dt), launch)
+
+
+@dataclass(frozen=True, eq=False)
+class Rough:
+    """Ruckig's synchronised motion as it comes, not on ticks: a first guess for others.
+
+    Attributes:
+        launch: to the release; Ruckig's trajectory.
+        brake: from there to rest; None for a move that ends at rest.
+    """
+
+    launch: Any
+    brake: Any
+
+    @property
+    def release_time_s(self) -> float:
+        """Duration of the launch [s]."""
+        return float(self.launch.duration)
+
+    @property
+    def duration_s(self) -> float:
+        """Duration of the whole [s]."""
+        return self.release_time_s + (float(self.brake.duration) if self.brake else 0.0)
+
+    def at(self, t: ArrayLike) -> State:
+        """Returns q, qd, qdd (n, 6) at times `t` (n,) [s]."""
+        times, released = np.asarray(t, float), self.release_time_s
+        states = [
+            self.launch.at_time(s) if s <= released or not self.brake else self.brake.at_time(s - released)
+            for s in times.tolist()
+        ]
+        q, qd, qdd = (np.array(column) for column in zip(*states, strict=True))
+        return q, qd, qdd
+
+
+def rough(problem: ThrowProblem, candidate: Candidate) -> Rough:
+    """Returns a first guess of a motion to the candidate and from there to rest.
+
+    Raises:
+        SolverFailed: Ruckig refuses the states.
+        BackendUnavailable: ruckig is not installed.
+    """
+    ruckig, zero, dt = _ruckig(), np.zeros(6), problem.dt
+    release = (candidate.q, candidate.qd, zero)
+    launch = _calculate(ruckig, _input(ruckig, (problem.start, zero, zero), release, problem.limits), dt)
+    brake = None if problem.ends_at_rest else _braking(ruckig, release, problem.limits, dt)
+    return Rough(launch, brake)
 
 
 def _gentle(limits: Limits, candidate: Candidate) -> Limits:
@@ -122,13 +169,17 @@ def _independent(ruckig: ModuleType, start: State, end: State, limits: Limits, d
 
 def _brake(ruckig: ModuleType, release: State, limits: Limits, dt: float) -> tuple[State, Vector]:
     """Returns the state of rest in which the fastest braking ends, and the accelerations at its ticks (M+1, 6)."""
-    request = _input(ruckig, release, (np.zeros(6), np.zeros(6), np.zeros(6)), limits)
-    request.control_interface = ruckig.ControlInterface.Velocity
-    request.duration_discretization = ruckig.DurationDiscretization.Discrete
-    motion = _calculate(ruckig, request, dt)
+    motion = _braking(ruckig, release, limits, dt)
     count = _ticks(motion.duration, dt)
     rest = np.array(motion.at_time(motion.duration)[0])
     return (rest, np.zeros(6), np.zeros(6)), _sample(motion, count, dt)
+
+
+def _braking(ruckig: ModuleType, release: State, limits: Limits, dt: float) -> Any:
+    request = _input(ruckig, release, (np.zeros(6), np.zeros(6), np.zeros(6)), limits)
+    request.control_interface = ruckig.ControlInterface.Velocity
+    request.duration_discretization = ruckig.DurationDiscretization.Discrete
+    return _calculate(ruckig, request, dt)
 
 
 def _input(ruckig: ModuleType, start: State, end: State, limits: Limits) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -57,6 +58,8 @@ class Choice:
 def run(choice: Choice) -> None:
     """Runs everything chosen and writes the report; solvers are built first, as `fling warm` does."""
     _say("solvers compiled" if warm() else "no C compiler: interpreted solvers")
+    gc.collect()
+    gc.freeze()  # as the service's planner processes do
     about = machine() | {"command": " ".join(["fling bench", *choice.given])}
     record, runner = Record(choice.rows / "rows.jsonl", choice.resume), Runner()
     tasks = {name: build(name, choice.count or {**QUICK, **PAIRS}[name], choice.seed) for name in choice.sets}

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from planner.backends.casadi_nlp.guess import Guess
 from planner.backends.casadi_nlp.margins import Margins
 from planner.errors import BackendUnavailable
 from planner.problem import ThrowProblem
 from planner.release import Candidate
 from planner.solution import Solution
-from planner.trajectory import Trajectory
 
-__all__ = ["CLOSE", "Margins", "solve", "warm"]
+__all__ = ["CLOSE", "Guess", "Margins", "solve", "warm"]
 
 CLOSE = Margins()
 
@@ -22,7 +22,7 @@ CLOSE = Margins()
 def solve(
     problem: ThrowProblem,
     candidate: Candidate,
-    warm_start: Trajectory | None,
+    warm_start: Guess | None,
     deadline_s: float,
     margins: Margins = CLOSE,
     stubborn: bool = False,

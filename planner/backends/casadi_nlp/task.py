@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp import answer, exactness
+from planner.backends.casadi_nlp.guess import Guess
 from planner.backends.casadi_nlp.layout import STEP, TIME, TIME_SCALE
 from planner.backends.casadi_nlp.margins import Margins
 from planner.backends.casadi_nlp.request import Request, Start, arguments, guess, whole_shape
@@ -31,7 +32,7 @@ DRAG_ROUNDS = 3  # corrections of the aim for drag; each leaves a tenth of the e
 def solve(
     problem: ThrowProblem,
     candidate: Candidate,
-    warm_start: Trajectory | None,
+    warm_start: Guess | None,
     deadline_s: float,
     margins: Margins,
     stubborn: bool,
@@ -164,7 +165,7 @@ def tool_point(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[Vector, Ve
     return X_WT[:3, 3], cell.X_WB[:3, :3] @ v_B
 
 
-def _motion(problem: ThrowProblem, candidate: Candidate, warm_start: Trajectory | None) -> dict[str, Any]:
+def _motion(problem: ThrowProblem, candidate: Candidate, warm_start: Guess | None) -> dict[str, Any]:
     if warm_start is not None:
         return {"release_s": warm_start.release_time_s, "end_s": warm_start.duration_s, "state": warm_start.at}
     return _plain_motion(problem, candidate)
