@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,16 +74,21 @@ def rows_of(cell: Cell, trajectory: Trajectory, throws: bool) -> Rows:
 
 def approach_of(rows: Rows, brakes: Brakes) -> Approach:
     """Returns a planned way to the start, for a job."""
-    return Approach(
-        first_clock_s=rows.first_clock_s,
-        q=rows.q.tolist(),
-        qd=rows.qd.tolist(),
-        qdd=rows.qdd.tolist(),
-        reference_q=rows.reference_q.tolist(),
-        reference_qd=rows.reference_qd.tolist(),
-        brake_row=brakes.row.tolist(),
-        brake_ticks=brakes.ticks.tolist(),
-    )
+    return Approach(**_streamed(rows, brakes))
+
+
+def _streamed(rows: Rows, brakes: Brakes) -> dict[str, Any]:
+    """Returns what a motion's streaming needs of its rows and their brakes, by the names of `Job` and `Approach`."""
+    return {
+        "first_clock_s": rows.first_clock_s,
+        "q": rows.q.tolist(),
+        "qd": rows.qd.tolist(),
+        "qdd": rows.qdd.tolist(),
+        "reference_q": rows.reference_q.tolist(),
+        "reference_qd": rows.reference_qd.tolist(),
+        "brake_row": brakes.row.tolist(),
+        "brake_ticks": brakes.ticks.tolist(),
+    }
 
 
 def make_job(
@@ -96,19 +102,12 @@ def make_job(
         dry_run=dry_run,
         dt=dt,
         lag_ticks=cell.timing.lag_s / dt,
-        first_clock_s=rows.first_clock_s,
-        q=rows.q.tolist(),
-        qd=rows.qd.tolist(),
-        qdd=rows.qdd.tolist(),
-        reference_q=rows.reference_q.tolist(),
-        reference_qd=rows.reference_qd.tolist(),
+        **_streamed(rows, brakes),
         release_row=rows.release_row,
         output_row=rows.output_row,
         output=cell.gripper.output,
         output_index=cell.gripper.index,
         output_level=cell.gripper.open_level,
-        brake_row=brakes.row.tolist(),
-        brake_ticks=brakes.ticks.tolist(),
         start=rows.q[0].tolist(),
         approach=approach,
         approach_speed=settings.approach_pace * ways.SPEED,

@@ -1,6 +1,7 @@
 """How the optimiser is used: a few seeds, warm-started from Ruckig; `auto` also keeps what Ruckig does sooner.
 
-Counts, not clocks, decide what is tried, so that the same request has the same answer; the deadline only cuts off.
+Counts decide what is tried, so that the same request has the same answer; clocks only cut off: the deadline, a hard
+seed's patience, and the second after which no further seed is begun.
 """
 
 from __future__ import annotations
@@ -44,8 +45,6 @@ class Seed:
 
 def optimised(search: Search, seeds: list[Seed], with_ruckig: bool) -> None:
     """Optimises from the soonest seed that leads to an answer, and certifies those Ruckig motions that are sooner.
-
-    Counts decide what is tried, the deadline only cuts off.
 
     Args:
         search: to be filled in.

@@ -148,6 +148,16 @@ class Rig:
         self.until(lambda: self.row(id).state == "finished", END_WITHIN_S)
         return self.row(id)
 
+    def abort_approaching(self, id: str) -> ExecutionRow:
+        """Aborts an execution while the arm is on its way to the start, and waits for its end."""
+
+        def on_the_way() -> bool:
+            return self.row(id).state == "approaching" and max(map(abs, self.state()["qd"])) > 0.3
+
+        self.until(on_the_way, period=0.001)
+        self.store.request_abort(id)
+        return self.end(id)
+
     def throw(self, release: Mapping[str, Any] = TOSS, mode: str = "speedj", dry_run: bool = False) -> ExecutionRow:
         """Queues an execution and waits for its end."""
         return self.end(self.queue(release, mode, dry_run))

@@ -35,9 +35,7 @@ def test_what_stands_in_the_straight_way_is_gone_around(boxed_rig: Rig) -> None:
     go_around(rig, RIGHT, "speedj")
     go_around(rig, LEFT, "servoj")
     id = queue(rig, RIGHT, "speedj")
-    rig.until(lambda: rig.row(id).state == "approaching" and max(map(abs, rig.state()["qd"])) > 0.3, period=0.001)
-    rig.store.request_abort(id)
-    row = rig.end(id)
+    row = rig.abort_approaching(id)
     assert row.outcome == "aborted", row.reason
     assert max(map(abs, rig.state()["qd"])) < 1e-3
     assert not rig.is_latched()

@@ -133,9 +133,7 @@ def test_an_abort_in_the_approach_stops_in_order(rig: Rig) -> None:
     far = {**NUDGE, "positions": [0.9, -1.57, 1.57, -1.57, -1.57, 0.0]}
     assert rig.throw(far).outcome == "completed"
     id = rig.queue(NUDGE)  # starts at home: 0.9 rad away
-    rig.until(lambda: rig.row(id).state == "approaching" and max(map(abs, rig.state()["qd"])) > 0.3, period=0.001)
-    rig.store.request_abort(id)
-    row = rig.end(id)
+    row = rig.abort_approaching(id)
     assert row.outcome == "aborted", row.reason
     assert max(map(abs, rig.state()["qd"])) < 1e-3
     assert not rig.is_latched()

@@ -34,7 +34,7 @@ def whole_shape(problem: ThrowProblem) -> Shape:
     """Returns the stages that the problem needs, with every group of rows that applies."""
     groups = GROUPS if problem.cell.surroundings.keep_out else GROUPS[:-1]
     if problem.ends_at_rest:
-        return Shape(LAUNCH_STAGES, 0, False, groups)
+        return Shape(LAUNCH_STAGES, 0, 0, groups)
     extra = WINDOW_STAGES if problem.is_robust else 0
     return Shape(LAUNCH_STAGES + extra, BRAKE_STAGES + extra, extra, groups)
 
