@@ -1,17 +1,22 @@
 """How the optimiser is used: a few seeds, warm-started from Ruckig; `auto` also keeps what Ruckig does sooner.
 
+Where the release state is given and nothing couples the joints, Ruckig's motion with free acceleration at the release
+is as soon as the slowest joint alone: then there is nothing left to optimise.
+
 Counts decide what is tried, so that the same request has the same answer; clocks only cut off: the deadline, a hard
 seed's patience, and the second after which no further seed is begun.
 """
 
 from __future__ import annotations
 
+import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import Guess
+from planner.certificate import Certificate
 from planner.errors import SolverFailed
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.release import Candidate
@@ -22,11 +27,13 @@ SEEDS_FIRST = 2  # tried before Ruckig's own motions are looked at, the second w
 SEEDS_ANSWERED = 3  # tried in all where Ruckig has an answer and the optimiser has none
 RUCKIG_FIRST = 6  # seeds whose motions by Ruckig are looked at before more seeds are optimised
 RUCKIG_LAST = 14  # of the seeds likewise while there is no answer at all: a refusal shall not take long
+BOUND_FIRST = 2  # seeds whose soonest arrivals are tried before anything is optimised
 LOOKED_AT = 24  # candidates of least bound; the others lie turns away
 TIMED = 8  # of these are sorted by their launch by Ruckig
 GIVE_UP_S = 1.0  # [s] after which no further seed is begun: a refusal shall not take long
 SEED_S = 0.4  # [s] for a seed: what its solutions take when each of them is a hard one
 STUBBORN_S = 0.6  # [s] for the soonest seed once more, where the slow second solver is asked too
+TICK_SLACK = 1e-6  # [-] of a tick, for rounding
 ROUNDS = 4  # solutions of one seed, each keeping away from what the certificate found in the one before
 
 
@@ -36,10 +43,17 @@ class Seed:
 
     problem: ThrowProblem
     candidate: Candidate
+    tried: set[str] = field(default_factory=set)  # of Ruckig's launches
+
+    @cached_property
+    def arrival_s(self) -> float:
+        """When the slowest joint alone can be there, with free acceleration [s]; infinite where Ruckig refuses."""
+        arrival = ruckig_otg.arrival(self.problem, self.candidate)
+        return float("inf") if arrival is None else arrival.time_s
 
     @cached_property
     def ruckig_s(self) -> float:
-        """How soon Ruckig releases in it [s]; infinite where it refuses."""
+        """How soon Ruckig releases in it with zero acceleration [s]; infinite where it refuses."""
         return ruckig_otg.launch_time(self.problem, self.candidate)
 
 
@@ -51,6 +65,8 @@ def optimised(search: Search, seeds: list[Seed], with_ruckig: bool) -> None:
         seeds: soonest first.
         with_ruckig: whether Ruckig's own motions count as answers.
     """
+    if with_ruckig and _as_soon_as_one_joint(search, seeds):
+        return
     most = MOST_SEEDS[type(search.problem.release)]
     by_optimiser = _first_answer(search, seeds[:SEEDS_FIRST], SEED_S, stubborn=False)
     if with_ruckig:
@@ -62,6 +78,24 @@ def optimised(search: Search, seeds: list[Seed], with_ruckig: bool) -> None:
             _sooner_by_ruckig(search, seeds[RUCKIG_FIRST:] if search.best else seeds[RUCKIG_FIRST:RUCKIG_LAST])
     if search.best is None:
         _first_answer(search, seeds[:1], STUBBORN_S, stubborn=True)
+
+
+def _as_soon_as_one_joint(search: Search, seeds: list[Seed]) -> bool:
+    """Tries Ruckig's soonest motions to a given release state; returns whether one is certified that nothing beats."""
+    problem = search.problem
+    if not isinstance(problem.release, JointRelease | PoseRelease) or problem.is_robust:
+        return False
+    begun, tried = time.perf_counter(), 0
+    soonest = sorted(seeds[:TIMED], key=lambda seed: seed.arrival_s)[:BOUND_FIRST]
+    for seed in soonest:
+        if seed.arrival_s >= search.release_time_s:
+            break
+        tried += _try_launch(search, seed, "free") is not None
+    bound_s = problem.dt * math.ceil(soonest[0].arrival_s / problem.dt - TICK_SLACK)
+    done = search.release_time_s <= bound_s + TICK_SLACK * problem.dt
+    valid = "certified, as soon as the slowest joint alone" if done else f"{int(search.best is not None)} certified"
+    search.tell("ruckig", f"{tried} motions with free acceleration at the release; {valid}", begun)
+    return done
 
 
 def _first_answer(search: Search, seeds: list[Seed], patience_s: float, stubborn: bool) -> bool:
@@ -88,19 +122,30 @@ def _sooner_by_ruckig(search: Search, seeds: list[Seed]) -> None:
     for seed in seeds:
         if search.left_s <= 0.0:
             break
-        if seed.candidate.bound_s >= search.release_time_s or seed.ruckig_s >= search.release_time_s:
+        if seed.candidate.bound_s >= search.release_time_s or seed.arrival_s >= search.release_time_s:
             continue
         for launch in ruckig_otg.LAUNCHES:
             if launch == ruckig_otg.SPARE and search.best is not None:
                 continue
-            try:
-                solution = ruckig_otg.solve(search.problem, seed.candidate, launch)
-            except SolverFailed:
-                continue  # a phase that does not fit the tick grid; its launch time alone was known
-            if solution.trajectory.release_time_s < search.release_time_s:
+            certificate = _try_launch(search, seed, launch)
+            if certificate is not None:
                 tried += 1
-                valid += search.judge("ruckig", solution).valid
+                valid += certificate.valid
     search.tell("ruckig", f"{valid} of {tried} motions certified that would release sooner", begun)
+
+
+def _try_launch(search: Search, seed: Seed, launch: str) -> Certificate | None:
+    """Certifies a motion by Ruckig; None where it was tried before, is not sooner than the best, or does not exist."""
+    if launch in seed.tried or (launch != "free" and seed.ruckig_s >= search.release_time_s):
+        return None
+    seed.tried.add(launch)
+    try:
+        solution = ruckig_otg.solve(search.problem, seed.candidate, launch)
+    except SolverFailed:
+        return None  # a phase that does not fit the tick grid; its launch time alone was known
+    if solution.trajectory.release_time_s >= search.release_time_s:
+        return None
+    return search.judge("ruckig", solution)
 
 
 def by_launch_time(problem: ThrowProblem, candidates: list[Candidate]) -> list[Seed]:

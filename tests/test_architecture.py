@@ -19,7 +19,7 @@ MODULE_LINES_MAX = 250
 PLANTED = {
     "rooms": ("api/plans.py", "import executor.job"),
     "planner-levels": ("planner/certificate/__init__.py", "import planner.backends.ruckig_otg"),
-    "backends-apart": ("planner/backends/ruckig_otg.py", "import planner.backends.profiles"),
+    "backends-apart": ("planner/backends/ruckig_otg/__init__.py", "import planner.backends.profiles"),
     "planner-pure": ("planner/cell/model.py", "import sqlalchemy"),
     "executor-no-solver": ("executor/job.py", "import planner.planning"),
     "api-no-robot": ("api/plans.py", "import rtde_control"),
