@@ -26,13 +26,14 @@ MOST_SEEDS = {JointRelease: 1, PoseRelease: 4, PointRelease: 5, TargetRelease: 5
 SEEDS_FIRST = 2  # tried before Ruckig's own motions are looked at, the second where the first fails
 SEEDS_ANSWERED = 3  # tried in all where Ruckig has an answer and the optimiser has none
 RUCKIG_FIRST = 6  # seeds whose motions by Ruckig are looked at before more seeds are optimised
-RUCKIG_LAST = 14  # of the seeds likewise while there is no answer at all: a refusal shall not take long
+RUCKIG_LAST = 11  # of the seeds likewise while there is no answer at all: a refusal shall not take long
 BOUND_FIRST = 2  # seeds whose soonest arrivals are tried before anything is optimised
 LOOKED_AT = 24  # candidates of least bound; the others lie turns away
 TIMED = 8  # of these are sorted by their launch by Ruckig
-GIVE_UP_S = 1.0  # [s] after which no further seed is begun: a refusal shall not take long
+GIVE_UP_S = 1.0  # [s] after which nothing further is begun without an answer: a refusal shall not take long
 SEED_S = 0.4  # [s] for a seed: what its solutions take when each of them is a hard one
 STUBBORN_S = 0.6  # [s] for the soonest seed once more, where the slow second solver is asked too
+STUBBORN_BEFORE_S = 0.8  # [s] spent: later it is not asked
 TICK_SLACK = 1e-6  # [-] of a tick, for rounding
 ROUNDS = 4  # solutions of one seed, each keeping away from what the certificate found in the one before
 
@@ -76,7 +77,7 @@ def optimised(search: Search, seeds: list[Seed], with_ruckig: bool) -> None:
         _first_answer(search, further, SEED_S, stubborn=False)
         if with_ruckig:
             _sooner_by_ruckig(search, seeds[RUCKIG_FIRST:] if search.best else seeds[RUCKIG_FIRST:RUCKIG_LAST])
-    if search.best is None:
+    if search.best is None and search.spent_s < STUBBORN_BEFORE_S:
         _first_answer(search, seeds[:1], STUBBORN_S, stubborn=True)
 
 
@@ -120,7 +121,7 @@ def _sooner_by_ruckig(search: Search, seeds: list[Seed]) -> None:
     """Certifies those Ruckig motions that would release sooner than the best answer, soonest first."""
     begun, tried, valid = time.perf_counter(), 0, 0
     for seed in seeds:
-        if search.left_s <= 0.0:
+        if search.left_s <= 0.0 or (search.best is None and search.spent_s > GIVE_UP_S):
             break
         if seed.candidate.bound_s >= search.release_time_s or seed.arrival_s >= search.release_time_s:
             continue
@@ -155,14 +156,20 @@ def by_launch_time(problem: ThrowProblem, candidates: list[Candidate]) -> list[S
 
 
 def _optimise(search: Search, seed: Seed, patience_s: float, stubborn: bool = False) -> bool:
-    """Solves from one seed; again with wider margins where the certificate finds fault. Returns whether valid."""
-    warm_start, margins = _warm_start(seed), casadi_nlp.CLOSE
+    """Solves from one seed; again with wider margins where the certificate finds fault. Returns whether valid.
+
+    A motion that comes much too near to something between two looks is solved for afresh on more stages.
+    """
+    warm_start, margins, fine = _warm_start(seed), casadi_nlp.CLOSE, False
     deadline_s = min(search.deadline_s, time.perf_counter() + patience_s)
     for _ in range(ROUNDS):
-        solution = casadi_nlp.solve(search.problem, seed.candidate, warm_start, deadline_s, margins, stubborn)
+        solution = casadi_nlp.solve(search.problem, seed.candidate, warm_start, deadline_s, margins, fine, stubborn)
         certificate = search.judge("casadi", solution)
         if certificate.valid:
             return True
+        if not (fine or search.problem.is_robust) and casadi_nlp.far_off(certificate.failures):
+            warm_start, margins, fine = _warm_start(seed), casadi_nlp.CLOSE, True
+            continue
         wider = margins.widened(certificate.failures, solution)
         if wider is None:
             return False

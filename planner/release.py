@@ -30,7 +30,8 @@ from planner.sampling import point_states, target_states
 Vector = NDArray[np.float64]
 
 SPEED_SLACK = 1e-9  # [-] rounding allowed in the comparison with a speed limit
-FIRST_LOOK = 48  # states of least bound looked at first: a pose has hundreds, most of them turns away
+# States looked at in turn, and with how many candidates no longer: a pose has hundreds of states, most turns away.
+PORTIONS = ((slice(0, 24), 1), (slice(24, 48), 14), (slice(48, None), 1))
 POSITION_SLACK = 1e-9  # [rad] likewise with a position limit
 
 
@@ -92,16 +93,16 @@ def _usable(problem: ThrowProblem, q: Vector, qd: Vector) -> list[Candidate]:
 
 
 def _clear(problem: ThrowProblem, q: Vector, qd: Vector, bound: Vector) -> list[Candidate]:
-    """Returns the sorted states in which the arm may stand; those of equal posture but more turns only if need be."""
-    kind, least = problem.release.__class__.__name__, []
-    for rows in (slice(0, FIRST_LOOK), slice(FIRST_LOOK, None)):
-        free = clearances(problem.cell, q[rows])
-        good = np.flatnonzero(free.least >= 0.0) + (rows.start or 0)
-        if len(good):
-            return [Candidate(q[i], qd[i], float(bound[i]), f"{kind} {i}") for i in good]
-        least.append(free)
-        if len(q) <= FIRST_LOOK:
+    """Returns the sorted states in which the arm may stand; those of later portions only if need be."""
+    kind, good, least = problem.release.__class__.__name__, [], []
+    for rows, enough in PORTIONS:
+        if len(good) >= enough or rows.start >= len(q):
             break
+        free = clearances(problem.cell, q[rows])
+        good += (np.flatnonzero(free.least >= 0.0) + rows.start).tolist()
+        least.append(free)
+    if good:
+        return [Candidate(q[i], qd[i], float(bound[i]), f"{kind} {i}") for i in good]
     best = max(least, key=lambda free: float(free.least.max()))
     raise Infeasible(best.violations(int(best.least.argmax()), problem.cell))
 

@@ -26,6 +26,7 @@ MORE_ORIENTATIONS, FEW_POSTURES = 1024, 24  # tried where the first lead to so f
 PLACES = 1024  # joint states tried for a target
 KEPT = 48  # of them, the soonest, kept apart from one another
 APART_RAD = 0.35  # two kept states differ by this in some joint
+PORTION = 64  # states compared with one another at once
 TOO_FAST_S = 1e3  # [s] for a joint at its largest speed: every state that is too fast comes after all others
 FLIGHT_STRETCH = (1.0, 0.8, 1.25, 0.6)  # flight times tried, as shares of the slowest throw's
 
@@ -145,12 +146,32 @@ def _soonest(problem: ThrowProblem, q: Vector, qd: Vector) -> NDArray[np.intp]:
     if len(usable) == 0:
         return np.argsort(excess, kind="stable")[:KEPT]
     bound = least_time(q[usable] - problem.start, qd[usable], problem.limits)
-    rest = usable[np.argsort(bound, kind="stable")]
+    order = usable[np.argsort(bound, kind="stable")]
+    return order[_apart(q[order])]
+
+
+def _apart(q: Vector) -> NDArray[np.intp]:
+    """Returns the first KEPT of the rows of `q` (n, 6) that differ from all rows kept before them.
+
+    In portions: where one posture is like the next, hundreds are looked at for a few dozen.
+    """
     kept: list[int] = []
-    while len(rest) and len(kept) < KEPT:
-        kept.append(int(rest[0]))
-        rest = rest[(np.abs(q[rest] - q[rest[0]]) > APART_RAD).any(axis=1)]
-    return np.array(kept, dtype=np.intp)
+    for begin in range(0, len(q), PORTION):
+        here = q[begin : begin + PORTION]
+        free = np.asarray(_differ(here, q[kept]).all(axis=1))
+        apart = _differ(here, here)
+        for i in range(len(here)):
+            if free[i]:
+                kept.append(begin + i)
+                free &= apart[i]
+        if len(kept) >= KEPT:
+            break
+    return np.array(kept[:KEPT], dtype=np.intp)
+
+
+def _differ(a: Vector, b: Vector) -> Mask:
+    """Returns whether rows of a (n, 6) and b (m, 6) differ (n, m)."""
+    return np.asarray((np.abs(a[:, None] - b) > APART_RAD).any(axis=2))
 
 
 def _within(problem: ThrowProblem, q: Vector) -> Vector:

@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from planner.backends.casadi_nlp.guess import Guess
-from planner.backends.casadi_nlp.margins import Margins
+from planner.backends.casadi_nlp.margins import Margins, far_off
 from planner.errors import BackendUnavailable
 from planner.problem import ThrowProblem
 from planner.release import Candidate
 from planner.solution import Solution
 
-__all__ = ["CLOSE", "Guess", "Margins", "solve", "warm"]
+__all__ = ["CLOSE", "Guess", "Margins", "far_off", "solve", "warm"]
 
 CLOSE = Margins()
 
@@ -25,6 +25,7 @@ def solve(
     warm_start: Guess | None,
     deadline_s: float,
     margins: Margins = CLOSE,
+    fine: bool = False,
     stubborn: bool = False,
 ) -> Solution:
     """Returns the motion of least release time next to a candidate.
@@ -35,6 +36,7 @@ def solve(
         warm_start: a motion to it, best Ruckig's; None: a plain one is made up.
         deadline_s: on `time.perf_counter`, when to stop trying.
         margins: kept free of what is only looked at on knots; wider ones for when a certificate has found fault.
+        fine: whether to take more stages, which are looked at more closely, and hold all rows at once.
         stubborn: whether the slow second solver is asked where the first gives up.
 
     Raises:
@@ -44,7 +46,7 @@ def solve(
     _require()
     from planner.backends.casadi_nlp import task
 
-    return task.solve(problem, candidate, warm_start, deadline_s, margins, stubborn)
+    return task.solve(problem, candidate, warm_start, deadline_s, margins, fine, stubborn)
 
 
 def warm(progress: Callable[[str, float], None] | None = None) -> bool:

@@ -17,6 +17,7 @@ SPARE_SHARE = 0.01  # [-] likewise of a limit
 PASSED_ON = 1.5  # [-] what was lacking between two looks takes more than as much at them
 MOST_SHARE = 0.4  # [-] of a limit, beyond which keeping away from it is no remedy
 MOST_M = 0.1  # [m] likewise of a clearance
+FAR_OFF_M = 0.005  # [m] lacking between two looks: they are too far apart
 MOST_RAD = 0.2  # [rad] likewise of a joint's position
 LOCAL = {  # which group of rows a check is about, and the first and last of them
     "joint_torque": ("effort", 0, 6),
@@ -126,3 +127,9 @@ class Margins:
         at, release_s, end_s = check.at_s, failed.release_time_s, failed.duration_s
         share = at / release_s if at <= release_s else 1.0 + (at - release_s) / (end_s - release_s)
         return replace(self, spots=(*self.spots, Spot(check.name, share, amount)))
+
+
+def far_off(failures: Iterable[Finding]) -> bool:
+    """Returns whether a clearance was missed by so much between two looks that closer looks are called for."""
+    near = [finding for finding in failures if LOCAL.get(finding.name, ("",))[0] in ("space", "boxes")]
+    return any(finding.limit - finding.value > FAR_OFF_M for finding in near)

@@ -22,6 +22,7 @@ from planner.release import Candidate
 Vector = NDArray[np.float64]
 
 LAUNCH_STAGES, BRAKE_STAGES = 8, 3  # source: measured; a jerk-optimal motion has few switches, braking is not hurried
+FINE_LAUNCH_STAGES, FINE_BRAKE_STAGES = 12, 4  # where the motion between two looks at it came too near to something
 BRAKE_WEIGHT = 0.05  # [-] of a second of braking against a second of launch
 JERK_WEIGHT = 1e-3  # [-] of the mean squared jerk share: takes the play out of joints that have time
 STEP_WEIGHT = 6e-2  # [-] of the mean squared deviation of a step from its first guess: keeps steps from collapsing
@@ -30,13 +31,14 @@ DRIFT_SHARE = 1.0  # [-] of tolerance over window, for the change of the landing
 FALL_MIN = 0.05  # [m^2/s^2] least discriminant: below, the object only grazes the plane
 
 
-def whole_shape(problem: ThrowProblem) -> Shape:
+def whole_shape(problem: ThrowProblem, fine: bool = False) -> Shape:
     """Returns the stages that the problem needs, with every group of rows that applies."""
     groups = GROUPS if problem.cell.surroundings.keep_out else GROUPS[:-1]
+    launch, brake = (FINE_LAUNCH_STAGES, FINE_BRAKE_STAGES) if fine else (LAUNCH_STAGES, BRAKE_STAGES)
     if problem.ends_at_rest:
-        return Shape(LAUNCH_STAGES, 0, 0, groups)
+        return Shape(launch, 0, 0, groups)
     extra = WINDOW_STAGES if problem.is_robust else 0
-    return Shape(LAUNCH_STAGES + extra, BRAKE_STAGES + extra, extra, groups)
+    return Shape(launch + extra, brake + extra, extra, groups)
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from planner.ballistics import fly
 from planner.errors import SolverFailed
 from planner.grid import grid_limits
 from planner.kinematics import forward, jacobian
-from planner.problem import JointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.release import Candidate
 from planner.solution import Solution
 from planner.trajectory import Trajectory
@@ -35,6 +35,7 @@ def solve(
     warm_start: Guess | None,
     deadline_s: float,
     margins: Margins,
+    fine: bool,
     stubborn: bool,
 ) -> Solution:
     """Returns the motion of least release time next to a candidate. See docs/optimal-control.md.
@@ -45,12 +46,14 @@ def solve(
         warm_start: a motion to it, best Ruckig's; None: a plain one is made up.
         deadline_s: on `time.perf_counter`, when to stop trying.
         margins: kept free of what is only looked at on knots.
+        fine: whether to take more stages, and hold all rows at once.
         stubborn: whether the slow second solver is asked where the first gives up.
 
     Raises:
         SolverFailed: no motion was found in time.
     """
-    solving = Solving(whole_shape(problem), deadline_s, margins.held, stubborn)
+    whole = whole_shape(problem, fine)
+    solving = Solving(whole, deadline_s, frozenset(whole.groups) if fine else margins.held, stubborn)
     motion = _motion(problem, candidate, warm_start)
     if problem.is_robust:
         motion = _without_window(problem, candidate, motion, solving, margins)
@@ -148,11 +151,13 @@ def _restarted(z: Vector, ticks: tuple[int, int], dt: float) -> Vector:
 
 def _aim(problem: ThrowProblem, candidate: Candidate) -> Vector:
     """Returns where the drag-free flight is to land (3,) [m]: for a target with drag, as from the candidate."""
-    p, v = tool_point(problem, candidate.q, candidate.qd)
-    if isinstance(problem.release, TargetRelease):
-        return exactness.drag_free_aim(problem, problem.release.p_W, p, v)
-    if not isinstance(problem.release, JointRelease | PoseRelease):
-        p, v = problem.release.p_WT, problem.release.v_WT
+    release = problem.release
+    if isinstance(release, PointRelease):
+        p, v = release.p_WT, release.v_WT
+    else:
+        p, v = tool_point(problem, candidate.q, candidate.qd)
+    if isinstance(release, TargetRelease):
+        return exactness.drag_free_aim(problem, release.p_W, p, v)
     flight = None if problem.ends_at_rest else fly(p, v, problem.plane_z, problem.gravity)
     return np.array([p[0], p[1], problem.plane_z]) if flight is None else flight.landing_point
 

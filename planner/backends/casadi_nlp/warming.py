@@ -7,7 +7,13 @@ from dataclasses import replace
 from itertools import combinations
 
 from planner.backends.casadi_nlp import codegen
-from planner.backends.casadi_nlp.request import BRAKE_STAGES, LAUNCH_STAGES, WINDOW_STAGES
+from planner.backends.casadi_nlp.request import (
+    BRAKE_STAGES,
+    FINE_BRAKE_STAGES,
+    FINE_LAUNCH_STAGES,
+    LAUNCH_STAGES,
+    WINDOW_STAGES,
+)
 from planner.backends.casadi_nlp.solving import machine
 from planner.backends.casadi_nlp.table import GROUPS, Shape
 
@@ -16,13 +22,17 @@ STAGES = (
     Shape(LAUNCH_STAGES + WINDOW_STAGES, BRAKE_STAGES + WINDOW_STAGES, WINDOW_STAGES),
     Shape(LAUNCH_STAGES, 0),
 )
+FINE = (
+    Shape(FINE_LAUNCH_STAGES, FINE_BRAKE_STAGES),
+    Shape(FINE_LAUNCH_STAGES, 0),
+)
 ALWAYS = GROUPS[:-1]  # with keep-out boxes: built with the first such request, in a few hundredths of a second
 SHAPES = tuple(
     replace(stages, groups=groups)
     for stages in STAGES
     for size in range(len(ALWAYS) + 1)
     for groups in combinations(ALWAYS, size)
-)
+) + tuple(replace(stages, groups=ALWAYS) for stages in FINE)
 
 
 def warm(progress: Callable[[str, float], None]) -> bool:

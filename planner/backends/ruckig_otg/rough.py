@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner.backends.ruckig_otg import calls
+from planner.backends.ruckig_otg.arrival import soonest
 from planner.backends.ruckig_otg.calls import State
 from planner.problem import ThrowProblem
 from planner.release import Candidate
@@ -48,14 +49,14 @@ class Rough:
 
 
 def rough(problem: ThrowProblem, candidate: Candidate) -> Rough:
-    """Returns a first guess of a motion to the candidate, with zero acceleration there, and from there to rest.
+    """Returns a first guess of a motion to the candidate, as soon as its slowest joint alone, and from there to rest.
 
     Raises:
         SolverFailed: Ruckig refuses the states.
         BackendUnavailable: ruckig is not installed.
     """
     zero, limits, dt = np.zeros(6), problem.limits, problem.dt
-    release = (candidate.q, candidate.qd, zero)
+    release = (candidate.q, candidate.qd, soonest(problem, candidate).qdd)
     launch = calls.reaching((problem.start, zero, zero), release, limits, dt, on_ticks=False)
     brake = None if problem.ends_at_rest else calls.resting(release, limits, dt)
     return Rough(launch, brake)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planner.backends.casadi_nlp import CLOSE
+from planner.backends.casadi_nlp import CLOSE, far_off
 from planner.certificate import Check, at_least, at_most
 from planner.solution import Solution
 from planner.trajectory import Trajectory
@@ -57,3 +57,8 @@ def test_singularities_windows_and_positions_have_margins_of_their_own() -> None
 )
 def test_some_failures_have_no_remedy(failure: Check) -> None:
     assert CLOSE.widened([failure], SOLUTION) is None
+
+
+def test_a_clearance_missed_by_much_calls_for_closer_looks() -> None:
+    assert far_off([at_most("joint_torque", 165.0, 150.0, "Nm", 0.18), at_least("floor", 0.014, 0.02, "m", 0.12)])
+    assert not far_off([at_least("floor", 0.0155, 0.02, "m", 0.12), at_most("tcp_speed", 5.0, 4.0, "m/s", 0.1)])

@@ -104,6 +104,15 @@ def test_without_a_first_guess(cell: Cell) -> None:
     assert certify(problem, made).valid
 
 
+def test_more_stages_lead_to_a_motion_that_is_as_soon(cell: Cell) -> None:
+    problem = _problem(cell, TARGET)
+    coarse, candidate, guess = _solve(problem)
+    deadline_s = time.perf_counter() + GENEROUS_S
+    fine = casadi_nlp.solve(problem, candidate, guess, deadline_s, fine=True).trajectory
+    assert certify(problem, fine).valid
+    assert fine.release_time_s <= 1.02 * coarse.release_time_s
+
+
 def test_the_same_request_gives_the_same_motion(cell: Cell) -> None:
     problem = _problem(cell, TARGET)
     first, _, _ = _solve(problem)
