@@ -56,7 +56,7 @@ def solve(
     solving = Solving(whole, deadline_s, frozenset(whole.groups) if fine else margins.held, stubborn)
     motion = _motion(problem, candidate, warm_start)
     request = _request(problem, candidate, margins)
-    if problem.is_robust:
+    if problem.is_robust and margins == Margins():  # with others, the first guess is a solution before
         nominal = _without_window(problem, candidate, motion, solving, margins)
         try:
             return _from(nominal, request, solving)
