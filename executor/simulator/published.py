@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from executor.simulator import safety
 from executor.simulator.controller import Controller
+from executor.simulator.dynamics import Torques
 from executor.simulator.kinematics import pose_of
-from planner.dynamics import Payload, joint_torques
 
 JOINT_RUNNING = 253  # joint_mode; source: RTDE guide
 JOINT_TEMPERATURE_C = 30.0  # chosen
@@ -21,6 +19,7 @@ class Published:
 
     def __init__(self, controller: Controller) -> None:
         self.controller = controller
+        self.dynamics = Torques(controller.cell.robot)
         self.torque_every = max(1, round(controller.settings.torque_every_s / controller.dt))
         self._constants()
         self.torques()
@@ -77,10 +76,8 @@ class Published:
         """Computes the joint torques; too dear for every cycle, so done now and then and held."""
         c, out = self.controller, self.controller.registers.outputs
         arm = c.arm
-        load = Payload(c.payload_kg, np.array(c.payload_cog_m), np.zeros((3, 3)))
-        down = -np.array(c.gravity_m_s2)
-        q, qd, qdd = np.array(arm.q), np.array(arm.qd), np.array(arm.qdd)
-        moments = joint_torques(c.cell.robot, q, qd, qdd, down, load).tolist()
+        upward, com = tuple(c.gravity_m_s2), tuple(c.payload_cog_m)
+        moments = self.dynamics.of(arm.q, arm.qd, arm.qdd, upward, c.payload_kg, com)
         out["target_moment"] = moments
         out["target_current"] = out["actual_current"] = [AMPERE_PER_NM * m for m in moments]
         out["joint_control_output"] = out["target_current"]
