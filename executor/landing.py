@@ -17,7 +17,7 @@ Vector = NDArray[np.float64]
 Record = dict[str, Any]
 
 POLL_S = 0.02  # [s] between two questions
-SLACK_S = 1.0  # [s] waited beyond the planned flight
+SLACK_S = 1.0  # [s] of the controller's time waited beyond the planned flight
 SAME_PLANE_M = 1e-6  # [m] planes closer than this are one
 
 
@@ -46,15 +46,16 @@ def watch_landing(host: str, problem: ThrowProblem, after: float, flight_s: floa
     Raises:
         OSError, ValueError: the simulator does not answer.
     """
-    end = time.monotonic() + flight_s + SLACK_S
+    end: float | None = None
     while True:
         world = truth.ask(host, "world")
+        end = world["t"] + flight_s + SLACK_S if end is None else end
         releases = [r for r in world["releases"] if r["t"] > after]
         if not releases:
             return None
         release = releases[0]
         landings = [x for x in world["landings"] if x["object"] == release["object"] and x["bounce"] == 0]
-        if landings or time.monotonic() > end:
+        if landings or world["t"] > end:
             return Landing(release["t"], _on_plane(problem, release, landings))
         time.sleep(POLL_S)
 

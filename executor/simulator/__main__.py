@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 from executor.simulator.loop import Simulator
+from executor.simulator.realtime import CORE_VARIABLE, default_core, take_priority
 from executor.simulator.settings import REALTIME_PRIORITY, Settings
 from planner.cell import load_cell
 from planner.errors import CellError
@@ -29,7 +30,7 @@ def main(arguments: list[str] | None = None) -> int:
         signal.signal(number, lambda *_: simulator.quit())
     gc.collect()
     gc.freeze()
-    priority = take_priority(options.priority)
+    priority = take_priority(options.priority, options.core)
     print(f"ready: {cell.robot.name} {cell.sim.polyscope} on {simulator.network.host}, {priority}", flush=True)
     simulator.run()
     return 0
@@ -41,21 +42,12 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--cell", type=Path, required=True, help="cell file (TOML)")
     parser.add_argument("--host", help="address to listen on; the cell's link.host by default")
     parser.add_argument("--priority", type=int, default=REALTIME_PRIORITY, help="SCHED_FIFO priority, 0 for none")
+    parser.add_argument("--core", type=int, default=default_core(os.environ),
+                        help=f"processor to stay on at that priority, -1 for any; {CORE_VARIABLE}, or the highest")
     parser.add_argument("--restitution", type=float, default=0.0, help="of a landing; above 0 objects bounce")
     parser.add_argument("--protective-stop-lock-s", type=float, default=Settings.protective_stop_lock_s,
                         help="how long a protective stop cannot be unlocked")
     return parser.parse_args(arguments)
-
-
-def take_priority(priority: int) -> str:
-    """Asks for real-time priority; returns in words what was granted."""
-    if priority <= 0:
-        return "ordinary priority"
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    except (OSError, AttributeError):
-        return "ordinary priority (real-time priority is not permitted)"
-    return f"real-time priority {priority}"
 
 
 if __name__ == "__main__":

@@ -11,30 +11,23 @@ from executor.simulator.control_port import ControlPort
 from executor.simulator.controller import Controller
 from executor.simulator.dashboard import Dashboard
 from executor.simulator.faults import CONTROL_PORT_NAME
+from executor.simulator.pace import Pace
 from executor.simulator.published import Published
 from executor.simulator.rtde_server import RtdeServer
 from executor.simulator.script_port import ScriptPort
 from executor.simulator.settings import CONTROL_PORT, DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORT, Settings
-from executor.simulator.statistics import Lateness
 from planner.cell import Cell
-
-CATCH_UP_S = 0.1  # [s] a loop later than this drops the lost cycles instead of running them one after another
-ANSWER_SHARE = 0.5  # [-] of a cycle: a state told later than this before the next cycle leaves a client no time
 
 
 class Simulator:
-    """A controller on its network address.
-
-    A late tick is run at once, and those it has delayed right behind it, so that controller time keeps to the clock.
-    After a loss of more than CATCH_UP_S the lost cycles are skipped and counted: controller time then stands behind.
-    """
+    """A controller on its network address. Its clock stands still where this machine does, see `pace`."""
 
     def __init__(self, cell: Cell, settings: Settings, host: str) -> None:
         self.controller = Controller(cell, settings)
         self.published = Published(self.controller)
         self.rtde = RtdeServer(self.controller)
-        self.lateness = Lateness()
-        self.freeze_s = self.told_at = 0.0
+        self.pace = Pace(self.controller.dt)
+        self.freeze_s = 0.0
         self.running = True
         control = ControlPort(self, self.stats, self.reset_stats, self.quit)
         services = [
@@ -49,32 +42,30 @@ class Simulator:
 
     def run(self) -> None:
         """Runs until `quit`, and closes everything."""
-        dt = self.controller.dt
-        due = time.monotonic() + dt
+        pace = self.pace
+        pace.start(time.monotonic())
         try:
             while self.running:
-                self._serve_until(due)
+                self._serve_until_due()
                 now = time.monotonic()
-                self.lateness.add(now - due)
-                self.controller.commands.answerable = now - self.told_at >= ANSWER_SHARE * dt
+                pace.begins(now)
                 self._tick(now)
-                self.told_at = time.monotonic()
-                due = self._freeze() or due + dt
-                lost = int((time.monotonic() - due) / dt)
-                if lost * dt > CATCH_UP_S:
-                    self.lateness.skipped += lost
-                    due += lost * dt
+                pace.told(time.monotonic())
+                self._freeze()
         finally:
             self.network.close()
 
-    def _serve_until(self, due: float) -> None:
+    def _serve_until_due(self) -> None:
         """Serves the sockets until the tick is due; once at least, so that a loop that is behind hears its clients."""
-        network, now = self.network, time.monotonic()
+        network, pace, now = self.network, self.pace, time.monotonic()
         while self.running:
-            for sock in select.select(network.sockets, (), (), max(due - now, 0.0))[0]:
+            readable = select.select(network.sockets, (), (), pace.rest(now))[0]
+            now = time.monotonic()
+            pace.woke(now)
+            for sock in readable:
                 network.readable(sock, now)
             now = time.monotonic()
-            if now >= due:
+            if now >= pace.due:
                 return
 
     def _tick(self, now: float) -> None:
@@ -85,25 +76,26 @@ class Simulator:
         if self.controller.cycles % self.published.torque_every == 0:
             self.published.torques()
 
-    def _freeze(self) -> float | None:
-        """Stands still where a fault asks for it; returns when the next tick is due."""
-        if self.freeze_s <= 0.0:
-            return None
-        time.sleep(self.freeze_s)
-        self.freeze_s = 0.0
-        return time.monotonic() + self.controller.dt
+    def _freeze(self) -> None:
+        """Stands still where a fault asks for it."""
+        if self.freeze_s > 0.0:
+            time.sleep(self.freeze_s)
+            self.freeze_s = 0.0
+            self.pace.start(time.monotonic())
 
     def stats(self) -> dict[str, Any]:
         """Returns the counts for the control port."""
         return {
             "t": self.controller.t, "cycle_s": self.controller.dt,
             "commands_per_cycle": self.controller.commands.as_document(),
-            "lateness": self.lateness.as_document(), "malformed_packages": self.rtde.malformed,
+            "lateness": self.pace.lateness.as_document(), "slips": self.pace.slips.as_document(),
+            "malformed_packages": self.rtde.malformed,
             "cpu_s": time.process_time(),
         }  # fmt: skip
 
     def reset_stats(self) -> None:
         """Starts all counts anew."""
         self.controller.commands.reset()
-        self.lateness.reset()
+        self.pace.lateness.reset()
+        self.pace.slips.reset()
         self.rtde.malformed = 0

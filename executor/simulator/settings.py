@@ -12,7 +12,7 @@ SCRIPT_PORT = 30003  # source: UR client interfaces; ur_rtde uploads its program
 DASHBOARD_PORT = 29999  # source: UR dashboard manual
 CONTROL_PORT = 29900  # chosen: ours alone, no UR port
 
-REALTIME_PRIORITY = 51  # above the executor's 50: a controller is not slower than its client
+REALTIME_PRIORITY = 60  # of SCHED_FIFO; above a client's, so that on one processor no client makes the controller late
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,6 @@ class Commands:
     """How many fresh streaming commands every cycle brought, while a client streams.
 
     A stream begins with the first cycle that brings a streaming command, and ends with another command or the program.
-
-    Attributes:
-        answerable: whether a client had time to answer the state before this cycle. A real controller is punctual; this
-            one shares a machine with its client, and after a stall runs the cycles it is behind at once. What stays
-            out of those is counted, and counted apart as well.
     """
 
     def __init__(self) -> None:
@@ -26,8 +21,7 @@ class Commands:
         """Starts counting anew."""
         self.fresh = 0
         self.streaming = False
-        self.cycles_with_none = self.cycles_with_one = self.cycles_with_more = self.unanswerable = 0
-        self.answerable = True
+        self.cycles_with_none = self.cycles_with_one = self.cycles_with_more = 0
         self.longest_gap = self.gap = 0
 
     def arrived(self, command: int) -> None:
@@ -49,7 +43,6 @@ class Commands:
             return
         if self.fresh == 0:
             self.cycles_with_none += 1
-            self.unanswerable += not self.answerable
             self.gap += 1
             self.longest_gap = max(self.longest_gap, self.gap)
         else:
@@ -61,7 +54,7 @@ class Commands:
     def as_document(self) -> dict[str, Any]:
         """Returns the counts."""
         return {"none": self.cycles_with_none, "one": self.cycles_with_one, "more": self.cycles_with_more,
-                "unanswerable": self.unanswerable, "longest_gap_cycles": self.longest_gap}
+                "longest_gap_cycles": self.longest_gap}
 
 
 class Lateness:
@@ -76,7 +69,7 @@ class Lateness:
     def reset(self) -> None:
         """Starts counting anew."""
         self.counts = [0] * self.BINS
-        self.ticks = self.skipped = 0
+        self.ticks = 0
         self.largest = 0.0
 
     def add(self, late_s: float) -> None:
@@ -96,5 +89,27 @@ class Lateness:
 
     def as_document(self) -> dict[str, Any]:
         """Returns count and percentiles."""
-        return {"ticks": self.ticks, "skipped": self.skipped, "p50_s": self.quantile(0.5), "p99_s": self.quantile(0.99),
+        return {"ticks": self.ticks, "p50_s": self.quantile(0.5), "p99_s": self.quantile(0.99),
                 "p999_s": self.quantile(0.999), "max_s": self.largest}
+
+
+class Slips:
+    """How often, and for how long, controller time stood still because this machine did."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Starts counting anew."""
+        self.count = 0
+        self.total = self.largest = 0.0
+
+    def add(self, duration_s: float) -> None:
+        """Counts one slip."""
+        self.count += 1
+        self.total += duration_s
+        self.largest = max(self.largest, duration_s)
+
+    def as_document(self) -> dict[str, Any]:
+        """Returns the counts."""
+        return {"count": self.count, "total_s": self.total, "max_s": self.largest}

@@ -3,14 +3,17 @@
 `python -m tests.benchmarks.loops [--count 5] [--busy 2]`. The plain loop is `initPeriod(); speedJ(...); waitPeriod(t)`
 with the trajectory indexed by count. It sends the same rows and tells the gripper with the same row as we do, so it is
 judged with the arm's lag known; what remains is its own drift and its missed cycles. It runs as documented, and once
-more with real-time priority. Every run counts, a bad one too.
+more with real-time priority, on our processor and at our priorities.
+
+Where the machine stalls, the simulated controller's clock slips. Our loop goes by the controller's timestamps; the
+plain one by the wall clock, and a slip, which no real controller has, shifts it. So every loop streams TRIES times as
+often as asked for, and those of its runs count during which the clock slipped least, whatever else befell them.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -21,6 +24,7 @@ import numpy as np
 
 from executor import truth
 from executor.preparation import rows_of
+from executor.settings import last_core
 from planner.ballistics import fly
 from planner.certificate import release_flight
 from planner.document import problem_from_request
@@ -28,19 +32,25 @@ from planner.planning import plan
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 from tests.system.rig import LOB, ROOT, Rig
+from tests.system.rig import rows_of as rows_of_csv
+
+TRIES = 3  # times as many runs as count
 
 PLAIN = """
-import sys, json, os
-if os.environ.get("REALTIME"):
-    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(50))
+import sys, json, os, time
+job = json.load(sys.stdin)
+if job["realtime"]:
+    os.sched_setaffinity(0, {job["core"]})
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(51))
 from rtde_control import RTDEControlInterface
 from rtde_receive import RTDEReceiveInterface
 from rtde_io import RTDEIOInterface
-job = json.load(sys.stdin)
 dt = job["dt"]
 receive = RTDEReceiveInterface(job["host"], 1.0 / dt)
 control = RTDEControlInterface(job["host"], 1.0 / dt)
 io = RTDEIOInterface(job["host"])
+if job["realtime"]:
+    os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(50))
 io.setToolDigitalOut(0, False)
 control.moveJ(job["start"], 1.0, 1.4)
 found = []
@@ -49,7 +59,7 @@ for i, qd in enumerate(job["qd"]):
     control.speedJ(qd, 40.0, dt)
     if i == job["output_row"]:
         io.setToolDigitalOut(0, True)
-    found.append((receive.getActualQ(), receive.getActualQd()))
+    found.append((receive.getActualQ(), receive.getActualQd(), receive.getTimestamp(), time.monotonic()))
     control.waitPeriod(t)
 control.speedStop(20.0)
 control.stopScript()
@@ -75,7 +85,7 @@ def main() -> None:
 
 
 def compare(folder: Path, count: int) -> dict[str, Any]:
-    """Returns the worst of `count` runs of each loop."""
+    """Returns the worst of `count` runs of each loop, of those with the least slip."""
     rig = Rig(folder)
     request = {"cell": "rig", "release": LOB, "backend": "ruckig", "time_limit_s": 30.0}
     problem = problem_from_request(request, rig.cell)
@@ -83,13 +93,14 @@ def compare(folder: Path, count: int) -> dict[str, Any]:
     rig.start()
     try:
         runs = {
-            "ours": [_ours(rig) for _ in range(count)],
-            "plain": [_plain(rig, problem, trajectory, False) for _ in range(count)],
-            "plain, real-time": [_plain(rig, problem, trajectory, True) for _ in range(count)],
+            "ours": [_ours(rig) for _ in range(TRIES * count)],
+            "plain": [_plain(rig, problem, trajectory, False) for _ in range(TRIES * count)],
+            "plain, real-time": [_plain(rig, problem, trajectory, True) for _ in range(TRIES * count)],
         }
     finally:
         rig.stop()
-    return {name: {key: max(run[key] for run in found) for key in found[0]} for name, found in runs.items()}
+    least = {name: sorted(found, key=lambda run: run["slipped_s"])[:count] for name, found in runs.items()}
+    return {name: {key: max(run[key] for run in found) for key in found[0]} for name, found in least.items()}
 
 
 def _ours(rig: Rig) -> dict[str, float]:
@@ -97,8 +108,10 @@ def _ours(rig: Rig) -> dict[str, float]:
     row = rig.throw(LOB)
     assert row.outcome == "completed", row.reason
     assert row.metrics is not None
-    m = row.metrics
-    return {"cycles_without_command": _silent_cycles(rig), "tracking_error_max_rad": m["tracking_error_max_rad"],
+    m, (names, numbers) = row.metrics, rows_of_csv(rig.store.recording(row.id).csv)
+    stamps, seen = (numbers[:, names.index(name)] for name in ("timestamp_s", "host_s"))
+    return {"slipped_s": _slipped(stamps, seen), "cycles_without_command": _silent_cycles(rig),
+            "tracking_error_max_rad": m["tracking_error_max_rad"],
             "release_velocity_error_rad_s": m["release_velocity_error_rad_s"],
             "landing_error_m": m["landing_error_m"]}  # fmt: skip
 
@@ -107,14 +120,13 @@ def _plain(rig: Rig, problem: ThrowProblem, trajectory: Trajectory, realtime: bo
     """Streams with the plain loop."""
     rows, dt = rows_of(rig.cell, trajectory, throws=True), trajectory.dt
     job = {"host": rig.host, "dt": dt, "start": trajectory.q[0].tolist(), "qd": rows.qd.tolist(),
-           "output_row": rows.output_row}  # fmt: skip
+           "output_row": rows.output_row, "realtime": realtime, "core": last_core()}  # fmt: skip
     before = len(rig.world()["releases"])
     truth.ask(rig.host, "reset_stats")
-    environment = {**os.environ, **({"REALTIME": "1"} if realtime else {})}
     answer = subprocess.run([sys.executable, "-c", PLAIN], input=json.dumps(job), capture_output=True, text=True,
-                            check=True, cwd=ROOT, env=environment)  # fmt: skip
+                            check=True, cwd=ROOT)  # fmt: skip
     silent = _silent_cycles(rig)
-    q, qd = (np.array(x) for x in zip(*json.loads(answer.stdout.splitlines()[-1]), strict=True))
+    q, qd, stamps, seen = (np.array(x) for x in zip(*json.loads(answer.stdout.splitlines()[-1]), strict=True))
     clock = rows.first_clock_s + np.arange(len(q)) * dt - rig.cell.timing.lag_s  # measured just after row i was sent
     planned_q, planned_qd, _ = trajectory.at(clock)
     release = round((trajectory.release_time_s - clock[0]) / dt)
@@ -123,9 +135,15 @@ def _plain(rig: Rig, problem: ThrowProblem, trajectory: Trajectory, realtime: bo
     landed = fly(flown["position_m"], flown["velocity_m_s"], problem.plane_z, problem.gravity, problem.drag)
     planned = release_flight(problem, trajectory)
     assert landed is not None and planned is not None
-    return {"cycles_without_command": silent, "tracking_error_max_rad": float(np.abs(q - planned_q).max()),
+    return {"slipped_s": _slipped(stamps, seen), "cycles_without_command": silent,
+            "tracking_error_max_rad": float(np.abs(q - planned_q).max()),
             "release_velocity_error_rad_s": float(np.abs(qd[release] - planned_qd[release]).max()),
             "landing_error_m": float(np.linalg.norm(landed.landing_point - planned.landing_point))}  # fmt: skip
+
+
+def _slipped(stamps: np.ndarray, seen: np.ndarray) -> float:
+    """Returns how far the controller's clock fell behind the wall clock while states were seen [s]."""
+    return float((seen[-1] - seen[0]) - (stamps[-1] - stamps[0]))
 
 
 def _silent_cycles(rig: Rig) -> int:

@@ -1,12 +1,14 @@
 """A hundred throws in a row: outcomes, missed cycles in the simulator's own count, release and landing errors.
 
-`python -m tests.benchmarks.throws --count 100 [--busy 2]`; `--busy N` keeps N other processes spinning beside it.
+`python -m tests.benchmarks.throws --count 100 [--busy 2] [--apart]`; `--busy N` keeps N other processes spinning beside
+it, `--apart` puts the simulated controller on another processor than the stream.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -28,21 +30,23 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--busy", type=int, default=0, help="processes that spin beside it")
     parser.add_argument("--mode", default="speedj", choices=["speedj", "servoj"])
+    parser.add_argument("--apart", action="store_true", help="the simulator on another processor than the stream")
     options = parser.parse_args()
     spinning = [subprocess.Popen([sys.executable, "-c", SPIN]) for _ in range(options.busy)]
     try:
         with tempfile.TemporaryDirectory() as folder:
-            print(json.dumps(throws(Path(folder), options.count, options.mode, options.busy), indent=1))
+            print(json.dumps(throws(Path(folder), options.count, options.mode, options.busy, options.apart), indent=1))
     finally:
         for process in spinning:
             process.kill()
             process.wait()
 
 
-def throws(folder: Path, count: int, mode: str, busy: int) -> dict[str, Any]:
+def throws(folder: Path, count: int, mode: str, busy: int, apart: bool = False) -> dict[str, Any]:
     """Returns what `count` throws in a row showed."""
     rig = Rig(folder)
-    rig.start()
+    rig.start_simulator(*(["--core", str(min(os.sched_getaffinity(0)))] if apart else []))
+    rig.start_executor()
     try:
         truth.ask(rig.host, "reset_stats")
         rows = []
@@ -51,20 +55,21 @@ def throws(folder: Path, count: int, mode: str, busy: int) -> dict[str, Any]:
                 rig.recover()
                 rig.acknowledge()
             rows.append(rig.throw(LOB, mode))
-        cycles = truth.ask(rig.host, "stats")["commands_per_cycle"]
+        stats = truth.ask(rig.host, "stats")
     finally:
         rig.stop()
-    return {"throws": count, "mode": mode, "busy_processes": busy, **_summary(rows, cycles)}
+    return {"throws": count, "mode": mode, "busy_processes": busy, **_summary(rows, stats)}
 
 
-def _summary(rows: list[Any], cycles: dict[str, int]) -> dict[str, Any]:
+def _summary(rows: list[Any], stats: dict[str, Any]) -> dict[str, Any]:
+    cycles = stats["commands_per_cycle"]
     done = [row.metrics for row in rows if row.outcome == "completed"]
     total = cycles["none"] + cycles["one"] + cycles["more"]
     return {
         "outcomes": dict(Counter(row.outcome for row in rows)),
         "reasons": dict(Counter(row.reason for row in rows if row.reason)),
         "cycles": cycles, "cycles_without_command_share": cycles["none"] / max(total, 1),
-        "missed_share": (cycles["none"] - cycles["unanswerable"]) / max(total, 1),
+        "slips": stats["slips"], "duration_s": stats["t"],
         "missed_ticks": sum(m["missed_ticks"] for m in done),
         "realtime": all(m["realtime"] for m in done),
         "release_velocity_error_share": _spread([m["release_velocity_error_share"] for m in done]),

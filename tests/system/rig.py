@@ -76,10 +76,10 @@ class Rig:
         self.start_simulator()
         self.start_executor()
 
-    def start_simulator(self) -> None:
+    def start_simulator(self, *options: str) -> None:
         """Starts the simulated controller alone."""
         self.simulator = _start([*self.wrap, sys.executable, "-m", "executor.simulator", "--cell", str(self.path),
-                                 "--protective-stop-lock-s", "0.1"], self.environment)  # fmt: skip
+                                 "--protective-stop-lock-s", "0.1", *options], self.environment)  # fmt: skip
 
     def start_executor(self, *flags: str) -> None:
         """Starts the executor and waits until its heart beats."""

@@ -229,7 +229,7 @@ def test_the_control_port_tells_state_world_and_counts(loop: Loop):
 
     assert ask(op="state")["cell"] == "test"
     assert ask(op="world")["gripper_holds"] == 1
-    counts = {"none", "one", "more", "unanswerable", "longest_gap_cycles"}
+    counts = {"none", "one", "more", "longest_gap_cycles"}
     assert ask(op="stats")["commands_per_cycle"].keys() == counts
     assert ask(op="reset_stats")["ok"] is True
     assert ask(op="fault", name="speed_slider", fraction=0.25)["ok"] is True
