@@ -61,9 +61,9 @@ class Simulator:
         while self.running:
             readable = select.select(network.sockets, (), (), pace.rest(now))[0]
             now = time.monotonic()
-            pace.woke(now)
             for sock in readable:
                 network.readable(sock, now)
+            pace.woke(now, self.controller.commands.awaits_answer)
             now = time.monotonic()
             if now >= pace.due:
                 return

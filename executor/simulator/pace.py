@@ -3,8 +3,8 @@
 Cycles lie on an absolute grid of the monotonic clock, and a wake-up that is a little late does not move it. But a
 machine that stalls for longer (a virtual one whose host has taken its processor, a process that was stopped) would owe
 cycles, and running them at once is what no controller does: it is punctual, and gives a client time to answer every
-state. So the grid slips: the next cycle is RECOVERY_CYCLES away. Timestamps go on by one cycle time a cycle, whatever
-the slips.
+state. So the grid slips: by what the next cycle is late, and where a client has not answered yet, to RECOVERY_CYCLES
+from now. Timestamps go on by one cycle time a cycle, whatever the slips.
 
 To see a stall between two cycles as well, the loop wakes up at least BEAT_SHARE of a cycle after it has gone to sleep.
 The simulator is meant to have the highest priority of its processor: then nothing that a client does makes it late,
@@ -44,10 +44,11 @@ class Pace:
         self.wake = max(now, min(self.due, now + BEAT_SHARE * self.dt))
         return self.wake - now
 
-    def woke(self, now: float) -> None:
-        """Takes note of the end of the sleep."""
+    def woke(self, now: float, awaits_answer: bool) -> None:
+        """Takes note of the end of the sleep, and of whether a client that streams still owes an answer."""
         self.lost += max(now - self.wake, 0.0)
-        self._slip(now)
+        if self.lost > SLIP_SHARE * self.dt:
+            self._slip(now + RECOVERY_CYCLES * self.dt if awaits_answer else max(now, self.due))
 
     def begins(self, now: float) -> None:
         """A cycle begins."""
@@ -57,11 +58,11 @@ class Pace:
         """The cycle's state was sent."""
         self.lost = now - self.due
         self.due += self.dt
-        self._slip(now)
-
-    def _slip(self, now: float) -> None:
-        """Moves the grid, where more than a little was lost."""
         if self.lost > SLIP_SHARE * self.dt:
-            due = now + RECOVERY_CYCLES * self.dt
+            self._slip(now + RECOVERY_CYCLES * self.dt)
+
+    def _slip(self, due: float) -> None:
+        """Moves the grid."""
+        if due > self.due:
             self.slips.add(due - self.due)
-            self.due, self.lost = due, 0.0
+        self.due, self.lost = due, 0.0

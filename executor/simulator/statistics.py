@@ -24,6 +24,11 @@ class Commands:
         self.cycles_with_none = self.cycles_with_one = self.cycles_with_more = 0
         self.longest_gap = self.gap = 0
 
+    @property
+    def awaits_answer(self) -> bool:
+        """Whether a client streams and this cycle has brought no command yet."""
+        return self.streaming and self.fresh == 0
+
     def arrived(self, command: int) -> None:
         """Takes note of a command number that a package brought."""
         if command in STREAMING:

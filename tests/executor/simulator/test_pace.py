@@ -30,7 +30,7 @@ class Machine:
             rest = pace.rest(self.now)
             client_s += rest
             self.now += rest + JITTER_S + self.stall()
-            pace.woke(self.now)
+            pace.woke(self.now, client_s < ANSWER_S)
             if self.now >= pace.due:
                 break
         self.unanswered += client_s < ANSWER_S
