@@ -76,8 +76,8 @@ class Published:
         """Computes the joint torques; too dear for every cycle, so done now and then and held."""
         c, out = self.controller, self.controller.registers.outputs
         arm = c.arm
-        upward, com = tuple(c.gravity_m_s2), tuple(c.payload_cog_m)
-        moments = self.dynamics.of(arm.q, arm.qd, arm.qdd, upward, c.payload_kg, com)
+        (ux, uy, uz), (x, y, z) = c.gravity_m_s2, c.payload_cog_m
+        moments = self.dynamics.of(arm.q, arm.qd, arm.qdd, (ux, uy, uz), c.payload_kg, (x, y, z))
         out["target_moment"] = moments
         out["target_current"] = out["actual_current"] = [AMPERE_PER_NM * m for m in moments]
         out["joint_control_output"] = out["target_current"]

@@ -1,7 +1,8 @@
 """The link: the only module that touches ur_rtde.
 
 Every call is judged: an exception, a False, or more than 5 ms ends the run for good, because after a lost connection
-the library answers True for ever, reconnects by itself and resumes (reference: rtde.md, sections 10 to 12).
+the library answers True for ever, reconnects by itself and resumes (reference: rtde.md, sections 10 to 12). Long calls
+count only where the library slept in them, as it does to reconnect: in others the machine had stalled.
 """
 
 from __future__ import annotations
@@ -175,6 +176,7 @@ class Link:
 
     def _real_time(self, name: str, call: Callable[..., Any], *args: Any) -> None:
         self.words[IN_CALL] = 1.0
+        slept = realtime.sleeps()
         begin = monotonic()
         try:
             answer = call(*args)
@@ -184,7 +186,7 @@ class Link:
         self.words[IN_CALL] = 0.0
         self.sent_at = begin
         self._answer(name, answer)
-        if spent > CALL_MAX_S and spent - (self._run_delay_ns() - self._waited) * 1e-9 > CALL_MAX_S:
+        if spent > CALL_MAX_S and realtime.sleeps() > slept and self._without_delay(spent) > CALL_MAX_S:
             raise LinkFault("link_lost", f"{name} took {spent * 1e3:.1f} ms")
 
     def _answer(self, name: str, answer: Any) -> None:
@@ -192,6 +194,10 @@ class Link:
             self.read()
             self.check()
             raise LinkFault("link_lost", f"{name} was refused")
+
+    def _without_delay(self, spent: float) -> float:
+        """Returns a duration that ends now, without what this thread waited for a processor in it [s]."""
+        return spent - (self._run_delay_ns() - self._waited) * 1e-9
 
     def _run_delay_ns(self) -> int:
         """Returns how long this thread was ready to run and had no processor [ns]: not the library's fault."""

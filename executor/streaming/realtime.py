@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
+import resource
 import signal
 import socket
 
@@ -37,6 +38,11 @@ def step_down(priority: int) -> None:
     """Puts this thread at `priority`, below the library's threads; nothing where real time was not permitted."""
     if os.sched_getscheduler(0) == os.SCHED_FIFO:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+
+
+def sleeps() -> int:
+    """Returns how often this thread has gone to sleep, or waited for something other than a processor."""
+    return resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw
 
 
 def freeze_memory() -> None:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import subprocess
 import sys
 import tempfile
@@ -35,6 +36,7 @@ from tests.system.rig import LOB, ROOT, Rig
 from tests.system.rig import rows_of as rows_of_csv
 
 TRIES = 3  # times as many runs as count
+MEASURED = ("tracking_error_max_rad", "release_velocity_error_rad_s", "landing_error_m")  # of a run
 
 PLAIN = """
 import sys, json, os, time
@@ -104,16 +106,16 @@ def compare(folder: Path, count: int) -> dict[str, Any]:
 
 
 def _ours(rig: Rig) -> dict[str, float]:
+    """Throws as the executor does; a throw that is not completed is infinitely bad."""
+    if rig.is_latched():
+        rig.recover()
+        rig.acknowledge()
     truth.ask(rig.host, "reset_stats")
     row = rig.throw(LOB)
-    assert row.outcome == "completed", row.reason
-    assert row.metrics is not None
-    m, (names, numbers) = row.metrics, rows_of_csv(rig.store.recording(row.id).csv)
+    names, numbers = rows_of_csv(rig.store.recording(row.id).csv)
     stamps, seen = (numbers[:, names.index(name)] for name in ("timestamp_s", "host_s"))
-    return {"slipped_s": _slipped(stamps, seen), "cycles_without_command": _silent_cycles(rig),
-            "tracking_error_max_rad": m["tracking_error_max_rad"],
-            "release_velocity_error_rad_s": m["release_velocity_error_rad_s"],
-            "landing_error_m": m["landing_error_m"]}  # fmt: skip
+    found = {"slipped_s": _slipped(stamps, seen), "cycles_without_command": _silent_cycles(rig)}
+    return found | {key: row.metrics[key] if row.outcome == "completed" else math.inf for key in MEASURED}
 
 
 def _plain(rig: Rig, problem: ThrowProblem, trajectory: Trajectory, realtime: bool) -> dict[str, float]:
