@@ -10,7 +10,8 @@ import pytest
 from tests.system.rig import Rig
 
 # A virtual machine stalls for 10 to 30 ms now and then, C programs at real-time priority too (measured over minutes,
-# with clock_nanosleep); a run that meets such a stall rightly ends `late`. Only tests of this folder are tried again.
+# with clock_nanosleep). The simulated controller's clock slips with the stream's processor, so a throw bears that; a
+# test that kills or freezes in a moment of a few ticks may still miss it. Only tests of this folder are tried again.
 STALL_RETRIES = 2
 
 

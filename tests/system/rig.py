@@ -172,6 +172,22 @@ class Rig:
                 self.acknowledge()
         return row
 
+    def launch(self, speed: float) -> str:
+        """Queues LOB as soon as the robot is in order, and waits until the arm moves at `speed`; returns the id.
+
+        So that the test before has left everything working is seen here.
+        """
+        ids: list[str] = []
+
+        def accepted() -> bool:
+            ids.append(self.queue(LOB))
+            self.until(lambda: self.row(ids[-1]).state in ("approaching", "streaming", "finished"))
+            return self.row(ids[-1]).outcome != "refused"
+
+        self.until(accepted, READY_WITHIN_S, period=0.05)
+        self.in_launch(ids[-1], speed)
+        return ids[-1]
+
     def in_launch(self, id: str, speed: float = MOVING_RAD_S) -> None:
         """Waits until an execution streams and the arm is truly moving."""
         self.until(lambda: self.row(id).state in ("streaming", "braking", "finished"))

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import io
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +15,12 @@ import orjson
 import pytest
 from mcap.reader import make_reader
 
+from executor import truth
 from tests.system.rig import LOB, NUDGE, Rig, rows_of
 
 LANDING_M = 0.005  # [m] issue 5
 RELEASE_SHARE = 0.005  # [-] of the planned joint speed
+STALLS, STALL_S = 4, 0.015  # [s] each: as a virtual machine's host makes them
 
 
 @pytest.mark.parametrize("mode", ["speedj", "servoj"])
@@ -45,6 +49,23 @@ def test_a_throw_beside_processes_that_take_every_processor(rig: Rig) -> None:  
             process.wait()
     assert row.outcome == "completed", row.reason
     assert row.metrics["landing_error_m"] < LANDING_M
+
+
+def test_a_throw_while_the_machine_of_the_simulated_controller_stalls(rig: Rig) -> None:
+    """Its clock slips, nothing is caught up: stream and arm notice nothing but a long cycle."""
+    before, id = truth.ask(rig.host, "stats")["slips"]["count"], rig.queue(LOB)
+    rig.in_launch(id)
+    for _ in range(STALLS):
+        rig.simulator.send_signal(signal.SIGSTOP)
+        time.sleep(STALL_S)
+        rig.simulator.send_signal(signal.SIGCONT)
+        time.sleep(STALL_S)
+    row = rig.end(id)
+    assert row.outcome == "completed", row.reason
+    assert row.metrics["landing_error_m"] < LANDING_M
+    assert row.metrics["release_velocity_error_share"] < RELEASE_SHARE
+    assert row.metrics["period_max_s"] > STALL_S
+    assert truth.ask(rig.host, "stats")["slips"]["count"] >= before + STALLS
 
 
 def test_a_cb3_arm_at_125_hz_lands_as_well(tmp_path: Path) -> None:

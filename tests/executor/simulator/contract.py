@@ -434,7 +434,7 @@ def move_until_contact(c: Client) -> None:
     assert c.control.moveUntilContact([0.0, 0.0, -0.8, 0.0, 0.0, 0.0], [0.0] * 6, 5.0)
     assert c.at_rest()
     assert c.receive.getActualTCPPose()[2] < 0.01
-    assert c.control.moveJ(start, 1.0, 2.0)
+    assert c.control.moveJ(start, 2.0, 8.0)
 
 
 CALLS = (
