@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from executor.simulator.loop import Simulator
-from executor.simulator.realtime import CORE_VARIABLE, default_core, take_priority
+from executor.simulator.realtime import CORE_VARIABLE, default_core, is_real_time, take_priority
 from executor.simulator.settings import REALTIME_PRIORITY, Settings
 from planner.cell import load_cell
 from planner.errors import CellError
@@ -31,6 +31,7 @@ def main(arguments: list[str] | None = None) -> int:
     gc.collect()
     gc.freeze()
     priority = take_priority(options.priority, options.core)
+    simulator.pace.is_real_time = is_real_time()
     print(f"ready: {cell.robot.name} {cell.sim.polyscope} on {simulator.network.host}, {priority}", flush=True)
     simulator.run()
     return 0

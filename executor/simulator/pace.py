@@ -3,12 +3,12 @@
 Cycles lie on an absolute grid of the monotonic clock, and a wake-up that is a little late does not move it. But a
 machine that stalls for longer (a virtual one whose host has taken its processor, a process that was stopped) would owe
 cycles, and running them at once is what no controller does: it is punctual, and gives a client time to answer every
-state. So the grid slips: by what the next cycle is late, and where a client has not answered yet, to RECOVERY_CYCLES
-from now. Timestamps go on by one cycle time a cycle, whatever the slips.
+state. So the grid slips by what is overdue. Timestamps go on by one cycle time a cycle, whatever the slips.
 
-To see a stall between two cycles as well, the loop wakes up at least BEAT_SHARE of a cycle after it has gone to sleep.
-The simulator is meant to have the highest priority of its processor: then nothing that a client does makes it late,
-and a slip is never a client's excuse.
+The simulator is meant to have the highest priority of its processor. Then nothing that a client does makes it late, so
+where it is late the machine has stalled, and a client that has not answered yet is given RECOVERY_CYCLES from now. To
+see a stall between two cycles as well, the loop wakes up at least BEAT_SHARE of a cycle after it has gone to sleep. At
+ordinary priority being late is usual and tells nothing: nothing is given beyond what is overdue.
 """
 
 from __future__ import annotations
@@ -28,10 +28,12 @@ class Pace:
         lost: of this cycle so far: until its state was sent, and in wake-ups that came late [s].
         lateness: of the beginnings of cycles.
         slips: of the grid.
+        is_real_time: whether being late means that the machine has stalled.
     """
 
     def __init__(self, dt: float) -> None:
         self.dt = dt
+        self.is_real_time = False
         self.due = self.wake = self.lost = 0.0
         self.lateness, self.slips = Lateness(), Slips()
 
@@ -48,7 +50,7 @@ class Pace:
         """Takes note of the end of the sleep, and of whether a client that streams still owes an answer."""
         self.lost += max(now - self.wake, 0.0)
         if self.lost > SLIP_SHARE * self.dt:
-            self._slip(now + RECOVERY_CYCLES * self.dt if awaits_answer else max(now, self.due))
+            self._slip(now + RECOVERY_CYCLES * self.dt if awaits_answer and self.is_real_time else now)
 
     def begins(self, now: float) -> None:
         """A cycle begins."""
@@ -59,10 +61,11 @@ class Pace:
         self.lost = now - self.due
         self.due += self.dt
         if self.lost > SLIP_SHARE * self.dt:
-            self._slip(now + RECOVERY_CYCLES * self.dt)
+            self._slip(now + self.dt * (RECOVERY_CYCLES if self.is_real_time else 1.0 - SLIP_SHARE))
 
     def _slip(self, due: float) -> None:
-        """Moves the grid."""
+        """Moves the grid, never back."""
         if due > self.due:
             self.slips.add(due - self.due)
-        self.due, self.lost = due, 0.0
+            self.due = due
+        self.lost = 0.0

@@ -13,6 +13,11 @@ def default_core(environment: Mapping[str, str]) -> int:
     return int(environment.get(CORE_VARIABLE) or max(os.sched_getaffinity(0)))
 
 
+def is_real_time() -> bool:
+    """Whether this process was granted real-time priority."""
+    return os.sched_getscheduler(0) == os.SCHED_FIFO
+
+
 def take_priority(priority: int, core: int) -> str:
     """Asks for real-time `priority` on processor `core` (-1: any); returns in words what was granted.
 

@@ -105,6 +105,7 @@ Start = Callable[..., Simulator]
 def start_simulator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Start]:
     """Starts simulators: `start_simulator(robot, options=(), tables="", **sim)`; they end with the module."""
     started: list[Simulator] = []
+    tmp_path_factory.getbasetemp()  # made here, once: simulators are started by threads
 
     def start(robot: str = "ur5e", options: tuple[str, ...] = (), tables: str = "", **sim: object) -> Simulator:
         host = unique_address()

@@ -2,8 +2,8 @@
 
 `pytest tests/executor/simulator/test_contract.py --controller HOST` runs the calls against URSim or a real controller
 instead, but for those that stop the robot or drive it into something. The arm moves by less than 0.15 rad: give it
-room first. The simulated versions are called side by side, two controllers of each, each call as soon as the one
-before has ended: they mostly wait for an arm.
+room first. The simulated versions are called side by side, each call as soon as the one before has ended: they mostly
+wait for an arm.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import pytest
 from .conftest import Start
 from .contract import CALLS, SIMULATED_ONLY, Client, move_until_contact
 
-SIDE_BY_SIDE = 2  # simulated controllers of a version, which share its calls
 VERSIONS = {"3.15": "ur5", "5.11.1": "ur5e", "5.22": "ur5e"}
 Call = Callable[[Client], None]
 Verdicts = dict[tuple[str, Call], Exception | None]
@@ -40,20 +39,17 @@ def verdicts(request: pytest.FixtureRequest, start_simulator: Start) -> Verdicts
         if "call" in params:
             asked.setdefault(params["target"], []).append(params["call"])
 
-    def judge(target: str, calls: Sequence[Call]) -> Verdicts:
+    def judge(target: str) -> Verdicts:
         if target not in VERSIONS:
-            return called(target, target, calls)
+            return called(target, target, asked[target])
         options = ("--protective-stop-lock-s", "0.2")
         simulator = start_simulator(VERSIONS[target], options, polyscope=target)
-        found = called(target, simulator.host, calls)
+        found = called(target, simulator.host, asked[target])
         assert simulator.ask("stats")["malformed_packages"] == 0, simulator.ask("events")
         return found
 
-    parts = {target: SIDE_BY_SIDE if target in VERSIONS else 1 for target in asked}
-    shares = [(target, calls[k :: parts[target]]) for target, calls in asked.items() for k in range(parts[target])]
-    shares = [share for share in shares if share[1]]
-    with ThreadPoolExecutor(len(shares)) as pool:
-        return {key: verdict for found in pool.map(judge, *zip(*shares, strict=True)) for key, verdict in found.items()}
+    with ThreadPoolExecutor(len(asked)) as pool:
+        return {key: verdict for found in pool.map(judge, asked) for key, verdict in found.items()}
 
 
 def called(target: str, host: str, calls: Sequence[Call]) -> Verdicts:

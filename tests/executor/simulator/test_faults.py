@@ -20,7 +20,7 @@ from .conftest import ROOT, Driven, Simulator, Start, make_cell
 from .fault_client import SCENARIOS
 
 CLIENT = Path(__file__).with_name("fault_client.py")
-AT_ONCE = 8  # scenarios that run at the same time: they sleep most of it
+AT_ONCE = 6  # scenarios that run at the same time: they sleep most of it
 HANGS_S = 40.0  # what has not ended by then hangs; several times the longest on a machine with much else to do
 EXPECTED_TO_HANG_S = {"mute_rtde": 4.0, "control_closed": 8.0}
 PROTECTIVE, SAFEGUARD, EMERGENCY, POWER_OFF = 3, 5, 7, 3

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from itertools import pairwise
 
 import pytest
 
@@ -20,7 +21,7 @@ class Machine:
     def __init__(self, dt: float, stall: Callable[[], float]) -> None:
         self.dt, self.stall = dt, stall
         self.pace, self.now, self.begun = Pace(dt), 0.0, []
-        self.unanswered = 0
+        self.unanswered, self.pace.is_real_time = 0, True
         self.pace.start(0.0)
 
     def cycle(self) -> None:
@@ -69,6 +70,22 @@ def test_a_long_stall_is_one_slip_and_one_cycle() -> None:
     for _ in range(10):
         machine.cycle()
     assert (machine.pace.slips.count, machine.pace.slips.largest) == (1, pytest.approx(3.0, abs=0.003))
-    steps = [b - a for a, b in zip(machine.begun, machine.begun[1:], strict=False)]
+    steps = [b - a for a, b in pairwise(machine.begun)]
     assert sorted(steps)[-1] > 3.0
     assert min(steps) > 0.0019
+
+
+def test_at_ordinary_priority_the_grid_slips_by_what_is_overdue_alone() -> None:
+    draw = random.Random(0)
+    lost: list[float] = []
+
+    def stall() -> float:
+        lost.append(draw.uniform(0.0, 0.015) if draw.random() < 0.02 else 0.0)
+        return lost[-1]
+
+    machine = Machine(0.002, stall)
+    machine.pace.is_real_time = False
+    for _ in range(2000):
+        machine.cycle()
+    assert machine.pace.slips.total <= sum(lost) + TICK_S * machine.pace.slips.count
+    assert min(b - a for a, b in pairwise(machine.begun)) > 0.5 * 0.002  # never a burst
