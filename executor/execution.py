@@ -90,7 +90,7 @@ class Execution:
         landing = self._landing(ended)
         numbers = metrics(self.problem, self.trajectory, ended, landing)
         if outcome == "completed" and not self.row.dry_run:
-            outcome, reason = judge_release(numbers) or (outcome, reason)
+            outcome, reason = judge_release(self.problem, self.trajectory, numbers) or (outcome, reason)
         self.note(f"{outcome}: {reason}" if reason else outcome)
         telemetry = Telemetry(ended.rows)
         began = time.time() if not len(telemetry) else time.time() - (time.monotonic() - telemetry.scalar("host_s")[0])

@@ -73,19 +73,35 @@ def test_a_run_without_a_tick_has_metrics_too(prepared: Prepared) -> None:
 
 
 @pytest.mark.parametrize(
-    ("faster", "late_s", "outcome"),
-    [(0.0, 0.0, None), (0.003, 0.0, None), (0.01, 0.0, "tracking"), (-0.01, 0.0, "tracking"), (0.0, 0.008, "late")],
+    ("faster", "late_ticks", "outcome"),
+    [(0.0, 0, None), (0.003, 0, None), (0.01, 0, "tracking"), (-0.01, 0, "tracking"), (0.0, 1, "late")],
 )
 def test_a_release_that_was_not_as_planned_is_told(
-    prepared: Prepared, faster: float, late_s: float, outcome: str | None
+    prepared: Prepared, faster: float, late_ticks: int, outcome: str | None
 ) -> None:
     telemetry = perfect(prepared)
     telemetry.vector("qd")[:] *= 1.0 + faster
-    run = replace(ended(telemetry, prepared), output_late_s=late_s)
+    run = replace(ended(telemetry, prepared), output_late_s=late_ticks * prepared.problem.dt)
     found = metrics(prepared.problem, prepared.trajectory, run, None)
     assert found["release_velocity_error_share"] == pytest.approx(abs(faster), abs=1e-4)
-    told = judge_release(found)
+    told = judge_release(prepared.problem, prepared.trajectory, found)
     assert (told and told[0]) == outcome
+
+
+def test_a_gripper_told_late_is_judged_by_the_landing(prepared: Prepared) -> None:
+    """Against the flight from where the arm is then, and borne where the landing is held for a window."""
+    problem, trajectory = prepared.problem, prepared.trajectory
+    run = replace(ended(perfect(prepared), prepared), output_late_s=2.0 * problem.dt)
+    numbers = metrics(problem, trajectory, run, None)
+    told = judge_release(problem, trajectory, numbers)
+    later = replace(trajectory, release_index=trajectory.release_index + 2)
+    then, planned = release_flight(problem, later), release_flight(problem, trajectory)
+    assert told and then and planned
+    shift = np.linalg.norm(then.landing_point - planned.landing_point)
+    assert shift > 0.005
+    assert f"{1e3 * shift:.0f} mm" in told[1]
+    generous = replace(problem, release_window_s=2.0 * problem.dt, landing_tolerance_m=2.0 * float(shift))
+    assert judge_release(generous, trajectory, numbers) is None
 
 
 def test_the_csv_reads_back_exactly(prepared: Prepared) -> None:
