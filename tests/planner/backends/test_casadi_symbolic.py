@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from planner import ballistics
-from planner.backends.casadi_nlp import assembly, blocks, layout, numbers, table, throw
+from planner.backends.casadi_nlp import assembly, blocks, codegen, layout, numbers, table, throw
 from planner.cell import Cell, load_cell
 from planner.dynamics import Payload, joint_torques
 from planner.geometry import (
@@ -42,8 +42,13 @@ def _state(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     return q, qd, qdd, z
 
 
+def _blocks() -> dict[str, blocks.Block]:
+    """Returns what requests are solved with: the compiled functions, where they were compiled."""
+    return codegen.compiled() or blocks.interpreted()
+
+
 def _rows(block: str, z: np.ndarray, p: np.ndarray) -> np.ndarray:
-    return np.array(blocks.interpreted()[block].value(z, p)).ravel()
+    return np.array(_blocks()[block].value(z, p)).ravel()
 
 
 def test_torques_of_every_arm(cell: Cell) -> None:
@@ -116,7 +121,7 @@ SHAPES = (
 @pytest.mark.parametrize("shape", SHAPES)
 def test_derivatives_of_the_whole_problem(shape: table.Shape) -> None:
     cell = load_cell(CELLS / "ur5e-sim.toml")
-    functions, places = assembly.assemble(shape, blocks.interpreted())
+    functions, places = assembly.assemble(shape, _blocks())
     rng = np.random.default_rng(5)
     x = rng.normal(size=(shape.stages + 1, layout.NZ)) * 0.4
     x[:, layout.STEP] = rng.uniform(0.2, 0.6, shape.stages + 1)
