@@ -76,7 +76,14 @@ class Client:
         return [x + by * s for x, s in zip(q, (1, -1, 1, 1, 1, -1), strict=True)]
 
     def ready_again(self) -> None:
-        """Uploads the program again and waits for it."""
+        """Uploads the program again, once the last one has ended, and waits for it.
+
+        `reuploadScript()` ends a program itself that its own picture of the state still shows, with a handshake whose
+        time limit is minutes: it is not to meet a script that has just been stopped or played.
+        """
+        if self.control.isProgramRunning():
+            self.dashboard.stop()
+            assert self.wait(lambda: not self.control.isProgramRunning())
         self.control.reuploadScript()
         assert self.wait(self.control.isProgramRunning)
         assert self.wait(lambda: self.receive.getRuntimeState() == 2)
@@ -423,10 +430,18 @@ def protective_stop(c: Client) -> None:
     assert c.receive.getSafetyStatusBits() & 1 << 2
     with pytest.raises((RuntimeError, ValueError), match="Cannot unlock"):
         c.dashboard.unlockProtectiveStop()
-    time.sleep(0.3)  # the simulator of this suite is told to lock for 0.2 s, a real one does for 5 s
-    c.dashboard.unlockProtectiveStop()
+    assert c.wait(lambda: unlocked(c))  # the simulator of this suite is told to lock for 1 s, a real one does for 5 s
     assert c.wait(lambda: not c.receive.isProtectiveStopped())
     c.ready_again()
+
+
+def unlocked(c: Client) -> bool:
+    """Asks for an end of the protective stop; returns whether it was granted."""
+    try:
+        c.dashboard.unlockProtectiveStop()
+    except (RuntimeError, ValueError):
+        return False
+    return True
 
 
 def move_until_contact(c: Client) -> None:

@@ -42,7 +42,7 @@ def verdicts(request: pytest.FixtureRequest, start_simulator: Start) -> Verdicts
     def judge(target: str) -> Verdicts:
         if target not in VERSIONS:
             return called(target, target, asked[target])
-        options = ("--protective-stop-lock-s", "0.2")
+        options = ("--protective-stop-lock-s", "1.0")
         simulator = start_simulator(VERSIONS[target], options, polyscope=target)
         found = called(target, simulator.host, asked[target])
         assert simulator.ask("stats")["malformed_packages"] == 0, simulator.ask("events")
