@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
+from executor import awake
 from executor.monitor import PORT, TIMEOUT_S, Receiver
 from executor.settings import PRIORITY
 from executor.streaming import realtime
@@ -25,6 +26,8 @@ DURATION_S = 10.0  # [s] of wake-ups
 LINK_S = 5.0  # [s] of packages
 LATE_S = 1e-3  # [s] a wake-up later than half an e-Series tick may miss it
 GOOD_SHARE, BAD_SHARE = 0.95, 0.90  # [-] of ticks in time; source: libfranka, communication_test (faults.md, 1.1)
+STAT = Path("/proc/stat")
+STOLEN = 8  # column of a processor's line; source: proc(5)
 GAP_MAX_S = 0.020  # [s] a gap after which the stream gives up as late
 
 
@@ -41,8 +44,11 @@ class Finding:
 def examine(cell: Cell, duration_s: float = DURATION_S) -> list[Finding]:
     """Returns what was found about this machine and the link to the cell's controller."""
     dt = 1.0 / cell.robot.sample_rate_hz
+    before, began = stolen_s(), time.monotonic()
     late = measure_wakeups(dt, duration_s)
-    return [*_permissions(), _kernel(), judge_jitter(late, dt), _link(cell, min(duration_s, LINK_S))]
+    stolen = (stolen_s() - before) / (time.monotonic() - began) / (os.cpu_count() or 1)
+    findings = [*_permissions(), _kernel(), judge_sleep(awake.is_virtual(), awake.may_ask(), stolen)]
+    return [*findings, judge_jitter(late, dt), _link(cell, min(duration_s, LINK_S))]
 
 
 def report(cell: Cell, findings: list[Finding]) -> tuple[str, int]:
@@ -99,6 +105,26 @@ def _kernel() -> Finding:
         return Finding("kernel", "ok", f"{text}, PREEMPT_RT")
     advice = "a real-time kernel (Debian linux-image-rt-amd64, Ubuntu linux-lowlatency) keeps the worst case short"
     return Finding("kernel", "warning", f"{text}, not a real-time kernel", advice)
+
+
+def stolen_s() -> float:
+    """Returns how long processors of this virtual machine were ready to run while its host ran something else [s]."""
+    try:
+        total = STAT.read_text().splitlines()[0].split()
+        return int(total[STOLEN]) / os.sysconf("SC_CLK_TCK")
+    except (OSError, IndexError, ValueError):
+        return 0.0
+
+
+def judge_sleep(is_virtual: bool, may_ask: bool, stolen: float) -> Finding:
+    """Returns the finding about processors that sleep; `stolen` is the share of them that a host has taken."""
+    if is_virtual:
+        text = f"a virtual machine; its host took {stolen:.1%} of the processors' time meanwhile"
+        return Finding("processors", "warning", text, "stream to a real arm from a machine of its own")
+    if may_ask:
+        return Finding("processors", "ok", "they are asked to stay awake while it streams")
+    advice = 'a udev rule: KERNEL=="cpu_dma_latency", GROUP="realtime", MODE="0660"'
+    return Finding("processors", "warning", f"idle, they may sleep deeply: {awake.LATENCY} is not permitted", advice)
 
 
 def judge_jitter(late: list[float], dt: float) -> Finding:

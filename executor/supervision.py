@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from executor import awake
 from executor import board as words
 from executor.board import Board
 from executor.child import Child
@@ -108,6 +109,13 @@ class Run:
         return np.frombuffer(self.board.row_bytes(count - 1)) if count else None
 
     def _supervise(self) -> None:
+        try:
+            with awake.kept(self.job.core):
+                self._run()
+        finally:
+            self._ended.set()
+
+    def _run(self) -> None:
         failure = "the supervision failed"
         try:
             failure = f"the dashboard at {self.dashboard.host}"
@@ -120,7 +128,6 @@ class Run:
         finally:
             self._make_safe(failure)
             self.result = self._result(failure)
-            self._ended.set()
 
     def _spawn(self) -> None:
         job_fd = self.job.write()

@@ -46,11 +46,12 @@ def report(count: int, runs: int) -> str:
         "the stream does never delays it, and every cycle it begins without a fresh command counts. Where this virtual",
         "machine itself stalls, both stand still; the controller then does not catch up, its clock *slips*",
         "(docs/simulator.md): a real controller is punctual. Slips are counted from start to end, approaches included.",
-        "Release speed error: largest joint against the plan's speed.", "",
+        "Release speed error: largest joint against the plan's speed. Taken by the host: time for which a processor of",
+        "this virtual machine was ready to run and did not, both together (steal of /proc/stat).", "",
         f"## {count} throws in a row", "",
         "| beside | outcomes | cycles without a command | release speed error p50 / max | landing error p50 / max | "
-        "slips, in all, longest |",
-        "| --- | --- | --- | --- | --- | --- |",
+        "slips, in all, longest | taken by the host |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
         _throws_row("nothing", quiet), _throws_row(f"{BUSY} spinning processes", busy), "", *_reasons(quiet, busy),
         f"## Our loop and the plain one, worst of {runs} runs each", "",
         "Plain: `initPeriod; speedJ; waitPeriod` of ur_rtde's documentation, sending the same rows, the lag known. It",
@@ -84,7 +85,8 @@ def _throws_row(beside: str, found: dict[str, Any]) -> str:
         f"| {beside} | {outcomes} | {silent} "
         f"| {_percent(speed, 'median')} / {_percent(speed, 'max')} "
         f"| {_millimetres(landing, 'median')} / {_millimetres(landing, 'max')} "
-        f"| {slips['count']} in {found['duration_s']:.0f} s, {slips['total_s']:.2f} s, {1e3 * slips['max_s']:.1f} ms |"
+        f"| {slips['count']} in {found['duration_s']:.0f} s, {slips['total_s']:.2f} s, {1e3 * slips['max_s']:.1f} ms "
+        f"| {found['stolen_s']:.1f} s |"
     )
 
 

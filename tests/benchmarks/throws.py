@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from executor import truth
+from executor.doctor import stolen_s
 from tests.system.rig import LOB, Rig
 
 SPIN = "while True: pass"
@@ -49,16 +50,16 @@ def throws(folder: Path, count: int, mode: str, busy: int, apart: bool = False) 
     rig.start_executor()
     try:
         truth.ask(rig.host, "reset_stats")
-        rows = []
+        before, rows = stolen_s(), []
         for _ in range(count):
             if rig.is_latched():
                 rig.recover()
                 rig.acknowledge()
             rows.append(rig.throw(LOB, mode))
-        stats = truth.ask(rig.host, "stats")
+        stats, stolen = truth.ask(rig.host, "stats"), stolen_s() - before
     finally:
         rig.stop()
-    return {"throws": count, "mode": mode, "busy_processes": busy, **_summary(rows, stats)}
+    return {"throws": count, "mode": mode, "busy_processes": busy, "stolen_s": stolen, **_summary(rows, stats)}
 
 
 def _summary(rows: list[Any], stats: dict[str, Any]) -> dict[str, Any]:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
+from pathlib import Path
+
 import pytest
 
-from executor.doctor import Finding, judge_jitter, report
+from executor import doctor
+from executor.doctor import Finding, judge_jitter, judge_sleep, report, stolen_s
 from tests.executor.conftest import Prepared
 
 DT = 0.002
@@ -33,3 +37,20 @@ def test_the_worst_finding_decides(prepared: Prepared, grades: list[str], code: 
     assert found == code
     assert verdict in text.splitlines()[-1]
     assert text.count("-> do this") == 2
+
+
+@pytest.mark.parametrize(
+    ("is_virtual", "may_ask", "grade", "word"),
+    [(True, True, "warning", "12.3%"), (False, True, "ok", "awake"), (False, False, "warning", "/dev/cpu_dma_latency")],
+)
+def test_processors_that_sleep_are_told(is_virtual: bool, may_ask: bool, grade: str, word: str) -> None:
+    finding = judge_sleep(is_virtual, may_ask, stolen=0.123)
+    assert (finding.grade, bool(finding.advice)) == (grade, grade != "ok")
+    assert word in finding.text
+
+
+def test_the_time_a_host_has_taken_is_read(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(doctor, "STAT", tmp_path / "stat")
+    assert stolen_s() == 0.0
+    (tmp_path / "stat").write_text("cpu  10 20 30 40 50 60 70 250 0 0\ncpu0 1 2 3 4 5 6 7 8 0 0\n")
+    assert stolen_s() == 250 / os.sysconf("SC_CLK_TCK")
