@@ -82,17 +82,28 @@ def test_a_release_that_was_not_as_planned_is_told(
     telemetry = perfect(prepared)
     telemetry.vector("qd")[:] *= 1.0 + faster
     run = replace(ended(telemetry, prepared), output_late_s=late_ticks * prepared.problem.dt)
-    found = metrics(prepared.problem, prepared.trajectory, run, None)
+    landing = Landing(run.timestamp_at_zero + prepared.trajectory.release_time_s, None)
+    found = metrics(prepared.problem, prepared.trajectory, run, landing)
     assert found["release_velocity_error_share"] == pytest.approx(abs(faster), abs=1e-4)
     told = judge_release(prepared.problem, prepared.trajectory, found)
     assert (told and told[0]) == outcome
+
+
+@pytest.mark.parametrize(("kind", "told"), [("sim", True), ("ur", False)])
+def test_an_object_that_stayed_is_told_where_that_can_be_seen(prepared: Prepared, kind: str, told: bool) -> None:
+    problem = replace(prepared.problem, cell=replace(prepared.cell, link=replace(prepared.cell.link, kind=kind)))
+    found = metrics(problem, prepared.trajectory, ended(perfect(prepared), prepared), None)
+    verdict = judge_release(problem, prepared.trajectory, found)
+    assert (verdict is not None) == told
+    assert verdict is None or (verdict[0] == "completed" and "gripper" in verdict[1])
 
 
 def test_a_gripper_told_late_is_judged_by_the_landing(prepared: Prepared) -> None:
     """Against the flight from where the arm is then, and borne where the landing is held for a window."""
     problem, trajectory = prepared.problem, prepared.trajectory
     run = replace(ended(perfect(prepared), prepared), output_late_s=2.0 * problem.dt)
-    numbers = metrics(problem, trajectory, run, None)
+    landing = Landing(run.timestamp_at_zero + trajectory.release_time_s, None)
+    numbers = metrics(problem, trajectory, run, landing)
     told = judge_release(problem, trajectory, numbers)
     later = replace(trajectory, release_index=trajectory.release_index + 2)
     then, planned = release_flight(problem, later), release_flight(problem, trajectory)
