@@ -16,7 +16,8 @@ up: $(VENV)/warm.stamp          ## simulator, executor, service and web page unt
 	$(BIN)/fling up
 
 test: $(VENV)/dev.stamp $(VENV)/warm.stamp
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/system
+	$(BIN)/python -m pytest tests/system  # in real time: nothing beside it
 
 check: $(VENV)/dev.stamp
 	$(BIN)/ruff check .
