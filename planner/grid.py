@@ -81,6 +81,7 @@ def _least_correction(kernel: Vector, error: Vector, jerk: Vector, jerk_max: Vec
     weight = np.maximum(1.0 - np.abs(jerk) / jerk_max, JERK_FLOOR)
     scale = np.abs(kernel).sum(axis=1)
     rows = kernel / scale[:, None]
-    gram = np.einsum("ai,ij,bi->jab", rows, weight, rows)
+    pairs = (rows[:, None] * rows[None]).reshape(-1, rows.shape[1])
+    gram = (pairs @ weight).T.reshape(-1, len(rows), len(rows))
     multipliers = np.linalg.solve(gram, (error / scale[:, None]).T[..., None])[..., 0]
     return weight * (rows.T @ multipliers.T)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.backends.casadi_nlp import numbers, throw
+from planner.backends.casadi_nlp import buffered, numbers, throw
 from planner.backends.casadi_nlp.layout import NZ, QD, QD_SCALE, Q
 from planner.ballistics import fly
 from planner.errors import SolverFailed
@@ -59,8 +59,8 @@ def _asked(problem: ThrowProblem, slope: Any, x: Vector, parameters: Vector) -> 
     """Returns the residuals that must vanish (m,), and their Jacobian (m, 12) by q and scaled qd."""
     z = np.zeros(NZ)
     z[Q], z[QD] = x[:6], x[6:]
-    values, slopes = slope(z, parameters)
-    values, slopes = throw.ROWS.split(np.array(values).ravel()), throw.ROWS.split(np.array(slopes)[:, :12])
+    rows, jacobian = buffered.evaluate(slope, z, parameters)
+    values, slopes = throw.ROWS.split(rows.ravel()), throw.ROWS.split(jacobian[:, :12])
     release = problem.release
     if isinstance(release, PointRelease):
         if problem.ends_at_rest:

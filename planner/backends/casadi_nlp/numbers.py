@@ -40,24 +40,24 @@ NO_MARGINS = Margins(torque=1.0, tcp_speed=1.0, floor_m=0.0, self_m=0.0, keep_in
 
 def arm_numbers(cell: Cell, limits: Limits, margins: Margins = NO_MARGINS) -> Vector:
     """Returns the `ARM` vector, with the margins added to every clearance asked for."""
-    boxes = cell.surroundings.keep_in
-    lower = np.max([box.lower for box in boxes], axis=0) if boxes else np.full(3, -UNBOUNDED)
-    upper = np.min([box.upper for box in boxes], axis=0) if boxes else np.full(3, UNBOUNDED)
-    return ARM.pack({
-        **_cell_numbers(cell),
-        "torque": limits.tau_max,
-        "speed": limits.tcp_speed_max,
-        "floor": cell.surroundings.floor_z_m + cell.surroundings.clearance_m + margins.floor_m,
-        "self_clearance": SELF_CLEARANCE_M + margins.self_m,
-        "keep_in": np.concatenate([lower + margins.keep_in_m, upper - margins.keep_in_m]),
-    })
+    vector = _cell_numbers(cell).copy()
+    piece = ARM.split(vector)
+    piece["torque"][:] = limits.tau_max
+    piece["speed"][:] = limits.tcp_speed_max
+    piece["floor"][:] = cell.surroundings.floor_z_m + cell.surroundings.clearance_m + margins.floor_m
+    piece["self_clearance"][:] = SELF_CLEARANCE_M + margins.self_m
+    piece["keep_in"][:3] += margins.keep_in_m
+    piece["keep_in"][3:] -= margins.keep_in_m
+    return vector
 
 
 @lru_cache(maxsize=CELLS_KEPT)
-def _cell_numbers(cell: Cell) -> dict[str, Vector]:
-    """Returns those pieces of `ARM` that are the cell's alone."""
-    robot, R_WB = cell.robot, cell.X_WB[:3, :3]
-    return {
+def _cell_numbers(cell: Cell) -> Vector:
+    """Returns the `ARM` vector with those pieces that are the cell's alone; the others are 0."""
+    robot, R_WB, boxes = cell.robot, cell.X_WB[:3, :3], cell.surroundings.keep_in
+    lower = np.max([box.lower for box in boxes], axis=0) if boxes else np.full(3, -UNBOUNDED)
+    upper = np.min([box.upper for box in boxes], axis=0) if boxes else np.full(3, UNBOUNDED)
+    return ARM.pack({
         "dh": np.array([robot.d[0], robot.a[1], robot.a[2], robot.d[3], robot.d[4], robot.d[5]]),
         "tcp": cell.tool.X_FT[:3, 3],
         "links": link_numbers(cell),
@@ -65,7 +65,9 @@ def _cell_numbers(cell: Cell) -> dict[str, Vector]:
         "base": np.concatenate([R_WB.T.ravel(), cell.X_WB[:3, 3]]),
         "capsules": capsule_numbers(cell),
         "pairs": pair_numbers(cell),
-    }
+        "keep_in": np.concatenate([lower, upper]),
+        **dict.fromkeys(("torque", "speed", "floor", "self_clearance"), 0.0),
+    })
 
 
 def link_numbers(cell: Cell) -> Vector:
@@ -124,12 +126,15 @@ def pair_numbers(cell: Cell) -> Vector:
     return np.array([0.0 if pair in can else FAR for pair in PAIRS])
 
 
+@lru_cache(maxsize=CELLS_KEPT)
 def box_numbers(cell: Cell, margin_m: float = 0.0) -> Vector:
-    """Returns the `BOXES` vector; boxes beyond `KEEP_OUT` are left to the certificate."""
+    """Returns the `BOXES` vector, not to be changed; boxes beyond `KEEP_OUT` are left to the certificate."""
     table = np.full((KEEP_OUT, 6), ABSENT_BOX)
     for row, box in zip(table, cell.surroundings.keep_out, strict=False):
         row[:] = [*box.lower, *box.upper]
-    return BOXES.pack({"boxes": table.ravel(), "box_clearance": cell.surroundings.clearance_m + margin_m})
+    packed = BOXES.pack({"boxes": table.ravel(), "box_clearance": cell.surroundings.clearance_m + margin_m})
+    packed.flags.writeable = False
+    return packed
 
 
 def singular_sides(robot: Robot, q: Vector) -> Vector:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp import bounds as bound
-from planner.backends.casadi_nlp import numbers
+from planner.backends.casadi_nlp import buffered, numbers
 from planner.backends.casadi_nlp.layout import NZ, QD, QDD, STEP, TIME, TIME_SCALE, Q
 from planner.backends.casadi_nlp.margins import Margins
 from planner.backends.casadi_nlp.stages import COST
@@ -114,7 +114,8 @@ def _spare(request: Request, table: Table) -> dict[str, Vector]:
     numbers_of = {"space": arm, "boxes": np.concatenate([arm, numbers.box_numbers(cell)])}
     spare = {}
     for group in (group for group in numbers_of if table.shape.holds(group)):
-        values = [np.array(table.blocks[group].value(_standing(q), numbers_of[group])).ravel() for q in given]
+        value, parameters = table.blocks[group].value, numbers_of[group]
+        values = [buffered.evaluate(value, _standing(q), parameters)[0].ravel() for q in given]
         spare[group] = np.minimum(np.min(values, axis=0), 0.0)
     return spare
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.backends.casadi_nlp import codegen, solvers
+from planner.backends.casadi_nlp import buffered, codegen, solvers
 from planner.backends.casadi_nlp.assembly import assemble
 from planner.backends.casadi_nlp.blocks import Block, interpreted
 from planner.backends.casadi_nlp.layout import NX, NZ, Q
@@ -147,10 +147,8 @@ class Solving:
         return self._call("fatrop", _fatrop(part, _pattern(reduced), polish), reduced)
 
     def _call(self, name: str, solver: Any, call: Call) -> Vector | None:
-        solution = solver(**call)
-        stats = solver.stats()
+        x, stats = buffered.first_result(solver, call)
         self.iterations += int(stats["iter_count"])
-        x = np.array(solution["x"]).ravel()
         ok = bool(stats["success"]) and bool(np.isfinite(x).all())
         self.status = f"{name}: {'solved' if ok else 'gave up'} in {stats['iter_count']} iterations"
         return np.append(x, np.zeros(NZ - NX)).reshape(-1, NZ) if ok else None
@@ -158,7 +156,7 @@ class Solving:
     def _broken(self, call: Call, z: Vector) -> set[str]:
         """Returns the groups of which some row is beyond its bound."""
         x = z.ravel()[: self.table.variables]
-        g = np.array(machine(self.whole).functions["g"](x, call["p"])).ravel()
+        g = buffered.evaluate(machine(self.whole).functions["g"], x, call["p"])[0].ravel()
         beyond = np.maximum(call["lbg"] - g, g - call["ubg"]) > BROKEN
         broken = {group for group, rows in _rows_by_group(self.whole).items() if beyond[rows].any()}
         outside = np.append(np.maximum(call["lbx"] - x, x - call["ubx"]), np.zeros(NZ - NX)).reshape(-1, NZ)[:, Q]
