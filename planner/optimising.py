@@ -35,6 +35,8 @@ SEED_S = 0.4  # [s] for a seed: what its solutions take when each of them is a h
 STUBBORN_S = 0.6  # [s] for the soonest seed once more, where the slow second solver is asked too
 STUBBORN_BEFORE_S = 0.8  # [s] spent: later it is not asked
 TICK_SLACK = 1e-6  # [-] of a tick, for rounding
+SLOW = 0.7  # [-] of the least bound of a target's candidates: nine in ten optimised throws release before
+SLOW_ROBUST = 0.85  # [-] likewise with a release window
 ROUNDS = 4  # solutions of one seed, each keeping away from what the certificate found in the one before
 
 
@@ -70,6 +72,8 @@ def optimised(search: Search, seeds: list[Seed], with_ruckig: bool) -> None:
         return
     most = MOST_SEEDS[type(search.problem.release)]
     by_optimiser = _first_answer(search, seeds[:SEEDS_FIRST], SEED_S, stubborn=False)
+    if by_optimiser and isinstance(search.problem.release, TargetRelease):
+        _while_slow(search, seeds[:most])
     if with_ruckig:
         _sooner_by_ruckig(search, seeds if by_optimiser else seeds[:RUCKIG_FIRST])
     if not by_optimiser:
@@ -115,6 +119,25 @@ def _first_answer(search: Search, seeds: list[Seed], patience_s: float, stubborn
     result = f"{valid} of {solved} motions certified" + (f"; {failure}" if failure else "")
     search.tell("casadi", result, begun)
     return valid > 0
+
+
+def _while_slow(search: Search, seeds: list[Seed]) -> None:
+    """Optimises from further seeds while the best throw is a slow one beside what candidates could do as they are.
+
+    An optimised throw leaves its candidate far behind; one that hardly did has got stuck in a poor way to throw.
+    """
+    begun, solved, valid = time.perf_counter(), 0, 0
+    enough_s = (SLOW_ROBUST if search.problem.is_robust else SLOW) * min(seed.candidate.bound_s for seed in seeds)
+    for seed in seeds[1:]:
+        if search.release_time_s <= enough_s or search.left_s <= 0.0 or search.spent_s > GIVE_UP_S:
+            break
+        solved += 1
+        try:
+            valid += _optimise(search, seed, SEED_S)
+        except SolverFailed:
+            continue
+    if solved:
+        search.tell("casadi", f"the throw was slow; {valid} of {solved} motions from further seeds certified", begun)
 
 
 def _sooner_by_ruckig(search: Search, seeds: list[Seed]) -> None:

@@ -1,5 +1,6 @@
 """plan(): random releases, refusals with the nearest thing that can be done, determinism."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -7,8 +8,11 @@ import pytest
 
 from planner.document import problem_from_request
 from planner.errors import Infeasible
+from planner.optimising import by_launch_time, optimised
 from planner.planning import plan
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease
+from planner.release import candidates
+from planner.search import Search
 from tests.planner.problems import cell, feasible_states, joint_problem, pose_problem
 
 RANDOM_POSES = 500
@@ -35,6 +39,20 @@ def test_the_same_request_has_the_same_plan():
     first, second = plan(problem), plan(problem)
     np.testing.assert_array_equal(first.trajectory.q, second.trajectory.q)
     assert first.certificate == second.certificate
+
+
+@pytest.mark.parametrize("target", [(0.386, -0.09, 0.0), (0.663, 0.202, 0.0)])
+@pytest.mark.parametrize(("window_s", "tolerance_m"), [(0.0, 0.0), (0.02, 0.005)])
+def test_a_slow_throw_is_sought_from_further_seeds(target, window_s, tolerance_m):
+    release = TargetRelease(np.array(target))
+    problem = joint_problem(
+        "ur5-sim", release=release, release_window_s=window_s, landing_tolerance_m=tolerance_m, backend="casadi"
+    )
+    first = Search(problem, time.perf_counter() + 10.0)
+    optimised(first, by_launch_time(problem, candidates(problem))[:1], with_ruckig=False)
+    answer = plan(problem)
+    assert any("slow" in attempt.result for attempt in answer.attempts)
+    assert answer.trajectory.release_time_s < 0.75 * first.release_time_s
 
 
 FAR_POSE = PoseRelease(np.eye(4) + 2.0 * np.eye(4, k=3), np.array([0.5, -0.6, 0.7, 0.0, 0.0, 0.0]))
