@@ -19,6 +19,7 @@ from planner.trajectory import Trajectory, integrate
 
 Vector = NDArray[np.float64]
 
+STILL_RAD = 1e-12  # [rad] a shorter way is none: below what any encoder resolves, above where dividing overflows
 ROUNDING = 1e-9  # [ticks] a duration that is whole but for rounding stays so
 
 
@@ -35,9 +36,9 @@ def through(points: Vector, limits: Limits, dt: float) -> Trajectory:
 def _piece(way: Vector, limits: Limits, dt: float) -> Vector:
     """Returns the jerks (N, n) of one piece; none where there is no way."""
     size = np.abs(way)
-    if size.max() == 0.0:
+    moving = size > STILL_RAD
+    if not moving.any():
         return np.zeros((0, len(way)))
-    moving = size > 0.0
     bounds = (limits.qd_max, limits.qdd_max, limits.jerk_max)
     v, a, j = (float((bound[moving] / size[moving]).min()) for bound in bounds)
     up, steady, cruise = (math.ceil(t / dt - ROUNDING) for t in _durations(v, a, j))

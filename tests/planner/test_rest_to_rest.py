@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from planner.cell import load_cell
@@ -23,6 +23,7 @@ joints = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6).map(np.array)
 
 @settings(max_examples=25, deadline=None)
 @given(st.lists(joints, min_size=2, max_size=4), st.sampled_from([0.002, 0.008]))
+@example([np.zeros(6), 1e-308 * np.eye(6)[5]], 0.002)
 def test_it_rests_in_every_point_and_keeps_the_limits(points, dt):
     points = np.array(points)
     motion = through(points, LIMITS, dt)
