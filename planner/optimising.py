@@ -37,6 +37,7 @@ STUBBORN_BEFORE_S = 0.8  # [s] spent: later it is not asked
 TICK_SLACK = 1e-6  # [-] of a tick, for rounding
 SLOW = 0.7  # [-] of the least bound of a target's candidates: nine in ten optimised throws release before
 SLOW_ROBUST = 0.85  # [-] likewise with a release window
+OPTIMISED = "optimised"
 ROUNDS = 4  # solutions of one seed, each keeping away from what the certificate found in the one before
 
 
@@ -46,7 +47,7 @@ class Seed:
 
     problem: ThrowProblem
     candidate: Candidate
-    tried: set[str] = field(default_factory=set)  # of Ruckig's launches
+    tried: set[str] = field(default_factory=set)  # of Ruckig's launches, and whether it was optimised
 
     @cached_property
     def arrival_s(self) -> float:
@@ -128,7 +129,7 @@ def _while_slow(search: Search, seeds: list[Seed]) -> None:
     """
     begun, solved, valid = time.perf_counter(), 0, 0
     enough_s = (SLOW_ROBUST if search.problem.is_robust else SLOW) * min(seed.candidate.bound_s for seed in seeds)
-    for seed in seeds[1:]:
+    for seed in (seed for seed in seeds if OPTIMISED not in seed.tried):
         if search.release_time_s <= enough_s or search.left_s <= 0.0 or search.spent_s > GIVE_UP_S:
             break
         solved += 1
@@ -183,6 +184,7 @@ def _optimise(search: Search, seed: Seed, patience_s: float, stubborn: bool = Fa
 
     A motion that comes much too near to something between two looks is solved for afresh on more stages.
     """
+    seed.tried.add(OPTIMISED)
     warm_start, margins, fine = _warm_start(seed), casadi_nlp.CLOSE, False
     deadline_s = min(search.deadline_s, time.perf_counter() + patience_s)
     for _ in range(ROUNDS):

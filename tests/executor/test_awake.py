@@ -5,31 +5,20 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import psutil
 import pytest
 
 from executor import awake
+from tests.executor.simulator.fault_client import wait
 
 CORE = max(os.sched_getaffinity(0))
-WITHIN_S = 5.0
 
 
 def wakers() -> list[psutil.Process]:
     """Returns the processes of this one that keep a processor awake."""
     return [c for c in psutil.Process().children() if any("awake.py" in word for word in c.cmdline())]
-
-
-def eventually(condition: Callable[[], object]) -> bool:
-    until = time.monotonic() + WITHIN_S
-    while not condition():
-        if time.monotonic() > until:
-            return False
-        time.sleep(0.01)
-    return True
 
 
 @pytest.fixture
@@ -44,7 +33,7 @@ def virtual(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 def test_it_stays_on_its_processor_gives_way_to_everybody_and_ends():
     with awake.kept(CORE):
         (waker,) = wakers()
-        assert eventually(lambda: os.sched_getscheduler(waker.pid) == os.SCHED_IDLE)
+        assert wait(lambda: os.sched_getscheduler(waker.pid) == os.SCHED_IDLE)
         assert os.sched_getaffinity(waker.pid) == {CORE}
     assert not psutil.pid_exists(waker.pid)
 
@@ -71,10 +60,10 @@ def test_it_ends_when_its_parent_was_killed():
     assert parent.stdout is not None
     parent.stdout.readline()
     (waker,) = psutil.Process(parent.pid).children()
-    assert eventually(lambda: os.sched_getscheduler(waker.pid) == os.SCHED_IDLE)
+    assert wait(lambda: os.sched_getscheduler(waker.pid) == os.SCHED_IDLE)
     parent.kill()
     parent.communicate()
-    assert eventually(lambda: not waker.is_running() or waker.status() == psutil.STATUS_ZOMBIE)
+    assert wait(lambda: not waker.is_running() or waker.status() == psutil.STATUS_ZOMBIE)
 
 
 @pytest.mark.usefixtures("virtual")
@@ -103,7 +92,7 @@ def test_a_real_machine_is_asked_for_no_latency_and_the_request_is_held(tmp_path
             f"awake.is_virtual = lambda: False; awake.stay_awake({CORE}, {os.getpid()})")  # fmt: skip
     asking = subprocess.Popen([sys.executable, "-c", code])
     try:
-        assert eventually(lambda: latency.read_bytes() == bytes(4))
+        assert wait(lambda: latency.read_bytes() == bytes(4))
         held = [Path(os.readlink(entry)) for entry in Path(f"/proc/{asking.pid}/fd").iterdir()]
         assert latency in held
     finally:

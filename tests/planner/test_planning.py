@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from planner.certificate import certify
 from planner.document import problem_from_request
 from planner.errors import Infeasible
 from planner.optimising import by_launch_time, optimised
@@ -23,6 +24,7 @@ def test_every_random_feasible_pose_is_planned_and_certified():
         problem = replace(pose_problem(cell(), known.release.q, known.release.qd), backend="ruckig")
         answer = plan(problem)
         assert answer.certificate.valid
+        assert certify(problem, answer.trajectory).valid
         assert answer.trajectory.release_time_s <= motion.release_time_s + 1e-9
         assert answer.backend == "ruckig"
 
