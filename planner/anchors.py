@@ -55,7 +55,7 @@ def moved(release: PoseRelease | PointRelease, place: Vector) -> PoseRelease | P
 
 def _point_postures(problem: ThrowProblem, release: PointRelease) -> tuple[Vector, Vector]:
     """Returns postures (n, 6) all round that can have the velocity, and the tool's places (n, 3)."""
-    cell, limits = problem.cell, problem.limits
+    cell, limits = problem.cell, problem.reachable
     q = np.clip(problem.start + _offsets() * AROUND_RAD, limits.q_lower, limits.q_upper)
     q = q[_regular(problem, q)]
     qd = spread_velocity(tool_jacobian(problem, q), cell.X_WB[:3, :3].T @ release.v_WT, limits.qd_max)
@@ -65,7 +65,7 @@ def _point_postures(problem: ThrowProblem, release: PointRelease) -> tuple[Vecto
 
 def _pose_postures(problem: ThrowProblem, release: PoseRelease) -> tuple[Vector, Vector]:
     """Returns postures (n, 6) in the orientation asked for that can have the twist, and the tool's places (n, 3)."""
-    cell, limits = problem.cell, problem.limits
+    cell, limits = problem.cell, problem.reachable
     places = _places(problem, release.X_WT[:3, 3])
     X_WT = np.tile(release.X_WT, (len(places), 1, 1))
     X_WT[:, :3, 3] = places

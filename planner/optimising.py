@@ -14,9 +14,12 @@ import time
 from dataclasses import dataclass, field
 from functools import cached_property
 
+import numpy as np
+
 from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import Guess
 from planner.certificate import Certificate
+from planner.clearance import clearances
 from planner.errors import SolverFailed
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.release import Candidate
@@ -37,6 +40,8 @@ STUBBORN_BEFORE_S = 0.8  # [s] spent: later it is not asked
 TICK_SLACK = 1e-6  # [-] of a tick, for rounding
 SLOW = 0.7  # [-] of the least bound of a target's candidates: nine in ten optimised throws release before
 SLOW_ROBUST = 0.85  # [-] likewise with a release window
+WAY = np.linspace(0.15, 0.9, 6)  # shares of the straight way to a candidate that are looked at
+DEEP_M = 0.02  # [m] that something may be in the way: the optimiser goes round it
 OPTIMISED = "optimised"
 ROUNDS = 4  # solutions of one seed, each keeping away from what the certificate found in the one before
 
@@ -174,9 +179,21 @@ def _try_launch(search: Search, seed: Seed, launch: str) -> Certificate | None:
 
 
 def by_launch_time(problem: ThrowProblem, candidates: list[Candidate]) -> list[Seed]:
-    """Returns seeds: the first by how soon Ruckig releases in them, those after them by their bound."""
+    """Returns seeds: the first by how soon Ruckig releases in them, those after them by their bound.
+
+    A seed on whose straight way the arm or something else is in the way comes after those with a free one.
+    """
     seeds = [Seed(problem, candidate) for candidate in candidates[:LOOKED_AT]]
-    return [*sorted(seeds[:TIMED], key=lambda seed: seed.ruckig_s), *seeds[TIMED:]]
+    free = _ways_are_free(problem, candidates[:TIMED])
+    first = sorted(zip(free, seeds, strict=False), key=lambda pair: (not pair[0], pair[1].ruckig_s))
+    return [*(seed for _, seed in first), *seeds[TIMED:]]
+
+
+def _ways_are_free(problem: ThrowProblem, candidates: list[Candidate]) -> list[bool]:
+    """Returns for every candidate whether the straight way to it is free, or nearly so."""
+    ways = problem.start + np.multiply.outer(WAY, np.array([c.q for c in candidates]) - problem.start)
+    least = clearances(problem.cell, ways.reshape(-1, len(problem.start))).least.reshape(len(WAY), -1)
+    return (least.min(axis=0) > -DEEP_M).tolist()
 
 
 def _optimise(search: Search, seed: Seed, patience_s: float, stubborn: bool = False) -> bool:

@@ -6,7 +6,7 @@ Everything is in the world frame; joint vectors are (6,) in rad and rad/s.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from planner.ballistics import drag_constant
 from planner.cell import Cell, Limits
 from planner.errors import FieldError, InvalidProblem
+from planner.geometry import passable
 
 Vector = NDArray[np.float64]
 
@@ -97,6 +98,13 @@ class ThrowProblem:
             errors.append(FieldError("time_limit_s", f"{self.time_limit_s} is not in (0, {TIME_LIMIT_MAX_S:g}] s"))
         if errors:
             raise InvalidProblem(errors)
+
+    @cached_property
+    def reachable(self) -> Limits:
+        """The limits, less the joint positions that self-collision shuts off from the start."""
+        lower, upper = passable(self.cell.robot, self.cell.tool.capsules, self.start)
+        limits = self.limits
+        return replace(limits, q_lower=np.maximum(limits.q_lower, lower), q_upper=np.minimum(limits.q_upper, upper))
 
     @property
     def dt(self) -> float:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from planner.clearance import clearances
 from planner.errors import Infeasible, Violation
+from planner.geometry import SELF_CLEARANCE_M, barriers
 from planner.kinematics import (
     SINGULARITIES,
     inverse,
@@ -86,6 +87,11 @@ def _usable(problem: ThrowProblem, q: Vector, qd: Vector) -> list[Candidate]:
     good = (excess <= 1.0 + SPEED_SLACK) & ~singular
     if not good.any():
         raise Infeasible(_reasons(problem, q, qd, excess, distance))
+    near, far = problem.reachable.q_lower, problem.reachable.q_upper
+    shut_off = np.any((q < near - POSITION_SLACK) | (q > far + POSITION_SLACK), axis=1)
+    if shut_off[good].all():
+        raise Infeasible([_barred(problem, q[good][0])])
+    good &= ~shut_off
     q, qd = q[good], qd[good]
     bound = least_time(q - problem.start, qd, limits)
     order = np.lexsort([*q.T[::-1], bound])
@@ -105,6 +111,19 @@ def _clear(problem: ThrowProblem, q: Vector, qd: Vector, bound: Vector) -> list[
         return [Candidate(q[i], qd[i], float(bound[i]), f"{kind} {i}") for i in good]
     best = max(least, key=lambda free: float(free.least.max()))
     raise Infeasible(best.violations(int(best.least.argmax()), problem.cell))
+
+
+def _barred(problem: ThrowProblem, q: Vector) -> Violation:
+    """Returns the self-collision that lies between the start and the state (6,), whichever way the arm goes."""
+    cell, names = problem.cell, problem.cell.robot.joint_names
+    low, high = np.minimum(problem.start, q), np.maximum(problem.start, q)
+    for barrier in barriers(cell.robot, cell.tool.capsules):
+        i = barrier.joint
+        between = barrier.q[(barrier.q > low[i]) & (barrier.q < high[i])]
+        if len(between):
+            detail = f"{', '.join(barrier.names)}: on every way from the start, {names[i]} at {between[0]:.2f} rad"
+            return Violation("self_collision", barrier.distance_m, SELF_CLEARANCE_M, "m", detail=detail)
+    raise AssertionError("no barrier lies between")
 
 
 def _reasons(problem: ThrowProblem, q: Vector, qd: Vector, excess: Vector, distance: Vector) -> list[Violation]:

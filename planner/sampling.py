@@ -77,7 +77,7 @@ def target_states(problem: ThrowProblem, release: TargetRelease) -> tuple[Vector
     if release.release_position is not None:
         q = _postures(problem, release.release_position)
         return _flights(problem, release, q, np.broadcast_to(release.release_position, (len(q), 3)))
-    limits = problem.limits
+    limits = problem.reachable
     centre = np.clip(problem.start, limits.q_lower, limits.q_upper)
     q = np.clip(centre + offsets(PLACES), limits.q_lower, limits.q_upper)
     cell = problem.cell
@@ -178,7 +178,7 @@ def _within(problem: ThrowProblem, q: Vector) -> Vector:
     """Returns those of the inverse kinematics' branches (m, 8, 6), in every turn, that lie within the limits (n, 6)."""
     q = q.reshape(-1, 6)
     q = q[np.isfinite(q).all(axis=1)]
-    return _turned_into(problem.limits, problem.start, q)
+    return _turned_into(problem.reachable, problem.start, q)
 
 
 def _turned_into(limits: Limits, start: Vector, q: Vector) -> Vector:

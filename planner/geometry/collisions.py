@@ -44,6 +44,24 @@ def _pairs(robot: Robot, tool: tuple[tuple[float, ...], ...]) -> tuple[tuple[int
     return tuple((i, j) for i, j in indices if _can_meet(robot, capsules[i], capsules[j]))
 
 
+def distances_by_joint(robot: Robot, first: Capsule, second: Capsule, step: float) -> tuple[int, Array, Array]:
+    """Returns the one joint that moves two bodies to one another, positions of it, and the bodies' distances there.
+
+    The positions (k,) [rad] are at most `step` apart and span the joint's limits; none where more joints do.
+    """
+    near, far = sorted((first, second), key=lambda c: c.frame)
+    joints = _joints_between(near, far)
+    if far.frame == len(robot.a) and _off_axis(far) < AXIS_TOLERANCE_M:
+        joints = joints[:-1]  # a tool round about the last axis turns in itself
+    if len(joints) != 1:
+        return -1, np.empty(0), np.empty(0)
+    joint = joints[0]
+    lower, upper = robot.q_lower[joint], robot.q_upper[joint]
+    q = np.zeros((int(np.ceil((upper - lower) / step)) + 1, 6))
+    q[:, joint] = np.linspace(lower, upper, len(q))
+    return joint, q[:, joint], _distances(robot, near, far, q)
+
+
 def _can_meet(robot: Robot, first: Capsule, second: Capsule) -> bool:
     near, far = sorted((first, second), key=lambda c: c.frame)
     joints = _joints_between(near, far)
@@ -62,8 +80,11 @@ def _can_meet(robot: Robot, first: Capsule, second: Capsule) -> bool:
 def _joints_between(near: Capsule, far: Capsule) -> list[int]:
     """Joints that change how the two lie to each other; the first does not if `near` is round about its axis."""
     joints = list(range(near.frame, far.frame))
-    off_axis = max(np.hypot(*near.p0[:2]), np.hypot(*near.p1[:2]))
-    return joints[1:] if off_axis < AXIS_TOLERANCE_M else joints
+    return joints[1:] if _off_axis(near) < AXIS_TOLERANCE_M else joints
+
+
+def _off_axis(capsule: Capsule) -> float:
+    return float(max(np.hypot(*capsule.p0[:2]), np.hypot(*capsule.p1[:2])))
 
 
 def _distances_on_grid(robot: Robot, near: Capsule, far: Capsule, joints: list[int], count: int) -> tuple[Array, Array]:
@@ -73,9 +94,14 @@ def _distances_on_grid(robot: Robot, near: Capsule, far: Capsule, joints: list[i
     axes = np.linspace(lower, upper, count).T
     q = np.zeros((count ** len(joints), 6))
     q[:, joints] = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(joints))
+    return _distances(robot, near, far, q), (upper - lower) / (count - 1)
+
+
+def _distances(robot: Robot, near: Capsule, far: Capsule, q: Array) -> Array:
+    """Surface distances (k,) [m] at joint positions q (k, 6)."""
     ends = capsule_endpoints(robot, (near, far), q)
     gap = segment_segment_distance(ends[:, 0, 0], ends[:, 0, 1], ends[:, 1, 0], ends[:, 1, 1])
-    return gap - near.radius_m - far.radius_m, (upper - lower) / (count - 1)
+    return gap - near.radius_m - far.radius_m
 
 
 def _levers(robot: Robot, near: Capsule, far: Capsule, joints: list[int]) -> Array:

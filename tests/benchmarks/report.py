@@ -11,6 +11,7 @@ from tests.benchmarks import floors, pictures, sections
 from tests.benchmarks.audit import Audit
 from tests.benchmarks.peers import PEERS
 from tests.benchmarks.peers.sdu_method import Tally
+from tests.benchmarks.sets import ANYWHERE
 from tests.benchmarks.statistics import Summary, summarise
 from tests.benchmarks.task import Row
 
@@ -87,9 +88,14 @@ def write(out: Path, about: dict[str, str], rows: Sequence[Row], judged: Audit, 
 def feasible(rows: Sequence[Row]) -> set[str]:
     """Returns the names of the tasks that anything certified; a robust one is where its nominal sister is."""
     known = {row.task for row in rows if row.certified}
-    nominal = {name.split("/", 1)[1] for name in known if name.startswith("target/")}
-    robust = {row.task for row in rows if row.group.startswith("robust") and row.task.split("/", 1)[1] in nominal}
+    robust = {row.task for row in rows if row.group.startswith("robust") and nominal_sister(row.task) in known}
     return known | robust
+
+
+def nominal_sister(task: str) -> str:
+    """Returns the name of the `target` problem that a robust one is made from."""
+    group, number = task.split("/", 1)
+    return f"target{ANYWHERE if group.endswith(ANYWHERE) else ''}/{number}"
 
 
 def summaries(rows: Sequence[Row]) -> list[Summary]:

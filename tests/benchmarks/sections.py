@@ -55,7 +55,7 @@ def windows(lines: Sequence[Summary]) -> list[str]:
     """Returns landing errors around the release."""
     head = ["set", "back end", "±10 ms p50 / p90 mm", "±20 ms p50 / p90 mm", "±30 ms p50 / p90 mm"]
     chosen = [
-        s for s in lines if s.group in ("target", "robust", "robust-30") and s.backend in ("ruckig", "casadi", "auto")
+        s for s in lines if s.group.startswith(("target", "robust")) and s.backend in ("ruckig", "casadi", "auto")
     ]
     body = [[s.group, s.backend, *(milli(s.window_m[w], 1) for w in ("10", "20", "30"))] for s in chosen]
     note = "Worst landing error if the object leaves that much early or late; `robust` asks for 5 mm within ±20 ms."

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +26,7 @@ SPREAD = 1.5  # [rad] how far from home a joint state is drawn
 SPEED_SHARE = 0.8  # [-] of the velocity limit up to which joint velocities are drawn
 LEAST_SPEED = 0.8  # [m/s] slower ones are no throws
 LEAST_RANGE = 0.3  # [m] from release to target, horizontally
+ANYWHERE = "-anywhere"  # a set's sister: the same releases, from a start that is drawn, too, instead of from home
 WINDOW_S, TOLERANCE_M = 0.02, 0.005  # the robust set
 WIDE_WINDOW_S = 0.03  # and its harder sister
 NEAR_LIMIT = 0.03  # [-] share of the joint range within which a state is "near a limit"
@@ -45,6 +46,7 @@ def build(name: str, count: int, seed: int) -> list[Task]:
     """Returns `count` tasks of a set (the SDU sets have a fixed number), spread over the arms."""
     if name.startswith("sdu"):
         return sdu.tasks(name, cell("sdu-table"), count, seed)
+    family = name.removesuffix(ANYWHERE)
     makers = {
         "pose": lambda arm, share: _drawn("pose", arm, share, seed, _pose),
         "point": lambda arm, share: _drawn("point", arm, share, seed, _point),
@@ -56,7 +58,9 @@ def build(name: str, count: int, seed: int) -> list[Task]:
         "too-fast": lambda arm, share: _too_fast(arm, share, seed),
     }
     shares = [len(part) for part in np.array_split(np.arange(count), len(ARMS))]
-    per_arm = [makers[name](arm, share) for arm, share in zip(ARMS, shares, strict=True)]
+    per_arm = [makers[family](arm, share) for arm, share in zip(ARMS, shares, strict=True)]
+    if name != family:
+        per_arm = [list(map(partial(_moved, family), tasks, _starts(tasks, seed))) for tasks in per_arm]
     return [task for rank in range(max(shares)) for tasks in per_arm for task in tasks[rank : rank + 1]]
 
 
@@ -93,6 +97,25 @@ def _drawn(
         problem = ThrowProblem(here, here.home, release, here.limits)
         tasks.append(Task(f"{group}/{arm}/{len(tasks):04d}", problem, state))
     return tasks
+
+
+def _starts(tasks: list[Task], seed: int) -> Iterator[Vector]:
+    """Yields a standstill for every task of an arm, drawn as its release was, but at rest."""
+    if not tasks:
+        return
+    here = tasks[0].problem.cell
+    rng = np.random.default_rng([seed, ARMS.index(here.name), 1])
+    for _ in tasks:
+        while not allowed(here, q := _anywhere(here, rng)[0], np.zeros(6)):
+            pass
+        yield q
+
+
+def _moved(family: str, task: Task, start: Vector) -> Task:
+    """Returns the task with another start, in the set's sister."""
+    return replace(
+        task, name=task.name.replace(family, family + ANYWHERE, 1), problem=replace(task.problem, start=start)
+    )
 
 
 def _pose(here: Cell, state: JointRelease) -> PoseRelease:

@@ -16,7 +16,7 @@ from tests.benchmarks.peers import PEERS, Peer, PeerMissing
 from tests.benchmarks.peers.sdu_method import Tally, tally
 from tests.benchmarks.record import Record, machine
 from tests.benchmarks.runner import Runner, measured, supported
-from tests.benchmarks.sets import build, cell
+from tests.benchmarks.sets import ANYWHERE, build, cell
 from tests.benchmarks.task import Row, Task
 
 # Problems a set in the quick run. The SDU targets are 28 and 35 whatever is asked.
@@ -27,6 +27,11 @@ QUICK = {
     "hard": 64,
     "robust": 100,
     "robust-30": 60,
+    "pose-anywhere": 200,
+    "point-anywhere": 200,
+    "target-anywhere": 200,
+    "robust-anywhere": 100,
+    "robust-30-anywhere": 60,
     "unreachable": 24,
     "too-fast": 24,
     "sdu-near": 28,
@@ -81,10 +86,15 @@ def _audited(choice: Choice) -> Audit:
 
 
 def _backends(name: str, there: tuple[str, ...], wanted: tuple[str, ...]) -> list[str]:
-    """Returns Ruckig as the reference, then what was asked for; refusals and pairs are asked of `auto` alone."""
+    """Returns Ruckig as the reference, then what was asked for.
+
+    Refusals and pairs are asked of `auto` alone; sets from anywhere of `auto` and Ruckig.
+    """
     if name in REFUSED or name in PAIRS:
         return ["auto"]
     chosen = [b for b in there if not wanted or b in wanted or b == "ruckig"]
+    if name.endswith(ANYWHERE):
+        chosen = [b for b in chosen if b in ("ruckig", "auto")]
     if name.startswith("robust"):
         chosen = [b for b in chosen if b in ("casadi", "auto")]
     return sorted(chosen, key=lambda b: b != "ruckig")
@@ -103,7 +113,7 @@ def _run_set(tasks: list[Task], backends: list[str], record: Record, runner: Run
             if not record.has(task.name, backend):
                 record.add(runner.run(task, backend)[0])
         own = [r for r in record.rows if r.backend == backend and r.group == tasks[0].group]
-        _say(f"{tasks[0].group:14} {backend:10} {sum(r.certified for r in own)} of {len(own)} certified")
+        _say(f"{tasks[0].group:18} {backend:10} {sum(r.certified for r in own)} of {len(own)} certified")
 
 
 def _run_peers(tasks: list[Task], record: Record) -> None:
@@ -117,7 +127,7 @@ def _run_peers(tasks: list[Task], record: Record) -> None:
             _say(f"peer {name}: {missing}")
             continue
         own = [r for r in record.rows if r.backend == name]
-        _say(f"pose           {name:10} {sum(r.certified for r in own)} of {len(own)} certified")
+        _say(f"pose               {name:10} {sum(r.certified for r in own)} of {len(own)} certified")
 
 
 def _peer_row(name: str, peer: Peer, task: Task) -> Row:

@@ -8,16 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from planner.backends.casadi_nlp.guess import Guess
-from planner.backends.casadi_nlp.margins import Margins, far_off
+from planner.backends.casadi_nlp.margins import CLOSE, Margins, far_off
 from planner.errors import BackendUnavailable
 from planner.problem import ThrowProblem
 from planner.release import Candidate
 from planner.solution import Solution
 
 __all__ = ["CLOSE", "Guess", "Margins", "far_off", "solve", "warm"]
-
-CLOSE = Margins()
-
 
 def solve(
     problem: ThrowProblem,

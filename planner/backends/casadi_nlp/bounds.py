@@ -32,6 +32,7 @@ Vector = NDArray[np.float64]
 STEP_SHARES = (0.15, 2.5)  # [-] of a first guess's step: a step may not collapse, nor swallow its neighbours
 WATCH_S = 0.052  # [s] that the watched stages before the release last at least: the certificate looks 0.05 s back
 SPOT_STAGES = 1.0  # either side of where a margin was lacking
+TINY_S = 1e-9  # [s] of a brake that there is none of
 
 
 @dataclass
@@ -87,15 +88,17 @@ def set_groups(bounds: Bounds, table: Table, shares: tuple[float, float], least:
             bounds.g[0, table.rows_of(name)] = np.tile(values, len(table.shape.knots(name)))
 
 
-def set_spots(bounds: Bounds, table: Table, spots: Iterable[Spot]) -> None:
-    """Keeps more free at the knots and middles within a stage of each spot."""
-    shape = table.shape
+def set_spots(bounds: Bounds, table: Table, spots: Iterable[Spot], steps: Vector) -> None:
+    """Keeps more free at the knots and middles within a stage of each spot; stages last `steps` (n,) [s]."""
+    launch = table.shape.launch
+    t = np.append(0.0, np.cumsum(steps))
+    shares = np.append(t[:launch] / t[launch], 1.0 + (t[launch:] - t[launch]) / max(t[-1] - t[launch], TINY_S))
     for spot in spots:
         group, first, last = LOCAL[spot.check]
-        stages = shape.launch * min(spot.share, 1.0) + shape.brake * max(spot.share - 1.0, 0.0)
+        stage = np.interp(spot.share, shares, np.arange(len(shares)))
         for name, offset in ((group, 0.0), (f"{group}_middle", 0.5)):
             for k in table.shape.knots(name):
-                if abs(k + offset - stages) > SPOT_STAGES:
+                if abs(k + offset - stage) > SPOT_STAGES:
                     continue
                 rows = table.rows[name, k][first:last]
                 if group == "effort":

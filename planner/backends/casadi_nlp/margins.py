@@ -5,6 +5,7 @@ A certificate looks everywhere. What it finds between two looks says by how much
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Protocol
@@ -17,8 +18,11 @@ SPARE_SHARE = 0.01  # [-] likewise of a limit
 PASSED_ON = 1.5  # [-] what was lacking between two looks takes more than as much at them
 MOST_SHARE = 0.4  # [-] of a limit, beyond which keeping away from it is no remedy
 MOST_M = 0.1  # [m] likewise of a clearance
+MOST_EVERYWHERE_M = 0.01  # [m] likewise of a clearance that is kept everywhere
 FAR_OFF_M = 0.005  # [m] lacking between two looks: they are too far apart
+DIAGONAL = math.sqrt(2.0)  # a landing point at the window's end is held in two directions, and judged by its distance
 MOST_RAD = 0.2  # [rad] likewise of a joint's position
+EVERYWHERE = {"self_collision": "self_m", "floor": "floor_m", "keep_in": "keep_in_m", "keep_out": "box_m"}
 LOCAL = {  # which group of rows a check is about, and the first and last of them
     "joint_torque": ("effort", 0, 6),
     "tcp_speed": ("effort", 6, 7),
@@ -94,7 +98,7 @@ class Margins:
     box_m: float = 0.003
     position_rad: float = 0.001
     singularity: float = 1.03
-    window: float = 0.55
+    window: float = 0.62
     spots: tuple[Spot, ...] = ()
     known: frozenset[str] = frozenset()
 
@@ -116,17 +120,23 @@ class Margins:
             return replace(self, singularity=self.singularity + lacking / check.limit + SPARE_SHARE)
         if check.name == "joint_position" and lacking < MOST_RAD:
             return replace(self, position_rad=self.position_rad + PASSED_ON * lacking)
-        if check.name == "landing_window" and check.value < 2.0 * check.limit:
-            return replace(self, window=self.window * check.limit / check.value - SPARE_SHARE)
+        if check.name == "landing_window" and lacking < check.limit:
+            return replace(self, window=max(self.window - lacking / check.limit / DIAGONAL - SPARE_SHARE, 0.0))
         if check.name not in LOCAL or check.at_s is None:
             return None
         relative = LOCAL[check.name][0] == "effort"
         amount = lacking / check.limit + SPARE_SHARE if relative else PASSED_ON * lacking + SPARE_M
         if amount > (MOST_SHARE if relative else MOST_M):
             return None
+        if amount < MOST_EVERYWHERE_M and any(spot.check == check.name for spot in self.spots if not relative):
+            everywhere = EVERYWHERE[check.name]  # the motion passes as near as before at another time
+            return replace(self, **{everywhere: getattr(self, everywhere) + amount})
         at, release_s, end_s = check.at_s, failed.release_time_s, failed.duration_s
         share = at / release_s if at <= release_s else 1.0 + (at - release_s) / (end_s - release_s)
         return replace(self, spots=(*self.spots, Spot(check.name, share, amount)))
+
+
+CLOSE = Margins()  # those to begin with
 
 
 def far_off(failures: Iterable[Finding]) -> bool:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp import bounds as bound
-from planner.backends.casadi_nlp import buffered, numbers
-from planner.backends.casadi_nlp.layout import NZ, QD, QDD, STEP, TIME, TIME_SCALE, Q
-from planner.backends.casadi_nlp.margins import Margins
+from planner.backends.casadi_nlp import buffered, numbers, window
+from planner.backends.casadi_nlp.layout import NZ, QD, QDD, TIME, TIME_SCALE, Q
+from planner.backends.casadi_nlp.margins import CLOSE, Margins
 from planner.backends.casadi_nlp.stages import COST
 from planner.backends.casadi_nlp.table import GROUPS, Shape, Table
 from planner.cell import Limits
@@ -26,9 +26,6 @@ FINE_LAUNCH_STAGES, FINE_BRAKE_STAGES = 12, 4  # where the motion between two lo
 BRAKE_WEIGHT = 0.05  # [-] of a second of braking against a second of launch
 JERK_WEIGHT = 1e-3  # [-] of the mean squared jerk share: takes the play out of joints that have time
 STEP_WEIGHT = 6e-2  # [-] of the mean squared deviation of a step from its first guess: keeps steps from collapsing
-WINDOW_STAGES = 1  # on either side of the release; two or three release 1 % sooner and fail in every fourth case
-DRIFT_SHARE = 1.0  # [-] of tolerance over window, for the change of the landing with the instant
-FALL_MIN = 0.05  # [m^2/s^2] least discriminant: below, the object only grazes the plane
 
 
 def whole_shape(problem: ThrowProblem, fine: bool = False) -> Shape:
@@ -37,7 +34,7 @@ def whole_shape(problem: ThrowProblem, fine: bool = False) -> Shape:
     launch, brake = (FINE_LAUNCH_STAGES, FINE_BRAKE_STAGES) if fine else (LAUNCH_STAGES, BRAKE_STAGES)
     if problem.ends_at_rest:
         return Shape(launch, 0, 0, groups)
-    extra = WINDOW_STAGES if problem.is_robust else 0
+    extra = window.stages(problem)
     return Shape(launch + extra, brake + extra, extra, groups)
 
 
@@ -51,6 +48,7 @@ class Request:
         limits: of the joints, less what the tick grid needs.
         aim: where the drag-free flight is to land (3,) [m].
         margins: kept free.
+        shift: by how much the landings of the window's knots are taken for farther off than they are (2 n + 1, 2) [m].
     """
 
     problem: ThrowProblem
@@ -58,6 +56,7 @@ class Request:
     limits: Limits
     aim: Vector
     margins: Margins
+    shift: Vector | float = 0.0
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ def arguments(request: Request, table: Table, start: Start) -> dict[str, Any]:
     problem, b = request.problem, bound.free_bounds(table)
     bound.set_limits(b, table, request.limits, request.margins.position_rad, _given(request))
     bound.set_groups(b, table, (request.margins.torque, request.margins.tcp_speed), _spare(request, table))
-    bound.set_spots(b, table, request.margins.spots)
+    bound.set_spots(b, table, request.margins.spots, start.steps)
     bound.fix_ends(b, table, problem.start)
     bound.set_steps(b, table, start.steps)
     if not problem.ends_at_rest:
@@ -82,7 +81,7 @@ def arguments(request: Request, table: Table, start: Start) -> dict[str, Any]:
         bound.set_singularity(b, table, numbers.singular_sides(problem.cell.robot, request.candidate.q), distance)
     _set_release(b, table, request)
     if problem.is_robust:
-        _set_window(b, table, problem, request.margins.window * problem.landing_tolerance_m)
+        window.hold(b, table, problem, request.margins.window, request.shift)
     if start.times is not None:
         b.x[:, table.shape.launch, TIME] = start.times[0] / TIME_SCALE
         b.x[:, -1, TIME] = start.times[1] / TIME_SCALE
@@ -107,16 +106,17 @@ def _spare(request: Request, table: Table) -> dict[str, Vector]:
     """Returns by group the least values that the clearances need to have (3,) and (1,) [m]: 0, or what is given.
 
     The optimiser's distances are smaller than the true ones by some millimetres: where the start, or a release that is
-    asked for, is nearer than that to something, the way between is not held to more.
+    asked for, is nearer than that to something, the way between is not held to more, whatever the margins have become.
     """
-    cell, given = request.problem.cell, _given(request)
-    arm = numbers.arm_numbers(cell, request.limits)
-    numbers_of = {"space": arm, "boxes": np.concatenate([arm, numbers.box_numbers(cell)])}
+    cell, given, margins = request.problem.cell, _given(request), request.margins
+    arm = numbers.arm_numbers(cell, request.limits, margins)
+    numbers_of = {"space": arm, "boxes": np.concatenate([arm, numbers.box_numbers(cell, margins.box_m)])}
+    room = {"space": [CLOSE.self_m, CLOSE.floor_m, CLOSE.keep_in_m], "boxes": [CLOSE.box_m]}
     spare = {}
     for group in (group for group in numbers_of if table.shape.holds(group)):
         value, parameters = table.blocks[group].value, numbers_of[group]
         values = [buffered.evaluate(value, _standing(q), parameters)[0].ravel() for q in given]
-        spare[group] = np.minimum(np.min(values, axis=0), 0.0)
+        spare[group] = np.minimum(np.min(values, axis=0) + room[group], 0.0)
     return spare
 
 
@@ -162,7 +162,7 @@ def _set_release(b: bound.Bounds, table: Table, request: Request) -> None:
 
 def _set_target(b: bound.Bounds, table: Table, release: TargetRelease) -> None:
     b.g[:, bound.release_row(table, "landing")] = 0.0
-    b.g[0, bound.release_row(table, "falls")] = FALL_MIN
+    b.g[0, bound.release_row(table, "falls")] = window.FALL_MIN
     low, high = bound.release_row(table, "elevation")
     if release.min_elevation_rad > -np.pi / 2:
         b.g[0, low] = 0.0
@@ -176,19 +176,6 @@ def _set_target(b: bound.Bounds, table: Table, release: TargetRelease) -> None:
         b.g[:, bound.release_row(table, "position")] = release.release_position
 
 
-def _set_window(b: bound.Bounds, table: Table, problem: ThrowProblem, miss_m: float) -> None:
-    """Holds the landing of a release one window early and late, and its change with the instant."""
-    window, tolerance, k = problem.release_window_s, problem.landing_tolerance_m, table.shape.launch
-    stages = table.shape.window
-    for offset in (o for o in range(-stages, stages + 1) if o):
-        rows = bound.release_row(table, "landing", offset)
-        b.g[0, rows], b.g[1, rows] = -miss_m, miss_m
-        b.g[0, bound.release_row(table, "falls", offset)] = FALL_MIN
-    rows, drift = bound.release_row(table, "drift"), DRIFT_SHARE * tolerance / window
-    b.g[0, rows], b.g[1, rows] = -drift, drift
-    b.x[:, k - stages : k + stages, STEP] = window / stages / TIME_SCALE
-
-
 def guess(table: Table, problem: ThrowProblem, at: Mapping[str, Any]) -> Start:
     """Returns the first guess from a motion.
 
@@ -198,8 +185,9 @@ def guess(table: Table, problem: ThrowProblem, at: Mapping[str, Any]) -> Start:
         at: "release_s", "end_s" [s] and "state", a function of times (k,) that gives q, qd, qdd (k, 6).
     """
     shape, release, end = table.shape, at["release_s"], at["end_s"]
-    window, inner = problem.release_window_s if table.shape.window else 0.0, table.shape.window
-    first, last = max(release - window, release / 2), min(release + window, (release + end) / 2)
+    inner = table.shape.window
+    around = problem.release_window_s if inner else 0.0
+    first, last = max(release - around, release / 2), min(release + around, (release + end) / 2)
     launch = np.linspace(0.0, first, shape.launch - inner + 1)
     before, after = np.linspace(first, release, inner + 1), np.linspace(release, last, inner + 1)
     brake = np.linspace(last, end, shape.brake - inner + 1)

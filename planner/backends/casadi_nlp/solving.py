@@ -27,6 +27,9 @@ Call = dict[str, Any]
 # source of the options: measured on random problems; the LU tolerance keeps fatrop 1.1.8 from an endless factorisation
 FATROP = {"tolerance": 1e-4, "mu_init": 1e-3, "max_iter": 70, "linsol_lu_fact_tol": 1e-2}
 POLISH = {**FATROP, "mu_init": 1e-4, "max_iter": 40}  # begins near its optimum
+# What is below it is taken for nothing, and in the short stages of a window a jerk moves the landing by 2 to 3 mm. Not
+# for every problem: one `point` of sixty never ended with 1e-4.
+SHORT_STAGES = {"linsol_lu_fact_tol": 1e-3}
 IPOPT = {"tol": 1e-5, "mu_init": 1e-3, "max_iter": 80}
 SECOND_TRY_S = 0.15  # [s] of time left that IPOPT is worth
 PATTERNS_MAX = 64  # solvers kept: a few for each kind of release
@@ -60,7 +63,8 @@ def _fatrop(shape: Shape, pattern: bytes, polish: bool) -> Any:
     pattern gets a solver of its own, which takes a few milliseconds.
     """
     made = machine(shape)
-    return solvers.fatrop(made.functions, made.table, POLISH if polish else FATROP)
+    options = {**(POLISH if polish else FATROP), **(SHORT_STAGES if shape.window > 1 else {})}
+    return solvers.fatrop(made.functions, made.table, options)
 
 
 @cache

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.backends.casadi_nlp import answer, exactness
+from planner.backends.casadi_nlp import answer, exactness, window
 from planner.backends.casadi_nlp.guess import Guess
 from planner.backends.casadi_nlp.layout import STEP, TIME, TIME_SCALE
-from planner.backends.casadi_nlp.margins import Margins
+from planner.backends.casadi_nlp.margins import CLOSE, Margins
 from planner.backends.casadi_nlp.request import Request, Start, arguments, guess, whole_shape
 from planner.backends.casadi_nlp.solving import Solving, machine
 from planner.ballistics import fly
@@ -26,6 +26,8 @@ from planner.trajectory import Trajectory
 Vector = NDArray[np.float64]
 
 EXTRA_TICKS = (1, 2, 3)  # given to launch and brake where the first whole number of ticks does not do
+WINDOW_ROUNDS = 3  # further solutions at most that bring the landings of a window back into the tolerance
+OVER = 1.5  # [-] of what a landing was beyond it, between two knots: what they are held to in addition
 DRAG_ROUNDS = 3  # corrections of the aim for drag; each leaves a tenth of the error or less
 
 
@@ -56,7 +58,7 @@ def solve(
     solving = Solving(whole, deadline_s, frozenset(whole.groups) if fine else margins.held, stubborn)
     motion = _motion(problem, candidate, warm_start)
     request = _request(problem, candidate, margins)
-    if problem.is_robust and margins == Margins():  # with others, the first guess is a solution before
+    if problem.is_robust and margins == CLOSE:  # with others, the first guess is a solution before
         nominal = _without_window(problem, candidate, motion, solving, margins)
         try:
             return _from(nominal, request, solving)
@@ -69,7 +71,9 @@ def _from(motion: dict[str, Any], request: Request, solving: Solving) -> Solutio
     """Returns the solution from a first guess."""
     start = guess(solving.table, request.problem, motion)
     z = solving.solve(arguments(request, solving.table, start))
-    return _Task(request.problem, request.candidate, solving).finish(request, z)
+    task = _Task(request.problem, request.candidate, solving)
+    solution = task.finish(request, z)
+    return task.within_window(request, z, solution) if request.problem.is_robust else solution
 
 
 def _without_window(
@@ -85,12 +89,11 @@ def _without_window(
         return motion
     finally:
         solving.iterations, solving.groups = first.iterations, first.groups
-    found = answer.knots(z, first.whole)
-    return {"release_s": found.release_s, "end_s": float(found.t[-1]), "state": found.at}
+    return _as_motion(answer.knots(z, first.whole))
 
 
 def _request(problem: ThrowProblem, candidate: Candidate, margins: Margins) -> Request:
-    limits = grid_limits(problem.limits, problem.dt)
+    limits = grid_limits(problem.reachable, problem.dt)
     return Request(problem, candidate, limits, _aim(problem, candidate), margins)
 
 
@@ -123,6 +126,25 @@ class _Task:
             if answer.joints_within(self.problem, made):
                 return self._solution(made, status)
         raise SolverFailed("the solution does not fit the ticks", self.solving.iterations)
+
+    def within_window(self, request: Request, z: Vector, solution: Solution) -> Solution:
+        """Returns the solution, made again where its landings leave the tolerance on ticks or between the knots."""
+        problem, over = self.problem, 0.0
+        for _ in range(WINDOW_ROUNDS):
+            made, found = solution.trajectory, answer.knots(z, self.solving.whole)
+            missed = window.misses(problem, made.at, made.release_time_s)
+            more = window.beyond(problem, missed)
+            if not more.any():
+                break
+            over = over + OVER * more
+            moved = missed - window.misses(problem, found.at, found.release_s)
+            request = replace(request, shift=moved[:: window.LOOKS] + over)
+            start = guess(self.solving.table, problem, _as_motion(found))
+            again = self.solving.lazily(arguments(request, self.solving.table, start), polish=False)
+            if again is None:
+                break
+            z, solution = again, self.finish(request, again)
+        return solution
 
     def _polished(self, request: Request, z: Vector, ticks: tuple[int, int]) -> Trajectory | None:
         """Returns the motion solved again with its times fixed to `ticks`, None where that breaks a limit or fails."""
@@ -183,6 +205,10 @@ def _motion(problem: ThrowProblem, candidate: Candidate, warm_start: Guess | Non
     if warm_start is not None:
         return {"release_s": warm_start.release_time_s, "end_s": warm_start.duration_s, "state": warm_start.at}
     return _plain_motion(problem, candidate)
+
+
+def _as_motion(found: answer.Knots) -> dict[str, Any]:
+    return {"release_s": found.release_s, "end_s": float(found.t[-1]), "state": found.at}
 
 
 def _plain_motion(problem: ThrowProblem, candidate: Candidate) -> dict[str, Any]:

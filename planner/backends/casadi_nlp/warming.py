@@ -12,14 +12,14 @@ from planner.backends.casadi_nlp.request import (
     FINE_BRAKE_STAGES,
     FINE_LAUNCH_STAGES,
     LAUNCH_STAGES,
-    WINDOW_STAGES,
 )
 from planner.backends.casadi_nlp.solving import machine
 from planner.backends.casadi_nlp.table import GROUPS, Shape
+from planner.backends.casadi_nlp.window import MOST_STAGES
 
 STAGES = (
     Shape(LAUNCH_STAGES, BRAKE_STAGES),
-    Shape(LAUNCH_STAGES + WINDOW_STAGES, BRAKE_STAGES + WINDOW_STAGES, WINDOW_STAGES),
+    Shape(LAUNCH_STAGES + MOST_STAGES, BRAKE_STAGES + MOST_STAGES, MOST_STAGES),
     Shape(LAUNCH_STAGES, 0),
 )
 FINE = (

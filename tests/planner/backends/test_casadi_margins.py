@@ -28,11 +28,20 @@ def test_what_was_lacking_is_added_where_it_was() -> None:
 
 
 def test_each_failure_adds_to_the_one_before() -> None:
-    once = CLOSE.widened([at_least("self_collision", 0.001, 0.005, "m", 0.1)], SOLUTION)
+    once = CLOSE.widened([at_most("joint_torque", 165.0, 150.0, "Nm", 0.1)], SOLUTION)
     assert once is not None
-    twice = once.widened([at_least("self_collision", 0.004, 0.005, "m", 0.1)], SOLUTION)
+    twice = once.widened([at_most("joint_torque", 155.0, 150.0, "Nm", 0.14)], SOLUTION)
     assert twice is not None
     assert len(twice.spots) == 2
+
+
+def test_what_a_motion_is_too_near_to_at_another_time_is_kept_away_from_everywhere() -> None:
+    once = CLOSE.widened([at_least("self_collision", 0.004, 0.005, "m", 0.1)], SOLUTION)
+    assert once is not None
+    twice = once.widened([at_least("self_collision", 0.004, 0.005, "m", 0.14)], SOLUTION)
+    assert twice is not None
+    assert twice.spots == once.spots
+    assert twice.self_m >= CLOSE.self_m + 0.001
 
 
 def test_singularities_windows_and_positions_have_margins_of_their_own() -> None:
