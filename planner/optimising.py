@@ -13,6 +13,7 @@ import math
 import time
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import compress
 
 import numpy as np
 
@@ -181,17 +182,20 @@ def _try_launch(search: Search, seed: Seed, launch: str) -> Certificate | None:
 def by_launch_time(problem: ThrowProblem, candidates: list[Candidate]) -> list[Seed]:
     """Returns seeds: the first by how soon Ruckig releases in them, those after them by their bound.
 
-    A seed on whose straight way the arm or something else is in the way comes after those with a free one.
+    Where the straight way to the soonest is not free, those with a free way come first.
     """
     seeds = [Seed(problem, candidate) for candidate in candidates[:LOOKED_AT]]
-    free = _ways_are_free(problem, candidates[:TIMED])
-    first = sorted(zip(free, seeds, strict=False), key=lambda pair: (not pair[0], pair[1].ruckig_s))
-    return [*(seed for _, seed in first), *seeds[TIMED:]]
+    first = sorted(seeds[:TIMED], key=lambda seed: seed.ruckig_s)
+    if not all(_ways_are_free(first[:1])):
+        free = _ways_are_free(first)
+        first = [*compress(first, free), *compress(first, [not way for way in free])]
+    return [*first, *seeds[TIMED:]]
 
 
-def _ways_are_free(problem: ThrowProblem, candidates: list[Candidate]) -> list[bool]:
-    """Returns for every candidate whether the straight way to it is free, or nearly so."""
-    ways = problem.start + np.multiply.outer(WAY, np.array([c.q for c in candidates]) - problem.start)
+def _ways_are_free(seeds: list[Seed]) -> list[bool]:
+    """Returns for every seed of a problem whether nothing stands in the straight way to it, or hardly anything."""
+    problem = seeds[0].problem
+    ways = problem.start + np.multiply.outer(WAY, np.array([seed.candidate.q for seed in seeds]) - problem.start)
     least = clearances(problem.cell, ways.reshape(-1, len(problem.start))).least.reshape(len(WAY), -1)
     return (least.min(axis=0) > -DEEP_M).tolist()
 

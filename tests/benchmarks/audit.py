@@ -19,7 +19,7 @@ from tests.benchmarks.sets import ARMS, build, cell
 from tests.benchmarks.task import Task
 from tests.benchmarks.variants import varied_tasks
 
-GROUPS = ("pose", "point", "target", "robust", "varied")
+GROUPS = ("pose", "point", "target", "robust", "target-anywhere", "robust-anywhere", "varied")
 SEED_OFFSET = 1000  # other problems than those of the tables
 EVERY = 4  # one plan in so many is by `ruckig`, whose motions run along their limits in another way
 SPARE = 1.04  # [-] problems drawn for each plan to be judged: some are refused
