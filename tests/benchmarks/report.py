@@ -21,7 +21,8 @@ tool at 0.8 m/s or more; floor, self-collision and singularity distance hold on 
 for as a pose, a point, or the place where it would land. It counts as **feasible** when any back end, any peer, or a
 slow search (Ruckig at three speeds, through a dozen random stops, with brakes likewise) found a motion that
 certifies; shares are of these. What nobody solved is counted as *undecided* and shown beside it. `hard` draws states
-next to limits, singularities and the floor, or with every joint at 90 to 100 % of its velocity. Times are wall time,
+next to limits, singularities and the floor, or with every joint at 90 to 100 % of its velocity. All of these start from
+home; the sets `…-anywhere` ask for the same releases from starts that are drawn like them. Times are wall time,
 warm, one process; *cpu* is the processor time of the same calls, which a busy machine changes less. "To bound":
 release time over the joint-wise lower bound with free acceleration at the release (poses only); "on ticks": the bound
 rounded up to the tick, which no release on a tick can beat."""

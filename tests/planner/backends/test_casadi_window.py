@@ -1,0 +1,99 @@
+"""The release window in the optimal control back end: its stages, what ticks do to it, how it is held."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planner.backends import casadi_nlp, ruckig_otg
+from planner.backends.casadi_nlp import task, window
+from planner.backends.casadi_nlp.bounds import free_bounds, set_spots
+from planner.backends.casadi_nlp.margins import Spot
+from planner.backends.casadi_nlp.solving import machine
+from planner.backends.casadi_nlp.table import Shape
+from planner.certificate import certify, landing_errors
+from planner.planning import plan
+from planner.problem import PointRelease, TargetRelease, ThrowProblem
+from planner.release import candidates
+from planner.trajectory import Trajectory
+from tests.planner.problems import cell
+
+TARGET = TargetRelease(np.array([1.2, 0.4, 0.0]))
+GENEROUS_S = 60.0
+
+
+def problem(name: str = "ur5e-sim", window_s: float = 0.02, **changes) -> ThrowProblem:
+    here = cell(name)
+    asked = ThrowProblem(here, here.home, TARGET, here.limits, time_limit_s=GENEROUS_S)
+    return replace(asked, **{"release_window_s": window_s, "landing_tolerance_m": 0.005, **changes})
+
+
+@pytest.mark.parametrize(
+    ("name", "window_s", "stages"),
+    [("ur5e-sim", 0.0, 0), ("ur5e-sim", 0.002, 1), ("ur5e-sim", 0.015, 3), ("ur5e-sim", 0.1, 4), ("ur5-sim", 0.02, 2)],
+)
+def test_a_stage_lasts_5_ms_and_a_tick_at_least(name: str, window_s: float, stages: int) -> None:
+    assert window.stages(problem(name, window_s)) == stages
+
+
+def test_where_the_velocity_is_asked_for_one_stage_does() -> None:
+    assert window.stages(problem(release=PointRelease(np.array([0.5, 0.3, 0.6]), np.ones(3)))) == 1
+
+
+def test_misses_are_those_of_the_certificate() -> None:
+    asked = problem()
+    made = plan(replace(asked, release_window_s=0.0, backend="ruckig")).trajectory
+    missed = window.misses(asked, made.at, made.release_time_s)
+    delays = np.linspace(-0.02, 0.02, len(missed))
+    assert np.linalg.norm(missed, axis=1) == pytest.approx(landing_errors(asked, made, delays), abs=1e-5)
+
+
+def test_what_is_beyond_the_tolerance_counts_for_the_knots_beside_it() -> None:
+    asked = problem()
+    missed = np.zeros((2 * window.LOOKS * 4 + 1, 2))
+    missed[window.LOOKS + 1] = [0.007, 0.0]  # between the second and the third of nine knots
+    more = window.beyond(asked, missed)
+    assert more[[1, 2], 0] == pytest.approx(0.007 - window.USED * 0.005)
+    assert not more[[0, 3, 4, 5, 6, 7, 8]].any()
+    assert not more[:, 1].any()
+
+
+def test_four_stages_release_sooner_than_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = problem()
+    sooner = _solved(asked).release_time_s
+    monkeypatch.setattr(window, "MOST_STAGES", 1)
+    assert sooner < _solved(asked).release_time_s
+
+
+def _solved(asked: ThrowProblem) -> Trajectory:
+    """Returns the first candidate's motion, certified or not."""
+    first = candidates(asked)[0]
+    guess = ruckig_otg.rough(asked, first)
+    return casadi_nlp.solve(asked, first, guess, time.perf_counter() + GENEROUS_S).trajectory
+
+
+@pytest.mark.parametrize("place", [(1.2, 0.4, 0.0), (0.9, -0.5, 0.0), (1.1, 0.0, 0.0)])
+def test_what_ticks_of_8_ms_do_to_the_landings_is_made_up_for(
+    place: tuple[float, float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = problem("ur5-sim", release=TargetRelease(np.array(place)))
+    assert certify(asked, _solved(asked)).check("landing_window").ok
+    monkeypatch.setattr(task, "WINDOW_ROUNDS", 0)
+    assert not certify(asked, _solved(asked)).check("landing_window").ok
+
+
+def test_a_spot_is_where_the_stages_are_at_its_time() -> None:
+    table = machine(Shape(4, 2, 0, ("effort", "space"))).table
+    held = free_bounds(table)
+    held.g[0, table.rows_of("space")] = 0.0
+    steps = np.array([0.02, 0.02, 0.02, 0.14, 0.1, 0.1])
+    set_spots(held, table, [Spot("self_collision", 0.05, 0.002)], steps)  # 10 ms: within the first of four stages
+    raised = [k for k in table.shape.knots("space") if held.g[0, table.rows["space", k][0]] > 0.0]
+    assert raised == [1]
+    held.g[0, table.rows_of("space")] = 0.0
+    set_spots(held, table, [Spot("self_collision", 1.5, 0.002)], steps)  # half-way through the brake
+    raised = [k for k in table.shape.knots("space") if held.g[0, table.rows["space", k][0]] > 0.0]
+    assert raised == [4, 5, 6]
