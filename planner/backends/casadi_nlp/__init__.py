@@ -16,6 +16,7 @@ from planner.solution import Solution
 
 __all__ = ["CLOSE", "Guess", "Margins", "far_off", "solve", "warm"]
 
+
 def solve(
     problem: ThrowProblem,
     candidate: Candidate,

@@ -120,8 +120,9 @@ class Margins:
             return replace(self, singularity=self.singularity + lacking / check.limit + SPARE_SHARE)
         if check.name == "joint_position" and lacking < MOST_RAD:
             return replace(self, position_rad=self.position_rad + PASSED_ON * lacking)
-        if check.name == "landing_window" and lacking < check.limit:
-            return replace(self, window=max(self.window - lacking / check.limit / DIAGONAL - SPARE_SHARE, 0.0))
+        if check.name == "landing_window":
+            left = self.window - lacking / check.limit / DIAGONAL - SPARE_SHARE
+            return replace(self, window=left) if left > 0.0 else None
         if check.name not in LOCAL or check.at_s is None:
             return None
         relative = LOCAL[check.name][0] == "effort"

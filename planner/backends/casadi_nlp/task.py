@@ -134,7 +134,7 @@ class _Task:
             made, found = solution.trajectory, answer.knots(z, self.solving.whole)
             missed = window.misses(problem, made.at, made.release_time_s)
             more = window.beyond(problem, missed)
-            if not more.any():
+            if not more.any() or not np.isfinite(more).all():
                 break
             over = over + OVER * more
             moved = missed - window.misses(problem, found.at, found.release_s)
