@@ -34,10 +34,11 @@ RUCKIG_LAST = 11  # of the seeds likewise while there is no answer at all: a ref
 BOUND_FIRST = 2  # seeds whose soonest arrivals are tried before anything is optimised
 LOOKED_AT = 24  # candidates of least bound; the others lie turns away
 TIMED = 8  # of these are sorted by their launch by Ruckig
-GIVE_UP_S = 1.0  # [s] after which nothing further is begun without an answer: a refusal shall not take long
+GIVE_UP_S = 0.75  # [s] after which nothing further is begun without an answer: a refusal shall not take long
+LAST_SEED_S = 0.1  # [s] later, the seed that was begun last is given up, too
 SEED_S = 0.4  # [s] for a seed: what its solutions take when each of them is a hard one
 STUBBORN_S = 0.6  # [s] for the soonest seed once more, where the slow second solver is asked too
-STUBBORN_BEFORE_S = 0.8  # [s] spent: later it is not asked
+STUBBORN_BEFORE_S = 0.6  # [s] spent: later it is not asked
 TICK_SLACK = 1e-6  # [-] of a tick, for rounding
 SLOW = 0.7  # [-] of the least bound of a target's candidates: nine in ten optimised throws release before
 SLOW_ROBUST = 0.85  # [-] likewise with a release window
@@ -79,7 +80,8 @@ def optimised(search: Search, seeds: list[Seed], with_ruckig: bool) -> None:
         return
     most = MOST_SEEDS[type(search.problem.release)]
     by_optimiser = _first_answer(search, seeds[:SEEDS_FIRST], SEED_S, stubborn=False)
-    if by_optimiser and isinstance(search.problem.release, TargetRelease):
+    release = search.problem.release
+    if by_optimiser and isinstance(release, TargetRelease) and release.release_position is None:
         _while_slow(search, seeds[:most])
     if with_ruckig:
         _sooner_by_ruckig(search, seeds if by_optimiser else seeds[:RUCKIG_FIRST])
@@ -208,6 +210,8 @@ def _optimise(search: Search, seed: Seed, patience_s: float, stubborn: bool = Fa
     seed.tried.add(OPTIMISED)
     warm_start, margins, fine = _warm_start(seed), casadi_nlp.CLOSE, False
     deadline_s = min(search.deadline_s, time.perf_counter() + patience_s)
+    if search.best is None and not stubborn:
+        deadline_s = min(deadline_s, search.begun_s + GIVE_UP_S + LAST_SEED_S)
     for _ in range(ROUNDS):
         solution = casadi_nlp.solve(search.problem, seed.candidate, warm_start, deadline_s, margins, fine, stubborn)
         certificate = search.judge("casadi", solution)

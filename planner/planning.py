@@ -22,6 +22,7 @@ from planner.trajectory import Trajectory
 
 NEAREST_TIME_S = 1.0  # [s] spent at most on finding what can be done instead
 NEAREST_LEAST_S = 0.3  # [s] for it where the search has used up its own time
+REFUSED_S = 1.45  # [s] after the request, when a refusal ought to have been given
 NEAREST_SEEDS = 6  # candidates tried for each share
 OPTIMISING = ("auto", "casadi")
 ROBUST_TIME_S = 0.3  # [s] for the optimiser to show that a target can be hit robustly
@@ -89,7 +90,8 @@ def _search(search: Search) -> None:
 def _with_nearest(search: Search, refusal: Infeasible) -> Infeasible:
     """Returns the refusal with the closest request that certifies."""
     now = time.perf_counter()
-    deadline = max(min(search.deadline_s, now + NEAREST_TIME_S), now + NEAREST_LEAST_S)
+    latest = min(search.deadline_s, now + NEAREST_TIME_S, search.begun_s + REFUSED_S)
+    deadline = max(latest, now + NEAREST_LEAST_S)
     release = nearest_release(search.problem, list(refusal.violations), _certifiable, deadline)
     nearest = None if release is None else request_document(search.problem, release)
     return Infeasible(refusal.violations, nearest, refusal.attempts)
