@@ -15,11 +15,11 @@ from planner.backends.casadi_nlp.request import (
 )
 from planner.backends.casadi_nlp.solving import machine
 from planner.backends.casadi_nlp.table import GROUPS, Shape
-from planner.backends.casadi_nlp.window import MOST_STAGES
+from planner.backends.casadi_nlp.window import USUAL_STAGES
 
 STAGES = (
     Shape(LAUNCH_STAGES, BRAKE_STAGES),
-    Shape(LAUNCH_STAGES + MOST_STAGES, BRAKE_STAGES + MOST_STAGES, MOST_STAGES),
+    Shape(LAUNCH_STAGES + USUAL_STAGES, BRAKE_STAGES + USUAL_STAGES, USUAL_STAGES),
     Shape(LAUNCH_STAGES, 0),
 )
 FINE = (

@@ -18,7 +18,8 @@ from planner.problem import TargetRelease, ThrowProblem
 Vector = NDArray[np.float64]
 At = Callable[[Vector], tuple[Vector, Vector, Vector]]
 
-MOST_STAGES = 4  # on either side of the release; one alone releases 2 to 3 % later, more bring nothing
+MOST_STAGES = 8  # on either side of the release: between the ends of longer ones landings stray, of a window of 50 ms
+USUAL_STAGES = 4  # of one of 20 ms; one stage alone releases 2 to 3 % later, more bring nothing
 STAGE_S = 0.005  # [s] that one of them lasts at least
 DRIFT_SHARE = 2.0  # [-] of tolerance over window, for the change of the landing with the instant
 FALL_MIN = 0.05  # [m^2/s^2] least discriminant: below, the object only grazes the plane

@@ -33,7 +33,14 @@ def problem(name: str = "ur5e-sim", window_s: float = 0.02, **changes) -> ThrowP
 
 @pytest.mark.parametrize(
     ("name", "window_s", "stages"),
-    [("ur5e-sim", 0.0, 0), ("ur5e-sim", 0.002, 1), ("ur5e-sim", 0.015, 3), ("ur5e-sim", 0.1, 4), ("ur5-sim", 0.02, 2)],
+    [
+        ("ur5e-sim", 0.0, 0),
+        ("ur5e-sim", 0.002, 1),
+        ("ur5e-sim", 0.015, 3),
+        ("ur5e-sim", 0.02, 4),
+        ("ur5e-sim", 0.1, 8),
+        ("ur5-sim", 0.02, 2),
+    ],
 )
 def test_a_stage_lasts_5_ms_and_a_tick_at_least(name: str, window_s: float, stages: int) -> None:
     assert window.stages(problem(name, window_s)) == stages
@@ -73,6 +80,16 @@ def _solved(asked: ThrowProblem) -> Trajectory:
     first = candidates(asked)[0]
     guess = ruckig_otg.rough(asked, first)
     return casadi_nlp.solve(asked, first, guess, time.perf_counter() + GENEROUS_S).trajectory
+
+
+@pytest.mark.parametrize("place", [(0.44, -0.666, 0.0), (-0.244, -1.055, 0.0)])
+def test_a_window_of_50_ms_is_held_between_the_knots_too(
+    place: tuple[float, float, float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = problem("ur10e-sim", 0.05, release=TargetRelease(np.array(place)))
+    assert certify(asked, _solved(asked)).check("landing_window").ok
+    monkeypatch.setattr(window, "MOST_STAGES", 4)
+    assert not certify(asked, _solved(asked)).check("landing_window").ok
 
 
 @pytest.mark.parametrize("place", [(1.2, 0.4, 0.0), (0.9, -0.5, 0.0), (1.1, 0.0, 0.0)])
