@@ -18,9 +18,10 @@ from planner.problem import TargetRelease, ThrowProblem
 Vector = NDArray[np.float64]
 At = Callable[[Vector], tuple[Vector, Vector, Vector]]
 
-MOST_STAGES = 8  # on either side of the release: between the ends of longer ones landings stray, of a window of 50 ms
-USUAL_STAGES = 4  # of one of 20 ms; one stage alone releases 2 to 3 % later, more bring nothing
+USUAL_STAGES = 4  # on either side of the release; one stage alone releases 2 to 3 % later, more bring nothing
 STAGE_S = 0.005  # [s] that one of them lasts at least
+MOST_STAGES = 8  # in a longer window: between the ends of still longer stages landings stray
+LONG_STAGE_S = 0.00625  # [s] that these last at least; shorter ones converge less often
 DRIFT_SHARE = 2.0  # [-] of tolerance over window, for the change of the landing with the instant
 FALL_MIN = 0.05  # [m^2/s^2] least discriminant: below, the object only grazes the plane
 LOOKS = 4  # at the landings of each stage once the motion is on ticks
@@ -38,8 +39,10 @@ def stages(problem: ThrowProblem) -> int:
         return 0
     if not isinstance(problem.release, TargetRelease):
         return 1
-    least = max(STAGE_S, problem.dt)
-    return max(1, min(MOST_STAGES, math.floor(problem.release_window_s / least + ROUNDING)))
+    usual, long = (
+        math.floor(problem.release_window_s / max(least_s, problem.dt) + ROUNDING) for least_s in (STAGE_S, LONG_STAGE_S)
+    )
+    return max(1, min(USUAL_STAGES, usual), min(MOST_STAGES, long))
 
 
 def hold(b: bound.Bounds, table: Table, problem: ThrowProblem, share: float, shift: Vector | float) -> None:

@@ -38,6 +38,8 @@ def problem(name: str = "ur5e-sim", window_s: float = 0.02, **changes) -> ThrowP
         ("ur5e-sim", 0.002, 1),
         ("ur5e-sim", 0.015, 3),
         ("ur5e-sim", 0.02, 4),
+        ("ur5e-sim", 0.03, 4),
+        ("ur5e-sim", 0.05, 8),
         ("ur5e-sim", 0.1, 8),
         ("ur5-sim", 0.02, 2),
     ],
@@ -71,6 +73,7 @@ def test_what_is_beyond_the_tolerance_counts_for_the_knots_beside_it() -> None:
 def test_four_stages_release_sooner_than_one(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = problem()
     sooner = _solved(asked).release_time_s
+    monkeypatch.setattr(window, "USUAL_STAGES", 1)
     monkeypatch.setattr(window, "MOST_STAGES", 1)
     assert sooner < _solved(asked).release_time_s
 
