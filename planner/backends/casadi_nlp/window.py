@@ -39,10 +39,13 @@ def stages(problem: ThrowProblem) -> int:
         return 0
     if not isinstance(problem.release, TargetRelease):
         return 1
-    usual, long = (
-        math.floor(problem.release_window_s / max(least_s, problem.dt) + ROUNDING) for least_s in (STAGE_S, LONG_STAGE_S)
-    )
-    return max(1, min(USUAL_STAGES, usual), min(MOST_STAGES, long))
+    usual, most = (_fitting(problem, least_s) for least_s in (STAGE_S, LONG_STAGE_S))
+    return max(1, min(USUAL_STAGES, usual), min(MOST_STAGES, most))
+
+
+def _fitting(problem: ThrowProblem, least_s: float) -> int:
+    """Returns how many stages of `least_s` [s], or of a tick if that is longer, the window has room for."""
+    return math.floor(problem.release_window_s / max(least_s, problem.dt) + ROUNDING)
 
 
 def hold(b: bound.Bounds, table: Table, problem: ThrowProblem, share: float, shift: Vector | float) -> None:
