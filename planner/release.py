@@ -121,7 +121,8 @@ def _barred(problem: ThrowProblem, q: Vector) -> Violation:
         i = barrier.joint
         between = barrier.q[(barrier.q > low[i]) & (barrier.q < high[i])]
         if len(between):
-            detail = f"{', '.join(barrier.names)}: on every way from the start, {names[i]} at {between[0]:.2f} rad"
+            first = between[np.abs(between - problem.start[i]).argmin()]
+            detail = f"{', '.join(barrier.names)}: on every way from the start, {names[i]} at {first:.2f} rad"
             return Violation("self_collision", barrier.distance_m, SELF_CLEARANCE_M, "m", detail=detail)
     raise AssertionError("no barrier lies between")
 
