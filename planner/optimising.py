@@ -13,7 +13,6 @@ import math
 import time
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import compress
 
 import numpy as np
 
@@ -189,8 +188,7 @@ def by_launch_time(problem: ThrowProblem, candidates: list[Candidate]) -> list[S
     seeds = [Seed(problem, candidate) for candidate in candidates[:LOOKED_AT]]
     first = sorted(seeds[:TIMED], key=lambda seed: seed.ruckig_s)
     if not all(_ways_are_free(first[:1])):
-        free = _ways_are_free(first)
-        first = [*compress(first, free), *compress(first, [not way for way in free])]
+        first = [first[i] for i in np.argsort(np.logical_not(_ways_are_free(first)), kind="stable")]
     return [*first, *seeds[TIMED:]]
 
 

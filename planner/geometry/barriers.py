@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 
 from planner.cell import ToolCapsule
 from planner.geometry.capsules import body_capsules
-from planner.geometry.collisions import SELF_CLEARANCE_M, distances_by_joint, self_collision_pairs
+from planner.geometry.collisions import (
+    SELF_CLEARANCE_M,
+    Packed,
+    distances_by_joint,
+    packed,
+    self_collision_pairs,
+    unpacked,
+)
 from planner.robots import Robot
 
 Array = NDArray[np.float64]
@@ -42,7 +49,7 @@ class Barrier:
 
 def barriers(robot: Robot, tool: Sequence[ToolCapsule]) -> tuple[Barrier, ...]:
     """Returns the barriers of an arm with a tool."""
-    return _barriers(robot, tuple((*c.from_m.tolist(), *c.to_m.tolist(), c.radius_m) for c in tool))
+    return _barriers(robot, packed(tool))
 
 
 def passable(robot: Robot, tool: Sequence[ToolCapsule], q: Array) -> tuple[Array, Array]:
@@ -61,8 +68,8 @@ def passable(robot: Robot, tool: Sequence[ToolCapsule], q: Array) -> tuple[Array
 
 
 @lru_cache(maxsize=64)
-def _barriers(robot: Robot, tool: tuple[tuple[float, ...], ...]) -> tuple[Barrier, ...]:
-    hung = [ToolCapsule(np.array(c[:3]), np.array(c[3:6]), c[6]) for c in tool]
+def _barriers(robot: Robot, tool: Packed) -> tuple[Barrier, ...]:
+    hung = unpacked(tool)
     capsules = body_capsules(robot, hung)
     found = []
     for i, j in self_collision_pairs(robot, hung):

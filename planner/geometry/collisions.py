@@ -21,6 +21,7 @@ from planner.geometry.distances import segment_segment_distance
 from planner.robots import Robot
 
 Array = NDArray[np.float64]
+Packed = tuple[tuple[float, ...], ...]
 
 # [m] kept between capsules of arm and tool: the capsules already enclose the links, this is for bending and rounding
 SELF_CLEARANCE_M = 0.005
@@ -33,13 +34,22 @@ AXIS_TOLERANCE_M = 1e-9  # a capsule this near to a joint's axis is round about 
 
 def self_collision_pairs(robot: Robot, tool: Sequence[ToolCapsule]) -> tuple[tuple[int, int], ...]:
     """Pairs of indices into `body_capsules(robot, tool)` that can meet and do not always."""
-    return _pairs(robot, tuple((*c.from_m.tolist(), *c.to_m.tolist(), c.radius_m) for c in tool))
+    return _pairs(robot, packed(tool))
+
+
+def packed(tool: Sequence[ToolCapsule]) -> Packed:
+    """Returns the tool's numbers, by which results can be remembered."""
+    return tuple((*c.from_m.tolist(), *c.to_m.tolist(), c.radius_m) for c in tool)
+
+
+def unpacked(tool: Packed) -> list[ToolCapsule]:
+    """Returns the tool of `packed` numbers."""
+    return [ToolCapsule(np.array(c[:3]), np.array(c[3:6]), c[6]) for c in tool]
 
 
 @lru_cache(maxsize=256)
-def _pairs(robot: Robot, tool: tuple[tuple[float, ...], ...]) -> tuple[tuple[int, int], ...]:
-    hung = [ToolCapsule(np.array(c[:3]), np.array(c[3:6]), c[6]) for c in tool]
-    capsules = body_capsules(robot, hung)
+def _pairs(robot: Robot, tool: Packed) -> tuple[tuple[int, int], ...]:
+    capsules = body_capsules(robot, unpacked(tool))
     indices = combinations(range(len(capsules)), 2)
     return tuple((i, j) for i, j in indices if _can_meet(robot, capsules[i], capsules[j]))
 

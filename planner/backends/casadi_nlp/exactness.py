@@ -14,6 +14,7 @@ from planner.backends.casadi_nlp import buffered, numbers, throw
 from planner.backends.casadi_nlp.layout import NZ, QD, QD_SCALE, Q
 from planner.ballistics import fly
 from planner.errors import SolverFailed
+from planner.kinematics import forward, jacobian
 from planner.problem import JointRelease, PointRelease, PoseRelease, ThrowProblem
 from planner.release import Candidate
 
@@ -84,3 +85,11 @@ def drag_free_aim(problem: ThrowProblem, goal: Vector, p: Vector, v: Vector) -> 
     if ideal is None or real is None:
         return goal
     return goal + ideal.landing_point - real.landing_point
+
+
+def tool_point(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[Vector, Vector]:
+    """Returns position [m] and velocity [m/s] of the tool centre in the world, each (..., 3), for states (..., 6)."""
+    cell = problem.cell
+    p = (cell.X_WB @ forward(cell.robot, q, cell.tool.X_FT))[..., :3, 3]
+    v_B = (jacobian(cell.robot, q, cell.tool.X_FT)[..., :3, :] @ qd[..., None])[..., 0]
+    return p, v_B @ cell.X_WB[:3, :3].T

@@ -129,7 +129,8 @@ class Margins:
         amount = lacking / check.limit + SPARE_SHARE if relative else PASSED_ON * lacking + SPARE_M
         if amount > (MOST_SHARE if relative else MOST_M):
             return None
-        if amount < MOST_EVERYWHERE_M and any(spot.check == check.name for spot in self.spots if not relative):
+        again = any(spot.check == check.name for spot in self.spots)
+        if again and check.name in EVERYWHERE and amount < MOST_EVERYWHERE_M:
             everywhere = EVERYWHERE[check.name]  # the motion passes as near as before at another time
             return replace(self, **{everywhere: getattr(self, everywhere) + amount})
         at, release_s, end_s = check.at_s, failed.release_time_s, failed.duration_s

@@ -17,7 +17,6 @@ from planner.backends.casadi_nlp.solving import Solving, machine
 from planner.ballistics import fly
 from planner.errors import SolverFailed
 from planner.grid import grid_limits
-from planner.kinematics import forward, jacobian
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.release import Candidate
 from planner.solution import Solution
@@ -167,7 +166,7 @@ class _Task:
         for _ in range(DRAG_ROUNDS if problem.drag > 0.0 else 1):
             state = exactness.exact_release(problem, self.candidate, slope, state, aim)
             if isinstance(problem.release, TargetRelease):
-                aim = exactness.drag_free_aim(problem, problem.release.p_W, *tool_point(problem, *state))
+                aim = exactness.drag_free_aim(problem, problem.release.p_W, *exactness.tool_point(problem, *state))
         if problem.drag > 0.0:
             state = exactness.exact_release(problem, self.candidate, slope, state, aim)
         return answer.trajectory(problem, found, state, ticks), replace(request, aim=aim)
@@ -186,19 +185,11 @@ def _aim(problem: ThrowProblem, candidate: Candidate) -> Vector:
     if isinstance(release, PointRelease):
         p, v = release.p_WT, release.v_WT
     else:
-        p, v = tool_point(problem, candidate.q, candidate.qd)
+        p, v = exactness.tool_point(problem, candidate.q, candidate.qd)
     if isinstance(release, TargetRelease):
         return exactness.drag_free_aim(problem, release.p_W, p, v)
     flight = None if problem.ends_at_rest else fly(p, v, problem.plane_z, problem.gravity)
     return np.array([p[0], p[1], problem.plane_z]) if flight is None else flight.landing_point
-
-
-def tool_point(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[Vector, Vector]:
-    """Returns position [m] and velocity [m/s] of the tool centre in the world, each (3,)."""
-    cell = problem.cell
-    X_WT = cell.X_WB @ forward(cell.robot, q, cell.tool.X_FT)
-    v_B = jacobian(cell.robot, q, cell.tool.X_FT)[:3] @ qd
-    return X_WT[:3, 3], cell.X_WB[:3, :3] @ v_B
 
 
 def _motion(problem: ThrowProblem, candidate: Candidate, warm_start: Guess | None) -> dict[str, Any]:

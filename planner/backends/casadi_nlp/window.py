@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp import bounds as bound
+from planner.backends.casadi_nlp.exactness import tool_point
 from planner.backends.casadi_nlp.layout import STEP, TIME_SCALE
 from planner.backends.casadi_nlp.table import Table
 from planner.ballistics import landing_points
-from planner.kinematics import forward, jacobian
 from planner.problem import TargetRelease, ThrowProblem
 
 Vector = NDArray[np.float64]
@@ -78,11 +78,9 @@ def misses(problem: ThrowProblem, at: At, release_s: float) -> Vector:
         at: gives q, qd, qdd (k, 6) at times (k,) [s].
         release_s: the nominal instant on the same clock [s].
     """
-    cell, around = problem.cell, problem.release_window_s
+    around = problem.release_window_s
     q, qd, _ = at(release_s + np.linspace(-around, around, 2 * LOOKS * stages(problem) + 1))
-    p = (cell.X_WB @ forward(cell.robot, q, cell.tool.X_FT))[:, :3, 3]
-    v_B = (jacobian(cell.robot, q, cell.tool.X_FT)[:, :3] @ qd[..., None])[..., 0]
-    landed = landing_points(p, v_B @ cell.X_WB[:3, :3].T, problem.plane_z, problem.gravity)[:, :2]
+    landed = landing_points(*tool_point(problem, q, qd), problem.plane_z, problem.gravity)[:, :2]
     return landed - landed[len(landed) // 2]
 
 
