@@ -21,6 +21,7 @@ test: $(VENV)/dev.stamp $(VENV)/warm.stamp
 
 check: $(VENV)/dev.stamp
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/pyright --pythonpath $(BIN)/python
 

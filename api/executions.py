@@ -176,5 +176,3 @@ def _check_executable(service: Service, plan: PlanRow, body: ExecuteRequest) -> 
     if real and body.plan_id == "latest":
         raise Problem("forbidden", "on a real arm a plan is executed by its own id, not by 'latest'")
     check_ready(service.store.cell_status(plan.cell), plan.cell)
-
-

@@ -107,5 +107,3 @@ def _abort_unclaimed(connection: Connection, id: str, now: float) -> None:
     unclaimed = update(executions).where(executions.c.id == id, executions.c.state == "queued").values(**end)
     if connection.execute(unclaimed).rowcount:
         write_event(connection, id, "state", {k: end[k] for k in ("state", "outcome", "reason")}, now)
-
-

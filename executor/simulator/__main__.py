@@ -43,11 +43,19 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--cell", type=Path, required=True, help="cell file (TOML)")
     parser.add_argument("--host", help="address to listen on; the cell's link.host by default")
     parser.add_argument("--priority", type=int, default=REALTIME_PRIORITY, help="SCHED_FIFO priority, 0 for none")
-    parser.add_argument("--core", type=int, default=default_core(os.environ),
-                        help=f"processor to stay on at that priority, -1 for any; {CORE_VARIABLE}, or the highest")
+    parser.add_argument(
+        "--core",
+        type=int,
+        default=default_core(os.environ),
+        help=f"processor to stay on at that priority, -1 for any; {CORE_VARIABLE}, or the highest",
+    )
     parser.add_argument("--restitution", type=float, default=0.0, help="of a landing; above 0 objects bounce")
-    parser.add_argument("--protective-stop-lock-s", type=float, default=Settings.protective_stop_lock_s,
-                        help="how long a protective stop cannot be unlocked")
+    parser.add_argument(
+        "--protective-stop-lock-s",
+        type=float,
+        default=Settings.protective_stop_lock_s,
+        help="how long a protective stop cannot be unlocked",
+    )
     return parser.parse_args(arguments)
 
 

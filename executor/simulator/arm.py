@@ -92,8 +92,8 @@ class Arm:
         self.true_q, self.true_qd = self.lag.step(self.q, self.qd)
         at = self.draws
         self.draws = (at + 6) % NOISE_TABLE
-        self.measured_q = [x + n for x, n in zip(self.true_q, self.q_noise[at:at + 6], strict=True)]
-        self.measured_qd = [x + n for x, n in zip(self.true_qd, self.qd_noise[at:at + 6], strict=True)]
+        self.measured_q = [x + n for x, n in zip(self.true_q, self.q_noise[at : at + 6], strict=True)]
+        self.measured_qd = [x + n for x, n in zip(self.true_qd, self.qd_noise[at : at + 6], strict=True)]
         self.drives = 0
 
     def true_at(self, back_s: float, tool: Transform) -> tuple[Transform, list[float]]:

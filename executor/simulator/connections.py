@@ -53,7 +53,7 @@ class Connection:
         if not self.unsent or self.disturbance.stalled or not self.open:
             return
         try:
-            del self.unsent[:self.socket.send(self.unsent)]
+            del self.unsent[: self.socket.send(self.unsent)]
         except (BlockingIOError, InterruptedError):
             self.open = len(self.unsent) < UNSENT_MAX
         except OSError:

@@ -17,8 +17,13 @@ Document = dict[str, Any]
 class ControlPort:
     """Answers requests {"op": ...}."""
 
-    def __init__(self, simulation: Simulation, stats: Callable[[], Document], reset_stats: Callable[[], None],
-                 quit_loop: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        simulation: Simulation,
+        stats: Callable[[], Document],
+        reset_stats: Callable[[], None],
+        quit_loop: Callable[[], None],
+    ) -> None:
         self.simulation = simulation
         self.reset_stats, self.quit_loop = reset_stats, quit_loop
         self.answers: dict[str, Callable[[Document], Document]] = {

@@ -96,7 +96,7 @@ class ControlProgram(Program):
     def doubles_in(self, index: int, count: int = 6) -> list[float]:
         """Returns `count` input double registers."""
         first = index + self.offset_double
-        return self.controller.registers.double_in[first:first + count]
+        return self.controller.registers.double_in[first : first + count]
 
     def int_out(self, index: int, value: int) -> None:
         """Writes an output integer register."""

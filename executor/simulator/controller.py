@@ -100,7 +100,7 @@ class Controller:
         """Obeys a data package: registers keep their values until overwritten, outputs and slider change."""
         registers = self.registers
         for first, values in inputs.doubles:
-            registers.double_in[first:first + len(values)] = values
+            registers.double_in[first : first + len(values)] = values
         for register, value in inputs.ints:
             registers.int_in[register] = value
             registers.written_at[register] = self.cycles

@@ -16,8 +16,7 @@ from executor.simulator.execution import PAUSED, PLAYING
 GREETING = "Connected: Universal Robots Dashboard Server"
 LINE_MAX = 65536  # [bytes] a longer line is no command: the connection is closed
 LOCKED = (
-    "Cannot unlock protective stop until 5s after occurrence. "
-    "Always inspect cause of protective stop before unlocking"
+    "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
 )
 LOCAL = "Command is not allowed due to safety reasons: the robot is not in remote control"
 PROGRAM_STATES = {PLAYING: "PLAYING", PAUSED: "PAUSED"}

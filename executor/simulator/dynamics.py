@@ -58,8 +58,9 @@ class Torques:
             reach = (float(a), float(d) * s, float(d) * c)
             self.bodies.append(Body(c, s, reach, float(link.mass), tuple(link.com.tolist()), inertia))
 
-    def of(self, q: Sequence[float], qd: Sequence[float], qdd: Sequence[float], upward: Vector, mass_kg: float,
-           com: Vector) -> list[float]:
+    def of(
+        self, q: Sequence[float], qd: Sequence[float], qdd: Sequence[float], upward: Vector, mass_kg: float, com: Vector
+    ) -> list[float]:
         """Returns the torques (6,) [N m] of a motion; `mass_kg` sits at `com` [m] in the flange's frame.
 
         `upward` is what an arm at rest feels [m/s2]: (0, 0, 9.81) for one on the floor.

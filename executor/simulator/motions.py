@@ -77,9 +77,7 @@ def _along(start: list[float], way: list[float], length: float) -> Path:
     return at
 
 
-def _follow(
-    arm: Arm, profile: Trapezoid, scale: Scale, at: Path
-) -> Motion:
+def _follow(arm: Arm, profile: Trapezoid, scale: Scale, at: Path) -> Motion:
     """Drives along a path by a profile, until its end or until something else has moved the arm."""
     t = 0.0
     while t < profile.duration_s:
@@ -147,9 +145,7 @@ def speed_joints(arm: Arm, target: Vector, acceleration: float, time_s: float, s
             return
 
 
-def speed_tool(
-    arm: Arm, target: Vector, acceleration: float, time_s: float, scale: Scale, tool: Transform
-) -> Motion:
+def speed_tool(arm: Arm, target: Vector, acceleration: float, time_s: float, scale: Scale, tool: Transform) -> Motion:
     """speedl: ramps the tool's twist to `target` (6,) [m/s, rad/s] at `acceleration` [m/s^2]."""
     left = cycles(time_s, arm.dt)
     while True:
@@ -166,9 +162,7 @@ def speed_tool(
             return
 
 
-def servo_joints(
-    arm: Arm, goal: Vector, time_s: float, lookahead_s: float, gain: float, speed_limit: Vector
-) -> Motion:
+def servo_joints(arm: Arm, goal: Vector, time_s: float, lookahead_s: float, gain: float, speed_limit: Vector) -> Motion:
     """servoj: approaches `goal` (6,) [rad] with the time constant lookahead * 300 / gain, for `time_s`."""
     constant = max(lookahead_s * SERVO_GAIN / max(gain, 1.0), 2.0 * arm.dt)
     for _ in range(max(1, cycles(time_s, arm.dt))):
@@ -182,5 +176,3 @@ def servo_joints(
 def cycles(time_s: float, dt: float) -> int:
     """Returns the cycles a command with the time argument `time_s` holds the thread; 0 where it gives no time."""
     return max(1, math.ceil(time_s / dt - 1e-6)) if time_s > 0.0 else 0
-
-

@@ -60,8 +60,8 @@ class InputRecipe:
         values = self.layout.unpack_from(body)
         return Inputs(
             [(register, values[at]) for at, register in self.ints],
-            [(first, values[at:at + count]) for at, count, first in self.doubles],
-            {name: values[at] if count == 1 else values[at:at + count] for at, count, name in self.others},
+            [(first, values[at : at + count]) for at, count, first in self.doubles],
+            {name: values[at] if count == 1 else values[at : at + count] for at, count, name in self.others},
         )
 
 

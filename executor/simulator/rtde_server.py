@@ -112,7 +112,7 @@ class RtdeServer:
 
     def _outputs(self, session: Session, body: bytes) -> bytes:
         (frequency,) = FREQUENCY.unpack_from(body)
-        names = wire.names_in(body[FREQUENCY.size:])
+        names = wire.names_in(body[FREQUENCY.size :])
         types = output_types(names, self.controller.version)
         if not names or NOT_FOUND in types or not frequency > 0.0:
             return bytes([0]) + ",".join(types).encode()

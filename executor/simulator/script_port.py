@@ -26,8 +26,8 @@ class ScriptPort:
     def arrived(self, connection: Connection) -> None:
         """Uploads every program that is whole."""
         while (end := END.search(connection.received)) is not None:
-            text = bytes(connection.received[:end.end()]).decode("utf-8", "replace")
-            del connection.received[:end.end()]
+            text = bytes(connection.received[: end.end()]).decode("utf-8", "replace")
+            del connection.received[: end.end()]
             self.controller.execution.upload(text)
         if len(connection.received) > SCRIPT_MAX:
             self.controller.note("script port: no program within the largest size")

@@ -58,8 +58,12 @@ class Commands:
 
     def as_document(self) -> dict[str, Any]:
         """Returns the counts."""
-        return {"none": self.cycles_with_none, "one": self.cycles_with_one, "more": self.cycles_with_more,
-                "longest_gap_cycles": self.longest_gap}
+        return {
+            "none": self.cycles_with_none,
+            "one": self.cycles_with_one,
+            "more": self.cycles_with_more,
+            "longest_gap_cycles": self.longest_gap,
+        }
 
 
 class Lateness:
@@ -94,8 +98,13 @@ class Lateness:
 
     def as_document(self) -> dict[str, Any]:
         """Returns count and percentiles."""
-        return {"ticks": self.ticks, "p50_s": self.quantile(0.5), "p99_s": self.quantile(0.99),
-                "p999_s": self.quantile(0.999), "max_s": self.largest}
+        return {
+            "ticks": self.ticks,
+            "p50_s": self.quantile(0.5),
+            "p99_s": self.quantile(0.99),
+            "p999_s": self.quantile(0.999),
+            "max_s": self.largest,
+        }
 
 
 class Slips:

@@ -51,7 +51,7 @@ def take_packages(buffer: bytearray) -> Iterator[tuple[int, bytes]]:
             raise MalformedPackage(f"size field of {size} bytes")
         if len(buffer) < size:
             return
-        body = bytes(buffer[HEADER.size:size])
+        body = bytes(buffer[HEADER.size : size])
         del buffer[:size]
         yield kind, body
 

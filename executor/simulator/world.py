@@ -111,8 +111,14 @@ class World:
 
     def _touch(self, flight: Flight, surface: Surface, t: float) -> None:
         x, y, _, vx, vy, vz = flight.state
-        record = {"object": flight.number, "t": t, "position_m": [x, y, surface.z_m], "velocity_m_s": [vx, vy, vz],
-                  "surface": surface.name, "bounce": flight.bounces}
+        record = {
+            "object": flight.number,
+            "t": t,
+            "position_m": [x, y, surface.z_m],
+            "velocity_m_s": [vx, vy, vz],
+            "surface": surface.name,
+            "bounce": flight.bounces,
+        }
         self.landings = [*self.landings[-RECORDS_MAX:], record]
         up = -self.restitution * vz
         if up < BOUNCE_SPEED_MIN or flight.bounces >= BOUNCES_MAX:

@@ -51,8 +51,13 @@ def frames(dh: SX, q: SX) -> Frames:
     o4 = o3 + dh[3] * z1
     o5 = o4 + dh[4] * z4
     rotations = (
-        turn(-q[0]), ca.horzcat(x1, y1, z1), ca.horzcat(along[0], across[0], z1), ca.horzcat(along[1], across[1], z1),
-        ca.horzcat(along[2], z1, z4), ca.horzcat(x5, -z4, z5), ca.horzcat(x6, y6, z5),
+        turn(-q[0]),
+        ca.horzcat(x1, y1, z1),
+        ca.horzcat(along[0], across[0], z1),
+        ca.horzcat(along[1], across[1], z1),
+        ca.horzcat(along[2], z1, z4),
+        ca.horzcat(x5, -z4, z5),
+        ca.horzcat(x6, y6, z5),
     )
     return Frames(rotations, (ca.SX.zeros(3), o1, o2, o3, o4, o5, o5 + dh[5] * z5))
 

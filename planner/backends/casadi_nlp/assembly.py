@@ -31,8 +31,11 @@ def assemble(shape: Shape, blocks: Mapping[str, Block]) -> tuple[dict[str, Any],
     f, g, jacobian = _objective(table, x, p), _constraints(table, x, p), _jacobian(table, x, p)
     slope, hessian = _curvature(table, x, p, lam_f, lam_g)
     outputs = {
-        "f": ([x, p], [f]), "g": ([x, p], [g]), "grad_f": ([x, p], [_gradient(table, x, p)]),
-        "jac_g": ([x, p], [g, jacobian]), "hess_l": ([x, p, lam_f, lam_g], [slope, hessian]),
+        "f": ([x, p], [f]),
+        "g": ([x, p], [g]),
+        "grad_f": ([x, p], [_gradient(table, x, p)]),
+        "jac_g": ([x, p], [g, jacobian]),
+        "hess_l": ([x, p, lam_f, lam_g], [slope, hessian]),
     }
     return {name: ca.Function(name, *both) for name, both in outputs.items()}, table
 
@@ -45,8 +48,10 @@ def _columns(table: Table, x: MX) -> MX:
 def _parameters(table: Table, name: str, p: MX) -> MX:
     arm, boxes = p[: ARM.size], p[ARM.size + RELEASE.size : PARAMETERS]
     return {
-        "motion": ca.MX(0, 1), "release": p[: ARM.size + RELEASE.size],
-        "boxes": ca.vertcat(arm, boxes), "boxes_middle": ca.vertcat(arm, boxes),
+        "motion": ca.MX(0, 1),
+        "release": p[: ARM.size + RELEASE.size],
+        "boxes": ca.vertcat(arm, boxes),
+        "boxes_middle": ca.vertcat(arm, boxes),
         "cost": ca.reshape(p[PARAMETERS:], COST.size, table.shape.stages),
     }.get(name, p[: ARM.size])
 

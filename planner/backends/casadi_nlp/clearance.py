@@ -61,7 +61,9 @@ def self_distance(body: Capsules, added: SX, held: Held) -> SX:
     """Returns the soft least distance [m] between the surfaces of `PAIRS`, each with its number of `added`."""
     gaps = [
         segment_distance(body.starts[i], body.ends[i], body.starts[j], body.ends[j], held)
-        - body.radii[i] - body.radii[j] + added[k]
+        - body.radii[i]
+        - body.radii[j]
+        + added[k]
         for k, (i, j) in enumerate(PAIRS)
     ]
     return soft_minimum(gaps, held)

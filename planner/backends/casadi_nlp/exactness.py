@@ -42,9 +42,9 @@ def exact_release(
     """
     if isinstance(problem.release, JointRelease | PoseRelease):
         return candidate.q, candidate.qd
-    parameters = np.concatenate([
-        numbers.arm_numbers(problem.cell, problem.limits), numbers.release_numbers(problem, aim)
-    ])
+    parameters = np.concatenate(
+        [numbers.arm_numbers(problem.cell, problem.limits), numbers.release_numbers(problem, aim)]
+    )
     x = np.concatenate([state[0], state[1] / QD_SCALE])
     for _ in range(ITERATIONS):
         rows, jacobian = _asked(problem, slope, x, parameters)

@@ -23,7 +23,9 @@ CAPSULE_FRAMES = ARM_CAPSULE_FRAMES + (6,) * (TOOL_CAPSULES + 1)
 FIRST_TOOL, OBJECT = len(ARM_CAPSULE_FRAMES), len(CAPSULE_FRAMES) - 1
 # Slots that can meet on some arm with some tool; which of them do on this one is a number of `ARM`.
 PAIRS = (
-    *((i, j) for i in (0, 1) for j in (4, 5, 6, 7)), *((2, j) for j in (5, 6, 7)), (4, 7),
+    *((i, j) for i in (0, 1) for j in (4, 5, 6, 7)),
+    *((2, j) for j in (5, 6, 7)),
+    (4, 7),
     *((i, FIRST_TOOL + j) for i in range(6) for j in range(TOOL_CAPSULES)),
 )
 
@@ -71,20 +73,23 @@ class Layout:
         return np.concatenate(rows)
 
 
-ARM = Layout({
-    "dh": 6,  # d1, a2, a3, d4, d5, d6 [m]
-    "tcp": 3,  # the tool centre in the flange [m]
-    "links": 10 * LINKS,  # mass, first moment (3), inertia about the frame's origin (xx, xy, xz, yy, yz, zz), a link
-    "gravity": 3,  # upward acceleration that stands for gravity, in the base [m/s^2]
-    "torque": 6,  # largest joint torques [N m]
-    "speed": 1,  # largest speed of the tool centre [m/s]
-    "base": 12,  # pose of the base in the world: rotation by columns (9), origin (3)
-    "capsules": 7 * len(CAPSULE_FRAMES),  # ends (3 + 3) in its frame, radius; a radius below zero: not there
-    "pairs": len(PAIRS),  # added to the distance of each pair of `PAIRS`: 0, or far for a pair that cannot meet [m]
-    "floor": 1,  # lowest height of a capsule's surface [m]
-    "self_clearance": 1,  # least distance between capsules of the arm and the tool [m]
-    "keep_in": 6,  # lower (3), upper (3) of the tool centre's box [m]
-})
+ARM = Layout(
+    {
+        "dh": 6,  # d1, a2, a3, d4, d5, d6 [m]
+        "tcp": 3,  # the tool centre in the flange [m]
+        "links": 10
+        * LINKS,  # mass, first moment (3), inertia about the frame's origin (xx, xy, xz, yy, yz, zz), a link
+        "gravity": 3,  # upward acceleration that stands for gravity, in the base [m/s^2]
+        "torque": 6,  # largest joint torques [N m]
+        "speed": 1,  # largest speed of the tool centre [m/s]
+        "base": 12,  # pose of the base in the world: rotation by columns (9), origin (3)
+        "capsules": 7 * len(CAPSULE_FRAMES),  # ends (3 + 3) in its frame, radius; a radius below zero: not there
+        "pairs": len(PAIRS),  # added to the distance of each pair of `PAIRS`: 0, or far for a pair that cannot meet [m]
+        "floor": 1,  # lowest height of a capsule's surface [m]
+        "self_clearance": 1,  # least distance between capsules of the arm and the tool [m]
+        "keep_in": 6,  # lower (3), upper (3) of the tool centre's box [m]
+    }
+)
 BOXES = Layout({"boxes": 6 * KEEP_OUT, "box_clearance": 1})  # lower (3), upper (3) a box [m]
 RELEASE = Layout({"target": 3, "gravity_z": 1, "tan_elevation": 2})
 ABSENT_RADIUS = -1.0e3  # [m] radius of a capsule that is not there: never near anything

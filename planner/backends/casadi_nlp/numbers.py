@@ -57,17 +57,19 @@ def _cell_numbers(cell: Cell) -> Vector:
     robot, R_WB, boxes = cell.robot, cell.X_WB[:3, :3], cell.surroundings.keep_in
     lower = np.max([box.lower for box in boxes], axis=0) if boxes else np.full(3, -UNBOUNDED)
     upper = np.min([box.upper for box in boxes], axis=0) if boxes else np.full(3, UNBOUNDED)
-    return ARM.pack({
-        "dh": np.array([robot.d[0], robot.a[1], robot.a[2], robot.d[3], robot.d[4], robot.d[5]]),
-        "tcp": cell.tool.X_FT[:3, 3],
-        "links": link_numbers(cell),
-        "gravity": R_WB.T @ [0.0, 0.0, cell.surroundings.gravity_m_s2],
-        "base": np.concatenate([R_WB.T.ravel(), cell.X_WB[:3, 3]]),
-        "capsules": capsule_numbers(cell),
-        "pairs": pair_numbers(cell),
-        "keep_in": np.concatenate([lower, upper]),
-        **dict.fromkeys(("torque", "speed", "floor", "self_clearance"), 0.0),
-    })
+    return ARM.pack(
+        {
+            "dh": np.array([robot.d[0], robot.a[1], robot.a[2], robot.d[3], robot.d[4], robot.d[5]]),
+            "tcp": cell.tool.X_FT[:3, 3],
+            "links": link_numbers(cell),
+            "gravity": R_WB.T @ [0.0, 0.0, cell.surroundings.gravity_m_s2],
+            "base": np.concatenate([R_WB.T.ravel(), cell.X_WB[:3, 3]]),
+            "capsules": capsule_numbers(cell),
+            "pairs": pair_numbers(cell),
+            "keep_in": np.concatenate([lower, upper]),
+            **dict.fromkeys(("torque", "speed", "floor", "self_clearance"), 0.0),
+        }
+    )
 
 
 def link_numbers(cell: Cell) -> Vector:

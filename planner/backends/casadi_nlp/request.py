@@ -87,19 +87,25 @@ def arguments(request: Request, table: Table, start: Start) -> dict[str, Any]:
         b.x[:, -1, TIME] = start.times[1] / TIME_SCALE
     n = table.variables
     return {
-        "x0": start.z.ravel()[:n], "p": _parameters(request, table, start),
-        "lbx": b.x[0].ravel()[:n], "ubx": b.x[1].ravel()[:n], "lbg": b.g[0], "ubg": b.g[1],
+        "x0": start.z.ravel()[:n],
+        "p": _parameters(request, table, start),
+        "lbx": b.x[0].ravel()[:n],
+        "ubx": b.x[1].ravel()[:n],
+        "lbg": b.g[0],
+        "ubg": b.g[1],
     }
 
 
 def _parameters(request: Request, table: Table, start: Start) -> Vector:
     cell = request.problem.cell
-    return np.concatenate([
-        numbers.arm_numbers(cell, request.limits, request.margins),
-        numbers.release_numbers(request.problem, request.aim),
-        numbers.box_numbers(cell, request.margins.box_m),
-        _costs(table, start),
-    ])
+    return np.concatenate(
+        [
+            numbers.arm_numbers(cell, request.limits, request.margins),
+            numbers.release_numbers(request.problem, request.aim),
+            numbers.box_numbers(cell, request.margins.box_m),
+            _costs(table, start),
+        ]
+    )
 
 
 def _spare(request: Request, table: Table) -> dict[str, Vector]:
@@ -136,10 +142,14 @@ def _costs(table: Table, start: Start) -> Vector:
     """Returns the `COST` numbers of every stage; with fixed times only the jerk and the steps are left to choose."""
     shape, n = table.shape, table.shape.stages
     time = np.where(np.arange(n) < shape.launch, 1.0, BRAKE_WEIGHT)
-    rows = np.stack([
-        time if start.times is None else np.zeros(n),
-        np.full(n, JERK_WEIGHT / n / 6), np.full(n, STEP_WEIGHT / n), start.steps / TIME_SCALE,
-    ])
+    rows = np.stack(
+        [
+            time if start.times is None else np.zeros(n),
+            np.full(n, JERK_WEIGHT / n / 6),
+            np.full(n, STEP_WEIGHT / n),
+            start.steps / TIME_SCALE,
+        ]
+    )
     assert len(rows) == COST.size
     return rows.T.ravel()
 

@@ -18,17 +18,31 @@ NLP_GRAD = ("all", ["f", "g", "grad:gamma:x", "grad:gamma:p"])
 def fatrop(functions: Mapping[str, Any], table: Table, options: Mapping[str, Any]) -> Any:
     """Returns the fatrop solver of the problem."""
     stages = table.shape.stages
-    return ca.nlpsol("launch", "fatrop", _problem(functions), {
-        **QUIET,
-        "cache": _named(functions, {
-            "nlp_f": ("f", ["f"]), "nlp_g": ("g", ["g"]), "nlp_grad_f": ("grad_f", ["grad:f:x"]),
-            "nlp_jac_g": ("jac_g", ["g", "jac:g:x"]), "nlp_hess_l": ("hess_l", ["grad:gamma:x", "hess:gamma:x:x"]),
-            "nlp_grad": NLP_GRAD,
-        }),
-        "structure_detection": "manual", "N": stages,
-        "nx": [NX] * (stages + 1), "nu": [NU] * stages + [0], "ng": table.ng,
-        "fatrop": {"print_level": 0, **options},
-    })
+    return ca.nlpsol(
+        "launch",
+        "fatrop",
+        _problem(functions),
+        {
+            **QUIET,
+            "cache": _named(
+                functions,
+                {
+                    "nlp_f": ("f", ["f"]),
+                    "nlp_g": ("g", ["g"]),
+                    "nlp_grad_f": ("grad_f", ["grad:f:x"]),
+                    "nlp_jac_g": ("jac_g", ["g", "jac:g:x"]),
+                    "nlp_hess_l": ("hess_l", ["grad:gamma:x", "hess:gamma:x:x"]),
+                    "nlp_grad": NLP_GRAD,
+                },
+            ),
+            "structure_detection": "manual",
+            "N": stages,
+            "nx": [NX] * (stages + 1),
+            "nu": [NU] * stages + [0],
+            "ng": table.ng,
+            "fatrop": {"print_level": 0, **options},
+        },
+    )
 
 
 def ipopt(functions: Mapping[str, Any], options: Mapping[str, Any]) -> Any:
@@ -40,15 +54,26 @@ def ipopt(functions: Mapping[str, Any], options: Mapping[str, Any]) -> Any:
         "upper": ca.Function("upper", [x, p, lam_f, lam_g], [upper]),
         "value_and_grad_f": ca.Function("value_and_grad_f", [x, p], both),
     }
-    return ca.nlpsol("launch", "ipopt", _problem(functions), {
-        **QUIET,
-        "cache": _named({**functions, **more}, {
-            "nlp_f": ("f", ["f"]), "nlp_g": ("g", ["g"]), "nlp_grad_f": ("value_and_grad_f", ["f", "grad:f:x"]),
-            "nlp_jac_g": ("jac_g", ["g", "jac:g:x"]), "nlp_hess_l": ("upper", ["triu:hess:gamma:x:x"]),
-            "nlp_grad": NLP_GRAD,
-        }),
-        "ipopt": {"print_level": 0, "sb": "yes", **options},
-    })
+    return ca.nlpsol(
+        "launch",
+        "ipopt",
+        _problem(functions),
+        {
+            **QUIET,
+            "cache": _named(
+                {**functions, **more},
+                {
+                    "nlp_f": ("f", ["f"]),
+                    "nlp_g": ("g", ["g"]),
+                    "nlp_grad_f": ("value_and_grad_f", ["f", "grad:f:x"]),
+                    "nlp_jac_g": ("jac_g", ["g", "jac:g:x"]),
+                    "nlp_hess_l": ("upper", ["triu:hess:gamma:x:x"]),
+                    "nlp_grad": NLP_GRAD,
+                },
+            ),
+            "ipopt": {"print_level": 0, "sb": "yes", **options},
+        },
+    )
 
 
 def _problem(functions: Mapping[str, Any]) -> dict[str, Any]:
@@ -74,8 +99,9 @@ def _summary(functions: Mapping[str, Any]) -> Any:
     """Returns what casadi evaluates at the solution: values, and the Lagrangian's gradient, unused by p."""
     x, p, lam_f, lam_g = (functions["hess_l"].mx_in(i) for i in range(4))
     slope = functions["hess_l"](x, p, lam_f, lam_g)[0]
-    return ca.Function("all", [x, p, lam_f, lam_g],
-                       [functions["f"](x, p), functions["g"](x, p), slope, ca.MX.zeros(p.shape)])
+    return ca.Function(
+        "all", [x, p, lam_f, lam_g], [functions["f"](x, p), functions["g"](x, p), slope, ca.MX.zeros(p.shape)]
+    )
 
 
 def _safe(name: str) -> str:

@@ -52,9 +52,7 @@ def motion(z: SX, p: SX) -> Rows:
     end, s = after(z, 1.0), state(z)
     step = z[layout.STEP] * layout.TIME_SCALE
     bend = (s.qd + s.qdd * step / 2) / layout.QD_SCALE
-    following = ca.vertcat(
-        end.q, end.qd / layout.QD_SCALE, end.qdd / layout.QDD_SCALE, z[layout.TIME] + z[layout.STEP]
-    )
+    following = ca.vertcat(end.q, end.qd / layout.QD_SCALE, end.qdd / layout.QDD_SCALE, z[layout.TIME] + z[layout.STEP])
     return Rows(ca.vertcat(following, bend, after(z, 0.5).q), clearance.Held())
 
 

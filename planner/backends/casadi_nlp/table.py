@@ -45,7 +45,8 @@ class Shape:
         """Returns the stages on which a block applies."""
         around = self.window
         return {
-            "motion": range(self.stages), "cost": range(self.stages),
+            "motion": range(self.stages),
+            "cost": range(self.stages),
             **{group: range(1, self.stages + 1) for group in GROUPS},
             **{f"{group}_middle": range(self.stages) for group in GROUPS},
             "singular": range(self.launch - WATCHED - around, self.stages + 1),

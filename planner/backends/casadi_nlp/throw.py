@@ -16,16 +16,18 @@ SX = Any
 GUARD = 0.01  # [m^2/s^2] bends the discriminant of a flight that never reaches the plane to above zero
 TINY = 1e-9  # [m^2/s^2] keeps the horizontal speed away from zero
 
-ROWS = Layout({
-    "position": 3,  # of the tool centre in the world [m]
-    "velocity": 3,  # [m/s]
-    "landing": 2,  # horizontal miss of the target [m]
-    "drift": 2,  # how fast the miss changes with a later release [m/s]
-    "falls": 1,  # discriminant of the flight time [m^2/s^2]: above zero where the object reaches the plane
-    "elevation": 2,  # vertical speed less tan(elevation) times the horizontal [m/s]: of the least, of the largest
-    "speed": 1,  # squared [m^2/s^2]
-    "distance": 1,  # squared horizontal distance to the target [m^2]
-})
+ROWS = Layout(
+    {
+        "position": 3,  # of the tool centre in the world [m]
+        "velocity": 3,  # [m/s]
+        "landing": 2,  # horizontal miss of the target [m]
+        "drift": 2,  # how fast the miss changes with a later release [m/s]
+        "falls": 1,  # discriminant of the flight time [m^2/s^2]: above zero where the object reaches the plane
+        "elevation": 2,  # vertical speed less tan(elevation) times the horizontal [m/s]: of the least, of the largest
+        "speed": 1,  # squared [m^2/s^2]
+        "distance": 1,  # squared horizontal distance to the target [m^2]
+    }
+)
 
 
 def release(z: SX, p: SX) -> Rows:
@@ -40,8 +42,14 @@ def release(z: SX, p: SX) -> Rows:
     level = ca.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + TINY)
     away = position[:2] - r["target"][:2]
     rows = ca.vertcat(
-        position, velocity, landing - r["target"][:2], drift, falls,
-        velocity[2] - r["tan_elevation"] * level, ca.sumsqr(velocity), ca.sumsqr(away),
+        position,
+        velocity,
+        landing - r["target"][:2],
+        drift,
+        falls,
+        velocity[2] - r["tan_elevation"] * level,
+        ca.sumsqr(velocity),
+        ca.sumsqr(away),
     )
     return Rows(rows, Held())
 

@@ -21,7 +21,7 @@ def test_packages_come_out_as_they_went_in_however_they_are_cut(packages, data):
     buffer, found, at = bytearray(), [], 0
     while at < len(stream):
         size = data.draw(st.integers(1, len(stream) - at))
-        buffer += stream[at:at + size]
+        buffer += stream[at : at + size]
         at += size
         found += list(wire.take_packages(buffer))
     assert found == packages

@@ -55,8 +55,11 @@ def test_torques_of_every_arm(cell: Cell) -> None:
     q, qd, qdd, z = _state(1)
     p_FT, tool, thing = cell.tool.X_FT[:3, 3], cell.tool.mass_kg, cell.object.mass_kg
     apart = tool * thing / (tool + thing) / 4.0
-    payload = Payload(tool + thing, (tool / 2 + thing) / (tool + thing) * p_FT,
-                      apart * (p_FT @ p_FT * np.eye(3) - np.outer(p_FT, p_FT)))
+    payload = Payload(
+        tool + thing,
+        (tool / 2 + thing) / (tool + thing) * p_FT,
+        apart * (p_FT @ p_FT * np.eye(3) - np.outer(p_FT, p_FT)),
+    )
     gravity_B = cell.X_WB[:3, :3].T @ [0.0, 0.0, -cell.surroundings.gravity_m_s2]
     expected = joint_torques(cell.robot, q, qd, qdd, gravity_B, payload)
     rows = _rows("effort", z, numbers.arm_numbers(cell, cell.limits))
@@ -78,8 +81,10 @@ def _self_distance(cell: Cell, q: np.ndarray) -> float:
     slots = {(i + 1, j + 1) for i, j in layout.PAIRS}
     gaps = [
         float(segment_segment_distance(ends[i, 0], ends[i, 1], ends[j, 0], ends[j, 1]))
-        - capsules[i].radius_m - capsules[j].radius_m
-        for i, j in self_collision_pairs(cell.robot, cell.tool.capsules) if (i, j) in slots
+        - capsules[i].radius_m
+        - capsules[j].radius_m
+        for i, j in self_collision_pairs(cell.robot, cell.tool.capsules)
+        if (i, j) in slots
     ]
     return min(gaps)
 
