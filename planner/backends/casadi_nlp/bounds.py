@@ -32,6 +32,7 @@ Vector = NDArray[np.float64]
 STEP_SHARES = (0.15, 2.5)  # [-] of a first guess's step: a step may not collapse, nor swallow its neighbours
 WATCH_S = 0.052  # [s] that the watched stages before the release last at least: the certificate looks 0.05 s back
 SPOT_STAGES = 1.0  # either side of where a margin was lacking
+THIN = 1e-3  # [-] of a limit: bounds that leave less room than this between them are stated as an equality
 TINY_S = 1e-9  # [s] of a brake that there is none of
 
 
@@ -138,22 +139,33 @@ def set_steps(bounds: Bounds, table: Table, steps: Vector) -> None:
 
 
 def fix_release_state(bounds: Bounds, table: Table, q: Vector, qd: Vector) -> None:
-    """Fixes joint positions and velocities at the release; its acceleration stays free.
+    """Fixes joint positions and velocities at the release; its acceleration stays free within its limits.
 
-    What depends on these alone cannot be helped any more and is not asked for: the certificate judges it. A release at
-    the very velocity limit is allowed: only the way there keeps the room that the tick grid needs.
+    Rows that depend on these alone are freed: no variable is left to satisfy them, and the certificate checks them.
+
+    A joint released at its velocity limit can only have zero acceleration there: more would exceed the limit just
+    after the release, less just before it. As two inequalities that leaves an interior-point method no interior, so it
+    is stated as what it is, an equality, and the inequalities it implies are freed.
     """
     k = table.shape.launch
+    reached = np.abs(qd) >= (1.0 - THIN) * bounds.g[1, table.rows["motion", k - 1][NX : NX + 6]] * QD_SCALE
     for stage in (k - 1, k):
         if stage < table.shape.stages:
-            bend = table.rows["motion", stage][NX : NX + 6]
-            most = np.maximum(bounds.g[1, bend], np.abs(qd) / QD_SCALE)
-            bounds.g[0, bend], bounds.g[1, bend] = -most, most
+            bend = table.rows["motion", stage][NX : NX + 6][reached]
+            bounds.g[0, bend], bounds.g[1, bend] = -np.inf, np.inf
+    bounds.x[:, k, QDD][:, reached] = 0.0
     bounds.x[:, k, Q] = q
     bounds.x[:, k, QD] = qd / QD_SCALE
-    for name, first in (("effort", 6), ("space", 0), ("boxes", 0), ("singular", 0)):
-        rows = table.rows.get((name, k), np.zeros(0, int))[first:]
+    free_tool_speed(bounds, table)
+    for name in ("space", "boxes", "singular"):
+        rows = table.rows.get((name, k), np.zeros(0, int))
         bounds.g[0, rows], bounds.g[1, rows] = -np.inf, np.inf
+
+
+def free_tool_speed(bounds: Bounds, table: Table) -> None:
+    """Frees the tool speed at the release, where the request fixes it."""
+    rows = table.rows.get(("effort", table.shape.launch), np.zeros(0, int))[6:]
+    bounds.g[0, rows], bounds.g[1, rows] = -np.inf, np.inf
 
 
 def release_row(table: Table, name: str, offset: int = 0) -> np.ndarray:

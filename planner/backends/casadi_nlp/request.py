@@ -25,6 +25,7 @@ LAUNCH_STAGES, BRAKE_STAGES = 8, 3  # source: measured; a jerk-optimal motion ha
 FINE_LAUNCH_STAGES, FINE_BRAKE_STAGES = 12, 4  # where the motion between two looks at it came too near to something
 BRAKE_WEIGHT = 0.05  # [-] of a second of braking against a second of launch
 JERK_WEIGHT = 1e-3  # [-] of the mean squared jerk share: takes the play out of joints that have time
+THIN_RAD = 1e-3  # [rad] a narrower range of elevations is stated as an equality: it has no interior to solve in
 STEP_WEIGHT = 6e-2  # [-] of the mean squared deviation of a step from its first guess: keeps steps from collapsing
 
 
@@ -164,6 +165,7 @@ def _set_release(b: bound.Bounds, table: Table, request: Request) -> None:
             b.x[:, table.shape.launch, QD] = 0.0
         else:
             b.g[:, bound.release_row(table, "velocity")] = release.v_WT
+            bound.free_tool_speed(b, table)
     else:
         _set_target(b, table, release)
     if request.problem.ends_at_rest:
@@ -174,10 +176,12 @@ def _set_target(b: bound.Bounds, table: Table, release: TargetRelease) -> None:
     b.g[:, bound.release_row(table, "landing")] = 0.0
     b.g[0, bound.release_row(table, "falls")] = window.FALL_MIN
     low, high = bound.release_row(table, "elevation")
-    if release.min_elevation_rad > -np.pi / 2:
-        b.g[0, low] = 0.0
-    if release.max_elevation_rad < np.pi / 2:
-        b.g[1, high] = 0.0
+    above, below = release.min_elevation_rad > -np.pi / 2, release.max_elevation_rad < np.pi / 2
+    if above and below and release.max_elevation_rad - release.min_elevation_rad < THIN_RAD:
+        b.g[:, low] = 0.0
+    else:
+        b.g[0, low] = 0.0 if above else -np.inf
+        b.g[1, high] = 0.0 if below else np.inf
     if np.isfinite(release.max_speed_m_s):
         b.g[1, bound.release_row(table, "speed")] = release.max_speed_m_s**2
     if release.min_horizontal_distance_m > 0.0:

@@ -153,3 +153,34 @@ def test_the_aim_is_moved_against_drag(cell: Cell) -> None:
     p, v = np.array([0.0, 0.0, 0.5]), np.array([2.0, 0.0, 1.0])
     aim = exactness.drag_free_aim(_problem(light, TARGET), np.array([1.0, 0.0, 0.0]), p, v)
     assert aim[0] > 1.0
+
+
+RELEASED_AT = np.array([0.8, 0.5, -0.6, 0.7, 0.2, 0.3])  # [rad/s]
+AT_THEIR_LIMIT = [(0,), (1, 2), (0, 3), (0, 1, 2, 3), (0, 1, 2, 3, 4, 5)]
+
+
+@pytest.mark.parametrize("room", [0.0, 1e-9, 1e-5])
+@pytest.mark.parametrize("joints", AT_THEIR_LIMIT, ids=str)
+def test_a_release_on_the_speed_limit_is_solved_by_the_first_solver(cell: Cell, joints: tuple[int, ...], room):
+    """Two opposite inequalities that touch leave an interior-point method to rounding: this must not depend on it."""
+    q = cell.home + np.array([0.6, 0.3, -0.4, 0.3, 0.2, 0.3])
+    qd_max = cell.limits.qd_max.copy()
+    qd_max[list(joints)] = np.abs(RELEASED_AT[list(joints)]) * (1.0 + room)
+    problem = replace(_problem(cell, JointRelease(q, RELEASED_AT)), limits=replace(cell.limits, qd_max=qd_max))
+    candidate = candidates(problem)[0]
+    guess = ruckig_otg.solve(problem, candidate).trajectory
+    solution = casadi_nlp.solve(problem, candidate, guess, time.perf_counter() + GENEROUS_S)
+    assert solution.status.startswith("fatrop: solved")
+    assert certify(problem, solution.trajectory).valid
+    # A joint that cruises at its limit does so a little below it here, to leave room for the tick grid.
+    assert solution.trajectory.release_time_s <= 1.02 * guess.release_time_s
+
+
+def test_a_point_released_close_to_the_tool_speed_limit_is_solved_by_the_first_solver(cell: Cell) -> None:
+    release = PointRelease(np.array([-0.6, -0.25, 0.5]), np.array([-0.9, 0.0, 0.6]))
+    limit = float(np.linalg.norm(release.v_WT)) / 0.99  # the optimiser keeps 1.5 % free on the way
+    problem = replace(_problem(cell, release), limits=replace(cell.limits, tcp_speed_max=limit))
+    candidate = candidates(problem)[0]
+    guess = ruckig_otg.solve(problem, candidate).trajectory
+    solution = casadi_nlp.solve(problem, candidate, guess, time.perf_counter() + GENEROUS_S)
+    assert solution.status.startswith("fatrop: solved")
