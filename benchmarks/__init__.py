@@ -1,0 +1,1 @@
+"""Measurements and comparisons; nothing of it is installed."""
