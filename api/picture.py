@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.ballistics import path as flight_path
 from planner.cell import Cell
-from planner.document import plan_from_document
+from planner.flight import path as flight_path
 from planner.kinematics import forward, link_poses
+from planner.plan_document import plan_from_document
 
 Vector = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from planner.cell import Cell, parse_cell
-from planner.cells import check_home
+from planner.cell_folder import check_home
 from planner.errors import CellError
 
 

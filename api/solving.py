@@ -74,7 +74,7 @@ def start(warm_up: Job | None) -> None:
 
 def solve(job: Job) -> Planned | Refused:
     """Plans one request."""
-    from planner.document import plan_document, problem_from_request
+    from planner.plan_document import plan_document, problem_from_request
     from planner.planning import plan
 
     try:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from executor import board as words
-from executor.brake import Brakes, brakes
 from executor.job import Approach, Job
 from executor.journal import Result
 from executor.landing import Landing, last_release, watch_landing
@@ -19,9 +18,10 @@ from executor.recording import to_csv, to_mcap
 from executor.station import Station
 from executor.streaming.safety import EMERGENCY_BITS, NORMAL
 from executor.supervision import Run, RunResult
-from executor.surroundings import Space
 from executor.telemetry import Telemetry
-from executor.ways import Way, find_way
+from planner.approach.approach import Way, find_way
+from planner.approach.brakes import Brakes, brakes
+from planner.approach.swept_clearance import Space
 from planner.certificate import release_flight
 from planner.certificate.motion import Motion
 from planner.certificate.tool import payload_of

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from executor import truth
-from planner.ballistics import fly
+from planner.flight import fly
 from planner.problem import ThrowProblem
 
 Vector = NDArray[np.float64]

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from executor.landing import Landing
 from executor.supervision import RunResult
 from executor.telemetry import Telemetry
-from planner.ballistics import fly
 from planner.certificate import release_flight, tool_state
+from planner.flight import fly
 from planner.kinematics import forward
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from executor import ways
-from executor.brake import Brakes
 from executor.job import Approach, Job
 from executor.punctuality import silence_limit
 from executor.settings import PRIORITY, Settings
+from planner.approach import approach as ways
+from planner.approach.brakes import Brakes
 from planner.cell import Cell
 from planner.trajectory import Trajectory
 

@@ -1,9 +1,46 @@
-"""Where the cell files are unless a setting says otherwise: one answer for the service and the executor."""
+"""The folder of cell files: every cell fully judged before it is used, its home too."""
 
 from __future__ import annotations
 
 import sys
 from pathlib import Path
+
+import numpy as np
+
+from planner.cell import Cell, load_cell
+from planner.certificate import certify
+from planner.errors import CellError
+from planner.problem import JointRelease, ThrowProblem
+from planner.trajectory import Trajectory
+
+
+def open_cell(path: Path | str) -> Cell:
+    """Returns the cell of a file, having judged standing at its home like any other motion.
+
+    Raises:
+        CellError: what the file says is refused, or its home violates the limits or the surroundings.
+    """
+    cell = load_cell(path)
+    check_home(cell)
+    return cell
+
+
+def open_cells(folder: Path | str) -> dict[str, Cell]:
+    """Returns every cell of a folder by name, sorted.
+
+    Raises:
+        CellError: there is no such folder, or one of its files is refused; the field names the file.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise CellError("FLING_CELLS", str(folder), "is not a folder")
+    cells = {}
+    for path in sorted(folder.glob("*.toml")):
+        try:
+            cells[path.stem] = open_cell(path)
+        except CellError as error:
+            raise CellError(f"{path.name}: {error.field}", error.value, error.reason) from error
+    return cells
 
 
 def default_cells_folder() -> Path:
@@ -11,3 +48,17 @@ def default_cells_folder() -> Path:
     checkout = Path(__file__).parent.parent / "cells"
     candidates = (Path("cells"), checkout, Path(sys.prefix) / "share" / "fling" / "cells")
     return next((folder for folder in candidates if any(folder.glob("*.toml"))), checkout).resolve()
+
+
+def check_home(cell: Cell) -> None:
+    """Judges standing still at home.
+
+    Raises:
+        CellError: home violates a limit or the surroundings; the reason says which and by how much.
+    """
+    rest, zero = np.tile(cell.home, (2, 1)), np.zeros((2, 6))
+    problem = ThrowProblem(cell, cell.home, JointRelease(cell.home, np.zeros(6)), cell.limits)
+    standing = Trajectory(cell.robot.sample_rate_hz, rest, zero, zero, release_index=1)
+    for check in certify(problem, standing).failures:
+        reason = f"violates {check.name}: {check.value:.4g} against {check.limit:.4g} {check.unit} ({check.detail})"
+        raise CellError("home_rad", cell.home.tolist(), reason)

@@ -12,12 +12,12 @@ from itertools import product
 
 from planner.certificate import Certificate, certify
 from planner.errors import Infeasible, SolverFailed
-from planner.nearest import nearest_release, request_document
-from planner.optimising import by_launch_time, optimised
 from planner.problem import ThrowProblem
-from planner.release import candidates
-from planner.search import Attempt, Search
-from planner.strategies import WAYS, one_by_one
+from planner.search.auto import by_launch_time, optimised
+from planner.search.incumbent import Attempt, Search
+from planner.search.nearest import nearest_release, request_document
+from planner.search.sequential import WAYS, one_by_one
+from planner.seeds.candidates import candidates
 from planner.trajectory import Trajectory
 
 NEAREST_TIME_S = 1.0  # [s] spent at most on finding what can be done instead

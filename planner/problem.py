@@ -12,9 +12,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.ballistics import drag_constant
 from planner.cell import Cell, Limits
 from planner.errors import FieldError, InvalidProblem
+from planner.flight import drag_constant
 from planner.geometry import passable
 
 Vector = NDArray[np.float64]

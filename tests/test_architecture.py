@@ -75,7 +75,7 @@ def test_a_contract_bites(copy: Path, contract: str):
 
 
 def test_the_planner_costs_numpy_alone():
-    modules = "planner.cells, planner.problem, planner.trajectory, planner.certificate, planner.document"
+    modules = "planner.cell_folder, planner.problem, planner.trajectory, planner.certificate, planner.plan_document"
     script = f"""
 import sys
 import {modules}

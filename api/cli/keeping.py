@@ -16,7 +16,7 @@ def cell() -> None:
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
 def check(file: Path) -> None:
     """Judge FILE as the service and the executor would; exit status 1 with the reason where it is refused."""
-    from planner.cells import open_cell
+    from planner.cell_folder import open_cell
     from planner.errors import CellError
 
     try:

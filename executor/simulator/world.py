@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from planner.ballistics import drag_constant
 from planner.cell import Cell
+from planner.flight import drag_constant
 
 BOUNCES_MAX = 20  # a bouncing object is at rest after so many
 BOUNCE_SPEED_MIN = 0.1  # [m/s] vertical speed below which an object does not bounce any more

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from executor.job import Job, Row
-from executor.streaming.brake_profile import parts
+from planner.brake_profile import parts
 
 
 class Schedule:

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from planner.cell import Limits
 from planner.errors import SolverFailed
 from planner.problem import ThrowProblem
-from planner.release import POSITION_SLACK, Candidate
-from planner.smoothing import RawMotion, smooth
+from planner.seeds.candidates import POSITION_SLACK, Candidate
 from planner.solution import Solution
-from planner.velocity_profiles import (
+from planner.timing.smoothing import RawMotion, smooth
+from planner.timing.velocity_profiles import (
     cubic_brake,
     linear_brake,
     shortest_cubic,

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.ballistics import Flight, fly, landing_points
 from planner.certificate.bounds import curvature_bound, joint_rates, point_acceleration, point_jerk, prove_above
 from planner.certificate.check import ROUNDING, Check, at_least, at_most
 from planner.certificate.motion import Look, Motion
 from planner.certificate.shapes import shapes_of
+from planner.flight import Flight, fly, landing_points
 from planner.kinematics import forward, jacobian
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.rotations import matrix_to_rotation_vector

@@ -17,7 +17,7 @@ from planner.backends import ruckig_otg
 from planner.certificate import certify
 from planner.errors import SolverFailed
 from planner.problem import JointRelease, ThrowProblem
-from planner.release import Candidate
+from planner.seeds.candidates import Candidate
 from planner.trajectory import Trajectory, join
 
 Vector = NDArray[np.float64]

@@ -26,9 +26,9 @@ import numpy as np
 from executor import truth
 from executor.preparation import rows_of
 from executor.settings import last_core
-from planner.ballistics import fly
 from planner.certificate import release_flight
-from planner.document import problem_from_request
+from planner.flight import fly
+from planner.plan_document import problem_from_request
 from planner.planning import plan
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from planner.certificate import certify, landing_errors
-from planner.document import problem_from_request
 from planner.errors import BackendUnavailable, Infeasible, InvalidProblem, SolverFailed
+from planner.plan_document import problem_from_request
 from planner.planning import Plan, plan
 from planner.problem import BACKENDS, JointRelease, ThrowProblem
 from planner.trajectory import Trajectory

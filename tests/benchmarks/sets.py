@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.ballistics import fly
 from planner.cell import Cell, load_cell
+from planner.flight import fly
 from planner.kinematics import forward, jacobian
 from planner.problem import JointRelease, PointRelease, PoseRelease, Release, TargetRelease, ThrowProblem
 from tests.benchmarks import sdu

@@ -12,9 +12,9 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.ballistics import fly
 from planner.cell import Box, Cell, ToolCapsule
-from planner.clearance import clearances
+from planner.flight import fly
+from planner.geometry.body import clearances
 from planner.problem import JointRelease, PointRelease, PoseRelease, Release, TargetRelease, ThrowProblem
 from planner.rotations import pose, rotation_vector_to_matrix
 from tests.benchmarks.posture import allowed, pose_and_twist, tool_position

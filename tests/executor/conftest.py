@@ -8,15 +8,15 @@ from pathlib import Path
 import orjson
 import pytest
 
-from executor.brake import Brakes, brakes
 from executor.job import Job
 from executor.preparation import Rows, make_job, rows_of
 from executor.settings import Settings
+from planner.approach.brakes import Brakes, brakes
 from planner.cell import Cell, load_cell
 from planner.certificate.motion import Motion
 from planner.certificate.tool import payload_of
-from planner.document import plan_document, problem_from_request
 from planner.dynamics import Payload
+from planner.plan_document import plan_document, problem_from_request
 from planner.planning import plan
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from executor.brake import brake_way, brakes
+from planner.approach.brakes import brake_way, brakes
 from planner.cell import Box
 from planner.dynamics import joint_torques
 from tests.executor.conftest import Prepared

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from executor.brake import brake_way
 from executor.streaming.schedule import Schedule
+from planner.approach.brakes import brake_way
 from tests.executor.conftest import Prepared
 
 

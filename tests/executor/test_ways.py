@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from executor.surroundings import Space, Ways
-from executor.ways import SPEED, find_way
+from planner.approach.approach import SPEED, find_way
+from planner.approach.swept_clearance import Space, Ways
 from planner.cell import Box, Cell
 from planner.certificate import certify
-from planner.clearance import clearances
+from planner.geometry.body import clearances
 from planner.kinematics import forward
 from tests.executor.conftest import Prepared
 

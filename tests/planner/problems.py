@@ -11,7 +11,7 @@ from planner.cell import Cell, load_cell
 from planner.certificate import certify, tool_state
 from planner.errors import Infeasible, SolverFailed
 from planner.problem import JointRelease, PointRelease, PoseRelease, ThrowProblem
-from planner.release import candidates
+from planner.seeds.candidates import candidates
 
 CELLS = Path(__file__).parents[2] / "cells"
 

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from planner.certificate import certify
-from planner.document import problem_from_request
 from planner.errors import Infeasible
-from planner.optimising import by_launch_time, optimised
+from planner.plan_document import problem_from_request
 from planner.planning import plan
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease
-from planner.release import candidates
-from planner.search import Search
+from planner.search.auto import by_launch_time, optimised
+from planner.search.incumbent import Search
+from planner.seeds.candidates import candidates
 from tests.planner.problems import cell, feasible_states, joint_problem, pose_problem
 
 RANDOM_POSES = 500

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from planner.certificate import certify
-from planner.document import plan_document, plan_from_document, problem_from_request
 from planner.errors import InvalidProblem
+from planner.plan_document import plan_document, plan_from_document, problem_from_request
 from planner.planning import plan
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease
 from tests.planner.problems import cell

@@ -20,7 +20,7 @@ import psutil
 from executor import truth
 from executor.dashboard import Dashboard
 from planner.cell import load_cell
-from planner.document import plan_document, problem_from_request
+from planner.plan_document import plan_document, problem_from_request
 from planner.planning import plan
 from store import ExecutionRow, Store, new_id
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from planner.clearance import clearances
+from planner.geometry.body import clearances
 from tests.system.rig import Rig
 
 LEFT, RIGHT = ([side, -1.2, 1.6, -1.9, -1.57, 0.0] for side in (0.55, -0.55))

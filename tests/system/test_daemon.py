@@ -12,7 +12,7 @@ from pathlib import Path
 import orjson
 import pytest
 
-from planner.document import plan_document, problem_from_request
+from planner.plan_document import plan_document, problem_from_request
 from planner.planning import plan
 from store import new_id
 from tests.system.rig import LOB, NUDGE, ROOT, Rig

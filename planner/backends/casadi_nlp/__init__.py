@@ -11,7 +11,7 @@ from planner.backends.casadi_nlp.guess import Guess
 from planner.backends.casadi_nlp.margins import CLOSE, Margins, far_off
 from planner.errors import BackendUnavailable
 from planner.problem import ThrowProblem
-from planner.release import Candidate
+from planner.seeds.candidates import Candidate
 from planner.solution import Solution
 
 __all__ = ["CLOSE", "Guess", "Margins", "far_off", "solve", "warm"]

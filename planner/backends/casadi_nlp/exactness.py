@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp import buffered, numbers, throw
 from planner.backends.casadi_nlp.layout import NZ, QD, QD_SCALE, Q
-from planner.ballistics import fly
 from planner.errors import SolverFailed
+from planner.flight import fly
 from planner.kinematics import forward, jacobian
 from planner.problem import JointRelease, PointRelease, PoseRelease, ThrowProblem
-from planner.release import Candidate
+from planner.seeds.candidates import Candidate
 
 Vector = NDArray[np.float64]
 

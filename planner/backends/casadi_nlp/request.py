@@ -17,7 +17,7 @@ from planner.backends.casadi_nlp.stages import COST
 from planner.backends.casadi_nlp.table import GROUPS, Shape, Table
 from planner.cell import Limits
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
-from planner.release import Candidate
+from planner.seeds.candidates import Candidate
 
 Vector = NDArray[np.float64]
 

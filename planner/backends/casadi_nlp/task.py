@@ -14,12 +14,12 @@ from planner.backends.casadi_nlp.layout import STEP, TIME, TIME_SCALE
 from planner.backends.casadi_nlp.margins import CLOSE, Margins
 from planner.backends.casadi_nlp.request import Request, Start, arguments, guess, whole_shape
 from planner.backends.casadi_nlp.solving import Solving, machine
-from planner.ballistics import fly
 from planner.errors import SolverFailed
-from planner.grid import grid_limits
+from planner.flight import fly
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
-from planner.release import Candidate
+from planner.seeds.candidates import Candidate
 from planner.solution import Solution
+from planner.timing.grid import grid_limits
 from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]

@@ -12,7 +12,7 @@ from planner.backends.casadi_nlp import bounds as bound
 from planner.backends.casadi_nlp.exactness import tool_point
 from planner.backends.casadi_nlp.layout import STEP, TIME_SCALE
 from planner.backends.casadi_nlp.table import Table
-from planner.ballistics import landing_points
+from planner.flight import landing_points
 from planner.problem import TargetRelease, ThrowProblem
 
 Vector = NDArray[np.float64]

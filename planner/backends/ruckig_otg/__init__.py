@@ -22,10 +22,10 @@ from planner.backends.ruckig_otg.calls import State
 from planner.backends.ruckig_otg.rough import Rough, rough
 from planner.cell import Limits
 from planner.errors import SolverFailed
-from planner.grid import ROOMS, fits, grid_limits, onto_grid
 from planner.problem import ThrowProblem
-from planner.release import Candidate
+from planner.seeds.candidates import Candidate
 from planner.solution import Solution
+from planner.timing.grid import ROOMS, fits, grid_limits, onto_grid
 from planner.trajectory import join
 
 __all__ = ["LAUNCHES", "SPARE", "Arrival", "Rough", "arrival", "launch_time", "least_times", "rough", "solve"]

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.backends.ruckig_otg import calls
-from planner.grid import grid_limits
 from planner.problem import ThrowProblem
-from planner.release import Candidate
+from planner.seeds.candidates import Candidate
+from planner.timing.grid import grid_limits
 
 Vector = NDArray[np.float64]
 

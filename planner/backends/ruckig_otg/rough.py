@@ -12,7 +12,7 @@ from planner.backends.ruckig_otg import calls
 from planner.backends.ruckig_otg.arrival import soonest
 from planner.backends.ruckig_otg.calls import State
 from planner.problem import ThrowProblem
-from planner.release import Candidate
+from planner.seeds.candidates import Candidate
 
 
 @dataclass(frozen=True, eq=False)

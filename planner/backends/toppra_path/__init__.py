@@ -9,9 +9,9 @@ from __future__ import annotations
 
 from planner.backends.toppra_path.launches import LAUNCHES, raw_motion
 from planner.problem import ThrowProblem
-from planner.release import Candidate
-from planner.smoothing import smooth
+from planner.seeds.candidates import Candidate
 from planner.solution import Solution
+from planner.timing.smoothing import smooth
 
 PATHS = tuple(LAUNCHES)
 

@@ -15,10 +15,10 @@ from planner.cell import Limits
 from planner.errors import SolverFailed
 from planner.kinematics import forward, inverse_velocity, jacobian
 from planner.problem import ThrowProblem
-from planner.release import Candidate
 from planner.rotations import matrix_to_rotation_vector
-from planner.smoothing import RawMotion
-from planner.velocity_profiles import linear_brake, shortest_cubic, shortest_trapezoid, whole_ticks
+from planner.seeds.candidates import Candidate
+from planner.timing.smoothing import RawMotion
+from planner.timing.velocity_profiles import linear_brake, shortest_cubic, shortest_trapezoid, whole_ticks
 
 Vector = NDArray[np.float64]
 

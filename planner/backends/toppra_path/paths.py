@@ -18,7 +18,7 @@ from planner.cell import Cell
 from planner.errors import SolverFailed
 from planner.kinematics import forward, inverse_branches, inverse_velocity, jacobian, jacobian_dot_qd
 from planner.rotations import pose, rotation_vector_to_matrix
-from planner.velocity_profiles import Cubic, Trapezoid
+from planner.timing.velocity_profiles import Cubic, Trapezoid
 
 Vector = NDArray[np.float64]
 Derivatives = tuple[Vector, Vector, Vector]

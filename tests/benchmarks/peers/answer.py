@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from planner.cell import Cell
 from planner.certificate import certify
 from planner.errors import Infeasible
-from planner.grid import grid_limits, onto_grid
 from planner.problem import ThrowProblem
-from planner.release import Candidate, candidates
+from planner.seeds.candidates import Candidate, candidates
+from planner.timing.grid import grid_limits, onto_grid
 from planner.trajectory import Trajectory, join
 
 Vector = NDArray[np.float64]

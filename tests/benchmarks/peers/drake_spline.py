@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.grid import grid_limits
 from planner.problem import ThrowProblem
-from planner.release import Candidate
+from planner.seeds.candidates import Candidate
+from planner.timing.grid import grid_limits
 from tests.benchmarks.peers.answer import Answer, PeerMissing, Samples, first_certified, gridded
 
 Vector = NDArray[np.float64]

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from planner.backends.casadi_nlp import arm
 from planner.cell import Cell
 from planner.geometry import body_capsules
-from planner.grid import grid_limits
 from planner.problem import ThrowProblem
-from planner.release import Candidate
+from planner.seeds.candidates import Candidate
+from planner.timing.grid import grid_limits
 from tests.benchmarks.peers.answer import Answer, Samples, first_certified, gridded
 
 Vector = NDArray[np.float64]

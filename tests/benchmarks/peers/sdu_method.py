@@ -20,7 +20,7 @@ from planner.cell import Cell
 from planner.errors import Infeasible
 from planner.kinematics import forward
 from planner.problem import TargetRelease, ThrowProblem
-from planner.release import Candidate, candidates
+from planner.seeds.candidates import Candidate, candidates
 from tests.benchmarks.sdu import table
 
 Vector = NDArray[np.float64]

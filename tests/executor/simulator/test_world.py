@@ -8,7 +8,7 @@ import pytest
 from executor.simulator.gripper import Gripper
 from executor.simulator.world import World, step
 from planner import kinematics
-from planner.ballistics import drag_constant, fly
+from planner.flight import drag_constant, fly
 
 from .conftest import Driven, make_cell
 

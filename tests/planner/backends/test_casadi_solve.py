@@ -15,7 +15,7 @@ from planner.cell import Box, Cell, ToolCapsule, load_cell
 from planner.certificate import certify
 from planner.errors import SolverFailed
 from planner.problem import JointRelease, PointRelease, TargetRelease, ThrowProblem
-from planner.release import Candidate, candidates
+from planner.seeds.candidates import Candidate, candidates
 from planner.trajectory import Trajectory
 
 CELLS = Path(__file__).parents[3] / "cells"

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planner import ballistics
+from planner import flight
 from planner.backends.casadi_nlp import assembly, blocks, codegen, layout, numbers, table, throw
 from planner.cell import Cell, load_cell
 from planner.dynamics import Payload, joint_torques
@@ -109,10 +109,10 @@ def test_release_rows(cell: Cell) -> None:
     a = R_WB @ tcp_acceleration(cell.robot, q, qd, qdd, cell.tool.X_FT)[:3]
     assert rows["position"] == pytest.approx(place)
     assert rows["velocity"] == pytest.approx(v)
-    flight = ballistics.fly(place, v, target[2], 9.81)
-    assert flight is not None
-    assert rows["landing"] == pytest.approx((flight.landing_point - target)[:2], abs=1e-5)
-    drift = ballistics.landing_per_release_delay(place, v, a, target[2], 9.81)
+    flown = flight.fly(place, v, target[2], 9.81)
+    assert flown is not None
+    assert rows["landing"] == pytest.approx((flown.landing_point - target)[:2], abs=1e-5)
+    drift = flight.landing_per_release_delay(place, v, a, target[2], 9.81)
     assert rows["drift"] == pytest.approx(drift[:2], abs=1e-4)
 
 

@@ -17,7 +17,7 @@ from planner.backends.casadi_nlp.table import Shape
 from planner.certificate import certify, landing_errors
 from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
-from planner.release import candidates
+from planner.seeds.candidates import candidates
 from planner.trajectory import Trajectory
 from tests.planner.problems import cell
 

@@ -13,8 +13,8 @@ from planner.certificate import certify
 from planner.errors import SolverFailed
 from planner.kinematics import forward
 from planner.problem import JointRelease
-from planner.release import candidates
-from planner.velocity_profiles import shortest_cubic, shortest_trapezoid
+from planner.seeds.candidates import candidates
+from planner.timing.velocity_profiles import shortest_cubic, shortest_trapezoid
 from tests.planner.problems import cell, feasible_states, joint_problem
 
 STATES = 6

@@ -1,0 +1,1 @@
+"""Motions that end at rest: the approach to a start, and brakes from every tick."""

@@ -1,0 +1,124 @@
+"""A path through joint space that keeps clear of floor, boxes and the arm itself: straight pieces between postures.
+
+Two trees, one from each end, grow towards random postures and towards each other until they meet; then the path is cut
+short wherever a straight piece is clear. Source: Kuffner and LaValle, RRT-Connect: an efficient approach to
+single-query path planning, ICRA 2000; Geraerts and Overmars, Creating high-quality paths for motion planning, IJRR 2007
+(shortcuts). The random numbers always begin alike, so the same question has the same answer. No solver is needed.
+
+Pieces are looked at every `SPACING_RAD` with some room to spare; who flies a path proves it (planner.certificate).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.cell import Cell
+from planner.geometry.body import clearances
+
+Vector = NDArray[np.float64]
+Edge = Callable[[Vector, Vector], bool]
+
+SPACING_RAD = 0.02  # [rad] between two looks along a piece: at 1.3 m of reach 26 mm
+STEP_RAD = 0.3  # [rad] by which a tree grows at most in one go
+AROUND_RAD = 1.5  # [rad] beyond both ends in every joint is searched: a detour larger than that is no approach
+GROWTHS = 1000  # random postures tried before giving up: a few seconds
+SHORTCUTS = 200  # pieces tried
+SEED = 0
+
+
+def is_clear(cell: Cell, room_m: float) -> Edge:
+    """Returns whether a straight piece between two postures keeps `room_m` more than what the cell demands."""
+
+    def clear(a: Vector, b: Vector) -> bool:
+        count = int(np.ceil(np.abs(b - a).max() / SPACING_RAD)) + 1
+        way = a + np.linspace(0.0, 1.0, max(count, 2))[:, None] * (b - a)
+        return bool(clearances(cell, way).least.min() >= room_m)
+
+    return clear
+
+
+def find_path(clear: Edge, start: Vector, goal: Vector, lower: Vector, upper: Vector) -> Vector | None:
+    """Returns postures (K, n) [rad] from `start` to `goal` with clear straight pieces; None where none are found.
+
+    Args:
+        clear: whether a straight piece is clear.
+        start, goal: (n,) [rad].
+        lower, upper: joint range (n,) [rad].
+    """
+    if clear(start, goal):
+        return np.array([start, goal])
+    if not (clear(start, start) and clear(goal, goal)):
+        return None
+    rng = np.random.default_rng(SEED)
+    low = np.maximum(np.minimum(start, goal) - AROUND_RAD, lower)
+    high = np.minimum(np.maximum(start, goal) + AROUND_RAD, upper)
+    here, there = _Tree(start), _Tree(goal)
+    for growth in range(GROWTHS):
+        new = here.grow(rng.uniform(low, high), clear)
+        if new is not None and (met := there.reach(here.q[new], clear)) is not None:
+            path = [*here.back_from(new)[::-1], *there.back_from(met)[1:]]
+            return _shortened(path if growth % 2 == 0 else path[::-1], clear, rng)
+        here, there = there, here
+    return None
+
+
+class _Tree:
+    """Postures, each with the one it was reached from."""
+
+    def __init__(self, root: Vector) -> None:
+        self.q = np.array([root])
+        self.parent = [-1]
+
+    def grow(self, towards: Vector, clear: Edge) -> int | None:
+        """Makes one step towards a posture; returns the new one's index, None where the step is not clear."""
+        near = int(np.linalg.norm(self.q - towards, axis=1).argmin())
+        way = towards - self.q[near]
+        far = float(np.abs(way).max())
+        new = self.q[near] + way * min(1.0, STEP_RAD / max(far, STEP_RAD))
+        if not clear(self.q[near], new):
+            return None
+        self.q = np.vstack([self.q, new])
+        self.parent.append(near)
+        return len(self.parent) - 1
+
+    def reach(self, goal: Vector, clear: Edge) -> int | None:
+        """Grows towards a posture until it is reached; returns its index, None where something is in the way."""
+        while (new := self.grow(goal, clear)) is not None:
+            if np.array_equal(self.q[new], goal) or np.abs(self.q[new] - goal).max() < 1e-12:
+                return new
+        return None
+
+    def back_from(self, index: int) -> list[Vector]:
+        """Returns the postures from `index` back to the root."""
+        way = []
+        while index >= 0:
+            way.append(self.q[index])
+            index = self.parent[index]
+        return way
+
+
+def _shortened(path: list[Vector], clear: Edge, rng: np.random.Generator) -> Vector:
+    """Returns the path with every straight piece put in that is clear, of those tried."""
+    for _ in range(SHORTCUTS):
+        if len(path) == 2:
+            break
+        first, last = sorted(rng.uniform(0.0, len(path) - 1, 2))
+        i, j = int(first), int(last)
+        if i == j:
+            continue
+        a, b = (path[k] + (x - k) * (path[k + 1] - path[k]) for k, x in ((i, first), (j, last)))
+        if clear(a, b):
+            path = [*path[: i + 1], a, b, *path[j + 1 :]]
+    return _without_corners(path, clear)
+
+
+def _without_corners(path: list[Vector], clear: Edge) -> Vector:
+    """Returns the path less the postures that can be passed by: each stop takes its time."""
+    kept, at = [path[0]], 0
+    while at < len(path) - 1:
+        at = next(k for k in range(len(path) - 1, at, -1) if k == at + 1 or clear(path[at], path[k]))
+        kept.append(path[at])
+    return np.array(kept)

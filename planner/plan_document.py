@@ -1,0 +1,146 @@
+"""Requests and plans as the JSON documents of the contract, both ways. Pure: no web, no clock.
+
+`problem_from_request` is the door: whatever it lets through is a checked `ThrowProblem`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.cell import Cell
+from planner.certificate import landing_errors, release_flight, tool_state
+from planner.errors import FieldError, InvalidProblem
+from planner.flight import landing_per_release_delay
+from planner.kinematics import tcp_acceleration
+from planner.problem import ThrowProblem
+from planner.request import problem_from_request
+from planner.rotations import matrix_to_quaternion, matrix_to_rotation_vector
+from planner.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from planner.planning import Plan
+
+__all__ = ["plan_document", "plan_from_document", "problem_from_request"]
+
+Vector = NDArray[np.float64]
+
+WINDOW_DELAYS_S = (-0.02, -0.01, 0.0, 0.01, 0.02)  # shown where the request names no window
+
+
+def plan_document(plan: Plan, request: Mapping[str, Any], plan_id: str, created_at: str) -> dict[str, Any]:
+    """Returns the plan as `GET /plans/{id}` answers it."""
+    trajectory, cell = plan.trajectory, plan.problem.cell
+    return {
+        "id": plan_id,
+        "created_at": created_at,
+        "cell": cell.name,
+        "cell_sha256": cell.sha256,
+        "request": dict(request),
+        "backend": plan.backend,
+        "sample_rate_hz": trajectory.sample_rate_hz,
+        "duration_s": trajectory.duration_s,
+        "release_time_s": trajectory.release_time_s,
+        "release": _release(plan.problem, trajectory),
+        "flight": _flight(plan.problem, trajectory),
+        "trajectory": _samples(cell, trajectory),
+        "certificate": {
+            "valid": plan.certificate.valid,
+            "checks": [check.__dict__ for check in plan.certificate.checks],
+        },
+        "solver": {
+            "solve_time_s": plan.solve_time_s,
+            "iterations": plan.iterations,
+            "status": plan.status,
+            "attempts": [attempt.__dict__ for attempt in plan.attempts],
+        },
+    }
+
+
+def plan_from_document(document: Mapping[str, Any], cell: Cell) -> tuple[ThrowProblem, Trajectory]:
+    """Returns problem and trajectory of a stored plan, for the executor to judge again with its own cell.
+
+    Raises:
+        InvalidProblem: the document is not a plan for this cell.
+    """
+    problem = problem_from_request(document["request"], cell)
+    samples = document["trajectory"]
+    arrays = [np.array(samples[name], float) for name in ("positions", "velocities", "accelerations")]
+    try:
+        trajectory = Trajectory(float(document["sample_rate_hz"]), *arrays, release_index=document["release"]["index"])
+    except (ValueError, TypeError) as error:
+        raise InvalidProblem([FieldError("trajectory", str(error))]) from error
+    return problem, trajectory
+
+
+def command_time(cell: Cell, release_time_s: float) -> float:
+    """Returns when the gripper is told to open [s], on the clock on which the measured motion meets the plan."""
+    return release_time_s - cell.gripper.delay_s - cell.timing.lag_s
+
+
+def _samples(cell: Cell, trajectory: Trajectory) -> dict[str, Any]:
+    return {
+        "joint_names": list(cell.robot.joint_names),
+        "time_from_start": trajectory.t.tolist(),
+        "positions": trajectory.q.tolist(),
+        "velocities": trajectory.qd.tolist(),
+        "accelerations": trajectory.qdd.tolist(),
+    }
+
+
+def _release(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any]:
+    k = trajectory.release_index
+    X_WT, V_WT = tool_state(problem, trajectory.q[k], trajectory.qd[k])
+    return {
+        "index": k,
+        "positions": trajectory.q[k].tolist(),
+        "velocities": trajectory.qd[k].tolist(),
+        "accelerations": trajectory.qdd[k].tolist(),
+        "pose": {
+            "position": X_WT[:3, 3].tolist(),
+            "quaternion": matrix_to_quaternion(X_WT[:3, :3]).tolist(),
+            "rotation_vector": matrix_to_rotation_vector(X_WT[:3, :3]).tolist(),
+        },
+        "twist": {"linear": V_WT[:3].tolist(), "angular": V_WT[3:].tolist()},
+        "command_time_s": None if problem.ends_at_rest else command_time(problem.cell, trajectory.release_time_s),
+    }
+
+
+def _flight(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any] | None:
+    flight = release_flight(problem, trajectory)
+    if flight is None:
+        return None
+    delays = np.array(_window_delays(problem))
+    delays = delays[(delays >= -trajectory.release_time_s)]
+    errors = landing_errors(problem, trajectory, delays)
+    return {
+        "landing_point": flight.landing_point.tolist(),
+        "time_of_flight_s": flight.time_of_flight_s,
+        "apex_height_m": flight.apex_height_m,
+        "speed_m_s": flight.speed_m_s,
+        "landing_per_release_delay_m_s": _finite(_landing_drift(problem, trajectory)),
+        "window": [
+            {"delay_s": float(d), "landing_error_m": float(e) if np.isfinite(e) else None}
+            for d, e in zip(delays, errors, strict=True)
+        ],
+    }
+
+
+def _window_delays(problem: ThrowProblem) -> tuple[float, ...]:
+    w = problem.release_window_s
+    return (-w, -w / 2, 0.0, w / 2, w) if w > 0.0 else WINDOW_DELAYS_S
+
+
+def _landing_drift(problem: ThrowProblem, trajectory: Trajectory) -> Vector:
+    k, cell = trajectory.release_index, problem.cell
+    X_WT, V_WT = tool_state(problem, trajectory.q[k], trajectory.qd[k])
+    a_BT = tcp_acceleration(cell.robot, trajectory.q[k], trajectory.qd[k], trajectory.qdd[k], cell.tool.X_FT)[:3]
+    a_WT = cell.X_WB[:3, :3] @ a_BT
+    return landing_per_release_delay(X_WT[:3, 3], V_WT[:3], a_WT, problem.plane_z, problem.gravity, problem.drag)
+
+
+def _finite(vector: Vector) -> list[float] | None:
+    return vector.tolist() if np.isfinite(vector).all() else None

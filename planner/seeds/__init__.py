@@ -1,0 +1,1 @@
+"""Release states to begin a search from."""

@@ -1,0 +1,1 @@
+"""From paths and solutions to trajectories on the tick grid."""

@@ -1,0 +1,120 @@
+"""Giving a motion with steps in its acceleration a bounded jerk, without losing its release state.
+
+A motion is replaced by its average over a sliding window of `width` (its convolution with a box). The average of what
+keeps a bound on velocity or acceleration keeps it, and the jerk becomes (qdd(t + w/2) - qdd(t - w/2)) / w: at most the
+largest change of acceleration within a window, over the window. Where the motion runs at constant velocity for half a
+window before and after the release, its average passes the release in the same state, at the same instant.
+A trapezoid of velocity so becomes the double S. Source: Biagiotti and Melchiorri, FIR filters for online trajectory
+planning with time- and frequency-domain specifications, Control Engineering Practice 20 (2012).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.cell import Limits
+from planner.problem import ThrowProblem
+from planner.seeds.candidates import Candidate
+from planner.timing.grid import ROOMS, fits, grid_limits, onto_grid
+from planner.trajectory import Trajectory, integrate, join
+
+Vector = NDArray[np.float64]
+
+# Multiples of acceleration limit / jerk limit between which the width is sought: one step of full size in a window,
+# and, always enough, from full acceleration to full deceleration.
+NARROWEST, WIDEST = 1.0, 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class RawMotion:
+    """Velocities at ticks of a motion whose acceleration may step, and its state at the release after averaging.
+
+    Attributes:
+        launch: (N+1, n) [rad/s], from rest to half a width before the release.
+        passage: (width+1, n) [rad/s], from half a width before the release to half a width after it; zero at rest.
+        brake: (M+1, n) [rad/s], from there to rest; one row for a move that ends at rest.
+    """
+
+    launch: Vector
+    passage: Vector
+    brake: Vector
+
+
+Maker = Callable[[Limits, int], RawMotion]
+
+
+def smooth(problem: ThrowProblem, candidate: Candidate, make: Maker) -> tuple[Trajectory, float]:
+    """Returns the motion averaged over the narrowest window that keeps the limits, and the window's width [s].
+
+    Args:
+        problem: whose start, limits and ticks hold.
+        candidate: the state that `make`'s motions have at the release after averaging.
+        make: takes the limits to keep and the width in ticks. The motion must lead from the problem's start to the
+            candidate but for what sampling at ticks loses; that is put back.
+    """
+    dt = problem.dt
+    narrowest, widest = (_width(problem.limits, multiple, dt) for multiple in (NARROWEST, WIDEST))
+    raw, trajectory = _attempt(problem, candidate, make, widest, ROOMS[0])
+    width = _narrowest(raw, narrowest, widest, problem.limits, dt)
+    if width < widest:
+        _, narrow = _attempt(problem, candidate, make, width, ROOMS[0])
+        if _fits(problem, narrow):
+            return narrow, width * dt
+    for room in ROOMS[1:]:
+        if _fits(problem, trajectory):
+            break
+        _, trajectory = _attempt(problem, candidate, make, widest, room)
+    return trajectory, widest * dt
+
+
+def _attempt(
+    problem: ThrowProblem, candidate: Candidate, make: Maker, width: int, room: float
+) -> tuple[RawMotion, Trajectory]:
+    limits = grid_limits(problem.limits, problem.dt, room)
+    # A release at the very limit is allowed: only the way there keeps the room that the grid needs.
+    limits = replace(limits, qd_max=np.maximum(limits.qd_max, np.abs(candidate.qd)))
+    raw = make(limits, width)
+    return raw, _averaged(problem, candidate, raw, width)
+
+
+def _width(limits: Limits, multiple: float, dt: float) -> int:
+    return math.ceil(multiple * float((limits.qdd_max / limits.jerk_max).max()) / dt)
+
+
+def _fits(problem: ThrowProblem, trajectory: Trajectory) -> bool:
+    return fits((trajectory.q, trajectory.qd, trajectory.qdd), problem.limits, problem.dt)
+
+
+def _narrowest(raw: RawMotion, first: int, last: int, limits: Limits, dt: float) -> int:
+    """Returns the narrowest width [ticks] from `first` to `last` that brings the motion's jerk within the limits."""
+    still = np.zeros((last, 6))
+    qd = np.concatenate([still, raw.launch, raw.passage[1:], raw.brake[1:], still])
+    for width in range(first, last):
+        jerk = np.diff(_slope(qd, width, dt), axis=0) / dt
+        if np.all(np.abs(jerk) <= limits.jerk_max):
+            return width
+    return last
+
+
+def _averaged(problem: ThrowProblem, candidate: Candidate, raw: RawMotion, width: int) -> Trajectory:
+    dt, zero, jerk_max = problem.dt, np.zeros(6), problem.limits.jerk_max
+    still = np.zeros((width, 6))
+    qdd = _slope(np.concatenate([still, raw.launch, raw.passage[1:]]), width, dt)
+    release = (candidate.q, candidate.qd, zero if problem.ends_at_rest else qdd[-1])
+    head = onto_grid((problem.start, zero, zero), release, qdd, dt, jerk_max)
+    if problem.ends_at_rest:
+        return join(head, (candidate.q[None], candidate.qd[None], zero[None]), 1.0 / dt)
+    qdd = _slope(np.concatenate([raw.passage, raw.brake[1:], still]), width, dt)
+    rest = integrate(*release, np.diff(qdd, axis=0) / dt, dt)[0][-1]
+    tail = onto_grid(release, (rest, zero, zero), qdd, dt, jerk_max)
+    return join(head, tail, 1.0 / dt)
+
+
+def _slope(qd: Vector, width: int, dt: float) -> Vector:
+    """Returns the acceleration of the average at the ticks at which a whole window of velocities lies behind."""
+    return (qd[width:] - qd[:-width]) / (width * dt)

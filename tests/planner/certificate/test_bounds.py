@@ -1,0 +1,117 @@
+"""Bounds on how far torques, singularity distances and landing points stray, against dense differences; distances
+against a dense look by the plain functions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planner.cell import Box
+from planner.certificate import certify, tool_state
+from planner.certificate.bounds import joint_rates
+from planner.certificate.loads import loads_of
+from planner.certificate.motion import Motion
+from planner.certificate.throw import _landing_curvature
+from planner.certificate.tool import _singularity_rates, _torque_curvature, payload_of
+from planner.dynamics import joint_torques
+from planner.flight import landing_points
+from planner.geometry import body_capsules, capsule_endpoints, segment_box_distance
+from planner.kinematics import signed_singularity_distances
+from planner.problem import TargetRelease
+from planner.trajectory import Trajectory, integrate
+from tests.planner.certificate.test_certificate import random_trajectories
+from tests.planner.problems import joint_problem
+
+DOWN = np.array([0.0, 0.0, -9.81])
+
+
+def second_differences(function, trajectory):
+    """Second derivative of f(q, qd, qdd) (n, k) in the middle of every tick, and the steps' noise allowed."""
+    h = trajectory.dt / 40.0
+    middles = (trajectory.t[:-1] + trajectory.dt / 2.0)[:, None] + h * np.arange(-1, 2)
+    f = function(*trajectory.at(middles))
+    return (f[:, 2] - 2.0 * f[:, 1] + f[:, 0]) / h**2
+
+
+def test_torques_stray_no_further_than_their_bound():
+    for problem, trajectory in random_trajectories(3, seed=15):
+        robot, held = problem.cell.robot, payload_of(Motion(problem, trajectory), with_object=True)
+        curvature = second_differences(lambda *s: joint_torques(robot, *s, DOWN, held), trajectory)  # noqa: B023
+        bound = _torque_curvature(loads_of(problem.cell), joint_rates(trajectory), problem.gravity)
+        assert np.all(np.abs(curvature) <= bound.T + 1e-2)
+
+
+def test_a_torque_that_peaks_where_the_jerk_turns_is_seen():
+    """Between two instants looked at the acceleration is a spike: its torque has a kink that no curvature tells."""
+    problem = joint_problem()
+    jerk = np.zeros((20, 6))
+    jerk[2:18, 1] = 400.0 * np.repeat([1.0, -1.0, -1.0, 1.0], 4)
+    q, qd, qdd = integrate(problem.start, np.zeros(6), np.zeros(6), jerk, problem.dt)
+    spike = Trajectory(500.0, q, qd, qdd, release_index=20)
+    motion = Motion(problem, spike)
+    held = payload_of(motion, with_object=True)
+    t = np.linspace(0.0, spike.duration_s, 2001)
+    tau = np.abs(joint_torques(problem.cell.robot, *spike.at(t), DOWN, held)).max(axis=0)
+    rows = motion.knots
+    looked_at = joint_torques(problem.cell.robot, q[rows], qd[rows], qdd[rows], DOWN, held)
+    assert np.abs(looked_at).max(axis=0)[1] < 0.99 * tau[1]
+    between = (np.abs(looked_at).max(axis=0)[1] + tau[1]) / 2.0
+    for limit, ok in ((between, False), (1.01 * tau[1], True)):
+        tau_max = np.where(np.arange(6) == 1, limit, problem.limits.tau_max)
+        limited = replace(problem, limits=replace(problem.limits, tau_max=tau_max))
+        assert certify(limited, spike).check("joint_torque").ok == ok
+
+
+def test_no_acceleration_asks_for_more_torque_than_the_bound_of_the_mass_matrix():
+    rng, still = np.random.default_rng(4), np.zeros(6)
+    for name in ("ur5e-sim", "ur10e-sim"):
+        problem = joint_problem(name)
+        motion = Motion(problem, random_trajectories(1)[0][1])
+        robot, held = problem.cell.robot, payload_of(motion, with_object=True)
+        for q in rng.uniform(-np.pi, np.pi, (200, 6)):
+            weight = joint_torques(robot, q, still, still, DOWN, held)
+            mass_matrix = joint_torques(robot, np.tile(q, (6, 1)), still, np.eye(6), DOWN, held) - weight
+            assert np.all(np.abs(mass_matrix.T) <= loads_of(problem.cell).mass_matrix + 1e-9)
+
+
+def test_singularity_distances_stray_no_further_than_their_bound():
+    for problem, trajectory in random_trajectories(3, seed=16):
+        robot = problem.cell.robot
+        curvature = second_differences(lambda q, qd, qdd: signed_singularity_distances(robot, q), trajectory)  # noqa: B023
+        assert np.all(np.abs(curvature) <= _singularity_rates(robot, joint_rates(trajectory)).T + 1e-4)
+
+
+def test_the_landing_point_strays_no_further_than_its_bound():
+    for problem, trajectory in random_trajectories(6, seed=17):
+        thrown = replace(problem, release=TargetRelease(np.zeros(3)), release_window_s=0.01, landing_tolerance_m=0.01)
+        delays = np.linspace(-0.01, 0.01, 201)
+        q, qd, _ = trajectory.at(trajectory.release_time_s + delays)
+        X_WT, V_WT = tool_state(thrown, q, qd)
+        landed = landing_points(X_WT[:, :3, 3], V_WT[:, :3], 0.0, 9.81)
+        if not np.isfinite(landed).all():
+            continue
+        motion = Motion(thrown, trajectory)
+        bound = _landing_curvature(motion, motion.look_at(trajectory.release_time_s + delays))
+        curvature = np.diff(landed, n=2, axis=0) / (delays[1] - delays[0]) ** 2
+        assert np.linalg.norm(curvature, axis=1).max() <= bound * (1.0 + 1e-6) + 1e-2
+
+
+def test_distances_from_boxes_are_those_of_a_dense_look():
+    boxes = (
+        Box(np.array([-0.9, 0.35, 0.0]), np.array([0.9, 0.9, 1.2])),
+        Box(np.array([0.15, -0.6, 0.5]), np.array([0.5, 0.2, 0.9])),
+    )
+    for problem, trajectory in random_trajectories(6, seed=18):
+        around = replace(problem.cell.surroundings, keep_out=boxes, clearance_m=0.001)
+        boxed = replace(problem, cell=replace(problem.cell, surroundings=around))
+        capsules = [c for c in body_capsules(boxed.cell.robot, boxed.cell.tool.capsules) if c.frame > 0]
+        t = np.linspace(0.0, trajectory.duration_s, 4 * len(trajectory.q))
+        ends = capsule_endpoints(boxed.cell.robot, capsules, trajectory.at(t)[0], boxed.cell.X_WB)
+        gaps = [segment_box_distance(ends[..., 0, :], ends[..., 1, :], b.lower, b.upper) for b in boxes]
+        least = float((np.min(gaps, axis=0) - [c.radius_m for c in capsules]).min())
+        check = certify(boxed, trajectory).check("keep_out")
+        if least < 0.001:
+            assert not check.ok
+        else:
+            assert check.value == pytest.approx(least, abs=0.01)
+            assert check.value >= least - 1e-3 or not check.ok

@@ -1,0 +1,290 @@
+"""The judge: spoilt trajectories, one a check; bounds between samples; agreement with dense sampling."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planner.backends import ruckig_otg
+from planner.cell import Box
+from planner.certificate import certify, tool_state
+from planner.certificate.bounds import (
+    joint_rates,
+    levers,
+    point_acceleration,
+    point_jerk,
+    point_snap,
+    point_speed,
+)
+from planner.kinematics import forward
+from planner.planning import plan
+from planner.problem import JointRelease, PointRelease, TargetRelease
+from planner.seeds.candidates import Candidate, candidates
+from planner.trajectory import Trajectory, integrate
+from tests.planner.problems import cell, feasible_states, joint_problem, point_problem, pose_problem, random_state
+
+EVERY_CHECK = {
+    "start",
+    "joint_position",
+    "joint_velocity",
+    "joint_acceleration",
+    "joint_jerk",
+    "tcp_speed",
+    "floor",
+    "keep_in",
+    "keep_out",
+    "self_collision",
+    "singularity_distance",
+    "joint_torque",
+    "release_position",
+    "release_velocity",
+    "end_at_rest",
+    "continuity",
+}
+
+
+def boxed_problem():
+    """A throw inside a keep-in box and beside a keep-out box, both kept by the unspoilt trajectory."""
+    plain = joint_problem()
+    around = replace(
+        plain.cell.surroundings,
+        keep_in=(
+            Box(np.array([-1.0, -1.0, 0.05]), np.array([1.0, 1.0, 1.5])),
+            Box(np.array([-0.55, -0.9, 0.02]), np.array([-0.2, 0.9, 1.5])),
+        ),
+        keep_out=(Box(np.array([-0.9, 0.25, 0.0]), np.array([0.9, 0.9, 1.2])),),
+    )
+    here = replace(plain.cell, surroundings=around)
+    return joint_problem(cell=here)
+
+
+@pytest.fixture(scope="module")
+def good():
+    problem = boxed_problem()
+    trajectory = ruckig_otg.solve(problem, candidates(problem)[0]).trajectory
+    certificate = certify(problem, trajectory)
+    assert certificate.valid, certificate.failures
+    assert {check.name for check in certificate.checks} == EVERY_CHECK
+    return problem, trajectory
+
+
+def scaled(trajectory, joint, factor):
+    """The same motion of one joint (or all), `factor` times as far."""
+    rows = slice(None) if joint is None else joint
+    arrays = [np.array(x) for x in (trajectory.q, trajectory.qd, trajectory.qdd)]
+    arrays[0][:, rows] = arrays[0][0, rows] + factor * (arrays[0][:, rows] - arrays[0][0, rows])
+    for array in arrays[1:]:
+        array[:, rows] *= factor
+    return Trajectory(trajectory.sample_rate_hz, *arrays, release_index=trajectory.release_index)
+
+
+def shifted(trajectory, joint, offset):
+    q = np.array(trajectory.q)
+    q[:, joint] += offset
+    return replace(trajectory, q=q)
+
+
+def beyond(problem, trajectory, name, joint=None, share=1.001):
+    """Scales the motion until the named check is just beyond its limit."""
+    check = certify(problem, trajectory).check(name)
+    return scaled(trajectory, joint, share * check.limit / abs(check.value))
+
+
+def one_sample_off(trajectory, array, value):
+    changed = np.array(getattr(trajectory, array))
+    changed[40, 2] += value
+    return replace(trajectory, **{array: changed})
+
+
+def cut(trajectory, first, last):
+    arrays = [x[first:last] for x in (trajectory.q, trajectory.qd, trajectory.qdd)]
+    return Trajectory(trajectory.sample_rate_hz, *arrays, release_index=trajectory.release_index - first)
+
+
+def worst_joint(problem, trajectory, name):
+    return problem.cell.robot.joint_names.index(certify(problem, trajectory).check(name).detail)
+
+
+SPOILT = {
+    "start": lambda p, t: shifted(t, 0, 1e-4),
+    "start (moving)": lambda p, t: cut(t, 20, None),
+    "joint_position": lambda p, t: scaled(t, 2, 40.0),
+    "joint_velocity": lambda p, t: beyond(p, t, "joint_velocity", worst_joint(p, t, "joint_velocity")),
+    "joint_acceleration": lambda p, t: beyond(p, t, "joint_acceleration", worst_joint(p, t, "joint_acceleration")),
+    "joint_jerk": lambda p, t: beyond(p, t, "joint_jerk", worst_joint(p, t, "joint_jerk")),
+    "tcp_speed": lambda p, t: beyond(p, t, "tcp_speed", share=1.4),
+    "floor": lambda p, t: shifted(t, 1, 1.3),
+    "keep_in": lambda p, t: shifted(t, 0, 1.0),
+    "keep_out": lambda p, t: shifted(t, 0, -1.57),
+    "self_collision": lambda p, t: shifted(t, 2, 1.45),
+    "singularity_distance": lambda p, t: shifted(t, 4, -t.q[t.release_index, 4]),
+    "joint_torque": lambda p, t: beyond(p, t, "joint_torque", share=6.0),
+    "release_position": lambda p, t: shifted(t, 3, 2e-5),
+    "release_velocity": lambda p, t: scaled(t, 1, 1.0005),
+    "end_at_rest": lambda p, t: cut(t, 0, -15),
+    "continuity": lambda p, t: one_sample_off(t, "qd", 1e-5),
+    "continuity (position)": lambda p, t: one_sample_off(t, "q", 1e-5),
+    "continuity (acceleration)": lambda p, t: one_sample_off(t, "qdd", 1e-2),
+}
+
+
+@pytest.mark.parametrize("name", SPOILT)
+def test_each_spoilt_trajectory_is_caught(good, name):
+    problem, trajectory = good
+    certificate = certify(problem, SPOILT[name](problem, trajectory))
+    check = certificate.check(name.split(" (")[0])
+    assert not certificate.valid
+    assert not check.ok
+    assert check.margin < 0.0
+
+
+def test_the_list_spoils_every_check():
+    assert {name.split(" (")[0] for name in SPOILT} == EVERY_CHECK
+
+
+def test_a_missed_target_and_a_scattering_window_are_caught():
+    here = cell()
+    problem = joint_problem(release=TargetRelease(np.array([1.3, 0.2, 0.0])))
+    answer = plan(problem).trajectory
+    assert certify(problem, answer).check("landing").ok
+    assert not certify(problem, shifted(answer, 0, 0.001)).check("landing").ok
+    strict = replace(problem, release_window_s=0.02, landing_tolerance_m=1e-4)
+    window = certify(strict, answer).check("landing_window")
+    assert not window.ok
+    assert window.value > 1e-4
+    generous = replace(problem, release_window_s=0.02, landing_tolerance_m=window.value * 1.01)
+    assert certify(generous, answer).check("landing_window").ok
+    assert here.limits.tcp_speed_max >= certify(problem, answer).check("tcp_speed").value
+
+
+def test_free_velocity_bounds_of_a_target_are_judged():
+    problem = joint_problem(release=TargetRelease(np.array([1.3, 0.2, 0.0])))
+    answer = plan(problem).trajectory
+    slow = replace(problem, release=replace(problem.release, max_speed_m_s=0.5))
+    steep = replace(problem, release=replace(problem.release, min_elevation_rad=1.5))
+    far = replace(problem, release=replace(problem.release, min_horizontal_distance_m=5.0))
+    assert not certify(slow, answer).check("release_velocity").ok
+    assert not certify(steep, answer).check("release_velocity").ok
+    assert not certify(far, answer).check("release_position").ok
+
+
+def test_not_a_number_is_no_motion(good):
+    problem, trajectory = good
+    for array in ("q", "qd", "qdd"):
+        assert not certify(problem, one_sample_off(trajectory, array, np.nan)).valid
+
+
+def test_another_sample_rate_is_no_motion_of_this_controller(good):
+    problem, trajectory = good
+    assert not certify(problem, replace(trajectory, sample_rate_hz=250.0)).valid
+
+
+def test_bounds_hold_between_samples():
+    """At 125 Hz a joint can pass its limits between two samples that keep them: the closed forms see it."""
+    problem = joint_problem("ur5-sim")
+    dt = problem.dt
+    jerk = np.zeros((4, 6))
+    jerk[:, 0] = np.array([-1.0, 1.0, 1.0, -1.0]) * 100.0
+    peak = integrate(problem.start, np.full(6, 0.0), np.zeros(6), jerk, dt)
+    top = Trajectory(125.0, peak[0], peak[1], peak[2], release_index=4)
+    fine = top.at(np.linspace(0.0, top.duration_s, 4001))
+    for name, index in (("joint_velocity", 1), ("joint_position", 0)):
+        values = np.abs(fine[index][:, 0] - (fine[0][0, 0] if index == 0 else 0.0))
+        samples = np.abs((top.q, top.qd)[index][:, 0] - (top.q[0, 0] if index == 0 else 0.0))
+        between = (values.max() + samples.max()) / 2.0
+        if values.max() > samples.max() + 1e-12:
+            bound = np.full(6, between)
+            limits = (
+                replace(problem.limits, qd_max=bound)
+                if index == 1
+                else replace(problem.limits, q_lower=top.q[0] - between, q_upper=top.q[0] + between)
+            )
+            assert not certify(replace(problem, limits=limits), top).check(name).ok
+
+
+def test_turning_points_between_samples_are_found():
+    """One joint swings through a vertex half way between two ticks."""
+    problem, dt = joint_problem("ur5-sim"), 1.0 / 125.0
+    qdd = np.zeros((2, 6))
+    qdd[:, 0] = [4.0, -4.0]
+    jerk = np.diff(qdd, axis=0) / dt
+    q, qd, qdd = integrate(problem.start, np.full(6, 1.0), qdd[0], jerk, dt)
+    swing = Trajectory(125.0, q, qd, qdd, release_index=1)
+    vertex = swing.at(dt / 2.0)[1][0]
+    assert vertex > swing.qd[:, 0].max()
+    limits = replace(problem.limits, qd_max=np.full(6, (vertex + swing.qd[:, 0].max()) / 2.0))
+    assert not certify(replace(problem, limits=limits), swing).check("joint_velocity").ok
+    assert (
+        certify(replace(problem, limits=replace(limits, qd_max=np.full(6, vertex * 1.0001))), swing)
+        .check("joint_velocity")
+        .ok
+    )
+
+
+def random_trajectories(count=6, seed=11):
+    """Launches to random states, whatever stands in the way."""
+    rng, here, found = np.random.default_rng(seed), cell(), []
+    for _ in range(count):
+        q, qd = random_state(here, rng)
+        problem = joint_problem(release=JointRelease(q, qd))
+        found.append((problem, ruckig_otg.solve(problem, Candidate(q, qd, 0.0, "random")).trajectory))
+    return found
+
+
+def test_rates_bound_the_tools_true_derivatives():
+    for problem, trajectory in random_trajectories():
+        robot, X_FT = problem.cell.robot, problem.cell.tool.X_FT
+        h = trajectory.dt / 40.0
+        middles = (trajectory.t[:-1] + trajectory.dt / 2.0)[:, None] + h * np.arange(-2, 3)
+        p = forward(robot, trajectory.at(middles)[0], X_FT)[..., :3, 3]
+        lever = levers(robot, 6, float(np.linalg.norm(X_FT[:3, 3])))
+        rates = joint_rates(trajectory)
+        stencils = {
+            point_speed: (p[:, 3] - p[:, 1]) / (2 * h),
+            point_acceleration: (p[:, 3] - 2 * p[:, 2] + p[:, 1]) / h**2,
+            point_jerk: (p[:, 4] - 2 * p[:, 3] + 2 * p[:, 1] - p[:, 0]) / (2 * h**3),
+            point_snap: (p[:, 4] - 4 * p[:, 3] + 6 * p[:, 2] - 4 * p[:, 1] + p[:, 0]) / h**4,
+        }
+        noise = {point_speed: 1e-9, point_acceleration: 1e-5, point_jerk: 0.5, point_snap: 1e4}
+        for bound, derivative in stencils.items():
+            size = np.linalg.norm(derivative, axis=1)
+            assert np.all(size <= bound(lever, rates) + noise[bound]), bound.__name__
+
+
+def test_a_certified_bound_holds_at_every_instant_of_a_dense_look():
+    for problem, trajectory in random_trajectories(seed=12):
+        certificate = certify(problem, trajectory)
+        t = np.linspace(0.0, trajectory.duration_s, 20 * len(trajectory.q))
+        q, qd, qdd = trajectory.at(t)
+        _, V_WT = tool_state(problem, q, qd)
+        speed = np.linalg.norm(V_WT[:, :3], axis=1).max()
+        check = certificate.check("tcp_speed")
+        assert speed <= check.limit or not check.ok
+        assert check.value == pytest.approx(speed, rel=0.05)
+        for name, values, limit in (
+            ("joint_velocity", qd, problem.limits.qd_max),
+            ("joint_acceleration", qdd, problem.limits.qdd_max),
+        ):
+            share = (np.abs(values) / limit).max()
+            check = certificate.check(name)
+            assert check.value / check.limit == pytest.approx(share, rel=1e-4)
+        lowest = (q - problem.limits.q_lower).min(), (problem.limits.q_upper - q).min()
+        assert certificate.check("joint_position").margin == pytest.approx(min(lowest), abs=1e-5)
+
+
+@pytest.mark.parametrize("arm", ["ur5e-sim", "ur3e-sim", "ur10e-sim", "ur5-sim"])
+@pytest.mark.parametrize("draw", [pose_problem, point_problem])
+def test_what_plan_returns_is_certified_and_releases_as_asked(arm, draw):
+    here = cell(arm)
+    known, _ = next(feasible_states(here, 1, seed=7))
+    problem = draw(here, known.release.q, known.release.qd)
+    answer = plan(problem)
+    assert answer.certificate.valid
+    k = answer.trajectory.release_index
+    X_WT, V_WT = tool_state(problem, answer.trajectory.q[k], answer.trajectory.qd[k])
+    if isinstance(problem.release, PointRelease):
+        np.testing.assert_allclose(X_WT[:3, 3], problem.release.p_WT, atol=1e-6)
+        np.testing.assert_allclose(V_WT[:3], problem.release.v_WT, atol=1e-6)
+    else:
+        np.testing.assert_allclose(X_WT, problem.release.X_WT, atol=1e-6)
+        np.testing.assert_allclose(V_WT, problem.release.V_WT, atol=1e-6)

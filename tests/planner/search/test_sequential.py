@@ -1,0 +1,36 @@
+"""Back ends asked for by name: their own answer, certified, and their own nearest."""
+
+import numpy as np
+import pytest
+
+from planner.certificate import certify
+from planner.errors import Infeasible
+from planner.plan_document import problem_from_request
+from planner.planning import plan
+from planner.problem import JointRelease
+from planner.search.sequential import WAYS
+from tests.planner.problems import cell, joint_problem, pose_problem
+
+
+@pytest.mark.parametrize("backend", WAYS)
+def test_a_back_end_asked_for_by_name_answers_itself(backend):
+    known = joint_problem().release
+    assert isinstance(known, JointRelease)
+    asked = pose_problem(cell(), known.q, known.qd)
+    problem = joint_problem(release=asked.release, backend=backend)
+    answer = plan(problem)
+    assert answer.backend == backend
+    assert [attempt.backend for attempt in answer.attempts] == [backend]
+    assert certify(problem, answer.trajectory).valid
+
+
+@pytest.mark.parametrize("backend", WAYS)
+def test_its_nearest_request_is_one_that_it_can_do(backend):
+    too_fast = JointRelease(cell().home + 0.3, np.array([3.5, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    problem = joint_problem(release=too_fast, backend=backend)
+    with pytest.raises(Infeasible) as refusal:
+        plan(problem)
+    nearest = refusal.value.nearest
+    assert nearest is not None
+    assert nearest["backend"] == backend
+    assert plan(problem_from_request(nearest, problem.cell)).certificate.valid

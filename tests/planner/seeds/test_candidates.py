@@ -1,0 +1,144 @@
+"""Candidates: they are what was asked for, and their absence is explained by name."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planner.certificate import tool_state
+from planner.errors import Infeasible
+from planner.flight import fly
+from planner.kinematics import forward
+from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.seeds.candidates import candidates
+from tests.planner.problems import cell, joint_problem, point_problem, pose_problem, random_state
+
+
+def states(problem):
+    found = candidates(problem)
+    q, qd = np.array([c.q for c in found]), np.array([c.qd for c in found])
+    assert np.all(q >= problem.limits.q_lower - 1e-9)
+    assert np.all(q <= problem.limits.q_upper + 1e-9)
+    assert np.all(np.abs(qd) <= problem.limits.qd_max * (1 + 1e-9))
+    assert [c.bound_s for c in found] == sorted(c.bound_s for c in found)
+    return found, *tool_state(problem, q, qd)
+
+
+def test_pose_candidates_have_pose_and_twist_and_include_the_state_drawn():
+    rng, here = np.random.default_rng(1), cell()
+    for _ in range(20):
+        q, qd = random_state(here, rng, 0.9)
+        problem = pose_problem(here, q, 0.5 * qd)
+        try:
+            found, X, V = states(problem)
+        except Infeasible:
+            continue
+        np.testing.assert_allclose(X, np.broadcast_to(problem.release.X_WT, X.shape), atol=1e-8)
+        np.testing.assert_allclose(V, np.broadcast_to(problem.release.V_WT, V.shape), atol=1e-7)
+        assert min(np.abs(c.q - q).max() for c in found) < 1e-7
+
+
+def test_point_candidates_have_place_and_velocity():
+    rng, here = np.random.default_rng(2), cell()
+    problem = point_problem(here, *random_state(here, rng, 0.6))
+    _, X, V = states(problem)
+    np.testing.assert_allclose(X[:, :3, 3], np.broadcast_to(problem.release.p_WT, (len(X), 3)), atol=1e-8)
+    np.testing.assert_allclose(V[:, :3], np.broadcast_to(problem.release.v_WT, (len(X), 3)), atol=1e-8)
+
+
+@pytest.mark.parametrize("drag_coefficient", [0.0, 0.47])
+def test_target_candidates_hit(drag_coefficient):
+    here = cell()
+    here = replace(here, object=replace(here.object, drag_coefficient=drag_coefficient))
+    target = TargetRelease(
+        np.array([1.4, -0.5, 0.1]), max_speed_m_s=3.9, min_elevation_rad=0.1, min_horizontal_distance_m=0.5
+    )
+    problem = ThrowProblem(here, here.home, target, here.limits)
+    _, X, V = states(problem)
+    for X_WT, V_WT in zip(X, V, strict=True):
+        flight = fly(X_WT[:3, 3], V_WT[:3], 0.1, problem.gravity, problem.drag)
+        assert flight is not None
+        np.testing.assert_allclose(flight.landing_point, target.p_W, atol=1e-6)
+        assert np.linalg.norm(V_WT[:3]) <= 3.9
+        assert np.arctan2(V_WT[2], np.hypot(*V_WT[:2])) >= 0.1 - 1e-9
+        assert np.linalg.norm((X_WT[:3, 3] - target.p_W)[:2]) >= 0.5
+
+
+def test_a_fixed_release_place_is_kept():
+    here = cell()
+    place = np.array([0.5, 0.2, 0.5])
+    problem = ThrowProblem(
+        here, here.home, TargetRelease(np.array([1.2, 0.5, 0.0]), release_position=place), here.limits
+    )
+    _, X, _ = states(problem)
+    np.testing.assert_allclose(X[:, :3, 3], np.broadcast_to(place, (len(X), 3)), atol=1e-8)
+
+
+def refusal(problem):
+    with pytest.raises(Infeasible) as caught:
+        candidates(problem)
+    return caught.value.violations[0]
+
+
+def test_out_of_reach_says_by_how_much():
+    here = cell()
+    X = np.eye(4)
+    X[:3, 3] = [1.8, 0.0, 0.4]
+    violation = refusal(ThrowProblem(here, here.home, PoseRelease(X, np.zeros(6)), here.limits))
+    assert violation.constraint == "reach"
+    assert violation.value > violation.limit
+    point = refusal(ThrowProblem(here, here.home, PointRelease(X[:3, 3], np.ones(3)), here.limits))
+    assert point.constraint == "reach"
+
+
+@pytest.mark.parametrize(("joint", "angle", "name"), [(4, 0.0, "wrist"), (2, 0.0, "elbow")])
+def test_a_singular_release_is_refused_by_name(joint, angle, name):
+    q = np.array([0.3, -1.2, 1.1, -1.0, -1.4, 0.2])
+    q[joint] = angle
+    violation = refusal(joint_problem(release=JointRelease(q, np.full(6, 0.2))))
+    assert violation.constraint == "singularity_distance"
+    assert name in violation.detail
+
+
+def test_a_shoulder_singular_pose_is_refused_by_name():
+    here = cell()
+    q = np.array([0.3, -1.2, 1.1, -1.0, -1.4, 0.2])
+    # joint 2 that puts the wrist's centre on the axis of joint 1, by bisection on its horizontal offset
+    low, high = -3.1, 0.0
+
+    def offset(lift):
+        arm = here.robot
+        return arm.a[1] * np.cos(lift) + arm.a[2] * np.cos(lift + q[2]) + arm.d[4] * np.sin(lift + q[2] + q[3])
+
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if np.sign(offset(middle)) == np.sign(offset(low)) else (low, middle)
+    q[1] = low
+    violation = refusal(joint_problem(release=JointRelease(q, np.full(6, 0.2))))
+    assert violation.constraint == "singularity_distance"
+    assert "shoulder" in violation.detail
+
+
+def test_too_fast_names_the_joint_and_the_speed():
+    here = cell()
+    q = here.home + 0.2
+    X_WT = here.X_WB @ forward(here.robot, q, here.tool.X_FT)
+    violation = refusal(ThrowProblem(here, here.home, PoseRelease(X_WT, np.array([9.0, 0, 0, 0, 0, 0])), here.limits))
+    assert violation.constraint == "joint_velocity"
+    assert violation.value > violation.limit
+    assert "joint" in violation.detail
+
+
+def test_a_joint_beyond_its_range_is_named():
+    q = cell().home.copy()
+    q[2] = 3.3
+    violation = refusal(joint_problem(release=JointRelease(q, np.zeros(6))))
+    assert (violation.constraint, violation.value) == ("joint_position", 3.3)
+    assert "elbow" in violation.detail
+
+
+def test_the_same_problem_has_the_same_candidates():
+    here = cell()
+    problem = ThrowProblem(here, here.home, TargetRelease(np.array([1.4, -0.5, 0.1])), here.limits)
+    first, second = candidates(problem), candidates(problem)
+    assert [c.q.tolist() for c in first] == [c.q.tolist() for c in second]
