@@ -6,7 +6,7 @@ import pytest
 from sqlalchemy import inspect, text
 
 from store import Store, StoreUnavailable, migrations
-from store.engine import open_engine
+from store.database import open_engine
 from store.tables import METADATA
 
 

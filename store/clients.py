@@ -1,4 +1,4 @@
-"""Idempotency keys and the audit trail: what the service remembers of its clients."""
+"""Records about the service's clients: idempotency keys and the audit trail."""
 
 from __future__ import annotations
 
@@ -6,18 +6,17 @@ from typing import Any
 
 from sqlalchemy import Connection, insert, select
 
-from store.area import Area
-from store.engine import reading, writing
+from store.database import Repository, reading, writing
 from store.errors import KeyTaken
 from store.rows import IdempotencyKey
 from store.tables import audit, idempotency
 
 
 def take_key(connection: Connection, key: IdempotencyKey | None, resource_id: str, at: float) -> None:
-    """Lets `key` stand for `resource_id`, in the caller's transaction.
+    """Binds `key` to a new resource within the caller's transaction.
 
     Raises:
-        KeyTaken: it stands for something already.
+        KeyTaken: The key is bound to a resource already.
     """
     if key is None:
         return
@@ -27,21 +26,14 @@ def take_key(connection: Connection, key: IdempotencyKey | None, resource_id: st
     connection.execute(insert(idempotency).values(**row, resource_id=resource_id, created_at=at))
 
 
-def _find(connection: Connection, key: IdempotencyKey) -> tuple[str, str] | None:
-    query = select(idempotency.c.resource_id, idempotency.c.body_sha256)
-    where = (idempotency.c.scope == key.scope) & (idempotency.c.key == key.key)
-    row = connection.execute(query.where(where)).one_or_none()
-    return None if row is None else (row.resource_id, row.body_sha256)
-
-
-class Access(Area):
-    """Statements about clients."""
+class ClientRepository(Repository):
+    """Tables `idempotency` and `audit`."""
 
     def resource_of_key(self, key: IdempotencyKey) -> str | None:
-        """Returns the id of what `key` made, or None.
+        """Returns the id of the resource created with `key`, or None.
 
         Raises:
-            KeyTaken: it was made from another body.
+            KeyTaken: The key was used with another body.
         """
         with reading(self._engine) as connection:
             found = _find(connection, key)
@@ -50,13 +42,20 @@ class Access(Area):
         return None if found is None else found[0]
 
     def add_audit(self, who: str, action: str, resource: str, remote: str) -> None:
-        """Writes one line of the audit trail: who did what to which resource, from where."""
+        """Appends a line to the audit trail: who did what to which resource, from which address."""
         with writing(self._engine) as connection:
             line = {"at": self._now(), "who": who, "action": action, "resource": resource, "remote": remote}
             connection.execute(insert(audit).values(**line))
 
     def audit_lines(self, limit: int = 100) -> list[dict[str, Any]]:
-        """Returns the newest lines of the audit trail, newest first."""
+        """Returns the latest lines of the audit trail, newest first."""
         with reading(self._engine) as connection:
             rows = connection.execute(select(audit).order_by(audit.c.id.desc()).limit(limit))
             return [dict(row._mapping) for row in rows]
+
+
+def _find(connection: Connection, key: IdempotencyKey) -> tuple[str, str] | None:
+    query = select(idempotency.c.resource_id, idempotency.c.body_sha256)
+    where = (idempotency.c.scope == key.scope) & (idempotency.c.key == key.key)
+    row = connection.execute(query.where(where)).one_or_none()
+    return None if row is None else (row.resource_id, row.body_sha256)
