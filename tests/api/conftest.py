@@ -14,7 +14,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from api.app import create_app
-from api.settings import Settings
+from api.settings import ServiceSettings
 from store import Store
 
 ROOT = Path(__file__).parents[2]
@@ -33,7 +33,7 @@ class Running:
 
     client: TestClient
     store: Store
-    settings: Settings
+    settings: ServiceSettings
 
     def plan(self, **changes: Any) -> dict[str, Any]:
         response = self.client.post("/plan", json={**REQUEST, **changes})
@@ -42,7 +42,7 @@ class Running:
 
 
 @contextmanager
-def running(settings: Settings) -> Iterator[Running]:
+def running(settings: ServiceSettings) -> Iterator[Running]:
     app = create_app(settings)
     with TestClient(app, base_url="http://127.0.0.1:8000", raise_server_exceptions=False) as client:
         yield Running(client, app.state.service.store, settings)
@@ -71,7 +71,7 @@ def cells(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def shared(tmp_path_factory: pytest.TempPathFactory, cells: Path) -> Iterator[Running]:
     """One service for every test that neither needs its own settings nor a broken planner."""
     url = f"sqlite:///{tmp_path_factory.mktemp('data') / 'fling.db'}"
-    with running(Settings(database_url=url, cells=cells, planner_workers=1)) as service:
+    with running(ServiceSettings(database_url=url, cells=cells, planner_workers=1)) as service:
         wait_until_ready(service)
         yield service
 

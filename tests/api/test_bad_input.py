@@ -88,9 +88,21 @@ def test_numbers_that_are_none(service: Running, number: str, path: str):
 
 @pytest.mark.parametrize(
     "body",
-    [b"", b"{", b"[]", b"null", b"7", b'"text"', b"\xff\xfe", b"[" * 100_000, b"9" * 5000, b'{"a\\ud800": 1}',
-     b'{"release": "\\ud800"}', b'{"cell": "\\ud800"}'],
-)  # fmt: skip
+    [
+        b"",
+        b"{",
+        b"[]",
+        b"null",
+        b"7",
+        b'"text"',
+        b"\xff\xfe",
+        b"[" * 100_000,
+        b"9" * 5000,
+        b'{"a\\ud800": 1}',
+        b'{"release": "\\ud800"}',
+        b'{"cell": "\\ud800"}',
+    ],
+)
 def test_what_is_no_request(service: Running, body: bytes):
     problem_of(service.client.post("/plan", content=body, headers=JSON), 422, "invalid-request")
 
@@ -139,21 +151,39 @@ def test_not_json(service: Running, media: str):
 
 @pytest.mark.parametrize(
     ("method", "path", "status", "name"),
-    [("PUT", "/plan", 405, "method-not-allowed"), ("DELETE", "/plans/x", 405, "method-not-allowed"),
-     ("GET", "/nothing", 404, "not-found"), ("GET", "/plans/x", 404, "not-found"),
-     ("GET", "/plans/x/trajectory", 404, "not-found"), ("GET", "/executions/x", 404, "not-found"),
-     ("GET", "/executions/x/events", 404, "not-found"), ("GET", "/executions/x/recording", 404, "not-found"),
-     ("POST", "/executions/x/abort", 404, "not-found"), ("POST", "/cells/x/acknowledge", 404, "not-found"),
-     ("GET", "/cells/x", 404, "not-found"), ("GET", "/problems/x", 404, "not-found"),
-     ("GET", "/web/..%2fapp.py", 404, "not-found"), ("GET", "/plans?limit=0", 422, "invalid-request"),
-     ("GET", "/plans?limit=a", 422, "invalid-request"), ("GET", "/plans/", 404, "not-found")],
-)  # fmt: skip
+    [
+        ("PUT", "/plan", 405, "method-not-allowed"),
+        ("DELETE", "/plans/x", 405, "method-not-allowed"),
+        ("GET", "/nothing", 404, "not-found"),
+        ("GET", "/plans/x", 404, "not-found"),
+        ("GET", "/plans/x/trajectory", 404, "not-found"),
+        ("GET", "/executions/x", 404, "not-found"),
+        ("GET", "/executions/x/events", 404, "not-found"),
+        ("GET", "/executions/x/recording", 404, "not-found"),
+        ("POST", "/executions/x/abort", 404, "not-found"),
+        ("POST", "/cells/x/acknowledge", 404, "not-found"),
+        ("GET", "/cells/x", 404, "not-found"),
+        ("GET", "/problems/x", 404, "not-found"),
+        ("GET", "/web/..%2fapp.py", 404, "not-found"),
+        ("GET", "/plans?limit=0", 422, "invalid-request"),
+        ("GET", "/plans?limit=a", 422, "invalid-request"),
+        ("GET", "/plans/", 404, "not-found"),
+    ],
+)
 def test_wrong_addresses_are_problems_too(service: Running, method: str, path: str, status: int, name: str):
     problem_of(service.client.request(method, path), status, name)
 
 
-@pytest.mark.parametrize("body", [{}, {"plan_id": 7}, {"plan_id": "x", "mode": "warp"}, {"plan_id": "x", "dry_run": 1},
-                                  {"plan_id": "x", "speed": 2}])  # fmt: skip
+@pytest.mark.parametrize(
+    "body",
+    [
+        {},
+        {"plan_id": 7},
+        {"plan_id": "x", "mode": "warp"},
+        {"plan_id": "x", "dry_run": 1},
+        {"plan_id": "x", "speed": 2},
+    ],
+)
 def test_wrong_executions(service: Running, body: dict[str, Any]):
     problem_of(service.client.post("/execute", json=body), 422, "invalid-request")
 

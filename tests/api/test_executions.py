@@ -56,9 +56,10 @@ def test_the_same_key_is_one_motion(service: Running, executor: PlayedExecutor, 
 
 
 def test_nobody_there(service: Running, plan):
-    assert "no executor" in problem_of(execute(service, service.plan(cell="changing")["id"]), 409, "robot-not-ready")[
-        "detail"
-    ]  # fmt: skip
+    assert (
+        "no executor"
+        in problem_of(execute(service, service.plan(cell="changing")["id"]), 409, "robot-not-ready")["detail"]
+    )
     problem_of(execute(service, "nothing"), 404, "not-found")
 
 

@@ -21,11 +21,27 @@ BASE: dict[str, Any] = {
     "time_limit_s": 0.2,
 }
 PATHS = [
-    ["cell"], ["start"], ["start", "positions"], ["start", "positions", 2], ["release"], ["release", "kind"],
-    ["release", "positions"], ["release", "positions", 0], ["release", "velocities", 5], ["frame"], ["backend"],
-    ["limits"], ["limits", "velocity"], ["limits", "jerk"], ["limits", "more"], ["time_limit_s"], ["more"],
-    ["singularity_distance_min"], ["release_window_s"], ["landing_tolerance_m"],
-]  # fmt: skip
+    ["cell"],
+    ["start"],
+    ["start", "positions"],
+    ["start", "positions", 2],
+    ["release"],
+    ["release", "kind"],
+    ["release", "positions"],
+    ["release", "positions", 0],
+    ["release", "velocities", 5],
+    ["frame"],
+    ["backend"],
+    ["limits"],
+    ["limits", "velocity"],
+    ["limits", "jerk"],
+    ["limits", "more"],
+    ["time_limit_s"],
+    ["more"],
+    ["singularity_distance_min"],
+    ["release_window_s"],
+    ["landing_tolerance_m"],
+]
 SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
 VALUES = st.recursive(SCALARS, lambda inner: st.lists(inner, max_size=6) | st.dictionaries(st.text(max_size=6), inner))
 

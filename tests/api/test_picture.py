@@ -9,8 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from api.cli import main
-from api.picture import plan_svg
-from api.report import report_html
+from api.report import plan_svg, report_html
 from planner.cell import load_cell
 from tests.api.conftest import Running
 from tests.api.test_bad_input import problem_of

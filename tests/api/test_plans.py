@@ -24,9 +24,21 @@ def test_a_plan_is_answered_stored_and_listed(service: Running):
 
 def test_the_document_is_the_contract_s(plan):
     assert list(plan) == [
-        "id", "created_at", "cell", "cell_sha256", "request", "backend", "sample_rate_hz", "duration_s",
-        "release_time_s", "release", "flight", "trajectory", "certificate", "solver",
-    ]  # fmt: skip
+        "id",
+        "created_at",
+        "cell",
+        "cell_sha256",
+        "request",
+        "backend",
+        "sample_rate_hz",
+        "duration_s",
+        "release_time_s",
+        "release",
+        "flight",
+        "trajectory",
+        "certificate",
+        "solver",
+    ]
     assert plan["certificate"]["valid"] is True
     assert plan["release_time_s"] == plan["release"]["index"] / plan["sample_rate_hz"]
     assert plan["request"]["cell"] == "ur5e-sim"

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from api.app import UnsafeSettings, create_app
-from api.errors import PROBLEMS
-from api.settings import Settings
+from api.http import PROBLEM_TYPES
+from api.settings import ServiceSettings
 from tests.api.conftest import PlayedExecutor, Running
 from tests.api.test_bad_input import problem_of
 
@@ -64,7 +64,7 @@ def test_a_cell_is_its_file(service: Running, root: Path):
 
 
 def test_every_problem_has_its_page(service: Running):
-    for name, kind in PROBLEMS.items():
+    for name, kind in PROBLEM_TYPES.items():
         page = service.client.get(f"/problems/{name}")
         assert page.status_code == 200
         assert str(kind.status) in page.text
@@ -94,11 +94,24 @@ def operations(schema: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any
 def test_every_call_of_the_contract_is_there(service: Running):
     schema = service.client.get("/openapi.json").json()
     assert {f"{method.upper()} {path}" for method, path, _ in operations(schema)} == {
-        "POST /plan", "GET /plans", "GET /plans/{id}", "GET /plans/{id}/trajectory", "POST /execute", "GET /executions",
-        "GET /executions/{id}", "GET /executions/{id}/events", "GET /executions/{id}/recording",
-        "POST /executions/{id}/abort", "POST /cells/{name}/acknowledge", "GET /cells", "GET /cells/{name}",
-        "GET /cells/{name}/state", "GET /healthz", "GET /readyz", "GET /metrics",
-    }  # fmt: skip
+        "POST /plan",
+        "GET /plans",
+        "GET /plans/{id}",
+        "GET /plans/{id}/trajectory",
+        "POST /execute",
+        "GET /executions",
+        "GET /executions/{id}",
+        "GET /executions/{id}/events",
+        "GET /executions/{id}/recording",
+        "POST /executions/{id}/abort",
+        "POST /cells/{name}/acknowledge",
+        "GET /cells",
+        "GET /cells/{name}",
+        "GET /cells/{name}/state",
+        "GET /healthz",
+        "GET /readyz",
+        "GET /metrics",
+    }
 
 
 def test_every_reference_of_the_schema_resolves(service: Running):
@@ -109,8 +122,18 @@ def test_every_reference_of_the_schema_resolves(service: Running):
 
 def test_every_field_of_a_request_is_described(service: Running):
     schemas = service.client.get("/openapi.json").json()["components"]["schemas"]
-    for model in ("PlanRequest", "ExecuteRequest", "PoseRelease", "PointRelease", "JointRelease", "TargetRelease",
-                  "RequestLimits", "Start", "Pose", "Twist"):  # fmt: skip
+    for model in (
+        "PlanRequest",
+        "ExecuteRequest",
+        "PoseReleaseRequest",
+        "PointReleaseRequest",
+        "JointReleaseRequest",
+        "TargetReleaseRequest",
+        "RequestLimits",
+        "StartRequest",
+        "Pose",
+        "Twist",
+    ):
         for field, described in schemas[model]["properties"].items():
             assert field == "kind" or described.get("description"), f"{model}.{field}"
 
@@ -135,7 +158,7 @@ def test_every_example_runs(service: Running, executor: PlayedExecutor, plan):
 
 def test_without_tokens_only_this_machine_may_listen(tmp_path: Path):
     with pytest.raises(UnsafeSettings, match="token"):
-        create_app(Settings(host="0.0.0.0", database_url=f"sqlite:///{tmp_path / 'x.db'}"))
+        create_app(ServiceSettings(host="0.0.0.0", database_url=f"sqlite:///{tmp_path / 'x.db'}"))
 
 
 @pytest.mark.parametrize("host", ["evil.example", "192.168.1.2", "127.0.0.1.evil.example", ""])

@@ -77,7 +77,9 @@ def test_no_database_there(tmp_path):
 def test_sqlite_runs_in_write_ahead_mode_with_foreign_keys(sqlite_url):
     store = Store.open(sqlite_url)
     with store._engine.connect() as connection:
-        pragma = {name: connection.exec_driver_sql(f"PRAGMA {name}").scalar_one()
-                  for name in ("journal_mode", "foreign_keys", "busy_timeout")}  # fmt: skip
+        pragma = {
+            name: connection.exec_driver_sql(f"PRAGMA {name}").scalar_one()
+            for name in ("journal_mode", "foreign_keys", "busy_timeout")
+        }
     store.close()
     assert pragma == {"journal_mode": "wal", "foreign_keys": 1, "busy_timeout": 5000}

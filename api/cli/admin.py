@@ -1,4 +1,4 @@
-"""Commands that look after files and the database: cell, token, db, version."""
+"""Administration commands: cell, token, db, version."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import click
 
 @click.group()
 def cell() -> None:
-    """Judge cell files."""
+    """Check cell files."""
 
 
 @cell.command()
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
 def check(file: Path) -> None:
-    """Judge FILE as the service and the executor would; exit status 1 with the reason where it is refused."""
+    """Check FILE as the service and the executor do; exit status 1 with the reason if it is refused."""
     from planner.cells import open_cell
     from planner.errors import CellError
 
@@ -29,17 +29,22 @@ def check(file: Path) -> None:
 
 @click.group()
 def token() -> None:
-    """Make tokens for the service."""
+    """Create tokens for the service."""
 
 
 @token.command()
 @click.option("--scope", "scopes", multiple=True, required=True, type=click.Choice(["plan", "operate"]))
-@click.option("--name", required=True, help="Whose it is; the audit trail shows it.")
-@click.option("--file", type=click.Path(path_type=Path), envvar="FLING_TOKENS_FILE", required=True,
-              help="Tokens file; FLING_TOKENS_FILE.")  # fmt: skip
+@click.option("--name", required=True, help="Owner of the token, as the audit trail shows it.")
+@click.option(
+    "--file",
+    type=click.Path(path_type=Path),
+    envvar="FLING_TOKENS_FILE",
+    required=True,
+    help="Tokens file; FLING_TOKENS_FILE.",
+)
 def create(scopes: tuple[str, ...], name: str, file: Path) -> None:
-    """Make a token and print it; the file keeps its hash alone. Restart the service to use it."""
-    from api.tokens import create_token
+    """Create a token and print it; the file keeps only its hash. Restart the service to use it."""
+    from api.http import create_token
 
     try:
         click.echo(create_token(file, name, scopes))
@@ -49,11 +54,13 @@ def create(scopes: tuple[str, ...], name: str, file: Path) -> None:
 
 @click.group()
 def db() -> None:
-    """Migrations of the database."""
+    """Migrate the database."""
 
 
 @db.command()
-@click.option("--database-url", envvar="FLING_DATABASE_URL", help="FLING_DATABASE_URL; the user's SQLite otherwise.")
+@click.option(
+    "--database-url", envvar="FLING_DATABASE_URL", help="FLING_DATABASE_URL; default: the user's SQLite file."
+)
 def upgrade(database_url: str | None) -> None:
     """Bring the database up to date."""
     from store import Store, StoreError, default_database_url
@@ -68,6 +75,6 @@ def upgrade(database_url: str | None) -> None:
 @click.command()
 def version() -> None:
     """Show the version."""
-    from api.version import fling_version
+    from api import fling_version
 
     click.echo(f"fling {fling_version()}")

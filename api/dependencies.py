@@ -1,4 +1,4 @@
-"""What an endpoint is given: the store, the cells, the workers, and who is asking."""
+"""FastAPI dependencies of the endpoints: the service, the caller and the scopes, idempotency keys."""
 
 from __future__ import annotations
 
@@ -10,17 +10,16 @@ from typing import Annotated, Any
 from fastapi import Depends, Header, Request
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
-from api.errors import Problem
+from api.cell_repository import CellRepository
+from api.http import Caller, ProblemDetails, StoredToken, find_caller
 from api.metrics import Metrics
-from api.settings import Settings
-from api.shelf import CellShelf
-from api.tokens import Client, StoredToken, find_client
-from api.workers import Workers
+from api.planning import PlannerPool
+from api.settings import ServiceSettings
 from planner.cell import Cell
 from store import IdempotencyKey, Store
 
 KEY_LENGTH_MAX = 255
-ANYBODY = Client("local", frozenset({"plan", "operate"}))  # without tokens: whoever is on this machine
+LOCAL_CALLER = Caller("local", frozenset({"plan", "operate"}))  # anyone on this machine, if there are no tokens
 BEARER = HTTPBearer(auto_error=False, description="From `fling token create`; not needed where there are no tokens.")
 
 
@@ -28,10 +27,10 @@ BEARER = HTTPBearer(auto_error=False, description="From `fling token create`; no
 class Service:
     """Everything that lives as long as the service."""
 
-    settings: Settings
+    settings: ServiceSettings
     store: Store
-    shelf: CellShelf
-    workers: Workers
+    cells: CellRepository
+    pool: PlannerPool
     tokens: tuple[StoredToken, ...]
     metrics: Metrics
 
@@ -39,17 +38,17 @@ class Service:
         """Returns a cell by name.
 
         Raises:
-            Problem: there is none.
-            CellError: its file is refused.
+            ProblemDetails: There is no such cell.
+            CellError: Its file is refused.
         """
-        cell = self.shelf.cell(name)
+        cell = self.cells.cell(name)
         if cell is None:
-            raise Problem("not-found", f"no cell {name!r}; there are {', '.join(self.shelf.names())}")
+            raise ProblemDetails("not-found", f"no cell {name!r}; there are {', '.join(self.cells.names())}")
         return cell
 
 
 def service(request: Request) -> Service:
-    """Returns what `create_app` put together."""
+    """Returns the service that `create_app` assembled."""
     return request.app.state.service
 
 
@@ -57,41 +56,41 @@ ServiceDep = Annotated[Service, Depends(service)]
 Credentials = Annotated[HTTPAuthorizationCredentials | None, Depends(BEARER)]
 
 
-def client(service: ServiceDep, credentials: Credentials) -> Client:
-    """Returns who is asking.
+def caller(service: ServiceDep, credentials: Credentials) -> Caller:
+    """Returns the caller of a request.
 
     Raises:
-        Problem: no token or a wrong one, where tokens are used.
+        ProblemDetails: The service uses tokens and the request has none or an unknown one.
     """
     if not service.tokens:
-        return ANYBODY
-    found = None if credentials is None else find_client(service.tokens, credentials.credentials)
+        return LOCAL_CALLER
+    found = None if credentials is None else find_caller(service.tokens, credentials.credentials)
     if found is None:
         detail = "a bearer token is needed" if credentials is None else "this token is not known"
-        raise Problem("unauthenticated", detail, headers={"WWW-Authenticate": "Bearer"})
+        raise ProblemDetails("unauthenticated", detail, headers={"WWW-Authenticate": "Bearer"})
     return found
 
 
-ClientDep = Annotated[Client, Depends(client)]
+AnyCaller = Annotated[Caller, Depends(caller)]
 
 
-def _with_scope(scope: str) -> Callable[[Client], Client]:
-    def scoped(client: ClientDep) -> Client:
-        if scope not in client.scopes:
-            raise Problem("forbidden", f"the token {client.name!r} has no scope {scope!r}")
-        return client
+def _with_scope(scope: str) -> Callable[[Caller], Caller]:
+    def scoped(caller: AnyCaller) -> Caller:
+        if scope not in caller.scopes:
+            raise ProblemDetails("forbidden", f"the token {caller.name!r} has no scope {scope!r}")
+        return caller
 
     return scoped
 
 
-PlannerClient = Annotated[Client, Depends(_with_scope("plan"))]
-OperatorClient = Annotated[Client, Depends(_with_scope("operate"))]
+PlanCaller = Annotated[Caller, Depends(_with_scope("plan"))]
+OperateCaller = Annotated[Caller, Depends(_with_scope("operate"))]
 
 
 def _key_for(path: str) -> Callable[..., Coroutine[Any, Any, IdempotencyKey | None]]:
     async def key(
         request: Request,
-        client: ClientDep,
+        caller: AnyCaller,
         idempotency_key: Annotated[str | None, Header(description="Same key and body: same resource.")] = None,
     ) -> IdempotencyKey | None:
         if idempotency_key is None:
@@ -99,9 +98,9 @@ def _key_for(path: str) -> Callable[..., Coroutine[Any, Any, IdempotencyKey | No
         if not 0 < len(idempotency_key) <= KEY_LENGTH_MAX:
             reason = f"must have 1 to {KEY_LENGTH_MAX} characters"
             errors = [{"field": "Idempotency-Key", "reason": reason}]
-            raise Problem("invalid-request", f"Idempotency-Key {reason}", errors=errors)
+            raise ProblemDetails("invalid-request", f"Idempotency-Key {reason}", errors=errors)
         body = hashlib.sha256(await request.body()).hexdigest()
-        return IdempotencyKey(f"{client.name} {path}", idempotency_key, body)
+        return IdempotencyKey(f"{caller.name} {path}", idempotency_key, body)
 
     return key
 
@@ -110,9 +109,9 @@ PlanKey = Annotated[IdempotencyKey | None, Depends(_key_for("/plan"))]
 ExecuteKey = Annotated[IdempotencyKey | None, Depends(_key_for("/execute"))]
 
 
-def remote(request: Request) -> str:
-    """Returns the address a request came from."""
+def remote_address(request: Request) -> str:
+    """Returns the address of the client."""
     return request.client.host if request.client else "unknown"
 
 
-Remote = Annotated[str, Depends(remote)]
+RemoteAddress = Annotated[str, Depends(remote_address)]

@@ -1,4 +1,4 @@
-"""Pages for people: the web page, the OpenAPI page, what each error means. Nothing is loaded from elsewhere."""
+"""HTML pages: the web page, the OpenAPI page, one page per problem type. They load nothing from other hosts."""
 
 from __future__ import annotations
 
@@ -8,53 +8,53 @@ from pathlib import Path
 from fastapi import APIRouter
 from fastapi.responses import FileResponse, HTMLResponse
 
-from api.errors import PROBLEMS, Problem
+from api.http import PROBLEM_TYPES, ProblemDetails
 
 router = APIRouter(include_in_schema=False)
 
-WEB = Path(__file__).parent / "web"
+WEB = Path(__file__).parents[1] / "web"
 MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
 
 
 @router.get("/")
 def page() -> FileResponse:
-    """The web page."""
+    """Serves the web page."""
     return FileResponse(WEB / "index.html", media_type="text/html")
 
 
 @router.get("/docs")
 def docs() -> FileResponse:
-    """The OpenAPI page, made from /openapi.json in the browser."""
+    """Serves the OpenAPI page, which the browser renders from /openapi.json."""
     return FileResponse(WEB / "docs.html", media_type="text/html")
 
 
 @router.get("/web/{name}")
 def asset(name: str) -> FileResponse:
-    """A script, a style sheet or a picture of the pages."""
+    """Serves a script, style sheet or image of the pages."""
     known = {path.name: path for path in WEB.iterdir() if path.suffix in MEDIA_TYPES}
     if name not in known:
-        raise Problem("not-found", "no such file")
+        raise ProblemDetails("not-found", "no such file")
     return FileResponse(known[name], media_type=MEDIA_TYPES[known[name].suffix])
 
 
 @router.get("/problems")
 def problems() -> HTMLResponse:
-    """Every kind of error."""
+    """Lists the problem types."""
     items = "".join(
         f'<li><a href="/problems/{name}">{name}</a> ({kind.status}): {html.escape(kind.title)}</li>'
-        for name, kind in PROBLEMS.items()
+        for name, kind in PROBLEM_TYPES.items()
     )
     return _page("Errors of Fling", f"<ul>{items}</ul>")
 
 
 @router.get("/problems/{name}")
 def problem(name: str) -> HTMLResponse:
-    """What one kind of error means, and what to do about it."""
-    kind = PROBLEMS.get(name)
+    """Explains one problem type."""
+    kind = PROBLEM_TYPES.get(name)
     if kind is None:
-        raise Problem("not-found", "no such kind of error")
+        raise ProblemDetails("not-found", "no such problem type")
     text = f"<p><code>{name}</code>, status {kind.status}</p><p>{html.escape(kind.explanation)}</p>"
-    return _page(kind.title, text + '<p><a href="/problems">all kinds of errors</a></p>')
+    return _page(kind.title, text + '<p><a href="/problems">all problem types</a></p>')
 
 
 def _page(title: str, body: str) -> HTMLResponse:

@@ -1,4 +1,4 @@
-"""One plan as a self-contained HTML file: what was asked, the pictures, the joints over time, the certificate."""
+"""The report of a plan as one self-contained HTML file: request, pictures, joints over time, certificate."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from api.picture import plan_svg
+from api.report.picture import plan_svg
 from planner.cell import Cell
 
 Vector = NDArray[np.float64]
 
-STYLE = Path(__file__).parent / "web" / "style.css"
+STYLE = Path(__file__).parents[1] / "web" / "style.css"
 WIDTH, HEIGHT, LEFT, RIGHT, EDGE = 900, 220, 60, 110, 22  # [px] of one chart and its margins
 CHARTS = (
     ("positions", "Joint positions [rad]"),
@@ -27,11 +27,16 @@ COLOURS = ("#0b6bcb", "#e07b00", "#1a7f37", "#c62828", "#7a4fbf", "#0097a7")
 
 
 def report_html(plan: Mapping[str, Any], cell: Cell | None) -> str:
-    """Returns the report of a plan; without the plan's own `cell` there is no picture of the arm."""
+    """Returns the report of a plan as HTML.
+
+    Args:
+        plan: The plan as JSON, as `GET /plans/{id}` answers it.
+        cell: Its cell; without it, or if the file has changed since, the report has no picture of the arm.
+    """
     if cell is not None and cell.sha256 == plan["cell_sha256"]:
         picture = plan_svg(plan, cell)
     else:
-        picture = "<p>The plan's cell file is not at hand, or has changed since: no picture of the arm.</p>"
+        picture = "<p>The plan's cell file is missing or has changed since planning: no picture of the arm.</p>"
     release = plan["release_time_s"]
     trajectory = plan["trajectory"]
     charts = "".join(
@@ -40,9 +45,12 @@ def report_html(plan: Mapping[str, Any], cell: Cell | None) -> str:
     )
     request = html.escape(json.dumps(plan["request"], indent=2))
     parts = (
-        _facts(plan), f"<section>{picture}</section>", f"<section>{charts}</section>", _checks(plan["certificate"]),
+        _facts(plan),
+        f"<section>{picture}</section>",
+        f"<section>{charts}</section>",
+        _checks(plan["certificate"]),
         f"<section><h2>Request</h2><pre>{request}</pre></section>",
-    )  # fmt: skip
+    )
     title = html.escape(f"Plan {plan['id']}")
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
@@ -61,8 +69,8 @@ def _facts(plan: Mapping[str, Any]) -> str:
     ]
     if flight is not None:
         point = ", ".join(f"{value:.4f}" for value in flight["landing_point"])
-        away = f"{flight['speed_m_s']:.2f} m/s, {flight['time_of_flight_s']:.3f} s"
-        facts.append(("flight", f"{away}, lands at ({point}) m"))
+        speed_and_time = f"{flight['speed_m_s']:.2f} m/s, {flight['time_of_flight_s']:.3f} s"
+        facts.append(("flight", f"{speed_and_time}, lands at ({point}) m"))
     for attempt in solver["attempts"]:
         facts.append((f"tried {attempt['backend']}", f"{attempt['result']} ({1000 * attempt['duration_s']:.0f} ms)"))
     return f"<section><table>{_rows(facts)}</table></section>"
@@ -70,10 +78,17 @@ def _facts(plan: Mapping[str, Any]) -> str:
 
 def _checks(certificate: Mapping[str, Any]) -> str:
     rows = [
-        (check["name"], _figure(check["value"]), _figure(check["limit"]), check["unit"], _figure(check["margin"]),
-         _figure(check["at_s"]), "ok" if check["ok"] else "VIOLATED")
+        (
+            check["name"],
+            _figure(check["value"]),
+            _figure(check["limit"]),
+            check["unit"],
+            _figure(check["margin"]),
+            _figure(check["at_s"]),
+            "ok" if check["ok"] else "VIOLATED",
+        )
         for check in certificate["checks"]
-    ]  # fmt: skip
+    ]
     head = "<tr><th>check</th><th>value</th><th>limit</th><th>unit</th><th>margin</th><th>at [s]</th><th></th></tr>"
     return f"<section><h2>Certificate</h2><table>{head}{_rows(rows)}</table></section>"
 
@@ -87,7 +102,7 @@ def _figure(value: float | None) -> str:
 
 
 def _chart(times: Sequence[float], values: Sequence[Sequence[float]], names: Sequence[str], release_s: float) -> str:
-    """Returns one chart of all joints over time, the release marked."""
+    """Returns a chart of all joints over time, with the release marked."""
     t, y = np.asarray(times), np.asarray(values)
     low, high = float(y.min()), float(y.max())
     x_of = LEFT + (WIDTH - LEFT - RIGHT) * t / max(float(t[-1]), 1e-9)

@@ -1,4 +1,4 @@
-"""Commands for a running service: throw, acknowledge."""
+"""Commands that call a running service: throw, acknowledge."""
 
 from __future__ import annotations
 
@@ -12,38 +12,46 @@ DEFAULT_URL = "http://127.0.0.1:8000"
 
 def _service_options(command: Any) -> Any:
     command = click.option("--token", envvar="FLING_TOKEN", help="Bearer token; FLING_TOKEN.")(command)
-    return click.option("--url", default=None, help="Of the service; FLING_URL, or this machine's.")(command)
+    return click.option("--url", default=None, help="URL of the service; default: FLING_URL, or this machine.")(command)
 
 
 def service_url(url: str | None) -> str:
-    """Returns where the service is."""
+    """Returns the URL of the service: the option, FLING_URL, or this machine at FLING_PORT."""
     if url or os.environ.get("FLING_URL"):
         return url or os.environ["FLING_URL"]
     return f"http://127.0.0.1:{os.environ['FLING_PORT']}" if os.environ.get("FLING_PORT") else DEFAULT_URL
 
 
-@click.command(context_settings={"ignore_unknown_options": True})  # negative coordinates are no options
+@click.command(context_settings={"ignore_unknown_options": True})  # negative coordinates are not options
 @click.argument("x", type=float)
 @click.argument("y", type=float)
 @click.argument("z", type=float)
-@click.option("--cell", help="Which cell; the service's default otherwise.")
+@click.option("--cell", help="Cell; default: the service's.")
 @click.option("--mode", type=click.Choice(["speedj", "servoj"]), default="speedj", show_default=True)
-@click.option("--dry-run", is_flag=True, help="Everything but motion.")
-@click.option("--window", type=float, help="A release this much early or late still lands … [s]")
-@click.option("--tolerance", type=float, help="… within this distance [m].")
+@click.option("--dry-run", is_flag=True, help="Everything except motion.")
+@click.option("--window", type=float, help="A release early or late by up to this still lands … [s]")
+@click.option("--tolerance", type=float, help="… within this distance of the target [m].")
 @_service_options
 def throw(
-    x: float, y: float, z: float, cell: str | None, mode: str, dry_run: bool, window: float | None,
-    tolerance: float | None, url: str | None, token: str | None,
-) -> None:  # fmt: skip
+    x: float,
+    y: float,
+    z: float,
+    cell: str | None,
+    mode: str,
+    dry_run: bool,
+    window: float | None,
+    tolerance: float | None,
+    url: str | None,
+    token: str | None,
+) -> None:
     """Plan a throw that lands on X Y Z [m, world frame], execute it, and print where it landed."""
-    from api.cli.client import Client
+    from api.cli.client import ServiceClient
 
     request: dict[str, Any] = {"release": {"kind": "target", "position": [x, y, z]}}
     request |= {"cell": cell} if cell else {}
     request |= {"release_window_s": window} if window is not None else {}
     request |= {"landing_tolerance_m": tolerance} if tolerance is not None else {}
-    with Client(service_url(url), token) as client:
+    with ServiceClient(service_url(url), token) as client:
         plan, execution = plan_and_execute(client, request, mode, dry_run)
     if execution["outcome"] != "completed":
         raise click.ClickException(f"{execution['outcome']}: {execution['reason'] or 'no reason was given'}")
@@ -51,20 +59,20 @@ def throw(
 
 
 @click.command()
-@click.option("--cell", help="Which cell; FLING_DEFAULT_CELL, or ur5e-sim.")
+@click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL, or ur5e-sim.")
 @_service_options
 def acknowledge(cell: str | None, url: str | None, token: str | None) -> None:
-    """Say that a person has looked at the robot: its executor clears the fault it latched."""
-    from api.cli.client import Client
+    """Clear the fault that the executor latched, once a person has checked the robot."""
+    from api.cli.client import ServiceClient
 
     name = cell or os.environ.get("FLING_DEFAULT_CELL", "ur5e-sim")
-    with Client(service_url(url), token) as client:
+    with ServiceClient(service_url(url), token) as client:
         answer = client.post(f"/cells/{name}/acknowledge")
     click.echo(f"{name}: {answer['fault'] or 'there was no fault'}; acknowledged by {answer['acknowledged_by']}")
 
 
 def plan_and_execute(client: Any, request: dict[str, Any], mode: str, dry_run: bool) -> tuple[dict[str, Any], ...]:
-    """Plans, executes and follows to the end, with progress. Returns plan (without trajectory) and execution."""
+    """Plans, executes and prints the progress. Returns the plan (without trajectory) and the finished execution."""
     click.echo("planning …")
     plan = client.post("/plan?trajectory=false", request)
     click.echo(plan_text(plan))
@@ -76,7 +84,7 @@ def plan_and_execute(client: Any, request: dict[str, Any], mode: str, dry_run: b
 
 
 def plan_text(plan: dict[str, Any]) -> str:
-    """Returns what a person wants to know of a plan, in a line or two."""
+    """Returns a summary of a plan in one or two lines."""
     solver = plan["solver"]
     text = (
         f"planned by {plan['backend']} in {1000 * solver['solve_time_s']:.0f} ms: release after "
@@ -90,13 +98,13 @@ def plan_text(plan: dict[str, Any]) -> str:
 
 
 def landing_text(plan: dict[str, Any], execution: dict[str, Any]) -> str:
-    """Returns where it landed, and the figures of the stream."""
+    """Returns the landing point and the missed ticks of an execution."""
     metrics = execution["metrics"] or {}
     text = f"{metrics.get('ticks')} ticks, {metrics.get('missed_ticks')} missed"
     if metrics.get("release_velocity_error_share") is not None:
         text += f"; joint velocity at the release within {100 * metrics['release_velocity_error_share']:.2f} %"
     point, error = metrics.get("landing_point"), metrics.get("landing_error_m")
     if point is None or error is None:
-        return text + "\nwhere it landed is not known"
+        return text + "\nthe landing point is not known"
     place = ", ".join(f"{value:.4f}" for value in point)
     return f"{text}\nlanded at ({place}) m, {1000 * error:.1f} mm from where the plan said"

@@ -1,8 +1,8 @@
-"""The gate in front of every call: where a request may come from and what a body must be.
+"""Security middleware in front of every request: allowed hosts and origins, size and media type of bodies.
 
-Pure ASGI, because a refusal here must reach clients that the framework never sees. Three rules: without tokens the
-`Host` must be this machine (DNS rebinding); a browser's `Origin` must be the service itself (cross-site posts); a body
-must be JSON. Every answer carries headers that keep a browser from doing more than the page asks for.
+Pure ASGI, so that it also covers requests that never reach the framework's routing. Without tokens the `Host` must be
+this machine (against DNS rebinding); a browser's `Origin` must be the service itself (against cross-site posts); a body
+must be JSON. Every response carries headers that restrict what a browser may do with it.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from api import problems
-from api.errors import Problem
-from api.settings import BODY_LIMIT_BYTES, is_loopback_host
+from api.http.errors import ProblemDetails
+from api.http.problem_json import BODY_LIMIT_BYTES, BODY_TOO_LARGE, problem_response
+from api.settings import is_loopback_host
 
 SECURITY_HEADERS = {
     "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'self'",
@@ -22,46 +22,47 @@ SECURITY_HEADERS = {
 }
 
 
-class Gate:
-    """ASGI middleware; `local_only` where the service runs without tokens."""
+class SecurityMiddleware:
+    """ASGI middleware.
+
+    Args:
+        app: The application behind it.
+        local_only: Whether only loopback hosts are served: the service runs without tokens.
+    """
 
     def __init__(self, app: ASGIApp, local_only: bool) -> None:
         self.app = app
         self.local_only = local_only
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Refuses or passes on one request."""
+        """Rejects a request or passes it on."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return
         headers = Headers(scope=scope)
-        problem = self._refusal(scope["method"], headers)
+        problem = self._rejection(scope["method"], headers)
         if problem is not None:
-            await problems.response(problem, scope["path"])(scope, receive, _guarded(send))
+            await problem_response(problem, scope["path"])(scope, receive, _with_security_headers(send))
         else:
-            await self.app(scope, _limited(receive), _guarded(send))
+            await self.app(scope, _limited(receive), _with_security_headers(send))
 
-    def _refusal(self, method: str, headers: Headers) -> Problem | None:
+    def _rejection(self, method: str, headers: Headers) -> ProblemDetails | None:
         host = _host_name(headers.get("host", ""))
         if self.local_only and not is_loopback_host(host):
-            return Problem("forbidden", "without tokens the service answers to loopback addresses alone")
+            return ProblemDetails("forbidden", "without tokens the service answers on loopback addresses only")
         origin = headers.get("origin")
         if origin and method not in ("GET", "HEAD") and origin.split("://")[-1] != headers.get("host"):
-            return Problem("forbidden", f"requests from pages of {origin!a} are not accepted")
+            return ProblemDetails("forbidden", f"requests from pages of {origin!a} are not accepted")
         length = headers.get("content-length", "0")
         if length.isdecimal() and int(length) > BODY_LIMIT_BYTES:
-            return _too_large()
+            return ProblemDetails("too-large", BODY_TOO_LARGE, limit_bytes=BODY_LIMIT_BYTES)
         if method in ("POST", "PUT", "PATCH") and _has_body(headers) and not _is_json(headers.get("content-type", "")):
-            return Problem("unsupported-media-type", "the body must be application/json")
+            return ProblemDetails("unsupported-media-type", "the body must be application/json")
         return None
 
 
-def _too_large() -> Problem:
-    return Problem("too-large", f"the body is larger than {BODY_LIMIT_BYTES} bytes", limit_bytes=BODY_LIMIT_BYTES)
-
-
 def _limited(receive: Receive) -> Receive:
-    """Returns `receive` that refuses a body which grows beyond the limit without having said so."""
+    """Returns a `receive` that rejects a chunked body once it exceeds the limit."""
     received = 0
 
     async def limited() -> Message:
@@ -88,12 +89,12 @@ def _is_json(content_type: str) -> bool:
     return media == "application/json" or (media.startswith("application/") and media.endswith("+json"))
 
 
-def _guarded(send: Send) -> Send:
-    async def guarded(message: Message) -> None:
+def _with_security_headers(send: Send) -> Send:
+    async def send_with_headers(message: Message) -> None:
         if message["type"] == "http.response.start":
             headers = MutableHeaders(scope=message)
             for name, value in SECURITY_HEADERS.items():
                 headers.setdefault(name, value)
         await send(message)
 
-    return guarded
+    return send_with_headers

@@ -1,7 +1,7 @@
-"""Bearer tokens: made at random, stored as SHA-256, compared in constant time.
+"""Bearer tokens: random, stored as SHA-256, compared in constant time.
 
-The tokens file is TOML, one table a token: ``[[token]] name = "…" sha256 = "…" scopes = ["plan", "operate"]``.
-A token has 256 random bits, so a plain hash is enough: there is nothing to guess.
+The tokens file is TOML with one table per token: `[[token]] name = "…" sha256 = "…" scopes = ["plan", "operate"]`.
+A token has 256 random bits and cannot be guessed, so a plain hash is enough.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.@-]{0,63}")
 
 
 @dataclass(frozen=True)
-class Client:
-    """Who is asking, and what they may do."""
+class Caller:
+    """Name and scopes of the client behind a request."""
 
     name: str
     scopes: frozenset[str]
@@ -30,17 +30,17 @@ class Client:
 
 @dataclass(frozen=True)
 class StoredToken:
-    """One line of the tokens file."""
+    """One entry of the tokens file."""
 
-    client: Client
+    caller: Caller
     sha256: str
 
 
 def read_tokens(path: Path | None) -> tuple[StoredToken, ...]:
-    """Returns the tokens of a file; none where there is no file named.
+    """Returns the tokens of a file; none without a file.
 
     Raises:
-        ValueError: the file is missing, is not TOML, or an entry is wrong.
+        ValueError: The file is missing or not TOML, or an entry is invalid.
     """
     if path is None:
         return ()
@@ -57,29 +57,29 @@ def _stored(entry: dict[str, object]) -> StoredToken:
         raise ValueError(f"the token {name!r} has no SHA-256")
     if not isinstance(scopes, list) or not set(scopes) <= set(SCOPES):
         raise ValueError(f"the token {name!r} has scopes other than {', '.join(SCOPES)}")
-    return StoredToken(Client(str(name), frozenset(scopes)), digest)
+    return StoredToken(Caller(str(name), frozenset(scopes)), digest)
 
 
-def find_client(tokens: tuple[StoredToken, ...], token: str) -> Client | None:
-    """Returns whose token it is. Looks at every stored one, each in constant time."""
+def find_caller(tokens: tuple[StoredToken, ...], token: str) -> Caller | None:
+    """Returns the owner of a token, or None. Compares with every stored token, each in constant time."""
     digest = hashlib.sha256(token.encode()).hexdigest()
     found = None
     for stored in tokens:
         if hmac.compare_digest(stored.sha256, digest):
-            found = stored.client
+            found = stored.caller
     return found
 
 
 def create_token(path: Path, name: str, scopes: tuple[str, ...]) -> str:
-    """Makes a token, appends its hash to the file (readable by its owner alone), and returns the token itself.
+    """Creates a token, appends its hash to the file (mode 0600), and returns the token itself.
 
     Raises:
-        ValueError: the name is not fit, or taken.
+        ValueError: The name is invalid or taken.
     """
     if not NAME_PATTERN.fullmatch(name):
-        raise ValueError("a token's name has letters, digits and . _ @ - only, 64 at most")
-    if path.exists() and any(stored.client.name == name for stored in read_tokens(path)):
-        raise ValueError(f"there is a token named {name!r} already")
+        raise ValueError("a token's name has at most 64 characters: letters, digits and . _ @ -")
+    if path.exists() and any(stored.caller.name == name for stored in read_tokens(path)):
+        raise ValueError(f"a token named {name!r} exists already")
     token = secrets.token_urlsafe(TOKEN_BYTES)
     digest = hashlib.sha256(token.encode()).hexdigest()
     listed = ", ".join(f'"{scope}"' for scope in scopes)

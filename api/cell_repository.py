@@ -1,4 +1,4 @@
-"""The cell files of a folder, read again when they change."""
+"""Cell files of a folder, read again when they change on disk."""
 
 from __future__ import annotations
 
@@ -9,20 +9,24 @@ from planner.cells import check_home
 from planner.errors import CellError
 
 
-class CellShelf:
-    """Cells by name, as they are on disk now."""
+class CellRepository:
+    """Cells by name.
+
+    Args:
+        folder: Folder of the cell files `<name>.toml`.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._read: dict[str, tuple[bytes, Cell]] = {}
+        self._cache: dict[str, tuple[bytes, Cell]] = {}
 
     def names(self) -> list[str]:
         """Returns the names of the cell files, sorted."""
         return sorted(path.stem for path in self.folder.glob("*.toml"))
 
     def text(self, name: str) -> bytes | None:
-        """Returns the file's bytes, or None where there is none of this name."""
-        if name not in self.names():  # never a path made from a request
+        """Returns the content of a cell file, or None if there is no such cell."""
+        if name not in self.names():  # a name from a request never becomes a path
             return None
         try:
             return (self.folder / f"{name}.toml").read_bytes()
@@ -30,23 +34,23 @@ class CellShelf:
             return None
 
     def cell(self, name: str) -> Cell | None:
-        """Returns the cell, or None where there is none of this name.
+        """Returns a cell, or None if there is no such cell.
 
         Raises:
-            CellError: the file is refused.
+            CellError: The file is refused.
         """
         text = self.text(name)
         if text is None:
             return None
-        known = self._read.get(name)
-        if known is None or known[0] != text:
+        cached = self._cache.get(name)
+        if cached is None or cached[0] != text:
             cell = parse_cell(text, name)
             check_home(cell)
-            known = self._read[name] = (text, cell)
-        return known[1]
+            cached = self._cache[name] = (text, cell)
+        return cached[1]
 
     def faults(self) -> dict[str, str]:
-        """Returns the files that are refused, with the reason."""
+        """Returns the refused cell files with the reasons."""
         found = {}
         for name in self.names():
             try:

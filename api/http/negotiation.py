@@ -1,12 +1,12 @@
-"""Which of the offered media types a client wants (RFC 9110, section 12.5.1)."""
+"""Content negotiation by the `Accept` header (RFC 9110, section 12.5.1)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 
-def choose(accept: str | None, offers: Sequence[str]) -> str:
-    """Returns the offer that the `Accept` header likes best; the first one where it likes none or all alike."""
+def preferred_media_type(accept: str | None, offers: Sequence[str]) -> str:
+    """Returns the offer with the highest quality in `accept`; the first one on a tie or without a match."""
     best, best_quality = offers[0], 0.0
     for offer in offers:
         quality = _quality(accept or "*/*", offer)
@@ -16,17 +16,17 @@ def choose(accept: str | None, offers: Sequence[str]) -> str:
 
 
 def _quality(accept: str, offer: str) -> float:
-    """Returns the quality that the most specific matching range gives to `offer`."""
+    """Returns the quality of the most specific media range that matches `offer`."""
     quality, specificity = 0.0, -1
     for entry in accept.split(","):
         media, *parameters = (part.strip() for part in entry.split(";"))
-        rank = _match(media.lower(), offer)
+        rank = _specificity(media.lower(), offer)
         if rank > specificity:
             quality, specificity = _weight(parameters), rank
     return quality
 
 
-def _match(media: str, offer: str) -> int:
+def _specificity(media: str, offer: str) -> int:
     if media == offer:
         return 2
     if media == offer.split("/")[0] + "/*":
