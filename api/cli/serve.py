@@ -16,26 +16,12 @@ import click
 @click.option("--port", type=int, help="Port of the service; default: FLING_PORT, or 8000.")
 def up(cell: str | None, port: int | None) -> None:
     """Run simulated controller, executor, service, SQLite and web page on this machine until Ctrl-C."""
-    from api.cli.processes import (
-        ChildFailed,
-        ChildProcesses,
-        catch_signals,
-        cell_path,
-        print_starting,
-        start_all,
-    )
+    from api.cli.processes import ChildFailed, ChildProcesses, catch_signals, print_starting, start_all
     from api.settings import ServiceSettings
-    from planner.cell import load_cell
-    from planner.errors import CellError
-    from store import Store, StoreError
 
     settings = ServiceSettings()
     name, number = cell or settings.default_cell, port or settings.port
-    try:
-        simulated = load_cell(cell_path(settings.cells, name)).link.kind == "sim"
-        Store.upgrade(settings.database_url)
-    except (CellError, StoreError, RuntimeError) as error:
-        raise click.ClickException(str(error)) from error
+    simulated = _prepare(settings.cells, name, settings.database_url)
     host = "127.0.0.1" if settings.host == "0.0.0.0" else settings.host
     url = f"http://{host}:{number}"
     environment = {
@@ -90,6 +76,21 @@ def executor(cell: str | None, read_only: bool) -> None:
 def doctor(cell: str | None) -> None:
     """Check this machine's timing and the link to the cell's controller, with advice."""
     _exec("executor", "--doctor", *(["--cell", cell] if cell else []))
+
+
+def _prepare(cells: Path, name: str, database_url: str) -> bool:
+    """Checks the cell and migrates the database. Returns whether the cell is simulated."""
+    from api.cli.processes import cell_path
+    from planner.cell import load_cell
+    from planner.errors import CellError
+    from store import Store, StoreError
+
+    try:
+        simulated = load_cell(cell_path(cells, name)).link.kind == "sim"
+        Store.upgrade(database_url)
+    except (CellError, StoreError, RuntimeError) as error:
+        raise click.ClickException(str(error)) from error
+    return simulated
 
 
 def _exec(module: str, *arguments: str) -> NoReturn:

@@ -3,8 +3,9 @@
 Release point and target are given. The method takes the lowest speed that hits the target at 22.5 degrees or more,
 joint velocities by a weighted pseudo-inverse, a lead-up in which every joint accelerates uniformly from rest on a
 straight line in joint space, and a follow-through that decelerates in the same way. The project has one posture per
-release point; here the best of Fling's postures counts. A pair is good if joint limits (positions, 5 rad/s^2) and the table's box hold
-for lead-up and follow-through. As in the project, jerk, torques, self-collision and the approach are not checked.
+release point; here the best of Fling's postures counts. A pair is good if joint limits (positions, 5 rad/s^2) and the
+table's box hold for lead-up and follow-through. As in the project, jerk, torques, self-collision and the approach are
+not checked.
 """
 
 from __future__ import annotations

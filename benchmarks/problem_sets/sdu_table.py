@@ -28,7 +28,7 @@ def sdu_facts() -> dict[str, Any]:
 
 
 def tasks(name: str, cell: Cell, count: int, seed: int) -> list[Task]:
-    """Returns the tasks of `sdu-near` (28), `sdu-far` (35), or `count` of the 2,800 of `sdu-near-pairs`, `-far-pairs`."""
+    """Returns the tasks of `sdu-near` (28), `sdu-far` (35), or `count` of the 2,800 of a set of pairs."""
     part = sdu_facts()["near" if "near" in name else "far"]
     if not name.endswith("pairs"):
         return [Task(f"{name}/sdu-table/{i:04d}", _problem(cell, part, p)) for i, p in enumerate(part["targets"])]

@@ -19,6 +19,24 @@ from benchmarks.streaming.throws import throw_series
 ROOT = Path(__file__).parents[2]
 BUSY = 2  # busy processes beside the second series of throws: one per core
 
+THROWS_HEAD = (
+    "| beside | outcomes | cycles without a command | release speed error p50 / max | landing error p50 / max | "
+    "slips, in all, longest | taken by the host |",
+    "| --- | --- | --- | --- | --- | --- | --- |",
+)
+LOOPS_HEAD = (
+    "| loop | cycles without a command | tracking error [rad] | release speed error [rad/s] | landing error [m] "
+    "| slipped [ms] |",
+    "| --- | --- | --- | --- | --- | --- |",
+)
+METHOD = """\
+Simulated controller and stream share one processor, the controller at the higher real-time priority: the
+stream never delays it, and every cycle that begins without a fresh command counts. When the virtual machine
+itself stalls, both stop; the controller does not catch up afterwards, its clock *slips* (docs/simulator.md),
+because a real controller is punctual. Slips are counted from start to end, approaches included. Release
+speed error: of the worst joint, relative to the plan's speed. Taken by the host: time for which a processor
+of the virtual machine was ready to run and did not, all processors together (steal of /proc/stat)."""
+
 
 def main() -> None:
     """Runs the streaming part and writes `streaming.md`."""
@@ -48,18 +66,11 @@ def streaming_report(count: int, runs: int) -> str:
         "",
         f"{where['date']}, {where['processor']}, {where['system']}; load {where['load']}; commit {where['commit']}.",
         "ur5e-sim, a target throw; cycles without a fresh command are counted by the simulator; every run counts.",
-        "Simulated controller and stream share one processor, the controller at the higher real-time priority: the",
-        "stream never delays it, and every cycle that begins without a fresh command counts. When the virtual machine",
-        "itself stalls, both stop; the controller does not catch up afterwards, its clock *slips* (docs/simulator.md),",
-        "because a real controller is punctual. Slips are counted from start to end, approaches included. Release speed",
-        "error: of the worst joint, relative to the plan's speed. Taken by the host: time for which a processor of the",
-        "virtual machine was ready to run and did not, all processors together (steal of /proc/stat).",
+        METHOD,
         "",
         f"## {count} throws in a row",
         "",
-        "| beside | outcomes | cycles without a command | release speed error p50 / max | landing error p50 / max | "
-        "slips, in all, longest | taken by the host |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
+        *THROWS_HEAD,
         _throws_row("nothing", quiet),
         _throws_row(f"{BUSY} busy processes", busy),
         "",
@@ -70,9 +81,7 @@ def streaming_report(count: int, runs: int) -> str:
         "It follows the wall clock, so a slip, which no real controller has, shifts it: of",
         f"{TRIES * runs} runs of every loop, the {runs} with the least slip count.",
         "",
-        "| loop | cycles without a command | tracking error [rad] | release speed error [rad/s] | landing error [m] "
-        "| slipped [ms] |",
-        "| --- | --- | --- | --- | --- | --- |",
+        *LOOPS_HEAD,
         *(_loop_row(name, worst) for name, worst in loops.items()),
         "",
     ]
