@@ -25,13 +25,15 @@ class Metrics:
 
     def __init__(self, executions: Callable[[], dict[str, int]]) -> None:
         self._registry = CollectorRegistry()
-        registry = {"registry": self._registry}
-        self.plans = Counter("fling_plans", "Planning requests by result.", ["result"], **registry)
+        registry = self._registry
+        self.plans = Counter("fling_plans", "Planning requests by result.", ["result"], registry=registry)
         self.plan_seconds = Histogram(
-            "fling_plan_seconds", "Time to answer a planning request [s].", buckets=PLAN_BUCKETS_S, **registry
+            "fling_plan_seconds", "Time to answer a planning request [s].", buckets=PLAN_BUCKETS_S, registry=registry
         )
-        self.waiting = Gauge("fling_plans_waiting", "Requests being planned or queued.", **registry)
-        self.executors = Gauge("fling_executor_alive", "Whether a cell's executor is alive.", ["cell"], **registry)
+        self.waiting = Gauge("fling_plans_waiting", "Requests being planned or queued.", registry=registry)
+        self.executors = Gauge(
+            "fling_executor_alive", "Whether a cell's executor is alive.", ["cell"], registry=registry
+        )
         self._registry.register(_ExecutionCollector(executions))  # type: ignore[arg-type]  # structurally a collector
 
     def text(self) -> bytes:

@@ -59,14 +59,16 @@ def _launches(problem: ThrowProblem, state: JointRelease, vias: list[Vector]) ->
         to_via = next(_runs(problem, problem.start, JointRelease(via, np.zeros(6)), 1.0), None)
         for onward in _runs(problem, via, state, 1.0):
             if to_via is not None:
-                yield tuple(np.concatenate([a, b[1:]]) for a, b in zip(to_via, onward, strict=True))
+                q, qd, qdd = (np.concatenate([a, b[1:]]) for a, b in zip(to_via, onward, strict=True))
+                yield q, qd, qdd
 
 
 def _brakes(problem: ThrowProblem, state: JointRelease, ends: list[Vector]) -> Iterator[Samples]:
     for share in SHARES:
         motion = _solve(_slower(problem, share), state, "synchronised")
         if motion is not None:
-            yield tuple(x[motion.release_index :] for x in (motion.q, motion.qd, motion.qdd))
+            k = motion.release_index
+            yield motion.q[k:], motion.qd[k:], motion.qdd[k:]
     for end in [problem.start, *ends]:
         for q, qd, qdd in _runs(problem, end, JointRelease(state.q, -state.qd), 1.0):
             yield q[::-1], -qd[::-1], qdd[::-1]
@@ -77,7 +79,8 @@ def _runs(problem: ThrowProblem, start: Vector, state: JointRelease, share: floa
     for launch in ruckig_otg.LAUNCHES:
         motion = _solve(replace(_slower(problem, share), start=start, release=state), state, launch)
         if motion is not None:
-            yield tuple(x[: motion.release_index + 1] for x in (motion.q, motion.qd, motion.qdd))
+            end = motion.release_index + 1
+            yield motion.q[:end], motion.qd[:end], motion.qdd[:end]
 
 
 def _slower(problem: ThrowProblem, share: float) -> ThrowProblem:

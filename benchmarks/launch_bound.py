@@ -76,8 +76,8 @@ def joint_bound(distance: float, velocity: float, v_max: float, a_max: float, j_
     for i in np.argsort(times)[:REFINED]:
         best = min(
             best,
-            _golden(time_with, grid[max(i - 1, 0)], grid[i]),
-            _golden(time_with, grid[i], grid[min(i + 1, SCAN - 1)]),
+            _golden(time_with, float(grid[max(i - 1, 0)]), float(grid[i])),
+            _golden(time_with, float(grid[i]), float(grid[min(i + 1, SCAN - 1)])),
         )
     return best
 

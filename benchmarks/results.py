@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import platform
 import subprocess
@@ -23,7 +24,7 @@ class ResultRow:
         backend: Requested back end, or the name of a peer.
         outcome: "certified", "infeasible", "failed" or "invalid".
         by: Back end that found the plan.
-        release_time_s: Time of the release.
+        release_time_s: Time of the release; NaN without a motion.
         duration_s: Duration of the motion.
         solve_s: Wall time of `plan()`, warm.
         cpu_s: Processor time of the same call, less affected by a busy machine.
@@ -39,7 +40,7 @@ class ResultRow:
     backend: str
     outcome: str
     by: str = ""
-    release_time_s: float | None = None
+    release_time_s: float = math.nan
     duration_s: float | None = None
     solve_s: float = 0.0
     cpu_s: float = 0.0

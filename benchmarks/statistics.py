@@ -61,7 +61,7 @@ def summarise(group: str, backend: str, rows: Sequence[ResultRow], feasible: set
     own = [row for row in rows if row.backend == backend]
     good = [row for row in own if row.certified]
     ruckig = {row.task: row.release_time_s for row in rows if row.backend == "ruckig" and row.certified}
-    bounded = [row for row in good if row.bound_s]
+    bounds = [(row, row.bound_s) for row in good if row.bound_s]
     return SetSummary(
         group,
         backend,
@@ -69,8 +69,8 @@ def summarise(group: str, backend: str, rows: Sequence[ResultRow], feasible: set
         feasible=sum(row.task in feasible for row in own),
         certified=len(good),
         to_ruckig=quantiles([row.release_time_s / ruckig[row.task] for row in good if row.task in ruckig], 10, 50, 90),
-        to_bound=quantiles([row.release_time_s / row.bound_s for row in bounded], 50, 90),
-        to_bound_tick=quantiles([row.release_time_s / on_tick(row) for row in bounded], 50, 90),
+        to_bound=quantiles([row.release_time_s / bound_s for row, bound_s in bounds], 50, 90),
+        to_bound_tick=quantiles([row.release_time_s / on_tick(bound_s, row.tick_s) for row, bound_s in bounds], 50, 90),
         solve_s=quantiles([row.solve_s for row in own if row.task in feasible], 50, 90, 99),
         cpu_s=quantiles([row.cpu_s for row in own if row.task in feasible], 50, 90, 99),
         certificate_s=quantiles([row.certificate_s for row in good], 50, 90),
@@ -78,10 +78,9 @@ def summarise(group: str, backend: str, rows: Sequence[ResultRow], feasible: set
     )
 
 
-def on_tick(row: ResultRow) -> float:
+def on_tick(bound_s: float, tick_s: float) -> float:
     """Returns the bound rounded up to the tick [s]: no release on a tick is earlier."""
-    assert row.bound_s is not None
-    return math.ceil(row.bound_s / row.tick_s - 1e-6) * row.tick_s
+    return math.ceil(bound_s / tick_s - 1e-6) * tick_s
 
 
 def quantiles(values: Iterable[float | None], *percent: float) -> tuple[float, ...]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from typing import TypeVar
 
@@ -94,7 +93,7 @@ def _release_times(auto: dict[str, SetSummary], rows: Sequence[ResultRow], where
 def _both(rows: Sequence[ResultRow], group: str) -> tuple[list[float], list[float]]:
     ruckig = {r.task: r.release_time_s for r in rows if r.group == group and r.backend == "ruckig" and r.certified}
     ours = [r for r in rows if r.group == group and r.backend == "auto" and r.certified and r.task in ruckig]
-    return [r.release_time_s or math.nan for r in ours], [ruckig[r.task] or math.nan for r in ours]
+    return [r.release_time_s for r in ours], [ruckig[r.task] for r in ours]
 
 
 def _bounds(auto: dict[str, SetSummary], where: str) -> Iterator[FloorRow]:

@@ -12,7 +12,9 @@ from benchmarks.results import ResultRow
 
 GROUPS = ("pose", "point", "target")
 SHOWN = ("auto", "casadi", "ruckig", "toppra", "trapezoid", "cubic", "ramp")
-COLOURS = dict(zip(SHOWN, ("#0b7285", "#5f3dc4", "#e8590c", "#2b8a3e", "#868e96", "#adb5bd", "#ced4da"), strict=True))
+COLOURS: dict[str, str] = dict(
+    zip(SHOWN, ("#0b7285", "#5f3dc4", "#e8590c", "#2b8a3e", "#868e96", "#adb5bd", "#ced4da"), strict=True)
+)
 
 
 def draw(out: Path, rows: Sequence[ResultRow]) -> None:

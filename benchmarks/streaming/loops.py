@@ -95,7 +95,7 @@ def compare_loops(folder: Path, count: int) -> dict[str, Any]:
     rig.start()
     try:
         runs = {
-            "ours": [_ours(rig) for _ in range(TRIES * count)],
+            "Fling": [_fling(rig) for _ in range(TRIES * count)],
             "plain": [_plain(rig, problem, trajectory, False) for _ in range(TRIES * count)],
             "plain, real-time": [_plain(rig, problem, trajectory, True) for _ in range(TRIES * count)],
         }
@@ -105,17 +105,19 @@ def compare_loops(folder: Path, count: int) -> dict[str, Any]:
     return {name: {key: max(run[key] for run in found) for key in found[0]} for name, found in least.items()}
 
 
-def _ours(rig: Rig) -> dict[str, float]:
+def _fling(rig: Rig) -> dict[str, float]:
     """Returns the values of one throw by the executor; infinite if it is not completed."""
     if rig.is_latched():
         rig.recover()
         rig.acknowledge()
     truth.ask(rig.host, "reset_stats")
     row = rig.throw(LOB)
-    names, numbers = rows_of_csv(rig.store.recording(row.id).csv)
+    recording, metrics = rig.store.recording(row.id), row.metrics or {}
+    assert recording is not None
+    names, numbers = rows_of_csv(recording.csv)
     timestamps, received = (numbers[:, names.index(name)] for name in ("timestamp_s", "host_s"))
     found = {"slipped_s": _slip(timestamps, received), "cycles_without_command": _silent_cycles(rig)}
-    return found | {key: row.metrics[key] if row.outcome == "completed" else math.inf for key in MEASURED}
+    return found | {key: metrics[key] if row.outcome == "completed" else math.inf for key in MEASURED}
 
 
 def _plain(rig: Rig, problem: ThrowProblem, trajectory: Trajectory, realtime: bool) -> dict[str, float]:
