@@ -9,7 +9,7 @@ from typing import Any
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tests.api.conftest import JOINT, Running
+from tests.api.conftest import JOINT, RunningService
 
 BASE: dict[str, Any] = {
     "cell": "ur5e-sim",
@@ -57,7 +57,7 @@ def replaced(path: list[Any], value: Any) -> dict[str, Any]:
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(path=st.sampled_from(PATHS), value=VALUES)
-def test_any_value_in_any_field(service: Running, path: list[Any], value: Any):
+def test_any_value_in_any_field(service: RunningService, path: list[Any], value: Any):
     body = json.dumps(replaced(path, value))
     response = service.client.post("/plan", content=body, headers={"Content-Type": "application/json"})
     assert response.status_code in (201, 404, 422, 503), response.text
@@ -68,7 +68,7 @@ def test_any_value_in_any_field(service: Running, path: list[Any], value: Any):
 
 @settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(body=st.binary(max_size=64))
-def test_any_bytes(service: Running, body: bytes):
+def test_any_bytes(service: RunningService, body: bytes):
     response = service.client.post("/execute", content=body, headers={"Content-Type": "application/json"})
     assert response.status_code == 422, response.text
     assert response.headers["content-type"] == "application/problem+json"

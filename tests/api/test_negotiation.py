@@ -23,5 +23,5 @@ OFFERS = ("application/json", "text/csv")
         ("application/json;q=0.1,text/csv;q=0.2", OFFERS[1]),
     ],
 )
-def test_the_best_liked_offer_is_chosen(accept: str | None, chosen: str):
+def test_the_offer_of_highest_quality_is_chosen(accept: str | None, chosen: str):
     assert preferred_media_type(accept, OFFERS) == chosen

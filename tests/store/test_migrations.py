@@ -67,9 +67,9 @@ def test_an_older_postgresql_is_refused_and_an_older_sqlite_upgraded(database_ur
             Store.open(database_url)
 
 
-def test_no_database_there(tmp_path):
+def test_a_file_that_is_no_database_is_refused(tmp_path):
     file = tmp_path / "file"
-    file.write_text("this is no database, and long enough to be looked at as one " * 20)
+    file.write_text("this is not a database, but long enough to be read as one " * 20)
     with pytest.raises(StoreUnavailable):
         Store.open(f"sqlite:///{file}")
 

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 
-def test_the_last_word_of_an_executor(store):
+def test_the_last_heartbeat_of_an_executor_is_kept(store):
     assert store.cell_status("a") is None
     store.beat("a", "one", "sim", {"mode": "RUNNING"})
     store.beat("a", "two", "sim", {"mode": "IDLE"}, fault={"reason": "late"}, read_only=True)
@@ -12,7 +12,7 @@ def test_the_last_word_of_an_executor(store):
     assert store.cell_status("a").fault is None
 
 
-def test_an_acknowledgement_is_dealt_with_once(store):
+def test_an_acknowledgement_is_handled_once(store):
     assert not store.request_acknowledge("a", "me")
     assert not store.acknowledge_requested("a")
     store.beat("a", "one", "sim")

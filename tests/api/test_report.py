@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from api.cli import main
 from api.report import plan_svg, report_html
 from planner.cell import load_cell
-from tests.api.conftest import Running
+from tests.api.conftest import RunningService
 from tests.api.test_bad_input import problem_of
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -19,7 +19,7 @@ TARGET = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}, "backend":
 
 
 @pytest.fixture(scope="module")
-def throw(shared: Running):
+def throw(shared: RunningService):
     return shared.client.post("/plan", json=TARGET).json()
 
 
@@ -44,7 +44,7 @@ def test_the_top_view_is_the_plan_to_scale(throw, root: Path):
     assert abs(float(dots["target"].attrib["cx"]) - float(dots["landing"].attrib["cx"])) < 0.5
 
 
-def test_the_picture_is_served_while_the_cell_is_the_same(service: Running, throw, cells: Path):
+def test_the_picture_is_served_while_the_cell_is_the_same(service: RunningService, throw, cells: Path):
     response = service.client.get(f"/plans/{throw['id']}/picture.svg")
     assert response.headers["content-type"].startswith("image/svg+xml")
     ElementTree.fromstring(response.text)
@@ -66,7 +66,7 @@ def test_the_report_is_one_file(throw, root: Path):
     assert "no picture" in report_html({**throw, "cell_sha256": "other"}, load_cell(root / "cells" / "ur5e-sim.toml"))
 
 
-def test_a_move_that_ends_at_rest_has_no_flight(shared: Running, root: Path):
+def test_a_move_that_ends_at_rest_has_no_flight(shared: RunningService, root: Path):
     release = {"kind": "joint", "positions": [0.4, -1.4, 1.2, -1.2, -1.57, 0.0], "velocities": [0.0] * 6}
     plan = shared.client.post("/plan", json={"release": release, "backend": "ruckig"}).json()
     assert plan["flight"] is None
