@@ -10,7 +10,7 @@ from pathlib import Path
 
 from benchmarks.audit import AuditResult, run_audit
 from benchmarks.feasibility_search import SEARCH, find_certified_motion
-from benchmarks.peers import PEERS, Peer, PeerMissing, SduTally, tally_sdu_method
+from benchmarks.peers import PEERS, PeerMissing, PeerPlanner, SduTally, tally_sdu_method
 from benchmarks.problem_sets import ANYWHERE, IMPOSSIBLE_SETS, Task, build, cell
 from benchmarks.report import write_report
 from benchmarks.results import ResultFile, ResultRow, machine
@@ -143,7 +143,7 @@ def _run_peers(tasks: list[Task], results: ResultFile) -> None:
         _log(f"pose               {name:10} {sum(r.certified for r in own)} of {len(own)} certified")
 
 
-def _peer_row(name: str, peer: Peer, task: Task) -> ResultRow:
+def _peer_row(name: str, peer: PeerPlanner, task: Task) -> ResultRow:
     answer = peer.solve(task.problem)
     if answer.motion is None:
         return ResultRow(task.name, name, "failed", solve_s=answer.solve_s, cpu_s=answer.solve_s, reason=answer.reason)

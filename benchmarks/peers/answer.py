@@ -44,7 +44,7 @@ class PeerAnswer:
 
 
 @dataclass(frozen=True)
-class Peer:
+class PeerPlanner:
     """A peer.
 
     Attributes:
