@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
-SOURCES := planner store api executor
+SOURCES := planner store api executor benchmarks
 
 .PHONY: setup demo up test check bench lock clean
 
@@ -25,8 +25,8 @@ check: $(VENV)/dev.stamp
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
-bench: $(VENV)/bench.stamp $(VENV)/warm.stamp  ## docs/benchmarks anew, about ten minutes; SLOW=1 for hours
-	$(BIN)/fling bench -- $(if $(SLOW),--slow)
+bench: $(VENV)/bench.stamp $(VENV)/warm.stamp  ## writes docs/benchmarks, about ten minutes; SLOW=1 for hours
+	$(BIN)/python -m benchmarks $(if $(SLOW),--slow)
 
 lock:                           ## pin requirements/*.in anew (needs uv)
 	for name in run dev bench; do \

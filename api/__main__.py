@@ -1,11 +1,11 @@
-"""`python -m api`: the service in this process, settings from the environment."""
+"""`python -m api`: the service in this process, with settings from the environment."""
 
 from __future__ import annotations
 
 import sys
 
-from api.serving import serve
-from api.settings import Settings
+from api.app import serve
+from api.settings import ServiceSettings
 
 if __name__ == "__main__":
-    sys.exit(serve(Settings()))
+    sys.exit(serve(ServiceSettings()))

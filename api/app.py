@@ -1,96 +1,112 @@
-"""The service, put together. Nothing happens at import; `create_app` is called by `python -m api` and by tests."""
+"""The application: `create_app` assembles the service, `serve` runs it. Importing this module has no side effects."""
 
 from __future__ import annotations
 
 import asyncio
 import logging
+import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import Any
 
 from fastapi import FastAPI
-from fastapi.openapi.utils import get_openapi
 
-from api import cells, executions, health, pages, plans, problems
-from api.deps import Service
-from api.gate import Gate
+from api import fling_version
+from api.cell_repository import CellRepository
+from api.dependencies import Service
+from api.http import SecurityMiddleware, StoredToken, install_error_handlers, openapi_schema, read_tokens
 from api.metrics import Metrics
-from api.schemas.executions import ProblemAnswer
-from api.settings import Settings
-from api.shelf import CellShelf
-from api.solving import Job
-from api.tokens import read_tokens
-from api.version import fling_version
-from api.workers import Workers
-from store import Store
+from api.planning import PlannerPool, PlanningJob
+from api.routes import ROUTERS
+from api.settings import ServiceSettings
+from store import Store, StoreError
 
 DESCRIPTION = (
     "Plan a throw (or any move that must pass a state at speed) for a Universal Robots arm, get it certified, stream "
     "it to the arm. SI units; world frame unless a request says `frame: base`. Every error is "
     "`application/problem+json`. **Software stop is not a safety function.**"
 )
-WARM_UP = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}  # any throw: it loads and builds everything
+WARM_UP_REQUEST = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}  # any throw loads and builds everything
+SHUTDOWN_S = 2  # [s] time for open event streams before they are cut
 
 
 class UnsafeSettings(ValueError):
-    """The service refuses to start: it would be open to others."""
+    """The service refuses to start because other machines could use it without a token."""
 
 
-def create_app(settings: Settings) -> FastAPI:
+def create_app(settings: ServiceSettings) -> FastAPI:
     """Returns the service for these settings.
 
     Raises:
-        UnsafeSettings: no tokens, and an address that others can reach.
-        ValueError: the tokens file cannot be read.
+        UnsafeSettings: There are no tokens and the address can be reached from other machines.
+        ValueError: The tokens file cannot be read.
     """
     tokens = read_tokens(settings.tokens_file)
     if not tokens and not settings.is_loopback:
         raise UnsafeSettings(
-            f"{settings.host} can be reached by others: make a token ('fling token create') and set FLING_TOKENS_FILE"
+            f"{settings.host} can be reached from other machines: create a token ('fling token create') and set "
+            "FLING_TOKENS_FILE"
         )
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         service = _service(settings, tokens)
         app.state.service = service
-        warming = asyncio.create_task(service.workers.warm())
+        warm_up = asyncio.create_task(service.pool.warm_up())
         try:
             yield
         finally:
-            warming.cancel()
-            service.workers.close()
+            warm_up.cancel()
+            service.pool.close()
             service.store.close()
 
     app = FastAPI(
-        title="Fling", version=fling_version(), description=DESCRIPTION, lifespan=lifespan, docs_url=None,
-        redoc_url=None, redirect_slashes=False,
-    )  # fmt: skip
-    app.add_middleware(Gate, local_only=not tokens)
-    problems.install(app)
-    for router in (plans.router, executions.router, cells.router, health.router, pages.router):
+        title="Fling",
+        version=fling_version(),
+        description=DESCRIPTION,
+        lifespan=lifespan,
+        docs_url=None,
+        redoc_url=None,
+        redirect_slashes=False,
+    )
+    app.add_middleware(SecurityMiddleware, local_only=not tokens)
+    install_error_handlers(app)
+    for router in ROUTERS:
         app.include_router(router)
-    app.openapi = lambda: _openapi(app)
+    app.openapi = lambda: openapi_schema(app)
     return app
 
 
-def _service(settings: Settings, tokens: Any) -> Service:
+def serve(settings: ServiceSettings) -> int:
+    """Serves until SIGINT or SIGTERM. Returns the exit status of the process."""
+    import uvicorn
+
+    try:
+        Store.open(settings.database_url).close()
+        app = create_app(settings)
+    except (ValueError, RuntimeError, StoreError) as error:
+        print(f"fling: {error}", file=sys.stderr)
+        return 2
+    uvicorn.run(
+        app,
+        host=settings.host,
+        port=settings.port,
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=SHUTDOWN_S,
+    )
+    return 0
+
+
+def _service(settings: ServiceSettings, tokens: tuple[StoredToken, ...]) -> Service:
     store = Store.open(settings.database_url)
-    shelf = CellShelf(settings.cells)
-    for name, reason in shelf.faults().items():
+    cells = CellRepository(settings.cells)
+    for name, reason in cells.faults().items():
         logging.getLogger("fling").warning("cell %s is refused: %s", name, reason)
-    workers = Workers(settings.planner_workers, settings.planner_queue, _warm_up(settings, shelf))
-    return Service(settings, store, shelf, workers, tokens, Metrics(store.execution_counts))
+    pool = PlannerPool(settings.planner_workers, settings.planner_queue, _warm_up_job(settings, cells))
+    return Service(settings, store, cells, pool, tokens, Metrics(store.execution_counts))
 
 
-def _warm_up(settings: Settings, shelf: CellShelf) -> Job | None:
-    text = shelf.text(settings.default_cell)
-    return None if text is None else Job("warm-up", "", settings.default_cell, text, WARM_UP)
-
-
-def _openapi(app: FastAPI) -> dict[str, Any]:
-    if app.openapi_schema is None:
-        schema = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
-        answer = ProblemAnswer.model_json_schema(ref_template="#/components/schemas/{model}")
-        schema["components"]["schemas"] |= {**answer.pop("$defs", {}), "ProblemAnswer": answer}
-        app.openapi_schema = schema
-    return app.openapi_schema
+def _warm_up_job(settings: ServiceSettings, cells: CellRepository) -> PlanningJob | None:
+    text = cells.text(settings.default_cell)
+    return None if text is None else PlanningJob("warm-up", "", settings.default_cell, text, WARM_UP_REQUEST)

@@ -1,4 +1,4 @@
-"""Settings of the service: `FLING_*` environment variables, overridden by flags of the command line."""
+"""Settings of the service: `FLING_*` environment variables, overridden by command line flags."""
 
 from __future__ import annotations
 
@@ -12,17 +12,20 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 from planner.cell_folder import default_cells_folder
 from store import default_database_url
 
-BODY_LIMIT_BYTES = 1_000_000  # the contract's 1 MB; a request is a few hundred bytes
-HEARTBEAT_FRESH_S = 2.0  # [s] an executor beats several times a second; older than this it is gone
 
+class ServiceSettings(BaseSettings):
+    """Settings of one service. Built once at the start of the process and passed down.
 
-def default_workers() -> int:
-    """Returns one planner process for each core but one, which the executor streams on; at least one."""
-    return max(1, (os.cpu_count() or 2) - 1)
-
-
-class Settings(BaseSettings):
-    """What a service is started with. Built once, in `main`, and passed down."""
+    Attributes:
+        database_url: SQLite or PostgreSQL; `FLING_DATABASE_URL`.
+        cells: Folder of the cell files.
+        default_cell: Cell of requests that name none.
+        tokens_file: File of the bearer tokens; without one the service is local only.
+        host: Address to listen on.
+        port: Port to listen on.
+        planner_workers: Number of planner processes.
+        planner_queue: Number of requests that may wait for a worker before further ones are answered 429.
+    """
 
     model_config = SettingsConfigDict(env_prefix="FLING_", frozen=True)
 
@@ -32,8 +35,8 @@ class Settings(BaseSettings):
     tokens_file: Path | None = None
     host: str = "127.0.0.1"
     port: int = 8000
-    planner_workers: int = Field(default_factory=default_workers, ge=1)
-    planner_queue: int = Field(default=16, ge=0)  # requests that may wait for a worker before 429
+    planner_workers: int = Field(default_factory=lambda: max(1, (os.cpu_count() or 2) - 1), ge=1)  # one core streams
+    planner_queue: int = Field(default=16, ge=0)
 
     @property
     def is_loopback(self) -> bool:
@@ -42,7 +45,7 @@ class Settings(BaseSettings):
 
 
 def is_loopback_host(host: str) -> bool:
-    """Returns whether `host` names this machine's loopback."""
+    """Returns whether `host` is a loopback name or address."""
     if host.lower() == "localhost":
         return True
     try:

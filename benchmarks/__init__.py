@@ -1,1 +1,1 @@
-"""Measurements and comparisons; nothing of it is installed."""
+"""The benchmark: named problem sets with fixed seeds, every back end, peers, an independent audit, one report."""

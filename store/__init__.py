@@ -1,12 +1,12 @@
-"""The store: everything the service and the executor share, and all SQL.
+"""The database shared by service and executor: plans, executions, cell status, idempotency keys, audit trail.
 
-`Store` is the one door. SQLite (WAL) by default, PostgreSQL by its address. Times are seconds since the epoch (float).
+`Store` is the only entry; all SQL of the project is in this package. SQLite in WAL mode by default, PostgreSQL by its
+URL. Times are seconds since the epoch.
 """
 
+from store.database import default_database_url
 from store.errors import CellBusy, KeyTaken, StoreError, StoreUnavailable, UnknownExecution, UnknownPlan
-from store.identifiers import new_id
-from store.location import default_database_url
-from store.rows import CellRow, EventRow, ExecutionRow, IdempotencyKey, PlanRow, RecordingRow
+from store.rows import CellRow, EventRow, ExecutionRow, IdempotencyKey, PlanRow, RecordingRow, new_id
 from store.store import Store
 
 __all__ = [

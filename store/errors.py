@@ -3,29 +3,29 @@
 ::
 
     StoreError
-    ├── StoreUnavailable   the database does not answer, is locked, full or broken
-    ├── CellBusy           the cell already has an execution that is not finished
-    ├── KeyTaken           the idempotency key already stands for a resource
-    ├── UnknownPlan        no plan of this id
-    └── UnknownExecution   no execution of this id
+    ├── StoreUnavailable   the database does not answer, is locked, full or corrupt
+    ├── CellBusy           the cell has an unfinished execution
+    ├── KeyTaken           the idempotency key is bound to a resource
+    ├── UnknownPlan        no plan has this id
+    └── UnknownExecution   no execution has this id
 """
 
 from __future__ import annotations
 
 
 class StoreError(Exception):
-    """Root of everything the store raises on purpose."""
+    """Root of the errors raised by the store."""
 
 
 class StoreUnavailable(StoreError):
-    """The database does not answer, is locked for too long, full or broken; the cause is the driver's own error."""
+    """The database does not answer, is locked for too long, full or corrupt. The cause is the driver's error."""
 
     def __init__(self, cause: Exception) -> None:
         super().__init__(f"the database cannot be used: {getattr(cause, 'orig', None) or cause}")
 
 
 class CellBusy(StoreError):
-    """One execution a cell at a time."""
+    """The cell has an unfinished execution; each cell runs one at a time."""
 
     def __init__(self, cell: str) -> None:
         super().__init__(f"cell {cell!r} already has an execution that is not finished")
@@ -33,16 +33,16 @@ class CellBusy(StoreError):
 
 
 class KeyTaken(StoreError):
-    """The idempotency key stands for a resource already; `body_sha256` is that of the body that made it."""
+    """The idempotency key is bound to a resource, which was created from the body with hash `body_sha256`."""
 
     def __init__(self, resource_id: str, body_sha256: str) -> None:
-        super().__init__(f"this idempotency key already stands for {resource_id}")
+        super().__init__(f"this idempotency key is bound to {resource_id}")
         self.resource_id = resource_id
         self.body_sha256 = body_sha256
 
 
 class UnknownPlan(StoreError):
-    """No plan of this id."""
+    """No plan has this id."""
 
     def __init__(self, plan_id: str) -> None:
         super().__init__(f"no plan {plan_id!r}")
@@ -50,7 +50,7 @@ class UnknownPlan(StoreError):
 
 
 class UnknownExecution(StoreError):
-    """No execution of this id."""
+    """No execution has this id."""
 
     def __init__(self, execution_id: str) -> None:
         super().__init__(f"no execution {execution_id!r}")

@@ -1,22 +1,27 @@
-"""Executions as the service sees them: queue, look, ask to abort."""
+"""Executions with their events and recordings: queued by the service, run by the executor."""
 
 from __future__ import annotations
 
-from sqlalchemy import Connection, func, insert, select, update
+from collections.abc import Mapping
+from typing import Any
+
+from sqlalchemy import Connection, delete, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
-from store.access import take_key
-from store.area import Area
-from store.engine import reading, writing
-from store.errors import CellBusy, UnknownPlan
-from store.identifiers import new_id
-from store.rows import EventRow, ExecutionRow, IdempotencyKey, RecordingRow
-from store.runs import read_execution, write_event
+from store.clients import take_key
+from store.database import Repository, read_page, reading, writing
+from store.errors import CellBusy, UnknownExecution, UnknownPlan
+from store.rows import EventRow, ExecutionRow, IdempotencyKey, RecordingRow, new_id
 from store.tables import events, executions, plans, recordings
 
+UNFINISHED = executions.c.state != "finished"
 
-class Executions(Area):
-    """Statements about executions, for the service."""
+
+class ExecutionRepository(Repository):
+    """Tables `executions`, `events` and `recordings`.
+
+    Queueing and abort requests come from the service; claiming, states, results and recordings from the executor.
+    """
 
     def queue_execution(
         self,
@@ -30,9 +35,9 @@ class Executions(Area):
         """Queues one execution of a plan.
 
         Raises:
-            CellBusy: the cell has one that is not finished.
-            KeyTaken: `key` stands for another execution already.
-            UnknownPlan: there is no such plan.
+            CellBusy: The cell has an unfinished execution.
+            KeyTaken: `key` is bound to another execution.
+            UnknownPlan: There is no such plan.
         """
         id, now = new_id(), self._now()
         row = {"id": id, "plan_id": plan_id, "cell": cell, "mode": mode, "dry_run": dry_run}
@@ -45,8 +50,8 @@ class Executions(Area):
                 connection.execute(insertion)
             except IntegrityError as error:
                 raise CellBusy(cell) from error
-            write_event(connection, id, "state", {"state": "queued"}, now)
-            return read_execution(connection, id)
+            _write_event(connection, id, "state", {"state": "queued"}, now)
+            return _read_execution(connection, id)
 
     def execution(self, id: str) -> ExecutionRow | None:
         """Returns one execution."""
@@ -55,44 +60,108 @@ class Executions(Area):
         return None if row is None else ExecutionRow(**row._mapping)
 
     def executions(self, limit: int = 50, cursor: str | None = None) -> tuple[list[ExecutionRow], str | None]:
-        """Returns executions, newest first, and the cursor of the next page (None: no more)."""
-        query = select(executions).order_by(executions.c.id.desc()).limit(limit + 1)
-        if cursor is not None:
-            query = query.where(executions.c.id < cursor)
+        """Returns executions, newest first, and the cursor of the next page (None after the last)."""
         with reading(self._engine) as connection:
-            rows = [ExecutionRow(**row._mapping) for row in connection.execute(query)]
-        return rows[:limit], rows[limit - 1].id if len(rows) > limit else None
+            rows, following = read_page(connection, select(executions), executions, limit, cursor)
+        return [ExecutionRow(**row._mapping) for row in rows], following
 
     def open_execution(self, cell: str) -> str | None:
-        """Returns the id of the execution of `cell` that is not finished."""
-        query = select(executions.c.id).where(executions.c.cell == cell, executions.c.state != "finished")
+        """Returns the id of the cell's unfinished execution, or None."""
+        query = select(executions.c.id).where(executions.c.cell == cell, UNFINISHED)
         with reading(self._engine) as connection:
             return connection.execute(query).scalar_one_or_none()
 
     def execution_counts(self) -> dict[str, int]:
-        """Returns how many executions ended with each outcome; those not finished under their state."""
+        """Returns the number of executions by outcome; unfinished ones count under their state."""
         label = func.coalesce(executions.c.outcome, executions.c.state)
         with reading(self._engine) as connection:
             return {name: count for name, count in connection.execute(select(label, func.count()).group_by(label))}
 
     def request_abort(self, id: str) -> ExecutionRow:
-        """Asks for a brake. What no executor has claimed yet ends here; asking twice changes nothing.
+        """Requests a brake. A queued execution ends at once; a repeated request changes nothing.
 
         Raises:
-            UnknownExecution: there is none of this id.
+            UnknownExecution: There is no such execution.
         """
         now = self._now()
         with writing(self._engine) as connection:
-            asked = update(executions).where(executions.c.id == id, executions.c.abort_requested_at.is_(None))
-            connection.execute(asked.where(executions.c.state != "finished").values(abort_requested_at=now))
+            requested = update(executions).where(executions.c.id == id, executions.c.abort_requested_at.is_(None))
+            connection.execute(requested.where(UNFINISHED).values(abort_requested_at=now))
             _abort_unclaimed(connection, id, now)
-            return read_execution(connection, id)
+            return _read_execution(connection, id)
+
+    def abort_requested(self, id: str) -> bool:
+        """Returns whether an abort was requested."""
+        query = select(executions.c.abort_requested_at).where(executions.c.id == id)
+        with reading(self._engine) as connection:
+            return connection.execute(query).scalar_one_or_none() is not None
+
+    def claim_execution(self, cell: str, executor_id: str) -> ExecutionRow | None:
+        """Claims the cell's queued execution, if any, and sets it to `preparing`.
+
+        Compare and set: if two executors try at once, one of them gets it.
+        """
+        with reading(self._engine) as connection:  # polling takes no lock
+            queued = select(executions.c.id).where(executions.c.cell == cell, executions.c.state == "queued")
+            id = connection.execute(queued.limit(1)).scalar_one_or_none()
+        if id is None:
+            return None
+        now = self._now()
+        with writing(self._engine) as connection:
+            claim = update(executions).where(executions.c.id == id, executions.c.state == "queued")
+            claim = claim.values(state="preparing", executor_id=executor_id, claimed_at=now)
+            if not connection.execute(claim).rowcount:
+                return None
+            _write_event(connection, id, "state", {"state": "preparing"}, now)
+            return _read_execution(connection, id)
+
+    def set_state(self, id: str, state: str, data: Mapping[str, Any] | None = None) -> bool:
+        """Sets the state and writes its event. Returns False if the execution is finished or already in that state."""
+        with writing(self._engine) as connection:
+            change = update(executions).where(executions.c.id == id, executions.c.state.not_in(("finished", state)))
+            if not connection.execute(change.values(state=state)).rowcount:
+                return False
+            _write_event(connection, id, "state", {"state": state, **(data or {})}, self._now())
+            return True
+
+    def finish_execution(
+        self, id: str, outcome: str, reason: str | None = None, metrics: Mapping[str, Any] | None = None
+    ) -> bool:
+        """Finishes an execution and writes its event. Returns False if it was finished already."""
+        with writing(self._engine) as connection:
+            return _finish(connection, id, outcome, reason, metrics, self._now())
+
+    def close_open_executions(
+        self, cell: str, outcome: str = "executor_lost", reason: str = "the executor was lost"
+    ) -> list[str]:
+        """Finishes every open execution of a cell, queued ones included, so that no old one starts unexpectedly.
+
+        Returns:
+            The ids of the executions it finished.
+        """
+        query = select(executions.c.id).where(executions.c.cell == cell, UNFINISHED)
+        with writing(self._engine) as connection:
+            ids = list(connection.execute(query).scalars())
+            for id in ids:
+                _finish(connection, id, outcome, reason, None, self._now())
+        return ids
+
+    def add_event(self, id: str, kind: str, data: Mapping[str, Any]) -> None:
+        """Appends an event to an execution."""
+        with writing(self._engine) as connection:
+            _write_event(connection, id, kind, data, self._now())
 
     def events(self, execution_id: str, after_id: int = 0, limit: int = 1000) -> list[EventRow]:
-        """Returns events of an execution after the event `after_id`, oldest first."""
+        """Returns the events of an execution that follow event `after_id`, oldest first."""
         query = select(events).where(events.c.execution_id == execution_id, events.c.id > after_id)
         with reading(self._engine) as connection:
             return [EventRow(**row._mapping) for row in connection.execute(query.order_by(events.c.id).limit(limit))]
+
+    def add_recording(self, execution_id: str, mcap: bytes, csv: bytes) -> None:
+        """Stores the recording of an execution and replaces an earlier one."""
+        with writing(self._engine) as connection:
+            connection.execute(delete(recordings).where(recordings.c.execution_id == execution_id))
+            connection.execute(insert(recordings).values(execution_id=execution_id, mcap=mcap, csv=csv))
 
     def recording(self, execution_id: str) -> RecordingRow | None:
         """Returns the recording of an execution."""
@@ -102,8 +171,32 @@ class Executions(Area):
         return None if row is None else RecordingRow(**row._mapping)
 
 
+def _read_execution(connection: Connection, id: str) -> ExecutionRow:
+    row = connection.execute(select(executions).where(executions.c.id == id)).one_or_none()
+    if row is None:
+        raise UnknownExecution(id)
+    return ExecutionRow(**row._mapping)
+
+
+def _write_event(connection: Connection, execution_id: str, kind: str, data: Mapping[str, Any], at: float) -> None:
+    row = {"execution_id": execution_id, "at": at, "kind": kind, "data": dict(data)}
+    connection.execute(insert(events).values(**row))
+
+
 def _abort_unclaimed(connection: Connection, id: str, now: float) -> None:
-    end = {"state": "finished", "outcome": "aborted", "reason": "no executor had taken it yet", "finished_at": now}
-    unclaimed = update(executions).where(executions.c.id == id, executions.c.state == "queued").values(**end)
-    if connection.execute(unclaimed).rowcount:
-        write_event(connection, id, "state", {k: end[k] for k in ("state", "outcome", "reason")}, now)
+    result = {"state": "finished", "outcome": "aborted", "reason": "no executor had claimed it yet"}
+    unclaimed = update(executions).where(executions.c.id == id, executions.c.state == "queued")
+    if connection.execute(unclaimed.values(**result, finished_at=now)).rowcount:
+        _write_event(connection, id, "state", result, now)
+
+
+def _finish(
+    connection: Connection, id: str, outcome: str, reason: str | None, metrics: Mapping[str, Any] | None, now: float
+) -> bool:
+    metrics = None if metrics is None else dict(metrics)
+    result = {"state": "finished", "outcome": outcome, "reason": reason, "metrics": metrics}
+    unfinished = update(executions).where(executions.c.id == id, UNFINISHED)
+    if not connection.execute(unfinished.values(**result, finished_at=now)).rowcount:
+        return False
+    _write_event(connection, id, "state", result, now)
+    return True

@@ -1,6 +1,6 @@
-"""Migrations: numbered lists of statements, each applied once, in order, in one transaction.
+"""Migrations: numbered steps of SQL statements, applied once, in order, in one transaction.
 
-A step is never edited after a release; a change is a new step. Why not a tool: docs/decisions/0020-own-migrations.md.
+A released step is never edited; every change is a new step. Reasons: docs/decisions/0020-own-migrations.md.
 """
 
 from __future__ import annotations
@@ -47,16 +47,19 @@ STEPS: tuple[tuple[str, ...], ...] = (
 )
 
 LATEST = len(STEPS)
-LOCK_ID = 0x466C696E67  # "Fling": the PostgreSQL advisory lock that lets one process migrate at a time
+LOCK_ID = 0x466C696E67  # "Fling" in ASCII: PostgreSQL advisory lock, one process migrates at a time
 
 
 def upgrade(engine: Engine) -> tuple[int, int]:
-    """Applies every step that is missing. Returns the version before and after. Safe to call from two processes.
+    """Applies the missing steps. Safe to call from two processes at once.
+
+    Returns:
+        The schema version before and after.
 
     Raises:
-        RuntimeError: the database was written by a newer Fling.
+        RuntimeError: The database was written by a newer version of Fling.
     """
-    with engine.begin() as connection:  # SQLite: holds the write lock
+    with engine.begin() as connection:  # on SQLite this holds the write lock
         if connection.dialect.name == "postgresql":
             connection.execute(text("SELECT pg_advisory_xact_lock(:id)"), {"id": LOCK_ID})
         before = _version(connection)
@@ -67,10 +70,10 @@ def upgrade(engine: Engine) -> tuple[int, int]:
 
 
 def check(engine: Engine) -> None:
-    """Makes sure that every step was applied, and no other.
+    """Checks that the schema is up to date.
 
     Raises:
-        RuntimeError: the database is older or newer than this Fling.
+        RuntimeError: The schema is older or newer than this version of Fling.
     """
     with engine.connect() as connection:
         version = _version(connection)
@@ -81,7 +84,9 @@ def check(engine: Engine) -> None:
 
 def _refuse_newer(version: int) -> None:
     if version > LATEST:
-        raise RuntimeError(f"the database is at version {version}; this Fling knows {LATEST}: install a newer one")
+        raise RuntimeError(
+            f"the database is at version {version}; this Fling supports up to {LATEST}: install a newer version"
+        )
 
 
 def _version(connection: Connection) -> int:

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from sqlalchemy import insert, select
 
-from store.access import take_key
-from store.area import Area
-from store.engine import reading, writing
+from store.clients import take_key
+from store.database import Repository, read_page, reading, writing
 from store.rows import IdempotencyKey, PlanRow
 from store.tables import plans
 
 SUMMARY_COLUMNS = [column for column in plans.c if column.name != "document"]
 
 
-class Plans(Area):
-    """Statements about plans."""
+class PlanRepository(Repository):
+    """Table `plans`."""
 
     def add_plan(
         self,
@@ -27,10 +26,20 @@ class Plans(Area):
         summary: bytes | None = None,
         key: IdempotencyKey | None = None,
     ) -> None:
-        """Stores one plan; `summary` is the document without its trajectory (by default the document itself).
+        """Stores one plan.
+
+        Args:
+            id: Id of the plan, from `new_id`.
+            created_at: Time of planning [s since the epoch].
+            cell: Name of the cell.
+            cell_sha256: Hash of the cell file.
+            backend: Back end that found the plan.
+            document: JSON of the whole plan.
+            summary: The document without its trajectory; the document itself by default.
+            key: Idempotency key of the request.
 
         Raises:
-            KeyTaken: `key` stands for another plan already; nothing is stored.
+            KeyTaken: `key` is bound to another plan; nothing is stored.
         """
         row = PlanRow(id, created_at, cell, cell_sha256, backend, document if summary is None else summary, document)
         with writing(self._engine) as connection:
@@ -38,7 +47,7 @@ class Plans(Area):
             connection.execute(insert(plans).values(**vars(row)))
 
     def plan(self, id: str) -> PlanRow | None:
-        """Returns one plan with its whole document."""
+        """Returns one plan with its trajectory."""
         with reading(self._engine) as connection:
             row = connection.execute(select(plans).where(plans.c.id == id)).one_or_none()
         return None if row is None else PlanRow(**row._mapping)
@@ -50,10 +59,7 @@ class Plans(Area):
         return None if row is None else PlanRow(**row._mapping)
 
     def plans(self, limit: int = 50, cursor: str | None = None) -> tuple[list[PlanRow], str | None]:
-        """Returns plans, newest first and without trajectories, and the cursor of the next page (None: no more)."""
-        query = select(*SUMMARY_COLUMNS).order_by(plans.c.id.desc()).limit(limit + 1)
-        if cursor is not None:
-            query = query.where(plans.c.id < cursor)
+        """Returns plans without trajectories, newest first, and the cursor of the next page (None after the last)."""
         with reading(self._engine) as connection:
-            rows = [PlanRow(**row._mapping) for row in connection.execute(query)]
-        return rows[:limit], rows[limit - 1].id if len(rows) > limit else None
+            rows, following = read_page(connection, select(*SUMMARY_COLUMNS), plans, limit, cursor)
+        return [PlanRow(**row._mapping) for row in rows], following

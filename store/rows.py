@@ -1,15 +1,29 @@
-"""What the store answers: frozen rows. Times are seconds since the epoch."""
+"""Rows of the tables as frozen dataclasses, and their ids. Times are seconds since the epoch."""
 
 from __future__ import annotations
 
+import secrets
+import time
+import uuid
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 
+def new_id() -> str:
+    """Returns a fresh UUID of version 7, whose text sorts by creation time.
+
+    48 bits of Unix time [ms], then 74 random bits. Source: RFC 9562, section 5.7.
+    """
+    milliseconds = time.time_ns() // 1_000_000
+    random = secrets.randbits(74)
+    value = (milliseconds << 80) | (0x7 << 76) | ((random >> 62) << 64) | (0b10 << 62) | (random & (2**62 - 1))
+    return str(uuid.UUID(int=value))
+
+
 @dataclass(frozen=True)
 class PlanRow:
-    """One plan. `document` is the JSON of `POST /plan`; `summary` the same without its trajectory, alone in lists."""
+    """One plan. `document` is its JSON; `summary` is the same without the trajectory, and all that lists contain."""
 
     id: str
     created_at: float
@@ -43,7 +57,7 @@ class ExecutionRow:
 
 @dataclass(frozen=True)
 class EventRow:
-    """Something that happened in an execution; `kind` is "state", "telemetry" or "note"."""
+    """One event of an execution; `kind` is "state", "telemetry" or "note"."""
 
     id: int
     execution_id: str
@@ -54,7 +68,7 @@ class EventRow:
 
 @dataclass(frozen=True)
 class RecordingRow:
-    """Planned against measured, one row a tick, in two formats."""
+    """Planned and measured motion, one sample per tick, in two formats."""
 
     execution_id: str
     mcap: bytes
@@ -63,7 +77,7 @@ class RecordingRow:
 
 @dataclass(frozen=True)
 class CellRow:
-    """What the executor of a cell last said, and whether a person acknowledged its fault since."""
+    """Last heartbeat of a cell's executor, and the acknowledgement of its fault by a person."""
 
     cell: str
     executor_id: str
@@ -79,7 +93,7 @@ class CellRow:
 
 @dataclass(frozen=True)
 class IdempotencyKey:
-    """A client's key for a POST: who and where (`scope`), the key, and what was posted."""
+    """A client's idempotency key: its scope (client and path), the key itself, and the hash of the body."""
 
     scope: str
     key: str

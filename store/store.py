@@ -1,4 +1,4 @@
-"""`Store`: the one door to the database, put together from its areas."""
+"""`Store`: the repositories of all tables over one database connection."""
 
 from __future__ import annotations
 
@@ -8,28 +8,27 @@ from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 
 from store import migrations
-from store.access import Access
-from store.cells import Cells
-from store.engine import open_engine, reading
+from store.cell_status import CellStatusRepository
+from store.clients import ClientRepository
+from store.database import open_engine, reading
 from store.errors import StoreUnavailable
-from store.executions import Executions
-from store.plans import Plans
-from store.runs import Runs
+from store.executions import ExecutionRepository
+from store.plans import PlanRepository
 
 
-class Store(Plans, Executions, Runs, Cells, Access):
-    """Plans, executions, events, recordings, cells, idempotency keys and the audit trail.
+class Store(PlanRepository, ExecutionRepository, CellStatusRepository, ClientRepository):
+    """Plans, executions, events, recordings, cell status, idempotency keys and the audit trail.
 
-    Every method is one transaction. Safe to share between threads; each process opens its own.
+    Every method is one transaction. Threads may share a store; each process opens its own.
     """
 
     @classmethod
     def open(cls, url: str) -> Self:
-        """Opens `url`. A SQLite file is created and brought up to date; PostgreSQL by `fling db upgrade` alone.
+        """Opens the database. SQLite is created and migrated; PostgreSQL must be migrated by `fling db upgrade`.
 
         Raises:
-            RuntimeError: the database is older (PostgreSQL) or newer than this Fling.
-            StoreUnavailable: there is no database at `url`.
+            RuntimeError: The schema is older (PostgreSQL) or newer than this version of Fling.
+            StoreUnavailable: There is no usable database at `url`.
         """
         engine = open_engine(url)
         try:
@@ -46,7 +45,7 @@ class Store(Plans, Executions, Runs, Cells, Access):
 
     @staticmethod
     def upgrade(url: str) -> tuple[int, int]:
-        """Brings the database at `url` up to date. Returns its version before and after."""
+        """Migrates the database at `url`. Returns its schema version before and after."""
         engine = open_engine(url)
         try:
             return migrations.upgrade(engine)
@@ -56,7 +55,7 @@ class Store(Plans, Executions, Runs, Cells, Access):
             engine.dispose()
 
     def is_reachable(self) -> bool:
-        """Whether the database answers."""
+        """Returns whether the database answers."""
         try:
             with reading(self._engine) as connection:
                 connection.execute(text("SELECT 1 FROM plans LIMIT 1"))
@@ -65,5 +64,5 @@ class Store(Plans, Executions, Runs, Cells, Access):
         return True
 
     def close(self) -> None:
-        """Closes every connection."""
+        """Closes all connections."""
         self._engine.dispose()

@@ -1,6 +1,6 @@
-"""The tables. One writer per column: [api] the service, [executor] the executor daemon of that cell.
+"""Table definitions. Every column has one writer: [api] the service, [executor] the executor daemon of the cell.
 
-The statements that create them are in `store/migrations.py`; a test holds the two together.
+The tables are created by `store/migrations.py`; a test compares the two.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ executions = Table(
     Column("abort_requested_at", Double),  # … [api]
     Column("claimed_at", Double),  # [executor] …
     Column("executor_id", Text),
-    Column("state", Text, nullable=False),  # the service inserts 'queued' and may abort what nobody claimed
+    Column("state", Text, nullable=False),  # [api] inserts 'queued' and may abort an unclaimed execution
     Column("outcome", Text),
     Column("reason", Text),
     Column("metrics", JSON(none_as_null=True)),
     Column("finished_at", Double),  # … [executor]
 )
 
-# One execution a cell at a time, held by the database itself.
+# The database itself enforces one unfinished execution per cell.
 one_active = Index(
     "one_active_execution_per_cell",
     executions.c.cell,
@@ -64,7 +64,7 @@ one_active = Index(
     postgresql_where=text("state <> 'finished'"),
 )
 
-events = Table(  # [executor]; the first one of an execution [api]
+events = Table(  # [executor]; the first event of an execution: [api]
     "events",
     METADATA,
     Column("id", ROW_ID, primary_key=True, autoincrement=True),

@@ -7,24 +7,51 @@ import os
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
-ROOMS = ("planner", "store", "api", "executor")
+ROOMS = ("planner", "store", "api", "executor", "benchmarks")
+
+# Packages that others enter by `__init__` alone: nothing deeper is imported, nothing outside `__all__`.
+FACES = (
+    "store",
+    "api.cli",
+    "api.http",
+    "api.planning",
+    "api.report",
+    "api.routes",
+    "api.schemas",
+    "benchmarks.audit",
+    "benchmarks.peers",
+    "benchmarks.problem_sets",
+    "benchmarks.report",
+    "benchmarks.streaming",
+)
 FUNCTION_LINES_MAX = 40
 MODULE_LINES_MAX = 250
 
 # contract: (file of the copy, the import planted there)
 PLANTED = {
-    "rooms": ("api/plans.py", "import executor.job"),
+    "rooms": ("api/routes/plans.py", "import executor.job"),
     "planner-levels": ("planner/certificate/__init__.py", "import planner.backends.ruckig_otg"),
     "backends-apart": ("planner/backends/ruckig_otg/__init__.py", "import planner.backends.profiles"),
     "planner-pure": ("planner/cell/model.py", "import sqlalchemy"),
     "executor-no-solver": ("executor/job.py", "import planner.planning"),
-    "api-no-robot": ("api/plans.py", "import rtde_control"),
+    "api-no-robot": ("api/routes/plans.py", "import rtde_control"),
     "sql-in-store": ("executor/daemon.py", "import sqlalchemy"),
     "simulator-alone": ("executor/daemon.py", "import executor.simulator.wire"),
+    "benchmarks-alone": ("planner/planning.py", "import benchmarks.results"),
+    "benchmarks-layers": ("benchmarks/problem_sets/task.py", "import benchmarks.suite"),
+    "store-layers": ("store/clients.py", "import store.plans"),
+    "api-layers": ("api/report/picture.py", "import api.http"),
+    "api-routes": ("api/routes/plans.py", "import api.routes.executions"),
+    "api-http": ("api/http/errors.py", "import api.http.middleware"),
+    "api-planning": ("api/planning/worker.py", "import api.planning.pool"),
+    "api-report": ("api/report/picture.py", "import api.report.page"),
+    "api-schemas": ("api/schemas/plans.py", "import api.schemas.requests"),
+    "api-cli": ("api/cli/client.py", "import api.cli.processes"),
 }  # fmt: skip
 
 
@@ -54,8 +81,6 @@ def test_the_contracts_hold(root: Path):
 
 
 def test_every_contract_is_tried(root: Path):
-    import tomllib
-
     contracts = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
     assert {contract["id"] for contract in contracts} == set(PLANTED)
 
@@ -72,6 +97,48 @@ def test_a_contract_bites(copy: Path, contract: str):
         file.write_text(before)
     assert result.returncode == 1, result.stdout + result.stderr
     assert "BROKEN" in result.stdout
+
+
+def test_a_module_outside_every_layer_fails(copy: Path, root: Path):
+    contracts = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    exhaustive = [contract for contract in contracts if contract.get("exhaustive")]
+    strays = [copy / container.replace(".", "/") / "stray.py" for c in exhaustive for container in c["containers"]]
+    for stray in strays:
+        stray.write_text("")
+    try:
+        result = lint(copy)
+    finally:
+        for stray in strays:
+            stray.unlink()
+    assert result.stdout.count("BROKEN") == len(exhaustive), result.stdout
+
+
+def module_of(file: Path, root: Path) -> str:
+    return ".".join(file.relative_to(root).with_suffix("").parts).removesuffix(".__init__")
+
+
+def public_names(face: str, root: Path) -> set[str]:
+    body = ast.parse((root / face.replace(".", "/") / "__init__.py").read_text()).body
+    for node in body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+            return set(ast.literal_eval(node.value))
+    return set()
+
+
+def test_packages_are_entered_by_their_face(root: Path):
+    public = {face: public_names(face, root) for face in FACES}
+    assert all(public.values())
+    found = []
+    for file in sources(root):
+        module = module_of(file, root)
+        for node in ast.walk(ast.parse(file.read_text())):
+            names = [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            for face in (face for face in FACES if not f"{module}.".startswith(f"{face}.")):
+                found += [f"{module}: {name}" for name in names if name.startswith(f"{face}.")]
+                if isinstance(node, ast.ImportFrom) and node.module == face:
+                    found += [f"{module}: {face}.{a.name}" for a in node.names if a.name not in public[face]]
+    assert found == []
 
 
 def test_the_planner_costs_numpy_alone():

@@ -1,4 +1,4 @@
-"""What the documents point at is there."""
+"""Links, commands and paths in the documents exist."""
 
 from __future__ import annotations
 

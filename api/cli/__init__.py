@@ -1,4 +1,4 @@
-"""The command line `fling`. Each command loads its module, and what that needs, when it is called."""
+"""The command line `fling`. Each command imports its module, and the module's dependencies, when it is called."""
 
 from __future__ import annotations
 
@@ -6,29 +6,30 @@ from importlib import import_module
 
 import click
 
-# name: (module, attribute, what it does); the texts stand here so that `fling --help` loads nothing else.
+__all__ = ["COMMANDS", "main"]
+
+# name: (module, attribute, summary); the summaries are here so that `fling --help` imports nothing else.
 COMMANDS = {
-    "up": ("running", "up", "Everything on this machine: simulator, executor, service, web page."),
+    "up": ("serve", "up", "Everything on this machine: simulator, executor, service, web page."),
     "demo": ("demo", "demo", "One throw from plan to landing on a simulated arm."),
-    "serve": ("running", "serve", "The service alone."),
-    "executor": ("running", "executor", "The executor of one cell."),
+    "serve": ("serve", "serve", "The service alone."),
+    "executor": ("serve", "executor", "The executor of one cell."),
     "sim": ("simulator", "sim", "A simulated controller, or a fault in one."),
-    "plan": ("planning", "plan", "Plan a request from a file, without a service."),
-    "throw": ("throwing", "throw", "Plan and execute a throw to a point."),
-    "report": ("planning", "report", "One plan as a self-contained HTML file."),
-    "acknowledge": ("throwing", "acknowledge", "Clear a latched fault, after a look at the robot."),
-    "doctor": ("running", "doctor", "Judge this machine's timing and the link to the controller."),
-    "cell": ("keeping", "cell", "Judge cell files."),
-    "warm": ("planning", "warm", "Build and cache the generated solvers."),
-    "bench": ("planning", "bench", "The benchmark."),
-    "token": ("keeping", "token", "Make tokens for the service."),
-    "db": ("keeping", "db", "Migrations of the database."),
-    "version": ("keeping", "version", "Show the version."),
+    "plan": ("plan", "plan", "Plan a request from a file, without a service."),
+    "throw": ("throw", "throw", "Plan and execute a throw to a point."),
+    "report": ("plan", "report", "One plan as a self-contained HTML file."),
+    "acknowledge": ("throw", "acknowledge", "Clear a latched fault, after checking the robot."),
+    "doctor": ("serve", "doctor", "Check this machine's timing and the link to the controller."),
+    "cell": ("admin", "cell", "Check cell files."),
+    "warm": ("plan", "warm", "Build and cache the generated solvers."),
+    "token": ("admin", "token", "Create tokens for the service."),
+    "db": ("admin", "db", "Migrate the database."),
+    "version": ("admin", "version", "Show the version."),
 }
 
 
-class LateGroup(click.Group):
-    """A group whose commands are imported when they are called."""
+class LazyGroup(click.Group):
+    """A group that imports its commands when they are called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Returns the names in the order of `COMMANDS`."""
@@ -47,7 +48,7 @@ class LateGroup(click.Group):
             formatter.write_dl([(name, text) for name, (_, _, text) in COMMANDS.items()])
 
 
-@click.group(cls=LateGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 def main() -> None:
     """Plan a throw for a Universal Robots arm, get it certified, stream it to the arm.
 

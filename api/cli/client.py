@@ -1,4 +1,4 @@
-"""A client of the service, for the commands that need one."""
+"""HTTP client of the service, for the commands that need a running one."""
 
 from __future__ import annotations
 
@@ -12,28 +12,32 @@ import click
 import httpx2
 
 TIMEOUT_S = 150.0  # [s] a plan may take its whole time limit
-PROBLEM = "application/problem+json"
+PROBLEM_TYPE = "application/problem+json"
 
 
 class ServiceError(click.ClickException):
-    """The service refused, or is not there; exit status 2 where a person can change the request."""
+    """The service refused a request or cannot be reached; exit status 2 for a status of 400 to 499."""
 
     def __init__(self, problem: dict[str, Any]) -> None:
         super().__init__(describe(problem))
         self.problem = problem
 
     def show(self, file: IO[Any] | None = None) -> None:
-        """Writes the problem to standard error, and ends with status 2 where a person can change the request."""
+        """Writes the problem to standard error and exits with status 2 if the request can be corrected."""
         super().show(file)
         if 400 <= int(self.problem.get("status", 0)) < 500:
             sys.exit(2)
 
 
-class Client:
-    """Talks to a running service.
+class ServiceClient:
+    """Calls a running service.
+
+    Args:
+        url: Base URL of the service.
+        token: Bearer token.
 
     Raises:
-        ServiceError: from every call that does not succeed.
+        ServiceError: From every call that does not succeed.
     """
 
     def __init__(self, url: str, token: str | None = None) -> None:
@@ -55,7 +59,7 @@ class Client:
         return self._call("POST", path, body)
 
     def events(self, execution_id: str) -> Iterator[tuple[str, dict[str, Any]]]:
-        """Yields (kind, data) of every event of an execution until it has ended."""
+        """Yields (kind, data) of every event of an execution until its end."""
         kind = "message"
         try:
             with self._http.stream("GET", f"/executions/{execution_id}/events") as response:
@@ -79,12 +83,12 @@ class Client:
 
 
 def describe(problem: dict[str, Any]) -> str:
-    """Returns a problem as a person reads it."""
+    """Returns a problem as text."""
     lines = [f"{problem.get('title', 'refused')}: {problem.get('detail', '')}"]
     violations = problem.get("violations") or ()
     lines += [f"  {v['constraint']}: {v['value']} against {v['limit']} {v['unit']}" for v in violations]
     if problem.get("nearest"):
-        lines.append(f"  the nearest that can be done: {json.dumps(problem['nearest']['release'])}")
+        lines.append(f"  the nearest feasible request: {json.dumps(problem['nearest']['release'])}")
     return "\n".join(lines)
 
 
@@ -92,7 +96,7 @@ def _check(response: httpx2.Response) -> None:
     if response.status_code < 400:
         return
     response.read()
-    if response.headers.get("content-type", "").startswith(PROBLEM):
+    if response.headers.get("content-type", "").startswith(PROBLEM_TYPE):
         raise ServiceError(response.json())
     raise ServiceError({"title": "unexpected answer", "detail": response.text[:200], "status": response.status_code})
 

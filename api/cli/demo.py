@@ -1,4 +1,4 @@
-"""`fling demo`: up on free addresses, one throw, a report, down."""
+"""`fling demo`: start everything on free addresses, throw once, report, stop."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from api.cli.client import Client
+    from api.cli.client import ServiceClient
 
-TARGET_M = (1.2, 0.3, 0.0)  # [m] a metre and a quarter from the base, on the floor
-MISS_MAX_M = 0.010  # [m] the contract's: farther from the target is a failure
-ACKNOWLEDGED_S = 5.0  # [s] the executor hears of it at its next beat
-THROWS_MAX = 3  # a busy machine may be too late for the arm; more often than this it is no place for a demo
+TARGET_M = (1.2, 0.3, 0.0)  # [m] on the floor, 1.24 m from the base
+MISS_MAX_M = 0.010  # [m] a larger landing error is a failure; source: the contract
+ACKNOWLEDGE_TIMEOUT_S = 5.0  # [s] the executor acknowledges at its next heartbeat
+THROWS_MAX = 3  # a busy machine may miss ticks; after this many late throws it is unfit for a demo
 
 
 @click.command()
@@ -27,15 +27,15 @@ THROWS_MAX = 3  # a busy machine may be too late for the arm; more often than th
 @click.option("--keep", type=click.Path(path_type=Path), help="Keep database and logs in this folder.")
 def demo(cell: str, keep: Path | None) -> None:
     """Start everything, throw once, report, stop. Exit status 0 only where it landed within 10 mm of the target."""
-    from api.cli.running import catch_signals, cell_path
-    from api.settings import Settings
+    from api.cli.processes import catch_signals, cell_path
+    from api.settings import ServiceSettings
 
     catch_signals()
-    original = cell_path(Settings().cells, cell)
+    original = cell_path(ServiceSettings().cells, cell)
     with tempfile.TemporaryDirectory(prefix="fling-demo-") as temporary:
         folder = keep or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
-        _own_cell(original, folder)
+        _copy_cell(original, folder)
         try:
             missed_m = _throw(folder, cell)
         except KeyboardInterrupt:
@@ -45,8 +45,8 @@ def demo(cell: str, keep: Path | None) -> None:
     click.echo(f"\nThe object landed {1000 * missed_m:.1f} mm from the target.")
 
 
-def _own_cell(original: Path, folder: Path) -> None:
-    """Copies the cell with a loopback address of this demo's own: another simulator does not get in its way."""
+def _copy_cell(original: Path, folder: Path) -> None:
+    """Copies the cell with a loopback address of its own, so that another simulator does not interfere."""
     host = f"127.{100 + os.getpid() % 100}.{os.getpid() >> 8 & 255}.{os.getpid() & 255 or 1}"
     text, count = re.subn(r'(?m)^(host\s*=\s*)"127\.[\d.]+"', rf'\g<1>"{host}"', original.read_text())
     if count != 1:
@@ -55,47 +55,50 @@ def _own_cell(original: Path, folder: Path) -> None:
 
 
 def _throw(folder: Path, cell: str) -> float:
-    """Runs the stack for one throw. Returns the distance from the target [m]; NaN where nothing landed."""
-    from api.cli.client import Client, ServiceError
-    from api.cli.processes import ChildFailed, Children
-    from api.cli.running import say_starting
-    from api.cli.stack import start_stack
-    from api.cli.throwing import landing_text, plan_and_execute
+    """Starts all processes, throws and stops. Returns the landing error [m]; NaN if nothing landed."""
+    from api.cli.client import ServiceClient, ServiceError
+    from api.cli.processes import ChildFailed, ChildProcesses, print_starting, start_all
+    from api.cli.throw import landing_text, plan_and_execute
 
     port, log = _free_port(), folder / "log.txt"
     url = f"http://127.0.0.1:{port}"
     environment = {
-        "FLING_DATABASE_URL": f"sqlite:///{folder / 'fling.db'}", "FLING_CELLS": str(folder), "FLING_DATA": str(folder),
-        "FLING_DEFAULT_CELL": cell, "FLING_HOST": "127.0.0.1", "FLING_PORT": str(port), "FLING_TOKENS_FILE": "",
-    }  # fmt: skip
+        "FLING_DATABASE_URL": f"sqlite:///{folder / 'fling.db'}",
+        "FLING_CELLS": str(folder),
+        "FLING_DATA": str(folder),
+        "FLING_DEFAULT_CELL": cell,
+        "FLING_HOST": "127.0.0.1",
+        "FLING_PORT": str(port),
+        "FLING_TOKENS_FILE": "",
+    }
     try:
-        with Children({k: v for k, v in environment.items() if v}, log) as children, Client(url) as client:
-            start_stack(children, folder, cell, url, True, say_starting)
+        with ChildProcesses({k: v for k, v in environment.items() if v}, log) as children, ServiceClient(url) as client:
+            start_all(children, folder, cell, url, True, print_starting)
             request = {"cell": cell, "release": {"kind": "target", "position": list(TARGET_M)}}
             plan, execution = plan_and_execute(client, request, "speedj", False)
             for _ in range(THROWS_MAX - 1):
                 if execution["outcome"] != "late":
                     break
-                _throw_anew(client, cell, execution)
+                _acknowledge_late(client, cell, execution)
                 plan, execution = plan_and_execute(client, request, "speedj", False)
     except (ChildFailed, ServiceError) as error:
         raise click.ClickException(f"{error}\n{_tail(log)}") from error
     if execution["outcome"] != "completed":
         raise click.ClickException(f"{execution['outcome']}: {execution['reason']}\n{_tail(log)}")
     click.echo(landing_text(plan, execution))
-    return _miss(execution)
+    return _landing_error(execution)
 
 
-def _throw_anew(client: Client, cell: str, execution: dict[str, Any]) -> None:
-    """Says that the machine was too busy, and acknowledges: nobody stands beside a simulated arm."""
-    click.echo(f"late: {execution['reason']}; this machine is busy. Acknowledged; once more …")
+def _acknowledge_late(client: ServiceClient, cell: str, execution: dict[str, Any]) -> None:
+    """Reports that the machine was too busy and clears the fault: nobody stands beside a simulated arm."""
+    click.echo(f"late: {execution['reason']}; this machine is busy. Acknowledged; throwing again …")
     client.post(f"/cells/{cell}/acknowledge")
-    deadline = time.monotonic() + ACKNOWLEDGED_S
+    deadline = time.monotonic() + ACKNOWLEDGE_TIMEOUT_S
     while client.get(f"/cells/{cell}/state")["fault"] is not None and time.monotonic() < deadline:
         time.sleep(0.1)
 
 
-def _miss(execution: dict[str, Any]) -> float:
+def _landing_error(execution: dict[str, Any]) -> float:
     point = (execution["metrics"] or {}).get("landing_point")
     return math.nan if point is None else math.dist(point, TARGET_M)
 

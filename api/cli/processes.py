@@ -1,4 +1,4 @@
-"""Child processes that live and die together."""
+"""Child processes of `fling up` and `fling demo`, which start and stop together."""
 
 from __future__ import annotations
 
@@ -9,23 +9,34 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
-STOP_S = 5.0  # [s] a child may take to end; the executor brakes its robot first
+import click
+
+from api.cli.client import ServiceClient, ServiceError
+
+STOP_S = 5.0  # [s] for a child to end; the executor brakes its robot first
+READY_S = 60.0  # [s] for a child to get ready; a cold machine imports and builds for a while
+POLL_S = 0.1  # [s] between two looks at the service's readiness
 PR_SET_PDEATHSIG = 1  # source: Linux prctl(2)
 
 
 class ChildFailed(RuntimeError):
-    """A child did not come up, or ended by itself."""
+    """A child did not start, or ended by itself."""
 
 
-class Children:
-    """Starts children in sessions of their own, so that Ctrl-C reaches this process alone, which ends them in turn.
+class ChildProcesses:
+    """Starts and stops child processes.
 
-    Should this process be killed, the kernel sends them SIGTERM.
+    Each child has a session of its own, so that Ctrl-C reaches only this process, which stops the children in order. If
+    this process is killed, the kernel sends them SIGTERM.
+
+    Args:
+        environment: Added to the environment of the children.
+        log: File for their output; discarded without one.
     """
 
     def __init__(self, environment: Mapping[str, str], log: Path | None = None) -> None:
@@ -40,32 +51,40 @@ class Children:
         self.stop()
 
     def start(self, name: str, module: str, arguments: Sequence[str] = (), ready_s: float | None = None) -> None:
-        """Starts `python -m module`; with `ready_s` waits until it says "ready" on its standard output.
+        """Starts `python -m module`; with `ready_s`, waits until it prints "ready".
 
         Raises:
-            ChildFailed: it ended, or said nothing in time.
+            ChildFailed: It ended, or was not ready in time.
         """
         libc = ctypes.CDLL(None)
         child = subprocess.Popen(
             [sys.executable, "-m", module, *arguments],
-            env=self._environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=self._log,
-            start_new_session=True, preexec_fn=lambda: libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM),
-        )  # fmt: skip
+            env=self._environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=self._log,
+            start_new_session=True,
+            preexec_fn=lambda: libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM),
+        )
         self._children.append((name, child))
         assert child.stdout is not None
         ready = threading.Event()
-        threading.Thread(target=_listen, args=(child.stdout, ready, self._log), daemon=True).start()
+        threading.Thread(target=_read_output, args=(child.stdout, ready, self._log), daemon=True).start()
         if ready_s is not None:
             self._wait(name, child, ready, ready_s)
 
     def check(self) -> None:
-        """Raises ChildFailed where a child has ended."""
+        """Checks that every child runs.
+
+        Raises:
+            ChildFailed: A child has ended.
+        """
         for name, child in self._children:
             if child.poll() is not None:
                 raise ChildFailed(f"the {name} ended with status {child.returncode}")
 
     def stop(self) -> None:
-        """Ends the children, the last started first; kills what does not obey. Doing it twice does no harm."""
+        """Stops the children, the last started first, and kills those that do not end. May be called twice."""
         for _, child in reversed(self._children):
             _end(child)
         self._children.clear()
@@ -81,6 +100,75 @@ class Children:
                 raise ChildFailed(f"the {name} was not ready within {ready_s:g} s")
 
 
+def start_all(
+    children: ChildProcesses, cells: Path, cell: str, url: str, is_simulated: bool, on_start: Callable[[str], None]
+) -> None:
+    """Starts simulator, executor and service of a cell, and waits until the service plans and sees the executor.
+
+    Args:
+        children: Receives the processes.
+        cells: Folder of the cell files.
+        cell: Name of the cell.
+        url: URL of the service.
+        is_simulated: Whether the cell's controller is simulated.
+        on_start: Called with the name of each process before it starts.
+
+    Raises:
+        ChildFailed: One of them did not start.
+    """
+    if is_simulated:
+        on_start("simulated controller")
+        children.start("simulator", "executor.simulator", ["--cell", str(cells / f"{cell}.toml")], READY_S)
+    on_start("executor")
+    children.start("executor", "executor", ["--cell", cell], READY_S)
+    on_start("service")
+    children.start("service", "api")
+    _wait_until_ready(children, url, cell)
+
+
+def cell_path(folder: Path, name: str) -> Path:
+    """Returns the path of a cell file.
+
+    Raises:
+        click.ClickException: There is no such file.
+    """
+    path = folder / f"{name}.toml"
+    if not path.is_file():
+        known = ", ".join(sorted(p.stem for p in folder.glob("*.toml"))) or "none"
+        raise click.ClickException(f"no cell {name!r} in {folder}; there are: {known}")
+    return path
+
+
+def print_starting(process: str) -> None:
+    """Prints which process is being started."""
+    click.echo(f"starting the {process} …")
+
+
+def catch_signals() -> None:
+    """Makes SIGTERM and SIGINT raise KeyboardInterrupt, even if the shell had SIGINT ignored."""
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, _interrupt)
+
+
+def _interrupt(_number: int, _frame: object) -> None:
+    raise KeyboardInterrupt
+
+
+def _wait_until_ready(children: ChildProcesses, url: str, cell: str) -> None:
+    deadline, reason = time.monotonic() + READY_S, ""
+    with ServiceClient(url, os.environ.get("FLING_TOKEN")) as client:
+        while time.monotonic() < deadline:
+            children.check()
+            try:
+                if client.get("/readyz")["cells"].get(cell):
+                    return
+                reason = "the executor sent no heartbeat"
+            except ServiceError as error:
+                reason = error.message
+            time.sleep(POLL_S)
+    raise ChildFailed(f"not ready within {READY_S:g} s: {reason}")
+
+
 def _end(child: subprocess.Popen[bytes]) -> None:
     if child.poll() is None:
         child.terminate()
@@ -91,8 +179,8 @@ def _end(child: subprocess.Popen[bytes]) -> None:
     child.wait()
 
 
-def _listen(output: IO[bytes], ready: threading.Event, log: IO[bytes] | None) -> None:
-    """Waits for the word, and keeps the pipe from filling; the output goes to the log where there is one."""
+def _read_output(output: IO[bytes], ready: threading.Event, log: IO[bytes] | None) -> None:
+    """Reads a child's output, so that the pipe never fills; sets `ready` at the line "ready" and copies to the log."""
     with output:
         for line in output:
             if line.startswith(b"ready"):

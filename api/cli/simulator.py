@@ -1,4 +1,4 @@
-"""`fling sim`: a simulated controller, and faults in one that runs."""
+"""`fling sim`: a simulated controller, and faults in a running one."""
 
 from __future__ import annotations
 
@@ -8,20 +8,20 @@ import sys
 
 import click
 
-CONTROL_PORT = 29900  # the simulator's own; no robot has it
-TIMEOUT_S = 5.0
+CONTROL_PORT = 29900  # of the simulator alone; source: docs/simulator.md
+TIMEOUT_S = 5.0  # [s] the simulator answers at once
 
 
 @click.group(invoke_without_command=True)
-@click.option("--cell", help="Which cell; FLING_DEFAULT_CELL otherwise.")
-@click.option("--host", help="Loopback address to listen on; the cell's link.host otherwise.")
+@click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL.")
+@click.option("--host", help="Loopback address to listen on; default: the cell's link.host.")
 @click.pass_context
 def sim(context: click.Context, cell: str | None, host: str | None) -> None:
-    """Run a simulated controller; with `fault`, make something go wrong in one that runs."""
-    from api.cli.running import cell_path
-    from api.settings import Settings
+    """Run a simulated controller; `fault` causes a fault in a running one, `state` shows its state."""
+    from api.cli.processes import cell_path
+    from api.settings import ServiceSettings
 
-    settings = Settings()
+    settings = ServiceSettings()
     path = cell_path(settings.cells, cell or settings.default_cell)
     if context.invoked_subcommand is None:
         arguments = ["--cell", str(path), *(["--host", host] if host else [])]
@@ -36,14 +36,14 @@ def sim(context: click.Context, cell: str | None, host: str | None) -> None:
 def fault(target: tuple[os.PathLike[str], str | None], name: str, parameters: tuple[str, ...]) -> None:
     """Cause a fault: protective_stop, emergency_stop, safeguard_stop, … (docs/simulator.md lists them)."""
     given = dict(_parameter(parameter) for parameter in parameters)
-    click.echo(json.dumps(_ask(_host(target), {"op": "fault", "name": name, **given})))
+    click.echo(json.dumps(_call(_host(target), {"op": "fault", "name": name, **given})))
 
 
 @sim.command()
 @click.pass_obj
 def state(target: tuple[os.PathLike[str], str | None]) -> None:
-    """Show the truth about the controller and its arm."""
-    click.echo(json.dumps(_ask(_host(target), {"op": "state"}), indent=2))
+    """Show the true state of the controller and its arm."""
+    click.echo(json.dumps(_call(_host(target), {"op": "state"}), indent=2))
 
 
 def _host(target: tuple[os.PathLike[str], str | None]) -> str:
@@ -61,14 +61,14 @@ def _parameter(text: str) -> tuple[str, object]:
         return key, value
 
 
-def _ask(host: str, request: dict[str, object]) -> dict[str, object]:
+def _call(host: str, request: dict[str, object]) -> dict[str, object]:
     import socket
 
     try:
-        with socket.create_connection((host, CONTROL_PORT), TIMEOUT_S) as line, line.makefile("rw") as text:
+        with socket.create_connection((host, CONTROL_PORT), TIMEOUT_S) as connection, connection.makefile("rw") as text:
             text.write(json.dumps(request) + "\n")
             text.flush()
-            answer = json.loads(text.readline() or '{"ok": false, "error": "the simulator closed the line"}')
+            answer = json.loads(text.readline() or '{"ok": false, "error": "the simulator closed the connection"}')
     except OSError as error:
         raise click.ClickException(f"no simulator at {host}: {error}") from error
     if not answer.get("ok"):

@@ -1,7 +1,8 @@
-"""Vectors and rules shared by every model."""
+"""Vectors, times and model settings shared by all schemas."""
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -12,11 +13,18 @@ Quaternion = Annotated[list[float], Field(min_length=4, max_length=4)]
 PerJoint = float | Joints
 
 
-class Question(BaseModel):
-    """What a client sends: no unknown field, no conversion, no NaN or infinity."""
+class RequestModel(BaseModel):
+    """Base of request bodies: no unknown fields, no conversions, no NaN or infinity."""
 
     model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
-class Answer(BaseModel):
-    """What the service sends; the models describe it, the bytes are made elsewhere."""
+class AnswerModel(BaseModel):
+    """Base of response bodies. They document the responses; the JSON itself comes from planner and store."""
+
+
+def iso_time(at: float | None) -> str | None:
+    """Returns seconds since the epoch as UTC in ISO 8601 with milliseconds; None stays None."""
+    if at is None:
+        return None
+    return datetime.fromtimestamp(at, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")

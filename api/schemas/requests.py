@@ -1,4 +1,4 @@
-"""Bodies of `POST /plan` and `POST /execute`."""
+"""Request bodies of `POST /plan` and `POST /execute`, with their examples."""
 
 from __future__ import annotations
 
@@ -6,23 +6,25 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from api.schemas.quantities import Joints, PerJoint, Quaternion, Question, Vector3
+from api.schemas.quantities import Joints, PerJoint, Quaternion, RequestModel, Vector3
 
 
-class Start(Question):
-    """Where the arm stands, at rest, before the launch. Give one of the two."""
+class StartRequest(RequestModel):
+    """Start of the launch, at rest. Give one of the two."""
 
     positions: Joints | None = Field(None, description="Joint positions, base to wrist 3 [rad].")
-    current: Literal[True] | None = Field(None, description="true: where the robot stands now, by its executor.")
+    current: Literal[True] | None = Field(
+        None, description="true: the current joint positions, as the cell's executor reports them."
+    )
 
     @model_validator(mode="after")
-    def _one_of_two(self) -> Start:
+    def _one_of_two(self) -> StartRequest:
         if (self.positions is None) == (self.current is None):
             raise ValueError("give either positions or current")
         return self
 
 
-class Pose(Question):
+class Pose(RequestModel):
     """Position and orientation of the tool centre point."""
 
     position: Vector3 = Field(description="Position [m].")
@@ -36,14 +38,14 @@ class Pose(Question):
         return self
 
 
-class Twist(Question):
+class Twist(RequestModel):
     """Velocity of the tool centre point."""
 
     linear: Vector3 = Field(description="Linear velocity [m/s].")
     angular: Vector3 = Field(description="Angular velocity [rad/s].")
 
 
-class PoseRelease(Question):
+class PoseReleaseRequest(RequestModel):
     """Pass a tool pose with a twist."""
 
     kind: Literal["pose"]
@@ -51,7 +53,7 @@ class PoseRelease(Question):
     twist: Twist = Field(description="Twist of the tool centre point at the release, in `frame`.")
 
 
-class PointRelease(Question):
+class PointReleaseRequest(RequestModel):
     """Pass a point with a velocity; orientation and angular velocity are free."""
 
     kind: Literal["point"]
@@ -59,7 +61,7 @@ class PointRelease(Question):
     velocity: Vector3 = Field(description="Its velocity, in `frame` [m/s].")
 
 
-class JointRelease(Question):
+class JointReleaseRequest(RequestModel):
     """Pass a joint state."""
 
     kind: Literal["joint"]
@@ -67,60 +69,70 @@ class JointRelease(Question):
     velocities: Joints = Field(description="Joint velocities at the release [rad/s].")
 
 
-class TargetRelease(Question):
-    """Hit a point by free flight; where and how the object is let go is the planner's choice."""
+class TargetReleaseRequest(RequestModel):
+    """Hit a point by free flight; the planner chooses the release."""
 
     kind: Literal["target"]
     position: Vector3 = Field(description="The point to hit, in `frame` [m].")
-    max_release_speed_m_s: float | None = Field(None, gt=0.0, description="Speed of the object at most [m/s].")
-    min_elevation_rad: float | None = Field(None, description="Angle of the release above the horizon, least [rad].")
-    max_elevation_rad: float | None = Field(None, description="Angle of the release above the horizon, most [rad].")
-    min_horizontal_distance_m: float | None = Field(
-        None, ge=0.0, description="Horizontal distance from the release to the target, least [m]."
+    max_release_speed_m_s: float | None = Field(
+        None, gt=0.0, description="Maximum speed of the object at the release [m/s]."
     )
-    release_position: Vector3 | None = Field(None, description="Where to let go, in `frame` [m]; absent: free.")
+    min_elevation_rad: float | None = Field(
+        None, description="Minimum elevation of the release velocity above the horizon [rad]."
+    )
+    max_elevation_rad: float | None = Field(
+        None, description="Maximum elevation of the release velocity above the horizon [rad]."
+    )
+    min_horizontal_distance_m: float | None = Field(
+        None, ge=0.0, description="Minimum horizontal distance from the release to the target [m]."
+    )
+    release_position: Vector3 | None = Field(None, description="Position of the release, in `frame` [m]; absent: free.")
 
 
-Release = Annotated[PoseRelease | PointRelease | JointRelease | TargetRelease, Field(discriminator="kind")]
+ReleaseRequest = Annotated[
+    PoseReleaseRequest | PointReleaseRequest | JointReleaseRequest | TargetReleaseRequest, Field(discriminator="kind")
+]
 
 
-class RequestLimits(Question):
-    """Tighter bounds than the cell's; one number for all joints or one each."""
+class RequestLimits(RequestModel):
+    """Tighter limits than the cell's; one number for all joints or one per joint."""
 
     velocity: PerJoint | None = Field(None, description="Joint velocity [rad/s].")
     acceleration: PerJoint | None = Field(None, description="Joint acceleration [rad/s^2].")
     jerk: PerJoint | None = Field(None, description="Joint jerk [rad/s^3].")
 
 
-class PlanRequest(Question):
+class PlanRequest(RequestModel):
     """A throw, or any move that must pass a state at speed."""
 
-    cell: str | None = Field(None, description="Name of the cell; absent: the service's default.", max_length=64)
-    start: Start | None = Field(None, description="Where the launch begins; absent: the cell's home.")
-    release: Release = Field(description="What to pass or to hit: one of four kinds.")
+    cell: str | None = Field(None, description="Name of the cell; absent: the service's default cell.", max_length=64)
+    start: StartRequest | None = Field(None, description="Start of the launch; absent: the cell's home.")
+    release: ReleaseRequest = Field(description="The state to pass or the point to hit: one of four kinds.")
     frame: Literal["world", "base"] = Field("world", description="Frame of positions and velocities in this request.")
     backend: Literal["auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp"] = Field(
-        "auto", description="Who solves; auto: the best certified answer of several."
+        "auto", description="Back end; auto: the best certified plan of several back ends."
     )
-    limits: RequestLimits | None = Field(None, description="Bounds for this plan; they may only tighten the cell's.")
+    limits: RequestLimits | None = Field(None, description="Limits of this plan; they may only tighten the cell's.")
     singularity_distance_min: float | None = Field(
-        None, ge=0.0, description="Least distance to each singularity [-]; may only tighten the cell's."
+        None, ge=0.0, description="Minimum distance to each singularity [-]; may only tighten the cell's."
     )
     release_window_s: float | None = Field(
-        None, ge=0.0, description="A release this much early or late [s] still lands within `landing_tolerance_m`."
+        None, ge=0.0, description="A release early or late by up to this [s] still lands within `landing_tolerance_m`."
     )
     landing_tolerance_m: float | None = Field(
-        None, ge=0.0, description="Landing error allowed inside the release window [m]; 0: the nominal instant alone."
+        None, ge=0.0, description="Maximum landing error in the release window [m]; 0: only the nominal release."
     )
-    time_limit_s: float | None = Field(None, gt=0.0, description="For the solver [s]; absent: 5.")
+    time_limit_s: float | None = Field(None, gt=0.0, description="Time limit of the planner [s]; absent: 5.")
 
 
-class ExecuteRequest(Question):
+class ExecuteRequest(RequestModel):
     """One run of one plan."""
 
-    plan_id: str = Field(description="Which plan; `latest` is the newest one, on a simulated cell.", max_length=64)
-    mode: Literal["speedj", "servoj"] = Field("speedj", description="How the motion is streamed.")
-    dry_run: bool = Field(False, description="true: everything but motion.")
+    plan_id: str = Field(
+        description="Id of the plan; `latest` is the newest one, on simulated cells only.", max_length=64
+    )
+    mode: Literal["speedj", "servoj"] = Field("speedj", description="UR command that streams the motion.")
+    dry_run: bool = Field(False, description="true: everything except motion.")
 
 
 _TARGET = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}
@@ -137,6 +149,6 @@ _POINT = {"release": {"kind": "point", "position": [0.5, 0.2, 0.6], "velocity": 
 PLAN_EXAMPLES = {
     "target": {"summary": "Hit a point on the floor", "value": _TARGET},
     "joint": {"summary": "Pass a joint state, with tighter limits", "value": _JOINT},
-    "point": {"summary": "Let go at a point with a velocity", "value": _POINT},
+    "point": {"summary": "Release at a point with a velocity", "value": _POINT},
 }
-EXECUTE_EXAMPLES = {"latest": {"summary": "Throw the newest plan (simulated cell)", "value": {"plan_id": "latest"}}}
+EXECUTE_EXAMPLES = {"latest": {"summary": "Execute the newest plan (simulated cell)", "value": {"plan_id": "latest"}}}

@@ -69,7 +69,7 @@ function showProblem(error) {
   const problem = error instanceof ProblemError ? error.problem : { detail: String(error) };
   box.textContent = `${problem.title ? `${problem.title}: ` : ""}${problem.detail}`;
   if (problem.nearest && problem.nearest.release && problem.nearest.release.position) {
-    const button = element("button", "take the nearest that can be done", "plain");
+    const button = element("button", "take the nearest feasible target", "plain");
     button.addEventListener("click", () => {
       ["x", "y", "z"].forEach((axis, i) => { $(axis).value = problem.nearest.release.position[i].toFixed(4); });
       makePlan();

@@ -1,4 +1,4 @@
-// The OpenAPI page: every call of /openapi.json with its fields, and a button that runs its example.
+// OpenAPI page: every call of /openapi.json with its fields and a button that runs its example.
 
 const $ = (id) => document.getElementById(id);
 
@@ -24,7 +24,7 @@ function typeOf(node) {
   return node.type || "any";
 }
 
-// Every model that a body leads to, in the order in which one meets it.
+// Every model that a body refers to, in order of appearance.
 function modelsOf(node, found = []) {
   if (!node || typeof node !== "object") return found;
   const name = named(node);
@@ -39,7 +39,7 @@ function modelsOf(node, found = []) {
 function fieldTable(fields) {
   const table = element("table");
   const head = element("tr");
-  head.append(...["field", "type", "what it is, with its unit"].map((title) => element("th", title)));
+  head.append(...["field", "type", "description and unit"].map((title) => element("th", title)));
   table.append(head);
   for (const [name, type, text] of fields) {
     const row = element("tr");

@@ -1,4 +1,4 @@
-// Talking to the service: JSON with problems as errors, and server-sent events that carry a token.
+// Client of the service: JSON requests that throw problems as errors, and server-sent events with a token.
 
 export class ProblemError extends Error {
   constructor(problem) {
@@ -27,7 +27,7 @@ export async function call(method, path, body) {
 export const get = async (path) => (await call("GET", path)).json();
 export const post = async (path, body) => (await call("POST", path, body)).json();
 
-// Yields {kind, data} until the execution has ended; resumes where a connection broke.
+// Yields {kind, data} until the execution has ended; resumes after a lost connection.
 export async function* events(id) {
   let last = 0;
   for (;;) {

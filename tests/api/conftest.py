@@ -1,4 +1,4 @@
-"""A service in this process, its planner in one of its own; an executor played by the test."""
+"""A service in this process with its planner process, and an executor simulated by the test."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pytest
 from fastapi.testclient import TestClient
 
 from api.app import create_app
-from api.settings import Settings
+from api.settings import ServiceSettings
 from store import Store
 
 ROOT = Path(__file__).parents[2]
@@ -28,12 +28,12 @@ READY_S = 60.0
 
 
 @dataclass
-class Running:
+class RunningService:
     """A service, its client and its store."""
 
     client: TestClient
     store: Store
-    settings: Settings
+    settings: ServiceSettings
 
     def plan(self, **changes: Any) -> dict[str, Any]:
         response = self.client.post("/plan", json={**REQUEST, **changes})
@@ -42,13 +42,13 @@ class Running:
 
 
 @contextmanager
-def running(settings: Settings) -> Iterator[Running]:
+def running(settings: ServiceSettings) -> Iterator[RunningService]:
     app = create_app(settings)
     with TestClient(app, base_url="http://127.0.0.1:8000", raise_server_exceptions=False) as client:
-        yield Running(client, app.state.service.store, settings)
+        yield RunningService(client, app.state.service.store, settings)
 
 
-def wait_until_ready(service: Running) -> None:
+def wait_until_ready(service: RunningService) -> None:
     deadline = time.monotonic() + READY_S
     while service.client.get("/readyz").status_code != 200:
         assert time.monotonic() < deadline
@@ -57,7 +57,7 @@ def wait_until_ready(service: Running) -> None:
 
 @pytest.fixture(scope="session")
 def cells(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of cells of the tests' own: one simulated, one changed by a test, one real, one wrong."""
+    """Returns a folder of cells: one simulated, one changed by a test, one real, one invalid."""
     folder = tmp_path_factory.mktemp("cells")
     text = (ROOT / "cells" / "ur5e-sim.toml").read_text()
     (folder / "ur5e-sim.toml").write_text(text)
@@ -68,30 +68,30 @@ def cells(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def shared(tmp_path_factory: pytest.TempPathFactory, cells: Path) -> Iterator[Running]:
-    """One service for every test that neither needs its own settings nor a broken planner."""
+def shared(tmp_path_factory: pytest.TempPathFactory, cells: Path) -> Iterator[RunningService]:
+    """Yields one service for every test that needs no settings of its own."""
     url = f"sqlite:///{tmp_path_factory.mktemp('data') / 'fling.db'}"
-    with running(Settings(database_url=url, cells=cells, planner_workers=1)) as service:
+    with running(ServiceSettings(database_url=url, cells=cells, planner_workers=1)) as service:
         wait_until_ready(service)
         yield service
 
 
 @pytest.fixture
-def service(shared: Running) -> Iterator[Running]:
-    """The shared service, with no execution left open afterwards."""
+def service(shared: RunningService) -> Iterator[RunningService]:
+    """Yields the shared service and closes its open executions afterwards."""
     yield shared
     for row in shared.store.cell_statuses():
         shared.store.close_open_executions(row.cell)
 
 
 @pytest.fixture(scope="session")
-def plan(shared: Running) -> dict[str, Any]:
-    """One plan for the simulated cell."""
+def plan(shared: RunningService) -> dict[str, Any]:
+    """Returns one plan for the simulated cell."""
     return shared.plan()
 
 
-class PlayedExecutor:
-    """An executor without a robot: beats, and does what the test says."""
+class FakeExecutor:
+    """An executor without a robot: sends heartbeats with the state that the test sets."""
 
     def __init__(self, store: Store, cell: str = "ur5e-sim") -> None:
         self.store, self.cell = store, cell
@@ -102,9 +102,9 @@ class PlayedExecutor:
         self._thread = threading.Thread(target=self._go_on, daemon=True)
 
     def beat(self) -> None:
-        self.store.beat(self.cell, "played", "sim", self.robot, self.fault, self.read_only)
+        self.store.beat(self.cell, "fake", "sim", self.robot, self.fault, self.read_only)
 
-    def start(self) -> PlayedExecutor:
+    def start(self) -> FakeExecutor:
         self.beat()
         self._thread.start()
         return self
@@ -112,7 +112,7 @@ class PlayedExecutor:
     def stop(self) -> None:
         self._ended.set()
         self._thread.join()
-        self.store.beat(self.cell, "played", "sim", {}, None, False)
+        self.store.beat(self.cell, "fake", "sim", {}, None, False)
 
     def _go_on(self) -> None:
         while not self._ended.wait(0.3):
@@ -120,7 +120,7 @@ class PlayedExecutor:
 
 
 @pytest.fixture
-def executor(service: Running) -> Iterator[PlayedExecutor]:
-    played = PlayedExecutor(service.store).start()
-    yield played
-    played.stop()
+def executor(service: RunningService) -> Iterator[FakeExecutor]:
+    fake = FakeExecutor(service.store).start()
+    yield fake
+    fake.stop()

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from tests.api.conftest import JOINT, REQUEST, Running
+from tests.api.conftest import JOINT, REQUEST, RunningService
 
 JSON = {"Content-Type": "application/json"}
 POSE = {
@@ -72,7 +72,7 @@ REFUSED_FIELDS = [
 
 
 @pytest.mark.parametrize(("path", "value", "field"), REFUSED_FIELDS)
-def test_a_wrong_field_is_named(service: Running, path: str, value: Any, field: str):
+def test_a_wrong_field_is_named(service: RunningService, path: str, value: Any, field: str):
     problem = problem_of(service.client.post("/plan", json=changed(path, value)), 422, "invalid-request")
     assert field in [error["field"] for error in problem["errors"]], problem["errors"]
     assert all(error["reason"] for error in problem["errors"])
@@ -80,7 +80,7 @@ def test_a_wrong_field_is_named(service: Running, path: str, value: Any, field: 
 
 @pytest.mark.parametrize("number", ["NaN", "Infinity", "-Infinity", "1e999"])
 @pytest.mark.parametrize("path", ["release.positions", "limits.velocity", "time_limit_s"])
-def test_numbers_that_are_none(service: Running, number: str, path: str):
+def test_nan_and_infinity_are_refused(service: RunningService, number: str, path: str):
     text = json.dumps(changed(path, "HERE" if path == "time_limit_s" else ["HERE"] + [0.1] * 5))
     response = service.client.post("/plan", content=text.replace('"HERE"', number), headers=JSON)
     assert problem_of(response, 422, "invalid-request")["errors"][0]["field"].startswith(path)
@@ -88,83 +88,113 @@ def test_numbers_that_are_none(service: Running, number: str, path: str):
 
 @pytest.mark.parametrize(
     "body",
-    [b"", b"{", b"[]", b"null", b"7", b'"text"', b"\xff\xfe", b"[" * 100_000, b"9" * 5000, b'{"a\\ud800": 1}',
-     b'{"release": "\\ud800"}', b'{"cell": "\\ud800"}'],
-)  # fmt: skip
-def test_what_is_no_request(service: Running, body: bytes):
+    [
+        b"",
+        b"{",
+        b"[]",
+        b"null",
+        b"7",
+        b'"text"',
+        b"\xff\xfe",
+        b"[" * 100_000,
+        b"9" * 5000,
+        b'{"a\\ud800": 1}',
+        b'{"release": "\\ud800"}',
+        b'{"cell": "\\ud800"}',
+    ],
+)
+def test_a_body_that_is_no_request_is_refused(service: RunningService, body: bytes):
     problem_of(service.client.post("/plan", content=body, headers=JSON), 422, "invalid-request")
 
 
 @pytest.mark.parametrize("quaternion", [[0, 0, 0, 0], [0, 0, 0, 2], [1, 1, 1, 1]])
-def test_a_quaternion_must_have_length_one(service: Running, quaternion: list[float]):
+def test_a_quaternion_must_have_length_one(service: RunningService, quaternion: list[float]):
     request = changed("release.pose.quaternion", quaternion, {"release": POSE})
     problem = problem_of(service.client.post("/plan", json=request), 422, "invalid-request")
     assert problem["errors"][0]["field"] == "release.pose.quaternion"
 
 
-def test_two_orientations_are_one_too_many(service: Running):
+def test_two_orientations_are_one_too_many(service: RunningService):
     request = changed("release.pose.rotation_vector", [0, 0, 0], {"release": POSE})
     problem = problem_of(service.client.post("/plan", json=request), 422, "invalid-request")
     assert problem["errors"][0]["field"] == "release.pose"
 
 
-def test_an_unknown_cell(service: Running):
+def test_an_unknown_cell(service: RunningService):
     problem = problem_of(service.client.post("/plan", json={**REQUEST, "cell": "nowhere"}), 404, "not-found")
     assert "nowhere" in problem["detail"]
 
 
-def test_a_cell_whose_file_is_refused(service: Running):
+def test_a_cell_whose_file_is_refused(service: RunningService):
     problem = problem_of(service.client.post("/plan", json={**REQUEST, "cell": "wrong"}), 422, "invalid-request")
     assert problem["errors"][0]["field"] == "cell"
     assert "unknown_key" in problem["detail"]
 
 
 @pytest.mark.parametrize("path", ["../ur5e-sim", "..%2Fur5e-sim", "a/b", "%00"])
-def test_a_cell_name_is_never_a_path(service: Running, path: str):
+def test_a_cell_name_is_never_a_path(service: RunningService, path: str):
     problem_of(service.client.get(f"/cells/{path}/state"), 404, "not-found")
 
 
 @pytest.mark.parametrize("chunked", [False, True])
-def test_two_megabytes(service: Running, chunked: bool):
+def test_a_body_of_two_megabytes_is_refused(service: RunningService, chunked: bool):
     body = b"[" + b"0," * 1_000_000 + b"0]"
     content = iter([body[i : i + 65536] for i in range(0, len(body), 65536)]) if chunked else body
     problem_of(service.client.post("/plan", content=content, headers=JSON), 413, "too-large")
 
 
 @pytest.mark.parametrize("media", ["text/plain", "application/x-www-form-urlencoded", "application/xml", ""])
-def test_not_json(service: Running, media: str):
+def test_other_media_types_are_refused(service: RunningService, media: str):
     response = service.client.post("/plan", content=json.dumps(REQUEST), headers={"Content-Type": media})
     problem_of(response, 415, "unsupported-media-type")
 
 
 @pytest.mark.parametrize(
     ("method", "path", "status", "name"),
-    [("PUT", "/plan", 405, "method-not-allowed"), ("DELETE", "/plans/x", 405, "method-not-allowed"),
-     ("GET", "/nothing", 404, "not-found"), ("GET", "/plans/x", 404, "not-found"),
-     ("GET", "/plans/x/trajectory", 404, "not-found"), ("GET", "/executions/x", 404, "not-found"),
-     ("GET", "/executions/x/events", 404, "not-found"), ("GET", "/executions/x/recording", 404, "not-found"),
-     ("POST", "/executions/x/abort", 404, "not-found"), ("POST", "/cells/x/acknowledge", 404, "not-found"),
-     ("GET", "/cells/x", 404, "not-found"), ("GET", "/problems/x", 404, "not-found"),
-     ("GET", "/web/..%2fapp.py", 404, "not-found"), ("GET", "/plans?limit=0", 422, "invalid-request"),
-     ("GET", "/plans?limit=a", 422, "invalid-request"), ("GET", "/plans/", 404, "not-found")],
-)  # fmt: skip
-def test_wrong_addresses_are_problems_too(service: Running, method: str, path: str, status: int, name: str):
+    [
+        ("PUT", "/plan", 405, "method-not-allowed"),
+        ("DELETE", "/plans/x", 405, "method-not-allowed"),
+        ("GET", "/nothing", 404, "not-found"),
+        ("GET", "/plans/x", 404, "not-found"),
+        ("GET", "/plans/x/trajectory", 404, "not-found"),
+        ("GET", "/executions/x", 404, "not-found"),
+        ("GET", "/executions/x/events", 404, "not-found"),
+        ("GET", "/executions/x/recording", 404, "not-found"),
+        ("POST", "/executions/x/abort", 404, "not-found"),
+        ("POST", "/cells/x/acknowledge", 404, "not-found"),
+        ("GET", "/cells/x", 404, "not-found"),
+        ("GET", "/problems/x", 404, "not-found"),
+        ("GET", "/web/..%2fapp.py", 404, "not-found"),
+        ("GET", "/plans?limit=0", 422, "invalid-request"),
+        ("GET", "/plans?limit=a", 422, "invalid-request"),
+        ("GET", "/plans/", 404, "not-found"),
+    ],
+)
+def test_wrong_addresses_are_problems_too(service: RunningService, method: str, path: str, status: int, name: str):
     problem_of(service.client.request(method, path), status, name)
 
 
-@pytest.mark.parametrize("body", [{}, {"plan_id": 7}, {"plan_id": "x", "mode": "warp"}, {"plan_id": "x", "dry_run": 1},
-                                  {"plan_id": "x", "speed": 2}])  # fmt: skip
-def test_wrong_executions(service: Running, body: dict[str, Any]):
+@pytest.mark.parametrize(
+    "body",
+    [
+        {},
+        {"plan_id": 7},
+        {"plan_id": "x", "mode": "warp"},
+        {"plan_id": "x", "dry_run": 1},
+        {"plan_id": "x", "speed": 2},
+    ],
+)
+def test_wrong_executions(service: RunningService, body: dict[str, Any]):
     problem_of(service.client.post("/execute", json=body), 422, "invalid-request")
 
 
-def test_every_wrong_field_is_told_at_once(service: Running):
+def test_every_wrong_field_is_reported_at_once(service: RunningService):
     request = changed("frame", "moon", changed("release.positions", [0.0] * 5))
     problem = problem_of(service.client.post("/plan", json=request), 422, "invalid-request")
     assert {"frame", "release.positions"} <= {error["field"] for error in problem["errors"]}
 
 
-def test_an_impossible_release_is_infeasible_in_words(service: Running):
+def test_an_impossible_release_is_infeasible_in_words(service: RunningService):
     release = {**JOINT, "velocities": [9.0, 0, 0, 0, 0, 0]}
     problem = problem_of(service.client.post("/plan", json={"release": release}), 422, "infeasible")
     assert {"constraint", "value", "limit", "unit"} <= problem["violations"][0].keys()
@@ -172,13 +202,13 @@ def test_an_impossible_release_is_infeasible_in_words(service: Running):
     assert "nearest" in problem
 
 
-def test_the_nearest_can_be_posted_again(service: Running):
+def test_the_nearest_can_be_posted_again(service: RunningService):
     release = {**JOINT, "velocities": [9.0, 0, 0, 0, 0, 0]}
     nearest = service.client.post("/plan", json={"release": release}).json()["nearest"]
     assert service.client.post("/plan", json=nearest).status_code == 201
 
 
-def test_a_bug_shows_no_traces(service: Running, monkeypatch: pytest.MonkeyPatch):
+def test_a_bug_shows_no_stack_trace(service: RunningService, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(type(service.store), "plans", lambda *_: 1 / 0)
     response = service.client.get("/plans")
     problem_of(response, 500, "internal")

@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 
-from tests.api.conftest import PlayedExecutor, Running
+from tests.api.conftest import FakeExecutor, RunningService
 from tests.api.test_bad_input import problem_of
 
 
-def execute(service: Running, plan_id: str, **body: Any) -> Any:
+def execute(service: RunningService, plan_id: str, **body: Any) -> Any:
     return service.client.post("/execute", json={"plan_id": plan_id, **body})
 
 
@@ -24,13 +24,13 @@ def events_of(text: str) -> list[dict[str, Any]]:
     return found
 
 
-def test_an_execution_from_queue_to_metrics(service: Running, executor: PlayedExecutor, plan):
+def test_an_execution_from_queue_to_metrics(service: RunningService, executor: FakeExecutor, plan):
     response = execute(service, plan["id"], mode="servoj", dry_run=True)
     assert response.status_code == 202
     row = response.json()
     assert response.headers["location"] == f"/executions/{row['id']}"
     assert (row["state"], row["outcome"], row["mode"], row["dry_run"]) == ("queued", None, "servoj", True)
-    claimed = service.store.claim_execution("ur5e-sim", "played")
+    claimed = service.store.claim_execution("ur5e-sim", "fake")
     assert claimed is not None
     service.store.finish_execution(row["id"], "completed", None, {"landing_error_m": 0.001})
     finished = service.client.get(f"/executions/{row['id']}").json()
@@ -41,12 +41,12 @@ def test_an_execution_from_queue_to_metrics(service: Running, executor: PlayedEx
     assert service.client.get("/executions").json()["executions"][0] == finished
 
 
-def test_one_at_a_time(service: Running, executor: PlayedExecutor, plan):
+def test_a_cell_runs_one_execution_at_a_time(service: RunningService, executor: FakeExecutor, plan):
     assert execute(service, plan["id"]).status_code == 202
     assert problem_of(execute(service, plan["id"]), 409, "robot-busy")["cell"] == "ur5e-sim"
 
 
-def test_the_same_key_is_one_motion(service: Running, executor: PlayedExecutor, plan):
+def test_the_same_key_is_one_motion(service: RunningService, executor: FakeExecutor, plan):
     body, headers = {"plan_id": plan["id"]}, {"Idempotency-Key": "one"}
     first = service.client.post("/execute", json=body, headers=headers)
     again = service.client.post("/execute", json=body, headers=headers)
@@ -55,21 +55,22 @@ def test_the_same_key_is_one_motion(service: Running, executor: PlayedExecutor, 
     problem_of(other, 422, "idempotency-conflict")
 
 
-def test_nobody_there(service: Running, plan):
-    assert "no executor" in problem_of(execute(service, service.plan(cell="changing")["id"]), 409, "robot-not-ready")[
-        "detail"
-    ]  # fmt: skip
+def test_a_cell_without_an_executor_is_not_ready(service: RunningService, plan):
+    assert (
+        "no executor"
+        in problem_of(execute(service, service.plan(cell="changing")["id"]), 409, "robot-not-ready")["detail"]
+    )
     problem_of(execute(service, "nothing"), 404, "not-found")
 
 
-def test_an_executor_that_went_silent(service: Running, plan, monkeypatch: pytest.MonkeyPatch):
-    service.store.beat("ur5e-sim", "played", "sim")
+def test_an_executor_without_heartbeats_is_not_ready(service: RunningService, plan, monkeypatch: pytest.MonkeyPatch):
+    service.store.beat("ur5e-sim", "fake", "sim")
     now = time.time
     monkeypatch.setattr(time, "time", lambda: now() + 10.0)
     assert "gone" in problem_of(execute(service, plan["id"]), 409, "robot-not-ready")["detail"]
 
 
-def test_a_fault_must_be_acknowledged(service: Running, executor: PlayedExecutor, plan):
+def test_a_fault_must_be_acknowledged(service: RunningService, executor: FakeExecutor, plan):
     executor.fault = {"reason": "tracking", "detail": "0.1 rad off"}
     executor.beat()
     assert "tracking" in problem_of(execute(service, plan["id"]), 409, "robot-not-ready")["detail"]
@@ -80,13 +81,13 @@ def test_a_fault_must_be_acknowledged(service: Running, executor: PlayedExecutor
     assert service.store.audit_lines(1)[0]["action"] == "acknowledge"
 
 
-def test_one_that_only_looks_on(service: Running, executor: PlayedExecutor, plan):
+def test_a_read_only_executor_is_not_ready(service: RunningService, executor: FakeExecutor, plan):
     executor.read_only = True
     executor.beat()
     assert "read-only" in problem_of(execute(service, plan["id"]), 409, "robot-not-ready")["detail"]
 
 
-def test_a_cell_that_changed_since(service: Running, cells):
+def test_a_cell_that_changed_since(service: RunningService, cells):
     plan = service.plan(cell="changing")
     file = cells / "changing.toml"
     before = file.read_text()
@@ -97,13 +98,13 @@ def test_a_cell_that_changed_since(service: Running, cells):
     file.write_text(before)
 
 
-def test_without_tokens_no_real_arm_moves(service: Running):
+def test_without_tokens_no_real_arm_moves(service: RunningService):
     problem_of(execute(service, service.plan(cell="real")["id"]), 403, "forbidden")
 
 
-def test_abort_is_a_request_that_may_be_repeated(service: Running, executor: PlayedExecutor, plan):
+def test_abort_is_a_request_that_may_be_repeated(service: RunningService, executor: FakeExecutor, plan):
     id = execute(service, plan["id"]).json()["id"]
-    service.store.claim_execution("ur5e-sim", "played")
+    service.store.claim_execution("ur5e-sim", "fake")
     for _ in range(2):
         response = service.client.post(f"/executions/{id}/abort")
         assert response.status_code == 202
@@ -112,17 +113,17 @@ def test_abort_is_a_request_that_may_be_repeated(service: Running, executor: Pla
     assert [line["action"] for line in service.store.audit_lines(3)] == ["abort", "abort", "execute"]
 
 
-def test_abort_of_what_nobody_took(service: Running, executor: PlayedExecutor, plan):
+def test_abort_of_an_unclaimed_execution_ends_it(service: RunningService, executor: FakeExecutor, plan):
     execute(service, plan["id"])
     assert service.client.post("/executions/latest/abort").json()["outcome"] == "aborted"
     assert execute(service, plan["id"]).status_code == 202
 
 
-def test_events_come_as_they_happen_and_end_with_the_execution(service: Running, executor: PlayedExecutor, plan):
+def test_events_come_as_they_happen_and_end_with_the_execution(service: RunningService, executor: FakeExecutor, plan):
     id = execute(service, plan["id"]).json()["id"]
 
     def play() -> None:
-        service.store.claim_execution("ur5e-sim", "played")
+        service.store.claim_execution("ur5e-sim", "fake")
         service.store.set_state(id, "streaming")
         for k in range(5):
             service.store.add_event(id, "telemetry", {"clock_s": 0.04 * k})
@@ -140,7 +141,7 @@ def test_events_come_as_they_happen_and_end_with_the_execution(service: Running,
     assert events[-1]["metrics"] == {"ticks": 5}
 
 
-def test_events_resume_after_the_last_one_seen(service: Running, executor: PlayedExecutor, plan):
+def test_events_resume_after_the_last_one_seen(service: RunningService, executor: FakeExecutor, plan):
     id = execute(service, plan["id"]).json()["id"]
     service.store.finish_execution(id, "completed")
     path = f"/executions/{id}/events"
@@ -151,7 +152,7 @@ def test_events_resume_after_the_last_one_seen(service: Running, executor: Playe
     problem_of(service.client.get(path, headers={"Last-Event-ID": "yesterday"}), 422, "invalid-request")
 
 
-def test_the_recording_in_two_formats(service: Running, executor: PlayedExecutor, plan):
+def test_the_recording_in_two_formats(service: RunningService, executor: FakeExecutor, plan):
     id = execute(service, plan["id"]).json()["id"]
     path = f"/executions/{id}/recording"
     problem_of(service.client.get(path), 404, "not-found")

@@ -9,7 +9,7 @@ from typing import Any
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from tests.api.conftest import JOINT, Running
+from tests.api.conftest import JOINT, RunningService
 
 BASE: dict[str, Any] = {
     "cell": "ur5e-sim",
@@ -21,11 +21,27 @@ BASE: dict[str, Any] = {
     "time_limit_s": 0.2,
 }
 PATHS = [
-    ["cell"], ["start"], ["start", "positions"], ["start", "positions", 2], ["release"], ["release", "kind"],
-    ["release", "positions"], ["release", "positions", 0], ["release", "velocities", 5], ["frame"], ["backend"],
-    ["limits"], ["limits", "velocity"], ["limits", "jerk"], ["limits", "more"], ["time_limit_s"], ["more"],
-    ["singularity_distance_min"], ["release_window_s"], ["landing_tolerance_m"],
-]  # fmt: skip
+    ["cell"],
+    ["start"],
+    ["start", "positions"],
+    ["start", "positions", 2],
+    ["release"],
+    ["release", "kind"],
+    ["release", "positions"],
+    ["release", "positions", 0],
+    ["release", "velocities", 5],
+    ["frame"],
+    ["backend"],
+    ["limits"],
+    ["limits", "velocity"],
+    ["limits", "jerk"],
+    ["limits", "more"],
+    ["time_limit_s"],
+    ["more"],
+    ["singularity_distance_min"],
+    ["release_window_s"],
+    ["landing_tolerance_m"],
+]
 SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
 VALUES = st.recursive(SCALARS, lambda inner: st.lists(inner, max_size=6) | st.dictionaries(st.text(max_size=6), inner))
 
@@ -41,7 +57,7 @@ def replaced(path: list[Any], value: Any) -> dict[str, Any]:
 
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(path=st.sampled_from(PATHS), value=VALUES)
-def test_any_value_in_any_field(service: Running, path: list[Any], value: Any):
+def test_any_value_in_any_field(service: RunningService, path: list[Any], value: Any):
     body = json.dumps(replaced(path, value))
     response = service.client.post("/plan", content=body, headers={"Content-Type": "application/json"})
     assert response.status_code in (201, 404, 422, 503), response.text
@@ -52,7 +68,7 @@ def test_any_value_in_any_field(service: Running, path: list[Any], value: Any):
 
 @settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(body=st.binary(max_size=64))
-def test_any_bytes(service: Running, body: bytes):
+def test_any_bytes(service: RunningService, body: bytes):
     response = service.client.post("/execute", content=body, headers={"Content-Type": "application/json"})
     assert response.status_code == 422, response.text
     assert response.headers["content-type"] == "application/problem+json"

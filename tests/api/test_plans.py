@@ -6,11 +6,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from tests.api.conftest import REQUEST, Running
+from tests.api.conftest import REQUEST, RunningService
 from tests.api.test_bad_input import problem_of
 
 
-def test_a_plan_is_answered_stored_and_listed(service: Running):
+def test_a_plan_is_answered_stored_and_listed(service: RunningService):
     response = service.client.post("/plan", json=REQUEST)
     assert response.status_code == 201
     plan = response.json()
@@ -24,9 +24,21 @@ def test_a_plan_is_answered_stored_and_listed(service: Running):
 
 def test_the_document_is_the_contract_s(plan):
     assert list(plan) == [
-        "id", "created_at", "cell", "cell_sha256", "request", "backend", "sample_rate_hz", "duration_s",
-        "release_time_s", "release", "flight", "trajectory", "certificate", "solver",
-    ]  # fmt: skip
+        "id",
+        "created_at",
+        "cell",
+        "cell_sha256",
+        "request",
+        "backend",
+        "sample_rate_hz",
+        "duration_s",
+        "release_time_s",
+        "release",
+        "flight",
+        "trajectory",
+        "certificate",
+        "solver",
+    ]
     assert plan["certificate"]["valid"] is True
     assert plan["release_time_s"] == plan["release"]["index"] / plan["sample_rate_hz"]
     assert plan["request"]["cell"] == "ur5e-sim"
@@ -38,13 +50,13 @@ def test_the_document_is_the_contract_s(plan):
     assert trajectory["velocities"][-1] == [0.0] * 6
 
 
-def test_without_the_trajectory(service: Running, plan):
+def test_without_the_trajectory(service: RunningService, plan):
     short = service.client.get(f"/plans/{plan['id']}", params={"trajectory": "false"}).json()
     assert {**short, "trajectory": plan["trajectory"]} == plan
     assert "trajectory" not in service.client.post("/plan?trajectory=false", json=REQUEST).json()
 
 
-def test_the_trajectory_by_itself_in_two_formats(service: Running, plan):
+def test_the_trajectory_by_itself_in_two_formats(service: RunningService, plan):
     path = f"/plans/{plan['id']}/trajectory"
     assert service.client.get(path).json() == plan["trajectory"]
     response = service.client.get(path, headers={"Accept": "text/csv"})
@@ -57,7 +69,7 @@ def test_the_trajectory_by_itself_in_two_formats(service: Running, plan):
     assert np.array_equal(table[:, 0], plan["trajectory"]["time_from_start"])
 
 
-def test_pages_of_plans_hold_each_plan_once(service: Running):
+def test_pages_of_plans_hold_each_plan_once(service: RunningService):
     made = {service.plan()["id"] for _ in range(3)}
     seen, cursor = [], None
     while True:
@@ -71,7 +83,7 @@ def test_pages_of_plans_hold_each_plan_once(service: Running):
     assert seen == sorted(seen, reverse=True)
 
 
-def test_the_same_key_and_body_give_the_same_plan(service: Running):
+def test_the_same_key_and_body_give_the_same_plan(service: RunningService):
     headers = {"Idempotency-Key": "same"}
     first = service.client.post("/plan", json=REQUEST, headers=headers)
     again = service.client.post("/plan", json=REQUEST, headers=headers)
@@ -80,7 +92,7 @@ def test_the_same_key_and_body_give_the_same_plan(service: Running):
     problem_of(other, 422, "idempotency-conflict")
 
 
-def test_the_same_key_twice_at_once_gives_one_plan(service: Running):
+def test_the_same_key_twice_at_once_gives_one_plan(service: RunningService):
     def post(_: int) -> str:
         return service.client.post("/plan", json=REQUEST, headers={"Idempotency-Key": "race"}).json()["id"]
 
@@ -88,23 +100,23 @@ def test_the_same_key_twice_at_once_gives_one_plan(service: Running):
         assert len(set(pool.map(post, range(4)))) == 1
 
 
-def test_a_key_may_not_be_endless(service: Running):
+def test_a_key_may_not_be_endless(service: RunningService):
     response = service.client.post("/plan", json=REQUEST, headers={"Idempotency-Key": "k" * 300})
     assert problem_of(response, 422, "invalid-request")["errors"][0]["field"] == "Idempotency-Key"
 
 
-def test_a_plan_may_start_where_the_robot_stands(service: Running, executor):
+def test_a_plan_may_start_at_the_current_position(service: RunningService, executor):
     plan = service.plan(start={"current": True})
     assert plan["request"]["start"] == {"positions": executor.robot["positions"]}
     assert plan["trajectory"]["positions"][0] == executor.robot["positions"]
 
 
-def test_where_nobody_knows_where_the_robot_stands(service: Running):
+def test_an_unknown_current_position_is_refused(service: RunningService):
     response = service.client.post("/plan", json={**REQUEST, "cell": "changing", "start": {"current": True}})
     problem_of(response, 409, "robot-not-ready")
 
 
-def test_the_base_frame(service: Running):
+def test_the_base_frame(service: RunningService):
     release = {"kind": "point", "position": [0.5, 0.2, 0.6], "velocity": [0.8, 0.3, 0.6]}
     world, base = (
         service.plan(release=release, frame=frame)["release"]["pose"]["position"] for frame in ("world", "base")

@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 
 from api.app import UnsafeSettings, create_app
-from api.errors import PROBLEMS
-from api.settings import Settings
-from tests.api.conftest import PlayedExecutor, Running
+from api.http import PROBLEM_TYPES
+from api.settings import ServiceSettings
+from tests.api.conftest import FakeExecutor, RunningService
 from tests.api.test_bad_input import problem_of
 
 
-def test_alive_ready_and_measured(service: Running, executor: PlayedExecutor, plan):
+def test_alive_ready_and_measured(service: RunningService, executor: FakeExecutor, plan):
     assert service.client.get("/healthz").json()["status"] == "ok"
     ready = service.client.get("/readyz").json()
     assert (ready["ready"], ready["store"], ready["planner"]) == (True, True, True)
@@ -27,13 +27,13 @@ def test_alive_ready_and_measured(service: Running, executor: PlayedExecutor, pl
     assert 'fling_executor_alive{cell="ur5e-sim"} 1.0' in text
 
 
-def test_a_store_that_is_gone_is_not_ready(service: Running, monkeypatch: pytest.MonkeyPatch):
+def test_a_store_that_is_gone_is_not_ready(service: RunningService, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(type(service.store), "is_reachable", lambda _: False)
     assert problem_of(service.client.get("/readyz"), 503, "not-ready")["store"] is False
     assert service.client.get("/healthz").status_code == 200
 
 
-def test_cells(service: Running, executor: PlayedExecutor):
+def test_the_list_and_the_state_of_cells(service: RunningService, executor: FakeExecutor):
     listed = {cell["name"]: cell for cell in service.client.get("/cells").json()["cells"]}
     assert set(listed) == {"ur5e-sim", "changing", "real", "wrong"}
     assert listed["ur5e-sim"]["executor"]["alive"] is True
@@ -45,7 +45,7 @@ def test_cells(service: Running, executor: PlayedExecutor):
     assert service.client.get("/cells/real/state").json()["robot"] is None
 
 
-def test_a_cell_is_its_file(service: Running, root: Path):
+def test_a_cell_is_its_file(service: RunningService, root: Path):
     import hashlib
     import tomllib
 
@@ -63,15 +63,15 @@ def test_a_cell_is_its_file(service: Running, root: Path):
     compare(tomllib.loads(raw.decode()), answer)
 
 
-def test_every_problem_has_its_page(service: Running):
-    for name, kind in PROBLEMS.items():
+def test_every_problem_has_its_page(service: RunningService):
+    for name, kind in PROBLEM_TYPES.items():
         page = service.client.get(f"/problems/{name}")
         assert page.status_code == 200
         assert str(kind.status) in page.text
         assert name in service.client.get("/problems").text
 
 
-def test_pages_load_nothing_from_elsewhere(service: Running):
+def test_pages_load_nothing_from_elsewhere(service: RunningService):
     for path in ("/", "/docs", "/problems"):
         page = service.client.get(path)
         assert page.status_code == 200
@@ -91,31 +91,54 @@ def operations(schema: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any
             yield method, path, operation
 
 
-def test_every_call_of_the_contract_is_there(service: Running):
+def test_every_call_of_the_contract_is_there(service: RunningService):
     schema = service.client.get("/openapi.json").json()
     assert {f"{method.upper()} {path}" for method, path, _ in operations(schema)} == {
-        "POST /plan", "GET /plans", "GET /plans/{id}", "GET /plans/{id}/trajectory", "POST /execute", "GET /executions",
-        "GET /executions/{id}", "GET /executions/{id}/events", "GET /executions/{id}/recording",
-        "POST /executions/{id}/abort", "POST /cells/{name}/acknowledge", "GET /cells", "GET /cells/{name}",
-        "GET /cells/{name}/state", "GET /healthz", "GET /readyz", "GET /metrics",
-    }  # fmt: skip
+        "POST /plan",
+        "GET /plans",
+        "GET /plans/{id}",
+        "GET /plans/{id}/trajectory",
+        "POST /execute",
+        "GET /executions",
+        "GET /executions/{id}",
+        "GET /executions/{id}/events",
+        "GET /executions/{id}/recording",
+        "POST /executions/{id}/abort",
+        "POST /cells/{name}/acknowledge",
+        "GET /cells",
+        "GET /cells/{name}",
+        "GET /cells/{name}/state",
+        "GET /healthz",
+        "GET /readyz",
+        "GET /metrics",
+    }
 
 
-def test_every_reference_of_the_schema_resolves(service: Running):
+def test_every_reference_of_the_schema_resolves(service: RunningService):
     schema = service.client.get("/openapi.json").json()
     for name in re.findall(r"#/components/schemas/(\w+)", str(schema)):
         assert name in schema["components"]["schemas"], name
 
 
-def test_every_field_of_a_request_is_described(service: Running):
+def test_every_field_of_a_request_is_described(service: RunningService):
     schemas = service.client.get("/openapi.json").json()["components"]["schemas"]
-    for model in ("PlanRequest", "ExecuteRequest", "PoseRelease", "PointRelease", "JointRelease", "TargetRelease",
-                  "RequestLimits", "Start", "Pose", "Twist"):  # fmt: skip
+    for model in (
+        "PlanRequest",
+        "ExecuteRequest",
+        "PoseReleaseRequest",
+        "PointReleaseRequest",
+        "JointReleaseRequest",
+        "TargetReleaseRequest",
+        "RequestLimits",
+        "StartRequest",
+        "Pose",
+        "Twist",
+    ):
         for field, described in schemas[model]["properties"].items():
             assert field == "kind" or described.get("description"), f"{model}.{field}"
 
 
-def test_every_example_runs(service: Running, executor: PlayedExecutor, plan):
+def test_every_example_runs(service: RunningService, executor: FakeExecutor, plan):
     """Every call can be run from the OpenAPI page with the examples it offers."""
     schema = service.client.get("/openapi.json").json()
     for method, path, operation in operations(schema):
@@ -135,20 +158,20 @@ def test_every_example_runs(service: Running, executor: PlayedExecutor, plan):
 
 def test_without_tokens_only_this_machine_may_listen(tmp_path: Path):
     with pytest.raises(UnsafeSettings, match="token"):
-        create_app(Settings(host="0.0.0.0", database_url=f"sqlite:///{tmp_path / 'x.db'}"))
+        create_app(ServiceSettings(host="0.0.0.0", database_url=f"sqlite:///{tmp_path / 'x.db'}"))
 
 
 @pytest.mark.parametrize("host", ["evil.example", "192.168.1.2", "127.0.0.1.evil.example", ""])
-def test_another_host_name_is_refused(service: Running, host: str):
+def test_another_host_name_is_refused(service: RunningService, host: str):
     problem_of(service.client.get("/plans", headers={"Host": host}), 403, "forbidden")
 
 
 @pytest.mark.parametrize("host", ["localhost:8000", "127.0.0.1:8000", "[::1]:8000", "127.4.5.6"])
-def test_names_of_this_machine_are_fine(service: Running, host: str):
+def test_names_of_this_machine_are_fine(service: RunningService, host: str):
     assert service.client.get("/plans", headers={"Host": host}).status_code == 200
 
 
-def test_another_page_may_not_post(service: Running):
+def test_another_page_may_not_post(service: RunningService):
     headers = {"Origin": "http://evil.example"}
     problem_of(service.client.post("/executions/latest/abort", headers=headers), 403, "forbidden")
     own = service.client.post("/executions/nothing/abort", headers={"Origin": "http://127.0.0.1:8000"})

@@ -1,4 +1,4 @@
-"""The store on SQLite; and on PostgreSQL where FLING_TEST_POSTGRES names an empty server, a database a test."""
+"""The store on SQLite, and on PostgreSQL if FLING_TEST_POSTGRES names a server; one database per test."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ POSTGRES = os.environ.get("FLING_TEST_POSTGRES")  # such as postgresql+psycopg:/
 
 @pytest.fixture(params=["sqlite", *(["postgresql"] if POSTGRES else [])])
 def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
-    """Address of an empty database of this test's own."""
+    """Yields the URL of an empty database for one test."""
     if request.param == "sqlite":
         yield f"sqlite:///{tmp_path / 'fling.db'}"
         return
@@ -32,13 +32,13 @@ def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str
 
 @pytest.fixture
 def sqlite_url(tmp_path: Path) -> str:
-    """Address of an empty SQLite file of this test's own."""
+    """Returns the URL of an empty SQLite file for one test."""
     return f"sqlite:///{tmp_path / 'own.db'}"
 
 
 @pytest.fixture
 def store(database_url: str) -> Iterator[Store]:
-    """An empty store."""
+    """Yields an empty store."""
     Store.upgrade(database_url)
     opened = Store.open(database_url)
     yield opened
@@ -47,7 +47,7 @@ def store(database_url: str) -> Iterator[Store]:
 
 @pytest.fixture
 def add_plan(store: Store) -> Callable[..., str]:
-    """Adds a plan; returns its id."""
+    """Returns a function that adds a plan and returns its id."""
 
     def add(cell: str = "ur5e-sim") -> str:
         id = new_id()

@@ -80,8 +80,11 @@ def test_finished_is_final(store, queued):
     assert not store.set_state(queued.id, "streaming")
     row = store.execution(queued.id)
     assert (row.state, row.outcome, row.reason, row.metrics) == (
-        "finished", "late", "too many missed ticks", {"missed_ticks": 11},
-    )  # fmt: skip
+        "finished",
+        "late",
+        "too many missed ticks",
+        {"missed_ticks": 11},
+    )
 
 
 def test_abort_before_anyone_claimed_ends_it(store, queued):

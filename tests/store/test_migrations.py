@@ -6,7 +6,7 @@ import pytest
 from sqlalchemy import inspect, text
 
 from store import Store, StoreUnavailable, migrations
-from store.engine import open_engine
+from store.database import open_engine
 from store.tables import METADATA
 
 
@@ -67,9 +67,9 @@ def test_an_older_postgresql_is_refused_and_an_older_sqlite_upgraded(database_ur
             Store.open(database_url)
 
 
-def test_no_database_there(tmp_path):
+def test_a_file_that_is_no_database_is_refused(tmp_path):
     file = tmp_path / "file"
-    file.write_text("this is no database, and long enough to be looked at as one " * 20)
+    file.write_text("this is not a database, but long enough to be read as one " * 20)
     with pytest.raises(StoreUnavailable):
         Store.open(f"sqlite:///{file}")
 
@@ -77,7 +77,9 @@ def test_no_database_there(tmp_path):
 def test_sqlite_runs_in_write_ahead_mode_with_foreign_keys(sqlite_url):
     store = Store.open(sqlite_url)
     with store._engine.connect() as connection:
-        pragma = {name: connection.exec_driver_sql(f"PRAGMA {name}").scalar_one()
-                  for name in ("journal_mode", "foreign_keys", "busy_timeout")}  # fmt: skip
+        pragma = {
+            name: connection.exec_driver_sql(f"PRAGMA {name}").scalar_one()
+            for name in ("journal_mode", "foreign_keys", "busy_timeout")
+        }
     store.close()
     assert pragma == {"journal_mode": "wal", "foreign_keys": 1, "busy_timeout": 5000}

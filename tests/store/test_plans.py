@@ -8,8 +8,12 @@ from store import IdempotencyKey, KeyTaken, Store, new_id
 def test_a_plan_comes_back_as_it_was_written(store, add_plan):
     row = store.plan(add_plan())
     assert (row.cell, row.cell_sha256, row.backend, row.document, row.summary) == (
-        "ur5e-sim", "sha", "ruckig", b'{"trajectory":[]}', b"{}",
-    )  # fmt: skip
+        "ur5e-sim",
+        "sha",
+        "ruckig",
+        b'{"trajectory":[]}',
+        b"{}",
+    )
     assert store.plan("nothing") is None
 
 

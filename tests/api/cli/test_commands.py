@@ -60,9 +60,13 @@ def test_plan_writes_the_plan(request_file: Path, root: Path):
 
 @pytest.mark.parametrize(
     ("change", "name"),
-    [({"release": {**JOINT, "velocities": [9.0, 0, 0, 0, 0, 0]}}, "infeasible"), ({"frame": "moon"}, "invalid-request"),
-     ({"cell": "nowhere"}, "invalid-request"), ({"start": {"current": True}}, "invalid-request")],
-)  # fmt: skip
+    [
+        ({"release": {**JOINT, "velocities": [9.0, 0, 0, 0, 0, 0]}}, "infeasible"),
+        ({"frame": "moon"}, "invalid-request"),
+        ({"cell": "nowhere"}, "invalid-request"),
+        ({"start": {"current": True}}, "invalid-request"),
+    ],
+)
 def test_plan_gives_the_problem_and_status_2(request_file: Path, root: Path, change: dict, name: str):
     request_file.write_text(json.dumps({**REQUEST, **change}))
     result = fling("plan", str(request_file), "--cells", str(root / "cells"))

@@ -1,0 +1,114 @@
+"""Commands that work without a service: plan, report, warm."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+INFEASIBLE = 2  # exit status of an invalid or infeasible request
+
+
+@click.command()
+@click.argument("file", type=click.Path(exists=True, dir_okay=False, allow_dash=True, path_type=Path))
+@click.option("--cells", type=click.Path(exists=True, file_okay=False, path_type=Path), help="FLING_CELLS.")
+@click.option("--cell", help="Cell of a request that names none; default: FLING_DEFAULT_CELL.")
+def plan(file: Path, cells: Path | None, cell: str | None) -> None:
+    """Plan the request in FILE (JSON as for POST /plan; - reads standard input) and write the plan to standard output.
+
+    Exit status 2 with the problem (JSON) on standard error if the request is invalid or infeasible.
+    """
+    from api.http import ProblemDetails, problem_document, translate
+    from planner.errors import PlannerError
+
+    try:
+        click.echo(_plan(_read(file), cells, cell))
+    except ProblemDetails as problem:
+        _fail(problem_document(problem, str(file)))
+    except PlannerError as error:
+        _fail(problem_document(translate(error), str(file)))
+
+
+@click.command()
+@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="PLAN")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="HTML file; default: PLAN with the suffix .html.")
+@click.option("--cells", type=click.Path(exists=True, file_okay=False, path_type=Path), help="FLING_CELLS.")
+def report(file: Path, output: Path | None, cells: Path | None) -> None:
+    """Write the plan in PLAN (JSON as from `fling plan` or GET /plans/{id}) as one self-contained HTML file."""
+    from api.cell_repository import CellRepository
+    from api.report import report_html
+    from api.settings import ServiceSettings
+    from planner.errors import PlannerError
+
+    target = output or file.with_suffix(".html")
+    try:
+        plan = json.loads(file.read_text())
+        repository = CellRepository(cells or ServiceSettings().cells)
+        target.write_text(report_html(plan, repository.cell(plan["cell"])))
+    except (KeyError, TypeError, ValueError, PlannerError) as error:
+        raise click.ClickException(f"{file} is not a plan: {error!r}") from error
+    click.echo(target)
+
+
+@click.command()
+def warm() -> None:
+    """Build the generated solvers for this machine and cache them, so that no request waits for the compiler."""
+    from planner.backends.casadi_nlp.warming import warm as build
+
+    with click.progressbar(length=100, label="solvers") as bar:
+
+        def progress(what: str, share: float) -> None:
+            bar.label = f"solvers: {what}"
+            bar.update(max(0, round(100 * share) - bar.pos))
+
+        compiled = build(progress)
+    if not compiled:
+        click.echo("There is no C compiler: the slower interpreted functions are used.", err=True)
+
+
+def _read(file: Path) -> Any:
+    from pydantic import ValidationError
+
+    from api.http import ProblemDetails, field_errors, invalid_field
+    from api.schemas import PlanRequest
+
+    text = sys.stdin.read() if str(file) == "-" else file.read_text()
+    try:
+        return PlanRequest.model_validate_json(text)
+    except ValidationError as error:
+        errors = field_errors(error.errors(include_input=False))
+        detail = "; ".join(f"{e['field']}: {e['reason']}" for e in errors)
+        raise ProblemDetails("invalid-request", detail, errors=errors) from error
+    except UnicodeDecodeError as error:
+        raise invalid_field("file", "is not UTF-8") from error
+
+
+def _plan(body: Any, cells: Path | None, cell: str | None) -> str:
+    import time
+
+    from api.cell_repository import CellRepository
+    from api.http import invalid_field
+    from api.planning import PlanningJob, PlanRefusal, solve
+    from api.schemas import iso_time
+    from api.settings import ServiceSettings
+    from store import new_id
+
+    settings = ServiceSettings()
+    repository, name = CellRepository(cells or settings.cells), body.cell or cell or settings.default_cell
+    if body.start is not None and body.start.current:
+        raise invalid_field("start.current", "needs a service with an executor")
+    if repository.cell(name) is None:
+        raise invalid_field("cell", f"no cell {name!r}; there are {', '.join(repository.names())}")
+    request = {**body.model_dump(exclude_none=True), "cell": name}
+    answer = solve(PlanningJob(new_id(), iso_time(time.time()) or "", name, repository.text(name) or b"", request))
+    if isinstance(answer, PlanRefusal):
+        raise answer.to_error()
+    return answer.document.decode()
+
+
+def _fail(problem: dict[str, Any]) -> None:
+    click.echo(json.dumps(problem, indent=2), err=True)
+    sys.exit(INFEASIBLE)

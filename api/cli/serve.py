@@ -1,0 +1,98 @@
+"""Commands that run the processes: up, serve, executor, doctor."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from pathlib import Path
+from typing import NoReturn
+
+import click
+
+
+@click.command()
+@click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL.")
+@click.option("--port", type=int, help="Port of the service; default: FLING_PORT, or 8000.")
+def up(cell: str | None, port: int | None) -> None:
+    """Run simulated controller, executor, service, SQLite and web page on this machine until Ctrl-C."""
+    from api.cli.processes import ChildFailed, ChildProcesses, catch_signals, print_starting, start_all
+    from api.settings import ServiceSettings
+
+    settings = ServiceSettings()
+    name, number = cell or settings.default_cell, port or settings.port
+    simulated = _prepare(settings.cells, name, settings.database_url)
+    host = "127.0.0.1" if settings.host == "0.0.0.0" else settings.host
+    url = f"http://{host}:{number}"
+    environment = {
+        "FLING_PORT": str(number),
+        "FLING_CELLS": str(settings.cells),
+        "FLING_DEFAULT_CELL": name,
+        "FLING_DATABASE_URL": settings.database_url,
+    }
+    catch_signals()
+    try:
+        with ChildProcesses(environment) as children:
+            start_all(children, settings.cells, name, url, simulated, print_starting)
+            click.echo(f"\nFling is up: {url}    (OpenAPI: {url}/docs)")
+            click.echo("try: fling throw 1.2 0.3 0.0\nCtrl-C stops all.")
+            while True:
+                time.sleep(0.5)
+                children.check()
+    except KeyboardInterrupt:
+        click.echo("\nstopped.")
+    except ChildFailed as error:
+        raise click.ClickException(f"{error}; everything was stopped") from error
+
+
+@click.command()
+@click.option("--host", help="Address to listen on; default: FLING_HOST, or 127.0.0.1.")
+@click.option("--port", type=int, help="Port to listen on; default: FLING_PORT, or 8000.")
+@click.option("--cells", type=click.Path(path_type=Path), help="Folder of cell files; default: FLING_CELLS.")
+@click.option("--cell", "default_cell", help="The default cell of requests; default: FLING_DEFAULT_CELL.")
+@click.option("--database-url", help="Database; default: FLING_DATABASE_URL, or SQLite in the user's data folder.")
+@click.option(
+    "--tokens-file", type=click.Path(path_type=Path), help="File of the bearer tokens; default: FLING_TOKENS_FILE."
+)
+@click.option("--planner-workers", type=int, help="Planner processes; default: FLING_PLANNER_WORKERS.")
+def serve(**flags: object) -> None:
+    """Run the service alone: HTTP on one address, with its planner processes."""
+    from api.app import serve as run
+    from api.settings import ServiceSettings
+
+    sys.exit(run(ServiceSettings(**{name: value for name, value in flags.items() if value is not None})))  # type: ignore[arg-type]
+
+
+@click.command()
+@click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL.")
+@click.option("--read-only", is_flag=True, help="Connect, report state and preflight, never move.")
+def executor(cell: str | None, read_only: bool) -> None:
+    """Run the executor of one cell: it claims executions and streams them to the controller."""
+    _exec("executor", *(["--cell", cell] if cell else []), *(["--read-only"] if read_only else []))
+
+
+@click.command()
+@click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL.")
+def doctor(cell: str | None) -> None:
+    """Check this machine's timing and the link to the cell's controller, with advice."""
+    _exec("executor", "--doctor", *(["--cell", cell] if cell else []))
+
+
+def _prepare(cells: Path, name: str, database_url: str) -> bool:
+    """Checks the cell and migrates the database. Returns whether the cell is simulated."""
+    from api.cli.processes import cell_path
+    from planner.cell import load_cell
+    from planner.errors import CellError
+    from store import Store, StoreError
+
+    try:
+        simulated = load_cell(cell_path(cells, name)).link.kind == "sim"
+        Store.upgrade(database_url)
+    except (CellError, StoreError, RuntimeError) as error:
+        raise click.ClickException(str(error)) from error
+    return simulated
+
+
+def _exec(module: str, *arguments: str) -> NoReturn:
+    """Replaces this process by `python -m module`, so that signals reach it directly."""
+    os.execv(sys.executable, [sys.executable, "-m", module, *arguments])

@@ -1,0 +1,117 @@
+"""FastAPI dependencies of the endpoints: the service, the caller and the scopes, idempotency keys."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Coroutine
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from fastapi import Depends, Header, Request
+from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+
+from api.cell_repository import CellRepository
+from api.http import Caller, ProblemDetails, StoredToken, find_caller
+from api.metrics import Metrics
+from api.planning import PlannerPool
+from api.settings import ServiceSettings
+from planner.cell import Cell
+from store import IdempotencyKey, Store
+
+KEY_LENGTH_MAX = 255
+LOCAL_CALLER = Caller("local", frozenset({"plan", "operate"}))  # anyone on this machine, if there are no tokens
+BEARER = HTTPBearer(auto_error=False, description="From `fling token create`; not needed where there are no tokens.")
+
+
+@dataclass(frozen=True)
+class Service:
+    """Everything that lives as long as the service."""
+
+    settings: ServiceSettings
+    store: Store
+    cells: CellRepository
+    pool: PlannerPool
+    tokens: tuple[StoredToken, ...]
+    metrics: Metrics
+
+    def cell(self, name: str) -> Cell:
+        """Returns a cell by name.
+
+        Raises:
+            ProblemDetails: There is no such cell.
+            CellError: Its file is refused.
+        """
+        cell = self.cells.cell(name)
+        if cell is None:
+            raise ProblemDetails("not-found", f"no cell {name!r}; there are {', '.join(self.cells.names())}")
+        return cell
+
+
+def service(request: Request) -> Service:
+    """Returns the service that `create_app` assembled."""
+    return request.app.state.service
+
+
+ServiceDep = Annotated[Service, Depends(service)]
+Credentials = Annotated[HTTPAuthorizationCredentials | None, Depends(BEARER)]
+
+
+def caller(service: ServiceDep, credentials: Credentials) -> Caller:
+    """Returns the caller of a request.
+
+    Raises:
+        ProblemDetails: The service uses tokens and the request has none or an unknown one.
+    """
+    if not service.tokens:
+        return LOCAL_CALLER
+    found = None if credentials is None else find_caller(service.tokens, credentials.credentials)
+    if found is None:
+        detail = "a bearer token is needed" if credentials is None else "this token is not known"
+        raise ProblemDetails("unauthenticated", detail, headers={"WWW-Authenticate": "Bearer"})
+    return found
+
+
+AnyCaller = Annotated[Caller, Depends(caller)]
+
+
+def _with_scope(scope: str) -> Callable[[Caller], Caller]:
+    def scoped(caller: AnyCaller) -> Caller:
+        if scope not in caller.scopes:
+            raise ProblemDetails("forbidden", f"the token {caller.name!r} has no scope {scope!r}")
+        return caller
+
+    return scoped
+
+
+PlanCaller = Annotated[Caller, Depends(_with_scope("plan"))]
+OperateCaller = Annotated[Caller, Depends(_with_scope("operate"))]
+
+
+def _key_for(path: str) -> Callable[..., Coroutine[Any, Any, IdempotencyKey | None]]:
+    async def key(
+        request: Request,
+        caller: AnyCaller,
+        idempotency_key: Annotated[str | None, Header(description="Same key and body: same resource.")] = None,
+    ) -> IdempotencyKey | None:
+        if idempotency_key is None:
+            return None
+        if not 0 < len(idempotency_key) <= KEY_LENGTH_MAX:
+            reason = f"must have 1 to {KEY_LENGTH_MAX} characters"
+            errors = [{"field": "Idempotency-Key", "reason": reason}]
+            raise ProblemDetails("invalid-request", f"Idempotency-Key {reason}", errors=errors)
+        body = hashlib.sha256(await request.body()).hexdigest()
+        return IdempotencyKey(f"{caller.name} {path}", idempotency_key, body)
+
+    return key
+
+
+PlanKey = Annotated[IdempotencyKey | None, Depends(_key_for("/plan"))]
+ExecuteKey = Annotated[IdempotencyKey | None, Depends(_key_for("/execute"))]
+
+
+def remote_address(request: Request) -> str:
+    """Returns the address of the client."""
+    return request.client.host if request.client else "unknown"
+
+
+RemoteAddress = Annotated[str, Depends(remote_address)]

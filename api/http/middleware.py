@@ -1,0 +1,100 @@
+"""Security middleware in front of every request: allowed hosts and origins, size and media type of bodies.
+
+Pure ASGI, so that it also covers requests that never reach the framework's routing. Without tokens the `Host` must be
+this machine (against DNS rebinding); a browser's `Origin` must be the service itself (against cross-site posts); a body
+must be JSON. Every response carries headers that restrict what a browser may do with it.
+"""
+
+from __future__ import annotations
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.exceptions import HTTPException
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from api.http.errors import ProblemDetails
+from api.http.problem_json import BODY_LIMIT_BYTES, BODY_TOO_LARGE, problem_response
+from api.settings import is_loopback_host
+
+SECURITY_HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'self'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+}
+
+
+class SecurityMiddleware:
+    """ASGI middleware.
+
+    Args:
+        app: The application behind it.
+        local_only: Whether only loopback hosts are served: the service runs without tokens.
+    """
+
+    def __init__(self, app: ASGIApp, local_only: bool) -> None:
+        self.app = app
+        self.local_only = local_only
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Rejects a request or passes it on."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        problem = self._rejection(scope["method"], headers)
+        if problem is not None:
+            await problem_response(problem, scope["path"])(scope, receive, _with_security_headers(send))
+        else:
+            await self.app(scope, _limited(receive), _with_security_headers(send))
+
+    def _rejection(self, method: str, headers: Headers) -> ProblemDetails | None:
+        host = _host_name(headers.get("host", ""))
+        if self.local_only and not is_loopback_host(host):
+            return ProblemDetails("forbidden", "without tokens the service answers on loopback addresses only")
+        origin = headers.get("origin")
+        if origin and method not in ("GET", "HEAD") and origin.split("://")[-1] != headers.get("host"):
+            return ProblemDetails("forbidden", f"requests from pages of {origin!a} are not accepted")
+        length = headers.get("content-length", "0")
+        if length.isdecimal() and int(length) > BODY_LIMIT_BYTES:
+            return ProblemDetails("too-large", BODY_TOO_LARGE, limit_bytes=BODY_LIMIT_BYTES)
+        if method in ("POST", "PUT", "PATCH") and _has_body(headers) and not _is_json(headers.get("content-type", "")):
+            return ProblemDetails("unsupported-media-type", "the body must be application/json")
+        return None
+
+
+def _limited(receive: Receive) -> Receive:
+    """Returns a `receive` that rejects a chunked body once it exceeds the limit."""
+    received = 0
+
+    async def limited() -> Message:
+        nonlocal received
+        message = await receive()
+        received += len(message.get("body", b""))
+        if received > BODY_LIMIT_BYTES:
+            raise HTTPException(413)
+        return message
+
+    return limited
+
+
+def _host_name(host: str) -> str:
+    return host[: host.index("]") + 1] if host.startswith("[") and "]" in host else host.split(":")[0]
+
+
+def _has_body(headers: Headers) -> bool:
+    return headers.get("content-length", "0") != "0" or "transfer-encoding" in headers
+
+
+def _is_json(content_type: str) -> bool:
+    media = content_type.split(";")[0].strip().lower()
+    return media == "application/json" or (media.startswith("application/") and media.endswith("+json"))
+
+
+def _with_security_headers(send: Send) -> Send:
+    async def send_with_headers(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(scope=message)
+            for name, value in SECURITY_HEADERS.items():
+                headers.setdefault(name, value)
+        await send(message)
+
+    return send_with_headers

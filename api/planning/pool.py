@@ -1,0 +1,128 @@
+"""The pool of planner processes: a bounded queue in front of a few warm workers, rebuilt when one dies.
+
+The event loop never plans: a request waits here without holding a thread, and `/healthz` answers meanwhile.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from multiprocessing import get_context
+from typing import Any
+
+from api.planning import worker
+from api.planning.worker import Planned, PlanningJob, PlanRefusal
+from planner.errors import SolverFailed
+
+GRACE_S = 10.0  # [s] beyond `time_limit_s`: a cold start, the search for the nearest feasible request, a busy machine
+TYPICAL_PLAN_S = 0.5  # [s] duration of a usual plan, for the advice in Retry-After
+TRIES = 2  # a job whose worker was killed is tried once more
+
+
+class PlanningQueueFull(Exception):
+    """The planning queue is full; `retry_after_s` is the advised wait [s]."""
+
+    def __init__(self, retry_after_s: int) -> None:
+        super().__init__("the planning queue is full")
+        self.retry_after_s = retry_after_s
+
+
+class PlannerPool:
+    """Planner processes behind a bounded queue.
+
+    Args:
+        count: Number of processes.
+        queue: Number of requests that may wait for a process; further ones are rejected.
+        warm_up: Planned by each process when it starts.
+        solve: Work of a process; replaced in tests.
+        grace_s: A process that exceeds the time limit of its job by more than this is killed [s].
+    """
+
+    def __init__(
+        self,
+        count: int,
+        queue: int,
+        warm_up: PlanningJob | None = None,
+        solve: Callable[[Any], Any] = worker.solve,
+        grace_s: float = GRACE_S,
+    ) -> None:
+        self._count, self._capacity = count, count + queue
+        self._warm_up_job, self._solve, self._grace_s = warm_up, solve, grace_s
+        self._free = asyncio.Semaphore(count)
+        self._executor: ProcessPoolExecutor | None = None
+        self._admitted = 0
+        self.is_warm = False
+
+    async def warm_up(self) -> None:
+        """Starts the processes and waits until they have planned their warm-up job."""
+        loop = asyncio.get_running_loop()
+        await asyncio.gather(*(loop.run_in_executor(self._open(), _do_nothing) for _ in range(self._count)))
+        self.is_warm = True
+
+    async def solve(self, job: PlanningJob, time_limit_s: float) -> Planned:
+        """Plans one request.
+
+        Raises:
+            PlanningQueueFull: Too many requests wait already.
+            PlannerError: The planner refused the request, or its process died or did not answer in time.
+        """
+        if self._admitted >= self._capacity:
+            raise PlanningQueueFull(max(1, math.ceil(self._admitted * TYPICAL_PLAN_S / self._count)))
+        self._admitted += 1
+        try:
+            async with self._free:
+                answer = await self._run(job, time_limit_s + self._grace_s)
+        finally:
+            self._admitted -= 1
+        if isinstance(answer, PlanRefusal):
+            raise answer.to_error()
+        return answer
+
+    @property
+    def waiting(self) -> int:
+        """Number of requests being planned or queued."""
+        return self._admitted
+
+    def close(self) -> None:
+        """Ends the processes."""
+        if self._executor is not None:
+            _kill(self._executor)
+            self._executor = None
+
+    async def _run(self, job: PlanningJob, timeout_s: float) -> Planned | PlanRefusal:
+        for _ in range(TRIES):
+            executor = self._open()
+            try:
+                future = asyncio.wrap_future(executor.submit(self._solve, job))
+                return await asyncio.wait_for(future, timeout_s)
+            except BrokenProcessPool:
+                self._discard(executor)
+            except TimeoutError:
+                self._discard(executor)
+                raise SolverFailed(f"no answer within {timeout_s:g} s; the planner process was killed") from None
+        raise SolverFailed("the planner process died")
+
+    def _open(self) -> ProcessPoolExecutor:
+        if self._executor is None:
+            context = get_context("spawn")  # never fork: this process has threads
+            self._executor = ProcessPoolExecutor(self._count, context, worker.initialise, (self._warm_up_job,))
+        return self._executor
+
+    def _discard(self, executor: ProcessPoolExecutor) -> None:
+        if executor is self._executor:
+            self._executor = None
+        _kill(executor)
+
+
+def _do_nothing() -> None:
+    """A job that returns once a worker has started."""
+
+
+def _kill(executor: ProcessPoolExecutor) -> None:
+    processes = list((executor._processes or {}).values())  # before Python 3.14 there is no public way to kill a worker
+    for process in processes:
+        process.kill()
+    executor.shutdown(wait=True, cancel_futures=True)

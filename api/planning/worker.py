@@ -1,0 +1,129 @@
+"""The work of one planner process: a planning job in, the JSON of a plan or a refusal out.
+
+Results are plain data, because exceptions with fields do not survive pickling between processes.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from multiprocessing import parent_process
+from typing import Any
+
+import orjson
+
+from planner.cell import Cell, parse_cell
+from planner.errors import BackendUnavailable, CellError, Infeasible, InvalidProblem, PlannerError, SolverFailed
+
+NICENESS = 10  # planning can wait for the stream to the arm, which has a deadline every tick
+
+
+@dataclass(frozen=True)
+class PlanningJob:
+    """One planning request.
+
+    Attributes:
+        plan_id: Id of the plan to be.
+        created_at: Time of the request (UTC, ISO 8601).
+        cell_name: Name of the cell.
+        cell_text: Content of its cell file.
+        request: The request as JSON, in the shape of `POST /plan`.
+    """
+
+    plan_id: str
+    created_at: str
+    cell_name: str
+    cell_text: bytes
+    request: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A certified plan: JSON with the trajectory (`document`) and without (`summary`)."""
+
+    backend: str
+    document: bytes
+    summary: bytes
+
+
+@dataclass(frozen=True)
+class PlanRefusal:
+    """A planner error as plain data: the name of its class and its arguments."""
+
+    kind: str
+    arguments: tuple[Any, ...]
+
+    def to_error(self) -> PlannerError:
+        """Returns the planner's error."""
+        return ERRORS[self.kind](*self.arguments)
+
+
+ERRORS: dict[str, type[PlannerError]] = {
+    kind.__name__: kind for kind in (InvalidProblem, Infeasible, SolverFailed, BackendUnavailable, CellError)
+}
+
+
+def initialise(warm_up: PlanningJob | None) -> None:
+    """Prepares this process for planning: low priority, an end with its parent, solvers built, everything loaded."""
+    os.nice(NICENESS)
+    parent = parent_process()
+    if parent is not None:
+        threading.Thread(target=_exit_with, args=(parent,), daemon=True).start()
+    _build_solvers()
+    if warm_up is not None:
+        solve(warm_up)
+    gc.collect()
+    gc.freeze()  # collections during a plan skip everything loaded so far: saves milliseconds
+
+
+def solve(job: PlanningJob) -> Planned | PlanRefusal:
+    """Plans one request."""
+    from planner.plan_document import plan_document, problem_from_request
+    from planner.planning import plan
+
+    try:
+        problem = problem_from_request(job.request, _cell(job.cell_text, job.cell_name))
+        answer = plan_document(plan(problem), job.request, job.plan_id, job.created_at)
+    except PlannerError as error:
+        return _refusal(error)
+    document = orjson.dumps(answer, option=orjson.OPT_SERIALIZE_NUMPY)
+    del answer["trajectory"]
+    return Planned(answer["backend"], document, orjson.dumps(answer, option=orjson.OPT_SERIALIZE_NUMPY))
+
+
+def _refusal(error: PlannerError) -> PlanRefusal:
+    match error:
+        case InvalidProblem():
+            return PlanRefusal("InvalidProblem", (error.errors,))
+        case Infeasible():
+            return PlanRefusal("Infeasible", (error.violations, error.nearest, error.attempts))
+        case SolverFailed():
+            return PlanRefusal("SolverFailed", (error.status, error.iterations, error.attempts))
+        case BackendUnavailable():
+            return PlanRefusal("BackendUnavailable", (error.backend, error.extra))
+        case CellError():
+            return PlanRefusal("CellError", (error.field, str(error.value), error.reason))
+    raise error
+
+
+def _build_solvers() -> None:
+    """Loads the solvers compiled by `fling warm`, or interpreted ones; never compiles."""
+    from planner.backends.casadi_nlp.task import machine
+    from planner.backends.casadi_nlp.warming import SHAPES
+
+    for shape in SHAPES:
+        machine(shape)
+
+
+@lru_cache(maxsize=32)
+def _cell(text: bytes, name: str) -> Cell:
+    return parse_cell(text, name)
+
+
+def _exit_with(parent: Any) -> None:
+    parent.join()
+    os._exit(0)

@@ -1,0 +1,152 @@
+"""Picture of a plan: side view and top view of arm, tool path and flight, as one SVG styled by the page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.cell import Cell
+from planner.flight import path as flight_path
+from planner.kinematics import forward, link_poses
+from planner.plan_document import plan_from_document
+
+Vector = NDArray[np.float64]
+
+WIDTH, HEIGHT, EDGE = 460, 340, 28  # [px] size of one view, and its margin
+FLIGHT_POINTS = 60
+POSES = (("start", "arm start"), ("release", "arm release"), ("end", "arm end"))
+
+
+@dataclass(frozen=True, eq=False)
+class PlanScene:
+    """Geometry of the picture, in the world [m].
+
+    Attributes:
+        arms: Points (n, 3) along the arm at the start, the release and the end.
+        path: Positions (N, 3) of the tool centre point.
+        release_index: Sample of the release in `path`.
+        flight: Positions (n, 3) of the object in flight; empty for a move that ends at rest.
+        target: Target (3,) of the throw, None for other releases.
+        floor_z: Height of the floor.
+    """
+
+    arms: tuple[Vector, ...]
+    path: Vector
+    release_index: int
+    flight: Vector
+    target: Vector | None
+    floor_z: float
+
+
+def plan_svg(plan: Mapping[str, Any], cell: Cell) -> str:
+    """Returns both views of a plan as one SVG element; each line has a class for its style.
+
+    Args:
+        plan: The plan as JSON, as `GET /plans/{id}` answers it.
+        cell: Its cell.
+    """
+    scene = _scene(plan, cell)
+    side = _direction(scene, cell)
+    views = (
+        _view("side", 0, scene, lambda p: np.stack([p[..., :2] @ side, p[..., 2]], -1), floor=True),
+        _view("top", WIDTH, scene, lambda p: p[..., :2], floor=False),
+    )
+    size = f'viewBox="0 0 {2 * WIDTH} {HEIGHT}" role="img"'
+    title = "<title>Side view and top view of the planned motion and the flight</title>"
+    return f'<svg xmlns="http://www.w3.org/2000/svg" class="picture" {size}>{title}{"".join(views)}</svg>'
+
+
+def _scene(plan: Mapping[str, Any], cell: Cell) -> PlanScene:
+    problem, trajectory = plan_from_document(plan, cell)
+    k = trajectory.release_index
+    X_WT = cell.X_WB @ forward(cell.robot, trajectory.q, cell.tool.X_FT)
+    arms = tuple(_arm(cell, trajectory.q[i]) for i in (0, k, -1))
+    target = plan["request"]["release"]
+    point = problem.release.p_W if target["kind"] == "target" else None  # type: ignore[union-attr]
+    floor = cell.surroundings.floor_z_m
+    return PlanScene(arms, X_WT[:, :3, 3], k, _flight(plan, problem.drag, problem.gravity), point, floor)
+
+
+def _arm(cell: Cell, q: Vector) -> Vector:
+    """Returns the points (n, 3) along the arm from base to tool centre point [m]."""
+    origins = cell.X_WB @ link_poses(cell.robot, q)
+    tool = cell.X_WB @ forward(cell.robot, q, cell.tool.X_FT)
+    return np.vstack([origins[:, :3, 3], tool[None, :3, 3]])
+
+
+def _flight(plan: Mapping[str, Any], drag: float, gravity: float) -> Vector:
+    if plan["flight"] is None:
+        return np.zeros((0, 3))
+    release = plan["release"]
+    p, v = np.array(release["pose"]["position"]), np.array(release["twist"]["linear"])
+    times = np.linspace(0.0, plan["flight"]["time_of_flight_s"], FLIGHT_POINTS)
+    return flight_path(p, v, times, gravity, drag)
+
+
+def _direction(scene: PlanScene, cell: Cell) -> Vector:
+    """Returns the horizontal direction (2,) of the throw, which is the x axis of the side view."""
+    end = scene.flight[-1] if len(scene.flight) else scene.path[-1]
+    offset = (end - cell.X_WB[:3, 3])[:2]
+    length = float(np.linalg.norm(offset))
+    return offset / length if length > 1e-9 else np.array([1.0, 0.0])
+
+
+def _view(name: str, left: float, scene: PlanScene, project: Any, floor: bool) -> str:
+    points = [project(p) for p in (*scene.arms, scene.path, scene.flight) if len(p)]
+    everything = np.vstack(points)
+    if floor:
+        everything = np.vstack([everything, [[everything[:, 0].min(), scene.floor_z]]])
+    to_pixels = _scale(everything, left)
+    parts = [f'<text class="label" x="{left + EDGE}" y="16">{name} view</text>', _ruler(to_pixels, everything, left)]
+    if floor:
+        y = to_pixels(np.array([[0.0, scene.floor_z]]))[0, 1]
+        parts.append(f'<line class="floor" x1="{left + 8}" x2="{left + WIDTH - 8}" y1="{y:.1f}" y2="{y:.1f}"/>')
+    for (_, style), arm in zip(POSES, scene.arms, strict=True):
+        parts.append(_line(to_pixels(project(arm)), style))
+    path = project(scene.path)
+    parts.append(_line(to_pixels(path[: scene.release_index + 1]), "launch"))
+    parts.append(_line(to_pixels(path[scene.release_index :]), "brake"))
+    if len(scene.flight):
+        parts.append(_line(to_pixels(project(scene.flight)), "flight"))
+        parts.append(_dot(to_pixels(project(scene.flight[-1:])), "landing", 4))
+    parts.append(_dot(to_pixels(path[scene.release_index][None]), "let-go", 4))
+    if scene.target is not None:
+        parts.append(_dot(to_pixels(project(scene.target[None])), "target", 8))
+    return "<g>" + "".join(parts) + "</g>"
+
+
+def _scale(points: Vector, left: float) -> Any:
+    """Returns the map from metres to pixels that fits `points` into the view, with equal scales of both axes."""
+    low, high = points.min(0), points.max(0)
+    scale = min((WIDTH - 2 * EDGE) / max(high[0] - low[0], 0.1), (HEIGHT - 2 * EDGE) / max(high[1] - low[1], 0.1))
+    middle = (low + high) / 2
+
+    def to_pixels(p: Vector) -> Vector:
+        x = left + WIDTH / 2 + scale * (p[:, 0] - middle[0])
+        return np.stack([x, HEIGHT / 2 - scale * (p[:, 1] - middle[1])], -1)
+
+    return to_pixels
+
+
+def _ruler(to_pixels: Any, points: Vector, left: float) -> str:
+    low = points.min(0)
+    ends = to_pixels(np.array([[low[0], low[1]], [low[0] + 0.5, low[1]]]))
+    length, x, y = float(ends[1, 0] - ends[0, 0]), left + EDGE, HEIGHT - 10
+    return (
+        f'<line class="ruler" x1="{x}" x2="{x + length:.1f}" y1="{y}" y2="{y}"/>'
+        f'<text class="label" x="{x + length + 6:.1f}" y="{y + 4}">0.5 m</text>'
+    )
+
+
+def _line(points: Sequence[Sequence[float]] | Vector, style: str) -> str:
+    listed = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
+    return f'<polyline class="{style}" fill="none" points="{listed}"/>'
+
+
+def _dot(point: Vector, style: str, radius: float) -> str:
+    x, y = point[0]
+    return f'<circle class="{style}" cx="{x:.1f}" cy="{y:.1f}" r="{radius}"/>'

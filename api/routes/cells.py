@@ -1,0 +1,93 @@
+"""Cells: their files, their executors, the live state of their robots."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Path
+from fastapi.responses import JSONResponse
+
+from api.dependencies import AnyCaller, OperateCaller, RemoteAddress, Service, ServiceDep
+from api.http import ProblemDetails, json_answer, problem_answers
+from api.liveness import executor_document, is_alive
+from api.schemas import Acknowledged, CellList, CellState
+from planner.errors import CellError
+from store import CellRow
+
+router = APIRouter(tags=["cells"])
+
+CellName = Annotated[
+    str,
+    Path(
+        description="Name of a cell.",
+        max_length=64,
+        openapi_examples={"default": {"summary": "the default cell", "value": "ur5e-sim"}},
+    ),
+]
+CELL_FILE_ANSWER = {
+    "description": "The keys and numbers of the cell file with defaults filled in, and `name` and `sha256`; units are "
+    "part of the names.",
+    "content": {"application/json": {"schema": {"type": "object"}}},
+}
+
+
+@router.get("/cells", summary="List cells", responses=json_answer(200, CellList, "Every cell file."))
+def list_cells(service: ServiceDep, caller: AnyCaller) -> JSONResponse:
+    """Lists the cell files and their executors; refused files come with the reason."""
+    rows = {row.cell: row for row in service.store.cell_statuses()}
+    return JSONResponse({"cells": [_summary(service, name, rows.get(name)) for name in service.cells.names()]})
+
+
+@router.get(
+    "/cells/{name}",
+    summary="Read a cell",
+    responses={200: CELL_FILE_ANSWER, **problem_answers("not-found", "invalid-request")},
+)
+def read_cell(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
+    """Reads a cell file as JSON, with every default filled in."""
+    return JSONResponse(service.cell(name).as_document())
+
+
+@router.get(
+    "/cells/{name}/state",
+    summary="Read a robot's state",
+    responses={**json_answer(200, CellState, "As its executor last reported."), **problem_answers("not-found")},
+)
+def read_state(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
+    """Reads the live state of a cell's robot: mode, safety, joint positions; and a latched fault."""
+    service.cell(name)
+    row = service.store.cell_status(name)
+    document = {"cell": name, "executor": executor_document(row), "execution_id": service.store.open_execution(name)}
+    robot = dict(row.robot) if row is not None and is_alive(row) else None
+    fault = None if row is None or row.fault is None else dict(row.fault)
+    return JSONResponse({**document, "robot": robot, "fault": fault})
+
+
+@router.post(
+    "/cells/{name}/acknowledge",
+    summary="Acknowledge a fault",
+    responses={
+        **json_answer(200, Acknowledged, "The executor clears its latched fault."),
+        **problem_answers("not-found", "robot-not-ready", "unauthenticated", "forbidden"),
+    },
+)
+def acknowledge(name: CellName, service: ServiceDep, caller: OperateCaller, remote: RemoteAddress) -> JSONResponse:
+    """Clears the fault that the executor latched, once a person has checked the robot."""
+    service.cell(name)
+    row = service.store.cell_status(name)
+    if row is None or not is_alive(row):
+        raise ProblemDetails("robot-not-ready", f"cell {name!r} has no executor that could clear a fault", cell=name)
+    service.store.request_acknowledge(name, caller.name)
+    service.store.add_audit(caller.name, "acknowledge", f"/cells/{name}", remote)
+    fault = None if row.fault is None else dict(row.fault)
+    return JSONResponse({"cell": name, "acknowledged_by": caller.name, "fault": fault})
+
+
+def _summary(service: Service, name: str, row: CellRow | None) -> dict[str, Any]:
+    document: dict[str, Any] = {"name": name, "robot": None, "link_kind": None, "sha256": None, "error": None}
+    document |= {"default": name == service.settings.default_cell, "executor": executor_document(row)}
+    try:
+        cell = service.cell(name)
+    except CellError as error:
+        return {**document, "error": str(error)}
+    return {**document, "robot": cell.robot.name, "link_kind": cell.link.kind, "sha256": cell.sha256}

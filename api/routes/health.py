@@ -1,0 +1,56 @@
+"""Health, readiness and metrics of the service."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter, Response
+from fastapi.responses import JSONResponse
+from prometheus_client import CONTENT_TYPE_LATEST
+from starlette.concurrency import run_in_threadpool
+
+from api import fling_version
+from api.dependencies import AnyCaller, Service, ServiceDep
+from api.http import ProblemDetails, json_answer, problem_answers
+from api.liveness import is_alive
+from api.schemas import Readiness
+
+router = APIRouter(tags=["service"])
+
+
+@router.get("/healthz", summary="Health")
+async def healthz() -> dict[str, str]:
+    """Answers as long as the process lives, also while it plans. Needs no token."""
+    return {"status": "ok", "version": fling_version()}
+
+
+@router.get(
+    "/readyz",
+    summary="Readiness",
+    responses={**json_answer(200, Readiness, "Able to plan and to reach the store."), **problem_answers("not-ready")},
+)
+async def readyz(service: ServiceDep) -> JSONResponse:
+    """Returns whether the service can plan and reach its store, and which cells have an executor. Needs no token."""
+    store = await run_in_threadpool(service.store.is_reachable)
+    cells = await run_in_threadpool(_executors, service) if store else {}
+    parts = {"store": store, "planner": service.pool.is_warm, "cells": cells}
+    if not (store and service.pool.is_warm):
+        reason = "the store cannot be reached" if not store else "the planner processes are starting"
+        raise ProblemDetails("not-ready", reason, headers={"Retry-After": "1"}, ready=False, **parts)
+    return JSONResponse({"ready": True, **parts})
+
+
+@router.get(
+    "/metrics",
+    summary="Prometheus metrics",
+    responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}, "description": "Prometheus' format."}},
+)
+def metrics(service: ServiceDep, caller: AnyCaller) -> Response:
+    """Returns planning requests and their durations, executions by outcome, executors alive."""
+    service.metrics.waiting.set(service.pool.waiting)
+    for cell, alive in _executors(service).items():
+        service.metrics.executors.labels(cell).set(alive)
+    return Response(service.metrics.text(), headers={"Content-Type": CONTENT_TYPE_LATEST})
+
+
+def _executors(service: Service) -> dict[str, bool]:
+    rows = {row.cell: row for row in service.store.cell_statuses()}
+    return {name: is_alive(rows.get(name)) for name in service.cells.names()}

@@ -1,0 +1,198 @@
+"""Plans: create, list, read, draw."""
+
+from __future__ import annotations
+
+import csv
+import io
+import time
+from typing import Annotated, Any
+
+import orjson
+from fastapi import APIRouter, Body, Header, Path, Query, Response
+from starlette.concurrency import run_in_threadpool
+
+from api.dependencies import AnyCaller, PlanCaller, PlanKey, Service, ServiceDep
+from api.http import ProblemDetails, json_answer, preferred_media_type, problem_answers, translate
+from api.liveness import is_alive
+from api.planning import Planned, PlanningJob, PlanningQueueFull
+from api.report import plan_svg
+from api.schemas import PLAN_EXAMPLES, PlanAnswer, PlanList, PlanRequest, TrajectoryAnswer, iso_time
+from planner.errors import PlannerError
+from store import IdempotencyKey, KeyTaken, PlanRow, new_id
+
+router = APIRouter(tags=["plans"])
+
+TIME_LIMIT_S = 5.0  # [s] if the request names none; source: the contract
+PlanId = Annotated[
+    str,
+    Path(
+        description="Id of a plan, or `latest`.",
+        max_length=64,
+        openapi_examples={"latest": {"summary": "the newest plan", "value": "latest"}},
+    ),
+]
+PageLimit = Annotated[int, Query(ge=1, le=200, description="Maximum length of the page.")]
+PageCursor = Annotated[str | None, Query(description="`next_cursor` of the page before.", max_length=64)]
+WithTrajectory = Annotated[bool, Query(description="false leaves the trajectory out.")]
+PlanBody = Annotated[PlanRequest, Body(openapi_examples=PLAN_EXAMPLES)]  # type: ignore[arg-type]
+TRAJECTORY_ANSWER = {
+    "model": TrajectoryAnswer,
+    "content": {"text/csv": {"schema": {"type": "string"}}},
+    "description": "JSON, or CSV with one row per tick, by `Accept`.",
+}
+
+
+@router.post(
+    "/plan",
+    status_code=201,
+    summary="Plan a throw",
+    responses={
+        **json_answer(201, PlanAnswer, "Solved, certified and stored."),
+        **problem_answers(
+            "not-found",
+            "invalid-request",
+            "infeasible",
+            "idempotency-conflict",
+            "overloaded",
+            "solver-failed",
+            "too-large",
+            "unsupported-media-type",
+            "unauthenticated",
+            "forbidden",
+        ),
+    },
+)
+async def make_plan(
+    body: PlanBody, service: ServiceDep, caller: PlanCaller, key: PlanKey, trajectory: WithTrajectory = True
+) -> Response:
+    """Solves, certifies and stores one plan. A plan that fails its certificate is never stored and never returned."""
+    id = None if key is None else await run_in_threadpool(service.store.resource_of_key, key)
+    if id is None:
+        id = await _solve_and_store(body, service, key)
+    row = await run_in_threadpool(service.store.plan, id)
+    assert row is not None  # plans are never deleted
+    content = row.document if trajectory else row.summary
+    return Response(content, 201, {"Location": f"/plans/{row.id}"}, "application/json")
+
+
+@router.get("/plans", summary="List plans", responses=json_answer(200, PlanList, "Newest first, without trajectories."))
+def list_plans(service: ServiceDep, caller: AnyCaller, limit: PageLimit = 50, cursor: PageCursor = None) -> Response:
+    """Lists plans, newest first, without their trajectories."""
+    rows, following = service.store.plans(limit, cursor)
+    page = b'{"plans":[' + b",".join(row.summary for row in rows) + b'],"next_cursor":' + orjson.dumps(following) + b"}"
+    return Response(page, media_type="application/json")
+
+
+@router.get(
+    "/plans/{id}",
+    summary="Read a plan",
+    responses={**json_answer(200, PlanAnswer, "As it was stored."), **problem_answers("not-found")},
+)
+def read_plan(id: PlanId, service: ServiceDep, caller: AnyCaller, trajectory: WithTrajectory = True) -> Response:
+    """Reads one plan as it was stored."""
+    row = find_plan(service, id, whole=trajectory)
+    return Response(row.document if trajectory else row.summary, media_type="application/json")
+
+
+@router.get(
+    "/plans/{id}/trajectory",
+    summary="Read a trajectory",
+    responses={200: TRAJECTORY_ANSWER, **problem_answers("not-found")},
+)
+def read_trajectory(
+    id: PlanId,
+    service: ServiceDep,
+    caller: AnyCaller,
+    accept: Annotated[str | None, Header(description="application/json or text/csv.")] = None,
+) -> Response:
+    """Reads the trajectory of a plan, as JSON or CSV."""
+    trajectory = orjson.loads(find_plan(service, id).document)["trajectory"]
+    headers = {"Vary": "Accept"}
+    if preferred_media_type(accept, ("application/json", "text/csv")) == "text/csv":
+        return Response(_trajectory_csv(trajectory), headers=headers, media_type="text/csv")
+    return Response(orjson.dumps(trajectory), headers=headers, media_type="application/json")
+
+
+@router.get("/plans/{id}/picture.svg", include_in_schema=False)
+def draw_plan(id: PlanId, service: ServiceDep, caller: AnyCaller) -> Response:
+    """Draws the motion and the flight of a plan, for the web page."""
+    row = find_plan(service, id)
+    cell = service.cell(row.cell)
+    if cell.sha256 != row.cell_sha256:
+        detail = f"the cell file {row.cell!r} has changed since planning: the plan cannot be drawn"
+        raise ProblemDetails("not-found", detail)
+    return Response(plan_svg(orjson.loads(row.document), cell), media_type="image/svg+xml")
+
+
+def find_plan(service: Service, id: str, whole: bool = True) -> PlanRow:
+    """Returns a plan by its id or `latest`; without its trajectory unless `whole`.
+
+    Raises:
+        ProblemDetails: There is no such plan.
+    """
+    if id == "latest":
+        newest, _ = service.store.plans(limit=1)
+        id = newest[0].id if newest else id
+    row = service.store.plan(id) if whole else service.store.plan_summary(id)
+    if row is None:
+        raise ProblemDetails("not-found", f"no plan {id!r}")
+    return row
+
+
+async def _solve_and_store(body: PlanRequest, service: Service, key: IdempotencyKey | None) -> str:
+    started_at = time.perf_counter()
+    job, sha256 = await run_in_threadpool(_planning_job, body, service)
+    try:
+        planned = await service.pool.solve(job, body.time_limit_s or TIME_LIMIT_S)
+    except (PlannerError, PlanningQueueFull) as error:
+        service.metrics.plans.labels(translate(error).name).inc()
+        raise
+    finally:
+        service.metrics.plan_seconds.observe(time.perf_counter() - started_at)
+    service.metrics.plans.labels("planned").inc()
+    return await run_in_threadpool(_store_plan, service, job, sha256, planned, key)
+
+
+def _planning_job(body: PlanRequest, service: Service) -> tuple[PlanningJob, str]:
+    """Returns the job for a worker and the hash of its cell file."""
+    name = body.cell or service.settings.default_cell
+    cell, text = service.cell(name), service.cells.text(name) or b""
+    request = {**body.model_dump(exclude_none=True), "cell": name}
+    if body.start is not None and body.start.current:
+        request["start"] = {"positions": _current_positions(service, name)}
+    return PlanningJob(new_id(), iso_time(time.time()) or "", name, text, request), cell.sha256
+
+
+def _current_positions(service: Service, cell: str) -> list[float]:
+    row = service.store.cell_status(cell)
+    positions: Any = row.robot.get("positions") if row is not None and is_alive(row) else None
+    if positions is None:
+        detail = f"no executor reports the joint positions of cell {cell!r}"
+        raise ProblemDetails("robot-not-ready", detail, cell=cell)
+    return [float(q) for q in positions]
+
+
+def _store_plan(service: Service, job: PlanningJob, sha256: str, planned: Planned, key: IdempotencyKey | None) -> str:
+    """Stores the plan and returns its id; the first one's id if the same request arrived twice at once."""
+    try:
+        service.store.add_plan(
+            job.plan_id, time.time(), job.cell_name, sha256, planned.backend, planned.document, planned.summary, key
+        )
+    except KeyTaken as taken:
+        if key is None or taken.body_sha256 != key.body_sha256:
+            raise
+        return taken.resource_id
+    return job.plan_id
+
+
+def _trajectory_csv(trajectory: dict[str, Any]) -> str:
+    """Returns one row per tick: time, then positions, velocities and accelerations of every joint."""
+    kinds = {"positions": "position_rad", "velocities": "velocity_rad_s", "accelerations": "acceleration_rad_s2"}
+    names = trajectory["joint_names"]
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["time_from_start_s", *(f"{name}_{suffix}" for suffix in kinds.values() for name in names)])
+    columns = [trajectory["time_from_start"], *(trajectory[kind] for kind in kinds)]
+    for t, q, qd, qdd in zip(*columns, strict=True):
+        rows.writerow([t, *q, *qd, *qdd])
+    return text.getvalue()

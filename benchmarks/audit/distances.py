@@ -1,0 +1,171 @@
+"""Distances, tool speeds and singularity distances of the audit, by coal and Pinocchio."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from itertools import combinations
+
+import coal
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from benchmarks.audit.pinocchio_arm import arm_model, poses_and_velocity
+from planner.cell import Cell
+from planner.geometry import SELF_CLEARANCE_M, body_capsules
+from planner.problem import ThrowProblem
+
+Vector = NDArray[np.float64]
+
+SPARSE_S = 0.008  # [s] grid of the distances
+LENGTH_SLACK_M = 1e-5  # [m] of distances and positions
+LIMIT_SLACK = 1e-5  # [-] of a limit
+SINGULARITY_WINDOW_S = 0.05  # [s] around the release; source: docs/conventions.md
+PAIR_SAMPLES = 2000  # random postures; pairs that touch in all of them are neighbours
+_REQUEST = coal.DistanceRequest()
+
+
+@dataclass
+class SpatialExtremes:
+    """Extreme values over a motion.
+
+    Attributes:
+        floor: Smallest height above the floor [m].
+        self_gap: Smallest distance between two bodies of the arm [m].
+        boxes: Smallest distance from the keep-out boxes [m].
+        singular: Smallest singularity distance [1].
+        speed: Largest tool speed [m/s].
+        outside: Largest distance of the tool centre point outside the keep-in boxes [m].
+    """
+
+    floor: float = np.inf
+    self_gap: float = np.inf
+    boxes: float = np.inf
+    singular: float = np.inf
+    speed: float = 0.0
+    outside: float = -np.inf
+
+    def faults(self, problem: ThrowProblem) -> list[str]:
+        """Returns the violated limits, in words."""
+        limits, clearance = problem.limits, problem.cell.surroundings.clearance_m - LENGTH_SLACK_M
+        rows = (
+            ("tool speed", self.speed, self.speed > limits.tcp_speed_max * (1.0 + LIMIT_SLACK)),
+            ("floor", self.floor, self.floor < clearance),
+            ("self-collision", self.self_gap, self.self_gap < SELF_CLEARANCE_M - LENGTH_SLACK_M),
+            ("forbidden box", self.boxes, self.boxes < clearance),
+            ("outside a box by", self.outside, self.outside > LENGTH_SLACK_M),
+            ("singularity distance", self.singular, self.singular < limits.singularity_distance_min - LIMIT_SLACK),
+        )
+        return [f"{name} {value}" for name, value, wrong in rows if wrong]
+
+
+def spatial_faults(problem: ThrowProblem, q: Vector, qd: Vector, t: Vector, release_time_s: float) -> list[str]:
+    """Returns the violated distances, speeds and singularity distances, in words.
+
+    Args:
+        problem: Gives cell and limits.
+        q: Joint positions (n, 6) [rad].
+        qd: Joint velocities (n, 6) [rad/s].
+        t: Times (n,) [s].
+        release_time_s: Time of the release [s].
+    """
+    cell, worst = problem.cell, SpatialExtremes()
+    model = arm_model(cell, False)
+    data = model.createData()
+    for i in range(len(t)):
+        poses, v = poses_and_velocity(cell, model, data, q[i], qd[i])
+        places, held = [_coal(poses[frame] * X) for frame, X, *_ in _shapes(cell)], bool(t[i] <= release_time_s)
+        worst.speed = max(worst.speed, float(np.linalg.norm(v)))
+        worst.floor = min(worst.floor, _height(cell, poses, held))
+        worst.self_gap = min([worst.self_gap, *(_distance(cell, places, i, j) for i, j in _pairs(cell))])
+        worst.boxes = min(worst.boxes, _box_gap(cell, poses, places, held))
+        worst.outside = max(worst.outside, _outside(cell, poses))
+        if not problem.ends_at_rest and abs(t[i] - release_time_s) <= SINGULARITY_WINDOW_S:
+            worst.singular = min(worst.singular, _singularity_distance(data))
+    return worst.faults(problem)
+
+
+def _outside(cell: Cell, poses: list[pin.SE3]) -> float:
+    """Returns the distance of the tool centre point outside the keep-in boxes [m]; negative inside."""
+    p = poses[6].act(cell.tool.X_FT[:3, 3])
+    return max((float(np.max([b.lower - p, p - b.upper])) for b in cell.surroundings.keep_in), default=-np.inf)
+
+
+def _singularity_distance(data: pin.Data) -> float:
+    """Returns the smallest of the three distances of docs/conventions.md, from axes and origins of the joints."""
+    axis, origin = [data.oMi[i].rotation[:, 2] for i in range(1, 7)], [data.oMi[i].translation for i in range(1, 7)]
+    wrist = np.linalg.norm(np.cross(axis[3], axis[5]))
+    upper, fore = (origin[i + 1] - origin[i] for i in (1, 2))
+    upper, fore = (link - axis[1] * (axis[1] @ link) for link in (upper, fore))  # in the arm's plane
+    lengths = np.linalg.norm(upper), np.linalg.norm(fore)
+    elbow = np.linalg.norm(np.cross(upper, fore)) / (lengths[0] * lengths[1])
+    shoulder = abs(np.cross(axis[0], axis[1]) @ (origin[4] - origin[0])) / sum(lengths)
+    return float(min(wrist, elbow, shoulder))
+
+
+def _box_gap(cell: Cell, poses: list[pin.SE3], places: list[coal.Transform3s], held: bool) -> float:
+    """Returns the smallest distance of arm, tool and held object from the keep-out boxes [m]."""
+    least = np.inf
+    p = poses[6].act(cell.tool.X_FT[:3, 3])
+    for box, place in _boxes(cell):
+        for k, (frame, _, capsule, *_) in enumerate(_shapes(cell)):
+            if frame > 0:
+                least = min(least, coal.distance(capsule, places[k], box, place, _REQUEST, coal.DistanceResult()))
+        if held:
+            away = np.maximum(np.abs(p - place.getTranslation()) - box.halfSide, 0.0)
+            least = min(least, float(np.linalg.norm(away)) - cell.object.radius_m)
+    return float(least)
+
+
+@cache
+def _boxes(cell: Cell) -> list[tuple[coal.Box, coal.Transform3s]]:
+    boxes = cell.surroundings.keep_out
+    return [(coal.Box(*(b.upper - b.lower)), coal.Transform3s(np.eye(3), 0.5 * (b.lower + b.upper))) for b in boxes]
+
+
+@cache
+def _shapes(cell: Cell) -> list[tuple[int, pin.SE3, coal.Capsule, float, NDArray[np.float64]]]:
+    """Returns frame, placement, coal capsule, radius and end points (2, 3) of every body."""
+    rows = []
+    for c in body_capsules(cell.robot, cell.tool.capsules):
+        along = c.p1 - c.p0
+        length = float(np.linalg.norm(along))
+        turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), along / length if length else np.eye(3)[2])
+        placement = pin.SE3(turn.matrix(), 0.5 * (c.p0 + c.p1))
+        rows.append((c.frame, placement, coal.Capsule(c.radius_m, length), c.radius_m, np.array([c.p0, c.p1])))
+    return rows
+
+
+@cache
+def _pairs(cell: Cell) -> list[tuple[int, int]]:
+    """Returns the pairs of bodies that are apart in some random posture: all except neighbours."""
+    rng, robot = np.random.default_rng(0), cell.robot
+    model = arm_model(cell, False)
+    data, seen = model.createData(), {}
+    for _ in range(PAIR_SAMPLES):
+        poses, _ = poses_and_velocity(cell, model, data, rng.uniform(robot.q_lower, robot.q_upper), np.zeros(6))
+        places = [_coal(poses[frame] * X) for frame, X, *_ in _shapes(cell)]
+        for i, j in combinations(range(len(_shapes(cell))), 2):
+            if not seen.get((i, j)):
+                seen[i, j] = _distance(cell, places, i, j) >= SELF_CLEARANCE_M
+    return [pair for pair, apart in seen.items() if apart]
+
+
+def _coal(X: pin.SE3) -> coal.Transform3s:
+    return coal.Transform3s(X.rotation, X.translation)
+
+
+def _distance(cell: Cell, places: list[coal.Transform3s], i: int, j: int) -> float:
+    shapes = _shapes(cell)
+    return coal.distance(shapes[i][2], places[i], shapes[j][2], places[j], _REQUEST, coal.DistanceResult())
+
+
+def _height(cell: Cell, poses: list[pin.SE3], held: bool) -> float:
+    lowest = np.inf
+    for frame, _, _, radius, ends in _shapes(cell):
+        if frame > 0:
+            lowest = min(lowest, *(float(poses[frame].act(end)[2]) - radius for end in ends))
+    if held:
+        lowest = min(lowest, float(poses[6].act(cell.tool.X_FT[:3, 3])[2]) - cell.object.radius_m)
+    return lowest - cell.surroundings.floor_z_m

@@ -1,0 +1,62 @@
+"""Pinocchio models of the arms on their bases, with tool and object: the kinematics of the audit."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+
+from planner.cell import Cell
+from tests.planner.published_arms import pinocchio_arm
+
+Vector = NDArray[np.float64]
+
+
+@cache
+def arm_model(cell: Cell, with_object: bool) -> pin.Model:
+    """Returns the Pinocchio model of a cell's arm, with tool and (optionally) object as point masses on the flange."""
+    model = pinocchio_arm(cell.robot.name, exact=True).copy()
+    base = pin.SE3(cell.X_WB)
+    model.jointPlacements[1] = base * model.jointPlacements[1]
+    model.gravity.linear = np.array([0.0, 0.0, -cell.surroundings.gravity_m_s2])
+    p_FT = cell.tool.X_FT[:3, 3]
+    masses = [(cell.tool.mass_kg, 0.5 * p_FT)] + ([(cell.object.mass_kg, p_FT)] if with_object else [])
+    for mass, place in masses:
+        model.appendBodyToJoint(6, pin.Inertia(mass, place, np.zeros((3, 3))), pin.SE3.Identity())
+    return model
+
+
+def poses_and_velocity(
+    cell: Cell, model: pin.Model, data: pin.Data, q: Vector, qd: Vector
+) -> tuple[list[pin.SE3], Vector]:
+    """Returns the poses of base and DH frames, and the velocity (3,) of the tool centre point [m/s], in the world.
+
+    Args:
+        cell: The cell.
+        model: Its arm, from `arm_model`.
+        data: Pinocchio's workspace of the model.
+        q: Joint positions (6,) [rad].
+        qd: Joint velocities (6,) [rad/s].
+    """
+    pin.forwardKinematics(model, data, q, qd)
+    poses = [pin.SE3(cell.X_WB), *(data.oMi[i] * dh_frames_in_urdf(cell.robot.name)[i - 1] for i in range(1, 7))]
+    flange = pin.getVelocity(model, data, 6, pin.LOCAL_WORLD_ALIGNED)
+    arm_W = data.oMi[6].rotation @ cell.tool.X_FT[:3, 3]
+    return poses, flange.linear + np.cross(flange.angular, arm_W)
+
+
+@cache
+def dh_frames_in_urdf(name: str) -> list[pin.SE3]:
+    """Returns the constant poses of the DH frames in the URDF's link frames, derived at the zero posture.
+
+    The arms' shapes are defined in DH frames; both sets of frames move with the same links.
+    """
+    from planner.kinematics import link_poses
+    from planner.robots import robot
+
+    model = pinocchio_arm(name, exact=True)
+    data = model.createData()
+    pin.forwardKinematics(model, data, np.zeros(6))
+    return [data.oMi[i].inverse() * pin.SE3(link_poses(robot(name), np.zeros(6))[i]) for i in range(1, 7)]

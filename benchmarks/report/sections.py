@@ -1,0 +1,187 @@
+"""Sections of the report: Markdown made from the rows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from benchmarks.audit import AuditResult
+from benchmarks.peers import PEERS, SduTally
+from benchmarks.problem_sets import IMPOSSIBLE_SETS, sdu_facts
+from benchmarks.results import ResultRow
+from benchmarks.statistics import SetSummary, quantiles
+
+
+def ratios(lines: Sequence[SetSummary]) -> list[str]:
+    """Returns the table of release times and certified shares."""
+    head = [
+        "set",
+        "back end",
+        "certified",
+        "of feasible",
+        "undecided",
+        "to Ruckig p10 / p50 / p90",
+        "to bound p50 / p90",
+        "on ticks p50 / p90",
+    ]
+    body = [
+        [
+            s.group,
+            s.backend,
+            percent(s.share),
+            f"{s.certified} / {s.feasible}",
+            str(s.drawn - s.feasible),
+            decimals(s.to_ruckig),
+            decimals(s.to_bound, 4),
+            decimals(s.to_bound_tick, 4),
+        ]
+        for s in lines
+        if not s.group.startswith("sdu")
+    ]
+    return markdown_table(head, body)
+
+
+def times(lines: Sequence[SetSummary]) -> list[str]:
+    """Returns the table of planning and certification times."""
+    head = ["set", "back end", "plan p50 / p90 / p99 ms", "cpu p50 / p90 / p99 ms", "certificate p50 / p90 ms"]
+    body = [
+        [s.group, s.backend, thousandths(s.solve_s), thousandths(s.cpu_s), thousandths(s.certificate_s)] for s in lines
+    ]
+    return markdown_table(head, body)
+
+
+def windows(lines: Sequence[SetSummary]) -> list[str]:
+    """Returns the table of landing errors for early and late releases."""
+    head = ["set", "back end", "±10 ms p50 / p90 mm", "±20 ms p50 / p90 mm", "±30 ms p50 / p90 mm"]
+    chosen = [
+        s for s in lines if s.group.startswith(("target", "robust")) and s.backend in ("ruckig", "casadi", "auto")
+    ]
+    body = [[s.group, s.backend, *(thousandths(s.window_m[w], 1) for w in ("10", "20", "30"))] for s in chosen]
+    note = "Largest landing error for releases early or late by up to this; `robust` requires 5 mm within ±20 ms."
+    return [note, "", *markdown_table(head, body)]
+
+
+def refusals(rows: Sequence[ResultRow]) -> list[str]:
+    """Returns the table of answers to infeasible requests."""
+    head = ["set", "refused", "answer p50 / p90 / max ms", "nearest certifies", "nearest wrong", "no nearest"]
+    body = []
+    for group in IMPOSSIBLE_SETS:
+        own = [row for row in rows if row.group == group and row.backend == "auto"]
+        refused = [row for row in own if row.outcome == "infeasible"]
+        kinds = [sum(row.nearest == kind for row in refused) for kind in ("certified", "wrong", "none")]
+        times = quantiles([row.solve_s for row in own], 50, 90, 100)
+        body.append([group, f"{len(refused)} / {len(own)}", thousandths(times), *map(str, kinds)])
+    return markdown_table(head, body)
+
+
+def sdu(rows: Sequence[ResultRow], rebuilt: dict[str, SduTally]) -> list[str]:
+    """Returns the table of certified targets and pairs, beside the project's own numbers and its method rebuilt."""
+    head = ["part", "who", "targets", "pairs", "time p50 ms"]
+    body = []
+    for part in ("near", "far"):
+        facts = sdu_facts()[part]
+        own_targets = next(v for k, v in facts.items() if k.startswith("source_hits"))["5 rad/s2"]
+        own_pairs = facts["source_clean_pairs_of_2800"]["5 rad/s2"]
+        count = len(facts["targets"])
+        body.append([part, "the project's report, 5 rad/s²", f"{own_targets} / {count}", f"{own_pairs} / 2800", ""])
+        if part in rebuilt:
+            t = rebuilt[part]
+            body.append(
+                [
+                    part,
+                    "its method rebuilt (no jerk, torque, collision limits)",
+                    f"{t.targets} / {t.of_targets}",
+                    f"{t.pairs} / {t.of_pairs}",
+                    f"{1000 * t.pair_s:.1f}",
+                ]
+            )
+        for backend in dict.fromkeys(row.backend for row in rows if row.group == f"sdu-{part}"):
+            body.append([part, f"fling {backend}", *_sdu_shares(rows, part, backend)])
+    note = (
+        "Targets at 5 rad/s², elevation at 22.5° or more, jerk (500 rad/s³), torque, self-collision, singularity and "
+        "box limits. Pairs fix the release point too; the quick run leaves them out."
+    )
+    return [note, "", *markdown_table(head, body)]
+
+
+def _sdu_shares(rows: Sequence[ResultRow], part: str, backend: str) -> list[str]:
+    targets = [row for row in rows if row.group == f"sdu-{part}" and row.backend == backend]
+    pairs = [row for row in rows if row.group == f"sdu-{part}-pairs" and row.backend == backend]
+    shown = f"{sum(r.certified for r in pairs)} / {len(pairs)}" if pairs else "–"
+    time = thousandths(quantiles([row.solve_s for row in targets], 50))
+    return [f"{sum(r.certified for r in targets)} / {len(targets)}", shown, time]
+
+
+def peers(rows: Sequence[ResultRow]) -> list[str]:
+    """Returns the table of the peers and of `auto` on the same problems."""
+    head = [
+        "peer",
+        "certified",
+        "auto on the same",
+        "auto's release time over the peer's p10 / p50 / p90",
+        "peer's time p50 / p90 ms",
+        "auto p50 / p90 ms",
+        "fails its certificate by",
+    ]
+    auto = {row.task: row for row in rows if row.backend == "auto"}
+    body = []
+    for name, peer in PEERS.items():
+        own = [row for row in rows if row.backend == name and row.task in auto]
+        if not own:
+            body.append([peer.title, "not installed", *[""] * 5])
+            continue
+        both = [(auto[r.task].release_time_s, r.release_time_s) for r in own if r.certified and auto[r.task].certified]
+        reasons = sorted({word for r in own if r.outcome == "invalid" for word in r.reason.split(", ")})
+        same = [auto[r.task] for r in own]
+        body.append(
+            [
+                peer.title,
+                f"{sum(r.certified for r in own)} / {len(own)}",
+                f"{sum(a.certified for a in same)} / {len(same)}",
+                decimals(quantiles([a / b for a, b in both], 10, 50, 90)),
+                thousandths(quantiles([r.solve_s for r in own], 50, 90)),
+                thousandths(quantiles([a.solve_s for a in same], 50, 90)),
+                ", ".join(reasons),
+            ]
+        )
+    note = (
+        "Poses. Peers get Fling's three best postures in turn; their brake is Ruckig's and not part of their time. "
+        "Drake obeys joint limits up to the jerk and nothing else; the IPOPT program also obeys torques, floor, tool "
+        "speed and singularities, starts cold and runs interpreted. TOPP-RA on a path is Fling's own back end "
+        "`toppra`, in the tables above."
+    )
+    return [note, "", *markdown_table(head, body)]
+
+
+def audit(found: AuditResult) -> list[str]:
+    """Returns the result of the independent audit."""
+    text = (
+        f"{found.audited:,} certified plans of other random problems were audited by other libraries: poses, points, "
+        "targets and robust targets on four arms, and every kind of release in varied cells (bases turned, tilted and "
+        "raised, long tools off the axis, heavy objects, keep-in and keep-out boxes); back end auto, every fourth by "
+        f"ruckig; {found.refused:,} more were refused. Pinocchio checked kinematics, singularities and, with MuJoCo, "
+        "torques (4 ms); coal the distances (8 ms); MuJoCo simulated the flight: "
+        f"**{len(found.faulty)} faulty**."
+    )
+    return [text, *(f"- `{name}`: {fault}" for name, fault in found.faulty)]
+
+
+def markdown_table(head: Sequence[str], body: Sequence[Sequence[str]]) -> list[str]:
+    """Returns a Markdown table."""
+    rule = ["---"] * len(head)
+    return ["| " + " | ".join(row) + " |" for row in (head, rule, *body)]
+
+
+def decimals(values: Sequence[float], digits: int = 3) -> str:
+    """Returns numbers for a table; a dash for NaN."""
+    return " / ".join("–" if math.isnan(v) else f"{v:.{digits}f}" for v in values)
+
+
+def thousandths(values: Sequence[float], digits: int = 0) -> str:
+    """Returns numbers in thousandths, such as seconds in milliseconds."""
+    return decimals([1000.0 * v for v in values], digits)
+
+
+def percent(share: float) -> str:
+    """Returns a share as a percentage."""
+    return "–" if math.isnan(share) else f"{100.0 * share:.1f} %"

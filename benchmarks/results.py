@@ -1,0 +1,124 @@
+"""Results of the benchmark: one row per back end and task, kept on disk, and the machine of the run."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import subprocess
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+PACKAGES = ("numpy", "casadi", "ruckig", "toppra", "drake", "pin", "mujoco")
+
+
+@dataclass
+class ResultRow:
+    """Result of one back end on one task. Times in seconds, distances in metres; None without an answer.
+
+    Attributes:
+        task: Name of the task.
+        backend: Requested back end, or the name of a peer.
+        outcome: "certified", "infeasible", "failed" or "invalid".
+        by: Back end that found the plan.
+        release_time_s: Time of the release; NaN without a motion.
+        duration_s: Duration of the motion.
+        solve_s: Wall time of `plan()`, warm.
+        cpu_s: Processor time of the same call, less affected by a busy machine.
+        certificate_s: Wall time of certifying the plan once more.
+        window_m: Largest landing error for releases within ±10, ±20 and ±30 ms, by "10", "20", "30".
+        bound_s: Joint-wise lower bound of the release time; None if the posture is free.
+        tick_s: Period of the controller.
+        nearest: For an infeasible task: "certified", "wrong" or "none".
+        reason: Failed checks, or the planner's refusal.
+    """
+
+    task: str
+    backend: str
+    outcome: str
+    by: str = ""
+    release_time_s: float = math.nan
+    duration_s: float | None = None
+    solve_s: float = 0.0
+    cpu_s: float = 0.0
+    certificate_s: float | None = None
+    window_m: dict[str, float] = field(default_factory=dict)
+    bound_s: float | None = None
+    tick_s: float = 0.002
+    nearest: str = ""
+    reason: str = ""
+
+    @property
+    def certified(self) -> bool:
+        """Whether the plan passed its certificate."""
+        return self.outcome == "certified"
+
+    @property
+    def group(self) -> str:
+        """Name of the task's set."""
+        return self.task.split("/")[0]
+
+
+class ResultFile:
+    """Rows appended to a file, one JSON document per line; an interrupted run continues after them.
+
+    Args:
+        path: The file.
+        resume: Whether to keep the rows that it has.
+    """
+
+    def __init__(self, path: Path, resume: bool) -> None:
+        self.path = path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if not resume:
+            path.unlink(missing_ok=True)
+        lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
+        self.rows = [ResultRow(**json.loads(line)) for line in lines]
+        self._done = {(row.task, row.backend) for row in self.rows}
+
+    def has(self, task: str, backend: str) -> bool:
+        """Returns whether there is a row of this task and back end."""
+        return (task, backend) in self._done
+
+    def add(self, row: ResultRow) -> None:
+        """Appends a row."""
+        self.rows.append(row)
+        self._done.add((row.task, row.backend))
+        with self.path.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(asdict(row)) + "\n")
+
+
+def machine() -> dict[str, str]:
+    """Returns the conditions of a run: processor, system, versions, date, load."""
+    return {
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "processor": f"{_processor()}, {os.cpu_count()} cores",
+        "system": f"{platform.system()} {platform.release()}, Python {platform.python_version()}",
+        "load": f"{os.getloadavg()[0]:.1f} of the last minute at the start",
+        "commit": _commit(),
+        "versions": ", ".join(f"{name} {_version(name)}" for name in PACKAGES),
+    }
+
+
+def _processor() -> str:
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        for line in info.read_text(encoding="utf-8").splitlines():
+            if line.startswith("model name"):
+                return line.split(":", 1)[1].strip()
+    return platform.processor() or platform.machine()
+
+
+def _commit() -> str:
+    done = subprocess.run(["git", "rev-parse", "--short", "HEAD"], capture_output=True, text=True, check=False)
+    return done.stdout.strip() or "unknown"
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "not installed"

@@ -1,0 +1,135 @@
+"""The report of the streaming part.
+
+`python -m benchmarks.streaming [--throws 100] [--runs 5] [--out FOLDER]`; `python -m benchmarks` runs it too.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from benchmarks.results import machine
+from benchmarks.streaming.loops import TRIES, compare_loops
+from benchmarks.streaming.throws import throw_series
+
+ROOT = Path(__file__).parents[2]
+BUSY = 2  # busy processes beside the second series of throws: one per core
+
+THROWS_HEAD = (
+    "| beside | outcomes | cycles without a command | release speed error p50 / max | landing error p50 / max | "
+    "slips, in all, longest | taken by the host |",
+    "| --- | --- | --- | --- | --- | --- | --- |",
+)
+LOOPS_HEAD = (
+    "| loop | cycles without a command | tracking error [rad] | release speed error [rad/s] | landing error [m] "
+    "| slipped [ms] |",
+    "| --- | --- | --- | --- | --- | --- |",
+)
+METHOD = """\
+Simulated controller and stream share one processor, the controller at the higher real-time priority: the
+stream never delays it, and every cycle that begins without a fresh command counts. When the virtual machine
+itself stalls, both stop; the controller does not catch up afterwards, its clock *slips* (docs/simulator.md),
+because a real controller is punctual. Slips are counted from start to end, approaches included. Release
+speed error: of the worst joint, relative to the plan's speed. Taken by the host: time for which a processor
+of the virtual machine was ready to run and did not, all processors together (steal of /proc/stat)."""
+
+
+def main() -> None:
+    """Runs the streaming part and writes `streaming.md`."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--throws", type=int, default=100)
+    parser.add_argument("--runs", type=int, default=5)
+    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "benchmarks")
+    options = parser.parse_args()
+    (options.out / "streaming.md").write_text(streaming_report(options.throws, options.runs))
+    print(f"wrote {options.out / 'streaming.md'}")
+
+
+def streaming_report(count: int, runs: int) -> str:
+    """Measures and returns the report.
+
+    Args:
+        count: Throws per series.
+        runs: Runs per loop that count.
+    """
+    where = machine()
+    with tempfile.TemporaryDirectory() as folder:
+        quiet = throw_series(Path(folder) / "quiet", count, "speedj", 0)
+        loops = compare_loops(Path(folder) / "loops", runs)
+        busy = _beside_busy_processes(Path(folder) / "busy", count)
+    lines = [
+        "# Streaming",
+        "",
+        f"{where['date']}, {where['processor']}, {where['system']}; load {where['load']}; commit {where['commit']}.",
+        "ur5e-sim, a target throw; cycles without a fresh command are counted by the simulator; every run counts.",
+        METHOD,
+        "",
+        f"## {count} throws in a row",
+        "",
+        *THROWS_HEAD,
+        _throws_row("nothing", quiet),
+        _throws_row(f"{BUSY} busy processes", busy),
+        "",
+        *_reasons(quiet, busy),
+        f"## Fling's loop and the plain one, worst of {runs} runs each",
+        "",
+        "Plain: `initPeriod; speedJ; waitPeriod` of ur_rtde's documentation, with the same commands and a known lag.",
+        "It follows the wall clock, so a slip, which no real controller has, shifts it: of",
+        f"{TRIES * runs} runs of every loop, the {runs} with the least slip count.",
+        "",
+        *LOOPS_HEAD,
+        *(_loop_row(name, worst) for name, worst in loops.items()),
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _beside_busy_processes(folder: Path, count: int) -> dict[str, Any]:
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(BUSY)]
+    try:
+        return throw_series(folder, count, "speedj", BUSY)
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+
+
+def _throws_row(beside: str, found: dict[str, Any]) -> str:
+    outcomes = ", ".join(f"{count} {name}" for name, count in found["outcomes"].items())
+    speed, landing = found["release_velocity_error_share"], found["landing_error_m"]
+    cycles, slips = found["cycles"], found["slips"]
+    total = sum(cycles[key] for key in ("none", "one", "more"))
+    silent = f"{cycles['none']} of {total} ({found['cycles_without_command_share']:.1e})"
+    return (
+        f"| {beside} | {outcomes} | {silent} "
+        f"| {_percent(speed, 'median')} / {_percent(speed, 'max')} "
+        f"| {_millimetres(landing, 'median')} / {_millimetres(landing, 'max')} "
+        f"| {slips['count']} in {found['duration_s']:.0f} s, {slips['total_s']:.2f} s, {1e3 * slips['max_s']:.1f} ms "
+        f"| {found['stolen_s']:.1f} s |"
+    )
+
+
+def _reasons(*series: dict[str, Any]) -> list[str]:
+    """Returns the reasons of throws that were not completed."""
+    reasons = [f"{reason} ({count})" for found in series for reason, count in found["reasons"].items()]
+    return [f"Not completed: {'; '.join(reasons)}.", ""] if reasons else []
+
+
+def _loop_row(name: str, worst: dict[str, float]) -> str:
+    return (
+        f"| {name} | {worst['cycles_without_command']:.0f} | {worst['tracking_error_max_rad']:.4f} "
+        f"| {worst['release_velocity_error_rad_s']:.4f} | {worst['landing_error_m']:.4f} "
+        f"| {1e3 * worst['slipped_s']:.1f} |"
+    )
+
+
+def _percent(values: dict[str, float], key: str) -> str:
+    return f"{100.0 * values[key]:.3f} %" if values else "–"
+
+
+def _millimetres(values: dict[str, float], key: str) -> str:
+    return f"{1000.0 * values[key]:.1f} mm" if values else "–"

@@ -1,0 +1,64 @@
+"""Status of the cells: heartbeats of their executors, latched faults, acknowledgements by people."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from sqlalchemy import insert, select, update
+
+from store.database import Repository, reading, writing
+from store.rows import CellRow
+from store.tables import cells
+
+
+class CellStatusRepository(Repository):
+    """Table `cells`."""
+
+    def beat(
+        self,
+        cell: str,
+        executor_id: str,
+        link_kind: str,
+        robot: Mapping[str, Any] | None = None,
+        fault: Mapping[str, Any] | None = None,
+        read_only: bool = False,
+    ) -> None:
+        """Records a heartbeat of the cell's executor with the robot's state and the latched fault, if any."""
+        values = {"executor_id": executor_id, "heartbeat_at": self._now(), "link_kind": link_kind}
+        values |= {"robot": dict(robot or {}), "fault": None if fault is None else dict(fault), "read_only": read_only}
+        with writing(self._engine) as connection:
+            if not connection.execute(update(cells).where(cells.c.cell == cell).values(**values)).rowcount:
+                connection.execute(insert(cells).values(cell=cell, **values))
+
+    def cell_status(self, cell: str) -> CellRow | None:
+        """Returns the last heartbeat of the cell's executor; None if it never had one."""
+        with reading(self._engine) as connection:
+            row = connection.execute(select(cells).where(cells.c.cell == cell)).one_or_none()
+        return None if row is None else CellRow(**row._mapping)
+
+    def cell_statuses(self) -> list[CellRow]:
+        """Returns the last heartbeat of every executor, sorted by cell name."""
+        with reading(self._engine) as connection:
+            return [CellRow(**row._mapping) for row in connection.execute(select(cells).order_by(cells.c.cell))]
+
+    def request_acknowledge(self, cell: str, who: str) -> bool:
+        """Records that a person acknowledged the fault. Returns False if the cell never had an executor."""
+        with writing(self._engine) as connection:
+            status = update(cells).where(cells.c.cell == cell)
+            values = {"acknowledge_requested_at": self._now(), "acknowledged_by": who}
+            return bool(connection.execute(status.values(**values)).rowcount)
+
+    def acknowledge_requested(self, cell: str) -> bool:
+        """Returns whether an acknowledgement waits for the executor."""
+        query = select(cells.c.acknowledge_requested_at, cells.c.acknowledge_handled_at).where(cells.c.cell == cell)
+        with reading(self._engine) as connection:
+            row = connection.execute(query).one_or_none()
+        if row is None or row.acknowledge_requested_at is None:
+            return False
+        return row.acknowledge_handled_at is None or row.acknowledge_requested_at > row.acknowledge_handled_at
+
+    def clear_acknowledge(self, cell: str) -> None:
+        """Records that the executor handled the acknowledgement."""
+        with writing(self._engine) as connection:
+            connection.execute(update(cells).where(cells.c.cell == cell).values(acknowledge_handled_at=self._now()))

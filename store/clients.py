@@ -1,0 +1,61 @@
+"""Records about the service's clients: idempotency keys and the audit trail."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sqlalchemy import Connection, insert, select
+
+from store.database import Repository, reading, writing
+from store.errors import KeyTaken
+from store.rows import IdempotencyKey
+from store.tables import audit, idempotency
+
+
+def take_key(connection: Connection, key: IdempotencyKey | None, resource_id: str, at: float) -> None:
+    """Binds `key` to a new resource within the caller's transaction.
+
+    Raises:
+        KeyTaken: The key is bound to a resource already.
+    """
+    if key is None:
+        return
+    if (taken := _find(connection, key)) is not None:
+        raise KeyTaken(*taken)
+    row = {"scope": key.scope, "key": key.key, "body_sha256": key.body_sha256}
+    connection.execute(insert(idempotency).values(**row, resource_id=resource_id, created_at=at))
+
+
+class ClientRepository(Repository):
+    """Tables `idempotency` and `audit`."""
+
+    def resource_of_key(self, key: IdempotencyKey) -> str | None:
+        """Returns the id of the resource created with `key`, or None.
+
+        Raises:
+            KeyTaken: The key was used with another body.
+        """
+        with reading(self._engine) as connection:
+            found = _find(connection, key)
+        if found is not None and found[1] != key.body_sha256:
+            raise KeyTaken(*found)
+        return None if found is None else found[0]
+
+    def add_audit(self, who: str, action: str, resource: str, remote: str) -> None:
+        """Appends a line to the audit trail: who did what to which resource, from which address."""
+        with writing(self._engine) as connection:
+            line = {"at": self._now(), "who": who, "action": action, "resource": resource, "remote": remote}
+            connection.execute(insert(audit).values(**line))
+
+    def audit_lines(self, limit: int = 100) -> list[dict[str, Any]]:
+        """Returns the latest lines of the audit trail, newest first."""
+        with reading(self._engine) as connection:
+            rows = connection.execute(select(audit).order_by(audit.c.id.desc()).limit(limit))
+            return [dict(row._mapping) for row in rows]
+
+
+def _find(connection: Connection, key: IdempotencyKey) -> tuple[str, str] | None:
+    query = select(idempotency.c.resource_id, idempotency.c.body_sha256)
+    where = (idempotency.c.scope == key.scope) & (idempotency.c.key == key.key)
+    row = connection.execute(query.where(where)).one_or_none()
+    return None if row is None else (row.resource_id, row.body_sha256)

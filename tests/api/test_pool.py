@@ -1,0 +1,90 @@
+"""The pool of planner processes: bounded, hung workers killed, dead ones replaced. `time.sleep` stands for a solver."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import time
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+import pytest
+
+from api.http import translate
+from api.planning import PlannerPool, PlanningQueueFull
+from planner.errors import SolverFailed
+
+
+def run(test: Callable[[PlannerPool], Coroutine[Any, Any, None]], solve: Callable[[Any], Any], **options: Any) -> None:
+    async def whole() -> None:
+        pool = PlannerPool(options.pop("count", 1), options.pop("queue", 0), None, solve, **options)
+        try:
+            await test(pool)
+        finally:
+            pool.close()
+
+    asyncio.run(whole())
+
+
+def test_a_full_queue_is_answered_with_a_time_to_retry():
+    async def test(pool: PlannerPool) -> None:
+        await pool.warm_up()
+        first = asyncio.create_task(pool.solve(0.5, 60.0))
+        await asyncio.sleep(0.05)
+        assert pool.waiting == 1
+        with pytest.raises(PlanningQueueFull) as caught:
+            await pool.solve(0.5, 60.0)
+        problem = translate(caught.value)
+        assert problem.name == "overloaded"
+        assert int(problem.headers["Retry-After"]) >= 1
+        await first
+        assert pool.waiting == 0
+
+    run(test, time.sleep)
+
+
+def test_the_loop_is_free_while_a_worker_works():
+    async def test(pool: PlannerPool) -> None:
+        await pool.warm_up()
+        solving = asyncio.create_task(pool.solve(0.5, 60.0))
+        for _ in range(10):
+            await asyncio.sleep(0.01)
+            assert not solving.done()
+        await solving
+
+    run(test, time.sleep)
+
+
+def test_a_hung_worker_is_killed_and_the_next_job_is_done():
+    async def test(pool: PlannerPool) -> None:
+        await pool.warm_up()
+        with pytest.raises(SolverFailed) as caught:
+            await pool.solve(3600.0, 0.1)
+        assert translate(caught.value).name == "solver-failed"
+        assert await pool.solve(0.0, 60.0) is None
+
+    run(test, time.sleep, grace_s=0.1)
+
+
+def test_a_job_that_kills_its_worker_is_given_up_and_the_queue_goes_on():
+    async def test(pool: PlannerPool) -> None:
+        with pytest.raises(SolverFailed) as caught:
+            await pool.solve(3, 60.0)
+        problem = translate(caught.value)
+        assert problem.name == "solver-failed"
+        assert "died" in problem.detail
+        await pool.warm_up()
+
+    run(test, os._exit)
+
+
+def test_a_worker_killed_from_outside_costs_nothing_but_time():
+    async def test(pool: PlannerPool) -> None:
+        await pool.warm_up()
+        (victim,) = pool._executor._processes.values()
+        job = asyncio.create_task(pool.solve(1.0, 60.0))
+        await asyncio.sleep(0.2)
+        victim.kill()
+        assert await job is None
+
+    run(test, time.sleep)

@@ -1,0 +1,32 @@
+from __future__ import annotations
+
+
+def test_the_last_heartbeat_of_an_executor_is_kept(store):
+    assert store.cell_status("a") is None
+    store.beat("a", "one", "sim", {"mode": "RUNNING"})
+    store.beat("a", "two", "sim", {"mode": "IDLE"}, fault={"reason": "late"}, read_only=True)
+    row = store.cell_status("a")
+    assert (row.executor_id, row.robot, row.fault, row.read_only) == ("two", {"mode": "IDLE"}, {"reason": "late"}, True)
+    assert [r.cell for r in store.cell_statuses()] == ["a"]
+    store.beat("a", "two", "sim")
+    assert store.cell_status("a").fault is None
+
+
+def test_an_acknowledgement_is_handled_once(store):
+    assert not store.request_acknowledge("a", "me")
+    assert not store.acknowledge_requested("a")
+    store.beat("a", "one", "sim")
+    assert not store.acknowledge_requested("a")
+    assert store.request_acknowledge("a", "me")
+    assert store.acknowledge_requested("a")
+    store.clear_acknowledge("a")
+    assert not store.acknowledge_requested("a")
+    assert store.cell_status("a").acknowledged_by == "me"
+    assert store.request_acknowledge("a", "you")
+    assert store.acknowledge_requested("a")
+
+
+def test_the_audit_trail_is_newest_first(store):
+    store.add_audit("me", "execute", "e1", "127.0.0.1")
+    store.add_audit("you", "abort", "e1", "127.0.0.2")
+    assert [(line["who"], line["action"]) for line in store.audit_lines()] == [("you", "abort"), ("me", "execute")]
