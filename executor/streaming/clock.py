@@ -12,6 +12,7 @@ EARLY_S = 400e-6  # [s] before the next timestamp is due, polling begins
 STALE_S = 0.040  # [s] without a new timestamp the link counts as lost (faults.md, R10)
 REALTIME_BOUNDS = (0.020, 0.10)  # [s] in a row, [-] share of the last hundred ticks; source: libfranka stops there
 ORDINARY_BOUNDS = (0.040, 0.30)  # the same without real-time scheduling, which is for simulated cells
+LINK_SHARE = REALTIME_BOUNDS[1]  # [-] of ticks lost while this thread had its processor, whatever its scheduling
 OWN_GAP_S = 0.010  # [s] between two polls: then this process slept, and the timestamp's age says nothing
 
 
@@ -62,11 +63,16 @@ class Clock:
 
 
 class Lateness:
-    """Judges lost ticks: too many in a row, or too many of the recent ones.
+    """Judges lost ticks: too many in a row, too many of the recent ones, or too many that the link lost.
+
+    Without real-time scheduling a busy machine delays this thread, and wide bounds apply to the ticks lost. A tick lost
+    while the thread did not wait for a processor was lost by the link: for those the bound is the same everywhere, so
+    that a bad link is noticed as early without real-time scheduling as with it.
 
     Attributes:
         in_a_row: so many lost in a row end the run.
         most: so many lost of the last hundred end the run.
+        most_by_link: so many of them that the link lost end the run.
     """
 
     memory = 100  # [ticks]
@@ -74,11 +80,18 @@ class Lateness:
     def __init__(self, dt: float, realtime: bool) -> None:
         """Without real-time scheduling gaps of a busy machine are borne twice as long, below the watchdog's 50 ms."""
         in_a_row_s, share = REALTIME_BOUNDS if realtime else ORDINARY_BOUNDS
+        self.dt = dt
         self.in_a_row = max(3, round(in_a_row_s / dt))
-        self.most = share * self.memory
-        self.level = 0.0
+        self.most, self.most_by_link = share * self.memory, LINK_SHARE * self.memory
+        self.level = self.by_link = 0.0
 
-    def too_late(self, missed: int) -> bool:
-        """Takes the ticks lost before this one; returns whether the run must end."""
+    def too_late(self, missed: int, delayed_s: float) -> bool:
+        """Returns whether the run must end.
+
+        Args:
+            missed: ticks lost before this one.
+            delayed_s: time this thread waited for a processor since the tick before [s].
+        """
         self.level += missed - self.level / self.memory
-        return missed >= self.in_a_row or self.level > self.most
+        self.by_link = max(0.0, self.by_link + missed - delayed_s / self.dt - self.by_link / self.memory)
+        return missed >= self.in_a_row or self.level > self.most or self.by_link > self.most_by_link

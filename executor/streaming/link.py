@@ -51,6 +51,7 @@ class Link:
     Attributes:
         stamp: controller time of the newest state read [s].
         q, qd, current: measured, of that state.
+        delayed_s: time this thread waited for a processor between the last two readings [s].
         call_s: how long the last command took [s].
         sent_at: when, by the monotonic clock [s].
     """
@@ -92,7 +93,8 @@ class Link:
         Raises:
             LinkFault: a connection is gone.
         """
-        self._waited = self._run_delay_ns()
+        before, self._waited = self._waited, self._run_delay_ns()
+        self.delayed_s = (self._waited - before) * 1e-9
         receive = self.receive
         if not receive.isConnected() or (self.control is not None and not self.control.isConnected()):
             raise LinkFault("link_lost", "the connection to the controller is gone")

@@ -73,7 +73,7 @@ class Stream:
     def _must_stop(self, reference_q: Row) -> tuple[str, str] | None:
         if self.schedule.diverted is not None:
             return None
-        if self.lateness.too_late(self.clock.missed):
+        if self.lateness.too_late(self.clock.missed, self.link.delayed_s):
             return "late", f"{self.clock.total_missed} ticks missed, {self.clock.missed} in a row"
         error = max([abs(a - b) for a, b in zip(reference_q, self.link.q, strict=True)])
         if error > self.job.tracking_max and not self.job.dry_run:

@@ -51,18 +51,45 @@ def test_time_that_runs_backwards_is_a_lost_link() -> None:
         clock.wait()
 
 
+def too_late(realtime: bool, missed: int, dt: float = DT) -> bool:
+    """Whether so many ticks lost at once end a run, all of them lost because this thread had no processor."""
+    return Lateness(dt, realtime).too_late(missed, delayed_s=missed * dt)
+
+
 def test_twenty_milliseconds_in_a_row_are_too_late() -> None:
-    assert not Lateness(DT, True).too_late(9)
-    assert Lateness(DT, True).too_late(10)
-    assert Lateness(0.008, True).too_late(3)
+    assert not too_late(True, 9)
+    assert too_late(True, 10)
+    assert too_late(True, 3, dt=0.008)
 
 
 def test_without_real_time_a_gap_is_borne_twice_as_long() -> None:
-    assert not Lateness(DT, False).too_late(19)
-    assert Lateness(DT, False).too_late(20)
+    assert not too_late(False, 19)
+    assert too_late(False, 20)
 
 
-def test_one_tick_in_ten_is_too_late_but_one_in_a_hundred_is_not() -> None:
+def lost_until_late(realtime: bool, every: int, delayed_s: float) -> int | None:
+    """Returns how many ticks pass until a run ends in which one is lost before every so many that arrive."""
+    lateness, ticks = Lateness(DT, realtime), 0
+    for i in range(1, 2000):
+        missed = int(i % every == 0)
+        ticks += 1 + missed
+        if lateness.too_late(missed, missed * delayed_s):
+            return ticks
+    return None
+
+
+@pytest.mark.parametrize("delayed_s", [0.0, DT])
+def test_one_tick_in_ten_is_too_late_but_one_in_a_hundred_is_not(delayed_s: float) -> None:
     rare, often = Lateness(DT, True), Lateness(DT, True)
-    assert not any(rare.too_late(int(i % 100 == 0)) for i in range(2000))
-    assert any(often.too_late(int(i % 5 == 0)) for i in range(2000))
+    assert not any(rare.too_late(int(i % 100 == 0), delayed_s) for i in range(2000))
+    assert any(often.too_late(int(i % 5 == 0), delayed_s) for i in range(2000))
+
+
+def test_ticks_lost_by_the_link_are_judged_alike_with_and_without_real_time() -> None:
+    assert lost_until_late(True, 1, 0.0) == lost_until_late(False, 1, 0.0) is not None
+    assert lost_until_late(False, 1, 0.0) * DT < 0.05
+
+
+def test_ticks_lost_for_want_of_a_processor_are_borne_without_real_time() -> None:
+    assert lost_until_late(True, 4, DT) is not None
+    assert lost_until_late(False, 4, DT) is None
