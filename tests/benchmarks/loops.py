@@ -23,9 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from executor import truth
-from executor.preparation import rows_of
-from executor.settings import last_core
+from executor.preparation import sample_rows
+from executor.realtime import default_core
+from executor.robot import simulator_client
 from planner.ballistics import fly
 from planner.certificate import release_flight
 from planner.document import problem_from_request
@@ -110,7 +110,7 @@ def _ours(rig: Rig) -> dict[str, float]:
     if rig.is_latched():
         rig.recover()
         rig.acknowledge()
-    truth.ask(rig.host, "reset_stats")
+    simulator_client.request(rig.host, "reset_stats")
     row = rig.throw(LOB)
     names, numbers = rows_of_csv(rig.store.recording(row.id).csv)
     stamps, seen = (numbers[:, names.index(name)] for name in ("timestamp_s", "host_s"))
@@ -120,11 +120,11 @@ def _ours(rig: Rig) -> dict[str, float]:
 
 def _plain(rig: Rig, problem: ThrowProblem, trajectory: Trajectory, realtime: bool) -> dict[str, float]:
     """Streams with the plain loop."""
-    rows, dt = rows_of(rig.cell, trajectory, throws=True), trajectory.dt
+    rows, dt = sample_rows(rig.cell, trajectory, throws=True), trajectory.dt
     job = {"host": rig.host, "dt": dt, "start": trajectory.q[0].tolist(), "qd": rows.qd.tolist(),
-           "output_row": rows.output_row, "realtime": realtime, "core": last_core()}  # fmt: skip
+           "output_row": rows.output_row, "realtime": realtime, "core": default_core({})}  # fmt: skip
     before = len(rig.world()["releases"])
-    truth.ask(rig.host, "reset_stats")
+    simulator_client.request(rig.host, "reset_stats")
     answer = subprocess.run([sys.executable, "-c", PLAIN], input=json.dumps(job), capture_output=True, text=True,
                             check=True, cwd=ROOT)  # fmt: skip
     silent = _silent_cycles(rig)
@@ -149,7 +149,7 @@ def _slipped(stamps: np.ndarray, seen: np.ndarray) -> float:
 
 
 def _silent_cycles(rig: Rig) -> int:
-    return int(truth.ask(rig.host, "stats")["commands_per_cycle"]["none"])
+    return int(simulator_client.request(rig.host, "stats")["commands_per_cycle"]["none"])
 
 
 if __name__ == "__main__":

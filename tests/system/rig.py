@@ -17,8 +17,7 @@ import numpy as np
 import orjson
 import psutil
 
-from executor import truth
-from executor.dashboard import Dashboard
+from executor.robot import DashboardClient, simulator_client
 from planner.cell import load_cell
 from planner.document import plan_document, problem_from_request
 from planner.planning import plan
@@ -208,15 +207,15 @@ class Rig:
 
     def state(self) -> dict[str, Any]:
         """Returns the truth about the controller."""
-        return truth.ask(self.host, "state")
+        return simulator_client.request(self.host, "state")
 
     def world(self) -> dict[str, Any]:
         """Returns releases and landings."""
-        return truth.ask(self.host, "world")
+        return simulator_client.request(self.host, "world")
 
     def fault(self, name: str, **parameters: Any) -> None:
         """Makes a fault happen."""
-        truth.ask(self.host, "fault", name=name, **parameters)
+        simulator_client.request(self.host, "fault", name=name, **parameters)
 
     def recover(self) -> None:
         """A person sees to the robot: every cause of a stop is gone, the arm is powered, remote, at full speed."""
@@ -229,7 +228,7 @@ class Rig:
         self.fault("gripper_stuck", on=False)
         self.fault("mute", port="dashboard", on=False)
         if self.state()["robot_mode"] != ROBOT_RUNNING:
-            dashboard = Dashboard(self.host)
+            dashboard = DashboardClient(self.host)
             dashboard.ask("power on")
             dashboard.ask("brake release")
             dashboard.close()

@@ -116,7 +116,7 @@ def test_a_gripper_that_does_not_open_releases_nothing(rig: Rig) -> None:  # H10
     rig.recover()
     assert row.metrics is not None
     assert row.metrics["landing_point"] is None
-    assert (row.outcome, row.reason) == ("completed", "the gripper was told to open, but nothing was seen to leave it")
+    assert (row.outcome, row.reason) == ("completed", "the gripper was commanded to open, but no object left it")
     assert len(rig.world()["releases"]) == released
     assert rig.throw_when_ready().outcome == "completed"
 

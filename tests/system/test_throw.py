@@ -15,7 +15,7 @@ import orjson
 import pytest
 from mcap.reader import make_reader
 
-from executor import truth
+from executor.robot import simulator_client
 from tests.system.rig import LOB, NUDGE, Rig, rows_of
 
 LANDING_M = 0.005  # [m] issue 5
@@ -53,7 +53,7 @@ def test_a_throw_beside_processes_that_take_every_processor(rig: Rig) -> None:  
 
 def test_a_throw_while_the_machine_of_the_simulated_controller_stalls(rig: Rig) -> None:
     """Its clock slips, nothing is caught up: stream and arm notice nothing but a long cycle."""
-    before, id = truth.ask(rig.host, "stats")["slips"]["count"], rig.queue(LOB)
+    before, id = simulator_client.request(rig.host, "stats")["slips"]["count"], rig.queue(LOB)
     rig.in_launch(id)
     for _ in range(STALLS):
         rig.simulator.send_signal(signal.SIGSTOP)
@@ -65,7 +65,7 @@ def test_a_throw_while_the_machine_of_the_simulated_controller_stalls(rig: Rig) 
     assert row.metrics["landing_error_m"] < LANDING_M
     assert row.metrics["release_velocity_error_share"] < RELEASE_SHARE
     assert row.metrics["period_max_s"] > STALL_S
-    assert truth.ask(rig.host, "stats")["slips"]["count"] >= before + STALLS
+    assert simulator_client.request(rig.host, "stats")["slips"]["count"] >= before + STALLS
 
 
 def test_a_cb3_arm_at_125_hz_lands_as_well(tmp_path: Path) -> None:

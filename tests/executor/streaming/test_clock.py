@@ -7,14 +7,14 @@ from itertools import chain, repeat
 
 import pytest
 
-from executor.streaming.clock import Clock, Lateness
-from executor.streaming.fault import LinkFault
+from executor.streaming.clock import ControllerClock, LostTicks
+from executor.streaming.safety import StreamFault
 
 DT = 0.002
 
 
 class Stamps:
-    """A link that shows these timestamps one after the other, then the last one for ever."""
+    """A connection that returns these timestamps one after the other, then the last one for ever."""
 
     def __init__(self, *stamps: float) -> None:
         self._stamps: Iterator[float] = chain(stamps, repeat(stamps[-1]))
@@ -24,7 +24,7 @@ class Stamps:
 
 
 def test_every_new_timestamp_is_a_tick() -> None:
-    clock = Clock(Stamps(10.0, 10.0, 10.002, 10.002, 10.004), DT)
+    clock = ControllerClock(Stamps(10.0, 10.0, 10.002, 10.002, 10.004), DT)
     clock.wait()
     assert (clock.tick, clock.missed) == (1, 0)
     clock.wait()
@@ -32,28 +32,28 @@ def test_every_new_timestamp_is_a_tick() -> None:
 
 
 def test_lost_ticks_are_counted_and_skipped() -> None:
-    clock = Clock(Stamps(10.0, 10.002, 10.010, 10.012), DT)
+    clock = ControllerClock(Stamps(10.0, 10.002, 10.010, 10.012), DT)
     for _ in range(3):
         clock.wait()
     assert (clock.tick, clock.missed, clock.total_missed) == (6, 0, 3)
 
 
 def test_a_state_that_stays_the_same_is_a_lost_link() -> None:
-    clock = Clock(Stamps(10.0), DT)
-    with pytest.raises(LinkFault, match="no new state"):
+    clock = ControllerClock(Stamps(10.0), DT)
+    with pytest.raises(StreamFault, match="no new state"):
         clock.wait()
 
 
 def test_time_that_runs_backwards_is_a_lost_link() -> None:
-    clock = Clock(Stamps(10.0, 10.002, 0.5), DT)
+    clock = ControllerClock(Stamps(10.0, 10.002, 0.5), DT)
     clock.wait()
-    with pytest.raises(LinkFault, match="backwards"):
+    with pytest.raises(StreamFault, match="backwards"):
         clock.wait()
 
 
 def too_late(realtime: bool, missed: int, dt: float = DT) -> bool:
     """Whether so many ticks lost at once end a run, all of them lost because this thread had no processor."""
-    return Lateness(dt, realtime).too_late(missed, delayed_s=missed * dt)
+    return LostTicks(dt, realtime).are_too_many(missed, delayed_s=missed * dt)
 
 
 def test_twenty_milliseconds_in_a_row_are_too_late() -> None:
@@ -69,20 +69,20 @@ def test_without_real_time_a_gap_is_borne_twice_as_long() -> None:
 
 def lost_until_late(realtime: bool, every: int, delayed_s: float) -> int | None:
     """Returns how many ticks pass until a run ends in which one is lost before every so many that arrive."""
-    lateness, ticks = Lateness(DT, realtime), 0
+    lost, ticks = LostTicks(DT, realtime), 0
     for i in range(1, 2000):
         missed = int(i % every == 0)
         ticks += 1 + missed
-        if lateness.too_late(missed, missed * delayed_s):
+        if lost.are_too_many(missed, missed * delayed_s):
             return ticks
     return None
 
 
 @pytest.mark.parametrize("delayed_s", [0.0, DT])
 def test_one_tick_in_ten_is_too_late_but_one_in_a_hundred_is_not(delayed_s: float) -> None:
-    rare, often = Lateness(DT, True), Lateness(DT, True)
-    assert not any(rare.too_late(int(i % 100 == 0), delayed_s) for i in range(2000))
-    assert any(often.too_late(int(i % 5 == 0), delayed_s) for i in range(2000))
+    rare, often = LostTicks(DT, True), LostTicks(DT, True)
+    assert not any(rare.are_too_many(int(i % 100 == 0), delayed_s) for i in range(2000))
+    assert any(often.are_too_many(int(i % 5 == 0), delayed_s) for i in range(2000))
 
 
 def test_ticks_lost_by_the_link_are_judged_alike_with_and_without_real_time() -> None:
