@@ -16,6 +16,7 @@ def test_defaults() -> None:
     assert settings.cell == "ur5e-sim"
     assert settings.data == Path("/data/fling/executor/ur5e-sim")
     assert settings.cell_path.is_file()
+    assert settings.keep_awake
 
 
 def test_the_environment_and_the_command_line(tmp_path: Path) -> None:
@@ -37,3 +38,9 @@ def test_a_watchdog_that_guards_nothing_or_trips_by_itself_is_refused(hz: str) -
 def test_a_pace_that_is_no_approach_is_refused(pace: str) -> None:
     with pytest.raises(ValueError, match="FLING_APPROACH_PACE"):
         ExecutorSettings.from_environment({**HOME, "FLING_APPROACH_PACE": pace}, None, False)
+
+
+def test_the_processor_may_be_left_to_sleep() -> None:
+    assert not ExecutorSettings.from_environment({**HOME, "FLING_KEEP_AWAKE": "off"}, None, False).keep_awake
+    with pytest.raises(ValueError, match="FLING_KEEP_AWAKE"):
+        ExecutorSettings.from_environment({**HOME, "FLING_KEEP_AWAKE": "sometimes"}, None, False)
