@@ -184,7 +184,7 @@ def keep_awake(core: int) -> Iterator[None]:
 
     An idle processor wakes up late: by the exit latency of its sleep state, or, in a virtual machine, by what the host
     does meanwhile. A physical machine is asked through the kernel's PM QoS interface. In a virtual machine the process
-    keeps the processor busy at SCHED_IDLE, where it takes time from nobody.
+    keeps the processor busy at SCHED_IDLE, where it yields to every other process.
     """
     process = _start_waker(core)
     try:

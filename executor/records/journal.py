@@ -116,9 +116,7 @@ class Journal:
         summary = orjson.loads(path.read_bytes())
         mcap, csv = (self.folder / f"{execution_id}{kind}" for kind in (".mcap", ".csv"))
         recording = [file.read_bytes() if file.exists() else b"" for file in (mcap, csv)]
-        deliver(
-            store, ExecutionResult(execution_id, summary["outcome"], summary["reason"], summary["metrics"], *recording)
-        )
+        deliver(store, ExecutionResult(execution_id, **summary, mcap=recording[0], csv=recording[1]))
         for file in (path, mcap, csv):
             file.unlink(missing_ok=True)
 

@@ -40,7 +40,7 @@ def metrics(
 def release_verdict(problem: ThrowProblem, trajectory: Trajectory, numbers: dict[str, Any]) -> tuple[str, str] | None:
     """Returns outcome and reason of a fully streamed plan whose release was not as planned; None if it was.
 
-    A late gripper command is judged by its effect on the landing: next to nothing within a release window, 10 mm a
+    A late gripper command counts by its effect on the landing: next to nothing within a release window, 10 mm a
     millisecond in a fast throw. Only a simulated cell can report that the object stayed in the gripper; the arm
     completed its motion then.
     """

@@ -65,7 +65,7 @@ class ControllerClock:
 
 
 class LostTicks:
-    """Judges lost ticks: too many in a row, too many recently, or too many lost by the link.
+    """Limits on lost ticks: in a row, recently, and those lost by the link.
 
     Without real-time scheduling a busy machine delays this thread, so the bounds are wider, yet below the watchdog's
     50 ms. A tick lost while the thread had a processor was lost by the link: those have one bound everywhere, and a
