@@ -72,7 +72,8 @@ class Execution:
         if approach is None:
             raise ExecutionRefused(f"no approach to the plan's start keeps clear: {obstacle}")
         if approach.trajectory is not None:
-            self.note(f"planned approach of {approach.trajectory.duration_s:.1f} s: a straight move would hit {obstacle}")
+            duration_s = approach.trajectory.duration_s
+            self.note(f"planned approach of {duration_s:.1f} s: a straight move would hit {obstacle}")
         self.released_before = last_release_s(cell.link.host) if cell.link.kind == "sim" else -np.inf
         return prepare_job(self.problem, self.trajectory, approach, self.row.mode, self.row.dry_run, session.settings)
 
