@@ -1,1 +1,4 @@
-"""The executor: owns the robot of one cell, one execution at a time, and every way out of its loop is a stop."""
+"""The executor: one process owns the robot of one cell and runs one execution at a time.
+
+Empty on purpose: the streaming process imports through here, and imports no numpy.
+"""

@@ -10,46 +10,46 @@ import threading
 
 from executor.daemon import Daemon
 from executor.doctor import DURATION_S, examine, report
-from executor.journal import Journal, Locked
-from executor.settings import Settings
-from executor.station import Station
+from executor.records import Journal, JournalLocked
+from executor.robot import RobotSession
+from executor.settings import ExecutorSettings
 from planner.cell import Cell, load_cell
 from planner.errors import CellError
 from store import Store, StoreUnavailable
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs the executor; prints "ready" once it polls."""
+    """Runs the executor until SIGTERM or SIGINT; prints "ready" when it serves; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m executor", description="The executor of one cell.")
     parser.add_argument("--cell", help="name of the cell; FLING_DEFAULT_CELL otherwise")
-    parser.add_argument("--read-only", action="store_true", help="connect and show, never move")
-    parser.add_argument("--doctor", action="store_true", help="judge this machine's timing and the link, and end")
+    parser.add_argument("--read-only", action="store_true", help="connect and report, never move")
+    parser.add_argument("--doctor", action="store_true", help="check this machine's timing and the link, then exit")
     options = parser.parse_args(arguments)
     ended = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: ended.set())
     try:
-        settings = Settings.from_environment(os.environ, options.cell, options.read_only)
+        settings = ExecutorSettings.from_environment(os.environ, options.cell, options.read_only)
         cell = load_cell(settings.cell_path)
         if options.doctor:
-            return consult(cell)
+            return run_doctor(cell)
         journal = Journal(settings.data)
         store = Store.open(settings.database_url)
-    except (ValueError, CellError, OSError, Locked, StoreUnavailable) as error:
+    except (ValueError, CellError, OSError, JournalLocked, StoreUnavailable) as error:
         hint = " (FLING_DATABASE_URL)" if isinstance(error, StoreUnavailable) else ""
         print(f"executor: {error}{hint}", file=sys.stderr)
         return 1
-    station = Station.of(cell, settings)
+    session = RobotSession.open(cell, settings)
     print(f"ready: {cell.name} at {cell.link.host}{', read-only' if settings.read_only else ''}", flush=True)
-    Daemon(station, store, journal).run(ended)
+    Daemon(session, store, journal).run(ended)
     store.close()
     journal.close()
     return 0
 
 
-def consult(cell: Cell) -> int:
+def run_doctor(cell: Cell) -> int:
     """Prints the doctor's report; returns its exit code."""
-    print(f"Looking for {DURATION_S:.0f} seconds …", file=sys.stderr)
+    print(f"Measuring for {DURATION_S:.0f} seconds …", file=sys.stderr)
     text, code = report(cell, examine(cell))
     print(text)
     return code

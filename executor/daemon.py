@@ -1,4 +1,4 @@
-"""The daemon: one cell, one execution at a time. Polls the store, judges, starts, watches, records."""
+"""The daemon of one cell: claims queued executions, runs them one at a time, and reports to the store."""
 
 from __future__ import annotations
 
@@ -8,140 +8,196 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
+from executor import realtime
 from executor.execution import Execution
-from executor.heartbeat import Heartbeat
-from executor.journal import ROOM_BYTES, Journal, Result
-from executor.liveview import row_document
-from executor.preflight import Refused
-from executor.punctuality import punctual
-from executor.station import Station
+from executor.preflight import ExecutionRefused, session_refusals
+from executor.records import MIN_FREE_BYTES, ExecutionResult, Journal, row_document
+from executor.robot import RobotSession, robot_document
 from store import ExecutionRow, Store, StoreUnavailable, new_id
 
-POLL_S = 0.02  # [s] between two looks for a queued execution
+POLL_S = 0.02  # [s] between two queries for a queued execution
 TELEMETRY_S = 0.04  # [s] between two telemetry events: 25 Hz
-STORE_GONE_S = 1.0  # [s] a database that did not answer is left alone: asking it may take five seconds each time
-HARMLESS = ("completed", "refused")  # ends that need no person to look, nor does an abort that ended in order
+BEAT_S = 0.25  # [s] the service takes an executor for gone after two seconds
+STORE_PAUSE_S = 1.0  # [s] without queries after a database did not answer: each may take five seconds
+STREAM_END_S = 30.0  # [s] longest wait for an aborted streaming process
+HARMLESS = ("completed", "refused")  # outcomes that latch no fault; neither does an abort that ended in order
 
-STATES = ("preparing", "approaching", "streaming", "braking")  # as the contract has them, in order
+STATES = ("preparing", "approaching", "streaming", "braking")  # public states of an execution, in order
 
 T = TypeVar("T")
+
+
+class Heartbeat:
+    """Reports to the store several times a second that this executor lives, with the robot's live state.
+
+    It runs in a thread with a dashboard connection of its own: verifying a plan takes seconds.
+    """
+
+    def __init__(self, session: RobotSession, store: Store, journal: Journal, executor_id: str) -> None:
+        self.session, self.store, self.journal, self.executor_id = session, store, journal, executor_id
+        self.idle = True  # the dashboard is queried only while nothing moves
+        self._refusals: list[str] = []
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
+
+    def start(self) -> None:
+        """Starts the thread."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Ends the thread."""
+        self._ended.set()
+        self._thread.join(5.0)
+        self.session.close()
+
+    def beat(self) -> None:
+        """Reports once, and clears an acknowledged fault; an unavailable database is tried again at the next beat."""
+        session, cell = self.session, self.session.cell
+        if self.idle:
+            self._refusals = session_refusals(session)
+        try:
+            if self.store.acknowledge_requested(cell.name):
+                self.journal.clear_fault()
+                self.store.clear_acknowledge(cell.name)
+            robot = robot_document(session.monitor.fresh(), self._refusals)
+            fault, read_only = self.journal.fault(), session.settings.read_only
+            self.store.beat(cell.name, self.executor_id, cell.link.kind, robot, fault, read_only)
+        except StoreUnavailable:
+            return
+
+    def _run(self) -> None:
+        while not self._ended.wait(BEAT_S):
+            self.beat()
 
 
 class Daemon:
     """The executor of one cell."""
 
-    def __init__(self, station: Station, store: Store, journal: Journal) -> None:
-        self.station, self.store, self.journal = station, store, journal
-        self.cell = station.cell.name
+    def __init__(self, session: RobotSession, store: Store, journal: Journal) -> None:
+        self.session, self.store, self.journal = session, store, journal
+        self.cell = session.cell.name
         self.executor_id = new_id()
-        self._store_gone_until = 0.0
-        eyes = Station.of(station.cell, station.settings, station.monitor)
-        self.heartbeat = Heartbeat(eyes, store, journal, self.executor_id)
+        self._store_paused_until = 0.0
+        own = RobotSession.open(session.cell, session.settings, session.monitor)
+        self.heartbeat = Heartbeat(own, store, journal, self.executor_id)
 
     def run(self, ended: threading.Event) -> None:
-        """Serves until `ended`; an execution that is under way then brakes first."""
+        """Serves until `ended`; a running execution brakes first."""
         self.recover()
-        self.station.monitor.start()
+        self.session.monitor.start()
         self.heartbeat.start()
         try:
             while not ended.is_set():
-                self._turn(ended)
+                self._poll(ended)
                 ended.wait(POLL_S)
         finally:
             self.heartbeat.stop()
-            self.station.monitor.stop()
-            self.station.close()
+            self.session.monitor.stop()
+            self.session.close()
 
     def recover(self) -> None:
-        """Delivers what an earlier daemon left, closes what it left open, and latches if it was moving."""
-        self._tell(lambda: self.journal.deliver(self.store))
+        """Delivers the results of an earlier daemon and closes its executions; latches a fault if one was claimed."""
+        self._try_store(lambda: self.journal.deliver(self.store))
         reason = "the executor was restarted"
-        left = self._tell(lambda: self.store.close_open_executions(self.cell, reason=reason)) or []
-        rows = [row for id in left if (row := self._tell(lambda id=id: self.store.execution(id))) and row.claimed_at]
-        if not rows:
+        left = self._try_store(lambda: self.store.close_open_executions(self.cell, reason=reason)) or []
+        rows = [self._try_store(lambda id=id: self.store.execution(id)) for id in left]
+        claimed = [row for row in rows if row and row.claimed_at]
+        if not claimed:
             return
-        self.journal.latch({"outcome": "executor_lost", "reason": "the executor was lost during an execution",
-                            "execution_id": rows[0].id, "at": time.time()})  # fmt: skip
+        self._latch("executor_lost", "the executor was lost during an execution", claimed[0].id)
         with contextlib.suppress(OSError):  # no controller: nothing moves
-            self.station.dashboard.ask("stop")
+            self.session.dashboard.ask("stop")
 
-    def _turn(self, ended: threading.Event) -> None:
-        if self.journal.waiting():
-            self._tell(lambda: self.journal.deliver(self.store))
-        row = self._tell(lambda: self.store.claim_execution(self.cell, self.executor_id))
+    def _poll(self, ended: threading.Event) -> None:
+        if self.journal.has_undelivered():
+            self._try_store(lambda: self.journal.deliver(self.store))
+        row = self._try_store(lambda: self.store.claim_execution(self.cell, self.executor_id))
         if row is not None:
             self._execute(row, ended)
 
     def _execute(self, row: ExecutionRow, ended: threading.Event) -> None:
-        """Carries one execution through; its result is on the disk before the store hears of it."""
-        execution = Execution(self.station, row)
+        """Runs one execution; its result is on the disk before the store is informed."""
+        execution = Execution(self.session, row)
         self.heartbeat.idle = False
-        result = Result(row.id, "executor_lost", "the executor failed", None)
+        result = ExecutionResult(row.id, "executor_lost", "the executor failed", None)
         try:
             self._admit()
             plan = self.store.plan(row.plan_id)
             if plan is None:
-                raise Refused(f"there is no plan {row.plan_id}")
+                raise ExecutionRefused(f"there is no plan {row.plan_id}")
             job = execution.prepare(plan.document)
-            with punctual():
+            with realtime.real_time_process():
                 execution.start(job)
                 self._watch(execution, ended)
             result = execution.finish()
-        except (Refused, OSError, StoreUnavailable) as error:
-            result = Result(row.id, "refused" if execution.run is None else "executor_lost", str(error), None)
+        except (ExecutionRefused, OSError, StoreUnavailable) as error:
+            outcome = "refused" if execution.run is None else "executor_lost"
+            result = ExecutionResult(row.id, outcome, str(error), None)
         finally:
             if execution.run is not None:
                 execution.run.abort()
-                execution.run.wait(30.0)
+                execution.run.wait(STREAM_END_S)
             self._close(execution, result)
             self.heartbeat.idle = True
 
     def _admit(self) -> None:
+        """Checks that this executor may move at all.
+
+        Raises:
+            ExecutionRefused: a fault is latched, the executor is read-only, or the disk is full.
+        """
         fault = self.journal.fault()
         if fault is not None:
-            raise Refused(f"a fault is latched ({fault['outcome']}: {fault['reason']}): look, then acknowledge")
-        if self.station.settings.read_only:
-            raise Refused("this executor is read-only")
+            text = f"a fault is latched ({fault['outcome']}: {fault['reason']}): check the robot, then acknowledge"
+            raise ExecutionRefused(text)
+        if self.session.settings.read_only:
+            raise ExecutionRefused("this executor is read-only")
         if not self.journal.has_room():
-            raise Refused(f"the disk is full: less than {ROOM_BYTES / 1e6:.0f} MB are left for the recording")
+            text = f"the disk is full: less than {MIN_FREE_BYTES / 1e6:.0f} MB are left for the recording"
+            raise ExecutionRefused(text)
 
     def _watch(self, execution: Execution, ended: threading.Event) -> None:
+        """Publishes states and telemetry, and passes on requests to abort, until the run ends."""
         run, row = execution.run, execution.row
         assert run is not None
-        told = 0
+        published = 0
         while not run.wait(TELEMETRY_S):
-            told = self._tell_states(execution, told)
-            if ended.is_set() or self._tell(lambda: self.store.abort_requested(row.id)):
+            published = self._publish_states(execution, published)
+            if ended.is_set() or self._try_store(lambda: self.store.abort_requested(row.id)):
                 run.abort()
             latest = run.latest_row()
             if latest is not None:
-                self._tell(lambda latest=latest: self.store.add_event(row.id, "telemetry", row_document(latest)))
-        self._tell_states(execution, told)
+                document = row_document(latest)
+                self._try_store(lambda document=document: self.store.add_event(row.id, "telemetry", document))
+        self._publish_states(execution, published)
 
-    def _tell_states(self, execution: Execution, told: int) -> int:
-        """Tells every state reached since `told`; one that is shorter than our period is told all the same."""
+    def _publish_states(self, execution: Execution, published: int) -> int:
+        """Publishes every state entered since `published`, including ones shorter than the polling period."""
         reached = STATES.index(execution.state())
-        for state in STATES[told + 1 : reached + 1]:
+        for state in STATES[published + 1 : reached + 1]:
             execution.note(state)
-            self._tell(lambda state=state: self.store.set_state(execution.row.id, state))
-        return max(told, reached)
+            self._try_store(lambda state=state: self.store.set_state(execution.row.id, state))
+        return max(published, reached)
 
-    def _close(self, execution: Execution, result: Result) -> None:
+    def _close(self, execution: Execution, result: ExecutionResult) -> None:
+        """Latches a fault where the end was not in order, then keeps and delivers the result."""
         run = execution.run
-        orderly = run is None or (run.result is not None and run.result.in_order)
-        if result.outcome not in HARMLESS and not (result.outcome == "aborted" and orderly):
-            self.journal.latch({"outcome": result.outcome, "reason": result.reason,
-                                "execution_id": result.execution_id, "at": time.time()})  # fmt: skip
+        in_order = run is None or (run.result is not None and run.result.in_order)
+        if result.outcome not in HARMLESS and not (result.outcome == "aborted" and in_order):
+            self._latch(result.outcome, result.reason, result.execution_id)
         self.journal.keep(result)
         self.heartbeat.beat()
-        self._tell(lambda: self.journal.deliver(self.store))
+        self._try_store(lambda: self.journal.deliver(self.store))
 
-    def _tell(self, call: Callable[[], T]) -> T | None:
-        """Calls the store; None where the database is gone: the robot does not wait for it, nor ask again at once."""
-        if time.monotonic() < self._store_gone_until:
+    def _latch(self, outcome: str, reason: str, execution_id: str) -> None:
+        self.journal.latch({"outcome": outcome, "reason": reason, "execution_id": execution_id, "at": time.time()})
+
+    def _try_store(self, call: Callable[[], T]) -> T | None:
+        """Calls the store; None where the database is unavailable: the robot does not wait for it."""
+        if time.monotonic() < self._store_paused_until:
             return None
         try:
             return call()
         except StoreUnavailable:
-            self._store_gone_until = time.monotonic() + STORE_GONE_S
+            self._store_paused_until = time.monotonic() + STORE_PAUSE_S
             return None

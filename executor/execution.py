@@ -1,4 +1,4 @@
-"""One execution, from the claimed row to the kept result."""
+"""One execution, from the claimed row to its result."""
 
 from __future__ import annotations
 
@@ -7,135 +7,138 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from executor import board as words
-from executor.job import Approach, Job
-from executor.journal import Result
-from executor.landing import Landing, last_release, watch_landing
-from executor.metrics import judge_release, metrics
-from executor.preflight import Refused, judge_plan
-from executor.preparation import Rows, approach_of, make_job, rows_of
-from executor.recording import to_csv, to_mcap
-from executor.station import Station
+from executor import shared_memory as shm
+from executor.preflight import ExecutionRefused, session_refusals, verify_plan
+from executor.preparation import find_approach, prepare_job
+from executor.records import (
+    ExecutionResult,
+    Landing,
+    RunResult,
+    Telemetry,
+    last_release_s,
+    metrics,
+    release_verdict,
+    to_csv,
+    to_mcap,
+    wait_for_landing,
+)
+from executor.robot import RobotSession
+from executor.stream_job import StreamJob
 from executor.streaming.safety import EMERGENCY_BITS, NORMAL
-from executor.supervision import Run, RunResult
-from executor.telemetry import Telemetry
-from planner.approach.approach import Way, find_way
-from planner.approach.brakes import Brakes, brakes
-from planner.approach.swept_clearance import Space
+from executor.supervision import StreamRun
 from planner.certificate import release_flight
-from planner.certificate.motion import Motion
-from planner.certificate.tool import payload_of
-from planner.problem import ThrowProblem
-from planner.trajectory import Trajectory
 from store import ExecutionRow
 
-APPROACH_BRAKE_EVERY = 5  # [rows] of a way at 1 rad/s: 1 cm further on at 500 Hz, a second less of preparation
-TRUTH_AGE_S = 0.2  # [s] how long after a fault a state is waited for that is newer than it
-STATES = {words.APPROACHING: "approaching", words.STREAMING: "streaming", words.BRAKING: "braking",
-          words.STOPPING: "braking", words.DONE: "braking"}  # fmt: skip
+SAFETY_WAIT_S = 0.2  # [s] after a fault, for a state that is newer than the fault
+POLL_S = 0.02  # [s] between two readings of that state
+STATES = {
+    shm.CONNECTED: "approaching",
+    shm.APPROACHING: "approaching",
+    shm.STREAMING: "streaming",
+    shm.BRAKING: "braking",
+    shm.STOPPING: "braking",
+    shm.DONE: "braking",
+}
 
 
 @dataclass
 class Execution:
-    """One execution on a station. `prepare`, `start`, then `finish` once `run` has ended."""
+    """One execution of a session: `prepare`, `start`, then `finish` once `run` has ended."""
 
-    station: Station
+    session: RobotSession
     row: ExecutionRow
     log: list[tuple[float, str]] = field(default_factory=list)
-    run: Run | None = None
+    run: StreamRun | None = None
 
     def note(self, text: str) -> None:
-        """Remembers what happened, for the recording."""
+        """Adds a line to the recording's log."""
         self.log.append((time.time(), text))
 
-    def prepare(self, document: bytes) -> Job:
-        """Judges plan, robot and way; returns the job.
+    def prepare(self, document: bytes) -> StreamJob:
+        """Verifies the plan, checks the robot and finds an approach; returns the stream job.
 
         Raises:
-            Refused: with every reason.
+            ExecutionRefused: with every reason.
         """
-        station, cell = self.station, self.station.cell
-        self.problem, self.trajectory = judge_plan(document, cell)
-        if reasons := station.refusals():
-            raise Refused("; ".join(reasons))
-        state = station.monitor.fresh()
+        session, cell = self.session, self.session.cell
+        self.problem, self.trajectory = verify_plan(document, cell)
+        if reasons := session_refusals(session):
+            raise ExecutionRefused("; ".join(reasons))
+        state = session.monitor.fresh()
         if state is None:
-            raise Refused("the controller fell silent")
-        way, hit = find_way(Space(cell), np.array(state.q), self.trajectory.q[0], station.settings.approach_pace)
-        if way is None:
-            raise Refused(f"no way to the plan's start keeps clear: {hit}")
-        self.released_before = last_release(cell.link.host) if cell.link.kind == "sim" else -np.inf
-        return self._job(way)
+            raise ExecutionRefused("the controller fell silent")
+        pace = session.settings.approach_pace
+        approach, obstacle = find_approach(cell, np.array(state.q), self.trajectory.q[0], pace)
+        if approach is None:
+            raise ExecutionRefused(f"no approach to the plan's start keeps clear: {obstacle}")
+        if approach.trajectory is not None:
+            duration_s = approach.trajectory.duration_s
+            self.note(f"planned approach of {duration_s:.1f} s: a straight move would hit {obstacle}")
+        self.released_before = last_release_s(cell.link.host) if cell.link.kind == "sim" else -np.inf
+        return prepare_job(self.problem, self.trajectory, approach, self.row.mode, self.row.dry_run, session.settings)
 
-    def start(self, job: Job) -> None:
+    def start(self, job: StreamJob) -> None:
         """Starts the streaming process."""
-        self.run = Run(job, self.station.cell.link.host, self.station.settings.data / "streaming.log")
+        settings = self.session.settings
+        self.run = StreamRun(job, settings.data / "streaming.log", settings.keep_awake)
         self.run.start()
 
     def state(self) -> str:
-        """Returns the contract's word for what goes on."""
+        """Returns the public state of the execution."""
         run = self.run
         if run is None:
             return "preparing"
-        if run.state == words.STREAMING and run.row_count > run.job.release_row + run.job.lag_ticks:
+        if run.state == shm.STREAMING and run.row_count > run.job.release_row + run.job.lag_ticks:
             return "braking"
-        return STATES.get(run.state, "approaching" if run.state == words.CONNECTED else "preparing")
+        return STATES.get(run.state, "preparing")
 
-    def finish(self) -> Result:
-        """Returns the result of the ended run; waits for the object to land where that can be seen."""
-        run = self.run
-        assert run is not None and run.result is not None
-        ended = run.result
-        outcome, reason = self._judge_end(ended)
-        landing = self._landing(ended)
-        numbers = metrics(self.problem, self.trajectory, ended, landing)
+    def finish(self) -> ExecutionResult:
+        """Returns the result of the ended run; waits for the landing where that can be observed."""
+        assert self.run is not None and self.run.result is not None
+        ended = self.run.result
+        outcome, reason = self._outcome(ended)
+        numbers = metrics(self.problem, self.trajectory, ended, self._landing())
         if outcome == "completed" and not self.row.dry_run:
-            outcome, reason = judge_release(self.problem, self.trajectory, numbers) or (outcome, reason)
+            outcome, reason = release_verdict(self.problem, self.trajectory, numbers) or (outcome, reason)
         self.note(f"{outcome}: {reason}" if reason else outcome)
         telemetry = Telemetry(ended.rows)
-        began = time.time() if not len(telemetry) else time.time() - (time.monotonic() - telemetry.scalar("host_s")[0])
-        about = {"execution": self.row.id, "plan": self.row.plan_id, "cell": self.station.cell.name,
-                 "cell_sha256": self.station.cell.sha256, "outcome": outcome}  # fmt: skip
-        mcap = to_mcap(telemetry, self.station.cell.robot.joint_names, began, self.log, about)
-        return Result(self.row.id, outcome, reason, numbers, mcap, to_csv(telemetry))
+        return ExecutionResult(
+            self.row.id, outcome, reason, numbers, self._recording(telemetry, outcome), to_csv(telemetry)
+        )
 
-    def _job(self, way: Way) -> Job:
-        rows, ways_to_rest = self._sampled(self.problem, self.trajectory)
-        cell, settings, approach = self.station.cell, self.station.settings, self._approach(way)
-        return make_job(cell, rows, ways_to_rest, approach, self.row.mode, self.row.dry_run, settings)
+    def _recording(self, telemetry: Telemetry, outcome: str) -> bytes:
+        """Returns the run as MCAP."""
+        cell = self.session.cell
+        age_s = time.monotonic() - telemetry.scalar("host_s")[0] if len(telemetry) else 0.0
+        about = {
+            "execution": self.row.id,
+            "plan": self.row.plan_id,
+            "cell": cell.name,
+            "cell_sha256": cell.sha256,
+            "outcome": outcome,
+        }
+        return to_mcap(telemetry, cell.robot.joint_names, time.time() - age_s, self.log, about)
 
-    def _approach(self, way: Way) -> Approach | None:
-        if way.problem is None or way.trajectory is None:
-            return None
-        self.note(f"planned a way to the start, {way.trajectory.duration_s:.1f} s: a straight one would hit something")
-        return approach_of(*self._sampled(way.problem, way.trajectory, APPROACH_BRAKE_EVERY))
-
-    def _sampled(self, problem: ThrowProblem, trajectory: Trajectory, every: int = 1) -> tuple[Rows, Brakes]:
-        """Returns a motion on the controller's ticks, and a way to rest from each of them."""
-        cell = self.station.cell
-        rows = rows_of(cell, trajectory, throws=not problem.ends_at_rest)
-        payload = payload_of(Motion(problem, trajectory), with_object=True)
-        return rows, brakes(cell, payload, rows.q, rows.qd, rows.qdd, trajectory.dt, every)
-
-    def _judge_end(self, ended: RunResult) -> tuple[str, str]:
-        """Returns outcome and reason; where the link broke, what the controller itself says goes first."""
+    def _outcome(self, ended: RunResult) -> tuple[str, str]:
+        """Returns outcome and reason; after a fault the controller's own safety state takes precedence."""
         if ended.in_order or ended.outcome in ("protective_stop", "emergency_stop", "refused"):
             return ended.outcome, ended.reason
-        until = time.monotonic() + TRUTH_AGE_S
+        until = time.monotonic() + SAFETY_WAIT_S
         while time.monotonic() < until:
-            state = self.station.monitor.fresh()
+            state = self.session.monitor.fresh()
             if state is not None and state.safety_bits != NORMAL:
                 kind = "emergency_stop" if state.safety_bits & EMERGENCY_BITS else "protective_stop"
                 return kind, f"the controller stopped: {ended.reason}"
-            time.sleep(0.02)
+            time.sleep(POLL_S)
         return ended.outcome, ended.reason
 
-    def _landing(self, ended: RunResult) -> Landing | None:
-        if self.station.cell.link.kind != "sim" or self.row.dry_run:
+    def _landing(self) -> Landing | None:
+        """Returns the observed landing; None where the cell cannot observe one."""
+        if self.session.cell.link.kind != "sim" or self.row.dry_run:
             return None
         flight = release_flight(self.problem, self.trajectory)
         duration = 0.0 if flight is None else flight.time_of_flight_s
         try:
-            return watch_landing(self.station.cell.link.host, self.problem, self.released_before, duration)
+            return wait_for_landing(self.session.cell.link.host, self.problem, self.released_before, duration)
         except (OSError, ValueError):
-            return None  # the simulator is gone, as in a test of just that
+            return None  # the simulator is gone

@@ -1,4 +1,4 @@
-"""Preflight: every reason not to move, in words a person understands."""
+"""Checks before an execution: the plan's certificate, and the live robot's readiness to move."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
-from executor.monitor import RobotState
+from executor.robot import RobotSession, RobotState
 from executor.streaming.safety import NORMAL, SAFETY_WORDS
 from planner.cell import Cell
 from planner.certificate import certify
@@ -33,42 +33,47 @@ ROBOT_MODES = {
     8: "updating its firmware",
 }
 REST_RAD_S = 0.01  # [rad/s] faults.md C6: an arm this slow counts as at rest
-PAYLOAD_KG = 0.05  # [kg] what the controller's payload may differ from tool, or tool and object
-TCP_M, TCP_RAD = 1e-3, 5e-3  # [m, rad] what its tool centre point may differ: a millimetre at the object
-SPEED = 1e-3  # [-] the speed slider may differ from 1 by rounding only
+PAYLOAD_KG = 0.05  # [kg] accepted difference of the controller's payload from the tool, or tool and object
+TCP_M, TCP_RAD = 1e-3, 5e-3  # [m, rad] accepted difference of its tool centre point: a millimetre at the object
+SPEED = 1e-3  # [-] accepted difference of the speed slider from 1: rounding only
 
 
-class Refused(Exception):
+class ExecutionRefused(Exception):
     """The execution does not start; the text says why."""
 
 
-def judge_plan(document: bytes, cell: Cell) -> tuple[ThrowProblem, Trajectory]:
-    """Makes the plan's certificate again, with this executor's own cell.
+def verify_plan(document: bytes, cell: Cell) -> tuple[ThrowProblem, Trajectory]:
+    """Certifies a stored plan again, with this executor's own cell.
 
     Raises:
-        Refused: the plan was made for another cell file, or does not pass.
+        ExecutionRefused: the plan is for another cell file, cannot be read, or fails its certificate.
     """
     plan = orjson.loads(document)
     if plan["cell"] != cell.name or plan["cell_sha256"] != cell.sha256:
-        raise Refused(f"the plan was made for another version of the cell {plan['cell']!r}: plan again")
+        raise ExecutionRefused(f"the plan was made for another version of the cell {plan['cell']!r}: plan again")
     try:
         problem, trajectory = plan_from_document(plan, cell)
     except (PlannerError, KeyError) as error:
-        raise Refused(f"the plan cannot be read: {error}") from error
+        raise ExecutionRefused(f"the plan cannot be read: {error}") from error
     certificate = certify(problem, trajectory)
     if not certificate.valid:
         names = ", ".join(f"{c.name} ({c.value:.4g} against {c.limit:.4g} {c.unit})" for c in certificate.failures)
-        raise Refused(f"the certificate made again does not hold: {names}")
+        raise ExecutionRefused(f"the certificate made again does not hold: {names}")
     return problem, trajectory
 
 
+def session_refusals(session: RobotSession) -> list[str]:
+    """Returns every reason not to move the session's robot now; empty where it may move."""
+    return refusals(session.cell, session.monitor.fresh(), session.remote_control())
+
+
 def refusals(cell: Cell, state: RobotState | None, remote: str | None) -> list[str]:
-    """Returns every reason not to move this robot now; empty where it may.
+    """Returns every reason not to move a robot; empty where it may move.
 
     Args:
         cell: as the executor reads it.
-        state: what the controller says, None without a connection.
-        remote: the dashboard's answer to "is in remote control", None without one.
+        state: the robot's live state; None without a connection.
+        remote: the dashboard's answer to "is in remote control"; None without an answer.
     """
     if state is None:
         return [f"no state arrives from the controller at {cell.link.host}"]
@@ -81,7 +86,7 @@ def _control(cell: Cell, remote: str | None) -> Iterator[str]:
     elif "false" in remote.lower():
         yield "the robot is not in remote control: switch it on the pendant"
     elif "true" not in remote.lower() and cell.robot.generation != "CB3":
-        yield f"the dashboard does not say whether the robot is in remote control: {remote!r}"
+        yield f"the dashboard does not report remote control: {remote!r}"
 
 
 def _condition(state: RobotState) -> Iterator[str]:
@@ -99,8 +104,10 @@ def _condition(state: RobotState) -> Iterator[str]:
 def _tool(cell: Cell, state: RobotState) -> Iterator[str]:
     lightest, heaviest = cell.tool.mass_kg, cell.tool.mass_kg + cell.object.mass_kg
     if state.payload_kg is not None and not lightest - PAYLOAD_KG <= state.payload_kg <= heaviest + PAYLOAD_KG:
-        yield (f"the controller reckons with a payload of {state.payload_kg:.2f} kg; "
-               f"the cell says {lightest:.2f} to {heaviest:.2f} kg")  # fmt: skip
+        yield (
+            f"the controller is set to a payload of {state.payload_kg:.2f} kg; "
+            f"the cell file gives {lightest:.2f} to {heaviest:.2f} kg"
+        )
     if state.tcp_offset is None:
         return
     offset = np.array(state.tcp_offset)

@@ -1,4 +1,4 @@
-"""From a plan to a job: the plan sampled on the controller's ticks, and a way to rest from each of them."""
+"""From a certified plan to a stream job: rows on the controller's ticks, a brake for each of them, and the approach."""
 
 from __future__ import annotations
 
@@ -9,12 +9,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from executor.job import Approach, Job
-from executor.punctuality import silence_limit
-from executor.settings import PRIORITY, Settings
+from executor import realtime
+from executor.settings import ExecutorSettings
+from executor.stream_job import ApproachRows, StreamJob
 from planner.approach import approach as ways
-from planner.approach.brakes import Brakes
+from planner.approach.approach import Way, find_way
+from planner.approach.brakes import Brakes, brakes
+from planner.approach.swept_clearance import Space
 from planner.cell import Cell
+from planner.certificate.motion import Motion
+from planner.certificate.tool import payload_of
+from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
@@ -24,18 +29,21 @@ SETTLE_S = 0.060  # [s] at rest after it: the measured motion, one lag behind, c
 FEEDBACK_GAIN = 5.0  # [1/s] with a lag of 20 ms the loop's phase is 0.1 rad: far from ringing (rtde.md, section 11)
 FEEDBACK_MAX = 0.05  # [rad/s] bound of the correction
 TRACKING_MAX_RAD = 0.05  # [rad] 20 times the error of a gap of 10 ms at 15 rad/s^2
+APPROACH_BRAKE_EVERY = 5  # [rows] at 1 rad/s and 500 Hz 1 cm of motion; saves a second of preparation
+SILENT_S = 0.100  # [s] the daemon's pulse comes every 5 ms; this long without one it is frozen or dead
+SILENT_ORDINARY_S = 0.250  # [s] without real-time scheduling a busy machine makes gaps of 100 ms (rtde.md, section 11)
 
 
 @dataclass(frozen=True)
-class Rows:
-    """The plan on the controller's ticks.
+class StreamRows:
+    """A motion sampled on the controller's ticks.
 
     Attributes:
-        first_clock_s: the plan's clock of row 0 [s].
-        q, qd, qdd: (M, 6).
-        reference_q, reference_qd: (M, 6) one lag earlier.
-        release_row: nearest to the release.
-        output_row: with which the gripper is told; -1 for a move that ends at rest.
+        first_clock_s: plan time of row 0 [s].
+        q, qd, qdd: (M, 6) [rad, rad/s, rad/s^2].
+        reference_q, reference_qd: (M, 6) one lag earlier [rad, rad/s].
+        release_row: row nearest to the release.
+        output_row: row whose tick opens the gripper; -1 for a move that ends at rest.
     """
 
     first_clock_s: float
@@ -48,19 +56,19 @@ class Rows:
     output_row: int
 
 
-def rows_of(cell: Cell, trajectory: Trajectory, throws: bool) -> Rows:
-    """Samples the plan so that the gripper's command falls on a tick exactly; at rest before and after."""
+def sample_rows(cell: Cell, trajectory: Trajectory, throws: bool) -> StreamRows:
+    """Samples a motion, at rest before and after, so that the gripper's command falls on a tick exactly."""
     dt, lag = trajectory.dt, cell.timing.lag_s
-    opens = trajectory.release_time_s - cell.gripper.delay_s  # clock at which the output must physically change
-    anchor = opens if throws else 0.0
-    first = anchor - math.ceil((anchor - min(anchor, 0.0) + lag + LEAD_IN_S) / dt) * dt
+    opens = trajectory.release_time_s - cell.gripper.delay_s  # plan time at which the output must physically change
+    origin = opens if throws else 0.0
+    first = origin - math.ceil((origin - min(origin, 0.0) + lag + LEAD_IN_S) / dt) * dt
     count = math.ceil((trajectory.duration_s + lag + SETTLE_S - first) / dt) + 1
     clock = first + np.arange(count) * dt
     q, qd, qdd = trajectory.at(clock)
     still = (clock <= 0.0) | (clock >= trajectory.duration_s)
     qd[still], qdd[still] = 0.0, 0.0
     reference_q, reference_qd, _ = trajectory.at(clock - lag)
-    return Rows(
+    return StreamRows(
         first,
         q,
         qd,
@@ -72,37 +80,55 @@ def rows_of(cell: Cell, trajectory: Trajectory, throws: bool) -> Rows:
     )
 
 
-def approach_of(rows: Rows, brakes: Brakes) -> Approach:
-    """Returns a planned way to the start, for a job."""
-    return Approach(**_streamed(rows, brakes))
+def find_approach(cell: Cell, q: Vector, start: Vector, pace: float) -> tuple[Way | None, str]:
+    """Returns the approach from `q` to `start` (6,) [rad].
+
+    Args:
+        cell: the executor's own.
+        q, start: present position and start of the plan (6,) [rad].
+        pace: share of the nominal pace [-].
+
+    Returns:
+        The approach and the name of an obstacle in the straight move; None where no approach keeps clear of it.
+    """
+    return find_way(Space(cell), q, start, pace)
 
 
-def _streamed(rows: Rows, brakes: Brakes) -> dict[str, Any]:
-    """Returns what a motion's streaming needs of its rows and their brakes, by the names of `Job` and `Approach`."""
-    return {
-        "first_clock_s": rows.first_clock_s,
-        "q": rows.q.tolist(),
-        "qd": rows.qd.tolist(),
-        "qdd": rows.qdd.tolist(),
-        "reference_q": rows.reference_q.tolist(),
-        "reference_qd": rows.reference_qd.tolist(),
-        "brake_row": brakes.row.tolist(),
-        "brake_ticks": brakes.ticks.tolist(),
-    }
+def prepare_job(
+    problem: ThrowProblem,
+    trajectory: Trajectory,
+    approach: Way,
+    mode: str,
+    dry_run: bool,
+    settings: ExecutorSettings,
+) -> StreamJob:
+    """Returns the stream job of a certified plan and an approach to its start."""
+    rows, plan_brakes = _sample(problem, trajectory)
+    approach_rows = None
+    if approach.problem is not None and approach.trajectory is not None:
+        sampled = _sample(approach.problem, approach.trajectory, APPROACH_BRAKE_EVERY)
+        approach_rows = ApproachRows(**_streamed(*sampled))
+    return make_stream_job(problem.cell, rows, plan_brakes, approach_rows, mode, dry_run, settings)
 
 
-def make_job(
-    cell: Cell, rows: Rows, brakes: Brakes, approach: Approach | None, mode: str, dry_run: bool, settings: Settings
-) -> Job:
-    """Returns the job of one execution; everything in it has been judged."""
+def make_stream_job(
+    cell: Cell,
+    rows: StreamRows,
+    plan_brakes: Brakes,
+    approach: ApproachRows | None,
+    mode: str,
+    dry_run: bool,
+    settings: ExecutorSettings,
+) -> StreamJob:
+    """Returns the stream job of sampled rows and their brakes."""
     dt = 1.0 / cell.robot.sample_rate_hz
-    return Job(
+    return StreamJob(
         host=cell.link.host,
         mode=mode,
         dry_run=dry_run,
         dt=dt,
         lag_ticks=cell.timing.lag_s / dt,
-        **_streamed(rows, brakes),
+        **_streamed(rows, plan_brakes),
         release_row=rows.release_row,
         output_row=rows.output_row,
         output=cell.gripper.output,
@@ -119,6 +145,27 @@ def make_job(
         tracking_max=TRACKING_MAX_RAD,
         watchdog_hz=settings.watchdog_hz,
         core=settings.core,
-        priority=PRIORITY,
-        daemon_silent_s=silence_limit(),
+        priority=realtime.STREAM_PRIORITY,
+        daemon_silent_s=SILENT_S if realtime.is_permitted() else SILENT_ORDINARY_S,
     )
+
+
+def _sample(problem: ThrowProblem, trajectory: Trajectory, brake_every: int = 1) -> tuple[StreamRows, Brakes]:
+    """Returns a motion on the controller's ticks, and the brakes from its rows."""
+    rows = sample_rows(problem.cell, trajectory, throws=not problem.ends_at_rest)
+    payload = payload_of(Motion(problem, trajectory), with_object=True)
+    return rows, brakes(problem.cell, payload, rows.q, rows.qd, rows.qdd, trajectory.dt, brake_every)
+
+
+def _streamed(rows: StreamRows, row_brakes: Brakes) -> dict[str, Any]:
+    """Returns the fields that `StreamJob` and `ApproachRows` share."""
+    return {
+        "first_clock_s": rows.first_clock_s,
+        "q": rows.q.tolist(),
+        "qd": rows.qd.tolist(),
+        "qdd": rows.qdd.tolist(),
+        "reference_q": rows.reference_q.tolist(),
+        "reference_qd": rows.reference_qd.tolist(),
+        "brake_row": row_brakes.row.tolist(),
+        "brake_ticks": row_brakes.ticks.tolist(),
+    }

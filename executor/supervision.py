@@ -1,116 +1,162 @@
-"""Supervision: one streaming process, watched, and made to stop whatever becomes of it.
+"""Supervision of the streaming process: watched from a thread of its own, and stopped whatever becomes of it.
 
-A thread of its own, so that a slow database never delays the pulse. Whatever ends the process in any other way than
-at rest and in order, the controller is told to stop over a line of our own, and the process is killed and reaped.
+A separate thread, so that a slow database never delays the pulse. Unless the process ends at rest and in order, the
+controller is stopped over the dashboard, and the process is killed and reaped.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+import select
+import signal
+import subprocess
 import sys
 import threading
 import time
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from executor import awake
-from executor import board as words
-from executor.board import Board
-from executor.child import Child
-from executor.dashboard import Dashboard
-from executor.job import OUTCOMES, Job
+from executor import realtime
+from executor import shared_memory as shm
+from executor.records import RunResult
+from executor.robot import DashboardClient
+from executor.shared_memory import SharedMemory
+from executor.stream_job import OUTCOMES, StreamJob
 
 PERIOD_S = 0.005  # [s] of the pulse
-SPARE_ROWS = 1000  # room for a brake that is longer than what is left of the plan
+SPARE_ROWS = 1000  # room for a brake that is longer than the rest of the plan
 LIMIT_S = {  # longest silence in each state [s]
-    words.STARTING: 15.0,  # a refused program takes the library 5 s, a silent dashboard 2.5 s (rtde.md, section 10)
-    words.CONNECTED: 1.0,
-    words.APPROACHING: 0.25,
-    words.STREAMING: 0.1,  # the process itself gives up after 40 ms; the controller's watchdog after 50
-    words.BRAKING: 0.1,
-    words.STOPPING: 5.0,  # speedStop and stopScript wait for the controller
-    words.DONE: 1.0,
-    words.FAULT: 1.0,
+    shm.STARTING: 15.0,  # a refused program takes the library 5 s, a silent dashboard 2.5 s (rtde.md, section 10)
+    shm.CONNECTED: 1.0,
+    shm.APPROACHING: 0.25,
+    shm.STREAMING: 0.1,  # the process itself gives up after 40 ms; the controller's watchdog after 50
+    shm.BRAKING: 0.1,
+    shm.STOPPING: 5.0,  # speedStop and stopScript wait for the controller
+    shm.DONE: 1.0,
+    shm.FAULT: 1.0,
 }
+EXTERNAL_SIGNALS = (-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT)  # return codes that no library causes
 
 
-@dataclass(frozen=True, eq=False)
-class RunResult:
-    """How a run ended.
+class ChildProcess:
+    """A child process whose end is noticed at once, and whose freezing (SIGSTOP) can be seen."""
 
-    Attributes:
-        outcome: of the contract.
-        reason: for a person.
-        rows: telemetry (n, columns), see executor.board.
-        missed: ticks missed.
-        realtime: whether the machine granted everything.
-        output_sent_s: plan's clock when the gripper was told [s]; None where it was not.
-        output_late_s: how much later than planned.
-        timestamp_at_zero: the controller's time at the plan's clock 0 [s].
-        in_order: whether the process itself brought the arm to rest.
-    """
+    def __init__(self, command: Sequence[str], descriptors: Sequence[int], log: Path) -> None:
+        """Starts `command` with `descriptors` inherited and its output in the file `log`.
 
-    outcome: str
-    reason: str
-    rows: NDArray[np.float64]
-    missed: int
-    realtime: bool
-    output_sent_s: float | None
-    output_late_s: float
-    timestamp_at_zero: float
-    in_order: bool
-
-
-class Run:
-    """One streaming process."""
-
-    def __init__(self, job: Job, host: str, log: Path) -> None:
-        """Prepares a run; what the library says goes into the file `log`."""
+        Raises:
+            OSError: it cannot be started.
+        """
         self.log = log
-        self.board = Board.create(len(job.q) + SPARE_ROWS)
-        self.board.words[words.OUTPUT_SENT_S] = np.nan
-        self.dashboard = Dashboard(host)
-        self.job = job
+        with log.open("wb") as stream:  # a file: a pipe that nobody reads would block the child one day
+            self._process = subprocess.Popen(
+                command, pass_fds=descriptors, stdin=subprocess.DEVNULL, stdout=stream, stderr=stream
+            )
+        try:
+            self._descriptor = os.pidfd_open(self._process.pid)
+        except OSError:  # a kernel before 5.3: a child whose end goes unnoticed must not live
+            self._process.kill()
+            self._process.wait()
+            raise
+        self._end = select.poll()
+        self._end.register(self._descriptor, select.POLLIN)
+
+    @property
+    def pid(self) -> int:
+        """Its process id."""
+        return self._process.pid
+
+    @property
+    def code(self) -> int | None:
+        """Its return code; None while it runs."""
+        return self._process.poll()
+
+    @property
+    def was_killed(self) -> bool:
+        """Whether a signal ended it that no library raises."""
+        return self.code in EXTERNAL_SIGNALS
+
+    def ends_within(self, duration_s: float) -> bool:
+        """Waits for its end up to `duration_s` [s]; returns whether it came."""
+        return bool(self._end.poll(1e3 * duration_s))
+
+    def is_frozen(self) -> bool:
+        """Whether a signal has stopped it (SIGSTOP)."""
+        try:
+            return os.waitid(os.P_PID, self.pid, os.WSTOPPED | os.WNOHANG | os.WNOWAIT) is not None
+        except ChildProcessError:
+            return False  # ended and reaped
+
+    def last_line(self) -> list[str]:
+        """Returns the last line of its output; empty without output."""
+        return self.log.read_text(errors="replace").strip().splitlines()[-1:]
+
+    def kill(self) -> None:
+        """Sends SIGKILL, frozen or not; does not wait."""
+        self._process.kill()
+
+    def reap(self) -> None:
+        """Waits for its end and releases its resources."""
+        self._process.wait()
+        os.close(self._descriptor)
+
+
+class StreamRun:
+    """One run of the streaming process. `result` is set when it has ended."""
+
+    def __init__(self, job: StreamJob, log: Path, keep_awake: bool = True) -> None:
+        """Prepares a run.
+
+        Args:
+            job: what to stream.
+            log: file for the output of the process.
+            keep_awake: keep the stream's processor from sleeping meanwhile.
+        """
+        self.job, self.log = job, log
+        self.memory = SharedMemory.create(len(job.q) + SPARE_ROWS)
+        self.memory.fields[shm.OUTPUT_SENT_S] = np.nan
+        self.dashboard = DashboardClient(job.host)
         self.result: RunResult | None = None
+        self._awake_core = job.core if keep_awake else realtime.ANY_CORE
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._supervise, name="supervision", daemon=True)
-        self._child: Child | None = None
+        self._child: ChildProcess | None = None
         self._failed_by_itself = False
 
     @property
     def state(self) -> int:
-        """What the process is doing, see executor.board."""
-        return int(self.board.words[words.STATE])
+        """State of the process; see `executor.shared_memory`."""
+        return int(self.memory.fields[shm.STATE])
 
     @property
     def row_count(self) -> int:
-        """Rows of telemetry so far."""
-        return int(self.board.words[words.ROWS])
+        """Number of telemetry rows so far."""
+        return int(self.memory.fields[shm.ROWS])
 
     def start(self) -> None:
-        """Starts the process and the thread that watches it."""
+        """Starts the process and the thread that supervises it."""
         self._thread.start()
 
     def abort(self) -> None:
-        """Asks for the brake; asking twice changes nothing."""
-        self.board.words[words.ABORT] = 1.0
+        """Requests the brake; repeated requests have no effect."""
+        self.memory.fields[shm.ABORT] = 1.0
 
     def wait(self, timeout_s: float) -> bool:
         """Waits for the end; returns whether it came."""
         return self._ended.wait(timeout_s)
 
     def latest_row(self) -> NDArray[np.float64] | None:
-        """Returns the newest row of telemetry."""
-        count = min(self.row_count, self.board.capacity)
-        return np.frombuffer(self.board.row_bytes(count - 1)) if count else None
+        """Returns the newest row of telemetry; None without one."""
+        count = min(self.row_count, self.memory.capacity)
+        return np.frombuffer(self.memory.row_bytes(count - 1)) if count else None
 
     def _supervise(self) -> None:
         try:
-            with awake.kept(self.job.core):
+            with realtime.keep_awake(self._awake_core):
                 self._run()
         finally:
             self._ended.set()
@@ -130,68 +176,68 @@ class Run:
             self.result = self._result(failure)
 
     def _spawn(self) -> None:
-        job_fd = self.job.write()
-        self.board.words[words.DAEMON_PULSE] = self.board.words[words.PULSE] = time.monotonic()
-        pulse = threading.get_native_id()  # this thread gives the pulse: frozen, it can be seen to be
-        command = [sys.executable, "-m", "executor.streaming", *map(str, (job_fd, self.board.fd, os.getpid(), pulse))]
-        self._child = Child(command, (job_fd, self.board.fd), self.log)
+        job_fd, memory = self.job.write(), self.memory
+        memory.fields[shm.DAEMON_PULSE] = memory.fields[shm.PULSE] = time.monotonic()
+        pulse = threading.get_native_id()  # this thread writes the pulse: the child checks whether it is frozen
+        command = [sys.executable, "-m", "executor.streaming", *map(str, (job_fd, memory.fd, os.getpid(), pulse))]
+        self._child = ChildProcess(command, (job_fd, memory.fd), self.log)
         os.close(job_fd)
 
     def _watch(self) -> str:
-        """Returns when the process ended, hangs or is frozen; the text says how, empty where all is in order."""
-        child, board = self._child, self.board
+        """Returns when the process has ended, hangs or is frozen; the text says how, empty if it ended in order."""
+        child, fields = self._child, self.memory.fields
         assert child is not None
-        since, state = time.monotonic(), words.STARTING
+        since, state = time.monotonic(), shm.STARTING
         while not child.ends_within(PERIOD_S):
             now = time.monotonic()
-            board.words[words.DAEMON_PULSE] = now
+            fields[shm.DAEMON_PULSE] = now
             if self.state != state:
                 since, state = now, self.state
-            if state == words.FAULT:
+            if state == shm.FAULT:
                 return "fault"
             if child.is_frozen():
                 return "the streaming process was frozen"
-            silent = now - max(since, board.words[words.PULSE])
+            silent = now - max(since, fields[shm.PULSE])
             if silent > LIMIT_S[state]:
                 self._failed_by_itself = True
                 return f"the streaming process was silent for {silent * 1e3:.0f} ms"
-        if self.state == words.DONE:
+        if self.state == shm.DONE:
             return ""
-        if self.state == words.FAULT:
+        if self.state == shm.FAULT:
             return "fault"
-        self._failed_by_itself = not child.ended_from_outside
-        return ": ".join([f"the streaming process ended with {child.code}", *child.last_words()])
+        self._failed_by_itself = not child.was_killed
+        return ": ".join([f"the streaming process ended with {child.code}", *child.last_line()])
 
     def _make_safe(self, failure: str) -> None:
-        """Kills what hangs and stops the program on the controller, unless the run ended in order."""
+        """Kills the process and stops the controller's program, unless the run ended in order."""
         child = self._child
         if child is not None:
             if failure:
-                child.kill()  # first: what hangs in the library may wake and upload the program anew
+                child.kill()  # first: a call that hangs in the library may resume and upload the program again
                 with contextlib.suppress(OSError):  # then only the controller's own watchdog is left, and it is armed
                     self.dashboard.ask("stop")
             child.reap()
         self.dashboard.close()
 
     def _silent_outcome(self) -> str:
-        """Returns the outcome of a process that ended without a word; failing in the library it was the link."""
+        """Returns the outcome of a process that reported none; where it failed in the library, the link failed."""
         if self._child is None:
             return "refused"
-        in_library = self.board.words[words.IN_CALL] and self._failed_by_itself
+        in_library = self.memory.fields[shm.IN_CALL] and self._failed_by_itself
         return "link_lost" if in_library else "executor_lost"
 
     def _result(self, failure: str) -> RunResult:
-        board = self.board
-        known = self.state in (words.DONE, words.FAULT)
-        sent = float(board.words[words.OUTPUT_SENT_S])
+        memory, fields = self.memory, self.memory.fields
+        reported = self.state in (shm.DONE, shm.FAULT)
+        sent = float(fields[shm.OUTPUT_SENT_S])
         return RunResult(
-            outcome=OUTCOMES[int(board.words[words.OUTCOME])] if known else self._silent_outcome(),
-            reason=board.text() if known else failure,
-            rows=np.frombuffer(board.row_bytes()).reshape(-1, words.ROW.size // 8),
-            missed=int(board.words[words.MISSED]),
-            realtime=bool(board.words[words.REALTIME]),
+            outcome=OUTCOMES[int(fields[shm.OUTCOME])] if reported else self._silent_outcome(),
+            reason=memory.text() if reported else failure,
+            rows=np.frombuffer(memory.row_bytes()).reshape(-1, shm.ROW.size // 8),
+            missed=int(fields[shm.MISSED]),
+            realtime=bool(fields[shm.REALTIME]),
             output_sent_s=None if np.isnan(sent) else sent,
-            output_late_s=float(board.words[words.OUTPUT_LATE_S]),
-            timestamp_at_zero=float(board.words[words.TIMESTAMP_AT_ZERO]),
+            output_late_s=float(fields[shm.OUTPUT_LATE_S]),
+            timestamp_at_zero=float(fields[shm.TIMESTAMP_AT_ZERO]),
             in_order=not failure,
         )

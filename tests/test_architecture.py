@@ -34,12 +34,18 @@ MODULE_LINES_MAX = 250
 
 # contract: (file of the copy, the import planted there)
 PLANTED = {
-    "rooms": ("api/routes/plans.py", "import executor.job"),
+    "rooms": ("api/routes/plans.py", "import executor.stream_job"),
     "planner-levels": ("planner/certificate/__init__.py", "import planner.backends.ruckig_otg"),
     "backends-apart": ("planner/backends/ruckig_otg/__init__.py", "import planner.backends.profiles"),
     "planner-pure": ("planner/cell/model.py", "import sqlalchemy"),
-    "executor-no-solver": ("executor/job.py", "import planner.planning"),
+    "executor-no-solver": ("executor/stream_job.py", "import planner.planning"),
     "api-no-robot": ("api/routes/plans.py", "import rtde_control"),
+    "executor-levels": ("executor/realtime.py", "import executor.settings"),
+    "executor-streaming-levels": ("executor/streaming/safety.py", "import executor.streaming.loop"),
+    "executor-robot-levels": ("executor/robot/monitor.py", "import executor.robot.session"),
+    "executor-records-levels": ("executor/records/journal.py", "import executor.records.metrics"),
+    "streaming-alone": ("executor/shared_memory.py", "import numpy"),
+    "ur-rtde-in-streaming": ("executor/supervision.py", "import rtde_control"),
     "sql-in-store": ("executor/daemon.py", "import sqlalchemy"),
     "simulator-alone": ("executor/daemon.py", "import executor.simulator.wire"),
     "benchmarks-alone": ("planner/planning.py", "import benchmarks.results"),

@@ -23,9 +23,9 @@ from typing import Any
 
 import numpy as np
 
-from executor import truth
-from executor.preparation import rows_of
-from executor.settings import last_core
+from executor.preparation import sample_rows
+from executor.realtime import default_core
+from executor.robot import simulator_client
 from planner.certificate import release_flight
 from planner.flight import fly
 from planner.plan_document import problem_from_request
@@ -110,7 +110,7 @@ def _fling(rig: Rig) -> dict[str, float]:
     if rig.is_latched():
         rig.recover()
         rig.acknowledge()
-    truth.ask(rig.host, "reset_stats")
+    simulator_client.request(rig.host, "reset_stats")
     row = rig.throw(LOB)
     recording, metrics = rig.store.recording(row.id), row.metrics or {}
     assert recording is not None
@@ -122,7 +122,7 @@ def _fling(rig: Rig) -> dict[str, float]:
 
 def _plain(rig: Rig, problem: ThrowProblem, trajectory: Trajectory, realtime: bool) -> dict[str, float]:
     """Returns the values of one throw by the plain loop."""
-    rows, dt = rows_of(rig.cell, trajectory, throws=True), trajectory.dt
+    rows, dt = sample_rows(rig.cell, trajectory, throws=True), trajectory.dt
     job = {
         "host": rig.host,
         "dt": dt,
@@ -130,10 +130,10 @@ def _plain(rig: Rig, problem: ThrowProblem, trajectory: Trajectory, realtime: bo
         "qd": rows.qd.tolist(),
         "output_row": rows.output_row,
         "realtime": realtime,
-        "core": last_core(),
+        "core": default_core({}),
     }
     before = len(rig.world()["releases"])
-    truth.ask(rig.host, "reset_stats")
+    simulator_client.request(rig.host, "reset_stats")
     answer = subprocess.run(
         [sys.executable, "-c", PLAIN], input=json.dumps(job), capture_output=True, text=True, check=True, cwd=ROOT
     )
@@ -162,7 +162,7 @@ def _slip(timestamps: np.ndarray, received: np.ndarray) -> float:
 
 
 def _silent_cycles(rig: Rig) -> int:
-    return int(truth.ask(rig.host, "stats")["commands_per_cycle"]["none"])
+    return int(simulator_client.request(rig.host, "stats")["commands_per_cycle"]["none"])
 
 
 if __name__ == "__main__":

@@ -18,8 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from executor import truth
 from executor.doctor import stolen_s
+from executor.robot import simulator_client
 from tests.system.rig import LOB, Rig
 
 BUSY_LOOP = "while True: pass"
@@ -61,14 +61,14 @@ def throw_series(folder: Path, count: int, mode: str, busy: int, apart: bool = F
     rig.start_simulator(*(["--core", str(min(os.sched_getaffinity(0)))] if apart else []))
     rig.start_executor()
     try:
-        truth.ask(rig.host, "reset_stats")
+        simulator_client.request(rig.host, "reset_stats")
         before, rows = stolen_s(), []
         for _ in range(count):
             if rig.is_latched():
                 rig.recover()
                 rig.acknowledge()
             rows.append(rig.throw(LOB, mode))
-        stats, stolen = truth.ask(rig.host, "stats"), stolen_s() - before
+        stats, stolen = simulator_client.request(rig.host, "stats"), stolen_s() - before
     finally:
         rig.stop()
     return {"throws": count, "mode": mode, "busy_processes": busy, "stolen_s": stolen, **_summary(rows, stats)}

@@ -1,1 +1,4 @@
-"""The streaming process: ur_rtde and nothing else, one thread, one command a tick, and every way out is a stop."""
+"""The streaming process: ur_rtde, one control loop, and nothing else.
+
+Empty on purpose: the process imports through here, and imports no numpy.
+"""

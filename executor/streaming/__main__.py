@@ -1,4 +1,4 @@
-"""Entry of the streaming process: `python -m executor.streaming JOB_FD BOARD_FD PARENT_PID PULSE_THREAD`."""
+"""Entry of the streaming process: `python -m executor.streaming JOB_FD MEMORY_FD PARENT_PID PULSE_THREAD`."""
 
 from __future__ import annotations
 
@@ -7,65 +7,71 @@ import sys
 import traceback
 from time import monotonic
 
-from executor import board as words
-from executor.board import Board
-from executor.job import OUTCOMES, Job
-from executor.streaming import realtime
+from executor import realtime
+from executor import shared_memory as shm
+from executor.shared_memory import SharedMemory
+from executor.stream_job import OUTCOMES, StreamJob
 from executor.streaming.approach import approach
-from executor.streaming.fault import LinkFault
-from executor.streaming.link import Link
 from executor.streaming.loop import Stream
-from executor.streaming.orders import Orders
+from executor.streaming.rtde_connection import RtdeConnection
+from executor.streaming.safety import StreamFault
+from executor.streaming.stop_requests import StopRequests
 
 
-def run(job: Job, board: Board, orders: Orders, alive: list[Link]) -> tuple[str, str]:
-    """Runs one job from connecting to standing still; returns outcome and reason.
+def run(
+    job: StreamJob, memory: SharedMemory, requests: StopRequests, connections: list[RtdeConnection]
+) -> tuple[str, str]:
+    """Runs one job from connecting to rest; returns outcome and reason.
 
-    The link is put into `alive`, so that no destructor of the library ever runs: each sleeps half a second.
+    Args:
+        job: what to stream.
+        memory: shared with the daemon.
+        requests: reasons to stop early.
+        connections: receives the connection and keeps it alive: a destructor of the library sleeps half a second.
 
     Raises:
-        LinkFault: from the first anomaly on nothing was sent; the controller's watchdog and the daemon stop the arm.
+        StreamFault: nothing was sent after the first anomaly; the controller's watchdog and the daemon stop the arm.
     """
-    refused = realtime.prepare(job.core, job.priority)
-    board.words[words.REALTIME] = 0.0 if refused else 1.0
-    link = Link(job, board)
-    alive.append(link)
+    refused = realtime.prepare_stream(job.core, job.priority)
+    memory.fields[shm.REALTIME] = 0.0 if refused else 1.0
+    connection = RtdeConnection(job, memory)
+    connections.append(connection)
     realtime.step_down(job.priority)
     realtime.freeze_memory()
-    link.check()
-    board.words[words.STATE] = words.APPROACHING
-    verdict = approach(link, job, board, orders, realtime=not refused)
+    connection.check()
+    memory.fields[shm.STATE] = shm.APPROACHING
+    verdict = approach(connection, job, memory, requests, realtime=not refused)
     if verdict is None:
-        link.arm_watchdog(realtime=not refused)
-        board.words[words.STATE] = words.STREAMING
-        verdict = Stream(link, job, board, orders).run()
-    board.words[words.STATE] = words.STOPPING
-    link.stop()
+        connection.arm_watchdog(realtime=not refused)
+        memory.fields[shm.STATE] = shm.STREAMING
+        verdict = Stream(connection, job, memory, requests).run()
+    memory.fields[shm.STATE] = shm.STOPPING
+    connection.stop()
     return verdict
 
 
-def main(job_fd: int, board_fd: int, parent: int, pulse: int) -> None:
-    """Runs, writes the end on the board, and leaves at once, past every destructor of the library."""
-    board = Board.attach(board_fd)
-    job = Job.read(job_fd)
-    alive: list[Link] = []
-    state, code = words.FAULT, 1
+def main(job_fd: int, memory_fd: int, parent: int, pulse: int) -> None:
+    """Runs the job, writes its end to the shared memory and exits at once, past the library's destructors."""
+    memory = SharedMemory.attach(memory_fd)
+    job = StreamJob.read(job_fd)
+    connections: list[RtdeConnection] = []
+    state, code = shm.FAULT, 1
     outcome, reason = "executor_lost", "the streaming process failed"
     try:
-        orders = Orders(board, job.daemon_silent_s, parent, pulse)
-        orders.listen()
-        realtime.die_with_parent(parent)
-        board.words[words.PULSE] = monotonic()
-        outcome, reason = run(job, board, orders, alive)
-        state, code = words.DONE, 0
-    except LinkFault as fault:
+        requests = StopRequests(memory, job.daemon_silent_s, parent, pulse)
+        requests.listen()
+        realtime.terminate_with_parent(parent)
+        memory.fields[shm.PULSE] = monotonic()
+        outcome, reason = run(job, memory, requests, connections)
+        state, code = shm.DONE, 0
+    except StreamFault as fault:
         outcome, reason = fault.outcome, fault.reason
-    except Exception:  # a bug of ours: the finally below leaves the arm to the watchdog and the daemon
+    except Exception:  # a bug: the finally below leaves the arm to the watchdog and the daemon
         reason = traceback.format_exc(limit=-3)
     finally:
-        board.write_text(reason)
-        board.words[words.OUTCOME] = OUTCOMES.index(outcome)
-        board.words[words.STATE] = state
+        memory.write_text(reason)
+        memory.fields[shm.OUTCOME] = OUTCOMES.index(outcome)
+        memory.fields[shm.STATE] = state
         os._exit(code)
 
 

@@ -1,10 +1,10 @@
-"""The loop: one tick, one command. Whatever happens, the next command is a valid one or a stop."""
+"""The control loop: one tick, one command. Whatever happens, the next command is a valid one or a stop."""
 
 from __future__ import annotations
 
 import math
 
-from executor.board import (
+from executor.shared_memory import (
     BRAKING,
     MISSED,
     OUTPUT_LATE_S,
@@ -13,126 +13,138 @@ from executor.board import (
     REALTIME,
     STATE,
     TIMESTAMP_AT_ZERO,
-    Board,
+    SharedMemory,
 )
-from executor.job import Job, Row
-from executor.streaming.clock import Clock, Lateness
-from executor.streaming.fault import LinkFault
-from executor.streaming.link import SERVO_CONSTANT_S, Link
-from executor.streaming.orders import Orders
+from executor.stream_job import Row, StreamJob
+from executor.streaming.clock import ControllerClock, LostTicks
+from executor.streaming.rtde_connection import SERVO_CONSTANT_S, RtdeConnection
+from executor.streaming.safety import StreamFault
 from executor.streaming.schedule import Schedule
+from executor.streaming.stop_requests import StopRequests
 
-WATCHDOG_SHARE = 0.5  # [-] of the watchdog's period: a gap this long, and a program that stopped, belong together
+WATCHDOG_SHARE = 0.5  # [-] of the watchdog's period: a program that stopped after a gap this long was stopped by it
 POSITION_LIMITS = [2.0 * math.pi] * 6  # [rad] source: UR joint range; the certificate has checked the cell's
 
 
 class Stream:
-    """One run of one job over a link that is connected and whose watchdog is armed."""
+    """One run of one job, over a connection whose watchdog is armed."""
 
-    def __init__(self, link: Link, job: Job, board: Board, orders: Orders, recorded: bool = True) -> None:
-        """`recorded`: whether a row of telemetry is left each tick; the way to the start leaves none."""
-        self.link, self.job, self.board, self.orders, self.recorded = link, job, board, orders, recorded
+    def __init__(
+        self,
+        connection: RtdeConnection,
+        job: StreamJob,
+        memory: SharedMemory,
+        requests: StopRequests,
+        recorded: bool = True,
+    ) -> None:
+        """Starts the clock; with `recorded` every tick writes a row of telemetry (an approach writes none)."""
+        self.connection, self.job, self.memory, self.requests = connection, job, memory, requests
+        self.recorded = recorded
         self.schedule = Schedule(job)
-        self.lateness = Lateness(job.dt, realtime=bool(board.words[REALTIME]))
-        self.clock = Clock(link, job.dt)
+        self.lost_ticks = LostTicks(job.dt, realtime=bool(memory.fields[REALTIME]))
+        self.clock = ControllerClock(connection, job.dt)
         self.verdict = ("completed", "")
         self.output_sent = False
-        board.words[TIMESTAMP_AT_ZERO] = self.clock.first - job.first_clock_s + job.lag_ticks * job.dt
+        memory.fields[TIMESTAMP_AT_ZERO] = self.clock.first - job.first_clock_s + job.lag_ticks * job.dt
 
     def run(self) -> tuple[str, str]:
         """Streams to the end of the schedule; returns outcome and reason.
 
         Raises:
-            LinkFault: the link failed; nothing was sent after that.
+            StreamFault: the connection failed; nothing was sent after that.
         """
         while self.clock.tick <= self.schedule.last:
             self.clock.wait()
-            self.link.read()
+            self.connection.read()
             self._check()
             row = self.clock.tick
             reference = self.schedule.reference(row)
-            stop = self._must_stop(reference[0])
+            stop = self._stop(reference[0])
             if stop is not None:
                 self._divert(row, stop)
             command = self._send(row, reference[0])
-            self._tell_gripper(row)
+            self._open_gripper(row)
             self._record(reference, command)
         return self.verdict
 
     def _check(self) -> None:
-        """Judges the controller's state; a program that stopped while our commands stayed out is our lateness."""
+        """Checks the controller's state; a program stopped by the watchdog is this machine's lateness."""
         try:
-            self.link.check()
-        except LinkFault as fault:
-            silent = max(self.clock.missed * self.job.dt, self.clock.host_s - self.link.sent_at)
-            if fault.outcome == "aborted" and silent > WATCHDOG_SHARE / self.link.watchdog_hz:
+            self.connection.check()
+        except StreamFault as fault:
+            silent = max(self.clock.missed * self.job.dt, self.clock.host_s - self.connection.sent_at)
+            if fault.outcome == "aborted" and silent > WATCHDOG_SHARE / self.connection.watchdog_hz:
                 reason = f"no command for {silent * 1e3:.0f} ms: the controller's watchdog stopped the program"
-                raise LinkFault("late", reason) from fault
+                raise StreamFault("late", reason) from fault
             raise
 
-    def _must_stop(self, reference_q: Row) -> tuple[str, str] | None:
+    def _stop(self, reference_q: Row) -> tuple[str, str] | None:
+        """Returns outcome and reason of a stop that begins at this tick; None otherwise."""
         if self.schedule.diverted is not None:
             return None
-        if self.lateness.too_late(self.clock.missed):
+        if self.lost_ticks.are_too_many(self.clock.missed, self.connection.delayed_s):
             return "late", f"{self.clock.total_missed} ticks missed, {self.clock.missed} in a row"
-        error = max([abs(a - b) for a, b in zip(reference_q, self.link.q, strict=True)])
+        error = max([abs(a - b) for a, b in zip(reference_q, self.connection.q, strict=True)])
         if error > self.job.tracking_max and not self.job.dry_run:
             return "tracking", f"{error:.3f} rad from the plan"
-        return self.orders.stop()
+        return self.requests.pending()
 
     def _divert(self, row: int, stop: tuple[str, str]) -> None:
         self.verdict = stop
         self.schedule.divert(row)
-        self.board.words[STATE] = BRAKING
+        self.memory.fields[STATE] = BRAKING
         if self.output_sent and row < self.job.release_row + self.job.lag_ticks:
-            self.link.output(not self.job.output_level)  # not left yet: keep hold of the object
+            self.connection.output(not self.job.output_level)  # not released yet: keep hold of the object
 
     def _send(self, row: int, reference_q: Row) -> Row:
+        """Sends the command of a row, and returns it."""
         _, qd = self.schedule.command(row)
         if self.job.mode == "servoj":
-            before, _ = self.schedule.command(max(row - 1, 0))  # where the arm is when the goal reaches it
+            before, _ = self.schedule.command(max(row - 1, 0))  # position of the arm when the goal arrives there
             ahead = [x + SERVO_CONSTANT_S * v for x, v in zip(before, qd, strict=True)]
-            self.link.servo(ahead, POSITION_LIMITS)
+            self.connection.servo(ahead, POSITION_LIMITS)
             return ahead
         most, gain = self.job.feedback_max, self.job.feedback_gain
-        errors = [gain * (a - b) for a, b in zip(reference_q, self.link.q, strict=True)]
-        back = [most if e > most else -most if e < -most else e for e in errors]
+        errors = [gain * (a - b) for a, b in zip(reference_q, self.connection.q, strict=True)]
+        feedback = [most if e > most else -most if e < -most else e for e in errors]
         limits = self.job.qd_max
-        command = [v + b if -m <= v + b <= m else v for v, b, m in zip(qd, back, limits, strict=True)]
-        self.link.speed(command)
+        command = [v + b if -m <= v + b <= m else v for v, b, m in zip(qd, feedback, limits, strict=True)]
+        self.connection.speed(command)
         return command
 
-    def _tell_gripper(self, row: int) -> None:
+    def _open_gripper(self, row: int) -> None:
+        """Sends the gripper's output once its row has come."""
         job = self.job
         if self.output_sent or job.output_row < 0 or row < job.output_row or self.schedule.diverted is not None:
             return
-        self.link.output(job.output_level)
+        self.connection.output(job.output_level)
         self.output_sent = True
-        self.board.words[OUTPUT_SENT_S] = job.first_clock_s + (row - job.lag_ticks) * job.dt
-        self.board.words[OUTPUT_LATE_S] = (row - job.output_row) * job.dt
+        self.memory.fields[OUTPUT_SENT_S] = job.first_clock_s + (row - job.lag_ticks) * job.dt
+        self.memory.fields[OUTPUT_LATE_S] = (row - job.output_row) * job.dt
 
     def _record(self, reference: tuple[Row, Row], command: Row) -> None:
-        job, link, clock = self.job, self.link, self.clock
-        self.board.words[PULSE] = clock.host_s
+        """Writes the pulse and one row of telemetry."""
+        job, connection, clock = self.job, self.connection, self.clock
+        self.memory.fields[PULSE] = clock.host_s
         if not self.recorded:
             return
-        self.board.words[MISSED] = clock.total_missed
-        self.board.add_row(
+        self.memory.fields[MISSED] = clock.total_missed
+        self.memory.add_row(
             [
                 job.first_clock_s + (clock.tick - job.lag_ticks) * job.dt,
-                link.stamp,
+                connection.stamp,
                 clock.host_s,
-                link.safety_bits,
-                link.runtime_state,
-                link.scaling,
-                link.outputs,
+                connection.safety_bits,
+                connection.runtime_state,
+                connection.scaling,
+                connection.outputs,
                 clock.missed,
-                link.call_s,
+                connection.call_s,
                 *reference[0],
                 *reference[1],
                 *command,
-                *link.q,
-                *link.qd,
-                *link.current,
+                *connection.q,
+                *connection.qd,
+                *connection.current,
             ]
         )

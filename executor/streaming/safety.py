@@ -1,11 +1,9 @@
-"""What the controller says of itself, as a fault where it is not normal operation.
+"""Checks of the controller's state and of every command, and the fault that ends a stream.
 
 Source of bits and states: Universal Robots, RTDE guide, `safety_status_bits`, `runtime_state`.
 """
 
 from __future__ import annotations
-
-from executor.streaming.fault import LinkFault
 
 NORMAL = 1  # safety_status_bits in normal operation
 PLAYING = 2  # runtime_state of a running program
@@ -26,30 +24,43 @@ PROGRAM_WORDS = {0: "stopping", 1: "stopped", 3: "pausing", 4: "paused", 5: "res
 SCALING_TOLERANCE = 1e-6  # [-] of the speed scaling around 1; rounding only
 
 
-def check(safety_bits: int, runtime_state: int, speed_scaling: float) -> None:
-    """Raises where the controller is not in normal operation, running our program at full speed.
+class StreamFault(Exception):
+    """The connection, the controller or the library cannot be trusted: the process never calls the library again.
+
+    Attributes:
+        outcome: one of `executor.stream_job.OUTCOMES`.
+        reason: explanation for the operator.
+    """
+
+    def __init__(self, outcome: str, reason: str) -> None:
+        super().__init__(f"{outcome}: {reason}")
+        self.outcome, self.reason = outcome, reason
+
+
+def check_state(safety_bits: int, runtime_state: int, speed_scaling: float) -> None:
+    """Checks for normal operation: no safety stop, the program playing, full speed.
 
     Raises:
-        LinkFault: safety state first, then speed scaling, then the program's state.
+        StreamFault: for the first of safety state, program state and speed scaling that is wrong.
     """
     if safety_bits != NORMAL:
         words = [name for bit, name in SAFETY_WORDS.items() if safety_bits >> bit & 1]
         outcome = "emergency_stop" if safety_bits & EMERGENCY_BITS else "protective_stop"
-        raise LinkFault(outcome, ", ".join(words) or "safety state unknown")
+        raise StreamFault(outcome, ", ".join(words) or "safety state unknown")
     if runtime_state != PLAYING:
-        raise LinkFault("aborted", f"the program on the controller is {PROGRAM_WORDS.get(runtime_state, 'unknown')}")
-    if not abs(speed_scaling - 1.0) <= SCALING_TOLERANCE:  # true for NaN too
-        raise LinkFault("aborted", f"speed scaling went to {speed_scaling:.3g}")
+        raise StreamFault("aborted", f"the program on the controller is {PROGRAM_WORDS.get(runtime_state, 'unknown')}")
+    if not abs(speed_scaling - 1.0) <= SCALING_TOLERANCE:  # also true for NaN
+        raise StreamFault("aborted", f"speed scaling went to {speed_scaling:.3g}")
 
 
 def check_command(values: list[float], limits: list[float]) -> None:
-    """Raises where a command is not six finite numbers within `limits`.
+    """Checks that a command is six finite numbers within `limits`.
 
     Raises:
-        LinkFault: it must not be sent; this is a bug, so nothing more is sent either.
+        StreamFault: it is not; this is a bug, and nothing more is sent.
     """
     if len(values) != 6:
-        raise LinkFault("aborted", f"a command of {len(values)} numbers")
+        raise StreamFault("aborted", f"a command of {len(values)} numbers")
     for value, limit in zip(values, limits, strict=True):
-        if not -limit <= value <= limit:  # false for NaN too
-            raise LinkFault("aborted", f"a command of {value!r} against a limit of {limit!r}")
+        if not -limit <= value <= limit:  # also false for NaN
+            raise StreamFault("aborted", f"a command of {value!r} exceeds its limit of {limit!r}")

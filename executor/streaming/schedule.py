@@ -1,8 +1,8 @@
-"""The schedule: what to send at each tick, the plan's rows or, once diverted, the certified brake."""
+"""The schedule: the state to command at each tick, from the plan or, once diverted, from the certified brake."""
 
 from __future__ import annotations
 
-from executor.job import Job, Row
+from executor.stream_job import Row, StreamJob
 from planner.brake_profile import parts
 
 
@@ -10,18 +10,18 @@ class Schedule:
     """Rows by tick, before and after a diversion.
 
     Attributes:
-        last: the row after which everything is at rest.
-        diverted: the row from which the brake is flown; None on the plan.
+        last: the row after which the arm is at rest.
+        diverted: the row at which the brake starts; None on the plan.
     """
 
-    def __init__(self, job: Job) -> None:
+    def __init__(self, job: StreamJob) -> None:
         self.job = job
         self.last = len(job.q) - 1
         self.diverted: int | None = None
         self.brake_s = 0.0
 
     def divert(self, row: int) -> None:
-        """Brakes from the first row not before `row` from which the brake is certified."""
+        """Brakes from the first row not before `row` whose brake is certified; only the first call counts."""
         if self.diverted is not None:
             return
         job = self.job
@@ -31,20 +31,21 @@ class Schedule:
         self.last = start + job.brake_ticks[start] + int(job.lag_ticks) + 2
 
     def command(self, row: int) -> tuple[Row, Row]:
-        """Returns q and qd (6,) to be reached one lag after row `row` is sent."""
+        """Returns q and qd (6,) to be reached one lag after row `row` is sent [rad, rad/s]."""
         row = min(row, self.last)
         if self.diverted is None or row <= self.diverted:
             return self.job.q[row], self.job.qd[row]
         return self._braking((row - self.diverted) * self.job.dt)
 
     def reference(self, row: int) -> tuple[Row, Row]:
-        """Returns q and qd (6,) that should be measured when row `row` is sent."""
+        """Returns the expected measurement q and qd (6,) when row `row` is sent [rad, rad/s]."""
         if self.diverted is None or row - self.job.lag_ticks <= self.diverted:
             row = min(row, len(self.job.q) - 1)
             return self.job.reference_q[row], self.job.reference_qd[row]
         return self._braking((row - self.job.lag_ticks - self.diverted) * self.job.dt)
 
     def _braking(self, s: float) -> tuple[Row, Row]:
+        """Returns q and qd (6,) at `s` [s] after the start of the brake."""
         start = self.diverted or 0
         T = self.brake_s
         way, bend, speed, lift, _, _ = parts(s / T if T > 0.0 else 1.0)

@@ -1,4 +1,4 @@
-"""A cell, a plan and what the executor makes of it: computed once, shared by the tests."""
+"""A cell, a plan and its stream job: computed once, shared by the tests."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 import orjson
 import pytest
 
-from executor.job import Job
-from executor.preparation import Rows, make_job, rows_of
-from executor.settings import Settings
+from executor.preparation import StreamRows, make_stream_job, sample_rows
+from executor.settings import ExecutorSettings
+from executor.stream_job import StreamJob
 from planner.approach.brakes import Brakes, brakes
 from planner.cell import Cell, load_cell
 from planner.certificate.motion import Motion
@@ -33,18 +33,18 @@ class Prepared:
     trajectory: Trajectory
     document: bytes
     payload: Payload
-    rows: Rows
+    rows: StreamRows
     brakes: Brakes
-    job: Job
+    job: StreamJob
 
     @property
     def cell(self) -> Cell:
         return self.problem.cell
 
 
-def settings(cell: str = "ur5e-sim", **changes: object) -> Settings:
+def settings(cell: str = "ur5e-sim", **changes: object) -> ExecutorSettings:
     """Returns settings that touch nothing."""
-    return Settings(**{"cell": cell, "cells": CELLS, "database_url": "", "data": Path("nowhere"), **changes})
+    return ExecutorSettings(**{"cell": cell, "cells": CELLS, "database_url": "", "data": Path("nowhere"), **changes})
 
 
 def prepare(name: str) -> Prepared:
@@ -53,13 +53,13 @@ def prepare(name: str) -> Prepared:
     request = {"cell": name, "release": LOB, "backend": "ruckig", "time_limit_s": 30.0}
     answer = plan(problem_from_request(request, cell))
     problem, trajectory = answer.problem, answer.trajectory
-    rows = rows_of(cell, trajectory, throws=True)
+    rows = sample_rows(cell, trajectory, throws=True)
     payload = payload_of(Motion(problem, trajectory), with_object=True)
-    ways = brakes(cell, payload, rows.q, rows.qd, rows.qdd, trajectory.dt)
-    job = make_job(cell, rows, ways, None, "speedj", False, settings(name))
+    row_brakes = brakes(cell, payload, rows.q, rows.qd, rows.qdd, trajectory.dt)
+    job = make_stream_job(cell, rows, row_brakes, None, "speedj", False, settings(name))
     document = plan_document(answer, request, "id", "2026-01-01T00:00:00Z")
     data = orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY)
-    return Prepared(problem, trajectory, data, payload, rows, ways, job)
+    return Prepared(problem, trajectory, data, payload, rows, row_brakes, job)
 
 
 @pytest.fixture(scope="session", params=["ur5e-sim", "ur5-sim"])

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from executor import doctor
-from executor.doctor import Finding, judge_jitter, judge_sleep, report, stolen_s
+from executor.doctor import DoctorFinding, grade_jitter, grade_sleep, report, stolen_s
 from tests.executor.conftest import Prepared
 
 DT = 0.002
@@ -25,7 +25,7 @@ DT = 0.002
     ],
 )
 def test_jitter_is_graded(late: list[float], grade: str) -> None:
-    assert judge_jitter(late, DT).grade == grade
+    assert grade_jitter(late, DT).grade == grade
 
 
 @pytest.mark.parametrize(
@@ -33,18 +33,18 @@ def test_jitter_is_graded(late: list[float], grade: str) -> None:
     [(["ok", "ok"], 0, "fit to stream."), (["ok", "warning"], 1, "warnings"), (["warning", "bad"], 2, "unfit")],
 )
 def test_the_worst_finding_decides(prepared: Prepared, grades: list[str], code: int, verdict: str) -> None:
-    text, found = report(prepared.cell, [Finding("x", grade, "looked at", "do this") for grade in grades])
+    text, found = report(prepared.cell, [DoctorFinding("x", grade, "a value", "do this") for grade in grades])
     assert found == code
     assert verdict in text.splitlines()[-1]
     assert text.count("-> do this") == 2
 
 
 @pytest.mark.parametrize(
-    ("is_virtual", "may_ask", "grade", "word"),
+    ("is_virtual", "may_set", "grade", "word"),
     [(True, True, "warning", "12.3%"), (False, True, "ok", "awake"), (False, False, "warning", "/dev/cpu_dma_latency")],
 )
-def test_processors_that_sleep_are_told(is_virtual: bool, may_ask: bool, grade: str, word: str) -> None:
-    finding = judge_sleep(is_virtual, may_ask, stolen=0.123)
+def test_processors_that_sleep_are_reported(is_virtual: bool, may_set: bool, grade: str, word: str) -> None:
+    finding = grade_sleep(is_virtual, may_set, stolen=0.123)
     assert (finding.grade, bool(finding.advice)) == (grade, grade != "ok")
     assert word in finding.text
 

@@ -1,4 +1,4 @@
-"""Preflight: every refusal in words a person understands."""
+"""Preflight: every refusal, in plain words."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 import orjson
 import pytest
 
-from executor.monitor import RobotState
-from executor.preflight import Refused, judge_plan, refusals
+from executor.preflight import ExecutionRefused, refusals, verify_plan
+from executor.robot import RobotState
 from tests.executor.conftest import Prepared
 
 
@@ -44,13 +44,13 @@ def test_a_robot_in_order_is_not_refused(prepared: Prepared, state: RobotState) 
         ({"tcp_offset": (0.0, 0.0, 0.17, 0.0, 0.5, 0.0)}, "0.500 rad"),
     ],
 )
-def test_each_reason_is_told(prepared: Prepared, state: RobotState, change: dict, word: str) -> None:
+def test_each_reason_is_reported(prepared: Prepared, state: RobotState, change: dict, word: str) -> None:
     reasons = refusals(prepared.cell, replace(state, **change), "true")
     assert len(reasons) == 1
     assert word in reasons[0]
 
 
-def test_every_reason_is_told_at_once(prepared: Prepared, state: RobotState) -> None:
+def test_all_reasons_are_reported_at_once(prepared: Prepared, state: RobotState) -> None:
     assert len(refusals(prepared.cell, replace(state, robot_mode=3, speed=0.5), "false")) == 3
 
 
@@ -64,7 +64,7 @@ def test_a_controller_that_does_not_know_remote_control_may_be_cb3(prepared: Pre
     assert bool(reasons) == (prepared.cell.robot.generation != "CB3")
 
 
-def test_what_the_controller_does_not_tell_is_not_held_against_it(prepared: Prepared, state: RobotState) -> None:
+def test_values_that_the_controller_does_not_publish_are_not_checked(prepared: Prepared, state: RobotState) -> None:
     assert refusals(prepared.cell, replace(state, payload_kg=None, tcp_offset=None), "true") == []
 
 
@@ -73,29 +73,29 @@ def test_without_a_state_nothing_moves(prepared: Prepared) -> None:
 
 
 class TestPlan:
-    """The plan is judged again, with the executor's own cell."""
+    """The plan is certified again, with the executor's own cell."""
 
     @pytest.fixture
     def document(self, prepared: Prepared) -> dict:
         return orjson.loads(prepared.document)
 
     def test_a_good_plan_passes(self, prepared: Prepared, document: dict) -> None:
-        _, trajectory = judge_plan(orjson.dumps(document), prepared.cell)
+        _, trajectory = verify_plan(orjson.dumps(document), prepared.cell)
         assert np.array_equal(trajectory.q, document["trajectory"]["positions"])
 
     def test_another_cell_file_is_refused(self, prepared: Prepared, document: dict) -> None:
         other = replace(prepared.cell, sha256="0" * 64)
-        with pytest.raises(Refused, match="another version of the cell"):
-            judge_plan(orjson.dumps(document), other)
+        with pytest.raises(ExecutionRefused, match="another version of the cell"):
+            verify_plan(orjson.dumps(document), other)
 
     @pytest.mark.parametrize("name", ["positions", "velocities", "accelerations"])
     def test_a_plan_that_was_tampered_with_is_refused(self, prepared: Prepared, document: dict, name: str) -> None:
         samples = [row.copy() for row in document["trajectory"][name]]
         samples[100 % len(samples)][2] += 0.05
         tampered = {**document, "trajectory": {**document["trajectory"], name: samples}}
-        with pytest.raises(Refused, match="certificate made again does not hold"):
-            judge_plan(orjson.dumps(tampered), prepared.cell)
+        with pytest.raises(ExecutionRefused, match="certificate made again does not hold"):
+            verify_plan(orjson.dumps(tampered), prepared.cell)
 
     def test_a_plan_without_its_samples_is_refused(self, prepared: Prepared, document: dict) -> None:
-        with pytest.raises(Refused, match="cannot be read"):
-            judge_plan(orjson.dumps({k: v for k, v in document.items() if k != "trajectory"}), prepared.cell)
+        with pytest.raises(ExecutionRefused, match="cannot be read"):
+            verify_plan(orjson.dumps({k: v for k, v in document.items() if k != "trajectory"}), prepared.cell)

@@ -1,4 +1,4 @@
-"""Settings come from the environment and are refused where they cannot be meant."""
+"""Settings come from the environment; values out of range are refused."""
 
 from __future__ import annotations
 
@@ -6,22 +6,23 @@ from pathlib import Path
 
 import pytest
 
-from executor.settings import Settings
+from executor.settings import ExecutorSettings
 
 HOME = {"XDG_DATA_HOME": "/data"}
 
 
 def test_defaults() -> None:
-    settings = Settings.from_environment(HOME, None, False)
+    settings = ExecutorSettings.from_environment(HOME, None, False)
     assert settings.cell == "ur5e-sim"
     assert settings.data == Path("/data/fling/executor/ur5e-sim")
     assert settings.cell_path.is_file()
+    assert settings.keep_awake
 
 
 def test_the_environment_and_the_command_line(tmp_path: Path) -> None:
     environment = {**HOME, "FLING_DEFAULT_CELL": "a", "FLING_CELLS": str(tmp_path), "FLING_DATABASE_URL": "sqlite:///x",
                    "FLING_DATA": str(tmp_path), "FLING_WATCHDOG_HZ": "25", "FLING_STREAM_CORE": "-1"}  # fmt: skip
-    settings = Settings.from_environment(environment, "b", True)
+    settings = ExecutorSettings.from_environment(environment, "b", True)
     assert (settings.cell, settings.read_only, settings.watchdog_hz, settings.core) == ("b", True, 25.0, -1)
     assert settings.cell_path == tmp_path / "b.toml"
     assert settings.data == tmp_path / "executor" / "b"
@@ -30,10 +31,16 @@ def test_the_environment_and_the_command_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize("hz", ["5", "100", "nan"])
 def test_a_watchdog_that_guards_nothing_or_trips_by_itself_is_refused(hz: str) -> None:
     with pytest.raises(ValueError, match="FLING_WATCHDOG_HZ"):
-        Settings.from_environment({**HOME, "FLING_WATCHDOG_HZ": hz}, None, False)
+        ExecutorSettings.from_environment({**HOME, "FLING_WATCHDOG_HZ": hz}, None, False)
 
 
 @pytest.mark.parametrize("pace", ["0.05", "3", "nan"])
 def test_a_pace_that_is_no_approach_is_refused(pace: str) -> None:
     with pytest.raises(ValueError, match="FLING_APPROACH_PACE"):
-        Settings.from_environment({**HOME, "FLING_APPROACH_PACE": pace}, None, False)
+        ExecutorSettings.from_environment({**HOME, "FLING_APPROACH_PACE": pace}, None, False)
+
+
+def test_the_processor_may_be_left_to_sleep() -> None:
+    assert not ExecutorSettings.from_environment({**HOME, "FLING_KEEP_AWAKE": "off"}, None, False).keep_awake
+    with pytest.raises(ValueError, match="FLING_KEEP_AWAKE"):
+        ExecutorSettings.from_environment({**HOME, "FLING_KEEP_AWAKE": "sometimes"}, None, False)

@@ -1,1 +1,1 @@
-"""Tests of the whole: real processes, the real ur_rtde client, a simulated controller."""
+"""System tests: real processes, the real ur_rtde client, a simulated controller."""

@@ -1,4 +1,4 @@
-"""Rigs for tests of the whole."""
+"""Rigs for system tests."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import pytest
 
 from tests.system.rig import Rig
 
-# A virtual machine stalls for 10 to 30 ms now and then, C programs at real-time priority too (measured over minutes,
-# with clock_nanosleep). The simulated controller's clock slips with the stream's processor, so a throw bears that; a
-# test that kills or freezes in a moment of a few ticks may still miss it. Only tests of this folder are tried again.
+# A virtual machine stalls for 10 to 30 ms now and then, even for C programs at real-time priority (measured with
+# clock_nanosleep). The simulated controller's clock slips with the stream's processor, so a throw survives that; a test
+# that kills or freezes within a few ticks may still miss its moment. Only tests of this folder are repeated.
 STALL_RETRIES = 2
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Lets tests of whole processes try again."""
+    """Repeats failed tests of whole processes."""
     here = Path(__file__).parent
     for item in items:
         if here in item.path.parents:
@@ -34,14 +34,14 @@ def shared_rig(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Rig]:
 
 @pytest.fixture
 def rig(shared_rig: Rig) -> Rig:
-    """The shared rig, in order whatever the test before left."""
+    """The shared rig, brought back in order."""
     shared_rig.stand_up()
     return shared_rig
 
 
 @pytest.fixture
 def own_rig(tmp_path: Path) -> Iterator[Rig]:
-    """A rig of this test alone, not started."""
+    """A rig of this test only, not started."""
     rig = Rig(tmp_path)
     yield rig
     rig.stop()

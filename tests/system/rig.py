@@ -17,8 +17,7 @@ import numpy as np
 import orjson
 import psutil
 
-from executor import truth
-from executor.dashboard import Dashboard
+from executor.robot import DashboardClient, simulator_client
 from planner.cell import load_cell
 from planner.plan_document import plan_document, problem_from_request
 from planner.planning import plan
@@ -26,7 +25,7 @@ from store import ExecutionRow, Store, new_id
 
 ROOT = Path(__file__).parents[2]
 NUMBERS = count()
-READY_WITHIN_S = 30.0  # a loaded machine takes its time to import numpy
+READY_WITHIN_S = 30.0  # [s] a busy machine imports numpy slowly
 END_WITHIN_S = 60.0
 QUIET_TRIES = 6
 MOVING_RAD_S = 0.5  # [rad/s] in mid-launch of TOSS
@@ -42,7 +41,7 @@ LOB = {"kind": "target", "position": [1.2, 0.3, 0.0]}
 
 
 class Rig:
-    """Everything one cell needs, and what a test does to it."""
+    """The processes of one cell, and the operations of a test on them."""
 
     def __init__(self, folder: Path, base: str = "ur5e-sim", replace: Mapping[str, str] | None = None) -> None:
         pid = os.getpid()
@@ -61,7 +60,7 @@ class Rig:
         self.environment = {**os.environ, "FLING_DATABASE_URL": self.url, "FLING_CELLS": str(folder),
                             "FLING_DATA": str(folder / "data"), "FLING_APPROACH_PACE": "2"}  # fmt: skip
         self.simulator = self.executor = None
-        self.wrap: list[str] = []  # put before every command
+        self.wrap: list[str] = []  # prefix of every command
         self._plans: dict[str, str] = {}
 
     def reload(self) -> None:
@@ -82,7 +81,7 @@ class Rig:
                                  "--protective-stop-lock-s", "0.1", *options], self.environment)  # fmt: skip
 
     def start_executor(self, *flags: str) -> None:
-        """Starts the executor and waits until its heart beats."""
+        """Starts the executor and waits for its first heartbeat."""
         began = time.time()
         self.executor = _start(
             [*self.wrap, sys.executable, "-m", "executor", "--cell", "rig", *flags], self.environment
@@ -91,7 +90,7 @@ class Rig:
                    and row.robot.get("connected") is True)  # fmt: skip
 
     def stand_up(self) -> None:
-        """A person sees to everything: the executor runs, the robot is in order, no fault is latched."""
+        """Brings everything back in order: executor running, robot ready, no latched fault."""
         assert self.executor is not None
         if self.executor.poll() is not None:
             self.start_executor()
@@ -118,7 +117,7 @@ class Rig:
     # executions
 
     def plan(self, release: Mapping[str, Any], **fields: Any) -> str:
-        """Plans and stores; returns the id. The same question is planned once."""
+        """Plans and stores; returns the id. The same request is planned once."""
         key = repr((release, fields))
         if key not in self._plans:
             request = {"cell": "rig", "release": dict(release), "backend": "ruckig", "time_limit_s": 30.0, **fields}
@@ -163,7 +162,7 @@ class Rig:
         return self.end(self.queue(release, mode, dry_run))
 
     def quiet_throw(self, release: Mapping[str, Any], mode: str = "speedj") -> ExecutionRow:
-        """Throws until a run has missed no tick: what is asserted of a throw holds where the machine has time."""
+        """Throws until a run has missed no tick: assertions about a throw hold on a machine that is not overloaded."""
         for _ in range(QUIET_TRIES):
             row = self.throw(release, mode)
             if row.outcome == "completed" and row.metrics is not None and row.metrics["missed_ticks"] == 0:
@@ -175,7 +174,7 @@ class Rig:
     def launch(self, speed: float) -> str:
         """Queues LOB as soon as the robot is in order, and waits until the arm moves at `speed`; returns the id.
 
-        So that the test before has left everything working is seen here.
+        It shows that the previous test left everything working.
         """
         ids: list[str] = []
 
@@ -189,7 +188,7 @@ class Rig:
         return ids[-1]
 
     def in_launch(self, id: str, speed: float = MOVING_RAD_S) -> None:
-        """Waits until an execution streams and the arm is truly moving."""
+        """Waits until an execution streams and the arm moves at `speed`."""
         self.until(lambda: self.row(id).state in ("streaming", "braking", "finished"))
         assert self.row(id).state == "streaming", self.row(id)
         self.until(lambda: max(map(abs, self.state()["qd"])) > speed, period=0.001)
@@ -200,26 +199,26 @@ class Rig:
         return row is not None and row.fault is not None
 
     def acknowledge(self) -> None:
-        """A person has looked."""
+        """Acknowledges the latched fault."""
         self.store.request_acknowledge("rig", "test")
         self.until(lambda: not self.is_latched())
 
     # the controller
 
     def state(self) -> dict[str, Any]:
-        """Returns the truth about the controller."""
-        return truth.ask(self.host, "state")
+        """Returns the true state of the controller."""
+        return simulator_client.request(self.host, "state")
 
     def world(self) -> dict[str, Any]:
         """Returns releases and landings."""
-        return truth.ask(self.host, "world")
+        return simulator_client.request(self.host, "world")
 
     def fault(self, name: str, **parameters: Any) -> None:
-        """Makes a fault happen."""
-        truth.ask(self.host, "fault", name=name, **parameters)
+        """Injects a fault."""
+        simulator_client.request(self.host, "fault", name=name, **parameters)
 
     def recover(self) -> None:
-        """A person sees to the robot: every cause of a stop is gone, the arm is powered, remote, at full speed."""
+        """Recovers the robot: every cause of a stop removed, arm powered, remote control, full speed."""
         self.fault("offline", on=False)
         self.fault("stall_connection", role="any", on=False)
         self.fault("disturb_connection", role="any")
@@ -229,13 +228,13 @@ class Rig:
         self.fault("gripper_stuck", on=False)
         self.fault("mute", port="dashboard", on=False)
         if self.state()["robot_mode"] != ROBOT_RUNNING:
-            dashboard = Dashboard(self.host)
+            dashboard = DashboardClient(self.host)
             dashboard.ask("power on")
             dashboard.ask("brake release")
             dashboard.close()
 
     def throw_when_ready(self, release: Mapping[str, Any] = NUDGE) -> ExecutionRow:
-        """Throws as soon as the executor sees that its robot is in order again."""
+        """Throws as soon as the executor sees its robot in order again."""
         rows: list[ExecutionRow] = []
 
         def accepted() -> bool:
@@ -246,21 +245,21 @@ class Rig:
         return rows[-1]
 
     def robot(self) -> Mapping[str, Any]:
-        """Returns the live state as the executor tells it."""
+        """Returns the live state as the executor publishes it."""
         row = self.store.cell_status("rig")
         return {} if row is None else row.robot
 
     def rest_time(self, since: float) -> float:
-        """Waits until the arm has truly rested for a while; returns how long after `since` it moved [s].
+        """Waits for rest; returns the time from `since` to the arm's last motion [s].
 
-        Both by the controller's time: a machine that is busy with other things does not change it.
+        Both are the controller's time, which a busy machine does not change.
         """
         self.until(lambda: (state := self.state())["t"] - state["moved_at"] > RESTED_S)
         return self.state()["moved_at"] - since
 
     @staticmethod
     def until(condition: Callable[[], object], within_s: float = READY_WITHIN_S, period: float = 0.01) -> None:
-        """Waits for a condition; only a machine that hangs makes this fail."""
+        """Waits for a condition, long enough for a busy machine."""
         deadline = time.monotonic() + within_s
         while not condition():
             assert time.monotonic() < deadline, "waited too long"

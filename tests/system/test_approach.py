@@ -1,4 +1,4 @@
-"""The way to the plan's start where a straight joint move would hit something."""
+"""The approach to the plan's start where a straight joint move would hit something."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def move(to: list[float]) -> dict:
     return {"kind": "joint", "positions": [to[0] + 0.02, *to[1:]], "velocities": [0.0] * 6}
 
 
-def test_what_stands_in_the_straight_way_is_gone_around(boxed_rig: Rig) -> None:
+def test_the_approach_goes_around_an_obstacle(boxed_rig: Rig) -> None:
     rig = boxed_rig
     straight = np.array(LEFT) + np.linspace(0.0, 1.0, 100)[:, None] * (np.array(RIGHT) - LEFT)
     assert clearances(rig.cell, straight).least.min() < 0.0

@@ -1,4 +1,4 @@
-"""The daemon's own refusals and recoveries, with real processes."""
+"""Refusals and recoveries of the daemon, with real processes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_a_plan_that_was_tampered_with_is_refused(rig: Rig) -> None:  # C11
     assert rig.state()["q"] == pytest.approx(before, abs=1e-9)
 
 
-def test_a_start_elsewhere_is_driven_to_first(rig: Rig) -> None:  # C6
+def test_a_start_elsewhere_is_approached_first(rig: Rig) -> None:  # C6
     start = [0.4, -1.4, 1.4, -1.5, -1.5, 0.2]
     request = {"cell": "rig", "start": {"positions": start}, "release": NUDGE, "backend": "ruckig"}
     answer = plan(problem_from_request(request, rig.cell))
@@ -63,7 +63,7 @@ def test_a_controller_whose_tool_differs_is_refused(own_rig: Rig) -> None:
     assert "50.0 mm" in row.reason
 
 
-def test_a_read_only_executor_shows_and_never_moves(own_rig: Rig) -> None:
+def test_a_read_only_executor_reports_and_never_moves(own_rig: Rig) -> None:
     own_rig.start_simulator()
     own_rig.start_executor("--read-only")
     assert own_rig.store.cell_status("rig").read_only
@@ -98,13 +98,13 @@ def test_a_controller_that_is_not_there_is_a_refusal(own_rig: Rig) -> None:
     assert "no state" in row.reason
 
 
-def test_without_real_time_permission_it_works_and_says_so(own_rig: Rig, tmp_path: Path) -> None:  # H9
+def test_without_real_time_permission_it_works_and_reports_it(own_rig: Rig, tmp_path: Path) -> None:  # H9
     dropped = "-sys_nice,-ipc_lock"
     if os.geteuid() == 0 and (setpriv := shutil.which("setpriv")):
         own_rig.wrap = [setpriv, f"--bounding-set={dropped}", f"--inh-caps={dropped}"]
     own_rig.start()
     row = own_rig.throw(NUDGE)
-    assert row.outcome in ("completed", "late"), row.reason  # late: the machine is busy, and it says so
+    assert row.outcome in ("completed", "late"), row.reason  # late: the machine is busy
     assert row.metrics["realtime"] is False or os.geteuid() != 0
 
 
@@ -121,10 +121,10 @@ def test_without_its_database_it_ends_with_a_message(rig: Rig) -> None:  # H7: n
         for i, url in enumerate(NO_DATABASES)
     ]  # fmt: skip
     for process in started:
-        _, told = process.communicate()
+        _, message = process.communicate()
         assert process.returncode == 1
-        assert told.startswith("executor: the database cannot be used: ")
-        assert "Traceback" not in told
+        assert message.startswith("executor: the database cannot be used: ")
+        assert "Traceback" not in message
 
 
 JUMPING_CLOCK = """
@@ -135,7 +135,7 @@ time.time = lambda: real() + (3600.0 if int(5 * real()) % 2 else -3600.0)
 
 
 def test_a_wall_clock_that_jumps_by_hours_changes_no_throw(own_rig: Rig) -> None:  # H5
-    """Five times a second, by two hours, for every process of the executor; motion knows the monotonic clock alone."""
+    """Five times a second, by two hours, for every process of the executor; motion uses the monotonic clock only."""
     (own_rig.folder / "sitecustomize.py").write_text(JUMPING_CLOCK)
     own_rig.environment["PYTHONPATH"] = str(own_rig.folder)
     own_rig.start()

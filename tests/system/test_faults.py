@@ -1,4 +1,4 @@
-"""The fault matrix of the robot's side: outcome, rest, no release by mistake, and work again after acknowledgement."""
+"""The fault matrix of the robot's side: outcome, rest, no unwanted release, and recovery after acknowledgement."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ import pytest
 
 from tests.system.rig import FAST_RAD_S, LOB, NUDGE, Rig
 
-SEEN_S = 0.2  # [s] the executor looks at its robot every 40 ms
+SEEN_S = 0.2  # [s] the executor receives a state every 40 ms
 REST_S = 0.25  # [s] of the controller's time from 2.5 rad/s: stale state 40 ms, lag 20 ms, 125 ms at 20 rad/s^2, room
 
 
 @dataclass(frozen=True)
 class Fault:
-    """One row: what happens in mid-launch, how it may end."""
+    """One row: the fault in mid-launch, and its possible outcomes."""
 
     row: str
     name: str
@@ -44,7 +44,7 @@ MATRIX = [
     Fault("R10 frozen", "freeze", ("link_lost",), {"duration_s": 0.5}),
     Fault("R11", "disturb_connection", ("late", "link_lost"), {"role": "receive", "drop": 0.5}),
     Fault("R12 power", "power_loss", ("protective_stop", "emergency_stop", "aborted")),
-    Fault("R14", "disturb_connection", ("aborted",), {"role": "control", "drop": 1.0}),  # commands get lost: it trips
+    Fault("R14", "disturb_connection", ("aborted",), {"role": "control", "drop": 1.0}),  # the watchdog trips
     Fault("R12 cable", "offline", ("link_lost",)),
 ]
 
@@ -52,7 +52,7 @@ MATRIX = [
 @pytest.mark.parametrize("fault", MATRIX, ids=lambda fault: fault.row)
 def test_in_mid_launch_every_fault_is_a_stop(rig: Rig, fault: Fault) -> None:
     released = len(rig.world()["releases"])
-    id = rig.launch(FAST_RAD_S)  # after the fault before it works again
+    id = rig.launch(FAST_RAD_S)  # works again after the previous fault
     at = rig.state()["t"]
     rig.fault(fault.name, **fault.parameters)
     rested = rig.rest_time(at)
@@ -69,7 +69,7 @@ def test_in_mid_launch_every_fault_is_a_stop(rig: Rig, fault: Fault) -> None:
 
 
 def test_after_a_fault_in_mid_launch_it_works_again(rig: Rig) -> None:
-    """As every launch but the first has shown before."""
+    """As every launch but the first has shown already."""
     following = rig.throw_when_ready()
     assert following.outcome == "completed", following.reason
 
@@ -116,7 +116,7 @@ def test_a_gripper_that_does_not_open_releases_nothing(rig: Rig) -> None:  # H10
     rig.recover()
     assert row.metrics is not None
     assert row.metrics["landing_point"] is None
-    assert (row.outcome, row.reason) == ("completed", "the gripper was told to open, but nothing was seen to leave it")
+    assert (row.outcome, row.reason) == ("completed", "the gripper was commanded to open, but no object left it")
     assert len(rig.world()["releases"]) == released
     assert rig.throw_when_ready().outcome == "completed"
 

@@ -1,4 +1,4 @@
-"""Processes that die or freeze in mid-launch and at the release: at rest, recorded, no orphan."""
+"""Processes that die or freeze in mid-launch and at the release: at rest, recorded, no orphan left."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ import pytest
 from tests.system.rig import FAST_RAD_S, LOB, NUDGE, ROOT, Rig
 
 REST_S = 0.150  # [s] of the controller's time from the kill to rest: issue 5
-LANDED_S = 1.5  # [s] after the arm has come to rest the object lies on the floor, and the result is made
-FULL_AT_BYTES = 1000  # [bytes] of every file: what is written already stays
+LANDED_S = 1.5  # [s] after the arm has come to rest: the object has landed, and the result exists
+FULL_AT_BYTES = 1000  # [bytes] limit of every file; written data stays
 ORPHANS_GONE_S = 10.0  # [s] within which planner processes follow their service
 MOMENTS = ("launch", "release")
 SIGNALS = pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP], ids=lambda n: n.name)
@@ -37,7 +37,7 @@ def moment(rig: Rig, when: str) -> float:
 
 
 def refuses_until_acknowledged(rig: Rig) -> None:
-    """The fault is latched until a person has looked; that it works then, the next test's launch shows."""
+    """The fault is latched until acknowledged; the next test's launch shows that throws work then."""
     latched = rig.throw(NUDGE)
     assert (latched.outcome, "latched" in latched.reason) == ("refused", True)
     rig.acknowledge()
@@ -80,7 +80,7 @@ def test_a_daemon_that_dies_or_freezes(rig: Rig, number: signal.Signals, when: s
     refuses_until_acknowledged(rig)
 
 
-def test_a_daemon_that_is_asked_to_end_brakes_first(rig: Rig) -> None:
+def test_a_daemon_that_is_terminated_brakes_first(rig: Rig) -> None:
     released = len(rig.world()["releases"])
     id, _ = launched(rig, "launch")
     rig.executor.terminate()
@@ -110,7 +110,7 @@ def test_a_database_that_is_gone_in_mid_run_loses_nothing(rig: Rig) -> None:
 
 
 def test_a_disk_that_fills_up_in_mid_run_loses_nothing(rig: Rig) -> None:  # H6
-    """No file of the executor may grow any more: neither journal nor database, as on a full disk."""
+    """No file of the executor may grow, neither journal nor database, as on a full disk."""
     id, _ = launched(rig, "launch")
     soft, hard = resource.prlimit(rig.executor.pid, resource.RLIMIT_FSIZE)
     resource.prlimit(rig.executor.pid, resource.RLIMIT_FSIZE, (FULL_AT_BYTES, hard))
@@ -138,11 +138,13 @@ def test_an_abort_in_the_approach_stops_in_order(rig: Rig) -> None:
     assert not rig.is_latched()
 
 
-def test_an_abort_after_the_gripper_was_told_closes_it_again(rig: Rig) -> None:
+def test_an_abort_after_the_gripper_command_closes_it_again(rig: Rig) -> None:
     id, _ = launched(rig, "release")
     rig.store.request_abort(id)
     row = rig.end(id)
-    assert row.outcome in ("aborted", "completed"), row.reason  # the object may have left before the daemon heard of it
+    assert row.outcome in ("aborted", "completed"), (
+        row.reason
+    )  # the object may have left before the daemon read the request
     assert not rig.state()["gripper_open"] or row.metrics["gripper_opened_s"] is not None
 
 
@@ -160,7 +162,7 @@ def test_an_abort_brakes_and_keeps_the_object(rig: Rig, speed: float) -> None:
 
 
 def test_a_service_that_freezes_or_dies(rig: Rig) -> None:
-    """The run goes on to its end, and its result is there when the service is again."""
+    """The run goes on to its end, and the next service finds its result."""
     service = _Service(rig)
     plan = rig.plan(LOB)
     frozen = service.execute(plan)
@@ -199,7 +201,7 @@ class _Service:
             return False
 
     def end(self) -> None:
-        """Ends the process, where it has not been ended, and the connection to it."""
+        """Ends the process, if it runs, and the connection to it."""
         self.http.close()
         self.process.terminate()
         self.process.wait(30.0)

@@ -1,4 +1,4 @@
-"""One throw the way a user makes it: `fling up`, then HTTP alone."""
+"""One throw as a user makes it: `fling up`, then HTTP only."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ TARGET_M = [1.2, 0.3, 0.0]
 UP_WITHIN_S = 90.0
 DOWN_WITHIN_S = 30.0
 ACKNOWLEDGED_S = 5.0
-THROWS_MAX = 3  # on a machine whose cores are all taken the stream may be too late, and says so
+THROWS_MAX = 3  # on an overloaded machine the outcome may be `late`
 
 
 class Up:
@@ -70,7 +70,7 @@ def up(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Up]:
 
 
 def executed(http: httpx2.Client, plan_id: str) -> dict[str, Any]:
-    """Clears what an earlier execution left, executes, and waits for the end."""
+    """Acknowledges a latched fault, executes, and waits for the end."""
     http.post("/cells/ur5e-sim/acknowledge")
     deadline = time.monotonic() + ACKNOWLEDGED_S
     while http.get("/cells/ur5e-sim/state").json()["fault"] is not None and time.monotonic() < deadline:

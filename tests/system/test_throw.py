@@ -15,12 +15,13 @@ import orjson
 import pytest
 from mcap.reader import make_reader
 
-from executor import truth
+from executor.robot import simulator_client
 from tests.system.rig import LOB, NUDGE, Rig, rows_of
 
 LANDING_M = 0.005  # [m] issue 5
 RELEASE_SHARE = 0.005  # [-] of the planned joint speed
 STALLS, STALL_S = 4, 0.015  # [s] each: as a virtual machine's host makes them
+STOPPED = ("late", "link_lost", "tracking")  # ends of a throw on a busy machine without real-time scheduling
 
 
 @pytest.mark.parametrize("mode", ["speedj", "servoj"])
@@ -32,8 +33,8 @@ def test_a_throw_lands_where_it_was_planned(rig: Rig, mode: str) -> None:
     assert row.metrics["release_velocity_error_share"] < RELEASE_SHARE
     assert row.metrics["landing_point"] == pytest.approx(LOB["position"], abs=2 * LANDING_M)
     plan = orjson.loads(rig.store.plan(row.plan_id).document)
-    told = plan["release"]["command_time_s"] + row.metrics["gripper_command_late_s"]
-    assert row.metrics["gripper_commanded_s"] == pytest.approx(told, abs=1e-9)
+    commanded = plan["release"]["command_time_s"] + row.metrics["gripper_command_late_s"]
+    assert row.metrics["gripper_commanded_s"] == pytest.approx(commanded, abs=1e-9)
     assert row.metrics["gripper_opened_s"] == pytest.approx(plan["release_time_s"], abs=0.002)
     states = [e.data["state"] for e in rig.store.events(row.id) if e.kind == "state"]
     assert states == ["queued", "preparing", "approaching", "streaming", "braking", "finished"]
@@ -47,13 +48,18 @@ def test_a_throw_beside_processes_that_take_every_processor(rig: Rig) -> None:  
         for process in spinning:
             process.kill()
             process.wait()
-    assert row.outcome == "completed", row.reason
-    assert row.metrics["landing_error_m"] < LANDING_M
+    if row.metrics is not None and not row.metrics["realtime"]:  # then a stop is promised, no more
+        assert row.outcome in ("completed", *STOPPED), row.reason
+    else:
+        assert row.outcome == "completed", row.reason
+    assert row.outcome != "completed" or row.metrics["landing_error_m"] < LANDING_M
+    if rig.is_latched():
+        rig.acknowledge()
 
 
 def test_a_throw_while_the_machine_of_the_simulated_controller_stalls(rig: Rig) -> None:
-    """Its clock slips, nothing is caught up: stream and arm notice nothing but a long cycle."""
-    before, id = truth.ask(rig.host, "stats")["slips"]["count"], rig.queue(LOB)
+    """Its clock slips and makes nothing up: stream and arm notice only a long cycle."""
+    before, id = simulator_client.request(rig.host, "stats")["slips"]["count"], rig.queue(LOB)
     rig.in_launch(id)
     for _ in range(STALLS):
         rig.simulator.send_signal(signal.SIGSTOP)
@@ -65,7 +71,7 @@ def test_a_throw_while_the_machine_of_the_simulated_controller_stalls(rig: Rig) 
     assert row.metrics["landing_error_m"] < LANDING_M
     assert row.metrics["release_velocity_error_share"] < RELEASE_SHARE
     assert row.metrics["period_max_s"] > STALL_S
-    assert truth.ask(rig.host, "stats")["slips"]["count"] >= before + STALLS
+    assert simulator_client.request(rig.host, "stats")["slips"]["count"] >= before + STALLS
 
 
 def test_a_cb3_arm_at_125_hz_lands_as_well(tmp_path: Path) -> None:
@@ -80,8 +86,8 @@ def test_a_cb3_arm_at_125_hz_lands_as_well(tmp_path: Path) -> None:
     assert row.metrics["release_velocity_error_share"] < RELEASE_SHARE
 
 
-def test_a_throw_that_lost_its_commands_says_so(rig: Rig) -> None:
-    """A servoj goal that stays out slows the arm: the plan is streamed to its end, and the throw is wrong."""
+def test_a_throw_that_lost_commands_is_reported(rig: Rig) -> None:
+    """A missing servoj goal slows the arm: the plan is streamed to its end, and the release is wrong."""
     id = rig.queue(LOB, "servoj")
     rig.until(lambda: rig.row(id).state == "streaming", period=0.001)
     rig.fault("disturb_connection", role="control", drop=0.3)

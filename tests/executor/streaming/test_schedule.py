@@ -23,7 +23,7 @@ def test_on_the_plan_a_row_is_the_plans(prepared: Prepared) -> None:
         assert schedule.command(row) == (pytest.approx(q), pytest.approx(qd, abs=1e-12))
 
 
-def test_what_is_measured_was_sent_one_lag_before(prepared: Prepared) -> None:
+def test_the_reference_is_the_plan_one_lag_before(prepared: Prepared) -> None:
     schedule, job = Schedule(prepared.job), prepared.job
     for row in (20, job.release_row, job.release_row + 5):
         q, _, _ = prepared.trajectory.at(job.first_clock_s + (row - job.lag_ticks) * job.dt)
@@ -45,7 +45,7 @@ def test_the_brake_goes_on_continuously_and_ends_at_rest(prepared: Prepared, sha
     assert q[-1] - q[start] == pytest.approx(travelled, abs=2e-3)
 
 
-def test_the_brake_streamed_is_the_brake_judged(prepared: Prepared) -> None:
+def test_the_streamed_brake_is_the_checked_brake(prepared: Prepared) -> None:
     schedule, rows = Schedule(prepared.job), prepared.rows
     start = moving_row(prepared, 0.8)
     schedule.divert(start)

@@ -1,4 +1,4 @@
-"""What the controller says, and what must not be sent."""
+"""Controller states that end a run, and commands that are never sent."""
 
 from __future__ import annotations
 
@@ -6,14 +6,13 @@ import math
 
 import pytest
 
-from executor.streaming.fault import LinkFault
-from executor.streaming.safety import check, check_command
+from executor.streaming.safety import StreamFault, check_command, check_state
 
 LIMITS = [3.0] * 6
 
 
 def test_normal_operation_passes() -> None:
-    check(1, 2, 1.0)
+    check_state(1, 2, 1.0)
     check_command([3.0, -3.0, 0.0, 0.0, 0.0, 0.0], LIMITS)
 
 
@@ -34,19 +33,19 @@ def test_normal_operation_passes() -> None:
     ],
 )
 def test_anything_else_ends_the_run(bits: int, runtime: int, scaling: float, outcome: str, word: str) -> None:
-    with pytest.raises(LinkFault) as caught:
-        check(bits, runtime, scaling)
+    with pytest.raises(StreamFault) as caught:
+        check_state(bits, runtime, scaling)
     assert caught.value.outcome == outcome
     assert word in caught.value.reason
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 3.0001, -3.0001])
 def test_a_command_out_of_bounds_is_never_sent(bad: float) -> None:
-    with pytest.raises(LinkFault):
+    with pytest.raises(StreamFault):
         check_command([0.0, 0.0, bad, 0.0, 0.0, 0.0], LIMITS)
 
 
 @pytest.mark.parametrize("count", [0, 5, 7])
 def test_a_command_of_another_length_is_never_sent(count: int) -> None:
-    with pytest.raises(LinkFault):
+    with pytest.raises(StreamFault):
         check_command([0.0] * count, LIMITS)

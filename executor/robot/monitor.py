@@ -1,6 +1,6 @@
-"""The monitor: the daemon's own eyes on the controller, a small RTDE receiver in plain Python.
+"""Live state of the robot: an RTDE receiver in plain Python, independent of ur_rtde.
 
-It asks for outputs only, so it can never move anything, and it cannot hang the daemon the way ur_rtde can.
+It subscribes to outputs only, so it can never move the arm, and it cannot hang the daemon as ur_rtde can.
 Wire format: Universal Robots, RTDE guide; big-endian, package = size (2), type (1), body.
 """
 
@@ -10,14 +10,15 @@ import socket
 import struct
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 PORT = 30004
-TIMEOUT_S = 1.0  # [s] without a package the connection counts as lost
+TIMEOUT_S = 1.0  # [s] without a package the connection is lost
 RETRY_S = 0.5  # [s] between two attempts to connect
-RATE_HZ = 25.0  # [Hz] of the states; the daemon shows them at 20 Hz
-FRESH_S = 0.25  # [s] an older state says nothing about now
+RATE_HZ = 25.0  # [Hz] of the states; above the 4 Hz of the heartbeat
+FRESH_S = 0.25  # [s] age at which a state is out of date
 VERSION, SETUP_OUTPUTS, START, DATA = 86, 79, 83, 85
 FORMATS = {"DOUBLE": "d", "UINT64": "Q", "UINT32": "I", "INT32": "i", "VECTOR6D": "6d"}
 WANTED = (
@@ -38,17 +39,18 @@ WANTED = (
 
 @dataclass(frozen=True)
 class RobotState:
-    """What the controller last said. `payload_kg` and `tcp_offset` are None where its version does not tell them.
+    """One state published by the controller.
 
     Attributes:
         seen_at: monotonic time of arrival [s].
-        timestamp_s: the controller's own time [s].
-        q, qd: measured (6,) [rad, rad/s]; target_qd: commanded [rad/s].
+        timestamp_s: the controller's time [s].
+        q, qd: measured positions and velocities (6,) [rad, rad/s].
+        target_qd: commanded velocities (6,) [rad/s].
         robot_mode, safety_bits, runtime_state: as in the RTDE guide.
         speed: speed scaling times slider [-].
         outputs: digital output bits.
-        payload_kg: what the controller reckons with [kg].
-        tcp_offset: its tool centre point (6,): position [m], rotation vector [rad].
+        payload_kg: payload configured on the controller [kg]; None where its version does not publish it.
+        tcp_offset: configured tool centre point (6,): position [m], rotation vector [rad]; None as above.
     """
 
     seen_at: float
@@ -66,48 +68,48 @@ class RobotState:
 
     @property
     def age_s(self) -> float:
-        """How old it is [s]."""
+        """Time since its arrival [s]."""
         return time.monotonic() - self.seen_at
 
 
 class Monitor:
-    """Keeps `state` fresh in a thread of its own; None while there is no connection."""
+    """Keeps the newest state in `state`, from a thread of its own; None without a connection."""
 
     def __init__(self, host: str) -> None:
         self.host = host
         self.state: RobotState | None = None
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._watch, name="monitor", daemon=True)
+        self._thread = threading.Thread(target=self._receive, name="monitor", daemon=True)
 
     def start(self) -> None:
-        """Starts watching."""
+        """Starts the thread."""
         self._thread.start()
 
     def stop(self) -> None:
-        """Stops watching."""
+        """Ends the thread."""
         self._ended.set()
         self._thread.join(2.0 * TIMEOUT_S)
 
     def fresh(self, within_s: float = FRESH_S) -> RobotState | None:
-        """Returns the newest state where it is not older than `within_s`."""
+        """Returns the newest state; None where it is older than `within_s` [s]."""
         state = self.state
         return state if state is not None and state.age_s <= within_s else None
 
-    def _watch(self) -> None:
+    def _receive(self) -> None:
         while not self._ended.is_set():
             try:
                 with socket.create_connection((self.host, PORT), TIMEOUT_S) as connection:
-                    Receiver(connection).follow(self._take, self._ended)
+                    RtdeReceiver(connection).follow(self._set_state, self._ended)
             except (OSError, struct.error, ValueError):
                 self._ended.wait(RETRY_S)
             self.state = None
 
-    def _take(self, state: RobotState) -> None:
+    def _set_state(self, state: RobotState) -> None:
         self.state = state
 
 
-class Receiver:
-    """One RTDE connection."""
+class RtdeReceiver:
+    """One RTDE connection, set up and started, that receives states."""
 
     def __init__(self, connection: socket.socket, rate_hz: float = RATE_HZ) -> None:
         self.socket, self.rate_hz = connection, rate_hz
@@ -118,8 +120,8 @@ class Receiver:
         self._send(START, b"")
         self._await(START)
 
-    def follow(self, take: Any, ended: threading.Event) -> None:
-        """Hands every state to `take` until `ended`.
+    def follow(self, receive: Callable[[RobotState], None], ended: threading.Event) -> None:
+        """Calls `receive` with every state until `ended`.
 
         Raises:
             OSError: the connection is lost.
@@ -127,10 +129,10 @@ class Receiver:
         while not ended.is_set():
             body = self._await(DATA)
             values = dict(zip(self.names, self._unpack(body), strict=True))
-            take(_state(values))
+            receive(_state(values))
 
-    def stamps(self, duration_s: float) -> list[tuple[float, float]]:
-        """Returns when packages arrived (monotonic) and what time they bore [s], for so long.
+    def timestamps(self, duration_s: float) -> list[tuple[float, float]]:
+        """Returns (monotonic arrival time, controller time) of every package received within `duration_s` [s].
 
         Raises:
             OSError: the connection is lost.
@@ -164,7 +166,7 @@ class Receiver:
         self.socket.sendall(struct.pack(">HB", 3 + len(body), kind) + body)
 
     def _await(self, kind: int) -> bytes:
-        """Returns the body of the next package of this kind; others are dropped."""
+        """Returns the body of the next package of this kind, skipping others."""
         while True:
             while len(self.buffer) < 3 or len(self.buffer) < struct.unpack_from(">H", self.buffer)[0]:
                 received = self.socket.recv(65536)
@@ -177,6 +179,17 @@ class Receiver:
                 raise ValueError("a package without a header")
             if found == kind:
                 return body
+
+
+def receive_timestamps(host: str, rate_hz: float, duration_s: float) -> list[tuple[float, float]]:
+    """Returns (monotonic arrival time, controller time) of the packages that `host` publishes at `rate_hz` [s].
+
+    Raises:
+        OSError: no connection, or it was lost.
+        ValueError: the controller does not speak RTDE.
+    """
+    with socket.create_connection((host, PORT), TIMEOUT_S) as connection:
+        return RtdeReceiver(connection, rate_hz).timestamps(duration_s)
 
 
 def _state(values: dict[str, Any]) -> RobotState:

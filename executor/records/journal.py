@@ -1,6 +1,6 @@
-"""The journal: what must survive this process and the database, in a folder of its own.
+"""The journal: a folder for results and faults that must survive this process and the database.
 
-A result is written here first and delivered to the store after; a latched fault stays here until a person has looked.
+A result is written here first and delivered to the store afterwards; a latched fault stays until it is acknowledged.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ import orjson
 from store import Store, StoreUnavailable
 
 FAULT_FILE = "fault.json"
-ROOM_BYTES = 100_000_000  # a recording takes one; below this the disk is as good as full
+MIN_FREE_BYTES = 100_000_000  # [bytes] a recording takes a hundredth of it
 
 
-class Locked(Exception):
+class JournalLocked(Exception):
     """Another executor of this cell is running."""
 
 
 @dataclass(frozen=True)
-class Result:
-    """How one execution ended; the recording where there is one."""
+class ExecutionResult:
+    """End of one execution, with its recording where there is one."""
 
     execution_id: str
     outcome: str
@@ -38,19 +38,19 @@ class Result:
 
 
 class Journal:
-    """Results not delivered yet, and the latched fault. One process at a time owns it.
+    """Undelivered results and the latched fault; one process at a time owns the folder.
 
-    Where the disk is full both are kept in memory: a result until it is delivered, a fault until a person has looked.
+    On a full disk both stay in memory: a result until it is delivered, a fault until it is acknowledged.
     """
 
     def __init__(self, folder: Path) -> None:
-        """Opens the folder.
+        """Creates and locks the folder.
 
         Raises:
-            Locked: another process has it.
+            JournalLocked: another process holds it.
         """
         self.folder = folder
-        self._results: list[Result] = []
+        self._results: list[ExecutionResult] = []
         self._fault: dict[str, Any] | None = None
         folder.mkdir(parents=True, exist_ok=True)
         self._lock = (folder / "lock").open("w")
@@ -58,22 +58,22 @@ class Journal:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             self._lock.close()
-            raise Locked(f"another executor of this cell is running (it holds {folder})") from error
+            raise JournalLocked(f"another executor of this cell is running (it holds {folder})") from error
 
     def close(self) -> None:
-        """Gives the folder free."""
+        """Unlocks the folder."""
         self._lock.close()
 
-    def waiting(self) -> bool:
-        """Whether a result is not delivered yet."""
+    def has_undelivered(self) -> bool:
+        """Whether a result is still to be delivered."""
         return bool(self._results) or next(self.folder.glob("*.result.json"), None) is not None
 
     def has_room(self) -> bool:
-        """Whether the disk has room for what an execution leaves behind."""
-        return shutil.disk_usage(self.folder).free >= ROOM_BYTES
+        """Whether the disk has room for the records of an execution."""
+        return shutil.disk_usage(self.folder).free >= MIN_FREE_BYTES
 
-    def keep(self, result: Result) -> None:
-        """Writes a result to the disk; it is complete or not there at all."""
+    def keep(self, result: ExecutionResult) -> None:
+        """Writes a result to the disk, completely or not at all."""
         summary = {"outcome": result.outcome, "reason": result.reason, "metrics": result.metrics}
         data = orjson.dumps(summary, option=orjson.OPT_SERIALIZE_NUMPY)
         id = result.execution_id
@@ -86,7 +86,7 @@ class Journal:
             self._results.append(result)
 
     def deliver(self, store: Store) -> int:
-        """Hands every kept result to the store and forgets it; returns how many are left."""
+        """Delivers every kept result to the store and deletes it; returns the number left."""
         with contextlib.suppress(StoreUnavailable):  # the database is gone: later
             while self._results:
                 deliver(store, self._results[0])
@@ -96,18 +96,18 @@ class Journal:
         return len(self._results) + len(list(self.folder.glob("*.result.json")))
 
     def fault(self) -> dict[str, Any] | None:
-        """Returns the latched fault."""
+        """Returns the latched fault; None without one."""
         path = self.folder / FAULT_FILE
         return self._fault or (orjson.loads(path.read_bytes()) if path.exists() else None)
 
     def latch(self, fault: dict[str, Any]) -> None:
-        """Latches a fault, beyond the life of this process."""
+        """Latches a fault that outlives this process."""
         self._fault = fault
-        with contextlib.suppress(OSError):  # the disk is full: then in this process alone
+        with contextlib.suppress(OSError):  # the disk is full: kept in this process only
             self._write(FAULT_FILE, orjson.dumps(fault))
 
     def clear_fault(self) -> None:
-        """A person has looked."""
+        """Deletes the latched fault; it was acknowledged."""
         self._fault = None
         (self.folder / FAULT_FILE).unlink(missing_ok=True)
 
@@ -116,7 +116,7 @@ class Journal:
         summary = orjson.loads(path.read_bytes())
         mcap, csv = (self.folder / f"{execution_id}{kind}" for kind in (".mcap", ".csv"))
         recording = [file.read_bytes() if file.exists() else b"" for file in (mcap, csv)]
-        deliver(store, Result(execution_id, summary["outcome"], summary["reason"], summary["metrics"], *recording))
+        deliver(store, ExecutionResult(execution_id, **summary, mcap=recording[0], csv=recording[1]))
         for file in (path, mcap, csv):
             file.unlink(missing_ok=True)
 
@@ -129,14 +129,14 @@ class Journal:
         part.replace(self.folder / name)
 
 
-def deliver(store: Store, result: Result) -> None:
-    """Hands one result to the store, the recording first; nothing where the store does not know the execution.
+def deliver(store: Store, result: ExecutionResult) -> None:
+    """Delivers one result to the store, the recording first; does nothing for an execution unknown to the store.
 
     Raises:
         StoreUnavailable: the database is gone.
     """
     if store.execution(result.execution_id) is None:
-        return  # another database by now: there is nobody to tell
+        return  # the database was replaced
     if result.mcap:
         store.add_recording(result.execution_id, result.mcap, result.csv)
     store.finish_execution(result.execution_id, result.outcome, result.reason, result.metrics)

@@ -1,7 +1,6 @@
-"""The recording: planned against measured, one row a tick, as CSV and as MCAP.
+"""The recording of a run, one row a tick: planned and measured motion, as CSV and as MCAP.
 
-The MCAP holds JSON messages under Foxglove's own schema names, so its panels show joints and log without a plug-in.
-Both are made by the daemon from the same rows, after the run.
+The MCAP holds JSON messages under Foxglove's schema names; its panels show joints and log without a plug-in.
 """
 
 from __future__ import annotations
@@ -13,30 +12,34 @@ from typing import Any
 import orjson
 from mcap.writer import CompressionType, Writer
 
-from executor.board import SCALARS, VECTORS
-from executor.telemetry import Telemetry, column_names
+from executor.records.telemetry import Telemetry, column_names
+from executor.shared_memory import SCALARS, VECTORS
 
 NANOSECONDS = 1_000_000_000
 NUMBER, INTEGER, TEXT = {"type": "number"}, {"type": "integer"}, {"type": "string"}
+COUNTS = ("safety_bits", "runtime_state", "digital_outputs", "missed_ticks")  # whole numbers
 TIME = {"type": "object", "properties": {"sec": INTEGER, "nsec": INTEGER}}
 JOINT = {"type": "object", "properties": {"name": TEXT, "position": NUMBER, "velocity": NUMBER, "effort": NUMBER}}
 SCHEMAS: dict[str, dict[str, Any]] = {
     "foxglove.JointStates": {"timestamp": TIME, "joints": {"type": "array", "items": JOINT}},
     "foxglove.Log": {"timestamp": TIME, "level": INTEGER, "message": TEXT, "name": TEXT, "file": TEXT, "line": INTEGER},
     "fling.Tick": {
-        "timestamp": TIME, "command": {"type": "array", "items": NUMBER}, "clock_s": NUMBER, "timestamp_s": NUMBER,
-        "host_s": NUMBER, "safety_bits": INTEGER, "runtime_state": INTEGER, "speed_scaling": NUMBER,
-        "digital_outputs": INTEGER, "missed_ticks": INTEGER, "call_s": NUMBER,
+        "timestamp": TIME,
+        "command": {"type": "array", "items": NUMBER},
+        **{name: INTEGER if name in COUNTS else NUMBER for name in SCALARS},
     },
-}  # fmt: skip
-TOPICS = {"/planned": "foxglove.JointStates", "/measured": "foxglove.JointStates", "/tick": "fling.Tick",
-          "/log": "foxglove.Log"}  # fmt: skip
-COUNTS = ("safety_bits", "runtime_state", "digital_outputs", "missed_ticks")  # whole numbers
+}
+TOPICS = {
+    "/planned": "foxglove.JointStates",
+    "/measured": "foxglove.JointStates",
+    "/tick": "fling.Tick",
+    "/log": "foxglove.Log",
+}
 LOG_INFO = 2  # source: foxglove.Log, levels
 
 
 def to_csv(telemetry: Telemetry) -> bytes:
-    """Returns the rows as CSV with a header; numbers as Python writes them, so that they read back exactly."""
+    """Returns the rows as CSV with a header; the numbers read back exactly."""
     lines = [",".join(column_names())]
     lines += [",".join(map(repr, row)) for row in telemetry.rows.tolist()]
     return ("\n".join(lines) + "\n").encode()
@@ -54,8 +57,8 @@ def to_mcap(
     Args:
         telemetry: the rows.
         joints: names of the joints.
-        started_at: time of the first row, seconds since the epoch.
-        log: what happened, (seconds since the epoch, text).
+        started_at: time of the first row [s since the epoch].
+        log: events of the execution as (time [s since the epoch], text).
         about: metadata: execution, plan, cell and its hash, outcome.
     """
     stream = io.BytesIO()
@@ -99,8 +102,8 @@ def _ticks(telemetry: Telemetry, joints: Sequence[str], started_at: float) -> It
 
 def _joints(names: Sequence[str], q: list[float], qd: list[float], current: list[float] | None) -> dict[str, Any]:
     efforts = current or [0.0] * len(names)
-    return {"joints": [{"name": n, "position": x, "velocity": v, "effort": e}
-                       for n, x, v, e in zip(names, q, qd, efforts, strict=True)]}  # fmt: skip
+    rows = zip(names, q, qd, efforts, strict=True)
+    return {"joints": [{"name": n, "position": x, "velocity": v, "effort": e} for n, x, v, e in rows]}
 
 
 def _log(log: Sequence[tuple[float, str]]) -> Iterator[tuple[int, str, dict[str, Any]]]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from executor.journal import Journal, Locked, Result
+from executor.records import ExecutionResult, Journal, JournalLocked
 from store import Store, new_id
 
 Open = Callable[[], Journal]
@@ -46,20 +46,20 @@ def open_journal(tmp_path: Path) -> Iterator[Callable[[], Journal]]:
         journal.close()
 
 
-def result(execution_id: str) -> Result:
-    return Result(execution_id, "completed", "", {"ticks": 3}, b"mcap", b"csv")
+def result(execution_id: str) -> ExecutionResult:
+    return ExecutionResult(execution_id, "completed", "", {"ticks": 3}, b"mcap", b"csv")
 
 
 def test_a_result_is_kept_and_delivered_once(open_journal: Open, store: Store, execution_id: str) -> None:
     journal = open_journal()
     journal.keep(result(execution_id))
-    assert journal.waiting()
+    assert journal.has_undelivered()
     assert journal.deliver(store) == 0
     row = store.execution(execution_id)
     assert (row.state, row.outcome, row.metrics) == ("finished", "completed", {"ticks": 3})
     recording = store.recording(execution_id)
     assert (recording.mcap, recording.csv) == (b"mcap", b"csv")
-    assert not journal.waiting()
+    assert not journal.has_undelivered()
     assert journal.deliver(store) == 0
 
 
@@ -83,9 +83,9 @@ def test_a_result_that_ended_otherwise_meanwhile_changes_nothing(
 
 def test_an_execution_of_another_database_is_forgotten(open_journal: Open, store: Store) -> None:
     journal = open_journal()
-    journal.keep(Result(new_id(), "completed", "", None))
+    journal.keep(ExecutionResult(new_id(), "completed", "", None))
     assert journal.deliver(store) == 0
-    assert not journal.waiting()
+    assert not journal.has_undelivered()
 
 
 def test_a_fault_stays_until_a_person_has_looked(open_journal: Open) -> None:
@@ -102,7 +102,7 @@ def test_a_fault_stays_until_a_person_has_looked(open_journal: Open) -> None:
 
 def test_one_executor_a_cell(open_journal: Open) -> None:
     journal = open_journal()
-    with pytest.raises(Locked, match="another executor"):
+    with pytest.raises(JournalLocked, match="another executor"):
         open_journal()
     journal.close()
     open_journal()
@@ -111,7 +111,7 @@ def test_one_executor_a_cell(open_journal: Open) -> None:
 def test_a_full_disk_is_noticed_before_anything_moves(open_journal: Open, monkeypatch: pytest.MonkeyPatch) -> None:
     journal = open_journal()
     assert journal.has_room()
-    monkeypatch.setattr("executor.journal.ROOM_BYTES", 10**18)
+    monkeypatch.setattr("executor.records.journal.MIN_FREE_BYTES", 10**18)
     assert not journal.has_room()
 
 
@@ -129,10 +129,10 @@ def test_on_a_full_disk_a_result_waits_in_memory_and_leaves_nothing_half(
     journal.keep(result(execution_id))
     journal.latch({"outcome": "late", "reason": "", "execution_id": execution_id, "at": 0.0})
     assert list(journal.folder.glob(f"{execution_id}*")) == []
-    assert journal.waiting()
+    assert journal.has_undelivered()
     assert journal.fault() is not None
     assert journal.deliver(store) == 0
-    assert not journal.waiting()
+    assert not journal.has_undelivered()
     assert store.execution(execution_id).outcome == "completed"
     assert store.recording(execution_id).mcap == b"mcap"
     journal.clear_fault()

@@ -1,6 +1,6 @@
-"""What a simulated controller knows that no robot tells: releases, landings, and its own counts.
+"""Client of a simulated controller's control port: releases, landings and counters that no real robot reports.
 
-Only the daemon asks, and only where the cell's link is "sim"; the streaming process does not know the difference.
+Used by the daemon only, and only where the cell's link is "sim"; the streaming process treats both alike.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ PORT = 29900
 TIMEOUT_S = 2.0  # [s]
 
 
-def ask(host: str, op: str, **parameters: Any) -> dict[str, Any]:
+def request(host: str, op: str, **parameters: Any) -> dict[str, Any]:
     """Returns the simulator's answer to one request.
 
     Raises:
-        OSError: nobody listens or answers.
+        OSError: no connection, or no answer in time.
         ValueError: the request was refused.
     """
     with socket.create_connection((host, PORT), TIMEOUT_S) as connection:

@@ -10,12 +10,10 @@ import orjson
 import pytest
 from mcap.reader import make_reader
 
-from executor.board import SCALARS, VECTORS
-from executor.landing import Landing
-from executor.metrics import judge_release, metrics
-from executor.recording import COUNTS, to_csv, to_mcap
-from executor.supervision import RunResult
-from executor.telemetry import Telemetry, column_names
+from executor.records import Landing, RunResult, Telemetry, metrics, release_verdict, to_csv, to_mcap
+from executor.records.recording import COUNTS
+from executor.records.telemetry import column_names
+from executor.shared_memory import SCALARS, VECTORS
 from planner.certificate import release_flight
 from tests.executor.conftest import Prepared
 
@@ -36,8 +34,8 @@ def perfect(prepared: Prepared, offset: float = 0.0) -> Telemetry:
 
 
 def ended(telemetry: Telemetry, prepared: Prepared) -> RunResult:
-    told = prepared.trajectory.release_time_s - prepared.cell.gripper.delay_s - prepared.cell.timing.lag_s
-    return RunResult("completed", "", telemetry.rows, 0, True, told, 0.0, 100.0, True)
+    sent = prepared.trajectory.release_time_s - prepared.cell.gripper.delay_s - prepared.cell.timing.lag_s
+    return RunResult("completed", "", telemetry.rows, 0, True, sent, 0.0, 100.0, True)
 
 
 def test_a_perfect_run_has_perfect_metrics(prepared: Prepared) -> None:
@@ -76,7 +74,7 @@ def test_a_run_without_a_tick_has_metrics_too(prepared: Prepared) -> None:
     ("faster", "late_ticks", "outcome"),
     [(0.0, 0, None), (0.003, 0, None), (0.01, 0, "tracking"), (-0.01, 0, "tracking"), (0.0, 1, "late")],
 )
-def test_a_release_that_was_not_as_planned_is_told(
+def test_a_release_that_was_not_as_planned_has_a_verdict(
     prepared: Prepared, faster: float, late_ticks: int, outcome: str | None
 ) -> None:
     telemetry = perfect(prepared)
@@ -85,34 +83,36 @@ def test_a_release_that_was_not_as_planned_is_told(
     landing = Landing(run.timestamp_at_zero + prepared.trajectory.release_time_s, None)
     found = metrics(prepared.problem, prepared.trajectory, run, landing)
     assert found["release_velocity_error_share"] == pytest.approx(abs(faster), abs=1e-4)
-    told = judge_release(prepared.problem, prepared.trajectory, found)
-    assert (told and told[0]) == outcome
+    verdict = release_verdict(prepared.problem, prepared.trajectory, found)
+    assert (verdict and verdict[0]) == outcome
 
 
-@pytest.mark.parametrize(("kind", "told"), [("sim", True), ("ur", False)])
-def test_an_object_that_stayed_is_told_where_that_can_be_seen(prepared: Prepared, kind: str, told: bool) -> None:
+@pytest.mark.parametrize(("kind", "observed"), [("sim", True), ("ur", False)])
+def test_an_object_that_stayed_is_reported_where_that_can_be_observed(
+    prepared: Prepared, kind: str, observed: bool
+) -> None:
     problem = replace(prepared.problem, cell=replace(prepared.cell, link=replace(prepared.cell.link, kind=kind)))
     found = metrics(problem, prepared.trajectory, ended(perfect(prepared), prepared), None)
-    verdict = judge_release(problem, prepared.trajectory, found)
-    assert (verdict is not None) == told
+    verdict = release_verdict(problem, prepared.trajectory, found)
+    assert (verdict is not None) == observed
     assert verdict is None or (verdict[0] == "completed" and "gripper" in verdict[1])
 
 
-def test_a_gripper_told_late_is_judged_by_the_landing(prepared: Prepared) -> None:
+def test_a_late_gripper_command_is_judged_by_the_landing(prepared: Prepared) -> None:
     """Against the flight from where the arm is then, and borne where the landing is held for a window."""
     problem, trajectory = prepared.problem, prepared.trajectory
     run = replace(ended(perfect(prepared), prepared), output_late_s=2.0 * problem.dt)
     landing = Landing(run.timestamp_at_zero + trajectory.release_time_s, None)
     numbers = metrics(problem, trajectory, run, landing)
-    told = judge_release(problem, trajectory, numbers)
+    verdict = release_verdict(problem, trajectory, numbers)
     later = replace(trajectory, release_index=trajectory.release_index + 2)
     then, planned = release_flight(problem, later), release_flight(problem, trajectory)
-    assert told and then and planned
+    assert verdict and then and planned
     shift = np.linalg.norm(then.landing_point - planned.landing_point)
     assert shift > 0.005
-    assert f"{1e3 * shift:.0f} mm" in told[1]
+    assert f"{1e3 * shift:.0f} mm" in verdict[1]
     generous = replace(problem, release_window_s=2.0 * problem.dt, landing_tolerance_m=2.0 * float(shift))
-    assert judge_release(generous, trajectory, numbers) is None
+    assert release_verdict(generous, trajectory, numbers) is None
 
 
 def test_the_csv_reads_back_exactly(prepared: Prepared) -> None:

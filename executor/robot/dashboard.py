@@ -1,4 +1,4 @@
-"""The dashboard of a controller: the daemon's own line to it, beside ur_rtde.
+"""Client of a controller's dashboard server, independent of ur_rtde.
 
 Source: Universal Robots, "Dashboard Server": port 29999, one line in, one line out.
 """
@@ -13,8 +13,8 @@ TIMEOUT_S = 1.0  # [s] a controller answers within milliseconds
 LINE_MAX = 4096  # [bytes]
 
 
-class Dashboard:
-    """One connection, opened when first needed and again after it broke. Not for two threads at once."""
+class DashboardClient:
+    """One connection, opened when first needed and reopened after a failure. Not safe for two threads."""
 
     def __init__(self, host: str) -> None:
         self.host = host
@@ -27,7 +27,7 @@ class Dashboard:
             OSError: no connection, or no answer in time.
         """
         if self._socket is not None:
-            with contextlib.suppress(OSError):  # it broke since the last question: once more, anew
+            with contextlib.suppress(OSError):  # the connection broke since the last command: reopen it
                 return self._exchange(self._socket, line)
             self.close()
         try:
@@ -37,16 +37,16 @@ class Dashboard:
             raise
 
     def connect(self) -> None:
-        """Opens the connection where it is not open.
+        """Opens the connection, unless it is open.
 
         Raises:
-            OSError: nobody listens, or nobody greets.
+            OSError: the connection is refused, or the greeting is missing.
         """
         if self._socket is None:
             self._connect()
 
     def close(self) -> None:
-        """Closes the connection, if there is one."""
+        """Closes the connection, if any."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None

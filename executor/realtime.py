@@ -1,0 +1,246 @@
+"""Real-time scheduling, memory locking, processor wake-up and parent death, for every process of the executor.
+
+Nothing here is required to succeed: what the system does not permit is reported. The streaming process imports this
+module, and `keep_awake` runs it as a script: it imports the standard library only.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import resource
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+CORE_VARIABLE = "FLING_STREAM_CORE"  # processor shared by the stream and a simulated controller
+ANY_CORE = -1
+STREAM_PRIORITY = 50  # of SCHED_FIFO; below the kernel's interrupt threads
+DAEMON_PRIORITY = 10  # of SCHED_FIFO; above ordinary processes, below the stream
+
+MCL_CURRENT, MCL_FUTURE = 1, 2  # source: linux/mman.h
+PR_SET_PDEATHSIG = 1  # source: linux/prctl.h
+PR_SET_TIMERSLACK = 29  # source: linux/prctl.h
+LATENCY = Path("/dev/cpu_dma_latency")  # source: Documentation/power/pm_qos_interface.rst
+PROCESSORS, QUOTA = Path("/proc/cpuinfo"), Path("/sys/fs/cgroup/cpu.max")
+
+
+# Scheduling
+
+
+def default_core(environment: Mapping[str, str]) -> int:
+    """Returns the stream's processor: the one of the environment, by default the highest available one.
+
+    Interrupts and planner processes gather on the low ones.
+    """
+    return int(environment.get(CORE_VARIABLE) or max(os.sched_getaffinity(0)))
+
+
+def is_real_time() -> bool:
+    """Whether this thread runs at real-time priority."""
+    return os.sched_getscheduler(0) == os.SCHED_FIFO
+
+
+def is_permitted() -> bool:
+    """Whether this process may take real-time priority; tries it on this thread."""
+    if is_real_time():
+        return True
+    before = os.sched_getscheduler(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(DAEMON_PRIORITY))
+    except PermissionError:
+        return False
+    os.sched_setscheduler(0, before, os.sched_param(0))
+    return True
+
+
+def request_real_time(priority: int, core: int) -> str:
+    """Requests a real-time priority, and binds the process to a processor if it is granted.
+
+    At ordinary priority the process stays free to run on any processor.
+
+    Args:
+        priority: SCHED_FIFO priority; 0 or less keeps the ordinary one.
+        core: processor number; -1 for any.
+
+    Returns:
+        A description of what was granted.
+    """
+    if priority <= 0:
+        return "ordinary priority"
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except (OSError, AttributeError):
+        return "ordinary priority (real-time priority is not permitted)"
+    if core < 0:
+        return f"real-time priority {priority}"
+    try:
+        os.sched_setaffinity(0, {core})
+    except OSError:
+        return f"real-time priority {priority} (processor {core} is not permitted)"
+    return f"real-time priority {priority} on processor {core}"
+
+
+def prepare_stream(core: int, priority: int) -> list[str]:
+    """Binds the process to a processor, locks its memory and takes SCHED_FIFO one above `priority`.
+
+    Call it before constructing an interface of ur_rtde: its threads inherit the scheduling. `step_down` then puts this
+    thread below them: the library waits for its threads in a busy loop, which would block them on a shared processor.
+
+    Returns:
+        What was not permitted, in words; empty where everything was granted.
+    """
+    refused = []
+    libc = ctypes.CDLL(None, use_errno=True)
+    libc.prctl(PR_SET_TIMERSLACK, 1)
+    if core >= 0:
+        os.sched_setaffinity(0, {core})
+    if libc.mlockall(MCL_CURRENT | MCL_FUTURE) != 0:
+        refused.append("memory is not locked")
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority + 1))
+    except PermissionError:
+        refused.append("no real-time scheduling (SCHED_FIFO)")
+    return refused
+
+
+def step_down(priority: int) -> None:
+    """Lowers this thread to `priority`, below the library's threads; no effect at ordinary priority."""
+    if is_real_time():
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+
+
+@contextmanager
+def real_time_process() -> Iterator[None]:
+    """Runs every thread of this process at DAEMON_PRIORITY, where permitted.
+
+    All threads together: one that holds the interpreter lock without a processor would block the others.
+    """
+    permitted = is_permitted()
+    if permitted:
+        _schedule_threads(os.SCHED_FIFO, DAEMON_PRIORITY)
+    try:
+        yield
+    finally:
+        if permitted:
+            _schedule_threads(os.SCHED_OTHER, 0)
+
+
+def _schedule_threads(policy: int, priority: int) -> None:
+    for thread in os.listdir("/proc/self/task"):
+        with suppress(ProcessLookupError):  # it has just ended
+            os.sched_setscheduler(int(thread), policy, os.sched_param(priority))
+
+
+# Memory, and what a thread did with its time
+
+
+def freeze_memory() -> None:
+    """Collects garbage once and disables the collector; live objects stay until the process ends."""
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+
+
+def sleep_count() -> int:
+    """Returns how often this thread has slept or blocked (its voluntary context switches)."""
+    return resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw
+
+
+class RunDelay:
+    """Time that the constructing thread has been ready to run without a processor."""
+
+    def __init__(self) -> None:
+        self._schedstat = os.open(f"/proc/self/task/{threading.get_native_id()}/schedstat", os.O_RDONLY)
+
+    def total_s(self) -> float:
+        """Returns the time since the thread began [s]; source: Documentation/scheduler/sched-stats.rst."""
+        return int(os.pread(self._schedstat, 64, 0).split()[1]) * 1e-9
+
+
+# Parent death
+
+
+def terminate_with_parent(parent: int) -> None:
+    """Requests SIGTERM when process `parent` ends; sends it at once where it has ended already."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
+    if os.getppid() != parent:
+        os.kill(os.getpid(), signal.SIGTERM)
+
+
+# Processor wake-up
+
+
+@contextmanager
+def keep_awake(core: int) -> Iterator[None]:
+    """Keeps processor `core` from sleeping, by a process of its own; no effect where that is not possible.
+
+    An idle processor wakes up late: by the exit latency of its sleep state, or, in a virtual machine, by what the host
+    does meanwhile. A physical machine is asked through the kernel's PM QoS interface. In a virtual machine the process
+    keeps the processor busy at SCHED_IDLE, where it yields to every other process.
+    """
+    process = _start_waker(core)
+    try:
+        yield
+    finally:
+        if process is not None:
+            process.kill()
+            process.wait()
+
+
+def _start_waker(core: int) -> subprocess.Popen[bytes] | None:
+    if core == ANY_CORE or (has_quota() if is_virtual() else not may_set_latency()):
+        return None
+    command = [sys.executable, "-I", "-S", __file__, str(core), str(os.getpid())]
+    null = subprocess.DEVNULL
+    try:
+        return subprocess.Popen(command, stdin=null, stdout=null, stderr=null)
+    except OSError:
+        return None
+
+
+def is_virtual() -> bool:
+    """Whether this is a virtual machine, from its processor flags."""
+    try:
+        return "hypervisor" in PROCESSORS.read_text().split()
+    except OSError:
+        return False
+
+
+def may_set_latency() -> bool:
+    """Whether this process may request a wake-up latency from the kernel."""
+    return os.access(LATENCY, os.W_OK)
+
+
+def has_quota() -> bool:
+    """Whether this container's processor time is limited: busy waiting would use up the stream's share."""
+    try:
+        return not QUOTA.read_text().startswith("max")
+    except OSError:
+        return False
+
+
+def stay_awake(core: int, parent: int) -> None:
+    """Keeps processor `core` awake until process `parent` ends."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    os.sched_setaffinity(0, {core})
+    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    if is_virtual():
+        while os.getppid() == parent:
+            pass
+        return
+    request = os.open(LATENCY, os.O_WRONLY)  # in force while the file is open
+    os.write(request, struct.pack("i", 0))  # [us]
+    while os.getppid() == parent:
+        time.sleep(1.0)
+
+
+if __name__ == "__main__":
+    stay_awake(*map(int, sys.argv[1:3]))

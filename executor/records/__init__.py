@@ -1,0 +1,24 @@
+"""Records of an execution: telemetry, recording, metrics, landing, and the journal that keeps them."""
+
+from executor.records.journal import MIN_FREE_BYTES, ExecutionResult, Journal, JournalLocked
+from executor.records.landing import Landing, last_release_s, wait_for_landing
+from executor.records.metrics import metrics, release_verdict
+from executor.records.recording import to_csv, to_mcap
+from executor.records.telemetry import RunResult, Telemetry, row_document
+
+__all__ = [
+    "MIN_FREE_BYTES",
+    "ExecutionResult",
+    "Journal",
+    "JournalLocked",
+    "Landing",
+    "RunResult",
+    "Telemetry",
+    "last_release_s",
+    "metrics",
+    "release_verdict",
+    "row_document",
+    "to_csv",
+    "to_mcap",
+    "wait_for_landing",
+]

@@ -1,0 +1,95 @@
+"""Memory shared by the daemon and the streaming process, one block an execution.
+
+The streaming process writes its state, its pulse and one telemetry row a tick; the daemon writes the abort flag and its
+own pulse. Every field is one aligned 8-byte number with one writer: neither side waits for the other. The memory is an
+anonymous file inherited by the child; it vanishes with its last owner.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import struct
+from collections.abc import Sequence
+
+HEADER_BYTES = 4096
+TEXT_AT = 1024  # [bytes] offset of the reason in the header
+TEXT_BYTES = 1024
+
+# States of the streaming process.
+STARTING, CONNECTED, APPROACHING, STREAMING, BRAKING, STOPPING, DONE, FAULT = range(8)
+
+# Header fields. The streaming process writes 0 to 10, the daemon 16 and 17.
+STATE, PULSE, ROWS, OUTCOME, MISSED, REALTIME, TEXT_LENGTH = range(7)
+OUTPUT_SENT_S, OUTPUT_LATE_S, TIMESTAMP_AT_ZERO, IN_CALL = 7, 8, 9, 10
+ABORT, DAEMON_PULSE = 16, 17
+
+# Columns of a telemetry row: the scalars, then the vectors of six.
+SCALARS = (
+    "clock_s",
+    "timestamp_s",
+    "host_s",
+    "safety_bits",
+    "runtime_state",
+    "speed_scaling",
+    "digital_outputs",
+    "missed_ticks",
+    "call_s",
+)
+VECTORS = ("planned_q", "planned_qd", "command", "q", "qd", "current")
+ROW = struct.Struct(f"{len(SCALARS) + 6 * len(VECTORS)}d")
+
+
+class SharedMemory:
+    """The shared memory of one execution.
+
+    Attributes:
+        fd: descriptor of the anonymous file; the child inherits it.
+        capacity: number of rows it holds; later rows are dropped, and counted in `ROWS` only.
+        fields: the header fields above, as numbers.
+    """
+
+    def __init__(self, fd: int, capacity: int) -> None:
+        self.fd, self.capacity = fd, capacity
+        self.memory = mmap.mmap(fd, HEADER_BYTES + capacity * ROW.size)
+        self.fields = memoryview(self.memory)[:TEXT_AT].cast("d")
+
+    @classmethod
+    def create(cls, capacity: int) -> SharedMemory:
+        """Returns fresh memory with room for `capacity` rows."""
+        fd = os.memfd_create("fling-shared-memory")
+        os.ftruncate(fd, HEADER_BYTES + capacity * ROW.size)
+        return cls(fd, capacity)
+
+    @classmethod
+    def attach(cls, fd: int) -> SharedMemory:
+        """Returns the memory behind an inherited descriptor."""
+        return cls(fd, (os.fstat(fd).st_size - HEADER_BYTES) // ROW.size)
+
+    def write_text(self, text: str) -> None:
+        """Writes the reason, cut to the length of its field."""
+        data = text.encode()[:TEXT_BYTES]
+        self.memory[TEXT_AT : TEXT_AT + len(data)] = data
+        self.fields[TEXT_LENGTH] = len(data)
+
+    def text(self) -> str:
+        """Returns the reason."""
+        return self.memory[TEXT_AT : TEXT_AT + int(self.fields[TEXT_LENGTH])].decode(errors="replace")
+
+    def add_row(self, values: Sequence[float]) -> None:
+        """Appends one row; the count rises after the row is complete."""
+        row = int(self.fields[ROWS])
+        if row < self.capacity:
+            ROW.pack_into(self.memory, HEADER_BYTES + row * ROW.size, *values)
+        self.fields[ROWS] = row + 1
+
+    def row_bytes(self, first: int = 0) -> bytes:
+        """Returns the complete rows from `first` on, packed."""
+        last = min(int(self.fields[ROWS]), self.capacity)
+        return self.memory[HEADER_BYTES + first * ROW.size : HEADER_BYTES + last * ROW.size]
+
+    def close(self) -> None:
+        """Unmaps the memory and closes its file."""
+        self.fields.release()
+        self.memory.close()
+        os.close(self.fd)

@@ -1,0 +1,122 @@
+"""The stream job: everything the streaming process needs for one execution, computed and checked before any motion.
+
+Rows lie on the controller's ticks. Row m is the state that should be measured one lag after it is sent.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import asdict, dataclass, replace
+
+Row = list[float]
+
+OUTCOMES = (
+    "completed",
+    "aborted",
+    "refused",
+    "protective_stop",
+    "emergency_stop",
+    "link_lost",
+    "late",
+    "tracking",
+    "executor_lost",
+)
+
+
+@dataclass(frozen=True)
+class ApproachRows:
+    """Rows of a planned approach; the fields are those of `StreamJob`."""
+
+    first_clock_s: float
+    q: list[Row]
+    qd: list[Row]
+    qdd: list[Row]
+    reference_q: list[Row]
+    reference_qd: list[Row]
+    brake_row: list[int]
+    brake_ticks: list[int]
+
+
+@dataclass(frozen=True)
+class StreamJob:
+    """One execution.
+
+    Attributes:
+        host: address of the controller.
+        mode: "speedj" or "servoj".
+        dry_run: connect and record without any motion.
+        dt: duration of one tick [s].
+        lag_ticks: lag of the cell [ticks], not necessarily whole.
+        first_clock_s: plan time of row 0 [s]; row m is at first_clock_s + m dt.
+        q, qd, qdd: rows (M, 6) of the motion [rad, rad/s, rad/s^2].
+        reference_q, reference_qd: rows (M, 6) one lag earlier: the expected measurement when row m is sent.
+        release_row: row nearest to the release; the object leaves within the next tick.
+        output_row: row whose tick opens the gripper; -1: never.
+        output: "tool_digital", "standard_digital" or "configurable_digital".
+        output_index, output_level: index of that output, and the level that opens the gripper.
+        brake_row: for every row the first row from which the certified brake may start.
+        brake_ticks: for every row the duration of the brake from there [ticks].
+        start: joint positions (6,) at which the plan begins [rad].
+        approach: rows of a planned approach to `start`; None: one straight joint move leads there.
+        approach_speed, approach_acceleration: of that move [rad/s, rad/s^2].
+        qd_max: bounds of every command (6,) [rad/s].
+        acceleration: acceleration argument of speedj [rad/s^2].
+        feedback_gain, feedback_max: of the position feedback [1/s, rad/s].
+        tracking_max: position error that ends the run [rad].
+        watchdog_hz: lowest command rate accepted by the controller [Hz]; None: chosen by real-time permission.
+        core: processor of the stream; -1: any.
+        priority: SCHED_FIFO priority.
+        daemon_silent_s: longest accepted silence of the daemon [s].
+    """
+
+    host: str
+    mode: str
+    dry_run: bool
+    dt: float
+    lag_ticks: float
+    first_clock_s: float
+    q: list[Row]
+    qd: list[Row]
+    qdd: list[Row]
+    reference_q: list[Row]
+    reference_qd: list[Row]
+    release_row: int
+    output_row: int
+    output: str
+    output_index: int
+    output_level: bool
+    brake_row: list[int]
+    brake_ticks: list[int]
+    start: Row
+    approach: ApproachRows | None
+    approach_speed: float
+    approach_acceleration: float
+    qd_max: Row
+    acceleration: float
+    feedback_gain: float
+    feedback_max: float
+    tracking_max: float
+    watchdog_hz: float | None
+    core: int
+    priority: int
+    daemon_silent_s: float
+
+    def write(self) -> int:
+        """Returns the descriptor of an anonymous file that holds the job."""
+        fd = os.memfd_create("fling-stream-job")
+        os.write(fd, json.dumps(asdict(self)).encode())
+        return fd
+
+    @classmethod
+    def read(cls, fd: int) -> StreamJob:
+        """Returns the job behind an inherited descriptor."""
+        fields = json.loads(os.pread(fd, os.fstat(fd).st_size, 0))
+        approach = fields.pop("approach")
+        return cls(**fields, approach=None if approach is None else ApproachRows(**approach))
+
+    def approach_job(self) -> StreamJob:
+        """Returns the job that streams the planned approach; it never opens the gripper."""
+        assert self.approach is not None
+        rows = vars(self.approach)
+        return replace(self, **rows, mode="speedj", output_row=-1, release_row=len(self.approach.q) - 1, approach=None)

@@ -1,0 +1,229 @@
+"""The connection to the controller: the only module that uses ur_rtde.
+
+Every call is checked: an exception, a False, or a call over 5 ms ends the run for good. After a lost connection the
+library returns True for ever, reconnects by itself and resumes (reference: rtde.md, sections 10 to 12). A long call
+counts only if the library slept in it, as it does to reconnect; otherwise the machine stalled.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import socket
+from collections.abc import Callable
+from time import monotonic, sleep
+from typing import Any
+
+from rtde_control import RTDEControlInterface
+from rtde_io import RTDEIOInterface
+from rtde_receive import RTDEReceiveInterface
+
+from executor.realtime import RunDelay, sleep_count
+from executor.shared_memory import IN_CALL, SharedMemory
+from executor.stream_job import StreamJob
+from executor.streaming import safety
+from executor.streaming.safety import StreamFault
+
+CALL_MAX_S = 0.005  # [s] a real-time call takes 30 us, one that reconnects takes 160 ms (rtde.md, section 10)
+WATCHDOG_HZ = 40.0  # [Hz] 25 ms, just above the 20 ms after which the loop itself gives up as late
+WATCHDOG_ORDINARY_HZ = 20.0  # [Hz] 50 ms, just above the 40 ms accepted without real-time scheduling
+VARIABLES = [
+    "timestamp",
+    "actual_q",
+    "actual_qd",
+    "actual_current",
+    "safety_status_bits",
+    "runtime_state",
+    "speed_scaling",
+    "target_speed_fraction",
+    "actual_digital_output_bits",
+]
+SERVO_LOOKAHEAD_S = 0.03  # source: URScript manual, servoj, the smallest lookahead time
+SERVO_GAIN = 500.0  # source: URScript manual, servoj, between its 100 and 2000; the time constant is then two CB3 ticks
+SERVO_CONSTANT_S = SERVO_LOOKAHEAD_S * 300.0 / SERVO_GAIN  # [s] at gain 300 the lookahead time is the time constant
+REST_RAD_S = 0.01  # [rad/s] source: faults.md, C6; above the noise of a measured joint speed
+REST_WITHIN_S = 1.0  # [s] longest wait for the measured rest at the end
+STOP_DECELERATION = 20.0  # [rad/s^2] of the final speedStop, where only rounding is left to stop
+
+
+class RtdeConnection:
+    """Fresh ur_rtde interfaces to one controller, for one execution.
+
+    Attributes:
+        stamp: controller time of the newest state [s].
+        q, qd, current: measured (6,), of that state [rad, rad/s, A].
+        safety_bits, runtime_state, scaling, outputs: of that state; as in the RTDE guide.
+        delayed_s: time this thread waited for a processor between the last two readings [s].
+        call_s: duration of the last command [s].
+        sent_at: monotonic time at which the last command began [s].
+        watchdog_hz: lowest command rate accepted by the controller [Hz].
+    """
+
+    call_s = delayed_s = 0.0
+    sent_at = math.inf
+    watchdog_hz = WATCHDOG_HZ
+    armed = False
+
+    def __init__(self, job: StreamJob, memory: SharedMemory) -> None:
+        """Connects.
+
+        Raises:
+            StreamFault: no connection, the script is refused, or another client owns the registers.
+        """
+        self.job, self.fields = job, memory.fields
+        self._run_delay = RunDelay()
+        self._delay_s = 0.0
+        try:
+            self.receive = RTDEReceiveInterface(job.host, 1.0 / job.dt, VARIABLES)
+            self.control = None if job.dry_run else RTDEControlInterface(job.host, 1.0 / job.dt)
+            self.io = None if job.dry_run else RTDEIOInterface(job.host)
+        except (RuntimeError, ValueError) as error:
+            raise StreamFault("refused", f"connecting: {error}") from error
+        set_no_delay()
+        self.send_output = (
+            None
+            if self.io is None
+            else {
+                "tool_digital": self.io.setToolDigitalOut,
+                "standard_digital": self.io.setStandardDigitalOut,
+                "configurable_digital": self.io.setConfigurableDigitalOut,
+            }[job.output]
+        )
+        self.read()
+
+    def timestamp(self) -> float:
+        """Returns the newest controller time [s]."""
+        return self.receive.getTimestamp()
+
+    def read(self) -> None:
+        """Reads one consistent state into the attributes.
+
+        Raises:
+            StreamFault: a connection is lost.
+        """
+        before, self._delay_s = self._delay_s, self._run_delay.total_s()
+        self.delayed_s = self._delay_s - before
+        receive = self.receive
+        if not receive.isConnected() or (self.control is not None and not self.control.isConnected()):
+            raise StreamFault("link_lost", "the connection to the controller is gone")
+        while True:  # a package may arrive between two getters: read again, at most once in practice
+            self.stamp = receive.getTimestamp()
+            self.q, self.qd, self.current = receive.getActualQ(), receive.getActualQd(), receive.getActualCurrent()
+            self.safety_bits, self.runtime_state = receive.getSafetyStatusBits(), receive.getRuntimeState()
+            self.scaling = receive.getSpeedScalingCombined()
+            self.outputs = receive.getActualDigitalOutputBits()
+            if receive.getTimestamp() == self.stamp:
+                return
+
+    def check(self) -> None:
+        """Checks the state last read.
+
+        Raises:
+            StreamFault: the controller is not in normal operation.
+        """
+        runtime = safety.PLAYING if self.control is None else self.runtime_state
+        safety.check_state(self.safety_bits, runtime, self.scaling)
+
+    def move(self, q: list[float]) -> None:
+        """Starts a straight joint move to `q` (6,) [rad] and returns at once."""
+        job = self.job
+        if self.control is not None:
+            self._check_answer("moveJ", self.control.moveJ(q, job.approach_speed, job.approach_acceleration, True))
+
+    def stop_move(self) -> None:
+        """Ends a joint move before its goal; returns at rest."""
+        if self.control is not None:
+            self.control.stopJ(self.job.approach_acceleration)
+
+    def arm_watchdog(self, realtime: bool) -> None:
+        """Makes the controller stop the program once commands stay out; later calls have no effect."""
+        if self.armed:
+            return
+        self.armed = True
+        self.watchdog_hz = self.job.watchdog_hz or (WATCHDOG_HZ if realtime else WATCHDOG_ORDINARY_HZ)
+        if self.control is not None:
+            self._check_answer("setWatchdog", self.control.setWatchdog(self.watchdog_hz))
+
+    def speed(self, qd: list[float]) -> None:
+        """Sends joint speeds (6,) [rad/s] for the next tick."""
+        safety.check_command(qd, self.job.qd_max)
+        if self.control is not None:
+            self._command("speedJ", self.control.speedJ, qd, self.job.acceleration, self.job.dt)
+
+    def servo(self, q: list[float], limits: list[float]) -> None:
+        """Sends joint positions (6,) [rad] for the next tick; `limits` as for `safety.check_command`."""
+        safety.check_command(q, limits)
+        if self.control is not None:
+            self._command("servoJ", self.control.servoJ, q, 0.0, 0.0, self.job.dt, SERVO_LOOKAHEAD_S, SERVO_GAIN)
+
+    def output(self, level: bool) -> None:
+        """Sets the gripper's output."""
+        if self.send_output is not None:
+            self._command("the digital output", self.send_output, self.job.output_index, level)
+
+    def end_speeds(self) -> None:
+        """Ends a stream of speeds at rest, so that another kind of motion may follow."""
+        if self.control is not None:
+            self._check_answer("speedStop", self.control.speedStop(STOP_DECELERATION))
+
+    def stop(self) -> None:
+        """Ends the stream at rest, and the program with it: the only way to disarm the watchdog."""
+        if self.control is None:
+            return
+        if self.job.mode == "servoj":
+            self.control.servoStop()
+        else:
+            self.control.speedStop(STOP_DECELERATION)
+        self.control.stopScript()
+        self._wait_for_rest()
+
+    def _wait_for_rest(self) -> None:
+        """Returns at measured rest: the arm may lag behind the commands by more than the cell states."""
+        end = monotonic() + REST_WITHIN_S
+        while max(map(abs, self.qd)) > REST_RAD_S and monotonic() < end:
+            sleep(self.job.dt)
+            self.read()
+
+    def _command(self, name: str, call: Callable[..., Any], *args: Any) -> None:
+        """Makes one real-time call and checks its answer and its duration."""
+        self.fields[IN_CALL] = 1.0
+        slept = sleep_count()
+        begin = monotonic()
+        try:
+            answer = call(*args)
+        except RuntimeError as error:
+            raise StreamFault("link_lost", f"{name}: {error}") from error
+        self.call_s = spent = monotonic() - begin
+        self.fields[IN_CALL] = 0.0
+        self.sent_at = begin
+        self._check_answer(name, answer)
+        if spent > CALL_MAX_S and sleep_count() > slept and self._without_delay(spent) > CALL_MAX_S:
+            raise StreamFault("link_lost", f"{name} took {spent * 1e3:.1f} ms")
+
+    def _check_answer(self, name: str, answer: Any) -> None:
+        if answer is not True:
+            self.read()
+            self.check()
+            raise StreamFault("link_lost", f"{name} was refused")
+
+    def _without_delay(self, spent: float) -> float:
+        """Returns a duration that ends now, less the time this thread waited for a processor [s]."""
+        return spent - (self._run_delay.total_s() - self._delay_s)
+
+
+def set_no_delay() -> int:
+    """Sets TCP_NODELAY on every TCP socket of this process; returns their number.
+
+    ur_rtde sets it on a socket that its connect then closes and reopens (reference: rtde.md, section 2).
+    """
+    count = 0
+    for name in os.listdir("/proc/self/fd"):
+        try:
+            copy = socket.socket(fileno=os.dup(int(name)))
+        except OSError:
+            continue  # not a socket, or the directory's own descriptor
+        with copy:
+            if copy.family in (socket.AF_INET, socket.AF_INET6) and copy.type == socket.SOCK_STREAM:
+                copy.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                count += 1
+    return count

@@ -1,0 +1,95 @@
+"""The clock counts by the controller's time; lost ticks are counted, never replayed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import chain, repeat
+
+import pytest
+
+from executor.streaming.clock import ControllerClock, LostTicks
+from executor.streaming.safety import StreamFault
+
+DT = 0.002
+
+
+class Stamps:
+    """A connection that returns these timestamps one after the other, then the last one for ever."""
+
+    def __init__(self, *stamps: float) -> None:
+        self._stamps: Iterator[float] = chain(stamps, repeat(stamps[-1]))
+
+    def timestamp(self) -> float:
+        return next(self._stamps)
+
+
+def test_every_new_timestamp_is_a_tick() -> None:
+    clock = ControllerClock(Stamps(10.0, 10.0, 10.002, 10.002, 10.004), DT)
+    clock.wait()
+    assert (clock.tick, clock.missed) == (1, 0)
+    clock.wait()
+    assert (clock.tick, clock.missed, clock.total_missed) == (2, 0, 0)
+
+
+def test_lost_ticks_are_counted_and_skipped() -> None:
+    clock = ControllerClock(Stamps(10.0, 10.002, 10.010, 10.012), DT)
+    for _ in range(3):
+        clock.wait()
+    assert (clock.tick, clock.missed, clock.total_missed) == (6, 0, 3)
+
+
+def test_a_state_that_stays_the_same_is_a_lost_link() -> None:
+    clock = ControllerClock(Stamps(10.0), DT)
+    with pytest.raises(StreamFault, match="no new state"):
+        clock.wait()
+
+
+def test_time_that_runs_backwards_is_a_lost_link() -> None:
+    clock = ControllerClock(Stamps(10.0, 10.002, 0.5), DT)
+    clock.wait()
+    with pytest.raises(StreamFault, match="backwards"):
+        clock.wait()
+
+
+def too_late(realtime: bool, missed: int, dt: float = DT) -> bool:
+    """Whether so many ticks lost at once end a run, all of them lost because this thread had no processor."""
+    return LostTicks(dt, realtime).are_too_many(missed, delayed_s=missed * dt)
+
+
+def test_twenty_milliseconds_in_a_row_are_too_late() -> None:
+    assert not too_late(True, 9)
+    assert too_late(True, 10)
+    assert too_late(True, 3, dt=0.008)
+
+
+def test_without_real_time_a_gap_is_borne_twice_as_long() -> None:
+    assert not too_late(False, 19)
+    assert too_late(False, 20)
+
+
+def lost_until_late(realtime: bool, every: int, delayed_s: float) -> int | None:
+    """Returns how many ticks pass until a run ends in which one is lost before every so many that arrive."""
+    lost, ticks = LostTicks(DT, realtime), 0
+    for i in range(1, 2000):
+        missed = int(i % every == 0)
+        ticks += 1 + missed
+        if lost.are_too_many(missed, missed * delayed_s):
+            return ticks
+    return None
+
+
+@pytest.mark.parametrize("delayed_s", [0.0, DT])
+def test_one_tick_in_ten_is_too_late_but_one_in_a_hundred_is_not(delayed_s: float) -> None:
+    rare, often = LostTicks(DT, True), LostTicks(DT, True)
+    assert not any(rare.are_too_many(int(i % 100 == 0), delayed_s) for i in range(2000))
+    assert any(often.are_too_many(int(i % 5 == 0), delayed_s) for i in range(2000))
+
+
+def test_ticks_lost_by_the_link_are_judged_alike_with_and_without_real_time() -> None:
+    assert lost_until_late(True, 1, 0.0) == lost_until_late(False, 1, 0.0) is not None
+    assert lost_until_late(False, 1, 0.0) * DT < 0.05
+
+
+def test_ticks_lost_for_want_of_a_processor_are_borne_without_real_time() -> None:
+    assert lost_until_late(True, 4, DT) is not None
+    assert lost_until_late(False, 4, DT) is None
