@@ -16,12 +16,12 @@ from typing import Any
 
 import pytest
 
-from executor.simulator.arm import Arm
-from executor.simulator.connections import Connection
 from executor.simulator.controller import Controller
-from executor.simulator.loop import Simulator as Loop
-from executor.simulator.recipes import Inputs
-from executor.simulator.settings import Settings
+from executor.simulator.interfaces import DashboardServer, InputValues
+from executor.simulator.loop import SimulatorLoop
+from executor.simulator.physics import SimulatedArm
+from executor.simulator.settings import SimulatorSettings
+from executor.simulator.simulation import Simulation
 from planner.cell import Cell, parse_cell
 
 ROOT = Path(__file__).parents[3]
@@ -30,7 +30,7 @@ CONTROL_PORT = 29900
 NUMBERS = count(31)  # second byte of the addresses: one a simulator, apart from those of other rooms' tests
 FUNCTIONS = "get_steptime() get_tcp_offset() get_inverse_kin_has_solution() protective_stop() tool_contact()"
 SCRIPT = f"def rtde_control():\n  {FUNCTIONS}\nend\n"
-ORDINARY = Settings()
+ORDINARY = SimulatorSettings()
 
 CELL = """
 robot = "{robot}"
@@ -121,14 +121,14 @@ def start_simulator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Start]
 class Driven:
     """A controller inside this process with its program running, driven cycle by cycle as ur_rtde would."""
 
-    def __init__(self, cell: Cell, settings: Settings = ORDINARY, script: str = SCRIPT) -> None:
+    def __init__(self, cell: Cell, settings: SimulatorSettings = ORDINARY, script: str = SCRIPT) -> None:
         self.controller = Controller(cell, settings)
-        self.controller.execution.upload(script)
-        while self.controller.execution.due:
+        self.controller.runner.upload(script)
+        while self.controller.runner.due:
             self.cycle()
 
     @property
-    def arm(self) -> Arm:
+    def arm(self) -> SimulatedArm:
         return self.controller.arm
 
     def cycle(self, count: int = 1) -> None:
@@ -138,23 +138,23 @@ class Driven:
     def write(self, command: int, doubles: Sequence[float] = (), ints: Sequence[int] = ()) -> None:
         """Writes a command and its arguments, as one data package does; ints from register 1 on."""
         integers = [(0, command), *enumerate(ints, start=1)]
-        self.controller.take_inputs(Inputs(integers, [(0, doubles)] if doubles else []))
+        self.controller.take_inputs(InputValues(integers, [(0, doubles)] if doubles else []))
 
     def set(self, **others: object) -> None:
         """Writes inputs that are no registers."""
-        self.controller.take_inputs(Inputs(others=others))
+        self.controller.take_inputs(InputValues(others=others))
 
     def out_int(self, index: int) -> int:
-        return int(self.controller.registers.outputs[f"output_int_register_{index}"][0])
+        return int(self.controller.registers.int_out[index][0])
 
     def out_doubles(self, count: int = 6) -> list[float]:
-        return [self.controller.registers.outputs[f"output_double_register_{i}"][0] for i in range(count)]
+        return [value for (value,) in self.controller.registers.double_out[:count]]
 
     def call(self, command: int, doubles: Sequence[float] = (), ints: Sequence[int] = (), cycles: int = 5000) -> int:
         """Sends a command, waits until it is done, clears it; returns the cycles it took."""
         self.write(command, doubles, ints)
         taken = 0
-        while self.out_int(0) != 2 and self.controller.execution.playing:
+        while self.out_int(0) != 2 and self.controller.runner.playing:
             self.cycle()
             taken += 1
             assert taken < cycles, f"command {command} is not done after {cycles} cycles"
@@ -163,26 +163,29 @@ class Driven:
         return taken
 
 
+def dashboard_server(driven: Driven) -> DashboardServer:
+    """Returns the dashboard of a driven controller."""
+    c = driven.controller
+    return DashboardServer(c.identity, c.runner, c.stops)
+
+
 class Peer:
     """The other end of a connection, inside this process."""
 
-    def __init__(self, loop: Loop, port: str) -> None:
-        self.socket, served = socket.socketpair()
-        served.setblocking(False)
-        self.loop = loop
-        self.port = next(p for p in loop.network.ports if p.name == port)
-        self.served, self.connection = served, Connection(served, port)
-        loop.network.connections[served] = (self.connection, self.port)
-        loop.network.changed()
-        self.port.opened(self.connection)
+    def __init__(self, simulation: Simulation, port: str) -> None:
+        self.socket, self.served = socket.socketpair()
+        self.served.setblocking(False)
+        self.simulation = simulation
+        self.port = next(p for p in simulation.network.ports if p.name == port)
+        self.connection = simulation.network.connect(self.served, self.port)
 
     def send(self, data: bytes, cycles: int = 1) -> bytes:
-        """Sends, lets the loop serve it and run cycles; returns what came back."""
+        """Sends, lets the simulation serve it and run cycles; returns what came back."""
         if self.connection.open:
             self.socket.sendall(data)
-            self.loop.network.readable(self.served, 0.0)
+            self.simulation.network.readable(self.served)
         for _ in range(cycles):
-            self.loop._tick(0.0)
+            self.simulation.tick()
         self.socket.setblocking(False)
         answer = b""
         with suppress(BlockingIOError):
@@ -191,13 +194,13 @@ class Peer:
         return answer
 
     def close(self) -> None:
-        self.loop.network.drop(self.connection)
+        self.simulation.network.drop(self.connection)
         self.socket.close()
 
 
 @pytest.fixture(scope="module")
-def loop() -> Iterator[Loop]:
-    """A simulator inside this process: its ports listen, but nobody runs its loop."""
-    simulator = Loop(make_cell(), Settings(), unique_address())
-    yield simulator
-    simulator.network.close()
+def simulation() -> Iterator[Simulation]:
+    """A simulation inside this process: its ports listen, but nobody runs its loop."""
+    loop = SimulatorLoop(Simulation(make_cell(), SimulatorSettings(), unique_address()))
+    yield loop.simulation
+    loop.simulation.network.close()

@@ -39,7 +39,7 @@ def verdicts(request: pytest.FixtureRequest, start_simulator: Start) -> Verdicts
         if "call" in params:
             asked.setdefault(params["target"], []).append(params["call"])
 
-    def judge(target: str) -> Verdicts:
+    def verify(target: str) -> Verdicts:
         if target not in VERSIONS:
             return called(target, target, asked[target])
         options = ("--protective-stop-lock-s", "1.0")
@@ -49,7 +49,7 @@ def verdicts(request: pytest.FixtureRequest, start_simulator: Start) -> Verdicts
         return found
 
     with ThreadPoolExecutor(len(asked)) as pool:
-        return {key: verdict for found in pool.map(judge, asked) for key, verdict in found.items()}
+        return {key: verdict for found in pool.map(verify, asked) for key, verdict in found.items()}
 
 
 def called(target: str, host: str, calls: Sequence[Call]) -> Verdicts:

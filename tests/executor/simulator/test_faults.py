@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from executor.simulator.settings import Decelerations, Settings
+from executor.simulator.settings import Decelerations, SimulatorSettings
 
 from .conftest import ROOT, Driven, Simulator, Start, make_cell
 from .fault_client import SCENARIOS
@@ -196,8 +196,8 @@ def test_unknown_faults_and_parameters_are_refused(start_simulator: Start):
         (lambda c: c.stops.safeguard(), Decelerations.safeguard_stop),
         (lambda c: c.stops.emergency(), Decelerations.emergency_stop),
         (lambda c: c.stops.power_loss(), Decelerations.power_loss),
-        (lambda c: c.execution.stop("test"), Decelerations.program_end),
-        (lambda c: c.execution.pause(), Decelerations.program_end),
+        (lambda c: c.runner.stop("test"), Decelerations.program_end),
+        (lambda c: c.runner.pause(), Decelerations.program_end),
     ],
 )
 def test_each_stop_brakes_at_its_documented_deceleration(cause, deceleration):
@@ -222,7 +222,7 @@ def test_each_stop_brakes_at_its_documented_deceleration(cause, deceleration):
     ],
 )
 def test_a_violated_limit_is_a_protective_stop(speed, acceleration, reason):
-    driven = Driven(make_cell(), Settings(tcp_speed_limit_m_s=1.0 if reason == "tool speed" else 5.0))
+    driven = Driven(make_cell(), SimulatorSettings(tcp_speed_limit_m_s=1.0 if reason == "tool speed" else 5.0))
     driven.write(9, [*speed, acceleration, 0.002])
     for _ in range(1500):
         driven.cycle()

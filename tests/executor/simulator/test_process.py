@@ -1,4 +1,4 @@
-"""The simulator as a process, and its counts."""
+"""The simulator as a process."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ import time
 import pytest
 
 from executor.settings import last_core
-from executor.simulator.realtime import default_core
-from executor.simulator.statistics import Commands, Lateness
+from executor.simulator.clock.scheduling import default_core
 
 from .conftest import ROOT, Start, cell_text
 
@@ -77,26 +76,3 @@ def test_a_bad_cell_and_a_taken_address_are_told(start_simulator: Start, tmp_pat
     done = subprocess.run([*COMMAND, str(path)], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert "in use" in done.stderr
-
-
-def test_fresh_commands_are_counted_cycle_by_cycle_while_a_client_streams():
-    commands = Commands()
-    commands.cycle()
-    for arrivals in (1, 1, 0, 0, 3, 0, 1):
-        for _ in range(arrivals):
-            commands.arrived(9)
-        commands.cycle()
-    commands.arrived(0)  # a kick of the watchdog is no command
-    commands.cycle()
-    commands.arrived(15)
-    commands.cycle()
-    assert commands.as_document() == {"none": 4, "one": 3, "more": 1, "longest_gap_cycles": 2}
-
-
-def test_quantiles_of_lateness():
-    lateness = Lateness()
-    for k in range(1000):
-        lateness.add(k * 1e-6)
-    assert lateness.quantile(0.5) == pytest.approx(500e-6, abs=4e-6)
-    assert lateness.quantile(0.99) == pytest.approx(990e-6, abs=4e-6)
-    assert lateness.as_document()["max_s"] == pytest.approx(999e-6)
