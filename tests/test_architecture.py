@@ -24,7 +24,19 @@ PLANTED = {
     "executor-no-solver": ("executor/job.py", "import planner.planning"),
     "api-no-robot": ("api/plans.py", "import rtde_control"),
     "sql-in-store": ("executor/daemon.py", "import sqlalchemy"),
-    "simulator-alone": ("executor/daemon.py", "import executor.simulator.wire"),
+    "simulator-alone": ("executor/daemon.py", "import executor.simulator.interfaces"),
+    "simulator-levels": (
+        "executor/simulator/interfaces/dashboard_server.py", "import executor.simulator.controller"
+    ),
+    "simulator-program-levels": (
+        "executor/simulator/program/control_program.py", "import executor.simulator.program.runner"
+    ),
+    "simulator-physics-levels": ("executor/simulator/physics/arm.py", "import executor.simulator.physics.workcell"),
+    "simulator-interfaces-levels": (
+        "executor/simulator/interfaces/rtde_server.py", "import executor.simulator.interfaces.script_server"
+    ),
+    "simulator-clock-levels": ("executor/simulator/clock/statistics.py", "import executor.simulator.clock.pacing"),
+    "simulator-no-socket-in-program": ("executor/simulator/program/runner.py", "import socket"),
 }  # fmt: skip
 
 
