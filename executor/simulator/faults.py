@@ -143,11 +143,26 @@ def _of_role(s: Simulation, role: str) -> list[Connection]:
 FAULTS: dict[str, Callable[..., None]] = {
     fault.__name__: fault
     for fault in (
-        protective_stop, emergency_stop, safeguard_stop, power_loss, clear, stop_program, pause_program, resume_program,
-        local_mode, speed_slider, close_connection, stall_connection, disturb_connection, offline, mute, freeze, kill,
+        protective_stop,
+        emergency_stop,
+        safeguard_stop,
+        power_loss,
+        clear,
+        stop_program,
+        pause_program,
+        resume_program,
+        local_mode,
+        speed_slider,
+        close_connection,
+        stall_connection,
+        disturb_connection,
+        offline,
+        mute,
+        freeze,
+        kill,
         gripper_stuck,
     )
-}  # fmt: skip
+}
 
 
 def cause_fault(s: Simulation, name: object, parameters: dict[str, Any]) -> None:

@@ -3,7 +3,7 @@
 from executor.simulator.interfaces.connections import Connection
 from executor.simulator.interfaces.control_server import BadRequest, ControlServer, Document
 from executor.simulator.interfaces.dashboard_server import DashboardServer
-from executor.simulator.interfaces.network import Network, ServicePort
+from executor.simulator.interfaces.network import Network, PortService, ServicePort
 from executor.simulator.interfaces.recipes import InputValues
 from executor.simulator.interfaces.rtde_server import RtdeServer
 from executor.simulator.interfaces.script_server import ScriptServer
@@ -19,6 +19,7 @@ __all__ = [
     "Document",
     "InputValues",
     "Network",
+    "PortService",
     "RtdeServer",
     "ScriptServer",
     "ServicePort",

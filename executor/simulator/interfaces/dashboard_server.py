@@ -17,8 +17,20 @@ LOCKED = (
 )
 LOCAL = "Command is not allowed due to safety reasons: the robot is not in remote control"
 PROGRAM_STATES = {PLAYING: "PLAYING", PAUSED: "PAUSED"}
-REMOTE_ONLY = frozenset({"play", "stop", "pause", "power on", "power off", "brake release", "unlock protective stop",
-                         "restart safety", "shutdown", "load"})  # fmt: skip
+REMOTE_ONLY = frozenset(
+    {
+        "play",
+        "stop",
+        "pause",
+        "power on",
+        "power off",
+        "brake release",
+        "unlock protective stop",
+        "restart safety",
+        "shutdown",
+        "load",
+    }
+)
 
 
 class DashboardServer:

@@ -12,8 +12,8 @@ BACKLOG = 16  # connections waiting to be accepted on a port
 CONNECTIONS_MAX = 100  # a port scan cannot starve the loop
 
 
-class Service(Protocol):
-    """What a port serves: it hears of new connections, of new data and of lost connections."""
+class PortService(Protocol):
+    """A service behind a port: notified of new connections, of new data and of lost connections."""
 
     def opened(self, connection: Connection) -> None:
         """Handles a new connection."""
@@ -31,7 +31,7 @@ class ServicePort:
 
     name: str
     number: int
-    service: Service
+    service: PortService
     mute: bool = False  # fault: accepts, but never answers
 
 

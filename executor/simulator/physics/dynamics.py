@@ -38,7 +38,7 @@ class LinkBody:
 
 @dataclass(frozen=True)
 class LinkState:
-    """LinkState of a link, with cosine and sine of its joint angle."""
+    """Motion of a link, with cosine and sine of its joint angle."""
 
     c: float
     s: float

@@ -16,10 +16,12 @@ from typing import Any
 
 import pytest
 
+from executor.simulator.clock import StreamCounts, Timeline
 from executor.simulator.controller import Controller
-from executor.simulator.interfaces import DashboardServer, InputValues
+from executor.simulator.interfaces import Connection, DashboardServer, InputValues, PortService
 from executor.simulator.loop import SimulatorLoop
 from executor.simulator.physics import SimulatedArm
+from executor.simulator.program import Program, ProgramRunner, Registers, SafetyState, Stops
 from executor.simulator.settings import SimulatorSettings
 from executor.simulator.simulation import Simulation
 from planner.cell import Cell, parse_cell
@@ -204,3 +206,96 @@ def simulation() -> Iterator[Simulation]:
     loop = SimulatorLoop(Simulation(make_cell(), SimulatorSettings(), unique_address()))
     yield loop.simulation
     loop.simulation.network.close()
+
+
+class Line:
+    """The client's end of a connection to one service: no network, no controller, no arm."""
+
+    def __init__(self, service: PortService) -> None:
+        self.socket, served = socket.socketpair()
+        served.setblocking(False)
+        self.socket.setblocking(False)
+        self.service, self.connection = service, Connection(served)
+        service.opened(self.connection)
+
+    def send(self, data: bytes) -> bytes:
+        """Sends, lets the service answer; returns what came back."""
+        self.socket.sendall(data)
+        if self.connection.read():
+            self.service.arrived(self.connection)
+        return self.received()
+
+    def received(self) -> bytes:
+        """Returns what the service has sent."""
+        with suppress(BlockingIOError):
+            return self.socket.recv(1 << 20)
+        return b""
+
+    def close(self) -> None:
+        self.service.closed(self.connection)
+        self.connection.close()
+        self.socket.close()
+
+
+Connect = Callable[[PortService], Line]
+
+
+@pytest.fixture
+def connect() -> Iterator[Connect]:
+    """Connects clients to services: `connect(service)`; they are closed with the test."""
+    lines: list[Line] = []
+
+    def to(service: PortService) -> Line:
+        lines.append(Line(service))
+        return lines[-1]
+
+    yield to
+    for line in lines:
+        line.close()
+
+
+class ProgramParts:
+    """Runner and stops of a program that counts its cycles: no controller, no arm.
+
+    `at_rest` is what the runner learns of the arm; `failure` is raised by the program in its next cycle.
+    """
+
+    def __init__(self, settings: SimulatorSettings = ORDINARY) -> None:
+        self.timeline, self.registers, self.stream = Timeline(0.002), Registers(), StreamCounts()
+        self.safety = SafetyState(settings.decelerations.program_end)
+        self.at_rest, self.turns = True, 0
+        self.failure: Exception | None = None
+        self.runner = ProgramRunner(
+            lambda text: Program("counting", self._count()),
+            "def ",
+            self.safety,
+            self.registers,
+            self.stream,
+            self.timeline,
+            lambda: self.at_rest,
+            settings,
+        )
+        self.stops = Stops(self.safety, self.runner, self.timeline, settings)
+
+    def _count(self) -> Iterator[None]:
+        while self.turns < 1000:
+            self.turns += 1
+            if self.failure:
+                raise self.failure
+            yield
+
+    def cycle(self, count: int = 1) -> None:
+        for _ in range(count):
+            self.timeline.cycles += 1
+            self.runner.cycle()
+
+    def play(self) -> None:
+        """Uploads the program and waits until it plays."""
+        self.runner.upload("def mine():\nend\n")
+        while not self.runner.playing:
+            self.cycle()
+
+    @property
+    def notes(self) -> list[str]:
+        """Texts of the events noted so far."""
+        return [text for _, text in self.timeline.events]

@@ -39,8 +39,13 @@ class Client:
     def connect(cls, host: str) -> Client:
         dashboard = dashboard_client.DashboardClient(host)
         dashboard.connect()
-        return cls(host, rtde_control.RTDEControlInterface(host), rtde_receive.RTDEReceiveInterface(host),
-                   rtde_io.RTDEIOInterface(host), dashboard)  # fmt: skip
+        return cls(
+            host,
+            rtde_control.RTDEControlInterface(host),
+            rtde_receive.RTDEReceiveInterface(host),
+            rtde_io.RTDEIOInterface(host),
+            dashboard,
+        )
 
     def close(self) -> None:
         self.control.stopScript()
@@ -453,14 +458,40 @@ def move_until_contact(c: Client) -> None:
 
 
 CALLS = (
-    receives_every_variable, time_advances_cycle_by_cycle, is_in_normal_operation,
-    target_moment_holds_the_arm_against_gravity, move_j, move_j_asynchronously, stop_j_ends_an_asynchronous_move,
-    move_j_to_a_pose, move_l, move_l_to_joints, move_along_paths, stream_speed_j,
-    the_last_speed_is_repeated_until_speed_stop, stream_speed_l, stream_servo_j, stream_servo_l,
-    servo_c_moves_towards_its_pose, jog, the_watchdog_ends_the_program, two_motions_at_once_end_the_program,
-    stop_and_upload_again, digital_outputs, analog_outputs, speed_slider, input_registers_are_accepted,
-    forward_and_inverse_kinematics, tool_centre_point, flange_pose_and_pose_trans, safety_limits_and_steadiness,
-    step_time_history_and_torques, payload, force_and_teach_modes_are_accepted, dashboard, pause_and_play,
+    receives_every_variable,
+    time_advances_cycle_by_cycle,
+    is_in_normal_operation,
+    target_moment_holds_the_arm_against_gravity,
+    move_j,
+    move_j_asynchronously,
+    stop_j_ends_an_asynchronous_move,
+    move_j_to_a_pose,
+    move_l,
+    move_l_to_joints,
+    move_along_paths,
+    stream_speed_j,
+    the_last_speed_is_repeated_until_speed_stop,
+    stream_speed_l,
+    stream_servo_j,
+    stream_servo_l,
+    servo_c_moves_towards_its_pose,
+    jog,
+    the_watchdog_ends_the_program,
+    two_motions_at_once_end_the_program,
+    stop_and_upload_again,
+    digital_outputs,
+    analog_outputs,
+    speed_slider,
+    input_registers_are_accepted,
+    forward_and_inverse_kinematics,
+    tool_centre_point,
+    flange_pose_and_pose_trans,
+    safety_limits_and_steadiness,
+    step_time_history_and_torques,
+    payload,
+    force_and_teach_modes_are_accepted,
+    dashboard,
+    pause_and_play,
     the_registers_of_a_control_client_are_in_use,
-)  # fmt: skip
+)
 SIMULATED_ONLY = (protective_stop,)

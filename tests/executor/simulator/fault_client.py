@@ -81,11 +81,16 @@ def stopped(fault: str, **parameters: object) -> Callable[[str], Seen]:
         begin = time.monotonic()
         moved = c.control.moveJ(c.receive.getActualQ(), 0.5, 1.0) if False in answers else None
         return {
-            "answers": sorted(set(map(str, answers))), "moveJ": moved, "moveJ_s": time.monotonic() - begin,
-            "protective": c.receive.isProtectiveStopped(), "emergency": c.receive.isEmergencyStopped(),
-            "runtime": c.receive.getRuntimeState(), "safety_mode": c.receive.getSafetyMode(),
-            "safety_bits": c.receive.getSafetyStatusBits(), "robot_mode": c.receive.getRobotMode(),
-        }  # fmt: skip
+            "answers": sorted(set(map(str, answers))),
+            "moveJ": moved,
+            "moveJ_s": time.monotonic() - begin,
+            "protective": c.receive.isProtectiveStopped(),
+            "emergency": c.receive.isEmergencyStopped(),
+            "runtime": c.receive.getRuntimeState(),
+            "safety_mode": c.receive.getSafetyMode(),
+            "safety_bits": c.receive.getSafetyStatusBits(),
+            "robot_mode": c.receive.getRobotMode(),
+        }
 
     return scenario
 
@@ -122,8 +127,12 @@ def killed(host: str) -> Seen:
         c.fault("kill")
     wait(lambda: not c.control.isConnected())
     answers = c.stream(0.2)
-    return {"last": answers[-1], "errors": [a for a in answers if isinstance(a, str)],
-            "connected": c.control.isConnected(), "running": c.control.isProgramRunning()}  # fmt: skip
+    return {
+        "last": answers[-1],
+        "errors": [a for a in answers if isinstance(a, str)],
+        "connected": c.control.isConnected(),
+        "running": c.control.isProgramRunning(),
+    }
 
 
 def frozen(host: str) -> Seen:
@@ -192,8 +201,13 @@ def second_client(host: str) -> Seen:
     arrived = wait(lambda: abs(receive.getTargetQ()[0] - goal[0]) < 1e-6)
     second = kind(host, 500.0, kind.FLAG_UPLOAD_SCRIPT | kind.FLAG_NO_EXT_FT)
     moved = second.moveJ(q, 1.0, 5.0)
-    return {"alone": alone, "arrived": arrived, "second": moved, "first_still": first.speedJ(SPEED, 1.0, 0.002),
-            "speed": receive.getTargetQd()[0]}  # fmt: skip
+    return {
+        "alone": alone,
+        "arrived": arrived,
+        "second": moved,
+        "first_still": first.speedJ(SPEED, 1.0, 0.002),
+        "speed": receive.getTargetQd()[0],
+    }
 
 
 def delayed(host: str) -> Seen:
@@ -223,8 +237,11 @@ def slider(host: str) -> Seen:
     c = Client(host).streaming()
     c.fault("speed_slider", fraction=0.5)
     wait(lambda: c.stream(0.02) and abs(c.receive.getTargetQd()[0] - SPEED[0] / 2) < 1e-9)
-    return {"fraction": c.receive.getTargetSpeedFraction(), "combined": c.receive.getSpeedScalingCombined(),
-            "speed": c.receive.getTargetQd()[0]}  # fmt: skip
+    return {
+        "fraction": c.receive.getTargetSpeedFraction(),
+        "combined": c.receive.getSpeedScalingCombined(),
+        "speed": c.receive.getTargetQd()[0],
+    }
 
 
 def constructed(prepare: str = "", **parameters: object) -> Callable[[str], Seen]:

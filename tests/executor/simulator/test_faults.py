@@ -181,9 +181,16 @@ def test_back_online_after_a_time_offline(start_simulator: Start):
 
 def test_unknown_faults_and_parameters_are_refused(start_simulator: Start):
     simulator = start_simulator()
-    refused = ({"name": "nonsense"}, {"name": "freeze", "duration_s": -1}, {"name": "freeze", "minutes": 1},
-               {"name": "mute", "port": "control"}, {"name": "close_connection", "role": "all"},
-               {"name": "speed_slider", "fraction": 2}, {"name": "disturb_connection", "drop": 2}, {})  # fmt: skip
+    refused = (
+        {"name": "nonsense"},
+        {"name": "freeze", "duration_s": -1},
+        {"name": "freeze", "minutes": 1},
+        {"name": "mute", "port": "control"},
+        {"name": "close_connection", "role": "all"},
+        {"name": "speed_slider", "fraction": 2},
+        {"name": "disturb_connection", "drop": 2},
+        {},
+    )
     for request in refused:
         with pytest.raises(AssertionError):
             simulator.ask("fault", **request)

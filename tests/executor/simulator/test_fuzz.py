@@ -33,11 +33,25 @@ PACKAGES = st.one_of(
 )
 LINES = st.one_of(
     st.binary(max_size=100),
-    st.sampled_from([b"play\n", b"stop\n", b"unlock protective stop\n", b"load x\n", b"quit\n", b"end\n",
-                     b"def rtde_control():\n", b'{"op": "state"}\n',
-                     b'{"op": "world", "after": "x"}\n', b'{"op": []}\n', b"[" * 3000,
-                     b'{"op": "fault", "name": "speed_slider", "fraction": null}\n', b"\n", b"\xff\n"]),
-)  # fmt: skip
+    st.sampled_from(
+        [
+            b"play\n",
+            b"stop\n",
+            b"unlock protective stop\n",
+            b"load x\n",
+            b"quit\n",
+            b"end\n",
+            b"def rtde_control():\n",
+            b'{"op": "state"}\n',
+            b'{"op": "world", "after": "x"}\n',
+            b'{"op": []}\n',
+            b"[" * 3000,
+            b'{"op": "fault", "name": "speed_slider", "fraction": null}\n',
+            b"\n",
+            b"\xff\n",
+        ]
+    ),
+)
 
 
 @pytest.mark.parametrize("port", ["rtde", "script", "dashboard", "control"])

@@ -35,8 +35,12 @@ def test_a_size_below_the_header_is_malformed():
 
 def test_output_package_has_the_layout_of_the_rtde_guide():
     recipe = output_recipe(["timestamp", "actual_q", "runtime_state", "actual_digital_output_bits"], every=1)
-    values = {"timestamp": [1.5], "actual_q": [0.0, 1.0, 2.0, 3.0, 4.0, 5.0], "runtime_state": [2],
-              "actual_digital_output_bits": [1 << 40]}  # fmt: skip
+    values = {
+        "timestamp": [1.5],
+        "actual_q": [0.0, 1.0, 2.0, 3.0, 4.0, 5.0],
+        "runtime_state": [2],
+        "actual_digital_output_bits": [1 << 40],
+    }
     data = recipe.encode(values)
     assert data == struct.pack(">HBB d 6d I Q", 72, 85, 1, 1.5, 0, 1, 2, 3, 4, 5, 2, 1 << 40)
 

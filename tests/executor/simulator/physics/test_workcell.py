@@ -64,8 +64,11 @@ def test_an_object_below_every_surface_is_forgotten():
 
 
 def test_the_object_leaves_with_the_true_velocity_of_the_tool_at_the_exact_time():
-    cell = make_cell(lag_s=0.020, gripper_delay_s=0.0413, tables=(
-        "base_in_world = { position_m = [0.3, 0.2, 0.1], rotation_vector_rad = [0.0, 0.0, 0.7] }\n"))  # fmt: skip
+    cell = make_cell(
+        lag_s=0.020,
+        gripper_delay_s=0.0413,
+        tables=("base_in_world = { position_m = [0.3, 0.2, 0.1], rotation_vector_rad = [0.0, 0.0, 0.7] }\n"),
+    )
     driven = Driven(cell)
     driven.write(SPEEDJ, [0.6, -0.4, 0.3, 0.2, 0.1, 0.5, 20.0, 0.002])
     driven.cycle(60)

@@ -234,8 +234,10 @@ def test_offsets_are_read_from_the_line_after_their_marker():
 
 
 def test_a_path_is_read_from_the_text():
-    text = ("# inject move path\n\tsignal_async_progress(0)\n\tmovej([0.1,0,0,0,0,1e-05],a=1.4,v=1.05,r=0)\n"
-            "\tmovel(p[0.1,0,0,0,0,0],a=1,v=0.5,r=0.01)\n    end\n movej([9,9,9,9,9,9],a=1,v=1,r=0)")  # fmt: skip
+    text = (
+        "# inject move path\n\tsignal_async_progress(0)\n\tmovej([0.1,0,0,0,0,1e-05],a=1.4,v=1.05,r=0)\n"
+        "\tmovel(p[0.1,0,0,0,0,0],a=1,v=0.5,r=0.01)\n    end\n movej([9,9,9,9,9,9],a=1,v=1,r=0)"
+    )
     first, second = path_in(text)
     assert (first.joints_move, first.is_pose, first.target, first.speed) == (True, False, (0.1, 0, 0, 0, 0, 1e-5), 1.05)
     assert (second.joints_move, second.is_pose, second.acceleration) == (False, True, 1.0)
