@@ -1,4 +1,4 @@
-"""Simulators for tests: cells of their own, addresses of their own, processes that end with the test."""
+"""Simulators for tests, each with a cell and an address of its own; and parts of them without an arm."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from executor.simulator.simulation import Simulation
 from planner.cell import Cell, parse_cell
 
 ROOT = Path(__file__).parents[3]
-READY_WITHIN_S = 20.0  # a loaded machine takes its time to import numpy
+READY_WITHIN_S = 20.0  # [s] importing numpy is slow on a loaded machine
 CONTROL_PORT = 29900
-NUMBERS = count(31)  # second byte of the addresses: one a simulator, apart from those of other rooms' tests
+NUMBERS = count(31)  # second byte of the addresses: one per simulator, apart from those of other packages' tests
 FUNCTIONS = "get_steptime() get_tcp_offset() get_inverse_kin_has_solution() protective_stop() tool_contact()"
 SCRIPT = f"def rtde_control():\n  {FUNCTIONS}\nend\n"
 ORDINARY = SimulatorSettings()
@@ -60,7 +60,7 @@ def cell_text(robot: str = "ur5e", host: str = "127.0.0.1", tables: str = "", **
 
 
 def make_cell(robot: str = "ur5e", tables: str = "", **sim: object) -> Cell:
-    """Returns a cell for tests inside the process."""
+    """Returns a cell for tests inside this process."""
     return parse_cell(cell_text(robot, tables=tables, **sim), "test")
 
 
@@ -71,7 +71,7 @@ class Simulator:
         self.host = host
         path = folder / "cell.toml"
         path.write_text(text)
-        # ordinary priority: several at a time would starve everything else on a small machine
+        # ordinary priority: several simulators at once would starve everything else on a small machine
         command = [sys.executable, "-m", "executor.simulator", "--cell", str(path), "--priority", "0", *options]
         self.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout
@@ -88,7 +88,7 @@ class Simulator:
         return answer
 
     def fault(self, name: str, **parameters: object) -> None:
-        """Asks for a fault."""
+        """Causes a fault."""
         self.ask("fault", name=name, **parameters)
 
     def close(self) -> None:
@@ -257,7 +257,7 @@ def connect() -> Iterator[Connect]:
 class ProgramParts:
     """Runner and stops of a program that counts its cycles: no controller, no arm.
 
-    `at_rest` is what the runner learns of the arm; `failure` is raised by the program in its next cycle.
+    `at_rest` stands in for the arm; `failure` is raised by the program in its next cycle.
     """
 
     def __init__(self, settings: SimulatorSettings = ORDINARY) -> None:

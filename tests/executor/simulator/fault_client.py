@@ -1,6 +1,6 @@
-"""The real ur_rtde client under faults, in a process of its own: it may hang or crash, as rtde.md §10 says it does.
+"""The real ur_rtde client under faults, in a process of its own: it may hang or crash (rtde.md §10).
 
-`python fault_client.py HOST SCENARIO` streams speedJ, causes the fault and prints what the client saw as JSON.
+`python fault_client.py HOST SCENARIO` streams speedJ, causes the fault and prints the client's observations as JSON.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Seen = dict[str, Any]
 
 
 def wait(condition: Callable[[], object], seconds: float = 5.0) -> bool:
-    """Waits until `condition` holds, long enough for a machine with much else to do; returns whether it came to."""
+    """Waits until `condition` holds, long enough for a loaded machine; returns whether it did in time."""
     until = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > until:
@@ -69,7 +69,7 @@ class Client:
 
 
 def stopped(fault: str, **parameters: object) -> Callable[[str], Seen]:
-    """A stop while streaming: what the calls return, and what the client can read about it."""
+    """Returns a scenario with a stop during streaming: results of the calls, and the state that the client reads."""
 
     def scenario(host: str) -> Seen:
         c = Client(host).streaming()
@@ -96,7 +96,7 @@ def stopped(fault: str, **parameters: object) -> Callable[[str], Seen]:
 
 
 def unlock_and_play(host: str) -> Seen:
-    """After unlocking, "play" lets the speed thread go on with its last target; uploading again does not."""
+    """After unlocking, "play" resumes the speed thread with its last target; a new upload does not."""
     c = Client(host).streaming()
     c.fault("protective_stop")
     dashboard = dashboard_client.DashboardClient(host)
@@ -181,7 +181,7 @@ def io_closed(host: str) -> Seen:
 
 
 def control_closed(host: str) -> Seen:
-    """ur_rtde reconnects by itself, killing and uploading the program again; it may hang or crash on the way."""
+    """ur_rtde reconnects by itself, stopping and uploading the program again; it may hang or crash doing so."""
     c = Client(host).streaming()
     uploads = sum("script received" in text for _, text in c.ask("events")["events"])
     c.fault("close_connection", role="control", reset=True)
@@ -245,7 +245,7 @@ def slider(host: str) -> Seen:
 
 
 def constructed(prepare: str = "", **parameters: object) -> Callable[[str], Seen]:
-    """Constructs the control interface under a fault; returns what it raised."""
+    """Returns a scenario that constructs the control interface under a fault."""
 
     def scenario(host: str) -> Seen:
         with socket.create_connection((host, 29900)) as sock:

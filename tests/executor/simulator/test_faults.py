@@ -1,6 +1,6 @@
 """Each fault as the real ur_rtde client sees it (rtde.md §10), and the decelerations inside.
 
-The client runs in a process of its own, one a scenario, because under faults it hangs or crashes; several run at once.
+Each scenario runs the client in its own process, because it may hang or crash; several run at once.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from .conftest import ROOT, Driven, Simulator, Start, make_cell
 from .fault_client import SCENARIOS
 
 CLIENT = Path(__file__).with_name("fault_client.py")
-AT_ONCE = 6  # scenarios that run at the same time: they sleep most of it
-HANGS_S = 40.0  # what has not ended by then hangs; several times the longest on a machine with much else to do
+AT_ONCE = 6  # scenarios that run at the same time: they mostly sleep
+HANGS_S = 40.0  # [s] after it a client counts as hanging; several times the longest scenario on a loaded machine
 EXPECTED_TO_HANG_S = {"mute_rtde": 4.0, "control_closed": 8.0}
 PROTECTIVE, SAFEGUARD, EMERGENCY, POWER_OFF = 3, 5, 7, 3
 STOPPED, PLAYING, PAUSED = 1, 2, 4
@@ -44,7 +44,7 @@ def observed(simulator: Simulator, scenario: str) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def outcomes(start_simulator: Start) -> Outcomes:
-    """What the client saw in every scenario, and what its simulator noted."""
+    """Observations of the client in every scenario, with the events of its simulator."""
 
     def run(name: str) -> dict[str, Any]:
         simulator = start_simulator(options=("--protective-stop-lock-s", "0.2"))
@@ -60,7 +60,7 @@ def outcomes(start_simulator: Start) -> Outcomes:
 
 
 def seen_in(outcomes: Outcomes, scenario: str) -> dict[str, Any]:
-    """Returns what the client saw, without the simulator's notes."""
+    """Returns the observations of the client, without the simulator's events."""
     return {key: value for key, value in outcomes[scenario].items() if key != "events"}
 
 

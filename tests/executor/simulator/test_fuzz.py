@@ -1,4 +1,4 @@
-"""Whatever bytes come to a port: an answer or an end of that connection, and the others are served on."""
+"""Arbitrary bytes on a port are answered or end that connection; other clients are still served."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_no_bytes_break_the_loop(simulation: Simulation, port: str, data: st.Dat
 
 
 def advances(simulator: Simulator, before: float) -> bool:
-    """Whether controller time goes on."""
+    """Whether controller time advances."""
     for _ in range(100):
         if simulator.ask("state")["t"] > before:
             return True

@@ -17,7 +17,7 @@ from .conftest import ROOT, Start, cell_text
 
 COMMAND = [sys.executable, "-m", "executor.simulator", "--cell"]
 STOPS, STOPPED_S = 5, 0.03
-ASKED_WITHIN_S = 0.05  # [s] between a count and the look at the clock beside it
+READ_WITHIN_S = 0.05  # [s] between reading the counts and reading the clock
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
@@ -34,7 +34,7 @@ def test_quit_ends_it_cleanly(start_simulator: Start):
 
 
 def test_a_stopped_process_loses_controller_time_and_no_cycle(start_simulator: Start):
-    """What passes on the clock is controller time and slips; nothing is caught up."""
+    """Wall-clock time is controller time plus slips; nothing is caught up."""
     simulator = start_simulator()
     simulator.ask("reset_stats")
     before, began = simulator.ask("stats"), time.monotonic()
@@ -47,12 +47,12 @@ def test_a_stopped_process_loses_controller_time_and_no_cycle(start_simulator: S
     slips = after["slips"]
     assert slips["count"] >= STOPS
     assert slips["max_s"] > 0.9 * STOPPED_S
-    assert after["t"] - before["t"] + slips["total_s"] == pytest.approx(passed, abs=ASKED_WITHIN_S)
+    assert after["t"] - before["t"] + slips["total_s"] == pytest.approx(passed, abs=READ_WITHIN_S)
     assert after["t"] - before["t"] < passed - 0.9 * STOPS * STOPPED_S
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="real-time priority needs permission")
-def test_priority_and_processor_are_taken_and_told(start_simulator: Start):
+def test_priority_and_processor_are_taken_as_requested(start_simulator: Start):
     core = min(os.sched_getaffinity(0))
     simulator = start_simulator(options=("--priority", "1", "--core", str(core)))
     assert os.sched_getscheduler(simulator.process.pid) == os.SCHED_FIFO
@@ -66,7 +66,7 @@ def test_the_processor_is_the_streams():
     assert default_core({}) == last_core()
 
 
-def test_a_bad_cell_and_a_taken_address_are_told(start_simulator: Start, tmp_path):
+def test_a_bad_cell_and_a_taken_address_are_reported(start_simulator: Start, tmp_path):
     path = tmp_path / "bad.toml"
     path.write_text('robot = "ur99"\n')
     done = subprocess.run([*COMMAND, str(path)], cwd=ROOT, capture_output=True, text=True, check=False)

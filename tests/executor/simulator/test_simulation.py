@@ -1,4 +1,4 @@
-"""RTDE, dashboard, script and control port byte by byte, inside this process."""
+"""The whole simulation byte by byte, inside this process: RTDE, dashboard, script and control port."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_protocol_and_controller_version(rtde: Peer):
 
 
 @pytest.mark.parametrize(("frequency", "count"), [(500.0, 20), (125.0, 5), (50.0, 2), (1e9, 20), (1e-300, 0)])
-def test_outputs_come_at_the_asked_frequency(rtde: Peer, simulation: Simulation, frequency: float, count: int):
+def test_outputs_come_at_the_requested_frequency(rtde: Peer, simulation: Simulation, frequency: float, count: int):
     assert packages(rtde.send(outputs(frequency, "timestamp,runtime_state,"))) == [(79, b"\x01DOUBLE,UINT32")]
     simulation.controller.timeline.cycles = 0
     rtde.send(wire.package(wire.START), cycles=0)
@@ -220,7 +220,7 @@ def test_no_program_starts_during_a_stop_or_in_local_control():
 
 
 # -- control port
-def test_the_control_port_tells_state_world_and_counts(simulation: Simulation):
+def test_the_control_port_answers_state_world_and_counts(simulation: Simulation):
     peer = Peer(simulation, "control")
 
     def ask(**request: object) -> dict:

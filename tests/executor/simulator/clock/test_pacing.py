@@ -1,4 +1,4 @@
-"""The grid of cycles on a machine that stalls: controller time slips, and a client is left its time."""
+"""The grid of cycles on a machine that stalls: controller time slips, and a client keeps its time to answer."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import pytest
 
 from executor.simulator.clock.pacing import CyclePacing
 
-TICK_S = 0.0003  # [s] of computing a cycle and sending its state
+TICK_S = 0.0003  # [s] to compute a cycle and send its state
 JITTER_S = 50e-6  # [s] by which every wake-up is late
-ANSWER_S = 0.0006  # [s] of computing that a client needs for its answer
+ANSWER_S = 0.0006  # [s] processor time of a client's answer
 
 
 class Machine:

@@ -1,4 +1,4 @@
-"""The control program: handshake, streaming, moves, stops, watchdog; driven through registers as ur_rtde does it."""
+"""The control program: handshake, streaming, moves, stops, watchdog; driven through registers like ur_rtde."""
 
 import math
 
@@ -19,7 +19,7 @@ SPEED_STOP, SERVO_STOP, STOPL, STOPJ, WATCHDOG, STOP_SCRIPT = 15, 16, 33, 34, 35
 READY, DONE = 1, 2
 HOME = [0.0, -1.57, 1.57, -1.57, -1.57, 0.0]
 NEAR = [0.3, -1.4, 1.4, -1.5, -1.4, 0.2]
-POSITION_TOLERANCE = 1e-9  # [rad] moves end where they were told to
+POSITION_TOLERANCE = 1e-9  # [rad] of the end of a move
 
 
 @pytest.fixture
