@@ -9,7 +9,7 @@ import signal
 import sys
 from pathlib import Path
 
-from executor.simulator.clock import CORE_VARIABLE, default_core, is_real_time, request_real_time
+from executor.simulator.clock import scheduling
 from executor.simulator.loop import SimulatorLoop
 from executor.simulator.settings import REALTIME_PRIORITY, SimulatorSettings
 from executor.simulator.simulation import Simulation
@@ -36,8 +36,8 @@ def main(arguments: list[str] | None = None) -> int:
         signal.signal(number, lambda *_: loop.quit())
     gc.collect()
     gc.freeze()
-    granted = request_real_time(options.priority, options.core)
-    simulation.pacing.is_real_time = is_real_time()
+    granted = scheduling.request_real_time(options.priority, options.core)
+    simulation.pacing.is_real_time = scheduling.is_real_time()
     print(f"ready: {cell.robot.name} {cell.sim.polyscope} on {simulation.network.host}, {granted}", flush=True)
     loop.run()
     return 0
@@ -52,8 +52,8 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--core",
         type=int,
-        default=default_core(os.environ),
-        help=f"processor to stay on at that priority, -1 for any; {CORE_VARIABLE}, or the highest",
+        default=scheduling.default_core(os.environ),
+        help=f"processor to stay on at that priority, -1 for any; {scheduling.CORE_VARIABLE}, or the highest",
     )
     parser.add_argument("--restitution", type=float, default=0.0, help="of a landing; above 0 objects bounce")
     parser.add_argument(

@@ -11,7 +11,6 @@ from executor.simulator.clock import StreamCounts, Timeline
 from executor.simulator.interfaces import InputValues
 from executor.simulator.physics import OUTPUT_KINDS, Outputs, Transform, Workcell, kinematics
 from executor.simulator.program import (
-    HEADER,
     Installation,
     Program,
     ProgramContext,
@@ -61,7 +60,7 @@ class Controller:
         timeline, settings = self.timeline, self.settings
         self.safety = SafetyState(settings.decelerations.program_end)
         self.runner = ProgramRunner(
-            self._load, HEADER, self.safety, self.registers, self.stream, timeline, lambda: self.arm.at_rest, settings
+            self._load, self.safety, self.registers, self.stream, timeline, lambda: self.arm.at_rest, settings
         )
         self.stops = Stops(self.safety, self.runner, timeline, settings)
         self.context = ProgramContext(

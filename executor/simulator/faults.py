@@ -140,29 +140,11 @@ def _of_role(s: Simulation, role: str) -> list[Connection]:
     return [c for c, session in list(s.rtde.sessions.items()) if role in ("any", session.role)]
 
 
-FAULTS: dict[str, Callable[..., None]] = {
-    fault.__name__: fault
-    for fault in (
-        protective_stop,
-        emergency_stop,
-        safeguard_stop,
-        power_loss,
-        clear,
-        stop_program,
-        pause_program,
-        resume_program,
-        local_mode,
-        speed_slider,
-        close_connection,
-        stall_connection,
-        disturb_connection,
-        offline,
-        mute,
-        freeze,
-        kill,
-        gripper_stuck,
-    )
-}
+_STOPS = (protective_stop, emergency_stop, safeguard_stop, power_loss, clear)
+_PENDANT = (stop_program, pause_program, resume_program, local_mode, speed_slider)
+_NETWORK = (close_connection, stall_connection, disturb_connection, offline, mute)
+_PROCESS = (freeze, kill, gripper_stuck)
+FAULTS: dict[str, Callable[..., None]] = {f.__name__: f for f in (*_STOPS, *_PENDANT, *_NETWORK, *_PROCESS)}
 
 
 def cause_fault(s: Simulation, name: object, parameters: dict[str, Any]) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from executor.simulator.controller import Controller
 from executor.simulator.interfaces import OUTPUT_TYPES, WIDTH
 from executor.simulator.physics import JointTorques, kinematics
-from executor.simulator.program import ROBOT_IDLE
 
 JOINT_RUNNING = 253  # joint_mode; source: RTDE guide
 JOINT_TEMPERATURE_C = 30.0  # chosen
@@ -56,7 +55,7 @@ class OutputValues:
         values["safety_status_bits"] = [c.safety.bits]
         values["safety_status"] = [c.safety.mode]
         values["robot_mode"] = [c.safety.robot_mode]
-        values["robot_status_bits"] = [(c.safety.robot_mode >= ROBOT_IDLE) + 2 * c.runner.playing]
+        values["robot_status_bits"] = [c.safety.powered + 2 * c.runner.playing]
         values["speed_scaling"] = [c.speed_scaling / c.slider if c.slider else 1.0]
         values["target_speed_fraction"] = [c.slider]
 

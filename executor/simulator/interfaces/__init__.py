@@ -1,9 +1,9 @@
 """The services of the controller on the network. Registers and actions are handed in; nothing here knows an arm."""
 
-from executor.simulator.interfaces.connections import Connection
+from executor.simulator.interfaces.connections import Connection, ConnectionHandler
 from executor.simulator.interfaces.control_server import BadRequest, ControlServer, Document
 from executor.simulator.interfaces.dashboard_server import DashboardServer
-from executor.simulator.interfaces.network import Network, PortService, ServicePort
+from executor.simulator.interfaces.network import Network, ServicePort
 from executor.simulator.interfaces.recipes import InputValues
 from executor.simulator.interfaces.rtde_server import RtdeServer
 from executor.simulator.interfaces.script_server import ScriptServer
@@ -14,12 +14,12 @@ __all__ = [
     "WIDTH",
     "BadRequest",
     "Connection",
+    "ConnectionHandler",
     "ControlServer",
     "DashboardServer",
     "Document",
     "InputValues",
     "Network",
-    "PortService",
     "RtdeServer",
     "ScriptServer",
     "ServicePort",

@@ -107,3 +107,17 @@ class Connection:
         if reset:
             self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, RESET)
         self.socket.close()
+
+
+class ConnectionHandler:
+    """Handles the connections of a port; by default the client speaks first and nothing is kept of it."""
+
+    def opened(self, connection: Connection) -> None:
+        """Handles a new connection."""
+
+    def arrived(self, connection: Connection) -> None:
+        """Handles new data in `connection.received`."""
+        raise NotImplementedError
+
+    def closed(self, connection: Connection) -> None:
+        """Handles the end of a connection."""

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from executor.simulator.interfaces.connections import Connection
+from executor.simulator.interfaces.connections import Connection, ConnectionHandler
 
 Document = dict[str, Any]
 
@@ -15,18 +15,12 @@ class BadRequest(Exception):
     """A request of the control port that cannot be carried out; the text is the reason."""
 
 
-class ControlServer:
+class ControlServer(ConnectionHandler):
     """Answers requests {"op": name, ...} by the operation of that name."""
 
     def __init__(self, operations: Mapping[str, Callable[[Document], Document]]) -> None:
         """`operations`: name -> function from a request to its answer; it may raise BadRequest."""
         self.operations = operations
-
-    def opened(self, connection: Connection) -> None:
-        """Does nothing: the client speaks first."""
-
-    def closed(self, connection: Connection) -> None:
-        """Does nothing: no state is kept for a client."""
 
     def arrived(self, connection: Connection) -> None:
         """Answers every complete line."""

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from executor.simulator.interfaces.connections import Connection
-from executor.simulator.program import MODE_NAMES, PAUSED, PLAYING, ROBOT_MODE_NAMES, ProgramRunner, Stops
+from executor.simulator.interfaces.connections import Connection, ConnectionHandler
+from executor.simulator.program import PAUSED, PLAYING, ProgramRunner, Stops
 from executor.simulator.settings import ControllerIdentity
 
 GREETING = "Connected: Universal Robots Dashboard Server"
@@ -17,23 +17,11 @@ LOCKED = (
 )
 LOCAL = "Command is not allowed due to safety reasons: the robot is not in remote control"
 PROGRAM_STATES = {PLAYING: "PLAYING", PAUSED: "PAUSED"}
-REMOTE_ONLY = frozenset(
-    {
-        "play",
-        "stop",
-        "pause",
-        "power on",
-        "power off",
-        "brake release",
-        "unlock protective stop",
-        "restart safety",
-        "shutdown",
-        "load",
-    }
-)
+_POWER = {"power on", "power off", "brake release", "unlock protective stop", "restart safety", "shutdown"}
+REMOTE_ONLY = frozenset({"play", "stop", "pause", "load", *_POWER})
 
 
-class DashboardServer:
+class DashboardServer(ConnectionHandler):
     """Answers the dashboard's commands from safety state and program; no arm is needed."""
 
     def __init__(self, identity: ControllerIdentity, runner: ProgramRunner, stops: Stops) -> None:
@@ -43,9 +31,9 @@ class DashboardServer:
             "get serial number": lambda: identity.serial_number,
             "get robot model": lambda: identity.model,
             "is in remote control": lambda: str(runner.remote_control).lower(),
-            "robotmode": lambda: f"Robotmode: {ROBOT_MODE_NAMES[self.safety.robot_mode]}",
-            "safetymode": lambda: f"Safetymode: {MODE_NAMES[self.safety.mode]}",
-            "safetystatus": lambda: f"Safetystatus: {MODE_NAMES[self.safety.mode]}",
+            "robotmode": lambda: f"Robotmode: {self.safety.robot_mode_name}",
+            "safetymode": lambda: f"Safetymode: {self.safety.mode_name}",
+            "safetystatus": lambda: f"Safetystatus: {self.safety.mode_name}",
             "programstate": self._program_state,
             "running": lambda: f"Program running: {str(runner.playing).lower()}",
             "get loaded program": lambda: "No program loaded",
@@ -74,9 +62,6 @@ class DashboardServer:
     def opened(self, connection: Connection) -> None:
         """Greets the client."""
         connection.send(f"{GREETING}\n".encode())
-
-    def closed(self, connection: Connection) -> None:
-        """Does nothing: no state is kept for a client."""
 
     def arrived(self, connection: Connection) -> None:
         """Answers every complete line."""

@@ -4,25 +4,11 @@ from __future__ import annotations
 
 import socket
 from dataclasses import dataclass
-from typing import Protocol
 
-from executor.simulator.interfaces.connections import Connection
+from executor.simulator.interfaces.connections import Connection, ConnectionHandler
 
 BACKLOG = 16  # connections waiting to be accepted on a port
 CONNECTIONS_MAX = 100  # a port scan cannot starve the loop
-
-
-class PortService(Protocol):
-    """A service behind a port: notified of new connections, of new data and of lost connections."""
-
-    def opened(self, connection: Connection) -> None:
-        """Handles a new connection."""
-
-    def arrived(self, connection: Connection) -> None:
-        """Handles new data in `connection.received`."""
-
-    def closed(self, connection: Connection) -> None:
-        """Handles the end of a connection."""
 
 
 @dataclass
@@ -31,7 +17,7 @@ class ServicePort:
 
     name: str
     number: int
-    service: PortService
+    handler: ConnectionHandler
     mute: bool = False  # fault: accepts, but never answers
 
 
@@ -104,14 +90,14 @@ class Network:
         elif sock in self.connections:
             connection, port = self.connections[sock]
             if connection.read() and not port.mute:
-                port.service.arrived(connection)
+                port.handler.arrived(connection)
             self._drop_if_closed(connection)
 
     def tick(self) -> None:
         """Sends remaining and due data, drops closed connections."""
         for connection, port in list(self.connections.values()):
             if connection.delayed and connection.deliver_delayed() and not port.mute:
-                port.service.arrived(connection)
+                port.handler.arrived(connection)
             if connection.unsent:
                 connection.flush()
             self._drop_if_closed(connection)
@@ -123,7 +109,7 @@ class Network:
             return
         connection.close(reset)
         self.changed()
-        found[1].service.closed(connection)
+        found[1].handler.closed(connection)
 
     def close(self) -> None:
         """Closes all connections and listeners."""
@@ -153,5 +139,5 @@ class Network:
         self.connections[sock] = (connection, port)
         self.changed()
         if not port.mute:
-            port.service.opened(connection)
+            port.handler.opened(connection)
         return connection

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from executor.simulator.clock import Timeline
 from executor.simulator.interfaces import wire
-from executor.simulator.interfaces.connections import Connection
+from executor.simulator.interfaces.connections import Connection, ConnectionHandler
 from executor.simulator.interfaces.recipes import (
     OUTPUT_RECIPE_ID,
     RECIPES_MAX,
@@ -48,7 +48,7 @@ class RtdeSession:
         return "io" if self.inputs else "none"
 
 
-class RtdeServer:
+class RtdeServer(ConnectionHandler):
     """Serves every RTDE connection of a controller.
 
     Attributes:

@@ -5,24 +5,18 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-from executor.simulator.interfaces.connections import Connection
+from executor.simulator.interfaces.connections import Connection, ConnectionHandler
 
 END = re.compile(rb"^end[ \t\r]*\n", re.MULTILINE)  # the last line of a program, in column 0
 SCRIPT_MAX = 1 << 20  # [bytes] a longer text is no program: the connection is closed
 
 
-class ScriptServer:
+class ScriptServer(ConnectionHandler):
     """Hands complete programs to the controller."""
 
     def __init__(self, upload: Callable[[str], None], note: Callable[[str], None]) -> None:
         """`upload` takes the text of a program, `note` an event."""
         self.upload, self.note = upload, note
-
-    def opened(self, connection: Connection) -> None:
-        """Does nothing: the client speaks first."""
-
-    def closed(self, connection: Connection) -> None:
-        """Does nothing: an incomplete program is lost with its connection."""
 
     def arrived(self, connection: Connection) -> None:
         """Uploads every complete program."""

@@ -1,7 +1,7 @@
 """The physical side: arm with its lag, outputs, gripper, objects in flight. No program, no socket."""
 
 from executor.simulator.physics import kinematics
-from executor.simulator.physics.arm import MotionConflict, SimulatedArm
+from executor.simulator.physics.arm import Arm, MotionConflict
 from executor.simulator.physics.dynamics import JointTorques
 from executor.simulator.physics.kinematics import KinematicChain, Transform
 from executor.simulator.physics.outputs import OUTPUT_KINDS, Outputs
@@ -13,7 +13,7 @@ __all__ = [
     "KinematicChain",
     "MotionConflict",
     "Outputs",
-    "SimulatedArm",
+    "Arm",
     "Transform",
     "Workcell",
     "kinematics",

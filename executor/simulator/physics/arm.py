@@ -23,7 +23,7 @@ class MotionConflict(Exception):
     """Two threads of a program moved the arm in one cycle."""
 
 
-class SimulatedArm:
+class Arm:
     """Commanded (`q qd qdd`), true (`true_q true_qd`) and measured (`measured_q measured_qd`) joint motion."""
 
     def __init__(self, chain: KinematicChain, dt: float, q: Sequence[float], lag: Lag, noise: Noise, seed: int):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from executor.simulator.physics import kinematics
-from executor.simulator.physics.arm import SimulatedArm
+from executor.simulator.physics.arm import Arm
 from executor.simulator.physics.gripper import SimulatedGripper
 from executor.simulator.physics.kinematics import KinematicChain
 from executor.simulator.physics.lag import Lag
@@ -28,7 +28,7 @@ class Workcell:
         home, sim, gripper = cell.home.tolist(), cell.sim, cell.gripper
         lag = Lag(dt, sim.lag_s, settings.first_order_s, home)
         noise = (settings.position_noise_rad, settings.velocity_noise_rad_s)
-        self.arm = SimulatedArm(KinematicChain(cell.robot), dt, home, lag, noise, sim.seed)
+        self.arm = Arm(KinematicChain(cell.robot), dt, home, lag, noise, sim.seed)
         timing = (sim.gripper_delay_s, sim.gripper_jitter_s, sim.seed)
         self.gripper = SimulatedGripper(gripper.output, gripper.index, gripper.open_level, *timing)
         self.outputs = Outputs(dt, sim.lag_s, self.gripper.closed_bits)

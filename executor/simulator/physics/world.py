@@ -24,7 +24,7 @@ State = tuple[float, ...]  # x y z vx vy vz in the world [m, m/s]
 
 
 @dataclass(frozen=True)
-class LandingSurface:
+class Surface:
     """A horizontal surface: height and, for the top of a box, extent [m]."""
 
     name: str
@@ -94,12 +94,12 @@ class World:
             flight.state = step(flight.state, passed, self.gravity, self.drag)
             self._touch(flight, surface, start)
 
-    def _hit(self, before: State, after: State) -> LandingSurface | None:
+    def _hit(self, before: State, after: State) -> Surface | None:
         """Returns the highest surface that the centre came down through."""
         met = [s for s in self.surfaces if before[2] > s.z_m >= after[2] and s.meets(after[0], after[1])]
         return max(met, key=lambda s: s.z_m, default=None)
 
-    def _crossing(self, state: State, duration: float, surface: LandingSurface) -> float:
+    def _crossing(self, state: State, duration: float, surface: Surface) -> float:
         """Returns the time until the centre comes down through the surface [s], by bisection."""
         low, high = 0.0, duration
         for _ in range(BISECTIONS):
@@ -110,7 +110,7 @@ class World:
                 high = middle
         return high
 
-    def _touch(self, flight: FlyingObject, surface: LandingSurface, t: float) -> None:
+    def _touch(self, flight: FlyingObject, surface: Surface, t: float) -> None:
         x, y, _, vx, vy, vz = flight.state
         record = {
             "object": flight.number,
@@ -133,15 +133,15 @@ class World:
             self.flights.remove(flight)
 
 
-def surfaces_of(cell: Cell) -> list[LandingSurface]:
+def surfaces_of(cell: Cell) -> list[Surface]:
     """Returns the surfaces of a cell that an object can land on."""
     found = [
-        LandingSurface("landing plane", cell.sim.landing_height_m),
-        LandingSurface("floor", cell.surroundings.floor_z_m),
+        Surface("landing plane", cell.sim.landing_height_m),
+        Surface("floor", cell.surroundings.floor_z_m),
     ]
     for i, box in enumerate(cell.surroundings.keep_out):
         lower, upper = box.lower.tolist(), box.upper.tolist()
-        found.append(LandingSurface(f"keep_out[{i}]", upper[2], (lower[0], lower[1]), (upper[0], upper[1])))
+        found.append(Surface(f"keep_out[{i}]", upper[2], (lower[0], lower[1]), (upper[0], upper[1])))
     return found
 
 

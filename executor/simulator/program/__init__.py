@@ -5,29 +5,16 @@ Arm, registers and timeline are handed in; nothing here knows a socket.
 
 from executor.simulator.program.commands import load_control_program
 from executor.simulator.program.context import Installation, ProgramContext
-from executor.simulator.program.control_program import HEADER
 from executor.simulator.program.registers import Registers
 from executor.simulator.program.runner import PAUSED, PLAYING, STOPPED, ProgramRunner
-from executor.simulator.program.safety import (
-    MODE_NAMES,
-    MODE_PROTECTIVE_STOP,
-    ROBOT_IDLE,
-    ROBOT_MODE_NAMES,
-    SafetyLimits,
-    SafetyState,
-)
+from executor.simulator.program.safety import SafetyLimits, SafetyState
 from executor.simulator.program.stops import PROGRAM_FATES, Stops
 from executor.simulator.program.threads import Program, ProgramError, SuddenTargetChange
 
 __all__ = [
-    "HEADER",
-    "MODE_NAMES",
-    "MODE_PROTECTIVE_STOP",
     "PAUSED",
     "PLAYING",
     "PROGRAM_FATES",
-    "ROBOT_IDLE",
-    "ROBOT_MODE_NAMES",
     "STOPPED",
     "Installation",
     "Program",

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from executor.simulator.physics import SimulatedArm, Transform, kinematics
+from executor.simulator.physics import Arm, Transform, kinematics
 from executor.simulator.program.registers import Registers
 from executor.simulator.program.safety import SafetyLimits
 from planner.kinematics import inverse
@@ -56,7 +56,7 @@ class ProgramContext:
     """
 
     robot: Robot
-    arm: SimulatedArm
+    arm: Arm
     registers: Registers
     installation: Installation
     limits: SafetyLimits

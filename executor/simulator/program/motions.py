@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from executor.simulator.physics import SimulatedArm, Transform, kinematics
+from executor.simulator.physics import Arm, Transform, kinematics
 from executor.simulator.program.threads import ProgramError, SuddenTargetChange, Thread
 
 Vector = Sequence[float]
@@ -49,14 +49,14 @@ class SpeedTrapezoid:
         return self.speed * (t - 0.5 * self.ramp_s), self.speed
 
 
-def stop_joints(arm: SimulatedArm, deceleration: float) -> Thread:
+def stop_joints(arm: Arm, deceleration: float) -> Thread:
     """stopj: to rest, the leading axis at `deceleration` [rad/s^2]."""
     while not arm.ramp((0.0,) * 6, min(max(deceleration, ACCELERATION_MIN), ACCELERATION_MAX)):
         yield
     yield
 
 
-def stop_tool(arm: SimulatedArm, deceleration: float, tool: Transform) -> Thread:
+def stop_tool(arm: Arm, deceleration: float, tool: Transform) -> Thread:
     """stopl: to rest in the time the tool needs at `deceleration` [m/s^2], every joint in proportion."""
     _, twist = arm.chain.motion(arm.q, arm.qd, tool)
     time = max(math.hypot(*twist[:3]) / max(deceleration, ACCELERATION_MIN), arm.dt)
@@ -64,7 +64,7 @@ def stop_tool(arm: SimulatedArm, deceleration: float, tool: Transform) -> Thread
     yield from stop_joints(arm, leading / time)
 
 
-def move_joints(arm: SimulatedArm, goal: Vector, speed: float, acceleration: float, scale: Scale) -> Thread:
+def move_joints(arm: Arm, goal: Vector, speed: float, acceleration: float, scale: Scale) -> Thread:
     """movej: trapezoid of the leading axis, all joints in proportion, to rest at `goal` (6,) [rad]."""
     yield from _settle(arm, acceleration)
     while max(abs(b - a) for a, b in zip(arm.q, goal, strict=True)) > MOVED:
@@ -77,7 +77,7 @@ def move_joints(arm: SimulatedArm, goal: Vector, speed: float, acceleration: flo
     yield
 
 
-def _settle(arm: SimulatedArm, deceleration: float) -> Thread:
+def _settle(arm: Arm, deceleration: float) -> Thread:
     if any(arm.qd):
         yield from stop_joints(arm, deceleration)
 
@@ -89,7 +89,7 @@ def _along(start: list[float], offset: list[float], length: float) -> JointPath:
     return at
 
 
-def _follow(arm: SimulatedArm, profile: SpeedTrapezoid, scale: Scale, path: JointPath) -> Thread:
+def _follow(arm: Arm, profile: SpeedTrapezoid, scale: Scale, path: JointPath) -> Thread:
     """Drives along a path by a speed profile, until its end or until something else has moved the arm."""
     t = 0.0
     while t < profile.duration_s:
@@ -103,9 +103,7 @@ def _follow(arm: SimulatedArm, profile: SpeedTrapezoid, scale: Scale, path: Join
             return
 
 
-def move_tool(
-    arm: SimulatedArm, goal: Transform, speed: float, acceleration: float, scale: Scale, tool: Transform
-) -> Thread:
+def move_tool(arm: Arm, goal: Transform, speed: float, acceleration: float, scale: Scale, tool: Transform) -> Thread:
     """movel: trapezoid along the straight line to the pose `goal`, the rotation in proportion."""
     speed, acceleration = max(speed, SPEED_MIN), max(acceleration, ACCELERATION_MIN)
     yield from _settle(arm, MOVE_TOOL_SETTLE)
@@ -121,7 +119,7 @@ def move_tool(
 class _StraightLine:
     """A straight line of the tool; each point is solved from the joint angles of the one before."""
 
-    def __init__(self, arm: SimulatedArm, goal: Transform, tool: Transform) -> None:
+    def __init__(self, arm: Arm, goal: Transform, tool: Transform) -> None:
         self.arm, self.tool = arm, tool
         self.start = arm.chain.forward(arm.q, tool)
         self.offset = [goal[i] - self.start[i] for i in (3, 7, 11)]
@@ -147,7 +145,7 @@ def joint_rates(jacobian: np.ndarray, twist: np.ndarray) -> list[float]:
     return (J.T @ np.linalg.solve(J @ J.T + SPEED_DAMPING * np.eye(6), twist)).tolist()
 
 
-def speed_joints(arm: SimulatedArm, target: Vector, acceleration: float, time_s: float, scale: Scale) -> Thread:
+def speed_joints(arm: Arm, target: Vector, acceleration: float, time_s: float, scale: Scale) -> Thread:
     """speedj: ramps to `target` (6,) [rad/s]; ends after `time_s`, or at the target if that is zero."""
     left = cycles(time_s, arm.dt)
     while True:
@@ -159,9 +157,7 @@ def speed_joints(arm: SimulatedArm, target: Vector, acceleration: float, time_s:
             return
 
 
-def speed_tool(
-    arm: SimulatedArm, target: Vector, acceleration: float, time_s: float, scale: Scale, tool: Transform
-) -> Thread:
+def speed_tool(arm: Arm, target: Vector, acceleration: float, time_s: float, scale: Scale, tool: Transform) -> Thread:
     """speedl: ramps the tool's twist to `target` (6,) [m/s, rad/s] at `acceleration` [m/s^2]."""
     left = cycles(time_s, arm.dt)
     while True:
@@ -178,9 +174,7 @@ def speed_tool(
             return
 
 
-def servo_joints(
-    arm: SimulatedArm, goal: Vector, time_s: float, lookahead_s: float, gain: float, speed_limit: Vector
-) -> Thread:
+def servo_joints(arm: Arm, goal: Vector, time_s: float, lookahead_s: float, gain: float, speed_limit: Vector) -> Thread:
     """servoj: approaches `goal` (6,) [rad] with the time constant lookahead * 300 / gain, for `time_s`."""
     constant = max(lookahead_s * SERVO_GAIN / max(gain, 1.0), 2.0 * arm.dt)
     for _ in range(max(1, cycles(time_s, arm.dt))):

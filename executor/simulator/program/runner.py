@@ -6,6 +6,7 @@ from collections.abc import Callable
 
 from executor.simulator.clock import StreamCounts, Timeline
 from executor.simulator.physics import MotionConflict
+from executor.simulator.program.control_program import HEADER
 from executor.simulator.program.registers import Registers
 from executor.simulator.program.safety import SafetyState
 from executor.simulator.program.threads import Program, ProgramError
@@ -30,7 +31,6 @@ class ProgramRunner:
     def __init__(
         self,
         load: Load,
-        header: str,
         safety: SafetyState,
         registers: Registers,
         stream: StreamCounts,
@@ -38,8 +38,8 @@ class ProgramRunner:
         at_rest: Callable[[], bool],
         settings: SimulatorSettings,
     ) -> None:
-        """Args: loader of programs, the first words of a text it accepts, shared state, whether the arm is at rest."""
-        self.load, self.header = load, header
+        """`load` returns the program of a text, `at_rest` whether the arm is at rest; all others are shared."""
+        self.load = load
         self.safety, self.registers, self.stream, self.timeline = safety, registers, stream, timeline
         self.at_rest, self.settings = at_rest, settings
         self.program: Program | None = None
@@ -68,7 +68,7 @@ class ProgramRunner:
             return f"the robot is not in normal operation ({self.safety.reason or 'no power'})"
         if not self.remote_control:
             return "the robot is in local control"
-        if not text.lstrip().startswith(self.header):
+        if not text.lstrip().startswith(HEADER):
             return "compile error: this controller knows the program of ur_rtde only"
         return None
 

@@ -57,6 +57,21 @@ class SafetyState:
             self.robot_mode = ROBOT_RUNNING
 
     @property
+    def mode_name(self) -> str:
+        """Name of the safety mode on the dashboard."""
+        return MODE_NAMES[self.mode]
+
+    @property
+    def robot_mode_name(self) -> str:
+        """Name of the robot mode on the dashboard."""
+        return ROBOT_MODE_NAMES[self.robot_mode]
+
+    @property
+    def powered(self) -> bool:
+        """Whether the arm has power."""
+        return self.robot_mode >= ROBOT_IDLE
+
+    @property
     def stopped(self) -> bool:
         """Whether a safety stop is in force."""
         return self.mode != MODE_NORMAL

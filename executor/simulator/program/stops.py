@@ -25,8 +25,7 @@ class Stops:
         if self.safety.stopped:
             return
         self.timeline.note(f"protective stop: {reason}")
-        self.safety.enter(safety.MODE_PROTECTIVE_STOP, safety.PROTECTIVE_STOPPED, self.timeline.t, reason)
-        self.safety.deceleration = self.decelerations.protective_stop
+        self._enter(safety.MODE_PROTECTIVE_STOP, safety.PROTECTIVE_STOPPED, reason, self.decelerations.protective_stop)
         fate = program or self.settings.protective_stop_runtime
         if fate == "stopped":
             self.runner.stop(reason)
@@ -37,19 +36,22 @@ class Stops:
         """Category 2, from the safeguard input; the program is paused."""
         if self.safety.stopped:
             return
-        self.timeline.note("safeguard stop")
-        self.safety.enter(safety.MODE_SAFEGUARD_STOP, safety.SAFEGUARD_STOPPED, self.timeline.t, "safeguard stop")
-        self.safety.deceleration = self.decelerations.safeguard_stop
+        reason = "safeguard stop"
+        self.timeline.note(reason)
+        self._enter(safety.MODE_SAFEGUARD_STOP, safety.SAFEGUARD_STOPPED, reason, self.decelerations.safeguard_stop)
         self.runner.pause()
 
     def emergency(self) -> None:
         """Category 1: the arm brakes and loses power; the program ends."""
-        self.timeline.note("emergency stop")
-        bits = safety.ROBOT_EMERGENCY | safety.EMERGENCY_STOPPED
-        self.safety.enter(safety.MODE_ROBOT_EMERGENCY_STOP, bits, self.timeline.t, "emergency stop")
+        reason, bits = "emergency stop", safety.ROBOT_EMERGENCY | safety.EMERGENCY_STOPPED
+        self.timeline.note(reason)
+        self._enter(safety.MODE_ROBOT_EMERGENCY_STOP, bits, reason, self.decelerations.emergency_stop)
         self.safety.robot_mode = safety.ROBOT_POWER_OFF
-        self.safety.deceleration = self.decelerations.emergency_stop
-        self.runner.stop("emergency stop")
+        self.runner.stop(reason)
+
+    def _enter(self, mode: int, bits: int, reason: str, deceleration: float) -> None:
+        self.safety.enter(mode, bits, self.timeline.t, reason)
+        self.safety.deceleration = deceleration
 
     def power_loss(self) -> None:
         """Category 0: the brakes engage; the program ends."""

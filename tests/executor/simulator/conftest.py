@@ -18,9 +18,9 @@ import pytest
 
 from executor.simulator.clock import StreamCounts, Timeline
 from executor.simulator.controller import Controller
-from executor.simulator.interfaces import Connection, DashboardServer, InputValues, PortService
+from executor.simulator.interfaces import Connection, ConnectionHandler, DashboardServer, InputValues
 from executor.simulator.loop import SimulatorLoop
-from executor.simulator.physics import SimulatedArm
+from executor.simulator.physics import Arm
 from executor.simulator.program import Program, ProgramRunner, Registers, SafetyState, Stops
 from executor.simulator.settings import SimulatorSettings
 from executor.simulator.simulation import Simulation
@@ -130,7 +130,7 @@ class Driven:
             self.cycle()
 
     @property
-    def arm(self) -> SimulatedArm:
+    def arm(self) -> Arm:
         return self.controller.arm
 
     def cycle(self, count: int = 1) -> None:
@@ -211,7 +211,7 @@ def simulation() -> Iterator[Simulation]:
 class Line:
     """The client's end of a connection to one service: no network, no controller, no arm."""
 
-    def __init__(self, service: PortService) -> None:
+    def __init__(self, service: ConnectionHandler) -> None:
         self.socket, served = socket.socketpair()
         served.setblocking(False)
         self.socket.setblocking(False)
@@ -237,7 +237,7 @@ class Line:
         self.socket.close()
 
 
-Connect = Callable[[PortService], Line]
+Connect = Callable[[ConnectionHandler], Line]
 
 
 @pytest.fixture
@@ -245,7 +245,7 @@ def connect() -> Iterator[Connect]:
     """Connects clients to services: `connect(service)`; they are closed with the test."""
     lines: list[Line] = []
 
-    def to(service: PortService) -> Line:
+    def to(service: ConnectionHandler) -> Line:
         lines.append(Line(service))
         return lines[-1]
 
@@ -267,7 +267,6 @@ class ProgramParts:
         self.failure: Exception | None = None
         self.runner = ProgramRunner(
             lambda text: Program("counting", self._count()),
-            "def ",
             self.safety,
             self.registers,
             self.stream,
@@ -291,7 +290,7 @@ class ProgramParts:
 
     def play(self) -> None:
         """Uploads the program and waits until it plays."""
-        self.runner.upload("def mine():\nend\n")
+        self.runner.upload(SCRIPT)
         while not self.runner.playing:
             self.cycle()
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from executor.simulator.interfaces import Connection, ControlServer, Network, ServicePort
+from executor.simulator.interfaces import Connection, ConnectionHandler, ControlServer, Network, ServicePort
 from executor.simulator.interfaces.connections import LINE_MAX
 
 from ..conftest import Connect, Line, unique_address
@@ -16,14 +16,11 @@ PORT = 29871  # of no service
 DELAY_S = 0.02
 
 
-class Echo:
+class Echo(ConnectionHandler):
     """Sends back what it receives."""
 
     def opened(self, connection: Connection) -> None:
         connection.send(b"hello ")
-
-    def closed(self, connection: Connection) -> None:
-        pass
 
     def arrived(self, connection: Connection) -> None:
         connection.send(bytes(connection.received))

@@ -8,9 +8,7 @@ from executor.simulator.physics import MotionConflict
 from executor.simulator.program import PAUSED, PLAYING, STOPPED, ProgramError, SuddenTargetChange
 from executor.simulator.settings import Decelerations, SimulatorSettings
 
-from ..conftest import ProgramParts
-
-TEXT = "def mine():\nend\n"
+from ..conftest import SCRIPT, ProgramParts
 
 
 @pytest.fixture
@@ -19,12 +17,12 @@ def parts() -> ProgramParts:
 
 
 def test_an_upload_plays_after_its_start_time_and_replaces_what_runs(parts: ProgramParts):
-    parts.runner.upload(TEXT)
+    parts.runner.upload(SCRIPT)
     parts.cycle(24)
     assert parts.runner.runtime == STOPPED
     parts.cycle(1)
     assert (parts.runner.runtime, parts.turns) == (PLAYING, 1)
-    parts.runner.upload(TEXT)
+    parts.runner.upload(SCRIPT)
     assert parts.runner.runtime == STOPPED
     assert "program stopped: replaced by a new script" in parts.notes
 
