@@ -36,6 +36,7 @@ PLANTED = {
         "executor/simulator/interfaces/rtde_server.py", "import executor.simulator.interfaces.script_server"
     ),
     "simulator-clock-levels": ("executor/simulator/clock/statistics.py", "import executor.simulator.clock.pacing"),
+    "simulator-no-arm-in-interfaces": ("executor/simulator/interfaces/recipes.py", "import executor.simulator.physics"),
     "simulator-no-socket-in-program": ("executor/simulator/program/runner.py", "import socket"),
 }  # fmt: skip
 

@@ -56,7 +56,7 @@ class Controller:
         self._program_side()
 
     def _program_side(self) -> None:
-        """Builds safety state, runner and stops, and collects what a program reaches of the controller."""
+        """Builds safety state, runner and stops, and the context of programs."""
         timeline, settings = self.timeline, self.settings
         self.safety = SafetyState(settings.decelerations.program_end)
         self.runner = ProgramRunner(

@@ -127,7 +127,7 @@ def kill(s: Simulation) -> None:
 
 
 def gripper_stuck(s: Simulation, on: bool = True) -> None:
-    """Keeps the gripper from opening, whatever its output."""
+    """Keeps the gripper closed, regardless of its output."""
     s.controller.workcell.gripper.stuck = on
 
 

@@ -1,4 +1,4 @@
-"""Time of the controller: its cycles, their pace in real time, what is counted about both, and scheduling."""
+"""Time of the controller: its cycles, their pace in real time, counts of both, and scheduling."""
 
 from executor.simulator.clock import scheduling
 from executor.simulator.clock.pacing import CyclePacing

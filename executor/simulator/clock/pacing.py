@@ -1,9 +1,9 @@
 """Pace of the controller cycles in real time: the grid of due times, and its slips where the machine stalls.
 
-Cycles lie on an absolute grid of the monotonic clock. A slightly late wake-up does not move the grid. A stalled machine
-(a virtual one whose host takes its processor away, a stopped process) would owe cycles, and running them in a burst is
-something no controller does: a controller is punctual and leaves a client time to answer every state. So the grid slips
-by the overdue time. Timestamps still advance by one cycle time per cycle.
+Cycles lie on an absolute grid of the monotonic clock. A slightly late wake-up does not move the grid. After a stall (a
+virtual machine whose host takes its processor away, a stopped process) cycles are overdue. They are not run in a burst:
+a real controller is punctual and leaves a client time to answer every state. Instead the grid slips by the overdue
+time. Timestamps still advance by one cycle time per cycle.
 
 With the highest real-time priority of its processor, nothing a client does makes the simulator late. A late simulator
 then means that the machine has stalled, and a client that has not answered yet gets RECOVERY_CYCLES from now. To detect

@@ -63,7 +63,7 @@ class RtdeServer(ConnectionHandler):
         outputs: Mapping[str, Sequence[float]],
         take_inputs: Callable[[InputValues], None],
     ) -> None:
-        """Serves without knowing what is behind the variables.
+        """Serves variables from plain values, independent of their origin.
 
         Args:
             identity: version and build of the controller.

@@ -14,7 +14,7 @@ from planner.cell import Cell
 
 
 class Workcell:
-    """Everything that exists whatever the controller believes.
+    """The true arm, tool, outputs, gripper and objects, as opposed to the controller's belief.
 
     Attributes:
         moved_at: controller time of the last cycle in which the arm truly moved [s].

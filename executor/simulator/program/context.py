@@ -1,4 +1,4 @@
-"""What a running program reaches of the controller, handed in as one object."""
+"""Context of a running program: the parts of the controller it may use, handed in as one object."""
 
 from __future__ import annotations
 

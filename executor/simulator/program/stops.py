@@ -1,4 +1,4 @@
-"""Stops that no program commands: protective, safeguard and emergency stop, loss of power; and the way back."""
+"""Stops that no program commands: protective, safeguard and emergency stop, loss of power; and recovery from them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from executor.simulator.program.runner import ProgramRunner
 from executor.simulator.program.safety import SafetyState
 from executor.simulator.settings import SimulatorSettings
 
-PROGRAM_FATES = ("paused", "stopped", "playing")  # what a protective stop does to the program
+PROGRAM_FATES = ("paused", "stopped", "playing")  # state of the program after a protective stop
 
 
 class Stops:
