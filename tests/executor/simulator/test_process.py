@@ -51,6 +51,18 @@ def test_a_stopped_process_loses_controller_time_and_no_cycle(start_simulator: S
     assert after["t"] - before["t"] < passed - 0.9 * STOPS * STOPPED_S
 
 
+def test_a_strict_clock_catches_up_after_a_stop(start_simulator: Start):
+    simulator = start_simulator(options=("--strict-clock",))
+    before, began = simulator.ask("stats"), time.monotonic()
+    simulator.process.send_signal(signal.SIGSTOP)
+    time.sleep(STOPPED_S)
+    simulator.process.send_signal(signal.SIGCONT)
+    time.sleep(STOPPED_S)
+    after, passed = simulator.ask("stats"), time.monotonic() - began
+    assert after["slips"]["count"] == 0
+    assert after["t"] - before["t"] == pytest.approx(passed, abs=READ_WITHIN_S)
+
+
 @pytest.mark.skipif(os.geteuid() != 0, reason="real-time priority needs permission")
 def test_priority_and_processor_are_taken_as_requested(start_simulator: Start):
     core = min(os.sched_getaffinity(0))
