@@ -47,7 +47,6 @@ PLANTED = {
     "streaming-alone": ("executor/shared_memory.py", "import numpy"),
     "ur-rtde-in-streaming": ("executor/supervision.py", "import rtde_control"),
     "sql-in-store": ("executor/daemon.py", "import sqlalchemy"),
-    "simulator-alone": ("executor/daemon.py", "import executor.simulator.wire"),
     "benchmarks-alone": ("planner/planning.py", "import benchmarks.results"),
     "benchmarks-layers": ("benchmarks/problem_sets/task.py", "import benchmarks.suite"),
     "store-layers": ("store/clients.py", "import store.plans"),
@@ -58,6 +57,20 @@ PLANTED = {
     "api-report": ("api/report/picture.py", "import api.report.page"),
     "api-schemas": ("api/schemas/plans.py", "import api.schemas.requests"),
     "api-cli": ("api/cli/client.py", "import api.cli.processes"),
+    "simulator-alone": ("executor/daemon.py", "import executor.simulator.interfaces"),
+    "simulator-levels": (
+        "executor/simulator/interfaces/dashboard_server.py", "import executor.simulator.controller"
+    ),
+    "simulator-program-levels": (
+        "executor/simulator/program/control_program.py", "import executor.simulator.program.runner"
+    ),
+    "simulator-physics-levels": ("executor/simulator/physics/arm.py", "import executor.simulator.physics.workcell"),
+    "simulator-interfaces-levels": (
+        "executor/simulator/interfaces/rtde_server.py", "import executor.simulator.interfaces.script_server"
+    ),
+    "simulator-clock-levels": ("executor/simulator/clock/statistics.py", "import executor.simulator.clock.pacing"),
+    "simulator-no-arm-in-interfaces": ("executor/simulator/interfaces/recipes.py", "import executor.simulator.physics"),
+    "simulator-no-socket-in-program": ("executor/simulator/program/runner.py", "import socket"),
 }  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""`python -m executor.simulator --cell PATH`: a simulated controller until SIGTERM, SIGINT or "quit"."""
+"""`python -m executor.simulator --cell PATH`: runs a simulated controller until SIGTERM, SIGINT or "quit"."""
 
 from __future__ import annotations
 
@@ -9,36 +9,42 @@ import signal
 import sys
 from pathlib import Path
 
-from executor.simulator.loop import Simulator
-from executor.simulator.realtime import CORE_VARIABLE, default_core, is_real_time, take_priority
-from executor.simulator.settings import REALTIME_PRIORITY, Settings
+from executor import realtime
+from executor.simulator.loop import SimulatorLoop
+from executor.simulator.settings import REALTIME_PRIORITY, SimulatorSettings
+from executor.simulator.simulation import Simulation
 from planner.cell import load_cell
 from planner.errors import CellError
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs the simulator; prints "ready" once it listens."""
+    """Runs the simulator; prints "ready" once it listens. Returns the exit status."""
     options = parse(arguments)
     try:
         cell = load_cell(options.cell)
-        settings = Settings(restitution=options.restitution, protective_stop_lock_s=options.protective_stop_lock_s)
-        simulator = Simulator(cell, settings, options.host or cell.link.host)
+        settings = SimulatorSettings(
+            restitution=options.restitution,
+            protective_stop_lock_s=options.protective_stop_lock_s,
+            stall_tolerant=not options.strict_clock,
+        )
+        simulation = Simulation(cell, settings, options.host or cell.link.host)
+        loop = SimulatorLoop(simulation)
     except (CellError, OSError) as error:
         print(f"simulator: {error}", file=sys.stderr)
         return 1
     for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: simulator.quit())
+        signal.signal(number, lambda *_: loop.quit())
     gc.collect()
     gc.freeze()
-    priority = take_priority(options.priority, options.core)
-    simulator.pace.is_real_time = is_real_time()
-    print(f"ready: {cell.robot.name} {cell.sim.polyscope} on {simulator.network.host}, {priority}", flush=True)
-    simulator.run()
+    granted = realtime.request_real_time(options.priority, options.core)
+    simulation.pacing.is_real_time = realtime.is_real_time()
+    print(f"ready: {cell.robot.name} {cell.sim.polyscope} on {simulation.network.host}, {granted}", flush=True)
+    loop.run()
     return 0
 
 
 def parse(arguments: list[str] | None) -> argparse.Namespace:
-    """Returns the command line's options."""
+    """Returns the command-line options."""
     parser = argparse.ArgumentParser(prog="python -m executor.simulator", description="A simulated UR controller.")
     parser.add_argument("--cell", type=Path, required=True, help="cell file (TOML)")
     parser.add_argument("--host", help="address to listen on; the cell's link.host by default")
@@ -46,15 +52,20 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--core",
         type=int,
-        default=default_core(os.environ),
-        help=f"processor to stay on at that priority, -1 for any; {CORE_VARIABLE}, or the highest",
+        default=realtime.default_core(os.environ),
+        help=f"processor to stay on at that priority, -1 for any; {realtime.CORE_VARIABLE}, or the highest",
     )
     parser.add_argument("--restitution", type=float, default=0.0, help="of a landing; above 0 objects bounce")
     parser.add_argument(
         "--protective-stop-lock-s",
         type=float,
-        default=Settings.protective_stop_lock_s,
-        help="how long a protective stop cannot be unlocked",
+        default=SimulatorSettings.protective_stop_lock_s,
+        help="time during which a protective stop cannot be unlocked",
+    )
+    parser.add_argument(
+        "--strict-clock",
+        action="store_true",
+        help="keep the absolute grid of cycles where the machine stalls, instead of letting controller time slip",
     )
     return parser.parse_args(arguments)
 

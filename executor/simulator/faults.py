@@ -1,7 +1,7 @@
-"""Faults on request: what can go wrong with a robot and its network, made to happen while the simulator runs.
+"""Faults of a robot and its network, caused on request while the simulator runs.
 
-One function a fault; its keyword arguments are the parameters of the request. The table is at the end of the file
-and, for users, in docs/simulator.md.
+One function per fault; its keyword arguments are the parameters of the request. The table of all faults is at the end
+of the file and, for users, in docs/simulator.md.
 """
 
 from __future__ import annotations
@@ -9,106 +9,94 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
-from executor.simulator.connections import Connection, Network
-from executor.simulator.controller import Controller
-from executor.simulator.rtde_server import RtdeServer
+from executor.simulator.interfaces import BadRequest, Connection
+from executor.simulator.program import PROGRAM_FATES
+from executor.simulator.simulation import Simulation
 
 CONTROL_PORT_NAME = "control"
-FREEZE_MAX_S = 60.0
-
-
-class BadRequest(Exception):
-    """A request of the control port that cannot be obeyed; the text says why."""
-
-
-class Simulation(Protocol):
-    """What faults act on."""
-
-    controller: Controller
-    network: Network
-    rtde: RtdeServer
-    freeze_s: float
+FREEZE_MAX_S = 60.0  # [s]
+DELAY_MAX_S = 10.0  # [s]
 
 
 def protective_stop(s: Simulation, runtime: str = "paused") -> None:
-    """A protective stop; the program is `paused`, `stopped`, or goes on `playing`."""
-    if runtime not in ("paused", "stopped", "playing"):
-        raise BadRequest(f"runtime {runtime!r} is none of paused, stopped, playing")
+    """Triggers a protective stop; the program is `paused`, `stopped`, or left `playing`."""
+    if runtime not in PROGRAM_FATES:
+        raise BadRequest(f"runtime {runtime!r} is none of {', '.join(PROGRAM_FATES)}")
     s.controller.stops.protective("fault on request", runtime)
 
 
 def emergency_stop(s: Simulation) -> None:
-    """Somebody hits the button."""
+    """Presses the emergency stop button."""
     s.controller.stops.emergency()
 
 
 def safeguard_stop(s: Simulation) -> None:
-    """Somebody opens the fence."""
+    """Opens the safeguard fence."""
     s.controller.stops.safeguard()
 
 
 def power_loss(s: Simulation) -> None:
-    """The arm loses power; the controller stays on."""
+    """Cuts the power of the arm; the controller stays on."""
     s.controller.stops.power_loss()
 
 
 def clear(s: Simulation) -> None:
-    """The cause of every stop is gone: button pulled out, fence closed, protective stop unlocked on the pendant."""
+    """Removes the cause of every stop: button released, fence closed, protective stop unlocked on the pendant."""
     s.controller.safety.clear()
 
 
 def stop_program(s: Simulation) -> None:
-    """Somebody presses stop on the pendant."""
-    s.controller.execution.stop("pendant: stop")
+    """Presses stop on the pendant."""
+    s.controller.runner.stop("pendant: stop")
 
 
 def pause_program(s: Simulation) -> None:
-    """Somebody presses pause on the pendant."""
-    s.controller.execution.pause()
+    """Presses pause on the pendant."""
+    s.controller.runner.pause()
 
 
 def resume_program(s: Simulation) -> None:
-    """Somebody presses play on the pendant."""
-    s.controller.execution.resume()
+    """Presses play on the pendant."""
+    s.controller.runner.resume()
 
 
 def local_mode(s: Simulation, on: bool = True) -> None:
-    """The pendant is switched to local control, or back."""
-    s.controller.execution.remote_control = not on
+    """Switches the pendant to local control, or back."""
+    s.controller.runner.remote_control = not on
 
 
 def speed_slider(s: Simulation, fraction: float = 0.5) -> None:
-    """Somebody moves the speed slider."""
+    """Moves the speed slider."""
     if not 0.0 <= fraction <= 1.0:
         raise BadRequest(f"fraction {fraction} is not within 0 and 1")
     s.controller.slider = float(fraction)
 
 
 def close_connection(s: Simulation, role: str = "control", reset: bool = False) -> None:
-    """Connections of a role are closed, with a reset if asked for; the port goes on listening."""
+    """Closes the connections of a role, with RST instead of FIN if `reset`; the port keeps listening."""
     for connection in _of_role(s, role):
         s.network.drop(connection, reset)
 
 
 def stall_connection(s: Simulation, role: str = "control", on: bool = True) -> None:
-    """Connections of a role are neither read nor written any more, but stay open."""
+    """Stops reading and writing the connections of a role; they stay open."""
     for connection in _of_role(s, role):
         connection.disturbance.stalled = on
     s.network.changed()
 
 
 def disturb_connection(s: Simulation, role: str = "control", delay_s: float = 0.0, drop: float = 0.0) -> None:
-    """Connections of a role delay everything by `delay_s` and lose a share `drop` of their data packages."""
-    if not 0.0 <= drop <= 1.0 or not 0.0 <= delay_s <= 10.0:
+    """Delays everything on the connections of a role by `delay_s` [s] and loses a share `drop` of data packages."""
+    if not 0.0 <= drop <= 1.0 or not 0.0 <= delay_s <= DELAY_MAX_S:
         raise BadRequest("drop must be within 0 and 1, delay_s within 0 and 10")
     for connection in _of_role(s, role):
         connection.disturbance.delay_s, connection.disturbance.drop = float(delay_s), float(drop)
 
 
 def offline(s: Simulation, on: bool = True, reset: bool = True) -> None:
-    """The controller is gone from the network: every connection ends, every port refuses; or it is back."""
+    """Takes the controller off the network: connections end, ports refuse; or brings it back."""
     if not on:
         s.network.listen()
         return
@@ -118,7 +106,7 @@ def offline(s: Simulation, on: bool = True, reset: bool = True) -> None:
 
 
 def mute(s: Simulation, port: str = "dashboard", on: bool = True) -> None:
-    """A port accepts connections but never answers."""
+    """Makes a port accept connections without ever answering."""
     for entry in s.network.ports:
         if entry.name == port and port != CONTROL_PORT_NAME:
             entry.mute = on
@@ -127,20 +115,20 @@ def mute(s: Simulation, port: str = "dashboard", on: bool = True) -> None:
 
 
 def freeze(s: Simulation, duration_s: float = 1.0) -> None:
-    """The controller stands still, and the world with it; the sockets stay open."""
+    """Makes controller and world stand still for `duration_s` [s]; the sockets stay open."""
     if not 0.0 <= duration_s <= FREEZE_MAX_S:
         raise BadRequest(f"duration_s must be within 0 and {FREEZE_MAX_S}")
     s.freeze_s = float(duration_s)
 
 
 def kill(s: Simulation) -> None:
-    """The controller process dies at once."""
+    """Kills the controller process at once."""
     os.kill(os.getpid(), signal.SIGKILL)
 
 
 def gripper_stuck(s: Simulation, on: bool = True) -> None:
-    """The gripper does not open, whatever its output says."""
-    s.controller.gripper.stuck = on
+    """Keeps the gripper closed, regardless of its output."""
+    s.controller.workcell.gripper.stuck = on
 
 
 def _of_role(s: Simulation, role: str) -> list[Connection]:
@@ -152,21 +140,18 @@ def _of_role(s: Simulation, role: str) -> list[Connection]:
     return [c for c, session in list(s.rtde.sessions.items()) if role in ("any", session.role)]
 
 
-FAULTS: dict[str, Callable[..., None]] = {
-    fault.__name__: fault
-    for fault in (
-        protective_stop, emergency_stop, safeguard_stop, power_loss, clear, stop_program, pause_program, resume_program,
-        local_mode, speed_slider, close_connection, stall_connection, disturb_connection, offline, mute, freeze, kill,
-        gripper_stuck,
-    )
-}  # fmt: skip
+_STOPS = (protective_stop, emergency_stop, safeguard_stop, power_loss, clear)
+_PENDANT = (stop_program, pause_program, resume_program, local_mode, speed_slider)
+_NETWORK = (close_connection, stall_connection, disturb_connection, offline, mute)
+_PROCESS = (freeze, kill, gripper_stuck)
+FAULTS: dict[str, Callable[..., None]] = {f.__name__: f for f in (*_STOPS, *_PENDANT, *_NETWORK, *_PROCESS)}
 
 
-def cause(s: Simulation, name: object, parameters: dict[str, Any]) -> None:
-    """Makes the fault `name` happen.
+def cause_fault(s: Simulation, name: object, parameters: dict[str, Any]) -> None:
+    """Causes the fault `name`.
 
     Raises:
-        BadRequest: no such fault, or not such parameters.
+        BadRequest: the fault or one of its parameters is unknown.
     """
     fault = FAULTS.get(str(name))
     if fault is None:

@@ -1,6 +1,7 @@
-"""What the simulated controller is beyond the cell file: every number of its behaviour, with its source.
+"""Settings of the simulated controller beyond the cell file: every number of its behaviour, with its source.
 
-Real values that nobody here could measure are marked "chosen"; docs/simulator.md says what follows from them.
+Values of a real controller that could not be measured are marked "chosen"; docs/simulator.md says what follows from
+them.
 """
 
 from __future__ import annotations
@@ -10,16 +11,17 @@ from dataclasses import dataclass
 RTDE_PORT = 30004  # source: UR RTDE guide
 SCRIPT_PORT = 30003  # source: UR client interfaces; ur_rtde uploads its program here
 DASHBOARD_PORT = 29999  # source: UR dashboard manual
-CONTROL_PORT = 29900  # chosen: ours alone, no UR port
+CONTROL_PORT = 29900  # chosen: the simulator's own, not a port of UR
 
+REGISTERS = 48  # general purpose registers of each kind, input and output; source: RTDE guide
 REALTIME_PRIORITY = 60  # of SCHED_FIFO; above a client's, so that on one processor no client makes the controller late
 
 
 @dataclass(frozen=True)
 class Decelerations:
-    """Leading-axis decelerations [rad/s^2] of the ways an arm is brought to rest without a command."""
+    """Decelerations of the leading axis [rad/s^2] that bring the arm to rest without a command."""
 
-    program_end: float = 30.0  # chosen: as an emergency stop; no source, and nobody here could measure it
+    program_end: float = 30.0  # chosen: as an emergency stop; neither published nor measured
     protective_stop: float = 20.0  # chosen: category 2, 3 rad/s to rest in 150 ms
     safeguard_stop: float = 20.0  # chosen: category 2 as well
     emergency_stop: float = 30.0  # chosen: category 1, 3 rad/s to rest in 100 ms
@@ -27,19 +29,30 @@ class Decelerations:
 
 
 @dataclass(frozen=True)
-class Settings:
+class ControllerIdentity:
+    """Identity the controller presents to its clients: PolyScope version, build, serial number, robot model."""
+
+    version: tuple[int, int, int]
+    build: int
+    serial_number: str
+    model: str
+
+
+@dataclass(frozen=True)
+class SimulatorSettings:
     """Behaviour of the simulated controller that no cell file describes."""
 
     decelerations: Decelerations = Decelerations()
     first_order_s: float = 0.002  # chosen: first-order part of the lag; the rest of sim.lag_s is a pure delay
-    position_noise_rad: float = 5e-6  # chosen: standard deviation of the encoder reading
+    position_noise_rad: float = 5e-6  # chosen: standard deviation of the measured joint position
     velocity_noise_rad_s: float = 5e-4  # chosen: standard deviation of the measured joint speed
     program_start_s: float = 0.05  # chosen: from the upload to "playing"; rtde.md §3 measured the client with it
     protective_stop_lock_s: float = 5.0  # source: UR dashboard manual, "Cannot unlock ... until 5s after occurrence"
     protective_stop_runtime: str = "paused"  # source: UR forum 6634: the program is paused
     joint_speed_tolerance_rad_s: float = 0.192  # source: UR user manual, safety limits: 191 deg/s for a 180 deg/s joint
     tcp_speed_limit_m_s: float = 5.0  # source: UR user manual, the largest tool speed a safety setup accepts
-    torque_every_s: float = 0.1  # chosen: joint torques are computed at 10 Hz and held: they are dear
+    torque_every_s: float = 0.1  # chosen: joint torques are expensive, so they are computed at 10 Hz and held
     restitution: float = 0.0  # chosen: an object stays where it lands; above 0 it bounces and lands again
-    serial_number: str = "20235500001"  # chosen: digits only, as ur_rtde demands
+    serial_number: str = "20235500001"  # chosen: digits only, as ur_rtde requires
     build: int = 123456  # chosen
+    stall_tolerant: bool = True  # controller time slips where the machine stalls; False: a strict grid of cycles

@@ -1,4 +1,4 @@
-"""Simulators for tests: cells of their own, addresses of their own, processes that end with the test."""
+"""Simulators for tests, each with a cell and an address of its own; and parts of them without an arm."""
 
 from __future__ import annotations
 
@@ -16,21 +16,23 @@ from typing import Any
 
 import pytest
 
-from executor.simulator.arm import Arm
-from executor.simulator.connections import Connection
+from executor.simulator.clock import StreamCounts, Timeline
 from executor.simulator.controller import Controller
-from executor.simulator.loop import Simulator as Loop
-from executor.simulator.recipes import Inputs
-from executor.simulator.settings import Settings
+from executor.simulator.interfaces import Connection, ConnectionHandler, DashboardServer, InputValues
+from executor.simulator.loop import SimulatorLoop
+from executor.simulator.physics import Arm
+from executor.simulator.program import Program, ProgramRunner, Registers, SafetyState, Stops
+from executor.simulator.settings import SimulatorSettings
+from executor.simulator.simulation import Simulation
 from planner.cell import Cell, parse_cell
 
 ROOT = Path(__file__).parents[3]
-READY_WITHIN_S = 20.0  # a loaded machine takes its time to import numpy
+READY_WITHIN_S = 20.0  # [s] importing numpy is slow on a loaded machine
 CONTROL_PORT = 29900
-NUMBERS = count(31)  # second byte of the addresses: one a simulator, apart from those of other rooms' tests
+NUMBERS = count(31)  # second byte of the addresses: one per simulator, apart from those of other packages' tests
 FUNCTIONS = "get_steptime() get_tcp_offset() get_inverse_kin_has_solution() protective_stop() tool_contact()"
 SCRIPT = f"def rtde_control():\n  {FUNCTIONS}\nend\n"
-ORDINARY = Settings()
+ORDINARY = SimulatorSettings()
 
 CELL = """
 robot = "{robot}"
@@ -58,7 +60,7 @@ def cell_text(robot: str = "ur5e", host: str = "127.0.0.1", tables: str = "", **
 
 
 def make_cell(robot: str = "ur5e", tables: str = "", **sim: object) -> Cell:
-    """Returns a cell for tests inside the process."""
+    """Returns a cell for tests inside this process."""
     return parse_cell(cell_text(robot, tables=tables, **sim), "test")
 
 
@@ -69,7 +71,7 @@ class Simulator:
         self.host = host
         path = folder / "cell.toml"
         path.write_text(text)
-        # ordinary priority: several at a time would starve everything else on a small machine
+        # ordinary priority: several simulators at once would starve everything else on a small machine
         command = [sys.executable, "-m", "executor.simulator", "--cell", str(path), "--priority", "0", *options]
         self.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout
@@ -86,7 +88,7 @@ class Simulator:
         return answer
 
     def fault(self, name: str, **parameters: object) -> None:
-        """Asks for a fault."""
+        """Causes a fault."""
         self.ask("fault", name=name, **parameters)
 
     def close(self) -> None:
@@ -121,10 +123,10 @@ def start_simulator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Start]
 class Driven:
     """A controller inside this process with its program running, driven cycle by cycle as ur_rtde would."""
 
-    def __init__(self, cell: Cell, settings: Settings = ORDINARY, script: str = SCRIPT) -> None:
+    def __init__(self, cell: Cell, settings: SimulatorSettings = ORDINARY, script: str = SCRIPT) -> None:
         self.controller = Controller(cell, settings)
-        self.controller.execution.upload(script)
-        while self.controller.execution.due:
+        self.controller.runner.upload(script)
+        while self.controller.runner.due:
             self.cycle()
 
     @property
@@ -138,23 +140,23 @@ class Driven:
     def write(self, command: int, doubles: Sequence[float] = (), ints: Sequence[int] = ()) -> None:
         """Writes a command and its arguments, as one data package does; ints from register 1 on."""
         integers = [(0, command), *enumerate(ints, start=1)]
-        self.controller.take_inputs(Inputs(integers, [(0, doubles)] if doubles else []))
+        self.controller.take_inputs(InputValues(integers, [(0, doubles)] if doubles else []))
 
     def set(self, **others: object) -> None:
         """Writes inputs that are no registers."""
-        self.controller.take_inputs(Inputs(others=others))
+        self.controller.take_inputs(InputValues(others=others))
 
     def out_int(self, index: int) -> int:
-        return int(self.controller.registers.outputs[f"output_int_register_{index}"][0])
+        return int(self.controller.registers.int_out[index][0])
 
     def out_doubles(self, count: int = 6) -> list[float]:
-        return [self.controller.registers.outputs[f"output_double_register_{i}"][0] for i in range(count)]
+        return [value for (value,) in self.controller.registers.double_out[:count]]
 
     def call(self, command: int, doubles: Sequence[float] = (), ints: Sequence[int] = (), cycles: int = 5000) -> int:
         """Sends a command, waits until it is done, clears it; returns the cycles it took."""
         self.write(command, doubles, ints)
         taken = 0
-        while self.out_int(0) != 2 and self.controller.execution.playing:
+        while self.out_int(0) != 2 and self.controller.runner.playing:
             self.cycle()
             taken += 1
             assert taken < cycles, f"command {command} is not done after {cycles} cycles"
@@ -163,26 +165,29 @@ class Driven:
         return taken
 
 
+def dashboard_server(driven: Driven) -> DashboardServer:
+    """Returns the dashboard of a driven controller."""
+    c = driven.controller
+    return DashboardServer(c.identity, c.runner, c.stops)
+
+
 class Peer:
     """The other end of a connection, inside this process."""
 
-    def __init__(self, loop: Loop, port: str) -> None:
-        self.socket, served = socket.socketpair()
-        served.setblocking(False)
-        self.loop = loop
-        self.port = next(p for p in loop.network.ports if p.name == port)
-        self.served, self.connection = served, Connection(served, port)
-        loop.network.connections[served] = (self.connection, self.port)
-        loop.network.changed()
-        self.port.opened(self.connection)
+    def __init__(self, simulation: Simulation, port: str) -> None:
+        self.socket, self.served = socket.socketpair()
+        self.served.setblocking(False)
+        self.simulation = simulation
+        self.port = next(p for p in simulation.network.ports if p.name == port)
+        self.connection = simulation.network.connect(self.served, self.port)
 
     def send(self, data: bytes, cycles: int = 1) -> bytes:
-        """Sends, lets the loop serve it and run cycles; returns what came back."""
+        """Sends, lets the simulation serve it and run cycles; returns what came back."""
         if self.connection.open:
             self.socket.sendall(data)
-            self.loop.network.readable(self.served, 0.0)
+            self.simulation.network.readable(self.served)
         for _ in range(cycles):
-            self.loop._tick(0.0)
+            self.simulation.tick()
         self.socket.setblocking(False)
         answer = b""
         with suppress(BlockingIOError):
@@ -191,13 +196,105 @@ class Peer:
         return answer
 
     def close(self) -> None:
-        self.loop.network.drop(self.connection)
+        self.simulation.network.drop(self.connection)
         self.socket.close()
 
 
 @pytest.fixture(scope="module")
-def loop() -> Iterator[Loop]:
-    """A simulator inside this process: its ports listen, but nobody runs its loop."""
-    simulator = Loop(make_cell(), Settings(), unique_address())
-    yield simulator
-    simulator.network.close()
+def simulation() -> Iterator[Simulation]:
+    """A simulation inside this process: its ports listen, but nobody runs its loop."""
+    loop = SimulatorLoop(Simulation(make_cell(), SimulatorSettings(), unique_address()))
+    yield loop.simulation
+    loop.simulation.network.close()
+
+
+class Line:
+    """The client's end of a connection to one service: no network, no controller, no arm."""
+
+    def __init__(self, service: ConnectionHandler) -> None:
+        self.socket, served = socket.socketpair()
+        served.setblocking(False)
+        self.socket.setblocking(False)
+        self.service, self.connection = service, Connection(served)
+        service.opened(self.connection)
+
+    def send(self, data: bytes) -> bytes:
+        """Sends, lets the service answer; returns what came back."""
+        self.socket.sendall(data)
+        if self.connection.read():
+            self.service.arrived(self.connection)
+        return self.received()
+
+    def received(self) -> bytes:
+        """Returns what the service has sent."""
+        with suppress(BlockingIOError):
+            return self.socket.recv(1 << 20)
+        return b""
+
+    def close(self) -> None:
+        self.service.closed(self.connection)
+        self.connection.close()
+        self.socket.close()
+
+
+Connect = Callable[[ConnectionHandler], Line]
+
+
+@pytest.fixture
+def connect() -> Iterator[Connect]:
+    """Connects clients to services: `connect(service)`; they are closed with the test."""
+    lines: list[Line] = []
+
+    def to(service: ConnectionHandler) -> Line:
+        lines.append(Line(service))
+        return lines[-1]
+
+    yield to
+    for line in lines:
+        line.close()
+
+
+class ProgramParts:
+    """Runner and stops of a program that counts its cycles: no controller, no arm.
+
+    `at_rest` stands in for the arm; `failure` is raised by the program in its next cycle.
+    """
+
+    def __init__(self, settings: SimulatorSettings = ORDINARY) -> None:
+        self.timeline, self.registers, self.stream = Timeline(0.002), Registers(), StreamCounts()
+        self.safety = SafetyState(settings.decelerations.program_end)
+        self.at_rest, self.turns = True, 0
+        self.failure: Exception | None = None
+        self.runner = ProgramRunner(
+            lambda text: Program("counting", self._count()),
+            self.safety,
+            self.registers,
+            self.stream,
+            self.timeline,
+            lambda: self.at_rest,
+            settings,
+        )
+        self.stops = Stops(self.safety, self.runner, self.timeline, settings)
+
+    def _count(self) -> Iterator[None]:
+        while self.turns < 1000:
+            self.turns += 1
+            if self.failure:
+                raise self.failure
+            yield
+
+    def cycle(self, count: int = 1) -> None:
+        for _ in range(count):
+            self.timeline.cycles += 1
+            self.runner.cycle()
+
+    def play(self) -> None:
+        """Uploads the program and waits until it plays."""
+        self.runner.upload(SCRIPT)
+        while not self.runner.playing:
+            self.cycle()
+
+    @property
+    def notes(self) -> list[str]:
+        """Texts of the events noted so far."""
+        return [text for _, text in self.timeline.events]

@@ -1,8 +1,8 @@
-"""What every controller must answer to the unmodified ur_rtde client: simulated, URSim or real.
+"""The contract of every controller with the unmodified ur_rtde client: simulated, URSim or real.
 
-Each function is one call, or a few that belong together, with what must come of it. They move the arm by less than
-0.15 rad from where it stands, never faster than 1 rad/s, and leave it at rest with the control program running.
-Those in SIMULATED_ONLY stop the robot on purpose, or move until they touch something.
+Each function makes one call, or a few related ones, and checks the outcome. They move the arm by less than 0.15 rad
+from where it stands, never faster than 1 rad/s, and leave it at rest with the control program running. Those in
+SIMULATED_ONLY stop the robot on purpose.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ import rtde_control
 import rtde_io
 import rtde_receive
 
-MOVE_TOLERANCE_RAD = 2e-3  # a real arm settles within the noise of its encoders and the play of its gears
+MOVE_TOLERANCE_RAD = 2e-3  # [rad] a real arm settles within encoder noise and gear play
 POSE_TOLERANCE_M = 2e-3
 SPEED = 0.3  # [rad/s]
-WITHIN_S = 3.0  # by then an answer that takes a cycle or a lag has come, on a loaded machine too
+WITHIN_S = 3.0  # [s] far longer than a cycle or a lag, for loaded machines
 
 
 @dataclass
@@ -39,8 +39,13 @@ class Client:
     def connect(cls, host: str) -> Client:
         dashboard = dashboard_client.DashboardClient(host)
         dashboard.connect()
-        return cls(host, rtde_control.RTDEControlInterface(host), rtde_receive.RTDEReceiveInterface(host),
-                   rtde_io.RTDEIOInterface(host), dashboard)  # fmt: skip
+        return cls(
+            host,
+            rtde_control.RTDEControlInterface(host),
+            rtde_receive.RTDEReceiveInterface(host),
+            rtde_io.RTDEIOInterface(host),
+            dashboard,
+        )
 
     def close(self) -> None:
         self.control.stopScript()
@@ -56,7 +61,7 @@ class Client:
         return 0.008 if self.version[0] == 3 else 0.002
 
     def wait(self, condition: Callable[[], object]) -> bool:
-        """Waits until `condition` holds; returns whether it came to hold."""
+        """Waits until `condition` holds; returns whether it did in time."""
         until = time.monotonic() + WITHIN_S
         while not condition():
             if time.monotonic() > until:
@@ -71,15 +76,15 @@ class Client:
         return self.wait(lambda: np.abs(np.subtract(self.receive.getActualQ(), q)).max() < MOVE_TOLERANCE_RAD)
 
     def aside(self, by: float = 0.05) -> list[float]:
-        """Returns joint angles a little off the present ones, towards zero wrist angles being avoided."""
+        """Returns joint angles a little off the present ones, away from zero wrist angles."""
         q = self.receive.getTargetQ()
         return [x + by * s for x, s in zip(q, (1, -1, 1, 1, 1, -1), strict=True)]
 
     def ready_again(self) -> None:
         """Uploads the program again, once the last one has ended, and waits for it.
 
-        `reuploadScript()` ends a program itself that its own picture of the state still shows, with a handshake whose
-        time limit is minutes: it is not to meet a script that has just been stopped or played.
+        `reuploadScript()` itself ends a program that its own copy of the state still shows, by a handshake with a time
+        limit of minutes. So it is called only after the state has settled.
         """
         if self.control.isProgramRunning():
             self.dashboard.stop()
@@ -272,7 +277,7 @@ def the_watchdog_ends_the_program(c: Client) -> None:
     assert c.control.speedJ([0.05, 0.0, 0.0, 0.0, 0.0, 0.0], 5.0, c.step)
     assert c.wait(lambda: c.receive.getRuntimeState() != 2)
     assert c.at_rest()
-    # each interface has its own picture of the state, so this one may learn of the end a little later
+    # each interface has its own copy of the state: this one may see the end a little later
     assert c.wait(lambda: not c.control.speedJ([0.05, 0.0, 0.0, 0.0, 0.0, 0.0], 5.0, c.step))
     c.ready_again()
 
@@ -339,7 +344,7 @@ def tool_centre_point(c: Client) -> None:
 
 
 def answered(query: Callable[[], list[float]]) -> list[float]:
-    """Returns the second answer of a real-time query: the first may be what was in the registers before."""
+    """Returns the second answer of a real-time query: the first may be the previous content of the registers."""
     query()
     time.sleep(0.05)
     return query()
@@ -430,13 +435,13 @@ def protective_stop(c: Client) -> None:
     assert c.receive.getSafetyStatusBits() & 1 << 2
     with pytest.raises((RuntimeError, ValueError), match="Cannot unlock"):
         c.dashboard.unlockProtectiveStop()
-    assert c.wait(lambda: unlocked(c))  # the simulator of this suite is told to lock for 1 s, a real one does for 5 s
+    assert c.wait(lambda: unlocked(c))  # this suite's simulator locks for 1 s, a real controller for 5 s
     assert c.wait(lambda: not c.receive.isProtectiveStopped())
     c.ready_again()
 
 
 def unlocked(c: Client) -> bool:
-    """Asks for an end of the protective stop; returns whether it was granted."""
+    """Requests the end of the protective stop; returns whether it was granted."""
     try:
         c.dashboard.unlockProtectiveStop()
     except (RuntimeError, ValueError):
@@ -453,14 +458,40 @@ def move_until_contact(c: Client) -> None:
 
 
 CALLS = (
-    receives_every_variable, time_advances_cycle_by_cycle, is_in_normal_operation,
-    target_moment_holds_the_arm_against_gravity, move_j, move_j_asynchronously, stop_j_ends_an_asynchronous_move,
-    move_j_to_a_pose, move_l, move_l_to_joints, move_along_paths, stream_speed_j,
-    the_last_speed_is_repeated_until_speed_stop, stream_speed_l, stream_servo_j, stream_servo_l,
-    servo_c_moves_towards_its_pose, jog, the_watchdog_ends_the_program, two_motions_at_once_end_the_program,
-    stop_and_upload_again, digital_outputs, analog_outputs, speed_slider, input_registers_are_accepted,
-    forward_and_inverse_kinematics, tool_centre_point, flange_pose_and_pose_trans, safety_limits_and_steadiness,
-    step_time_history_and_torques, payload, force_and_teach_modes_are_accepted, dashboard, pause_and_play,
+    receives_every_variable,
+    time_advances_cycle_by_cycle,
+    is_in_normal_operation,
+    target_moment_holds_the_arm_against_gravity,
+    move_j,
+    move_j_asynchronously,
+    stop_j_ends_an_asynchronous_move,
+    move_j_to_a_pose,
+    move_l,
+    move_l_to_joints,
+    move_along_paths,
+    stream_speed_j,
+    the_last_speed_is_repeated_until_speed_stop,
+    stream_speed_l,
+    stream_servo_j,
+    stream_servo_l,
+    servo_c_moves_towards_its_pose,
+    jog,
+    the_watchdog_ends_the_program,
+    two_motions_at_once_end_the_program,
+    stop_and_upload_again,
+    digital_outputs,
+    analog_outputs,
+    speed_slider,
+    input_registers_are_accepted,
+    forward_and_inverse_kinematics,
+    tool_centre_point,
+    flange_pose_and_pose_trans,
+    safety_limits_and_steadiness,
+    step_time_history_and_torques,
+    payload,
+    force_and_teach_modes_are_accepted,
+    dashboard,
+    pause_and_play,
     the_registers_of_a_control_client_are_in_use,
-)  # fmt: skip
+)
 SIMULATED_ONLY = (protective_stop,)

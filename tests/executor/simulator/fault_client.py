@@ -1,6 +1,6 @@
-"""The real ur_rtde client under faults, in a process of its own: it may hang or crash, as rtde.md §10 says it does.
+"""The real ur_rtde client under faults, in a process of its own: it may hang or crash (rtde.md §10).
 
-`python fault_client.py HOST SCENARIO` streams speedJ, causes the fault and prints what the client saw as JSON.
+`python fault_client.py HOST SCENARIO` streams speedJ, causes the fault and prints the client's observations as JSON.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Seen = dict[str, Any]
 
 
 def wait(condition: Callable[[], object], seconds: float = 5.0) -> bool:
-    """Waits until `condition` holds, long enough for a machine with much else to do; returns whether it came to."""
+    """Waits until `condition` holds, long enough for a loaded machine; returns whether it did in time."""
     until = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > until:
@@ -69,7 +69,7 @@ class Client:
 
 
 def stopped(fault: str, **parameters: object) -> Callable[[str], Seen]:
-    """A stop while streaming: what the calls return, and what the client can read about it."""
+    """Returns a scenario with a stop during streaming: results of the calls, and the state that the client reads."""
 
     def scenario(host: str) -> Seen:
         c = Client(host).streaming()
@@ -81,17 +81,22 @@ def stopped(fault: str, **parameters: object) -> Callable[[str], Seen]:
         begin = time.monotonic()
         moved = c.control.moveJ(c.receive.getActualQ(), 0.5, 1.0) if False in answers else None
         return {
-            "answers": sorted(set(map(str, answers))), "moveJ": moved, "moveJ_s": time.monotonic() - begin,
-            "protective": c.receive.isProtectiveStopped(), "emergency": c.receive.isEmergencyStopped(),
-            "runtime": c.receive.getRuntimeState(), "safety_mode": c.receive.getSafetyMode(),
-            "safety_bits": c.receive.getSafetyStatusBits(), "robot_mode": c.receive.getRobotMode(),
-        }  # fmt: skip
+            "answers": sorted(set(map(str, answers))),
+            "moveJ": moved,
+            "moveJ_s": time.monotonic() - begin,
+            "protective": c.receive.isProtectiveStopped(),
+            "emergency": c.receive.isEmergencyStopped(),
+            "runtime": c.receive.getRuntimeState(),
+            "safety_mode": c.receive.getSafetyMode(),
+            "safety_bits": c.receive.getSafetyStatusBits(),
+            "robot_mode": c.receive.getRobotMode(),
+        }
 
     return scenario
 
 
 def unlock_and_play(host: str) -> Seen:
-    """After unlocking, "play" lets the speed thread go on with its last target; uploading again does not."""
+    """After unlocking, "play" resumes the speed thread with its last target; a new upload does not."""
     c = Client(host).streaming()
     c.fault("protective_stop")
     dashboard = dashboard_client.DashboardClient(host)
@@ -122,8 +127,12 @@ def killed(host: str) -> Seen:
         c.fault("kill")
     wait(lambda: not c.control.isConnected())
     answers = c.stream(0.2)
-    return {"last": answers[-1], "errors": [a for a in answers if isinstance(a, str)],
-            "connected": c.control.isConnected(), "running": c.control.isProgramRunning()}  # fmt: skip
+    return {
+        "last": answers[-1],
+        "errors": [a for a in answers if isinstance(a, str)],
+        "connected": c.control.isConnected(),
+        "running": c.control.isProgramRunning(),
+    }
 
 
 def frozen(host: str) -> Seen:
@@ -172,7 +181,7 @@ def io_closed(host: str) -> Seen:
 
 
 def control_closed(host: str) -> Seen:
-    """ur_rtde reconnects by itself, killing and uploading the program again; it may hang or crash on the way."""
+    """ur_rtde reconnects by itself, stopping and uploading the program again; it may hang or crash doing so."""
     c = Client(host).streaming()
     uploads = sum("script received" in text for _, text in c.ask("events")["events"])
     c.fault("close_connection", role="control", reset=True)
@@ -192,8 +201,13 @@ def second_client(host: str) -> Seen:
     arrived = wait(lambda: abs(receive.getTargetQ()[0] - goal[0]) < 1e-6)
     second = kind(host, 500.0, kind.FLAG_UPLOAD_SCRIPT | kind.FLAG_NO_EXT_FT)
     moved = second.moveJ(q, 1.0, 5.0)
-    return {"alone": alone, "arrived": arrived, "second": moved, "first_still": first.speedJ(SPEED, 1.0, 0.002),
-            "speed": receive.getTargetQd()[0]}  # fmt: skip
+    return {
+        "alone": alone,
+        "arrived": arrived,
+        "second": moved,
+        "first_still": first.speedJ(SPEED, 1.0, 0.002),
+        "speed": receive.getTargetQd()[0],
+    }
 
 
 def delayed(host: str) -> Seen:
@@ -223,12 +237,15 @@ def slider(host: str) -> Seen:
     c = Client(host).streaming()
     c.fault("speed_slider", fraction=0.5)
     wait(lambda: c.stream(0.02) and abs(c.receive.getTargetQd()[0] - SPEED[0] / 2) < 1e-9)
-    return {"fraction": c.receive.getTargetSpeedFraction(), "combined": c.receive.getSpeedScalingCombined(),
-            "speed": c.receive.getTargetQd()[0]}  # fmt: skip
+    return {
+        "fraction": c.receive.getTargetSpeedFraction(),
+        "combined": c.receive.getSpeedScalingCombined(),
+        "speed": c.receive.getTargetQd()[0],
+    }
 
 
 def constructed(prepare: str = "", **parameters: object) -> Callable[[str], Seen]:
-    """Constructs the control interface under a fault; returns what it raised."""
+    """Returns a scenario that constructs the control interface under a fault."""
 
     def scenario(host: str) -> Seen:
         with socket.create_connection((host, 29900)) as sock:

@@ -1,9 +1,8 @@
-"""The contract with the real ur_rtde client, over the versions the simulator presents; and on request elsewhere.
+"""The contract with the real ur_rtde client, for every version the simulator presents.
 
-`pytest tests/executor/simulator/test_contract.py --controller HOST` runs the calls against URSim or a real controller
-instead, but for those that stop the robot or drive it into something. The arm moves by less than 0.15 rad: give it
-room first. The simulated versions are called side by side, each call as soon as the one before has ended: they mostly
-wait for an arm.
+`pytest tests/executor/simulator/test_contract.py --controller HOST` makes the calls to URSim or a real controller
+instead, except those that stop the robot. The arm moves by less than 0.15 rad: give it room first. The simulated
+versions are called in parallel, as the calls mostly wait for an arm.
 """
 
 from __future__ import annotations
@@ -32,24 +31,24 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 @pytest.fixture(scope="module")
 def verdicts(request: pytest.FixtureRequest, start_simulator: Start) -> Verdicts:
-    """What came of every call that is asked for. At the end no simulator has met a malformed package."""
-    asked: dict[str, list[Call]] = {}
+    """Outcome of every selected call. No simulator may have received a malformed package."""
+    selected: dict[str, list[Call]] = {}
     for item in request.session.items:
         params = item.callspec.params if isinstance(item, pytest.Function) and hasattr(item, "callspec") else {}
         if "call" in params:
-            asked.setdefault(params["target"], []).append(params["call"])
+            selected.setdefault(params["target"], []).append(params["call"])
 
-    def judge(target: str) -> Verdicts:
+    def verify(target: str) -> Verdicts:
         if target not in VERSIONS:
-            return called(target, target, asked[target])
+            return called(target, target, selected[target])
         options = ("--protective-stop-lock-s", "1.0")
         simulator = start_simulator(VERSIONS[target], options, polyscope=target)
-        found = called(target, simulator.host, asked[target])
+        found = called(target, simulator.host, selected[target])
         assert simulator.ask("stats")["malformed_packages"] == 0, simulator.ask("events")
         return found
 
-    with ThreadPoolExecutor(len(asked)) as pool:
-        return {key: verdict for found in pool.map(judge, asked) for key, verdict in found.items()}
+    with ThreadPoolExecutor(len(selected)) as pool:
+        return {key: verdict for found in pool.map(verify, selected) for key, verdict in found.items()}
 
 
 def called(target: str, host: str, calls: Sequence[Call]) -> Verdicts:

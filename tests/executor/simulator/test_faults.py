@@ -1,6 +1,6 @@
 """Each fault as the real ur_rtde client sees it (rtde.md §10), and the decelerations inside.
 
-The client runs in a process of its own, one a scenario, because under faults it hangs or crashes; several run at once.
+Each scenario runs the client in its own process, because it may hang or crash; several run at once.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from typing import Any
 
 import pytest
 
-from executor.simulator.settings import Decelerations, Settings
+from executor.simulator.settings import Decelerations, SimulatorSettings
 
 from .conftest import ROOT, Driven, Simulator, Start, make_cell
 from .fault_client import SCENARIOS
 
 CLIENT = Path(__file__).with_name("fault_client.py")
-AT_ONCE = 6  # scenarios that run at the same time: they sleep most of it
-HANGS_S = 40.0  # what has not ended by then hangs; several times the longest on a machine with much else to do
+AT_ONCE = 6  # scenarios that run at the same time: they mostly sleep
+HANGS_S = 40.0  # [s] after it a client counts as hanging; several times the longest scenario on a loaded machine
 EXPECTED_TO_HANG_S = {"mute_rtde": 4.0, "control_closed": 8.0}
 PROTECTIVE, SAFEGUARD, EMERGENCY, POWER_OFF = 3, 5, 7, 3
 STOPPED, PLAYING, PAUSED = 1, 2, 4
@@ -44,7 +44,7 @@ def observed(simulator: Simulator, scenario: str) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def outcomes(start_simulator: Start) -> Outcomes:
-    """What the client saw in every scenario, and what its simulator noted."""
+    """Observations of the client in every scenario, with the events of its simulator."""
 
     def run(name: str) -> dict[str, Any]:
         simulator = start_simulator(options=("--protective-stop-lock-s", "0.2"))
@@ -60,7 +60,7 @@ def outcomes(start_simulator: Start) -> Outcomes:
 
 
 def seen_in(outcomes: Outcomes, scenario: str) -> dict[str, Any]:
-    """Returns what the client saw, without the simulator's notes."""
+    """Returns the observations of the client, without the simulator's events."""
     return {key: value for key, value in outcomes[scenario].items() if key != "events"}
 
 
@@ -181,9 +181,16 @@ def test_back_online_after_a_time_offline(start_simulator: Start):
 
 def test_unknown_faults_and_parameters_are_refused(start_simulator: Start):
     simulator = start_simulator()
-    refused = ({"name": "nonsense"}, {"name": "freeze", "duration_s": -1}, {"name": "freeze", "minutes": 1},
-               {"name": "mute", "port": "control"}, {"name": "close_connection", "role": "all"},
-               {"name": "speed_slider", "fraction": 2}, {"name": "disturb_connection", "drop": 2}, {})  # fmt: skip
+    refused = (
+        {"name": "nonsense"},
+        {"name": "freeze", "duration_s": -1},
+        {"name": "freeze", "minutes": 1},
+        {"name": "mute", "port": "control"},
+        {"name": "close_connection", "role": "all"},
+        {"name": "speed_slider", "fraction": 2},
+        {"name": "disturb_connection", "drop": 2},
+        {},
+    )
     for request in refused:
         with pytest.raises(AssertionError):
             simulator.ask("fault", **request)
@@ -196,8 +203,8 @@ def test_unknown_faults_and_parameters_are_refused(start_simulator: Start):
         (lambda c: c.stops.safeguard(), Decelerations.safeguard_stop),
         (lambda c: c.stops.emergency(), Decelerations.emergency_stop),
         (lambda c: c.stops.power_loss(), Decelerations.power_loss),
-        (lambda c: c.execution.stop("test"), Decelerations.program_end),
-        (lambda c: c.execution.pause(), Decelerations.program_end),
+        (lambda c: c.runner.stop("test"), Decelerations.program_end),
+        (lambda c: c.runner.pause(), Decelerations.program_end),
     ],
 )
 def test_each_stop_brakes_at_its_documented_deceleration(cause, deceleration):
@@ -222,7 +229,7 @@ def test_each_stop_brakes_at_its_documented_deceleration(cause, deceleration):
     ],
 )
 def test_a_violated_limit_is_a_protective_stop(speed, acceleration, reason):
-    driven = Driven(make_cell(), Settings(tcp_speed_limit_m_s=1.0 if reason == "tool speed" else 5.0))
+    driven = Driven(make_cell(), SimulatorSettings(tcp_speed_limit_m_s=1.0 if reason == "tool speed" else 5.0))
     driven.write(9, [*speed, acceleration, 0.002])
     for _ in range(1500):
         driven.cycle()

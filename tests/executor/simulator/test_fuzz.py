@@ -1,4 +1,4 @@
-"""Whatever bytes come to a port: an answer or an end of that connection, and the others are served on."""
+"""Arbitrary bytes on a port are answered or end that connection; other clients are still served."""
 
 from __future__ import annotations
 
@@ -12,13 +12,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from executor.simulator import wire
-from executor.simulator.dashboard import Dashboard
-from executor.simulator.loop import Simulator as Loop
+from executor.simulator.interfaces import wire
+from executor.simulator.interfaces.variables import INPUT_TYPES, OUTPUT_TYPES
 from executor.simulator.settings import CONTROL_PORT, DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORT
-from executor.simulator.variables import INPUT_TYPES, OUTPUT_TYPES
+from executor.simulator.simulation import Simulation
 
-from .conftest import Driven, Peer, Simulator, Start, make_cell
+from .conftest import Driven, Peer, Simulator, Start, dashboard_server, make_cell
 
 PORTS = [RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT, CONTROL_PORT]
 NAMES = st.lists(st.sampled_from([*OUTPUT_TYPES, *INPUT_TYPES, "nonsense", "", "é"]), max_size=60).map(
@@ -34,30 +33,44 @@ PACKAGES = st.one_of(
 )
 LINES = st.one_of(
     st.binary(max_size=100),
-    st.sampled_from([b"play\n", b"stop\n", b"unlock protective stop\n", b"load x\n", b"quit\n", b"end\n",
-                     b"def rtde_control():\n", b'{"op": "state"}\n',
-                     b'{"op": "world", "after": "x"}\n', b'{"op": []}\n', b"[" * 3000,
-                     b'{"op": "fault", "name": "speed_slider", "fraction": null}\n', b"\n", b"\xff\n"]),
-)  # fmt: skip
+    st.sampled_from(
+        [
+            b"play\n",
+            b"stop\n",
+            b"unlock protective stop\n",
+            b"load x\n",
+            b"quit\n",
+            b"end\n",
+            b"def rtde_control():\n",
+            b'{"op": "state"}\n',
+            b'{"op": "world", "after": "x"}\n',
+            b'{"op": []}\n',
+            b"[" * 3000,
+            b'{"op": "fault", "name": "speed_slider", "fraction": null}\n',
+            b"\n",
+            b"\xff\n",
+        ]
+    ),
+)
 
 
 @pytest.mark.parametrize("port", ["rtde", "script", "dashboard", "control"])
 @settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
-def test_no_bytes_break_the_loop(loop: Loop, port: str, data: st.DataObject) -> None:
+def test_no_bytes_break_the_loop(simulation: Simulation, port: str, data: st.DataObject) -> None:
     chunks = data.draw(st.lists(PACKAGES if port == "rtde" else LINES, min_size=1, max_size=8))
-    peer, other = Peer(loop, port), Peer(loop, "control")
+    peer, other = Peer(simulation, port), Peer(simulation, "control")
     for chunk in chunks:
         peer.send(chunk)
     other.socket.sendall(b'{"op": "stats"}\n')
-    loop.network.readable(other.served, 0.0)
+    simulation.network.readable(other.served)
     assert json.loads(other.socket.recv(1 << 16))["ok"]
     peer.close()
     other.close()
 
 
 def advances(simulator: Simulator, before: float) -> bool:
-    """Whether controller time goes on."""
+    """Whether controller time advances."""
     for _ in range(100):
         if simulator.ask("state")["t"] > before:
             return True
@@ -92,7 +105,7 @@ def test_a_client_that_never_reads_is_dropped_or_skipped_and_nobody_waits_for_it
 @settings(max_examples=200, deadline=None)
 @given(st.text(max_size=60))
 def test_the_dashboard_answers_every_line_with_one_line(line: str) -> None:
-    answer = Dashboard(DRIVEN.controller).answer(line.replace("\n", " "))
+    answer = dashboard_server(DRIVEN).answer(line.replace("\n", " "))
     assert isinstance(answer, str) and answer
 
 

@@ -1,0 +1,91 @@
+"""Values of the RTDE output variables at the end of a cycle."""
+
+from __future__ import annotations
+
+from executor.simulator.controller import Controller
+from executor.simulator.interfaces import OUTPUT_TYPES, WIDTH
+from executor.simulator.physics import JointTorques, kinematics
+
+JOINT_RUNNING = 253  # joint_mode; source: RTDE guide
+JOINT_TEMPERATURE_C = 30.0  # chosen
+VOLTAGE_V = 48.0  # source: UR user manual, robot supply
+CURRENT_IDLE_A = 0.5  # chosen
+AMPERE_PER_NM = 0.1  # chosen: the joints' torque constants are not published
+
+
+class OutputValues:
+    """Fills in the output variables from the controller, cycle by cycle.
+
+    Attributes:
+        values: output variable -> list of its numbers; output registers are the program's own lists.
+        torque_every: cycles between two computations of the joint torques.
+    """
+
+    def __init__(self, controller: Controller) -> None:
+        self.controller = controller
+        self.joint_torques = JointTorques(controller.cell.robot)
+        self.torque_every = max(1, controller.timeline.cycles_in(controller.settings.torque_every_s))
+        self.values: dict[str, list[float]] = {name: [0] * WIDTH[kind] for name, kind in OUTPUT_TYPES.items()}
+        registers = controller.registers
+        self.values |= {f"output_int_register_{i}": output for i, output in enumerate(registers.int_out)}
+        self.values |= {f"output_double_register_{i}": output for i, output in enumerate(registers.double_out)}
+        self._constants()
+        self.torques()
+
+    def _constants(self) -> None:
+        values = self.values
+        values["joint_temperatures"] = [JOINT_TEMPERATURE_C] * 6
+        values["joint_mode"] = [JOINT_RUNNING] * 6
+        values["actual_main_voltage"] = values["actual_robot_voltage"] = [VOLTAGE_V]
+        values["actual_joint_voltage"] = [VOLTAGE_V] * 6
+        values["actual_robot_current"] = [CURRENT_IDLE_A]
+        values["actual_execution_time"] = [0.0]
+
+    def cycle(self) -> None:
+        """Updates the values, except the joint torques."""
+        self._state()
+        self._motion()
+        self._inputs_and_outputs()
+
+    def _state(self) -> None:
+        c, values = self.controller, self.values
+        values["timestamp"] = [c.timeline.t]
+        values["runtime_state"] = [c.runner.runtime]
+        values["safety_mode"] = [c.safety.mode]
+        values["safety_status_bits"] = [c.safety.bits]
+        values["safety_status"] = [c.safety.mode]
+        values["robot_mode"] = [c.safety.robot_mode]
+        values["robot_status_bits"] = [c.safety.powered + 2 * c.runner.playing]
+        values["speed_scaling"] = [c.speed_scaling / c.slider if c.slider else 1.0]
+        values["target_speed_fraction"] = [c.slider]
+
+    def _motion(self) -> None:
+        c, arm, values = self.controller, self.controller.arm, self.values
+        values["target_q"], values["target_qd"], values["target_qdd"] = arm.q, arm.qd, arm.qdd
+        values["actual_q"], values["actual_qd"] = arm.measured_q, arm.measured_qd
+        if any(arm.qd) or not arm.at_rest or c.timeline.cycles % self.torque_every == 0:
+            tcp = c.installation.tcp
+            pose, values["actual_TCP_speed"] = arm.chain.motion(arm.measured_q, arm.measured_qd, tcp)
+            values["actual_TCP_pose"] = kinematics.pose_of(pose)
+            pose, values["target_TCP_speed"] = c.commanded_motion()
+            values["target_TCP_pose"] = kinematics.pose_of(pose)
+
+    def _inputs_and_outputs(self) -> None:
+        outputs, installation, values = self.controller.workcell.outputs, self.controller.installation, self.values
+        values["actual_digital_output_bits"] = [outputs.bits]
+        values["standard_analog_output0"], values["standard_analog_output1"] = outputs.analog[:1], outputs.analog[1:]
+        values["payload"], values["payload_cog"] = [installation.payload_kg], installation.payload_cog_m
+        values["payload_inertia"] = installation.payload_inertia
+        values["tcp_offset"] = installation.tcp_pose
+        ux, uy, uz = installation.gravity_m_s2
+        values["actual_tool_accelerometer"] = [-ux, -uy, -uz]
+
+    def torques(self) -> None:
+        """Updates the joint torques; too expensive for every cycle, they are held in between."""
+        arm, installation, values = self.controller.arm, self.controller.installation, self.values
+        (ux, uy, uz), (x, y, z) = installation.gravity_m_s2, installation.payload_cog_m
+        moments = self.joint_torques.of(arm.q, arm.qd, arm.qdd, (ux, uy, uz), installation.payload_kg, (x, y, z))
+        values["target_moment"] = moments
+        values["target_current"] = values["actual_current"] = [AMPERE_PER_NM * m for m in moments]
+        values["joint_control_output"] = values["target_current"]
+        values["actual_current_as_torque"] = moments

@@ -1,0 +1,125 @@
+"""The arm's joints in three motions: commanded, true (one lag behind), and measured (true plus noise)."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections import deque
+from collections.abc import Sequence
+
+from executor.simulator.physics.kinematics import KinematicChain, Transform
+from executor.simulator.physics.lag import Lag
+
+NOISE_TABLE = 8191  # noise samples drawn at the start; a prime, so the sequence of six joints repeats late
+MOVING = 5e-3  # [rad/s] true speed above which the arm visibly moves
+AT_REST = 1e-9  # [rad/s] commanded speed below which no motion is commanded
+TRUE_AT_REST = 1e-6  # [rad/s] true speed below which no motion is left in the lag
+HISTORY = 2000  # cycles of measured positions kept for get_actual_joint_positions_history
+
+Noise = tuple[float, float]  # standard deviations of measured position [rad] and speed [rad/s]
+
+
+class MotionConflict(Exception):
+    """Two threads of a program moved the arm in one cycle."""
+
+
+class Arm:
+    """Commanded (`q qd qdd`), true (`true_q true_qd`) and measured (`measured_q measured_qd`) joint motion."""
+
+    def __init__(self, chain: KinematicChain, dt: float, q: Sequence[float], lag: Lag, noise: Noise, seed: int):
+        """Places the arm at rest at joint positions `q` (6,) [rad]; `dt` is the cycle time [s]."""
+        self.chain, self.dt, self.lag = chain, dt, lag
+        self.q, self.qd, self.qdd = list(q), [0.0] * 6, [0.0] * 6
+        self.true_q, self.true_qd = list(q), [0.0] * 6
+        self.measured_q, self.measured_qd = self.true_q, self.true_qd
+        draw = random.Random(seed)
+        self.q_noise, self.qd_noise = ([draw.gauss(0.0, s) for _ in range(NOISE_TABLE)] * 2 for s in noise)
+        self.draws = 0
+        self.drives = 0
+        self.before = self.q, self.qd, self.qdd  # commanded motion before the one of this cycle
+        self.history: deque[list[float]] = deque(maxlen=HISTORY)  # measured positions, cycle by cycle
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether no motion is commanded and none is left in the lag."""
+        return max(map(abs, self.qd)) < AT_REST and max(map(abs, self.true_qd)) < TRUE_AT_REST
+
+    @property
+    def moves(self) -> bool:
+        """Whether the arm truly moves."""
+        return max(map(abs, self.true_qd)) > MOVING
+
+    def drive(self, q: list[float], qd: list[float]) -> None:
+        """Commands joint positions [rad] and speeds [rad/s] for the end of this cycle.
+
+        Raises:
+            MotionConflict: the arm was already driven in this cycle.
+            ValueError: a position or speed is not finite.
+        """
+        self.drives += 1
+        if self.drives > 1:
+            self.drives = 0
+            self.q, self.qd, self.qdd = self.before  # both commands are void; the arm brakes
+            raise MotionConflict
+        if not math.isfinite(sum(q) + sum(qd)):
+            raise ValueError("a motion that is not finite")
+        self.before = self.q, self.qd, self.qdd
+        self._set(q, qd)
+
+    def ramp(self, qd: Sequence[float], acceleration: float) -> bool:
+        """Ramps towards joint speeds for one cycle; the position advances with the mean of old and new speed.
+
+        Args:
+            qd: target speeds (6,) [rad/s].
+            acceleration: of the leading axis [rad/s^2]; the others keep in proportion.
+
+        Returns:
+            Whether the target is reached.
+        """
+        now, reached = self._ramped(qd, acceleration)
+        half = 0.5 * self.dt
+        self.drive([x + half * (a + b) for x, a, b in zip(self.q, self.qd, now, strict=True)], now)
+        return reached
+
+    def _ramped(self, qd: Sequence[float], acceleration: float) -> tuple[list[float], bool]:
+        change = [b - a for a, b in zip(self.qd, qd, strict=True)]
+        largest = max(map(abs, change))
+        most = acceleration * self.dt
+        if largest <= most:
+            return list(qd), True
+        return [a + c * most / largest for a, c in zip(self.qd, change, strict=True)], False
+
+    def brake(self, deceleration: float) -> None:
+        """Ramps to rest at `deceleration` [rad/s^2] if no motion was commanded in this cycle."""
+        if self.drives:
+            return
+        if any(self.qd):
+            self.ramp((0.0,) * 6, deceleration)
+        else:
+            self._set(self.q, self.qd)
+
+    def finish_cycle(self) -> None:
+        """Advances the true motion to the end of this cycle and measures it."""
+        self.true_q, self.true_qd = self.lag.step(self.q, self.qd)
+        at = self.draws
+        self.draws = (at + 6) % NOISE_TABLE
+        self.measured_q = [x + n for x, n in zip(self.true_q, self.q_noise[at : at + 6], strict=True)]
+        self.measured_qd = [x + n for x, n in zip(self.true_qd, self.qd_noise[at : at + 6], strict=True)]
+        self.history.append(self.measured_q)
+        self.drives = 0
+
+    def measured_before(self, steps: int) -> list[float]:
+        """Returns the measured joint positions (6,) [rad] of `steps` cycles ago."""
+        if not self.history:
+            return self.measured_q
+        return self.history[-1 - min(max(steps, 0), len(self.history) - 1)]
+
+    def true_motion_before(self, back_s: float, tool: Transform) -> tuple[Transform, list[float]]:
+        """Returns true pose and twist of the tool in the base, `back_s` [s] before the end of the last cycle."""
+        q, qd = self.lag.before(back_s)
+        return self.chain.motion(q, qd, tool)
+
+    def _set(self, q: list[float], qd: list[float]) -> None:
+        rate = 1.0 / self.dt
+        self.qdd = [(b - a) * rate for a, b in zip(self.qd, qd, strict=True)]
+        self.q, self.qd = q, qd

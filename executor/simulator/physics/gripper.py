@@ -1,0 +1,70 @@
+"""The gripper: one digital output opens and closes it; the object leaves some time after the output changed."""
+
+from __future__ import annotations
+
+import random
+
+from executor.simulator.physics.outputs import OUTPUT_KINDS
+
+
+class SimulatedGripper:
+    """Starts closed on object 1; takes the next object when it is closed again and the arm is at rest.
+
+    Attributes:
+        holds: number of the held object, None while the gripper is empty.
+        stuck: fault: the gripper does not open.
+        release_at: controller time at which the object will leave [s], None if no release is due.
+    """
+
+    def __init__(self, output: str, index: int, open_level: bool, delay_s: float, jitter_s: float, seed: int) -> None:
+        """Starts closed.
+
+        Args:
+            output: kind of the output, a key of OUTPUT_KINDS.
+            index: line within the kind.
+            open_level: level that opens the gripper.
+            delay_s: mean time from the change of the output to the object leaving [s].
+            jitter_s: standard deviation of that time [s].
+            seed: of the random deviation.
+        """
+        self.mask = 1 << (OUTPUT_KINDS[output].shift + index)
+        self.open_bits = self.mask if open_level else 0
+        self.delay_s, self.jitter_s = delay_s, jitter_s
+        self.draw = random.Random(seed)
+        self.holds: int | None = 1
+        self.objects = 1
+        self.open = False
+        self.stuck = False
+        self.release_at: float | None = None
+
+    @property
+    def closed_bits(self) -> int:
+        """Output bits that close the gripper."""
+        return self.mask ^ self.open_bits
+
+    def output_changed(self, t: float, bits: int) -> None:
+        """Applies the physical output bits valid from `t` [s] on."""
+        opened = bits & self.mask == self.open_bits
+        if not opened:
+            self.release_at = None  # closed again before the object was free: it stays
+        if opened and not self.open and self.holds is not None and not self.stuck:
+            self.release_at = t + max(0.0, self.delay_s + self.draw.gauss(0.0, self.jitter_s))
+        self.open = opened
+
+    def take_release(self, t: float) -> float | None:
+        """Returns when the object left, if it did so up to `t` [s]; the release is then no longer due."""
+        if self.release_at is None or self.release_at > t:
+            return None
+        left_at, self.release_at = self.release_at, None
+        return left_at
+
+    def let_go(self) -> int:
+        """Empties the gripper; returns the number of the object it held."""
+        number, self.holds = self.objects, None
+        return number
+
+    def rearm(self, arm_at_rest: bool) -> None:
+        """Inserts the next object if the gripper is closed and empty and the arm is at rest."""
+        if self.holds is None and not self.open and arm_at_rest:
+            self.objects += 1
+            self.holds = self.objects

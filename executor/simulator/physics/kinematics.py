@@ -1,0 +1,190 @@
+"""Kinematics of one arm on plain Python floats: some 20 us per call; small numpy arrays cost several times as much.
+
+The planner's kinematics is the reference; tests compare the two. A transform is a tuple of twelve numbers, the upper
+three rows of the homogeneous matrix, row by row. A pose is UR's: position [m] and rotation vector [rad].
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from planner.robots import Robot
+
+Transform = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
+Vector = Sequence[float]
+
+IDENTITY: Transform = (1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0)
+SMALL_ANGLE = 1e-12  # [rad] below it a rotation vector counts as zero
+NEAR_PI = 1e-6  # [rad] this close to half a turn, the axis is read from the symmetric part of the matrix
+STEP_MAX = 0.3  # [rad] largest joint step of one Newton iteration
+DAMPING_FAR, DAMPING_NEAR = 1e-4, 1e-9  # of the normal equations, far from and close to the solution
+NEAR = 1e-2  # [m, rad] error below which the smaller damping is used
+ITERATIONS_MAX = 30  # of Newton's method; from a neighbouring point it takes two or three
+POSE_TOLERANCE = 1e-10  # [m, rad] largest component of the pose error of a solution
+
+
+def product(a: Transform, b: Transform) -> Transform:
+    """Returns the transform a b."""
+    a0, a1, a2, a3, a4, a5, a6, a7, a8, a9, a10, a11 = a
+    b0, b1, b2, b3, b4, b5, b6, b7, b8, b9, b10, b11 = b
+    return (
+        a0 * b0 + a1 * b4 + a2 * b8, a0 * b1 + a1 * b5 + a2 * b9,
+        a0 * b2 + a1 * b6 + a2 * b10, a0 * b3 + a1 * b7 + a2 * b11 + a3,
+        a4 * b0 + a5 * b4 + a6 * b8, a4 * b1 + a5 * b5 + a6 * b9,
+        a4 * b2 + a5 * b6 + a6 * b10, a4 * b3 + a5 * b7 + a6 * b11 + a7,
+        a8 * b0 + a9 * b4 + a10 * b8, a8 * b1 + a9 * b5 + a10 * b9,
+        a8 * b2 + a9 * b6 + a10 * b10, a8 * b3 + a9 * b7 + a10 * b11 + a11,
+    )  # fmt: skip
+
+
+def inverse(t: Transform) -> Transform:
+    """Returns the inverse transform."""
+    x, y, z = t[3], t[7], t[11]
+    return (
+        t[0], t[4], t[8], -(t[0] * x + t[4] * y + t[8] * z),
+        t[1], t[5], t[9], -(t[1] * x + t[5] * y + t[9] * z),
+        t[2], t[6], t[10], -(t[2] * x + t[6] * y + t[10] * z),
+    )  # fmt: skip
+
+
+def rotation_vector(t: Transform) -> tuple[float, float, float]:
+    """Returns the rotation vector [rad] of a transform, its length at most pi."""
+    v = (t[9] - t[6], t[2] - t[8], t[4] - t[1])
+    sine = math.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2)
+    angle = math.atan2(sine, t[0] + t[5] + t[10] - 1.0)
+    if math.pi - angle < NEAR_PI:
+        return _half_turn(t, angle)
+    scale = 0.5 if sine < SMALL_ANGLE else angle / sine
+    return (v[0] * scale, v[1] * scale, v[2] * scale)
+
+
+def _half_turn(t: Transform, angle: float) -> tuple[float, float, float]:
+    """Reads the axis u from R + 1 = 2 u u^T, which holds at half a turn, along its longest component."""
+    rows = (t[0:3], t[4:7], t[8:11])
+    k = max(range(3), key=lambda i: rows[i][i])
+    axis = [rows[i][k] + rows[k][i] + (2.0 if i == k else 0.0) for i in range(3)]
+    sign = (t[9] - t[6]) * axis[0] + (t[2] - t[8]) * axis[1] + (t[4] - t[1]) * axis[2]
+    scale = math.copysign(angle, sign) / math.sqrt(sum(c * c for c in axis))
+    return (axis[0] * scale, axis[1] * scale, axis[2] * scale)
+
+
+def transform(pose: Vector) -> Transform:
+    """Returns the transform of a pose (6,): position and rotation vector."""
+    x, y, z, rx, ry, rz = pose
+    angle = math.sqrt(rx * rx + ry * ry + rz * rz)
+    if angle < SMALL_ANGLE:
+        return (1.0, -rz, ry, x, rz, 1.0, -rx, y, -ry, rx, 1.0, z)
+    ux, uy, uz = rx / angle, ry / angle, rz / angle
+    c, s = math.cos(angle), math.sin(angle)
+    k = 1.0 - c
+    return (
+        c + ux * ux * k, ux * uy * k - uz * s, ux * uz * k + uy * s, x,
+        uy * ux * k + uz * s, c + uy * uy * k, uy * uz * k - ux * s, y,
+        uz * ux * k - uy * s, uz * uy * k + ux * s, c + uz * uz * k, z,
+    )  # fmt: skip
+
+
+def pose_of(t: Transform) -> list[float]:
+    """Returns the pose (6,) of a transform."""
+    return [t[3], t[7], t[11], *rotation_vector(t)]
+
+
+def from_matrix(matrix: np.ndarray) -> Transform:
+    """Returns the transform of a 4x4 matrix."""
+    return tuple(float(x) for x in matrix[:3].ravel())  # pyright: ignore[reportReturnType]
+
+
+class KinematicChain:
+    """The arm's joints with a tool at their end; all arms of Universal Robots share one geometry.
+
+    Joint 1 is vertical; joints 2, 3 and 4 are parallel; joints 5 and 6 are each perpendicular to the one before.
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.links = [
+            (float(a), float(d), math.cos(alpha), math.sin(alpha))
+            for a, d, alpha in zip(robot.a, robot.d, robot.alpha, strict=True)
+        ]
+        self.lengths = tuple(float(x) for x in (robot.d[0], robot.a[1], robot.a[2], robot.d[3], robot.d[4], robot.d[5]))
+
+    def forward(self, q: Vector, tool: Transform = IDENTITY) -> Transform:
+        """Returns the pose of the tool in the base."""
+        return self.motion(q, (0.0,) * 6, tool)[0]
+
+    def motion(self, q: Vector, qd: Vector, tool: Transform = IDENTITY) -> tuple[Transform, list[float]]:
+        """Returns the pose of the tool and its twist (vx, vy, vz, wx, wy, wz), both in the base.
+
+        e and the vertical span the plane of the arm; n is its normal, the axis of joints 2 to 4. The lengths r and h
+        are the coordinates of elbow (1) and wrist (2) along e and upwards. One formula, hence one long function.
+        """
+        q1, q2, q3, q4, q5, q6 = q
+        d1, a2, a3, d4, d5, d6 = self.lengths
+        ex, ey, nx, ny = math.cos(q1), math.sin(q1), math.sin(q1), -math.cos(q1)
+        c4, s4 = math.cos(q2 + q3 + q4), math.sin(q2 + q3 + q4)
+        c5, s5, c6, s6 = math.cos(q5), math.sin(q5), math.cos(q6), math.sin(q6)
+        r1, h1 = a2 * math.cos(q2), a2 * math.sin(q2) + d1
+        r2, h2 = r1 + a3 * math.cos(q2 + q3), h1 + a3 * math.sin(q2 + q3)
+        xx, xy, xz = c4 * ex, c4 * ey, s4  # x axis of frame 4
+        bx, by, bz = s4 * ex, s4 * ey, -c4  # axis of joint 5
+        ax, ay, az = c5 * nx - s5 * xx, c5 * ny - s5 * xy, -s5 * xz  # axis of joint 6
+        ux, uy, uz = c5 * xx + s5 * nx, c5 * xy + s5 * ny, c5 * xz  # x axis of frame 5
+        p4x, p4y = r2 * ex + d4 * nx, r2 * ey + d4 * ny
+        p5x, p5y, p5z = p4x + d5 * bx, p4y + d5 * by, h2 + d5 * bz
+        pose: Transform = (
+            c6 * ux - s6 * bx, -s6 * ux - c6 * bx, ax, p5x + d6 * ax,
+            c6 * uy - s6 * by, -s6 * uy - c6 * by, ay, p5y + d6 * ay,
+            c6 * uz - s6 * bz, -s6 * uz - c6 * bz, az, p5z + d6 * az,
+        )  # fmt: skip
+        if tool is not IDENTITY:
+            pose = product(pose, tool)
+        v1, v2, v3, v4, v5, v6 = qd
+        px, py, pz = pose[3], pose[7], pose[11]
+        v234 = v2 + v3 + v4
+        along = ex * px + ey * py  # coordinate of the tool along e
+        out = -(v2 * (pz - d1) + v3 * (pz - h1) + v4 * (pz - h2))
+        up = v234 * along - v3 * r1 - v4 * r2
+        fx, fy, fz = px - p4x, py - p4y, pz - h2
+        gx, gy, gz = px - p5x, py - p5y, pz - p5z
+        return pose, [
+            out * ex - v1 * py + v5 * (by * fz - bz * fy) + v6 * (ay * gz - az * gy),
+            out * ey + v1 * px + v5 * (bz * fx - bx * fz) + v6 * (az * gx - ax * gz),
+            up + v5 * (bx * fy - by * fx) + v6 * (ax * gy - ay * gx),
+            v234 * nx + v5 * bx + v6 * ax, v234 * ny + v5 * by + v6 * ay, v1 + v5 * bz + v6 * az,
+        ]  # fmt: skip
+
+    def jacobian(self, q: Vector, tool: Transform = IDENTITY) -> tuple[np.ndarray, Transform]:
+        """Returns the geometric Jacobian (6, 6) of the tool in the base, rows v then w, and its pose."""
+        axes, pose = [], IDENTITY
+        for (a, d, ca, sa), angle in zip(self.links, q, strict=True):
+            axes.append((pose[2], pose[6], pose[10], pose[3], pose[7], pose[11]))
+            c, s = math.cos(angle), math.sin(angle)
+            pose = product(pose, (c, -s * ca, s * sa, a * c, s, c * ca, -c * sa, a * s, 0.0, sa, ca, d))
+        pose = product(pose, tool)
+        columns = []
+        for zx, zy, zz, px, py, pz in axes:
+            rx, ry, rz = pose[3] - px, pose[7] - py, pose[11] - pz
+            columns.append((zy * rz - zz * ry, zz * rx - zx * rz, zx * ry - zy * rx, zx, zy, zz))
+        return np.array(columns).T, pose
+
+    def solve(self, goal: Transform, near: Vector, tool: Transform = IDENTITY) -> list[float] | None:
+        """Returns joint angles (6,) near `near` that put the tool at `goal`, None if Newton's method finds none."""
+        q = np.array(near, float)
+        for _ in range(ITERATIONS_MAX):
+            J, pose = self.jacobian(q.tolist(), tool)
+            error = np.array(pose_error(goal, pose))
+            size = float(np.abs(error).max())
+            if size < POSE_TOLERANCE:
+                return q.tolist()
+            damping = DAMPING_NEAR if size < NEAR else DAMPING_FAR
+            step = J.T @ np.linalg.solve(J @ J.T + damping * np.eye(6), error)
+            q += step * min(1.0, STEP_MAX / max(float(np.abs(step).max()), STEP_MAX))
+        return None
+
+
+def pose_error(goal: Transform, pose: Transform) -> list[float]:
+    """Returns the twist (6,) in the base that moves `pose` to `goal` in unit time."""
+    turn = rotation_vector(product(goal, inverse(pose)))
+    return [goal[3] - pose[3], goal[7] - pose[7], goal[11] - pose[11], *turn]

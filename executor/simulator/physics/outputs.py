@@ -1,0 +1,65 @@
+"""Digital and analog outputs of the controller: commanded at once, physically changed one lag later."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+CHANGES_MAX = 2000  # changes kept
+TIME_TOLERANCE_S = 1e-9  # [s] rounding of a sum of times
+
+
+@dataclass(frozen=True)
+class OutputKind:
+    """A group of digital outputs: position of its first line among the output bits, and its number of lines."""
+
+    shift: int
+    width: int
+
+
+OUTPUT_KINDS = {  # source: RTDE guide, actual_digital_output_bits
+    "standard_digital": OutputKind(0, 8),
+    "configurable_digital": OutputKind(8, 8),
+    "tool_digital": OutputKind(16, 2),
+}
+
+
+class Outputs:
+    """Output lines of the controller.
+
+    A change obeyed in the cycle that ends at t was sent while the state of the cycle before was the newest. It happens
+    `lag_s` after that state: at t - dt + lag_s. So outputs and joint speeds share one latency.
+
+    Attributes:
+        bits: physical levels of the digital outputs.
+        commanded: commanded levels of the digital outputs.
+        changes: (time [s], bits) of the latest physical changes.
+        analog: levels of the two analog outputs.
+    """
+
+    def __init__(self, dt: float, lag_s: float, bits: int) -> None:
+        self.delay_s = max(lag_s, dt) - dt
+        self.bits = self.commanded = bits
+        self.changes: deque[tuple[float, int]] = deque(maxlen=CHANGES_MAX)
+        self.analog = [0.0, 0.0]
+        self._requests: list[tuple[int, int]] = []  # (mask, bits) since the last cycle
+        self._due: deque[tuple[float, int]] = deque()  # (time, bits), still to come
+
+    def request(self, kind: str, mask: int, value: int) -> None:
+        """Requests levels on the lines of `mask` of one kind; obeyed in the next cycle."""
+        lines = OUTPUT_KINDS[kind]
+        mask &= (1 << lines.width) - 1
+        self._requests.append((mask << lines.shift, (value & mask) << lines.shift))
+
+    def cycle(self, t: float) -> list[tuple[float, int]]:
+        """Obeys the requests; returns the physical changes (time [s], bits) up to `t` [s]."""
+        for mask, value in self._requests:
+            self.commanded = self.commanded & ~mask | value
+            self._due.append((t + self.delay_s, self.commanded))
+        self._requests.clear()
+        happened = []
+        while self._due and self._due[0][0] <= t + TIME_TOLERANCE_S:
+            happened.append(self._due.popleft())
+            self.bits = happened[-1][1]
+        self.changes.extend(happened)
+        return happened

@@ -1,0 +1,30 @@
+"""The program side: the uploaded control program, its commands and motions, its life, safety state and stops.
+
+Arm, registers and timeline are handed in; nothing here knows a socket.
+"""
+
+from executor.simulator.program.commands import load_control_program
+from executor.simulator.program.context import Installation, ProgramContext
+from executor.simulator.program.registers import Registers
+from executor.simulator.program.runner import PAUSED, PLAYING, STOPPED, ProgramRunner
+from executor.simulator.program.safety import SafetyLimits, SafetyState
+from executor.simulator.program.stops import PROGRAM_FATES, Stops
+from executor.simulator.program.threads import Program, ProgramError, SuddenTargetChange
+
+__all__ = [
+    "PAUSED",
+    "PLAYING",
+    "PROGRAM_FATES",
+    "STOPPED",
+    "Installation",
+    "Program",
+    "ProgramContext",
+    "ProgramError",
+    "ProgramRunner",
+    "Registers",
+    "SafetyLimits",
+    "SafetyState",
+    "Stops",
+    "SuddenTargetChange",
+    "load_control_program",
+]

@@ -1,0 +1,110 @@
+"""Safety state of the controller: modes, status bits, robot mode, and the limits that are monitored.
+
+Source of modes and bits: Universal Robots, RTDE guide, `safety_mode`, `safety_status_bits`, `robot_mode`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+NORMAL, REDUCED, PROTECTIVE_STOPPED, RECOVERY, SAFEGUARD_STOPPED = (1 << bit for bit in range(5))
+SYSTEM_EMERGENCY, ROBOT_EMERGENCY, EMERGENCY_STOPPED, VIOLATION, FAULT, STOPPED_DUE_TO_SAFETY = (
+    1 << bit for bit in range(5, 11)
+)
+
+MODE_NORMAL, MODE_PROTECTIVE_STOP, MODE_SAFEGUARD_STOP, MODE_ROBOT_EMERGENCY_STOP = 1, 3, 5, 7
+MODE_NAMES = {1: "NORMAL", 3: "PROTECTIVE_STOP", 5: "SAFEGUARD_STOP", 7: "ROBOT_EMERGENCY_STOP"}
+
+ROBOT_POWER_OFF, ROBOT_IDLE, ROBOT_RUNNING = 3, 5, 7
+ROBOT_MODE_NAMES = {3: "POWER_OFF", 5: "IDLE", 7: "RUNNING"}
+
+
+class SafetyState:
+    """Safety mode and power of the robot.
+
+    Attributes:
+        mode: RTDE's safety_mode.
+        bits: RTDE's safety_status_bits.
+        reason: cause of the stop in force, empty without one.
+        stopped_at: controller time of the last stop [s].
+        robot_mode: RTDE's robot_mode.
+        deceleration: braking of the leading axis in cycles without a commanded motion [rad/s^2].
+    """
+
+    def __init__(self, deceleration: float) -> None:
+        self.robot_mode = ROBOT_RUNNING
+        self.stopped_at = 0.0
+        self.deceleration = deceleration
+        self.clear()
+
+    def clear(self) -> None:
+        """Returns to normal operation from any stop."""
+        self.mode, self.bits, self.reason = MODE_NORMAL, NORMAL, ""
+
+    def enter(self, mode: int, bits: int, t: float, reason: str) -> None:
+        """Enters a stop at controller time `t` [s]."""
+        self.mode, self.bits, self.stopped_at, self.reason = mode, bits | STOPPED_DUE_TO_SAFETY, t, reason
+
+    def power_on(self) -> None:
+        """Powers the arm, unless a stop is in force; the brakes stay engaged."""
+        if not self.stopped and self.robot_mode < ROBOT_IDLE:
+            self.robot_mode = ROBOT_IDLE
+
+    def release_brakes(self) -> None:
+        """Releases the brakes of a powered arm, unless a stop is in force."""
+        if not self.stopped and self.robot_mode == ROBOT_IDLE:
+            self.robot_mode = ROBOT_RUNNING
+
+    @property
+    def mode_name(self) -> str:
+        """Name of the safety mode on the dashboard."""
+        return MODE_NAMES[self.mode]
+
+    @property
+    def robot_mode_name(self) -> str:
+        """Name of the robot mode on the dashboard."""
+        return ROBOT_MODE_NAMES[self.robot_mode]
+
+    @property
+    def powered(self) -> bool:
+        """Whether the arm has power."""
+        return self.robot_mode >= ROBOT_IDLE
+
+    @property
+    def stopped(self) -> bool:
+        """Whether a safety stop is in force."""
+        return self.mode != MODE_NORMAL
+
+    @property
+    def may_move(self) -> bool:
+        """Whether programs may run and move the arm."""
+        return not self.stopped and self.robot_mode == ROBOT_RUNNING
+
+
+@dataclass(frozen=True)
+class SafetyLimits:
+    """Limits monitored on the commanded motion; a violation is a protective stop."""
+
+    q_lower: Sequence[float]  # [rad]
+    q_upper: Sequence[float]  # [rad]
+    qd_max: Sequence[float]  # [rad/s], tolerance included
+    qdd_max: Sequence[float]  # [rad/s^2]
+    tcp_speed_max: float  # [m/s]
+
+    def violation(self, q: Sequence[float], qd: Sequence[float], qdd: Sequence[float], tcp_speed: float) -> str | None:
+        """Returns a description of the first violated limit, None if there is none."""
+        for i in range(6):
+            if not self.q_lower[i] <= q[i] <= self.q_upper[i]:
+                return f"joint position limit of joint {i}: {q[i]:.4g} rad"
+            if not abs(qd[i]) <= self.qd_max[i]:
+                return f"joint speed limit of joint {i}: {qd[i]:.4g} rad/s"
+            if not abs(qdd[i]) <= self.qdd_max[i]:
+                return f"joint acceleration limit of joint {i}: {qdd[i]:.4g} rad/s2"
+        if not tcp_speed <= self.tcp_speed_max:
+            return f"tool speed limit: {tcp_speed:.4g} m/s above {self.tcp_speed_max:.4g} m/s"
+        return None
+
+    def allows(self, q: Sequence[float]) -> bool:
+        """Whether joint positions (6,) [rad] are within the limits."""
+        return all(a <= x <= b for a, x, b in zip(self.q_lower, q, self.q_upper, strict=True))

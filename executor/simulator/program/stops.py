@@ -1,0 +1,74 @@
+"""Stops that no program commands: protective, safeguard and emergency stop, loss of power; and recovery from them."""
+
+from __future__ import annotations
+
+from executor.simulator.clock import Timeline
+from executor.simulator.program import safety
+from executor.simulator.program.runner import ProgramRunner
+from executor.simulator.program.safety import SafetyState
+from executor.simulator.settings import SimulatorSettings
+
+PROGRAM_FATES = ("paused", "stopped", "playing")  # state of the program after a protective stop
+
+
+class Stops:
+    """Each stop sets safety state and deceleration, and pauses or ends the program."""
+
+    def __init__(
+        self, safety_state: SafetyState, runner: ProgramRunner, timeline: Timeline, settings: SimulatorSettings
+    ) -> None:
+        self.safety, self.runner, self.timeline, self.settings = safety_state, runner, timeline, settings
+        self.decelerations = settings.decelerations
+
+    def protective(self, reason: str, program: str | None = None) -> None:
+        """Category 2. The program is `paused`, `stopped`, or left `playing` as some versions leave it."""
+        if self.safety.stopped:
+            return
+        self.timeline.note(f"protective stop: {reason}")
+        self._enter(safety.MODE_PROTECTIVE_STOP, safety.PROTECTIVE_STOPPED, reason, self.decelerations.protective_stop)
+        fate = program or self.settings.protective_stop_runtime
+        if fate == "stopped":
+            self.runner.stop(reason)
+        elif fate == "paused":
+            self.runner.pause()
+
+    def safeguard(self) -> None:
+        """Category 2, from the safeguard input; the program is paused."""
+        if self.safety.stopped:
+            return
+        reason = "safeguard stop"
+        self.timeline.note(reason)
+        self._enter(safety.MODE_SAFEGUARD_STOP, safety.SAFEGUARD_STOPPED, reason, self.decelerations.safeguard_stop)
+        self.runner.pause()
+
+    def emergency(self) -> None:
+        """Category 1: the arm brakes and loses power; the program ends."""
+        reason, bits = "emergency stop", safety.ROBOT_EMERGENCY | safety.EMERGENCY_STOPPED
+        self.timeline.note(reason)
+        self._enter(safety.MODE_ROBOT_EMERGENCY_STOP, bits, reason, self.decelerations.emergency_stop)
+        self.safety.robot_mode = safety.ROBOT_POWER_OFF
+        self.runner.stop(reason)
+
+    def _enter(self, mode: int, bits: int, reason: str, deceleration: float) -> None:
+        self.safety.enter(mode, bits, self.timeline.t, reason)
+        self.safety.deceleration = deceleration
+
+    def power_loss(self) -> None:
+        """Category 0: the brakes engage; the program ends."""
+        self.timeline.note("power off")
+        self.safety.robot_mode = safety.ROBOT_POWER_OFF
+        self.runner.stop("power off")
+        self.safety.deceleration = self.decelerations.power_loss
+
+    def unlock(self) -> bool:
+        """Ends a protective stop; returns False if it is too recent to be unlocked."""
+        if self.safety.mode == safety.MODE_PROTECTIVE_STOP:
+            if self.timeline.t - self.safety.stopped_at < self.settings.protective_stop_lock_s:
+                return False
+            self.safety.clear()
+        return True
+
+    def restart_safety(self) -> None:
+        """Restarts the safety system: the power goes, and so does the cause of a stop."""
+        self.power_loss()
+        self.safety.clear()

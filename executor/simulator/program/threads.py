@@ -1,0 +1,53 @@
+"""A running program: its main thread and the threads it started, as generators with one step per cycle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+Thread = Iterator[None]  # one `yield` ends the turn of the thread in this cycle
+MAIN = "main"
+ENDED = object()  # returned by `next` once a generator is exhausted
+
+
+class ProgramError(Exception):
+    """A runtime error of the program: the controller stops it."""
+
+
+class SuddenTargetChange(Exception):
+    """A target so far off that following it would exceed the joint speed limit: a protective stop."""
+
+
+class Program:
+    """A named program with its threads."""
+
+    def __init__(self, name: str, main: Thread) -> None:
+        self.name = name
+        self.threads: dict[str, Thread] = {MAIN: main}
+
+    def start(self, name: str, thread: Thread) -> None:
+        """Starts a thread; its first turn is in this cycle, after that of the thread that started it."""
+        self.threads[name] = thread
+
+    def kill(self, name: str) -> bool:
+        """Ends a thread; returns whether there was one."""
+        return self.threads.pop(name, None) is not None
+
+    def step(self) -> bool:
+        """Gives every thread its turn.
+
+        Returns:
+            False once the main thread has ended, and with it the program.
+
+        Raises:
+            ProgramError: a thread met a runtime error.
+        """
+        turn = 0
+        while turn < len(self.threads):  # a thread may start others, whose turn comes after its own
+            name = list(self.threads)[turn]
+            ended = next(self.threads[name], ENDED) is ENDED
+            if ended and name == MAIN:
+                return False
+            if ended:
+                self.threads.pop(name, None)
+            turn += not ended
+        return True

@@ -1,0 +1,70 @@
+"""The simulation: a controller with its services on the network, advanced tick by tick."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from executor.simulator.clock import CyclePacing
+from executor.simulator.controller import Controller
+from executor.simulator.interfaces import DashboardServer, Network, RtdeServer, ScriptServer, ServicePort
+from executor.simulator.output_values import OutputValues
+from executor.simulator.settings import DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORT, SimulatorSettings
+from planner.cell import Cell
+
+
+class Simulation:
+    """All parts of one simulated controller, on the ports that a real one has.
+
+    Attributes:
+        freeze_s: fault: time for which controller and world are about to stand still [s].
+    """
+
+    def __init__(self, cell: Cell, settings: SimulatorSettings, host: str) -> None:
+        """Listens on `host`.
+
+        Raises:
+            OSError: an address is not available.
+        """
+        self.controller = c = Controller(cell, settings)
+        self.output_values = OutputValues(c)
+        self.pacing = CyclePacing(c.timeline.dt, settings.stall_tolerant)
+        self.freeze_s = 0.0
+        self.rtde = RtdeServer(c.identity, c.timeline, self.output_values.values, c.take_inputs)
+        script = ScriptServer(c.runner.upload, c.timeline.note)
+        dashboard = DashboardServer(c.identity, c.runner, c.stops)
+        self.network = Network(host)
+        self.network.add(
+            ServicePort("rtde", RTDE_PORT, self.rtde),
+            ServicePort("script", SCRIPT_PORT, script),
+            ServicePort("dashboard", DASHBOARD_PORT, dashboard),
+        )
+
+    def tick(self) -> None:
+        """Runs one controller cycle and sends its state."""
+        self.controller.cycle()
+        self.output_values.cycle()
+        self.rtde.publish()
+        self.network.tick()
+        if self.controller.timeline.cycles % self.output_values.torque_every == 0:
+            self.output_values.torques()
+
+    def stats(self) -> dict[str, Any]:
+        """Returns the counts of a client's commands and of this process's timing."""
+        timeline = self.controller.timeline
+        return {
+            "t": timeline.t,
+            "cycle_s": timeline.dt,
+            "commands_per_cycle": self.controller.stream.as_document(),
+            "lateness": self.pacing.lateness.as_document(),
+            "slips": self.pacing.slips.as_document(),
+            "malformed_packages": self.rtde.malformed,
+            "cpu_s": time.process_time(),
+        }
+
+    def reset_stats(self) -> None:
+        """Restarts all counts."""
+        self.controller.stream.reset()
+        self.pacing.lateness.reset()
+        self.pacing.slips.reset()
+        self.rtde.malformed = 0

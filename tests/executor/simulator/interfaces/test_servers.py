@@ -1,0 +1,40 @@
+"""Script port and control port with plain functions behind them."""
+
+from __future__ import annotations
+
+import json
+
+from executor.simulator.interfaces import BadRequest, ControlServer, Document, ScriptServer
+from executor.simulator.interfaces.script_server import SCRIPT_MAX
+
+from ..conftest import Connect
+
+
+def test_programs_are_handed_on_whole_one_by_one(connect: Connect):
+    uploaded: list[str] = []
+    line = connect(ScriptServer(uploaded.append, lambda note: None))
+    line.send(b"def a():\n  if x:\n  end\n")
+    assert uploaded == []
+    line.send(b"end\ndef b():\nend \r\ndef c(")
+    assert uploaded == ["def a():\n  if x:\n  end\nend\n", "def b():\nend \r\n"]
+
+
+def test_a_text_without_end_is_noted_and_ends_the_connection(connect: Connect):
+    notes: list[str] = []
+    line = connect(ScriptServer(lambda text: None, notes.append))
+    line.connection.received += b"x" * SCRIPT_MAX
+    line.send(b"x")
+    assert not line.connection.open
+    assert notes == ["script port: no program within the largest size"]
+
+
+def refuse(request: Document) -> Document:
+    raise BadRequest(f"not {request['what']}")
+
+
+def test_a_request_is_answered_by_its_operation(connect: Connect):
+    line = connect(ControlServer({"double": lambda request: {"n": 2 * request["n"]}, "refuse": refuse}))
+    assert json.loads(line.send(b'{"op": "double", "n": 21}\n')) == {"ok": True, "n": 42}
+    assert json.loads(line.send(b'{"op": "refuse", "what": "today"}\n')) == {"ok": False, "error": "not today"}
+    for bad in (b"[1]\n", b"{\n", b'{"op": "none"}\n', b'{"op": []}\n'):
+        assert json.loads(line.send(bad))["ok"] is False
