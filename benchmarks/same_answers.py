@@ -63,28 +63,43 @@ def requests() -> list[tuple[str, Request]]:
 
 
 def _of_cell(name: str, cell: Cell, rng: np.random.Generator) -> Iterator[Request]:
-    for round_ in range(2):
+    for profiles in (("toppra", "trapezoid"), ("cubic", "ramp")):
         q, qd = _state(cell, rng)
         joint = {"kind": "joint", "positions": q.tolist(), "velocities": qd.tolist()}
         pose, point = _tool_releases(cell, q, qd)
         target = _target(cell, rng)
-        yield from ({"release": release} for release in (joint, pose, point, target))
-        yield {"release": target, "release_window_s": 0.02, "landing_tolerance_m": 0.01}
-        yield {"release": point, "backend": "casadi"}
-        yield {"release": target, "backend": "ruckig"}
-        yield {"release": pose, "backend": ("toppra", "cubic")[round_]}
-        yield {"release": joint, "backend": ("trapezoid", "ramp")[round_]}
+        yield from _each_kind(joint, pose, point, target, profiles)
         yield {"release": pose, "start": {"positions": _start(cell, rng)}}
+        if profiles[1] == "ramp":
+            yield from _with_options(cell, joint, target)
+            if name in ("ur5e-sim", "ur5-sim", "wall"):
+                yield from _refused(joint, pose, rng)
+
+
+def _each_kind(
+    joint: Request, pose: Request, point: Request, target: Request, profiles: tuple[str, str]
+) -> Iterator[Request]:
+    yield from ({"release": release} for release in (joint, pose, point, target))
+    yield {"release": target, "release_window_s": 0.02, "landing_tolerance_m": 0.01}
+    yield {"release": point, "backend": "casadi"}
+    yield {"release": target, "backend": "ruckig"}
+    yield {"release": pose, "backend": profiles[0]}
+    yield {"release": joint, "backend": profiles[1]}
+
+
+def _with_options(cell: Cell, joint: Request, target: Request) -> Iterator[Request]:
     tight = {"velocity": (0.7 * cell.limits.qd_max).tolist(), "jerk": float(0.5 * cell.limits.jerk_max.min())}
     yield {"release": target, "limits": tight, "singularity_distance_min": 0.1}
     yield {"release": {**target, "max_release_speed_m_s": 3.5, "min_elevation_rad": 0.1}}
     yield {"release": {**joint, "velocities": [0.0] * 6}, "frame": "base"}
     yield {"release": target, "release_window_s": 0.01, "landing_tolerance_m": 0.01, "backend": "casadi"}
-    if name in ("ur5e-sim", "ur5-sim", "wall"):
-        yield {"release": {"kind": "target", "position": [4.0 + rng.random(), 0.3, 0.0]}}
-        yield {"release": {"kind": "point", "position": [1.6, 0.2, 0.4], "velocity": [0.5, 0.0, 0.5]}}
-        yield {"release": {**pose, "twist": {"linear": [9.0, 0.0, 1.0], "angular": [0.0, 0.0, 0.0]}}}
-        yield {"release": {**joint, "positions": [9.0, *q[1:].tolist()]}}
+
+
+def _refused(joint: Request, pose: Request, rng: np.random.Generator) -> Iterator[Request]:
+    yield {"release": {"kind": "target", "position": [4.0 + rng.random(), 0.3, 0.0]}}
+    yield {"release": {"kind": "point", "position": [1.6, 0.2, 0.4], "velocity": [0.5, 0.0, 0.5]}}
+    yield {"release": {**pose, "twist": {"linear": [9.0, 0.0, 1.0], "angular": [0.0, 0.0, 0.0]}}}
+    yield {"release": {**joint, "positions": [9.0, *joint["positions"][1:]]}}
 
 
 def _state(cell: Cell, rng: np.random.Generator) -> tuple[Vector, Vector]:
@@ -209,10 +224,11 @@ def main() -> int:
     parser.add_argument("--every", type=int, default=1, help="record one request of so many, for a quick look")
     given = parser.parse_args()
     if given.command == "compare":
-        return 1 if compare(*given.files) else 0
+        before, after = given.files
+        return 1 if compare(before, after) else 0
     if given.no_clock:
         time.perf_counter = lambda: 0.0
-    record(*given.files, given.every)
+    record(given.files[0], given.every)
     return 0
 
 
