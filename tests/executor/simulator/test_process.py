@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from executor.settings import last_core
+from executor import realtime
 from executor.simulator.realtime import default_core
 from executor.simulator.statistics import Commands, Lateness
 
@@ -64,7 +64,7 @@ def test_priority_and_processor_are_taken_and_told(start_simulator: Start):
 
 def test_the_processor_is_the_streams():
     assert default_core({"FLING_STREAM_CORE": "-1"}) == -1
-    assert default_core({}) == last_core()
+    assert default_core({}) == realtime.default_core({})
 
 
 def test_a_bad_cell_and_a_taken_address_are_told(start_simulator: Start, tmp_path):
