@@ -62,6 +62,7 @@ class Rig:
         self.simulator = self.executor = None
         self.wrap: list[str] = []  # prefix of every command
         self._plans: dict[str, str] = {}
+        self._queued = ""  # newest execution
 
     def reload(self) -> None:
         """Reads the cell file again, after a test has changed it."""
@@ -96,6 +97,8 @@ class Rig:
             self.start_executor()
         self.executor.send_signal(signal.SIGCONT)
         self.recover()
+        if self._queued:  # a test that failed has not waited for its end
+            self.end(self._queued)
         if self.is_latched():
             self.acknowledge()
 
@@ -134,7 +137,8 @@ class Rig:
 
     def queue(self, release: Mapping[str, Any] = TOSS, mode: str = "speedj", dry_run: bool = False) -> str:
         """Queues an execution; returns its id."""
-        return self.store.queue_execution(self.plan(release), "rig", mode, dry_run, "test").id
+        self._queued = self.store.queue_execution(self.plan(release), "rig", mode, dry_run, "test").id
+        return self._queued
 
     def row(self, id: str) -> ExecutionRow:
         """Returns an execution."""

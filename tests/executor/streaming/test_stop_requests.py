@@ -1,4 +1,4 @@
-"""Orders from outside the loop."""
+"""Requests to stop from outside the loop."""
 
 from __future__ import annotations
 
