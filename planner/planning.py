@@ -13,9 +13,10 @@ from itertools import product
 from planner.certificate import Certificate, certify
 from planner.errors import Infeasible, SolverFailed
 from planner.problem import ThrowProblem
+from planner.request import request_document
 from planner.search.auto import by_launch_time, optimised
 from planner.search.incumbent import Attempt, Search
-from planner.search.nearest import nearest_release, request_document
+from planner.search.nearest import nearest_release
 from planner.search.sequential import WAYS, one_by_one
 from planner.seeds.candidates import candidates
 from planner.trajectory import Trajectory

@@ -156,10 +156,10 @@ def _sooner_by_ruckig(search: Search, seeds: list[Seed]) -> None:
             break
         if seed.candidate.bound_s >= search.release_time_s or seed.arrival_s >= search.release_time_s:
             continue
-        for launch in ruckig_otg.LAUNCHES:
-            if launch == ruckig_otg.SPARE and search.best is not None:
+        for variant in ruckig_otg.VARIANTS:
+            if variant == ruckig_otg.LAST_RESORT and search.best is not None:
                 continue
-            certificate = _try_launch(search, seed, launch)
+            certificate = _try_launch(search, seed, variant)
             if certificate is not None:
                 tried += 1
                 valid += certificate.valid
@@ -226,4 +226,4 @@ def _optimise(search: Search, seed: Seed, patience_s: float, stubborn: bool = Fa
 
 
 def _warm_start(seed: Seed) -> Guess | None:
-    return None if seed.ruckig_s == float("inf") else ruckig_otg.rough(seed.problem, seed.candidate)
+    return None if seed.ruckig_s == float("inf") else ruckig_otg.initial_guess(seed.problem, seed.candidate)

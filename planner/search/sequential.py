@@ -15,13 +15,13 @@ from planner.solution import Solution
 
 Solve = Callable[[ThrowProblem, Candidate], Solution]
 
-SPARE = partial(ruckig_otg.solve, launch=ruckig_otg.SPARE)  # tried only while there is no answer
+SPARE = partial(ruckig_otg.solve, variant=ruckig_otg.LAST_RESORT)  # tried only while there is no answer
 
 # Every way of every back end that answers for one candidate at a time, in the order in which they are tried.
 WAYS: dict[str, tuple[Solve, ...]] = {
-    "ruckig": (*(partial(ruckig_otg.solve, launch=launch) for launch in ruckig_otg.LAUNCHES[:-1]), SPARE),
-    "toppra": tuple(partial(toppra_path.solve, path=path) for path in toppra_path.PATHS),
-    **{profile: (partial(profiles.solve, profile=profile),) for profile in profiles.PROFILES},
+    "ruckig": (*(partial(ruckig_otg.solve, variant=variant) for variant in ruckig_otg.VARIANTS[:-1]), SPARE),
+    "toppra": tuple(partial(toppra_path.solve, variant=variant) for variant in toppra_path.VARIANTS),
+    **{variant: (partial(profiles.solve, variant=variant),) for variant in profiles.VARIANTS},
 }
 
 

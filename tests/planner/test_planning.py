@@ -8,9 +8,9 @@ import pytest
 
 from planner.certificate import certify
 from planner.errors import Infeasible
-from planner.plan_document import problem_from_request
 from planner.planning import plan
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease
+from planner.request import problem_from_request
 from planner.search.auto import by_launch_time, optimised
 from planner.search.incumbent import Search
 from planner.seeds.candidates import candidates
