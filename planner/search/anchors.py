@@ -17,7 +17,7 @@ from planner.kinematics import forward, inverse_branches, inverse_velocity, jaco
 from planner.problem import PointRelease, PoseRelease, ThrowProblem
 from planner.rotations import invert_pose
 from planner.seeds.sampling import farthest_reach, tool_jacobian
-from planner.seeds.velocity_allocation import spread_velocity
+from planner.seeds.velocity_allocation import allocate_velocity
 
 Vector = NDArray[np.float64]
 
@@ -58,7 +58,7 @@ def _point_postures(problem: ThrowProblem, release: PointRelease) -> tuple[Vecto
     cell, limits = problem.cell, problem.reachable
     q = np.clip(problem.start + _offsets() * AROUND_RAD, limits.q_lower, limits.q_upper)
     q = q[_regular(problem, q)]
-    qd = spread_velocity(tool_jacobian(problem, q), cell.X_WB[:3, :3].T @ release.v_WT, limits.qd_max)
+    qd = allocate_velocity(tool_jacobian(problem, q), cell.X_WB[:3, :3].T @ release.v_WT, limits.qd_max)
     q = q[_slow_enough(problem, qd)]
     return q, (cell.X_WB @ forward(cell.robot, q, cell.tool.X_FT))[:, :3, 3]
 
