@@ -1,13 +1,13 @@
-"""Errors of the planner.
+"""Errors of the planner. All of them survive pickling with their fields.
 
 ::
 
     PlannerError
-    ├── UnknownRobot         no such arm
+    ├── UnknownRobot         there is no arm of this name
     ├── CellError            a cell file is refused: field, value, reason
-    ├── InvalidProblem       a request is refused: every field and its reason
-    ├── Infeasible           no motion exists: what stands in the way, by how much, the nearest that can be done
-    ├── SolverFailed         gave up within its time: status, iterations, what was tried
+    ├── InvalidProblem       a request is refused: every wrong field with its reason
+    ├── Infeasible           no motion exists: the violated constraints, and the nearest feasible request
+    ├── SolverFailed         no answer within the time limit: status, iterations, attempts
     └── BackendUnavailable   an optional back end is not installed: the extra to install
 """
 
@@ -19,11 +19,30 @@ from typing import Any
 
 
 class PlannerError(Exception):
-    """Root of everything the planner raises on purpose."""
+    """Base class of every error that the planner raises on purpose.
+
+    Errors cross process borders. By default an exception is unpickled by calling its class with its message alone;
+    `__reduce__` restores message and fields without calling `__init__`.
+    """
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restore, (type(self), str(self), self.__dict__)
+
+
+def _restore(kind: type[PlannerError], message: str, fields: dict[str, Any]) -> PlannerError:
+    """Returns an error with this message and these fields."""
+    error = kind.__new__(kind, message)
+    error.__dict__.update(fields)
+    return error
 
 
 class UnknownRobot(PlannerError):
-    """No arm of this name is described in `planner/robot_data`."""
+    """There is no arm of this name in `planner/robot_data`.
+
+    Attributes:
+        name: the unknown name.
+        known: the names of all arms.
+    """
 
     def __init__(self, name: str, known: Sequence[str]) -> None:
         super().__init__(f"unknown robot {name!r}; known are {', '.join(known)}")
@@ -32,7 +51,13 @@ class UnknownRobot(PlannerError):
 
 
 class CellError(PlannerError):
-    """A cell file is refused."""
+    """A cell file is refused.
+
+    Attributes:
+        field: dotted path of the refused field.
+        value: its value, None where there is none.
+        reason: in words.
+    """
 
     def __init__(self, field: str, value: object, reason: str) -> None:
         super().__init__(f"{field} = {value!r}: {reason}" if value is not None else f"{field}: {reason}")
@@ -43,14 +68,18 @@ class CellError(PlannerError):
 
 @dataclass(frozen=True)
 class FieldError:
-    """One refused field of a request: dotted path and the reason in words."""
+    """One refused field of a request: its dotted path, and the reason in words."""
 
     field: str
     reason: str
 
 
 class InvalidProblem(PlannerError):
-    """A request is refused before any work: every wrong field with its reason."""
+    """A request is refused before planning.
+
+    Attributes:
+        errors: every wrong field with its reason.
+    """
 
     def __init__(self, errors: Sequence[FieldError]) -> None:
         super().__init__("; ".join(f"{e.field}: {e.reason}" for e in errors))
@@ -59,9 +88,15 @@ class InvalidProblem(PlannerError):
 
 @dataclass(frozen=True)
 class Violation:
-    """What stands in the way of a motion, and by how much.
+    """A constraint that rules a motion out, and by how much.
 
-    `value` and `limit` are in `unit`; `at_s` is the time on the trajectory [s], None where it has no time.
+    Attributes:
+        constraint: name of the certificate check.
+        value: value of the motion [unit].
+        limit: the bound that it violates [unit].
+        unit: of both.
+        at_s: time on the trajectory [s], None where there is no such time.
+        detail: joint, pair of links or box concerned, in words.
     """
 
     constraint: str
@@ -80,7 +115,10 @@ class Violation:
 class Infeasible(PlannerError):
     """No motion satisfies the problem.
 
-    `nearest` is the closest request that can be certified, in the shape of `POST /plan`, or None.
+    Attributes:
+        violations: the constraints that rule it out.
+        nearest: the closest request with a certified plan, in the shape of `POST /plan`, or None.
+        attempts: log of the search.
     """
 
     def __init__(
@@ -96,7 +134,13 @@ class Infeasible(PlannerError):
 
 
 class SolverFailed(PlannerError):
-    """A solver gave up without deciding whether the problem can be solved."""
+    """A solver gave up without deciding whether the problem is feasible.
+
+    Attributes:
+        status: the solver's own status, in words.
+        iterations: of the solver.
+        attempts: log of the search.
+    """
 
     def __init__(self, status: str, iterations: int = 0, attempts: Sequence[Mapping[str, Any]] = ()) -> None:
         super().__init__(status)
@@ -106,7 +150,12 @@ class SolverFailed(PlannerError):
 
 
 class BackendUnavailable(PlannerError):
-    """An optional back end is not installed."""
+    """An optional back end is not installed.
+
+    Attributes:
+        backend: its name.
+        extra: the extra of this package that installs it.
+    """
 
     def __init__(self, backend: str, extra: str) -> None:
         super().__init__(f"back end {backend!r} is not installed: pip install 'fling[{extra}]'")

@@ -1,6 +1,6 @@
-"""Back ends: one module each, all of the same shape.
+"""Back ends: one module or package each, all with the same face.
 
-`solve(problem, candidate) -> Solution` returns a motion from the problem's start at rest through the candidate's
-release state to rest, one jerk a tick, or raises `Infeasible` or `SolverFailed`. A back end knows neither the
-certificate nor another back end.
+`solve(problem, candidate, variant) -> Solution` returns a motion from rest at the problem's start through the
+candidate's release state to rest, with one constant jerk a tick; `VARIANTS` names what `variant` may be. A back end
+raises `Infeasible`, `SolverFailed` or `BackendUnavailable`. It imports neither the certificate nor another back end.
 """

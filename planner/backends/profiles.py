@@ -1,9 +1,8 @@
-"""Textbook profiles: trapezoidal velocity, cubic position, constant acceleration. For the seed's sake, for teaching,
-and as baselines.
+"""Textbook velocity profiles as a back end: trapezoid, cubic position, constant acceleration.
 
-Every joint starts and arrives with the others; the brake is of the same kind, straight along the release velocity. Of
-the limits they know velocity and acceleration alone. Their acceleration steps, so the motion is averaged over the
-shortest window that keeps the jerk limit too, with half a window of constant velocity on each side of the release.
+All joints start and arrive together; the brake has the same shape, straight along the release velocity. The profiles
+keep the limits on velocity and acceleration. Their acceleration steps, so the motion is averaged over the narrowest
+window that keeps the jerk limit, with half a window of constant velocity on each side of the release.
 """
 
 from __future__ import annotations
@@ -16,72 +15,81 @@ from planner.errors import SolverFailed
 from planner.problem import ThrowProblem
 from planner.seeds.candidates import POSITION_SLACK, Candidate
 from planner.solution import Solution
-from planner.timing.smoothing import RawMotion, smooth
-from planner.timing.velocity_profiles import (
+from planner.timing import (
+    CubicProfile,
+    RawMotion,
+    TrapezoidProfile,
     cubic_brake,
     linear_brake,
     shortest_cubic,
     shortest_ramp,
     shortest_trapezoid,
     shortest_triangle,
+    smooth,
     whole_ticks,
 )
 
+__all__ = ["DESCRIPTIONS", "VARIANTS", "solve"]
+
 Vector = NDArray[np.float64]
 
-PROFILES = {
+DESCRIPTIONS = {  # of each variant, as the plan's status names it
     "cubic": "cubic position in every joint",
     "trapezoid": "trapezoidal velocity in every joint",
     "ramp": "constant acceleration straight along the release velocity",
 }
+VARIANTS = tuple(DESCRIPTIONS)
 
 
-def solve(problem: ThrowProblem, candidate: Candidate, profile: str = "trapezoid") -> Solution:
-    """Returns the shortest motion of the profile through the candidate to rest.
+def solve(problem: ThrowProblem, candidate: Candidate, variant: str = "trapezoid") -> Solution:
+    """Returns the shortest motion with this profile through the candidate to rest.
 
     Args:
-        problem: whose start and limits hold.
+        problem: gives start, limits and tick.
         candidate: the release state.
-        profile: one of `PROFILES`.
+        variant: one of `VARIANTS`.
 
     Raises:
-        SolverFailed: the profile has no such motion: the run-up of a constant acceleration begins outside the joint
-            limits, no cubic is slow enough, or the motion would take too long.
+        SolverFailed: the run-up of a constant acceleration begins outside the joint limits, no cubic keeps the limits,
+            or the motion takes too long.
     """
     trajectory, width = smooth(
-        problem, candidate, lambda limits, width: _raw(problem, candidate, profile, limits, width)
+        problem, candidate, lambda limits, width: _raw(problem, candidate, variant, limits, width)
     )
-    status = f"{PROFILES[profile]}, without regard to jerk; averaged over {1e3 * width:.0f} ms to keep the jerk limit"
+    status = (
+        f"{DESCRIPTIONS[variant]}, without regard to jerk; averaged over {1e3 * width:.0f} ms to keep the jerk limit"
+    )
     return Solution(trajectory, status)
 
 
-def _raw(problem: ThrowProblem, candidate: Candidate, profile: str, limits: Limits, width: int) -> RawMotion:
+def _raw(problem: ThrowProblem, candidate: Candidate, variant: str, limits: Limits, width: int) -> RawMotion:
+    """Returns the motion before it is averaged over `width` ticks."""
     dt, v = problem.dt, candidate.qd
     if problem.ends_at_rest:
-        launch = _to_rest(candidate.q - problem.start, profile, limits, dt)
+        launch = _to_rest(candidate.q - problem.start, variant, limits, dt)
         return RawMotion(launch, np.zeros((width + 1, 6)), np.zeros((1, 6)))
     passage = np.tile(v, (width + 1, 1))
-    brake = cubic_brake(v, limits, dt) if profile == "cubic" else linear_brake(v, limits, dt)
+    brake = cubic_brake(v, limits, dt) if variant == "cubic" else linear_brake(v, limits, dt)
     d = candidate.q - v * (width * dt / 2.0) - problem.start
-    if profile == "cubic":
+    if variant == "cubic":
         return RawMotion(_sampled(shortest_cubic(d, v, limits, dt), dt), passage, brake)
-    if profile == "trapezoid":
+    if variant == "trapezoid":
         return RawMotion(_sampled(shortest_trapezoid(d, v, limits, dt), dt), passage, brake)
     return RawMotion(_run_up(problem, d, v, limits), passage, brake)
 
 
-def _to_rest(d: Vector, profile: str, limits: Limits, dt: float) -> Vector:
+def _to_rest(d: Vector, variant: str, limits: Limits, dt: float) -> Vector:
     """Returns the velocities (N+1, 6) of a move over `d` that ends at rest."""
     v = np.zeros(6)
-    if profile == "cubic":
+    if variant == "cubic":
         return _sampled(shortest_cubic(d, v, limits, dt), dt)
-    if profile == "trapezoid":
+    if variant == "trapezoid":
         return _sampled(shortest_trapezoid(d, v, limits, dt), dt)
     return _sampled(shortest_triangle(d, limits, dt), dt)
 
 
 def _run_up(problem: ThrowProblem, d: Vector, v: Vector, limits: Limits) -> Vector:
-    """Returns the velocities (N+1, 6) of a move to where the constant acceleration has to begin, and of it."""
+    """Returns the velocities (N+1, 6) of a move to the run-up point and of the constant acceleration from there."""
     dt = problem.dt
     ramp = shortest_ramp(v, limits, dt)
     d = d - v * ramp.duration_s / 2.0
@@ -100,6 +108,7 @@ def _refuse_outside(problem: ThrowProblem, q: Vector) -> None:
         raise SolverFailed(f"the run-up would begin with {name} at {q[i]:.4g} rad, outside {bounds} rad")
 
 
-def _sampled(motion, dt: float) -> Vector:
+def _sampled(motion: CubicProfile | TrapezoidProfile, dt: float) -> Vector:
+    """Returns the velocities (N+1, 6) of a profile at its ticks."""
     count = whole_ticks(motion.duration_s, dt)
     return motion.at(np.arange(count + 1) * dt)[1]

@@ -60,9 +60,9 @@ class RankedCandidate:
     def seed(self) -> Seed:
         """The optimiser's seed: Ruckig's motion to the candidate, if there is one."""
         refused = self.launch_s == float("inf")
-        return Seed(self.candidate, None if refused else ruckig_otg.rough(self.problem, self.candidate))
+        return Seed(self.candidate, None if refused else ruckig_otg.initial_guess(self.problem, self.candidate))
 
-    def bound_s(self, variant: str) -> float:
+    def bound_s(self, variant: ruckig_otg.LaunchVariant) -> float:
         """Lower bound on the release time of Ruckig's motion to the candidate [s]."""
         return self.arrival_s if variant == "free" else max(self.arrival_s, self.launch_s)
 
@@ -150,7 +150,7 @@ class Stage:
     candidates: slice
     condition: Condition
     iterations: int = 0
-    variants: Sequence[str] = ruckig_otg.LAUNCHES
+    variants: Sequence[ruckig_otg.LaunchVariant] = ruckig_otg.VARIANTS
     order: Literal["rank", "arrival"] = "rank"
 
 
@@ -240,12 +240,14 @@ def _certify_ruckig(search: PlanningSearch, stage: Stage, ranking: Ranking) -> N
         search.log_attempt("ruckig", result + ("; none can be sooner" if search.is_optimal else ""), begun)
 
 
-def _ruckig_motion(search: PlanningSearch, ranked: RankedCandidate, variant: str) -> Solution | None:
+def _ruckig_motion(
+    search: PlanningSearch, ranked: RankedCandidate, variant: ruckig_otg.LaunchVariant
+) -> Solution | None:
     """Returns an untried motion that is sooner than the incumbent; None if there is none."""
     latest_s = search.release_time_s
     if ranked.candidate.bound_s >= latest_s or ranked.bound_s(variant) >= latest_s:
         return None
-    if (variant == ruckig_otg.SPARE and search.incumbent is not None) or not ranked.first_try(variant):
+    if (variant == ruckig_otg.LAST_RESORT and search.incumbent is not None) or not ranked.first_try(variant):
         return None
     try:
         solution = ruckig_otg.solve(search.problem, ranked.candidate, variant)

@@ -15,13 +15,13 @@ from planner.solution import Solution
 
 Solve = Callable[[ThrowProblem, Candidate], Solution]
 
-LAST_RESORT = partial(ruckig_otg.solve, launch=ruckig_otg.SPARE)  # tried only without an incumbent
+LAST_RESORT = partial(ruckig_otg.solve, variant=ruckig_otg.LAST_RESORT)  # tried only without an incumbent
 
 # Every variant of every such back end, in the order in which they are tried.
 VARIANTS_BY_BACKEND: dict[str, tuple[Solve, ...]] = {
-    "ruckig": (*(partial(ruckig_otg.solve, launch=variant) for variant in ruckig_otg.LAUNCHES[:-1]), LAST_RESORT),
-    "toppra": tuple(partial(toppra_path.solve, path=variant) for variant in toppra_path.PATHS),
-    **{variant: (partial(profiles.solve, profile=variant),) for variant in profiles.PROFILES},
+    "ruckig": (*(partial(ruckig_otg.solve, variant=variant) for variant in ruckig_otg.VARIANTS[:-1]), LAST_RESORT),
+    "toppra": tuple(partial(toppra_path.solve, variant=variant) for variant in toppra_path.VARIANTS),
+    **{variant: (partial(profiles.solve, variant=variant),) for variant in profiles.VARIANTS},
 }
 
 

@@ -1,9 +1,9 @@
-"""Bringing a motion onto the tick grid without losing its end state.
+"""Projection of a motion onto the tick grid; its end state stays exact.
 
-A solver's jerk switches where it likes; a trajectory's jerk switches on ticks. Taking the solver's accelerations at
-the ticks gives every tick its mean jerk, which is within the bound, but moves the end of the phase by about
-jerk dt^2 / 4 in velocity for each switch. The least change of the jerks that puts the end state back is added,
-weighted so that it falls where the jerk has room. `grid_limits` is what a solver must keep free for it.
+A solver switches the jerk at any time, a trajectory on ticks only. The solver's accelerations at the ticks give every
+tick its mean jerk, which is within the bound, but each switch moves the end of the phase by about jerk dt^2 / 4 in
+velocity. The smallest change of the jerks that restores the end state is added, weighted towards ticks whose jerk is
+below its bound. `grid_limits` gives the tighter limits that a solver has to keep for it. See docs/decisions/0002.
 """
 
 from __future__ import annotations
@@ -19,27 +19,41 @@ from planner.trajectory import integrate
 Vector = NDArray[np.float64]
 State = tuple[ArrayLike, ArrayLike, ArrayLike]
 
-ACCELERATION_ROOM = 75.0  # [1/s^2] share of the acceleration limit left free, by dt^2: 3e-4 at 500 Hz, 5e-3 at 125 Hz
-JERK_ROOM = 0.5  # [1/s^2] likewise of the jerk (both measured over random launches: docs/decisions/0002)
-ROOMS = (1.0, 30.0, 1000.0)  # [-] multiples of the two tried in turn: a phase of few ticks, all saturated, needs more
-FIT_TOLERANCE = 5e-8  # [-] share of a limit by which a phase may exceed it and still counts as fitting
-JERK_FLOOR = 1e-3  # [-] least weight of a tick, so that a jerk saturated in every tick can still be corrected
-PASSES = 2  # the second pass removes what rounding left of the first
+ACCELERATION_RESERVE = 75.0  # [1/s^2] share of the acceleration limit by dt^2: 3e-4 at 500 Hz; measured, decision 0002
+JERK_RESERVE = 10.0  # [1/s^2] share of the jerk limit by dt^2: 4e-5 at 500 Hz; measured, decision 0002
+SHARE_MAX = 1e-3  # [s^2] largest product of reserve factor and dt^2
+ACCELERATION_RESERVE_MAX = 0.02  # [-] of the limit
+VELOCITY_SHARE_MIN = 0.98  # [-] of the velocity limit that always stays usable
+RESERVES = (1.0, 30.0, 1000.0)  # [-] factors tried in turn: a phase of few ticks, all saturated, needs a larger reserve
+FIT_TOLERANCE = 5e-8  # [-] share of a limit by which a phase may exceed it; above the rounding of the projection
+JERK_FLOOR = 1e-3  # [-] least weight of a tick, so that a phase with saturated jerk throughout can still be corrected
+PASSES = 2  # the second pass removes the rounding error of the first
 
 
-def grid_limits(limits: Limits, dt: float, room: float = 1.0) -> Limits:
-    """Returns `limits` less what the projection onto ticks of `dt` [s] may add to velocity, acceleration and jerk.
+def grid_limits(limits: Limits, dt: float, reserve: float = 1.0) -> Limits:
+    """Returns tighter limits on velocity, acceleration and jerk that leave a reserve for the projection onto ticks.
 
-    A velocity plateau entered between two ticks is overshot by at most jerk_max dt^2 / 4. `room` is one of `ROOMS`.
+    A velocity plateau entered between two ticks is overshot by at most jerk_max dt^2 / 4.
+
+    Args:
+        limits: to keep after the projection.
+        dt: one tick [s].
+        reserve: factor on the reserve [-], one of `RESERVES`.
     """
-    share = min(room * dt**2, 1e-3)
-    qd_max = np.maximum(limits.qd_max - limits.jerk_max * dt**2 / 4.0, 0.98 * limits.qd_max)
-    qdd_max = limits.qdd_max * (1.0 - min(ACCELERATION_ROOM * share, 0.02))
-    return replace(limits, qd_max=qd_max, qdd_max=qdd_max, jerk_max=limits.jerk_max * (1.0 - JERK_ROOM * share * 20.0))
+    share = min(reserve * dt**2, SHARE_MAX)
+    qd_max = np.maximum(limits.qd_max - limits.jerk_max * dt**2 / 4.0, VELOCITY_SHARE_MIN * limits.qd_max)
+    qdd_max = limits.qdd_max * (1.0 - min(ACCELERATION_RESERVE * share, ACCELERATION_RESERVE_MAX))
+    return replace(limits, qd_max=qd_max, qdd_max=qdd_max, jerk_max=limits.jerk_max * (1.0 - JERK_RESERVE * share))
 
 
 def fits(phase: tuple[Vector, Vector, Vector], limits: Limits, dt: float) -> bool:
-    """Returns whether the samples (q, qd, qdd) of a phase keep the limits on velocity, acceleration and jerk."""
+    """Returns whether the samples of a phase keep the limits on velocity, acceleration and jerk.
+
+    Args:
+        phase: q, qd, qdd (N+1, n) [rad, rad/s, rad/s^2].
+        limits: to keep.
+        dt: one tick [s].
+    """
     _, qd, qdd = phase
     jerk = np.diff(qdd, axis=0) / dt
     pairs = ((qd, limits.qd_max), (qdd, limits.qdd_max), (jerk, limits.jerk_max))
@@ -51,10 +65,10 @@ def onto_grid(start: State, end: State, qdd: Vector, dt: float, jerk_max: Vector
 
     Args:
         start: q [rad], qd [rad/s], qdd [rad/s^2], each (n,).
-        end: likewise.
-        qdd: the solver's accelerations at the ticks (N+1, n) [rad/s^2]; its first and last rows are not used.
+        end: the same quantities at the end.
+        qdd: the solver's accelerations at the ticks (N+1, n) [rad/s^2]; the first and last rows are not used.
         dt: one tick [s].
-        jerk_max: (n,) [rad/s^3], where the correction finds room.
+        jerk_max: jerk limits (n,) [rad/s^3], which weight the correction.
     """
     a = np.array(qdd, float)
     a[0], a[-1] = start[2], end[2]

@@ -1,11 +1,11 @@
-"""Giving a motion with steps in its acceleration a bounded jerk, without losing its release state.
+"""Bounded jerk for a motion with steps in its acceleration; the release state stays exact.
 
-A motion is replaced by its average over a sliding window of `width` (its convolution with a box). The average of what
-keeps a bound on velocity or acceleration keeps it, and the jerk becomes (qdd(t + w/2) - qdd(t - w/2)) / w: at most the
-largest change of acceleration within a window, over the window. Where the motion runs at constant velocity for half a
-window before and after the release, its average passes the release in the same state, at the same instant.
-A trapezoid of velocity so becomes the double S. Source: Biagiotti and Melchiorri, FIR filters for online trajectory
-planning with time- and frequency-domain specifications, Control Engineering Practice 20 (2012).
+The motion is averaged over a sliding window of `width` (a convolution with a box). The average keeps every bound on
+velocity and acceleration that the motion keeps, and its jerk is (qdd(t + w/2) - qdd(t - w/2)) / w: at most the largest
+change of acceleration within a window, over the window. A motion at constant velocity for half a window on each side
+of the release has the same state at the release after averaging. A trapezoid of velocity becomes the double S.
+Source: Biagiotti and Melchiorri, FIR filters for online trajectory planning with time- and frequency-domain
+specifications, Control Engineering Practice 20 (2012).
 """
 
 from __future__ import annotations
@@ -20,24 +20,25 @@ from numpy.typing import NDArray
 from planner.cell import Limits
 from planner.problem import ThrowProblem
 from planner.seeds.candidates import Candidate
-from planner.timing.grid import ROOMS, fits, grid_limits, onto_grid
+from planner.timing.grid import RESERVES, fits, grid_limits, onto_grid
 from planner.trajectory import Trajectory, integrate, join
 
 Vector = NDArray[np.float64]
 
-# Multiples of acceleration limit / jerk limit between which the width is sought: one step of full size in a window,
-# and, always enough, from full acceleration to full deceleration.
+# [-] bounds of the window's width, as multiples of acceleration limit / jerk limit: one full step of acceleration needs
+# the first, a step from full acceleration to full deceleration the second.
 NARROWEST, WIDEST = 1.0, 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class RawMotion:
-    """Velocities at ticks of a motion whose acceleration may step, and its state at the release after averaging.
+    """Joint velocities at the ticks of a motion whose acceleration may step, in three phases.
 
     Attributes:
-        launch: (N+1, n) [rad/s], from rest to half a width before the release.
-        passage: (width+1, n) [rad/s], from half a width before the release to half a width after it; zero at rest.
-        brake: (M+1, n) [rad/s], from there to rest; one row for a move that ends at rest.
+        launch: from rest to half a window before the release (N+1, n) [rad/s].
+        passage: from half a window before the release to half a window after it (width+1, n) [rad/s]; zero for a move
+            that ends at rest.
+        brake: from there to rest (M+1, n) [rad/s]; one row for a move that ends at rest.
     """
 
     launch: Vector
@@ -45,37 +46,37 @@ class RawMotion:
     brake: Vector
 
 
-Maker = Callable[[Limits, int], RawMotion]
+MakeRawMotion = Callable[[Limits, int], RawMotion]
 
 
-def smooth(problem: ThrowProblem, candidate: Candidate, make: Maker) -> tuple[Trajectory, float]:
+def smooth(problem: ThrowProblem, candidate: Candidate, make: MakeRawMotion) -> tuple[Trajectory, float]:
     """Returns the motion averaged over the narrowest window that keeps the limits, and the window's width [s].
 
     Args:
-        problem: whose start, limits and ticks hold.
-        candidate: the state that `make`'s motions have at the release after averaging.
-        make: takes the limits to keep and the width in ticks. The motion must lead from the problem's start to the
-            candidate but for what sampling at ticks loses; that is put back.
+        problem: gives start, limits and tick.
+        candidate: the release state.
+        make: returns a motion within the given limits for a window of the given width [ticks]. After averaging it
+            leads from the problem's start to the candidate, up to the sampling error, which is corrected.
     """
     dt = problem.dt
     narrowest, widest = (_width(problem.limits, multiple, dt) for multiple in (NARROWEST, WIDEST))
-    raw, trajectory = _attempt(problem, candidate, make, widest, ROOMS[0])
+    raw, trajectory = _attempt(problem, candidate, make, widest, RESERVES[0])
     width = _narrowest(raw, narrowest, widest, problem.limits, dt)
     if width < widest:
-        _, narrow = _attempt(problem, candidate, make, width, ROOMS[0])
+        _, narrow = _attempt(problem, candidate, make, width, RESERVES[0])
         if _fits(problem, narrow):
             return narrow, width * dt
-    for room in ROOMS[1:]:
+    for reserve in RESERVES[1:]:
         if _fits(problem, trajectory):
             break
-        _, trajectory = _attempt(problem, candidate, make, widest, room)
+        _, trajectory = _attempt(problem, candidate, make, widest, reserve)
     return trajectory, widest * dt
 
 
 def _attempt(
-    problem: ThrowProblem, candidate: Candidate, make: Maker, width: int, room: float
+    problem: ThrowProblem, candidate: Candidate, make: MakeRawMotion, width: int, reserve: float
 ) -> tuple[RawMotion, Trajectory]:
-    limits = grid_limits(problem.limits, problem.dt, room)
+    limits = grid_limits(problem.limits, problem.dt, reserve)
     # A release at the very limit is allowed: only the way there keeps the room that the grid needs.
     limits = replace(limits, qd_max=np.maximum(limits.qd_max, np.abs(candidate.qd)))
     raw = make(limits, width)
@@ -116,5 +117,5 @@ def _averaged(problem: ThrowProblem, candidate: Candidate, raw: RawMotion, width
 
 
 def _slope(qd: Vector, width: int, dt: float) -> Vector:
-    """Returns the acceleration of the average at the ticks at which a whole window of velocities lies behind."""
+    """Returns the averaged motion's accelerations at the ticks that end a full window of velocities."""
     return (qd[width:] - qd[:-width]) / (width * dt)

@@ -1,8 +1,8 @@
-"""How soon each joint alone can be at a release state, and the acceleration in which it is soonest.
+"""Earliest arrival of each joint alone at a release state, and the release acceleration that gives it.
 
-With a free acceleration at the release no launch is sooner than the slowest joint alone; the others have time to
-arrive without acceleration. Ruckig gives a joint's least time for a given final acceleration; the least over that
-acceleration is found by a scan and golden sections, for the joints that decide.
+With a free acceleration at the release no launch is sooner than the slowest joint alone; the other joints have time to
+arrive with zero acceleration. Ruckig gives a joint's least time for a given final acceleration. The minimum over that
+acceleration is found by a scan and golden-section search, for the joints that decide.
 """
 
 from __future__ import annotations
@@ -15,42 +15,72 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.backends.ruckig_otg import calls
+from planner.backends.ruckig_otg import library
+from planner.errors import SolverFailed
 from planner.problem import ThrowProblem
 from planner.seeds.candidates import Candidate
-from planner.timing.grid import grid_limits
+from planner.timing import grid_limits
 
 Vector = NDArray[np.float64]
 
-SCAN = 9  # final accelerations tried, from the least allowed to the largest
-SECTIONS = 14  # of the interval beside the best of them: 1/4 of the range * 0.618^14 = 3e-4 of it
+SCAN = 9  # final accelerations scanned, from the lowest to the highest allowed
+SECTIONS = 14  # golden sections beside the best of them: 1/4 of the range * 0.618^14 = 3e-4 of the range
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
-INSIDE = 0.999  # [-] of the final acceleration with which a joint just keeps its velocity limit beyond the release
+INSIDE = 0.999  # [-] of the final acceleration from which the velocity just keeps its limit after the release
 
 
 @dataclass(frozen=True, eq=False)
 class Arrival:
-    """The soonest arrival at a release state.
+    """The earliest arrival at a release state.
 
     Attributes:
-        time_s: when the slowest joint alone can be there [s].
-        qdd: with which accelerations (6,) [rad/s^2]; zero for the joints that have time.
+        time_s: least time of the slowest joint alone [s].
+        qdd: release accelerations (6,) [rad/s^2]; zero for the joints that have time to spare.
     """
 
     time_s: float
     qdd: Vector
 
 
+def arrival(problem: ThrowProblem, candidate: Candidate) -> Arrival | None:
+    """Returns the earliest arrival at a candidate, None where Ruckig refuses it.
+
+    Raises:
+        BackendUnavailable: ruckig is not installed.
+    """
+    try:
+        return earliest_arrival(problem, candidate)
+    except SolverFailed:
+        return None
+
+
+def launch_time(problem: ThrowProblem, candidate: Candidate) -> float:
+    """Returns the least time [s] of a launch with zero release acceleration, infinite where Ruckig refuses it.
+
+    Raises:
+        BackendUnavailable: ruckig is not installed.
+    """
+    try:
+        return float(least_times(problem, candidate).max())
+    except SolverFailed:
+        return float("inf")
+
+
 def least_times(problem: ThrowProblem, candidate: Candidate) -> Vector:
-    """Returns each joint's own least time (6,) [s] to the candidate with zero acceleration there."""
+    """Returns each joint's own least time (6,) [s] to the candidate with zero acceleration there.
+
+    Raises:
+        SolverFailed: Ruckig refuses the states.
+        BackendUnavailable: ruckig is not installed.
+    """
     zero = np.zeros(6)
     start, release = (problem.start, zero, zero), (candidate.q, candidate.qd, zero)
-    motion = calls.reaching(start, release, problem.limits, problem.dt, on_ticks=False)
+    motion = library.state_to_state(start, release, problem.limits, problem.dt, on_ticks=False)
     return np.array(motion.independent_min_durations)
 
 
-def soonest(problem: ThrowProblem, candidate: Candidate) -> Arrival:
-    """Returns the soonest arrival at a candidate, with free acceleration there unless the motion ends in it.
+def earliest_arrival(problem: ThrowProblem, candidate: Candidate) -> Arrival:
+    """Returns the earliest arrival at a candidate; its release acceleration is zero for a move that ends at rest.
 
     Raises:
         SolverFailed: Ruckig refuses the states.
@@ -66,7 +96,7 @@ def soonest(problem: ThrowProblem, candidate: Candidate) -> Arrival:
         if times[i] <= time_s:
             break
         maxima = float(limits.qd_max[i]), float(limits.qdd_max[i]), float(limits.jerk_max[i])
-        own, a = joint.soonest(float(candidate.q[i] - problem.start[i]), float(candidate.qd[i]), maxima)
+        own, a = joint.earliest(float(candidate.q[i] - problem.start[i]), float(candidate.qd[i]), maxima)
         if own < times[i]:
             qdd[i] = a
         time_s = max(time_s, min(own, float(times[i])))
@@ -74,29 +104,29 @@ def soonest(problem: ThrowProblem, candidate: Candidate) -> Arrival:
 
 
 class _Joint:
-    """One joint from rest, with Ruckig's objects for it."""
+    """One joint starting at rest; Ruckig's objects for it are made once."""
 
     def __init__(self) -> None:
-        self.ruckig: Any = calls.library()
+        self.ruckig: Any = library.ruckig_module()
         self.solver, self.motion = self.ruckig.Ruckig(1), self.ruckig.Trajectory(1)
         self.solved = (self.ruckig.Result.Working, self.ruckig.Result.Finished)
         self.request = request = self.ruckig.InputParameter(1)
         request.current_position = request.current_velocity = request.current_acceleration = [0.0]
 
-    def soonest(self, distance: float, velocity: float, maxima: tuple[float, float, float]) -> tuple[float, float]:
-        """Returns the least time [s] over `distance` [rad] to `velocity` [rad/s], and the final acceleration of it."""
+    def earliest(self, distance: float, velocity: float, maxima: tuple[float, float, float]) -> tuple[float, float]:
+        """Returns the least time [s] over `distance` [rad] to `velocity` [rad/s], and its final acceleration."""
         v_max, a_max, j_max = maxima
         request = self.request
         request.target_position, request.target_velocity = [distance], [velocity]
         request.max_velocity, request.max_acceleration = [max(v_max, abs(velocity))], [a_max]
         request.max_jerk = [j_max]
-        # A jerk takes |a| / j to undo an acceleration: meanwhile the velocity changes by a^2 / 2j, and keeps its limit.
+        # Undoing an acceleration a takes |a| / j and changes the velocity by a^2 / 2j, which must keep its limit.
         low = -INSIDE * min(a_max, math.sqrt(max(2.0 * j_max * (v_max + velocity), 0.0)))
         high = INSIDE * min(a_max, math.sqrt(max(2.0 * j_max * (v_max - velocity), 0.0)))
         grid = np.linspace(low, high, SCAN).tolist()
         times = [self._time(a) for a in grid]
         k = int(np.argmin(times))
-        section = _golden(self._time, grid[max(k - 1, 0)], grid[min(k + 1, SCAN - 1)])
+        section = _golden_section(self._time, grid[max(k - 1, 0)], grid[min(k + 1, SCAN - 1)])
         return min(section, (times[k], grid[k]))
 
     def _time(self, acceleration: float) -> float:
@@ -108,8 +138,8 @@ class _Joint:
         return float(self.motion.duration) if result in self.solved else math.inf
 
 
-def _golden(function: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
-    """Returns the least value, and where, of a function that has one valley in [low, high]."""
+def _golden_section(function: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
+    """Returns the minimum and its place of a function with one valley in [low, high]."""
     left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
     at_left, at_right = function(left), function(right)
     for _ in range(SECTIONS):

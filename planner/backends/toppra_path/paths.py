@@ -1,8 +1,8 @@
-"""Paths in joint space whose timing is still to be found. Each is q(s) with its first two derivatives by s.
+"""Joint paths q(s) with their first two derivatives, to be timed by TOPP-RA.
 
-`DrawnPath` is the curve that a feasible motion has drawn, by that motion's time: the motion itself is a timing that
-keeps the limits on velocity and acceleration, so there is one. At rest its tangent is zero.
-`JointLine` is the straight line between two postures, `ToolLine` that of the tool, which turns at a constant rate.
+`ProfilePath` is the curve of a velocity profile, parameterised by the profile's time. The profile itself is a timing
+within the limits on velocity and acceleration, so a feasible timing exists.
+`JointLine` is a straight line in joint space, `ToolLine` a straight line of the tool, which turns at a constant rate.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ from planner.cell import Cell
 from planner.errors import SolverFailed
 from planner.kinematics import forward, inverse_branches, inverse_velocity, jacobian, jacobian_dot_qd
 from planner.rotations import pose, rotation_vector_to_matrix
-from planner.timing.velocity_profiles import Cubic, Trapezoid
+from planner.timing import CubicProfile, TrapezoidProfile
 
 Vector = NDArray[np.float64]
 Derivatives = tuple[Vector, Vector, Vector]
 
-STEP_RAD = 0.7  # a joint that turns further between neighbouring samples of a tool line has jumped past a singularity
+STEP_RAD = 0.7  # [rad] a larger step between neighbouring samples of a tool line is a jump past a singularity
 SINGULAR = "the straight line passes a singularity"
-LINE_SAMPLES = 33  # of a tool line's postures, followed from the release outwards
+LINE_SAMPLES = 33  # postures of a tool line, followed from the release outwards
 
 
 class Path(Protocol):
-    """A curve in joint space over s in [begin, end]."""
+    """A joint path over s in [begin, end]."""
 
     @property
     def begin(self) -> float:
-        """Least s."""
+        """Smallest s."""
         ...
 
     @property
@@ -47,27 +47,27 @@ class Path(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class DrawnPath:
-    """The curve of a motion from `start` (6,) [rad], by its time [s]."""
+class ProfilePath:
+    """The curve of a velocity profile from `start` (6,) [rad], parameterised by the profile's time [s]."""
 
     start: Vector
-    motion: Cubic | Trapezoid
+    profile: CubicProfile | TrapezoidProfile
     begin: float = 0.0
 
     @property
     def end(self) -> float:
-        """The motion's duration."""
-        return self.motion.duration_s
+        """Duration of the profile [s]."""
+        return self.profile.duration_s
 
     def at(self, s: Vector) -> Derivatives:
         """Returns q, dq/ds, d2q/ds2 (k, 6) at `s` (k,) [s]."""
-        q, dq, ddq = self.motion.at(s)
+        q, dq, ddq = self.profile.at(s)
         return self.start + q, dq, ddq
 
 
 @dataclass(frozen=True, eq=False)
 class JointLine:
-    """q = origin + s direction."""
+    """Straight line in joint space: q = origin + s direction."""
 
     origin: Vector
     direction: Vector
@@ -82,10 +82,10 @@ class JointLine:
 
 @dataclass(frozen=True, eq=False)
 class ToolLine:
-    """The tool on a straight line through the pose of `q` at s = 0, with the twist of (q, qd) there for every s [s].
+    """Straight line of the tool through the pose of `q` at s = 0, with the constant twist of (q, qd).
 
-    So at speed ds/dt = 1 the tool moves and turns evenly. The arm keeps its branch of the inverse kinematics; where the
-    line leaves its reach or passes a singularity, `at` raises SolverFailed.
+    At path speed ds/dt = 1 the tool moves and turns evenly. The arm stays on its branch of the inverse kinematics.
+    `at` raises `SolverFailed` where the line leaves the arm's reach or passes a singularity.
     """
 
     cell: Cell
@@ -110,23 +110,23 @@ class ToolLine:
 
     @cached_property
     def _X_BT(self) -> Vector:
-        """The tool's pose (4, 4) at s = 0."""
+        """Pose of the tool in the base frame (4, 4) at s = 0."""
         return forward(self.cell.robot, self.q, self.cell.tool.X_FT)
 
     @cached_property
     def _V_BT(self) -> Vector:
-        """Its twist (6,) everywhere."""
+        """Twist of the tool in the base frame (6,), the same for every s."""
         return jacobian(self.cell.robot, self.q, self.cell.tool.X_FT) @ self.qd
 
     @cached_property
     def _branch(self) -> int:
-        """Which branch of the inverse kinematics `q` lies on."""
+        """Index of the branch of the inverse kinematics that `q` lies on."""
         branches, _ = inverse_branches(self.cell.robot, self._X_BT, self.cell.tool.X_FT)
         return int(np.nanargmin(np.abs(_nearest_turn(branches, self.q) - self.q).max(axis=-1)))
 
     @cached_property
     def _followed(self) -> tuple[Vector, Vector]:
-        """Places s (k,) and the postures (k, 6) there, with the turns that follow from `q` without a jump."""
+        """Samples s (k,) and their postures (k, 6), continuous in the full turns of every joint from `q` outwards."""
         back, ahead = (np.linspace(0.0, edge, LINE_SAMPLES) for edge in (self.begin, self.end))
         s = np.concatenate([back[:0:-1], ahead])
         return s, np.concatenate([self._follow(back)[:0:-1], self._follow(ahead)])
@@ -138,7 +138,7 @@ class ToolLine:
         return q
 
     def _postures(self, s: Vector) -> Vector:
-        """Returns the branch's postures (k, 6), at whatever turns."""
+        """Returns the branch's postures (k, 6) at `s` (k,), up to full turns."""
         s = np.asarray(s)[:, None]
         R = rotation_vector_to_matrix(s * self._V_BT[3:]) @ self._X_BT[:3, :3]
         X_BT = pose(self._X_BT[:3, 3] + s * self._V_BT[:3], R)
@@ -149,5 +149,5 @@ class ToolLine:
 
 
 def _nearest_turn(q: Vector, near: Vector) -> Vector:
-    """Returns the angles `q` at the full turns that bring them next to `near`."""
+    """Returns the angles `q` plus the full turns that bring them closest to `near`."""
     return q - 2.0 * np.pi * np.round((q - near) / (2.0 * np.pi))

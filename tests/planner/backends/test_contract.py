@@ -28,11 +28,11 @@ def optimal(problem: ThrowProblem, candidate: Candidate) -> Solution:
     return casadi_nlp.solve(problem, candidate, seed, time.perf_counter() + SOLVER_TIME_S, stubborn=True)
 
 
-WAYS: dict[str, Solve] = {
+SOLVERS: dict[str, Solve] = {
     "casadi": optimal,
-    **{f"ruckig {launch}": partial(ruckig_otg.solve, launch=launch) for launch in ruckig_otg.LAUNCHES},
-    **{f"toppra {path}": partial(toppra_path.solve, path=path) for path in toppra_path.PATHS},
-    **{profile: partial(profiles.solve, profile=profile) for profile in profiles.PROFILES},
+    **{f"ruckig {variant}": partial(ruckig_otg.solve, variant=variant) for variant in ruckig_otg.VARIANTS},
+    **{f"toppra {variant}": partial(toppra_path.solve, variant=variant) for variant in toppra_path.VARIANTS},
+    **{variant: partial(profiles.solve, variant=variant) for variant in profiles.VARIANTS},
 }
 OPTIONAL = {
     "casadi": (optimal, "casadi"),
@@ -84,19 +84,19 @@ THROWS: dict[str, Callable[[], ThrowProblem]] = {
 
 
 def certified(problem: ThrowProblem, solve: Solve) -> tuple[Candidate, Solution]:
-    """A release state and the first answer that the judge accepts."""
-    stories = []
+    """A release state and the first answer that the certificate accepts."""
+    failures = []
     for candidate in candidates(problem)[:CANDIDATES]:
         try:
             solution = solve(problem, candidate)
         except SolverFailed as error:
-            stories.append(error.status)
+            failures.append(error.status)
             continue
         certificate = certify(problem, solution.trajectory)
         if certificate.valid:
             return candidate, solution
-        stories.append(str([check.name for check in certificate.failures]))
-    raise AssertionError(stories)
+        failures.append(str([check.name for check in certificate.failures]))
+    raise AssertionError(failures)
 
 
 NOT_OFFERED = {
@@ -106,13 +106,13 @@ NOT_OFFERED = {
     ("casadi", "point"),
     ("casadi", "target"),
 }
-PAIRS = [(way, throw) for way in WAYS for throw in THROWS if (way, throw) not in NOT_OFFERED]
+PAIRS = [(solver, throw) for solver in SOLVERS for throw in THROWS if (solver, throw) not in NOT_OFFERED]
 
 
-@pytest.mark.parametrize(("way", "throw"), PAIRS)
-def test_a_throw_passes_its_release_and_is_certified(way, throw):
+@pytest.mark.parametrize(("solver", "throw"), PAIRS)
+def test_a_throw_passes_its_release_and_is_certified(solver, throw):
     problem = THROWS[throw]()
-    candidate, solution = certified(problem, WAYS[way])
+    candidate, solution = certified(problem, SOLVERS[solver])
     motion = solution.trajectory
     k = motion.release_index
     np.testing.assert_array_equal(motion.q[0], problem.start)
@@ -126,25 +126,25 @@ def test_a_throw_passes_its_release_and_is_certified(way, throw):
     assert solution.status
 
 
-@pytest.mark.parametrize("way", [way for way in WAYS if way != "toppra smooth"])
-def test_a_move_ends_at_rest(way):
+@pytest.mark.parametrize("solver", [solver for solver in SOLVERS if solver != "toppra smooth"])
+def test_a_move_ends_at_rest(solver):
     here = cell()
     problem = joint_problem(release=JointRelease(here.home + np.array([0.3, 0.1, -0.2, 0.3, 0.1, 0.4]), np.zeros(6)))
-    _, solution = certified(problem, WAYS[way])
+    _, solution = certified(problem, SOLVERS[solver])
     motion = solution.trajectory
     assert motion.release_index == len(motion.q) - 1
     np.testing.assert_array_equal([motion.qd[-1], motion.qdd[-1]], 0.0)
 
 
-@pytest.mark.parametrize("way", WAYS)
-def test_the_same_problem_has_the_same_answer(way):
-    (_, first), (_, second) = (certified(joint_problem(), WAYS[way]) for _ in range(2))
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_the_same_problem_has_the_same_answer(solver):
+    (_, first), (_, second) = (certified(joint_problem(), SOLVERS[solver]) for _ in range(2))
     np.testing.assert_array_equal(first.trajectory.q, second.trajectory.q)
     np.testing.assert_array_equal(first.trajectory.qdd, second.trajectory.qdd)
     assert first.status == second.status
 
 
-@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("solver", SOLVERS)
 @pytest.mark.parametrize(
     "release",
     [
@@ -155,9 +155,9 @@ def test_the_same_problem_has_the_same_answer(way):
     ],
     ids=["too far", "pose too far", "too fast", "outside its range"],
 )
-def test_what_cannot_be_reached_is_refused(way, release):
+def test_what_cannot_be_reached_is_refused(solver, release):
     with pytest.raises((Infeasible, SolverFailed)):
-        certified(joint_problem(release=release), WAYS[way])
+        certified(joint_problem(release=release), SOLVERS[solver])
 
 
 @pytest.mark.parametrize("name", OPTIONAL)

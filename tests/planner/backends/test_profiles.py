@@ -15,11 +15,11 @@ from tests.planner.problems import cell, feasible_states, joint_problem
 STATES = 12
 
 
-@pytest.mark.parametrize("profile", profiles.PROFILES)
-def test_most_random_releases_are_certified_and_no_sooner_than_ruckig(profile):
+@pytest.mark.parametrize("variant", profiles.VARIANTS)
+def test_most_random_releases_are_certified_and_no_sooner_than_ruckig(variant):
     valid, longer = 0, []
     for problem, best in feasible_states(cell(), STATES, seed=17):
-        motion = profiles.solve(problem, candidates(problem)[0], profile).trajectory
+        motion = profiles.solve(problem, candidates(problem)[0], variant).trajectory
         if certify(problem, motion).valid:
             valid += 1
             longer.append(motion.release_time_s / best.release_time_s)
@@ -30,8 +30,8 @@ def test_most_random_releases_are_certified_and_no_sooner_than_ruckig(profile):
 def test_the_brake_follows_through_straight_along_the_velocity():
     problem = joint_problem()
     candidate = candidates(problem)[0]
-    for profile in profiles.PROFILES:
-        motion = profiles.solve(problem, candidate, profile).trajectory
+    for variant in profiles.VARIANTS:
+        motion = profiles.solve(problem, candidate, variant).trajectory
         along = candidate.qd / np.linalg.norm(candidate.qd)
         after = motion.q[motion.release_index :] - candidate.q
         np.testing.assert_allclose(after, np.outer(after @ along, along), atol=1e-5)
@@ -72,8 +72,8 @@ def test_a_run_up_outside_the_range_is_refused_by_name():
 
 def test_what_was_done_to_the_jerk_is_said():
     problem = joint_problem()
-    for profile, words in profiles.PROFILES.items():
-        status = profiles.solve(problem, candidates(problem)[0], profile).status
+    for variant, words in profiles.DESCRIPTIONS.items():
+        status = profiles.solve(problem, candidates(problem)[0], variant).status
         assert words in status
         assert "without regard to jerk" in status
         assert "averaged over" in status

@@ -7,14 +7,14 @@ import pinocchio
 import pytest
 
 from planner.backends import toppra_path
-from planner.backends.toppra_path.paths import DrawnPath, JointLine, ToolLine
-from planner.backends.toppra_path.timing import fastest
+from planner.backends.toppra_path.parameterization import fastest_timing
+from planner.backends.toppra_path.paths import JointLine, ProfilePath, ToolLine
 from planner.certificate import certify
 from planner.errors import SolverFailed
 from planner.kinematics import forward
 from planner.problem import JointRelease
 from planner.seeds.candidates import candidates
-from planner.timing.velocity_profiles import shortest_cubic, shortest_trapezoid
+from planner.timing import shortest_cubic, shortest_trapezoid
 from tests.planner.problems import cell, feasible_states, joint_problem
 
 STATES = 6
@@ -42,7 +42,7 @@ def test_a_straight_move_takes_the_textbook_time(distance):
     limits = free_limits()
     v, a = limits.qd_max[0], limits.qdd_max[0]
     known = distance / v + v / a if distance > v**2 / a else 2 * np.sqrt(distance / a)
-    move = fastest(JointLine(cell().home, np.eye(6)[0] * distance, 0.0, 1.0), cell(), limits, (0.0, 0.0))
+    move = fastest_timing(JointLine(cell().home, np.eye(6)[0] * distance, 0.0, 1.0), cell(), limits, (0.0, 0.0))
     assert known <= move.duration_s == pytest.approx(known, rel=0.02)
 
 
@@ -50,8 +50,8 @@ def test_a_drawn_path_is_run_at_least_as_fast_as_it_was_drawn():
     for problem, _ in feasible_states(cell(), 5, seed=3):
         candidate = candidates(problem)[0]
         drawn = shortest_cubic(candidate.q - problem.start, candidate.qd, problem.limits, problem.dt)
-        timing = fastest(
-            DrawnPath(problem.start, drawn), cell(), free_limits(qdd_max=problem.limits.qdd_max * 1.01), (0.0, 1.0)
+        timing = fastest_timing(
+            ProfilePath(problem.start, drawn), cell(), free_limits(qdd_max=problem.limits.qdd_max * 1.01), (0.0, 1.0)
         )
         assert timing.duration_s <= drawn.duration_s
         np.testing.assert_allclose(timing.velocities(timing.t[-1:])[0], candidate.qd, atol=1e-12)
@@ -63,7 +63,7 @@ def test_velocity_and_acceleration_limits_hold_along_the_timing():
     drawn = shortest_trapezoid(
         candidate.q - problem.start, candidate.qd, replace(limits, qdd_max=0.98 * limits.qdd_max), problem.dt
     )
-    timing = fastest(DrawnPath(problem.start, drawn), cell(), limits, (0.0, 1.0))
+    timing = fastest_timing(ProfilePath(problem.start, drawn), cell(), limits, (0.0, 1.0))
     t = np.linspace(0.0, timing.duration_s, 2000)
     qd = timing.velocities(t)
     assert np.all(np.abs(qd) <= limits.qd_max)
@@ -98,8 +98,8 @@ def test_a_torque_limit_binds_and_holds():
     here = cell()
     d = np.array([0.3, 0.9, -0.8, 0.2, 0.1, 0.2])
     limits = free_limits(tau_max=here.limits.tau_max * 0.6)
-    free = fastest(JointLine(here.home, d, 0.0, 1.0), here, free_limits(), (0.0, 0.0))
-    timing = fastest(JointLine(here.home, d, 0.0, 1.0), here, limits, (0.0, 0.0))
+    free = fastest_timing(JointLine(here.home, d, 0.0, 1.0), here, free_limits(), (0.0, 0.0))
+    timing = fastest_timing(JointLine(here.home, d, 0.0, 1.0), here, limits, (0.0, 0.0))
     assert timing.duration_s > 1.02 * free.duration_s
     slope = np.diff(timing.speed**2) / (2 * np.diff(timing.s))
     middle = (timing.s[1:] + timing.s[:-1]) / 2
@@ -111,7 +111,7 @@ def test_a_torque_limit_binds_and_holds():
 
 def test_the_tool_speed_limit_binds():
     here, d = cell(), np.array([1.5, 0.0, 0.0, 0.0, 0.0, 0.0])
-    timing = fastest(JointLine(here.home, d, 0.0, 1.0), here, free_limits(tcp_speed_max=0.5), (0.0, 0.0))
+    timing = fastest_timing(JointLine(here.home, d, 0.0, 1.0), here, free_limits(tcp_speed_max=0.5), (0.0, 0.0))
     t = np.linspace(0.0, timing.duration_s, 400)
     radius = np.linalg.norm(forward(here.robot, here.home, here.tool.X_FT)[:2, 3])
     fastest_tool = np.abs(timing.velocities(t)[:, 0]).max() * radius

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import ruckig
 
-from planner.timing.grid import fits, grid_limits, onto_grid
+from planner.timing import fits, grid_limits, onto_grid
 from planner.trajectory import integrate
 from tests.planner.problems import cell
 

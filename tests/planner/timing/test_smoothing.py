@@ -7,8 +7,7 @@ import pytest
 
 from planner.problem import JointRelease
 from planner.seeds.candidates import candidates
-from planner.timing.smoothing import RawMotion, smooth
-from planner.timing.velocity_profiles import shortest_trapezoid
+from planner.timing import RawMotion, shortest_trapezoid, smooth
 from tests.planner.problems import cell, joint_problem
 
 

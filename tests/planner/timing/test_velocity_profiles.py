@@ -7,7 +7,7 @@ import pytest
 
 from planner.errors import SolverFailed
 from planner.seeds.lower_bound import least_time
-from planner.timing.velocity_profiles import (
+from planner.timing import (
     cubic_brake,
     linear_brake,
     shortest_cubic,

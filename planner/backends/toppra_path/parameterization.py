@@ -1,7 +1,7 @@
 """The fastest timing of a path within the limits on velocity, acceleration, torque and tool speed, by TOPP-RA.
 
-With s(t) on a path q(s): qd = q' s', qdd = q' s'' + q'' s'^2, and torque is linear in (s'', s'^2) in the same way. So
-each limit is a pair of straight lines in that plane at every s, and TOPP-RA walks the path twice.
+On a path q(s) with s(t): qd = q' s' and qdd = q' s'' + q'' s'^2; the torque is linear in (s'', s'^2) in the same way.
+So every limit is a pair of straight lines in that plane at every s. TOPP-RA passes over the path backward and forward.
 Source: Pham and Pham, A new approach to time-optimal path parameterization based on reachability analysis, IEEE
 Transactions on Robotics 34 (2018).
 """
@@ -24,21 +24,21 @@ from planner.kinematics import jacobian
 
 Vector = NDArray[np.float64]
 
-GRID = 100  # stretches of a path with one path acceleration each
-LIMIT_SHARE = 0.999  # [-] of velocity and acceleration, for what happens between grid points
-TORQUE_SHARE = 0.97  # [-] likewise of torque, and for the averaging that follows, which keeps no bound on torque
-SLOWEST = 1e-4  # [-] share of the limits below which a path that hardly moves sets no bound on its speed
+GRID = 100  # intervals of a path with one path acceleration each
+LIMIT_SHARE = 0.999  # [-] of the limits on velocity and acceleration; the rest is for the motion between grid points
+TORQUE_SHARE = 0.97  # [-] of the torque limits; the rest also covers the averaging, which may raise a torque
+SLOWEST = 1e-4  # [-] share of the limits below which a path does not bound the path speed
 
 
 @dataclass(frozen=True, eq=False)
-class Timing:
-    """One path acceleration between neighbouring grid points.
+class PathTiming:
+    """Timing of a path, with one path acceleration between neighbouring grid points.
 
     Attributes:
-        path: what is timed.
+        path: the timed path.
         s: grid points (N+1,).
-        speed: ds/dt there (N+1,).
-        t: when they are passed (N+1,) [s].
+        speed: path speeds ds/dt at the grid points (N+1,).
+        t: times of the grid points (N+1,) [s].
     """
 
     path: Path
@@ -48,7 +48,7 @@ class Timing:
 
     @property
     def duration_s(self) -> float:
-        """[s]."""
+        """Time of the last grid point [s]."""
         return float(self.t[-1])
 
     def velocities(self, t: Vector) -> Vector:
@@ -60,18 +60,20 @@ class Timing:
         return self.path.at(s)[1] * (self.speed[i] + tau * slope)[:, None]
 
 
-def fastest(path: Path, cell: Cell, limits: Limits, ends: tuple[float, float], carrying: bool = True) -> Timing:
-    """Returns the fastest timing of the path with the path speeds `ends` at its ends.
+def fastest_timing(
+    path: Path, cell: Cell, limits: Limits, ends: tuple[float, float], carrying: bool = True
+) -> PathTiming:
+    """Returns the fastest timing of the whole path with given path speeds at its ends.
 
     Args:
-        path: of which all is used.
-        cell: whose arm, tool and object weigh.
-        limits: on joint velocity, acceleration, torque and the tool's speed.
-        ends: ds/dt at begin and end.
-        carrying: whether the object is in the gripper.
+        path: to be timed.
+        cell: gives the arm, and the masses of tool and object.
+        limits: on joint velocity, acceleration, torque and tool speed.
+        ends: path speed ds/dt at begin and end.
+        carrying: whether the gripper holds the object.
 
     Raises:
-        SolverFailed: no timing keeps the limits with these ends.
+        SolverFailed: no timing keeps the limits with these end speeds.
         BackendUnavailable: toppra is not installed.
     """
     toppra = _toppra()
@@ -84,11 +86,11 @@ def fastest(path: Path, cell: Cell, limits: Limits, ends: tuple[float, float], c
         steps = 2.0 * np.diff(s) / (speed[1:] + speed[:-1])
     if not np.isfinite(steps).all():
         raise SolverFailed("the timing comes to a halt on the path")
-    return Timing(path, s, speed, np.concatenate([[0.0], np.cumsum(steps)]))
+    return PathTiming(path, s, speed, np.concatenate([[0.0], np.cumsum(steps)]))
 
 
 class _Interval:
-    """What TOPP-RA itself asks of a path: where it begins and ends."""
+    """The part of a path that TOPP-RA itself reads: its interval."""
 
     dof = 6
 
@@ -106,12 +108,12 @@ def _toppra() -> ModuleType:
         raise BackendUnavailable("toppra", "toppra") from error
     logger = logging.getLogger("toppra")
     if logger.level != logging.CRITICAL:
-        logger.setLevel(logging.CRITICAL)  # it logs what it also returns
+        logger.setLevel(logging.CRITICAL)  # every failure it logs is also in its result
     return toppra
 
 
 def _algorithm(toppra: ModuleType, constraint: Any, s: Vector) -> Any:
-    """Returns TOPP-RA ready to run, set up without its own constructor: that searches for other solvers every time."""
+    """Returns TOPP-RA ready to run; its own constructor is avoided, which searches for other solvers every time."""
     base = toppra.algorithm.algorithm.ParameterizationAlgorithm
     algorithm = toppra.algorithm.TOPPRA.__new__(toppra.algorithm.TOPPRA)
     base.__init__(algorithm, [constraint], _Interval(s), gridpoints=s)
@@ -123,7 +125,7 @@ def _algorithm(toppra: ModuleType, constraint: Any, s: Vector) -> Any:
 def _constraint(
     toppra: ModuleType, along: Derivatives, cell: Cell, limits: Limits, ends: tuple[float, float], carrying: bool
 ) -> Any:
-    """Returns all limits as one constraint of TOPP-RA: |a u + b x + c| <= 1 in rows, and x within bounds."""
+    """Returns all limits as one TOPP-RA constraint: rows |a u + b x + c| <= 1, and bounds on x = (ds/dt)^2."""
     a, b, c = (
         np.concatenate(pair, axis=1)
         for pair in zip(_acceleration_rows(along, limits), _torque_rows(along, cell, limits, carrying), strict=True)
@@ -133,7 +135,7 @@ def _constraint(
     F, g = np.concatenate([np.eye(rows), -np.eye(rows)]), np.ones(2 * rows)
 
     class ArmLimits(toppra.constraint.LinearConstraint):
-        """The rows above, whatever the path that TOPP-RA passes."""
+        """The rows above, independent of the path that TOPP-RA passes in."""
 
         def __init__(self) -> None:
             super().__init__()
@@ -164,23 +166,23 @@ def _torque_rows(along: Derivatives, cell: Cell, limits: Limits, carrying: bool)
 
 
 def _squared_speed(along: Derivatives, cell: Cell, limits: Limits, ends: tuple[float, float]) -> Vector:
-    """Returns the largest (ds/dt)^2 (k,) that joint velocities and the tool's speed allow."""
+    """Returns the largest (ds/dt)^2 (k,) within the limits on joint velocity and tool speed."""
     q, dq, _ = along
     J_v = jacobian(cell.robot, q, cell.tool.X_FT)[:, :3]
     tool = np.linalg.norm(np.einsum("kij,kj->ki", J_v, dq), axis=1) / limits.tcp_speed_max
     used = np.maximum(np.max(np.abs(dq) / limits.qd_max, axis=1), tool)  # share of the limits at ds/dt = 1
-    # A release at the very limit is allowed, and so is the way there at the release's path speed.
+    # A release exactly at a limit is allowed, and so is the path before it at the same path speed.
     share = np.clip(used * max(ends), LIMIT_SHARE, 1.0)
     return (share / np.maximum(used, SLOWEST)) ** 2
 
 
 def _payload(cell: Cell, carrying: bool) -> Payload:
-    """Returns the tool, its mass half way to the tool centre point, and where carried the object at that point."""
+    """Returns the tool as a mass half way to the tool centre point, and the carried object as a mass at that point."""
     p_FT, tool = cell.tool.X_FT[:3, 3], cell.tool.mass_kg
     thing = cell.object.mass_kg if carrying else 0.0
     mass = tool + thing
     if mass == 0.0:
         return Payload(0.0, np.zeros(3), np.zeros((3, 3)))
-    spread = 0.25 * tool * thing / mass  # of two points half of p_FT apart, about their common centre
+    spread = 0.25 * tool * thing / mass  # two point masses half of p_FT apart, about their common centre
     inertia = spread * (p_FT @ p_FT * np.eye(3) - np.outer(p_FT, p_FT))
     return Payload(mass, (0.5 * tool + thing) / mass * p_FT, inertia)

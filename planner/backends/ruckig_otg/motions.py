@@ -1,0 +1,174 @@
+"""Motions by Ruckig: solutions on the tick grid, and an initial guess in continuous time.
+
+The variants differ in the launch:
+
+* `free` gives the slowest joint the release acceleration with the earliest arrival. Where nothing couples the joints,
+  no launch is sooner. The other variants release with zero acceleration.
+* `synchronised` stretches every joint to the slowest one's time.
+* `independent` lets every joint run its own fastest motion as late as possible.
+* `gentle` is synchronised with half the acceleration and jerk and less speed: later, but with smaller torques and a
+  slower tool during the launch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from planner.backends.ruckig_otg import library
+from planner.backends.ruckig_otg.arrival import earliest_arrival
+from planner.backends.ruckig_otg.library import State
+from planner.cell import Limits
+from planner.problem import ThrowProblem
+from planner.seeds.candidates import Candidate
+from planner.solution import Solution
+from planner.timing import RESERVES, fits, grid_limits, onto_grid
+from planner.trajectory import join
+
+Vector = NDArray[np.float64]
+
+LaunchVariant = Literal["free", "synchronised", "independent", "gentle"]
+VARIANTS: tuple[LaunchVariant, ...] = get_args(LaunchVariant)
+LAST_RESORT: LaunchVariant = "gentle"  # never the soonest: for problems in which no other variant is certified
+GENTLE_SPEED = 0.6  # [-] of the velocity limit
+GENTLE = 0.5  # [-] of the limits on acceleration and jerk
+
+
+def solve(problem: ThrowProblem, candidate: Candidate, variant: LaunchVariant = "synchronised") -> Solution:
+    """Returns the fastest launch of the variant to the candidate, followed by the fastest brake.
+
+    Args:
+        problem: gives start, limits and tick.
+        candidate: the release state.
+        variant: one of `VARIANTS`.
+
+    Raises:
+        SolverFailed: Ruckig refuses the states, for example a release beyond the velocity limits.
+        BackendUnavailable: ruckig is not installed.
+    """
+    zero = np.zeros(6)
+    start, qdd = (problem.start, zero, zero), zero
+    if variant == "free":
+        qdd = earliest_arrival(problem, candidate).qdd
+    if variant == "gentle":
+        problem = replace(problem, limits=_gentle(problem.limits, candidate))
+    accelerations = _independent if variant == "independent" else _synchronised
+
+    def launch(limits: Limits) -> tuple[State, Vector]:
+        release = (candidate.q, candidate.qd, np.clip(qdd, -limits.qdd_max, limits.qdd_max))
+        return release, accelerations(start, release, limits, problem.dt)
+
+    head = _on_grid(problem, start, launch)
+    release = (candidate.q, candidate.qd, head[2][-1])
+    if problem.ends_at_rest:
+        tail = (candidate.q[None], candidate.qd[None], zero[None])
+    else:
+        tail = _on_grid(problem, release, lambda limits: _brake(release, limits, problem.dt))
+    return Solution(join(head, tail, 1.0 / problem.dt), variant)
+
+
+@dataclass(frozen=True, eq=False)
+class RuckigMotion:
+    """Ruckig's motion in continuous time, not on ticks.
+
+    Attributes:
+        launch: Ruckig's trajectory to the release.
+        brake: Ruckig's trajectory from there to rest; None for a move that ends at rest.
+    """
+
+    launch: Any
+    brake: Any
+
+    @property
+    def release_time_s(self) -> float:
+        """Duration of the launch [s]."""
+        return float(self.launch.duration)
+
+    @property
+    def duration_s(self) -> float:
+        """Duration of launch and brake [s]."""
+        return self.release_time_s + (float(self.brake.duration) if self.brake else 0.0)
+
+    def at(self, t: ArrayLike) -> State:
+        """Returns q, qd, qdd (n, 6) at times `t` (n,) [s]."""
+        times, released = np.asarray(t, float), self.release_time_s
+        states = [
+            self.launch.at_time(s) if s <= released or not self.brake else self.brake.at_time(s - released)
+            for s in times.tolist()
+        ]
+        q, qd, qdd = (np.array(column) for column in zip(*states, strict=True))
+        return q, qd, qdd
+
+
+def initial_guess(problem: ThrowProblem, candidate: Candidate) -> RuckigMotion:
+    """Returns the motion that arrives with the slowest joint alone, as an initial guess for an optimiser.
+
+    Args:
+        problem: gives start and limits.
+        candidate: the release state.
+
+    Raises:
+        SolverFailed: Ruckig refuses the states.
+        BackendUnavailable: ruckig is not installed.
+    """
+    zero, limits, dt = np.zeros(6), problem.limits, problem.dt
+    release = (candidate.q, candidate.qd, earliest_arrival(problem, candidate).qdd)
+    launch = library.state_to_state((problem.start, zero, zero), release, limits, dt, on_ticks=False)
+    brake = None if problem.ends_at_rest else library.state_to_rest(release, limits, dt)
+    return RuckigMotion(launch, brake)
+
+
+def _gentle(limits: Limits, candidate: Candidate) -> Limits:
+    qd_max = np.maximum(GENTLE_SPEED * limits.qd_max, np.minimum(np.abs(candidate.qd), limits.qd_max))
+    return replace(limits, qd_max=qd_max, qdd_max=GENTLE * limits.qdd_max, jerk_max=GENTLE * limits.jerk_max)
+
+
+def _on_grid(problem: ThrowProblem, start: State, phase: Callable[[Limits], tuple[State, Vector]]) -> State:
+    """Returns the samples of a phase on the tick grid, with the smallest reserve with which it keeps the limits."""
+    samples = start
+    for reserve in RESERVES:
+        end, qdd = phase(grid_limits(problem.limits, problem.dt, reserve))
+        samples = onto_grid(start, end, qdd, problem.dt, problem.limits.jerk_max)
+        if fits(samples, problem.limits, problem.dt):
+            break
+    return samples
+
+
+def _synchronised(start: State, end: State, limits: Limits, dt: float) -> Vector:
+    """Returns the accelerations at the ticks (N+1, 6) of the motion in which all joints arrive together."""
+    motion = library.state_to_state(start, end, limits, dt, on_ticks=True)
+    return library.accelerations(motion, library.ticks(motion, dt), dt)
+
+
+def _independent(start: State, end: State, limits: Limits, dt: float) -> Vector:
+    """Returns the accelerations at the ticks (N+1, 6) with every joint as fast and as late as possible."""
+    motions = [
+        library.state_to_state(_joint(i, start), _joint(i, end), _one_joint(limits, i), dt, on_ticks=True)
+        for i in range(6)
+    ]
+    counts = [library.ticks(motion, dt) for motion in motions]
+    qdd = np.zeros((max(counts) + 1, 6))
+    for i, (motion, count) in enumerate(zip(motions, counts, strict=True)):
+        qdd[max(counts) - count :, i] = library.accelerations(motion, count, dt)[:, 0]
+    return qdd
+
+
+def _brake(release: State, limits: Limits, dt: float) -> tuple[State, Vector]:
+    """Returns the state of rest at the end of the fastest brake, and the accelerations at its ticks (M+1, 6)."""
+    motion = library.state_to_rest(release, limits, dt)
+    rest = np.array(motion.at_time(motion.duration)[0])
+    return (rest, np.zeros(6), np.zeros(6)), library.accelerations(motion, library.ticks(motion, dt), dt)
+
+
+def _joint(i: int, state: State) -> State:
+    q, qd, qdd = (x[i : i + 1] for x in state)
+    return q, qd, qdd
+
+
+def _one_joint(limits: Limits, i: int) -> Limits:
+    rows = {name: getattr(limits, name)[i : i + 1] for name in ("qd_max", "qdd_max", "jerk_max")}
+    return replace(limits, **rows)

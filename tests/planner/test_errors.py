@@ -1,0 +1,50 @@
+"""Errors cross process borders: every class of the tree survives pickling."""
+
+import pickle
+
+import pytest
+
+from planner.errors import (
+    BackendUnavailable,
+    CellError,
+    FieldError,
+    Infeasible,
+    InvalidProblem,
+    PlannerError,
+    SolverFailed,
+    UnknownRobot,
+    Violation,
+)
+
+EXAMPLES = [
+    PlannerError("something else"),
+    UnknownRobot("kr16", ["ur3e", "ur5e"]),
+    CellError("limits.joint_velocity_rad_s", [4.0, 3.0], "is beyond the arm's own limit of 3.14159"),
+    CellError("file", None, "is missing"),
+    InvalidProblem([FieldError("frame", '\'moon\' is not "world" or "base"'), FieldError("start", "is missing")]),
+    Infeasible(
+        [Violation("joint_torque", 160.0, 150.0, "N m", 0.8, "elbow_joint"), Violation("reach", 1.2, 0.9, "m")],
+        {"release": {"kind": "point", "position": [0.4, 0.1, 0.5], "velocity": [0.0, 0.0, 0.0]}},
+        [{"backend": "ruckig", "result": "refused", "duration_s": 0.01}],
+    ),
+    Infeasible([]),
+    SolverFailed("iteration limit", 80, [{"backend": "casadi", "result": "iteration limit", "duration_s": 0.4}]),
+    BackendUnavailable("toppra", "toppra"),
+]
+
+
+def tree(kind):
+    return {kind}.union(*(tree(child) for child in kind.__subclasses__()))
+
+
+@pytest.mark.parametrize("error", EXAMPLES, ids=lambda error: type(error).__name__)
+@pytest.mark.parametrize("protocol", range(pickle.HIGHEST_PROTOCOL + 1))
+def test_an_error_survives_pickling_with_all_its_fields(error, protocol):
+    copy = pickle.loads(pickle.dumps(error, protocol))
+    assert type(copy) is type(error)
+    assert str(copy) == str(error)
+    assert vars(copy) == vars(error)
+
+
+def test_every_class_of_the_tree_has_an_example():
+    assert {type(error) for error in EXAMPLES} == tree(PlannerError)
