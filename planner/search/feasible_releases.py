@@ -35,8 +35,7 @@ RELEASES_MAX = 6  # releases yielded
 
 def feasible_releases(problem: ThrowProblem, release: PlacedRelease) -> Iterator[PlacedRelease]:
     """Yields releases with the requested velocity at other positions, closest first."""
-    postures = _point_postures if isinstance(release, PointRelease) else _pose_postures
-    q, p = postures(problem, release)
+    q, p = _point_postures(problem, release) if isinstance(release, PointRelease) else _pose_postures(problem, release)
     order = np.argsort(np.linalg.norm(p - position(release), axis=1), kind="stable")[:CHECKED_MAX]
     q, p = q[order], p[order]
     yielded: list[Vector] = []

@@ -24,9 +24,10 @@ from planner.errors import Infeasible, SolverFailed, Violation
 from planner.geometry import tool_pose
 from planner.problem import JointRelease, PointRelease, PoseRelease, Release, TargetRelease, ThrowProblem
 from planner.rotations import matrix_to_quaternion, matrix_to_rotation_vector, pose, rotation_vector_to_matrix
-from planner.search.auto import Stage, no_incumbent, search_optimised
+from planner.search.auto import search_optimised
 from planner.search.feasible_releases import PlacedRelease, feasible_releases, moved, position
 from planner.search.incumbent import PlanningSearch
+from planner.search.policy import Stage, no_incumbent
 from planner.search.sequential import VARIANTS_BY_BACKEND, Solve
 from planner.seeds import Candidate, candidates, farthest_reach
 
