@@ -1,4 +1,4 @@
-"""The folder of cell files: every cell fully judged before it is used, its home too."""
+"""The folder of cell files; every cell is checked completely before use, including its home position."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from planner.trajectory import Trajectory
 
 
 def open_cell(path: Path | str) -> Cell:
-    """Returns the cell of a file, having judged standing at its home like any other motion.
+    """Returns the cell of a file after certifying that the arm can stand at its home.
 
     Raises:
-        CellError: what the file says is refused, or its home violates the limits or the surroundings.
+        CellError: a field of the file is refused, or home violates the limits or the surroundings.
     """
     cell = load_cell(path)
     check_home(cell)
@@ -29,7 +29,7 @@ def open_cells(folder: Path | str) -> dict[str, Cell]:
     """Returns every cell of a folder by name, sorted.
 
     Raises:
-        CellError: there is no such folder, or one of its files is refused; the field names the file.
+        CellError: there is no such folder, or one of its files is refused; `field` then starts with the file's name.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -44,17 +44,17 @@ def open_cells(folder: Path | str) -> dict[str, Cell]:
 
 
 def default_cells_folder() -> Path:
-    """Returns `cells` here, or in the checkout, or where an installed Fling keeps its own."""
+    """Returns the first folder with cell files: `cells` here, in the checkout, or of the installed package."""
     checkout = Path(__file__).parent.parent / "cells"
     candidates = (Path("cells"), checkout, Path(sys.prefix) / "share" / "fling" / "cells")
     return next((folder for folder in candidates if any(folder.glob("*.toml"))), checkout).resolve()
 
 
 def check_home(cell: Cell) -> None:
-    """Judges standing still at home.
+    """Certifies a standstill at home.
 
     Raises:
-        CellError: home violates a limit or the surroundings; the reason says which and by how much.
+        CellError: home violates a limit or the surroundings; the reason names the check, its value and its limit.
     """
     rest, zero = np.tile(cell.home, (2, 1)), np.zeros((2, 6))
     problem = ThrowProblem(cell, cell.home, JointRelease(cell.home, np.zeros(6)), cell.limits)

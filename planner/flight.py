@@ -1,10 +1,9 @@
-"""The flight of the object after the release: landing point, its derivatives, and launch velocities that hit a target.
+"""Free flight of the object: landing point, its sensitivities, and release velocities that hit a target.
 
-World frame, z up, gravity along -z. Without drag everything is a closed form; with drag (a sphere in still air,
-a = -g z - k |v| v) the path is integrated by the classical Runge-Kutta method of fourth order.
+World frame, z up, gravity along -z. Without drag every result has a closed form. With drag (a sphere in still air,
+a = -g z - k |v| v) the path is integrated by the classical fourth-order Runge-Kutta method.
 """
 
-# long: flight without drag and with it stand side by side, each the other's check
 from __future__ import annotations
 
 import math
@@ -16,16 +15,24 @@ from numpy.typing import ArrayLike, NDArray
 Vector = NDArray[np.float64]
 
 AIR_DENSITY_KG_M3 = 1.204  # source: ISO 2533 standard atmosphere, dry air at 20 degC and 101,325 Pa
-STEP_S = 0.004  # Runge-Kutta step: landing error below 1e-9 m for |v| <= 10 m/s and k <= 1 /m (measured in the tests)
-FLIGHT_MAX_S = 30.0  # longer flights are no throws; bounds the integration
-LAUNCH_TOLERANCE_M = 1e-10  # Newton's iteration for a launch velocity with drag stops here
-LAUNCH_ITERATIONS = 30
-DIFFERENCE = 1e-6  # step of the central differences for a flight with drag: m, m/s
+STEP_S = 0.004  # [s] Runge-Kutta step: landing error below 1e-9 m for |v| <= 10 m/s and k <= 1 /m (see the tests)
+FLIGHT_MAX_S = 30.0  # [s] longest flight that is integrated
+LAUNCH_TOLERANCE_M = 1e-10  # [m] miss at which Newton's iteration for a release velocity with drag stops
+LAUNCH_ITERATIONS = 30  # of Newton's method at most
+DIFFERENCE = 1e-6  # [m, m/s] step of the central differences for a flight with drag
 
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """A free flight: landing point (3,) [m] and velocity (3,) [m/s], duration [s], apex [m], release speed [m/s]."""
+    """A free flight from the release to the landing plane.
+
+    Attributes:
+        landing_point: (3,) [m].
+        landing_velocity: (3,) [m/s].
+        time_of_flight_s: from release to landing [s].
+        apex_height_m: greatest height [m].
+        speed_m_s: release speed [m/s].
+    """
 
     landing_point: Vector
     landing_velocity: Vector
@@ -35,16 +42,16 @@ class Flight:
 
 
 def drag_constant(mass_kg: float, radius_m: float, drag_coefficient: float) -> float:
-    """Returns k [1/m] of the deceleration k |v|^2 of a sphere: rho c_d pi r^2 / (2 m)."""
+    """Returns the constant k [1/m] of a sphere's deceleration k |v|^2: rho c_d pi r^2 / (2 m)."""
     return 0.5 * AIR_DENSITY_KG_M3 * drag_coefficient * math.pi * radius_m**2 / mass_kg
 
 
 def time_of_flight(height: ArrayLike, v_z: ArrayLike, gravity: float) -> Vector:
-    """Returns when a drag-free flight comes down through a plane (...,) [s], NaN where it never does.
+    """Returns the time at which a drag-free flight falls through a plane (...,) [s], NaN where it never does.
 
     Args:
-        height: of the release above the plane (...,) [m].
-        v_z: upward speed at the release (...,) [m/s].
+        height: height of the release above the plane (...,) [m].
+        v_z: upward velocity at the release (...,) [m/s].
         gravity: [m/s^2].
     """
     height, v_z = np.asarray(height, float), np.asarray(v_z, float)
@@ -55,7 +62,7 @@ def time_of_flight(height: ArrayLike, v_z: ArrayLike, gravity: float) -> Vector:
 
 
 def landing_points(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float) -> Vector:
-    """Returns where drag-free flights come down through the plane z = `plane_z` (..., 3) [m], NaN where never.
+    """Returns the landing points (..., 3) [m] of drag-free flights on the plane z = `plane_z`, NaN where they miss it.
 
     Args:
         p: release positions (..., 3) [m].
@@ -71,7 +78,7 @@ def landing_points(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float) -
 
 
 def fly(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, drag: float = 0.0) -> Flight | None:
-    """Returns the flight from a release to the plane z = `plane_z` on its way down, None where it never comes there.
+    """Returns the flight from a release down to the plane z = `plane_z`, None where it never reaches the plane.
 
     Args:
         p: release position (3,) [m].
@@ -110,11 +117,20 @@ def path(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float, drag: flo
 def landing_sensitivity(
     p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, drag: float = 0.0
 ) -> tuple[Vector, Vector] | None:
-    """Returns the derivative of the landing point by release position (3, 3) and velocity (3, 3) [s].
+    """Returns the derivatives of the landing point by release position (3, 3) and by release velocity (3, 3) [s].
 
-    Landing point L = p + v t + g t^2/2 with t from the plane: dt/dp_z = -1/w_z, dt/dv_z = -t/w_z, where w is the
-    landing velocity; so dL/dp = I - w e_z^T / w_z and dL/dv = t dL/dp. With drag: central differences.
-    None where the flight never reaches the plane or only grazes it.
+    The landing point is L = p + v t + g t^2/2, where the plane gives t: dt/dp_z = -1/w_z and dt/dv_z = -t/w_z with the
+    landing velocity w. So dL/dp = I - w e_z^T / w_z and dL/dv = t dL/dp. With drag: central differences.
+
+    Args:
+        p: release position (3,) [m].
+        v: release velocity (3,) [m/s].
+        plane_z: height of the plane [m].
+        gravity: [m/s^2].
+        drag: k of `drag_constant` [1/m].
+
+    Returns:
+        The two derivatives; None where the flight never reaches the plane or only touches it.
     """
     flight = fly(p, v, plane_z, gravity, drag)
     if flight is None or flight.landing_velocity[2] >= 0.0:
@@ -130,7 +146,7 @@ def landing_sensitivity(
 def landing_per_release_delay(
     p: ArrayLike, v: ArrayLike, a: ArrayLike, plane_z: float, gravity: float, drag: float = 0.0
 ) -> Vector:
-    """Returns how fast the landing point moves as the release is delayed (3,) [m/s], NaN where it never lands.
+    """Returns the landing point's derivative by the release time (3,) [m/s], NaN where the object never lands.
 
     Args:
         p: release position (3,) [m].
@@ -150,12 +166,12 @@ def landing_per_release_delay(
 def launch_velocity(p: ArrayLike, target: ArrayLike, time_s: ArrayLike, gravity: float, drag: float = 0.0) -> Vector:
     """Returns the release velocities (..., 3) [m/s] that take the object from `p` to `target` in `time_s`.
 
-    With drag, Newton's iteration from the drag-free answer; NaN where it does not converge.
+    With drag, Newton's method starting from the drag-free velocity; NaN where it does not converge.
 
     Args:
         p: release positions (..., 3) [m].
-        target: where it shall be (..., 3) [m] …
-        time_s: … this long after the release (...,) [s].
+        target: target positions (..., 3) [m].
+        time_s: times of flight (...,) [s].
         gravity: [m/s^2].
         drag: k of `drag_constant` [1/m].
     """
@@ -176,7 +192,7 @@ def launch_velocity(p: ArrayLike, target: ArrayLike, time_s: ArrayLike, gravity:
 
 
 def slowest_time(p: ArrayLike, target: ArrayLike, gravity: float) -> float:
-    """Returns the flight time [s] of the drag-free launch of least speed from `p` to `target`: sqrt(2 |d| / g)."""
+    """Returns the flight time [s] of the slowest drag-free throw from `p` to `target` (3,): sqrt(2 |d| / g)."""
     d = np.asarray(target, float) - np.asarray(p, float)
     return math.sqrt(2.0 * float(np.linalg.norm(d)) / gravity)
 
@@ -188,7 +204,7 @@ def least_speed(p: ArrayLike, target: ArrayLike, gravity: float) -> Vector:
 
 
 def time_at_elevation(p: ArrayLike, target: ArrayLike, elevation_rad: float, gravity: float) -> float | None:
-    """Returns the flight time [s] of the drag-free launch at this elevation above the horizontal, None if none."""
+    """Returns the flight time [s] of the drag-free throw at this elevation, None where there is none."""
     d = np.asarray(target, float) - np.asarray(p, float)
     square = 2.0 * (math.hypot(d[0], d[1]) * math.tan(elevation_rad) - d[2]) / gravity
     return math.sqrt(square) if square > 0.0 else None
@@ -237,7 +253,7 @@ def _fly_with_drag(p: Vector, v: Vector, plane_z: float, gravity: float, drag: f
 
 
 def _crossing(state: Vector, gravity: float, drag: float, index: int, level: float) -> float:
-    """Bisects the time inside one step at which component `index` falls through `level`."""
+    """Returns the time [s] within one step at which component `index` falls through `level`, by bisection."""
     low, high = 0.0, STEP_S
     for _ in range(50):
         middle = 0.5 * (low + high)
@@ -263,7 +279,7 @@ def _differences(p: Vector, v: Vector, plane_z: float, gravity: float, drag: flo
 
 
 def _reach_jacobian(p: Vector, v: Vector, t: Vector, gravity: float, drag: float) -> Vector:
-    """Returns the derivative (..., 3, 3) of the place reached after `t` (..., 1) by the launch velocity."""
+    """Returns the derivative (..., 3, 3) of the position after `t` (..., 1) [s] by the release velocity."""
     columns = []
     for step in DIFFERENCE * np.eye(3):
         ahead = _advance(np.concatenate([p, v + step], axis=-1), t, gravity, drag)[..., :3]

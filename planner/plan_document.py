@@ -1,7 +1,4 @@
-"""Requests and plans as the JSON documents of the contract, both ways. Pure: no web, no clock.
-
-`problem_from_request` is the door: whatever it lets through is a checked `ThrowProblem`.
-"""
+"""Plans as the JSON documents that the service stores and returns."""
 
 from __future__ import annotations
 
@@ -13,27 +10,30 @@ from numpy.typing import NDArray
 
 from planner.cell import Cell
 from planner.certificate import landing_errors, release_flight
-from planner.errors import FieldError, InvalidProblem
 from planner.flight import landing_per_release_delay
 from planner.geometry import tool_state
 from planner.kinematics import tcp_acceleration
 from planner.problem import ThrowProblem
-from planner.request import problem_from_request
 from planner.rotations import matrix_to_quaternion, matrix_to_rotation_vector
 from planner.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from planner.planning import Plan
 
-__all__ = ["plan_document", "plan_from_document", "problem_from_request"]
-
 Vector = NDArray[np.float64]
 
-WINDOW_DELAYS_S = (-0.02, -0.01, 0.0, 0.01, 0.02)  # shown where the request names no window
+WINDOW_DELAYS_S = (-0.02, -0.01, 0.0, 0.01, 0.02)  # [s] release delays listed for a request without a window
 
 
 def plan_document(plan: Plan, request: Mapping[str, Any], plan_id: str, created_at: str) -> dict[str, Any]:
-    """Returns the plan as `GET /plans/{id}` answers it."""
+    """Returns the plan as `GET /plans/{id}` returns it.
+
+    Args:
+        plan: a certified plan.
+        request: the request that it answers, as posted.
+        plan_id: its identifier.
+        created_at: its time of creation, ISO 8601.
+    """
     trajectory, cell = plan.trajectory, plan.problem.cell
     return {
         "id": plan_id,
@@ -61,24 +61,8 @@ def plan_document(plan: Plan, request: Mapping[str, Any], plan_id: str, created_
     }
 
 
-def plan_from_document(document: Mapping[str, Any], cell: Cell) -> tuple[ThrowProblem, Trajectory]:
-    """Returns problem and trajectory of a stored plan, for the executor to judge again with its own cell.
-
-    Raises:
-        InvalidProblem: the document is not a plan for this cell.
-    """
-    problem = problem_from_request(document["request"], cell)
-    samples = document["trajectory"]
-    arrays = [np.array(samples[name], float) for name in ("positions", "velocities", "accelerations")]
-    try:
-        trajectory = Trajectory(float(document["sample_rate_hz"]), *arrays, release_index=document["release"]["index"])
-    except (ValueError, TypeError) as error:
-        raise InvalidProblem([FieldError("trajectory", str(error))]) from error
-    return problem, trajectory
-
-
 def command_time(cell: Cell, release_time_s: float) -> float:
-    """Returns when the gripper is told to open [s], on the clock on which the measured motion meets the plan."""
+    """Returns the time [s] of the gripper command, on the plan's clock (docs/conventions.md, Time)."""
     return release_time_s - cell.gripper.delay_s - cell.timing.lag_s
 
 

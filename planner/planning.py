@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from planner.certificate import Certificate
 from planner.errors import Infeasible
 from planner.problem import ThrowProblem
+from planner.request import request_document
 from planner.search import (
     VARIANTS_BY_BACKEND,
     Attempt,
@@ -17,7 +18,6 @@ from planner.search import (
     search_optimised,
     search_sequential,
 )
-from planner.search.nearest import request_document
 from planner.seeds import candidates
 from planner.trajectory import Trajectory
 

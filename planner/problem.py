@@ -1,6 +1,6 @@
-"""What is asked: a start, a release, the limits and the cell. Frozen, and checked once at the door.
+"""The planning problem: start, release, limits and cell; frozen, and checked when it is made.
 
-Everything is in the world frame; joint vectors are (6,) in rad and rad/s.
+All quantities are in the world frame.
 """
 
 from __future__ import annotations
@@ -21,12 +21,13 @@ Vector = NDArray[np.float64]
 
 BACKENDS = ("auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp")
 REST_SPEED = 1e-9  # [rad/s, m/s] a release slower than this is a move that ends at rest
-TIME_LIMIT_MAX_S = 120.0  # a request may not hold a planner longer
+TIME_LIMIT_S = 5.0  # [s] default time limit
+TIME_LIMIT_MAX_S = 120.0  # [s] longest time that one request may occupy a planner
 
 
 @dataclass(frozen=True, eq=False)
 class JointRelease:
-    """Pass joint positions `q` (6,) with joint velocities `qd` (6,)."""
+    """Release at joint positions `q` (6,) [rad] with joint velocities `qd` (6,) [rad/s]."""
 
     q: Vector
     qd: Vector
@@ -34,7 +35,7 @@ class JointRelease:
 
 @dataclass(frozen=True, eq=False)
 class PoseRelease:
-    """Pass the tool pose `X_WT` (4, 4) with the twist `V_WT` (6,): linear [m/s], then angular [rad/s]."""
+    """Release at the tool pose `X_WT` (4, 4) with the twist `V_WT` (6,): linear [m/s], then angular [rad/s]."""
 
     X_WT: Vector
     V_WT: Vector
@@ -42,7 +43,7 @@ class PoseRelease:
 
 @dataclass(frozen=True, eq=False)
 class PointRelease:
-    """Pass the point `p_WT` (3,) [m] with the velocity `v_WT` (3,) [m/s]; orientation and turning are free."""
+    """Release at the point `p_WT` (3,) [m] with the velocity `v_WT` (3,) [m/s]; orientation and spin are free."""
 
     p_WT: Vector
     v_WT: Vector
@@ -50,7 +51,15 @@ class PointRelease:
 
 @dataclass(frozen=True, eq=False)
 class TargetRelease:
-    """Hit the point `p_W` (3,) [m] by free flight, coming down; everything else is free within the bounds."""
+    """Hit a point by free flight, on the way down; the release state is free within these bounds.
+
+    Attributes:
+        p_W: the target (3,) [m].
+        max_speed_m_s: highest release speed [m/s].
+        min_elevation_rad, max_elevation_rad: elevation of the release velocity above the horizontal [rad].
+        min_horizontal_distance_m: least horizontal distance from release to target [m].
+        release_position: point of release (3,) [m], None where it is free.
+    """
 
     p_W: Vector
     max_speed_m_s: float = math.inf
@@ -65,20 +74,20 @@ Release = JointRelease | PoseRelease | PointRelease | TargetRelease
 
 @dataclass(frozen=True, eq=False)
 class ThrowProblem:
-    """One question to the planner.
+    """One planning problem.
 
     Attributes:
         cell: the robot station.
         start: joint positions at rest (6,) [rad].
-        release: the state to pass, of one of four kinds.
+        release: what is required of the release, of one of four kinds.
         limits: the cell's, tightened by the request.
-        release_window_s: a release this much early or late …
-        landing_tolerance_m: … still lands within this distance; 0: the nominal instant alone.
+        release_window_s: largest deviation of the release time for which the landing tolerance must hold [s].
+        landing_tolerance_m: landing error allowed in the window [m]; 0: only the nominal release counts.
         backend: one of `BACKENDS`.
-        time_limit_s: for the solver.
+        time_limit_s: time limit of the search [s].
 
     Raises:
-        InvalidProblem: every field that contradicts another or the cell.
+        InvalidProblem: every field that contradicts another field or the cell.
     """
 
     cell: Cell
@@ -88,7 +97,7 @@ class ThrowProblem:
     release_window_s: float = 0.0
     landing_tolerance_m: float = 0.0
     backend: str = "auto"
-    time_limit_s: float = 5.0
+    time_limit_s: float = TIME_LIMIT_S
 
     def __post_init__(self) -> None:
         errors = list(_start_errors(self)) + list(_release_errors(self))
@@ -101,19 +110,19 @@ class ThrowProblem:
 
     @cached_property
     def reachable(self) -> Limits:
-        """The limits, less the joint positions that self-collision shuts off from the start."""
+        """The limits, with joint positions that self-collision makes unreachable from the start excluded."""
         lower, upper = passable(self.cell.robot, self.cell.tool.capsules, self.start)
         limits = self.limits
         return replace(limits, q_lower=np.maximum(limits.q_lower, lower), q_upper=np.minimum(limits.q_upper, upper))
 
     @property
     def dt(self) -> float:
-        """One tick of the controller [s]."""
+        """One controller tick [s]."""
         return 1.0 / self.cell.robot.sample_rate_hz
 
     @cached_property
     def ends_at_rest(self) -> bool:
-        """Whether the state asked for is at rest: nothing is thrown, and the brake is empty."""
+        """Whether the release state is at rest; such a move throws nothing and has an empty brake."""
         match self.release:
             case JointRelease(qd=speed) | PoseRelease(V_WT=speed) | PointRelease(v_WT=speed):
                 return bool(np.abs(speed).max() < REST_SPEED)
@@ -121,7 +130,7 @@ class ThrowProblem:
 
     @property
     def plane_z(self) -> float:
-        """Height of the plane on which the object lands [m]: the target's, otherwise the floor's."""
+        """Height of the landing plane [m]: the target's, or the floor's for a release without a target."""
         if isinstance(self.release, TargetRelease):
             return float(self.release.p_W[2])
         return self.cell.surroundings.floor_z_m
@@ -134,12 +143,12 @@ class ThrowProblem:
 
     @property
     def gravity(self) -> float:
-        """[m/s^2]."""
+        """Gravity along -z [m/s^2]."""
         return self.cell.surroundings.gravity_m_s2
 
     @property
     def is_robust(self) -> bool:
-        """Whether the landing must hold over a window of release times."""
+        """Whether the landing tolerance must hold for a window of release times."""
         return self.release_window_s > 0.0 and self.landing_tolerance_m > 0.0 and not self.ends_at_rest
 
 

@@ -1,6 +1,9 @@
-"""The door: a request of `POST /plan`, already of the right shape, becomes a checked `ThrowProblem`.
+"""Requests of `POST /plan` as JSON documents: to a checked `ThrowProblem`, and back.
 
-Every refusal names the field, the value and the limit, and all of them are reported together.
+The service checks names and types of a request before (`api/schemas`); this module checks its meaning for a cell, and
+`ThrowProblem` the relations between its fields. Callers of the library and stored plans do not pass the service, so a
+value of the wrong shape is refused here too, when it is converted. Every refusal names the field, the value and the
+limit; all refusals are reported together.
 """
 
 from __future__ import annotations
@@ -14,15 +17,28 @@ from numpy.typing import NDArray
 
 from planner.cell import Cell, Limits
 from planner.errors import FieldError, InvalidProblem
-from planner.problem import JointRelease, PointRelease, PoseRelease, Release, TargetRelease, ThrowProblem
-from planner.rotations import pose, quaternion_to_matrix, rotation_vector_to_matrix
+from planner.problem import (
+    TIME_LIMIT_S,
+    JointRelease,
+    PointRelease,
+    PoseRelease,
+    Release,
+    TargetRelease,
+    ThrowProblem,
+)
+from planner.robots import read_only
+from planner.rotations import matrix_to_quaternion, pose, quaternion_to_matrix, rotation_vector_to_matrix
+
+__all__ = ["problem_from_request", "release_document", "request_document"]
 
 Vector = NDArray[np.float64]
 
-UNIT_TOLERANCE = 1e-3  # [-] a quaternion this close to unit length is normalised; anything else is refused
-WINDOW_MAX_S = 0.2  # a release window longer than this is no window
-JITTER_DEVIATIONS = 3.0  # [-] of the gripper's delay that the default window spans: 99.7 % of normal releases
-ROBUST_TOLERANCE_M = 0.01  # [m] default for a gripper that scatters: the contract's own example
+UNIT_TOLERANCE = 1e-3  # [-] deviation of a quaternion's length from 1 up to which it is normalised
+WINDOW_MAX_S = 0.2  # [s] longest release window
+TOLERANCE_MAX_M = 10.0  # [m] largest landing tolerance
+SPEED_MIN_M_S = 1e-3  # [m/s] lowest bound on the release speed
+JITTER_DEVIATIONS = 3.0  # [-] default half width of the window in standard deviations: 99.7 % of normal delays
+ROBUST_TOLERANCE_M = 0.01  # [m] default landing tolerance for a gripper with jitter
 LIMIT_FIELDS = {
     "velocity": ("qd_max", "rad/s"),
     "acceleration": ("qdd_max", "rad/s^2"),
@@ -31,18 +47,23 @@ LIMIT_FIELDS = {
 
 
 def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem:
-    """Returns the problem a request states for `cell`; `start: {"current": true}` must have been resolved before.
+    """Returns the problem that a request states for a cell.
+
+    Args:
+        request: JSON document of `POST /plan`; `start: {"current": true}` must have been resolved to positions.
+        cell: the robot station; its limits and home are the defaults.
 
     Raises:
         InvalidProblem: every refused field with its reason.
     """
-    errors: list[FieldError] = []
-    start = _start(request.get("start"), cell, errors)
-    limits = _limits(request, cell, errors)
-    release = _release(request.get("release"), cell, request.get("frame", "world"), errors)
-    window, tolerance = _window(request, release, cell, errors)
-    if errors:
-        raise InvalidProblem(errors)
+    fields = _Fields(request)
+    start = _start(fields, cell)
+    limits = _limits(fields, cell.limits)
+    release = _release(fields, cell)
+    window, tolerance = _window(fields, release, cell)
+    time_limit = fields.number("time_limit_s", TIME_LIMIT_S)
+    if fields.errors or release is None:
+        raise InvalidProblem(fields.errors)
     return ThrowProblem(
         cell=cell,
         start=start,
@@ -50,161 +71,228 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
         limits=limits,
         release_window_s=window,
         landing_tolerance_m=tolerance,
-        backend=str(request.get("backend") or "auto"),
-        time_limit_s=_number(request, "time_limit_s", errors, -np.inf, np.inf, 5.0),
+        backend=str(fields.get("backend") or "auto"),
+        time_limit_s=time_limit,
     )
 
 
-def _window(request: Mapping[str, Any], release: Any, cell: Cell, errors: list[FieldError]) -> tuple[float, float]:
-    """Returns release window [s] and landing tolerance [m]; of a target, those of the cell's gripper by default."""
-    scatters = isinstance(release, TargetRelease) and cell.gripper.jitter_s > 0.0
-    default = min(JITTER_DEVIATIONS * cell.gripper.jitter_s, WINDOW_MAX_S) if scatters else 0.0
-    window = _number(request, "release_window_s", errors, 0.0, WINDOW_MAX_S, default)
-    tolerance = _number(request, "landing_tolerance_m", errors, 0.0, 10.0, ROBUST_TOLERANCE_M if scatters else 0.0)
-    return window, tolerance
+def request_document(problem: ThrowProblem, release: Release) -> dict[str, Any]:
+    """Returns the request that states `problem` with another release, in the shape of `POST /plan`."""
+    limits = problem.limits
+    return {
+        "cell": problem.cell.name,
+        "start": {"positions": problem.start.tolist()},
+        "release": release_document(release),
+        "frame": "world",
+        "backend": problem.backend,
+        "limits": {name: getattr(limits, attribute).tolist() for name, (attribute, _) in LIMIT_FIELDS.items()},
+        "singularity_distance_min": limits.singularity_distance_min,
+        "release_window_s": problem.release_window_s,
+        "landing_tolerance_m": problem.landing_tolerance_m,
+        "time_limit_s": problem.time_limit_s,
+    }
 
 
-def _start(start: Any, cell: Cell, errors: list[FieldError]) -> Vector:
+def release_document(release: Release) -> dict[str, Any]:
+    """Returns a release in the shape of `POST /plan`, in the world frame."""
+    match release:
+        case JointRelease(q, qd):
+            return {"kind": "joint", "positions": q.tolist(), "velocities": qd.tolist()}
+        case PoseRelease(X, V):
+            X_WT = {"position": X[:3, 3].tolist(), "quaternion": matrix_to_quaternion(X[:3, :3]).tolist()}
+            return {"kind": "pose", "pose": X_WT, "twist": {"linear": V[:3].tolist(), "angular": V[3:].tolist()}}
+        case PointRelease(p, v):
+            return {"kind": "point", "position": p.tolist(), "velocity": v.tolist()}
+        case TargetRelease():
+            return _target_document(release)
+
+
+def _target_document(release: TargetRelease) -> dict[str, Any]:
+    document: dict[str, Any] = {
+        "kind": "target",
+        "position": release.p_W.tolist(),
+        "min_elevation_rad": release.min_elevation_rad,
+        "max_elevation_rad": release.max_elevation_rad,
+        "min_horizontal_distance_m": release.min_horizontal_distance_m,
+    }
+    if np.isfinite(release.max_speed_m_s):
+        document["max_release_speed_m_s"] = release.max_speed_m_s
+    if release.release_position is not None:
+        document["release_position"] = release.release_position.tolist()
+    return document
+
+
+class _Fields:
+    """One JSON object of a request. Refused fields are collected in `errors`, which nested objects share."""
+
+    def __init__(self, values: Any, path: str = "", errors: list[FieldError] | None = None) -> None:
+        self.values = values if isinstance(values, Mapping) else {}
+        self.path = path
+        self.errors: list[FieldError] = [] if errors is None else errors
+
+    def get(self, key: str) -> Any:
+        """Returns a field's value, None where it is absent."""
+        return self.values.get(key)
+
+    def nested(self, key: str) -> _Fields:
+        """Returns the object in a field, an empty one where it is absent."""
+        return _Fields(self.get(key), f"{self.path}{key}.", self.errors)
+
+    def refuse(self, key: str, reason: str) -> None:
+        """Records that a field is refused."""
+        self.errors.append(FieldError(self.path + key, reason))
+
+    def vector(self, key: str, size: int) -> Vector:
+        """Returns a list of finite numbers as a read-only array (size,), zeros where it is refused."""
+        value = self.get(key)
+        array = np.asarray(value) if isinstance(value, list | tuple | np.ndarray) else np.zeros(0)
+        if array.shape != (size,) or array.dtype.kind not in "fiu":
+            self.refuse(key, f"must be a list of {size} numbers")
+            return np.zeros(size)
+        if not np.isfinite(array).all():
+            self.refuse(key, "must be finite")
+            return np.zeros(size)
+        return read_only(array)
+
+    def number(self, key: str, default: float, lower: float = -np.inf, upper: float = np.inf) -> float:
+        """Returns a finite number within [lower, upper], `default` where it is absent."""
+        value = self.get(key)
+        if value is None:
+            return default
+        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
+            self.refuse(key, f"{value!r} must be a finite number")
+            return default
+        if not lower <= value <= upper:
+            self.refuse(key, f"{value:g} must lie in [{lower:g}, {upper:g}]")
+        return float(value)
+
+
+def _start(request: _Fields, cell: Cell) -> Vector:
+    start = request.get("start")
     if start is None:
         return cell.home
     if not isinstance(start, Mapping) or "positions" not in start:
-        errors.append(FieldError("start", 'must be {"positions": [6]} or {"current": true}'))
+        request.refuse("start", 'must be {"positions": [6]} or {"current": true}')
         return cell.home
-    return _vector(start, "positions", 6, "start.", errors)
+    return request.nested("start").vector("positions", 6)
 
 
-def _limits(request: Mapping[str, Any], cell: Cell, errors: list[FieldError]) -> Limits:
-    own, changed = cell.limits, {}
-    for key, value in (request.get("limits") or {}).items():
+def _window(request: _Fields, release: Release | None, cell: Cell) -> tuple[float, float]:
+    """Returns release window [s] and landing tolerance [m]; robust by default for targets and a gripper with jitter."""
+    jitter = cell.gripper.jitter_s if isinstance(release, TargetRelease) else 0.0
+    default_s = min(JITTER_DEVIATIONS * jitter, WINDOW_MAX_S)
+    default_m = ROBUST_TOLERANCE_M if jitter > 0.0 else 0.0
+    window = request.number("release_window_s", default_s, 0.0, WINDOW_MAX_S)
+    return window, request.number("landing_tolerance_m", default_m, 0.0, TOLERANCE_MAX_M)
+
+
+def _limits(request: _Fields, own: Limits) -> Limits:
+    """Returns the cell's `own` limits, tightened by the request."""
+    limits, changed = request.nested("limits"), {}
+    for key, value in limits.values.items():
         if value is None:
             continue
         if key not in LIMIT_FIELDS:
-            errors.append(FieldError(f"limits.{key}", f"unknown; known are {', '.join(LIMIT_FIELDS)}"))
+            limits.refuse(key, f"unknown; known are {', '.join(LIMIT_FIELDS)}")
             continue
-        name, unit = LIMIT_FIELDS[key]
-        changed[name] = _tightened(f"limits.{key}", value, getattr(own, name), unit, errors)
-    distance = request.get("singularity_distance_min")
-    if distance is not None:
-        changed["singularity_distance_min"] = _singularity(distance, own, errors)
+        attribute, unit = LIMIT_FIELDS[key]
+        changed[attribute] = _tightened(limits, key, getattr(own, attribute), unit)
+    if request.get("singularity_distance_min") is not None:
+        changed["singularity_distance_min"] = _singularity_distance(request, own.singularity_distance_min)
     return replace(own, **changed)
 
 
-def _tightened(field: str, value: Any, own: Vector, unit: str, errors: list[FieldError]) -> Vector:
+def _tightened(limits: _Fields, key: str, own: Vector, unit: str) -> Vector:
+    """Returns a limit (6,), given as one number or one per joint, that may only tighten the cell's `own`."""
+    value = limits.get(key)
     entries = np.asarray(value if isinstance(value, list | tuple) else [value] * len(own))
     if entries.shape != own.shape or entries.dtype.kind not in "fiu" or not np.isfinite(entries).all():
-        errors.append(FieldError(field, f"must be one finite number or {len(own)} of them"))
+        limits.refuse(key, f"must be one finite number or {len(own)} of them")
         return own
     for i, (entry, limit) in enumerate(zip(entries, own, strict=True)):
         if entry <= 0.0:
-            errors.append(FieldError(f"{field}[{i}]", f"{entry:g} must be above 0"))
+            limits.refuse(f"{key}[{i}]", f"{entry:g} must be above 0")
         elif entry > limit:
-            errors.append(FieldError(f"{field}[{i}]", f"{entry:g} {unit} loosens the cell's limit of {limit:g} {unit}"))
-    frozen = entries.astype(float)
-    frozen.setflags(write=False)
-    return frozen
+            limits.refuse(f"{key}[{i}]", f"{entry:g} {unit} loosens the cell's limit of {limit:g} {unit}")
+    return read_only(entries)
 
 
-def _singularity(value: Any, own: Limits, errors: list[FieldError]) -> float:
-    field, least = "singularity_distance_min", own.singularity_distance_min
+def _singularity_distance(request: _Fields, own: float) -> float:
+    key = "singularity_distance_min"
+    value = request.get(key)
     if not isinstance(value, int | float) or not np.isfinite(value) or value > 1.0:
-        errors.append(FieldError(field, f"{value} must be a number up to 1"))
-    elif value < least:
-        errors.append(FieldError(field, f"{value:g} loosens the cell's limit of {least:g}"))
+        request.refuse(key, f"{value} must be a number up to 1")
+        return own
+    if value < own:
+        request.refuse(key, f"{value:g} loosens the cell's limit of {own:g}")
     return float(value)
 
 
-def _release(release: Any, cell: Cell, frame: Any, errors: list[FieldError]) -> Release | Any:
+def _release(request: _Fields, cell: Cell) -> Release | None:
+    """Returns the release in the world frame, None where its kind is unknown."""
+    frame = "world" if "frame" not in request.values else request.get("frame")
     if frame not in ("world", "base"):
-        errors.append(FieldError("frame", f'{frame!r} is not "world" or "base"'))
-    X = cell.X_WB if frame == "base" else np.eye(4)
-    kind = release.get("kind") if isinstance(release, Mapping) else None
+        request.refuse("frame", f'{frame!r} is not "world" or "base"')
+    X_WR = cell.X_WB if frame == "base" else np.eye(4)  # R: the frame of the request
     readers = {"pose": _pose_release, "point": _point_release, "joint": _joint_release, "target": _target_release}
+    release = request.nested("release")
+    kind = release.get("kind")
     if kind not in readers:
-        errors.append(FieldError("release.kind", f"{kind!r} is not one of {', '.join(readers)}"))
+        release.refuse("kind", f"{kind!r} is not one of {', '.join(readers)}")
         return None
-    return readers[kind](release, X, errors)
+    return readers[kind](release, X_WR)
 
 
-def _joint_release(release: Mapping[str, Any], X: Vector, errors: list[FieldError]) -> JointRelease:
-    q = _vector(release, "positions", 6, "release.", errors)
-    return JointRelease(q, _vector(release, "velocities", 6, "release.", errors))
+def _joint_release(release: _Fields, X_WR: Vector) -> JointRelease:
+    return JointRelease(release.vector("positions", 6), release.vector("velocities", 6))
 
 
-def _pose_release(release: Mapping[str, Any], X: Vector, errors: list[FieldError]) -> PoseRelease:
-    given, twist = release.get("pose") or {}, release.get("twist") or {}
-    p = _vector(given, "position", 3, "release.pose.", errors)
-    linear = _vector(twist, "linear", 3, "release.twist.", errors)
-    angular = _vector(twist, "angular", 3, "release.twist.", errors)
-    X_XT = pose(p, _rotation(given, errors))
-    return PoseRelease(X @ X_XT, np.concatenate([X[:3, :3] @ linear, X[:3, :3] @ angular]))
+def _pose_release(release: _Fields, X_WR: Vector) -> PoseRelease:
+    given, twist = release.nested("pose"), release.nested("twist")
+    p_RT = given.vector("position", 3)
+    v_RT, w_RT = twist.vector("linear", 3), twist.vector("angular", 3)
+    X_RT = pose(p_RT, _rotation(release, given))
+    return PoseRelease(X_WR @ X_RT, np.concatenate([_turn(X_WR, v_RT), _turn(X_WR, w_RT)]))
 
 
-def _rotation(given: Mapping[str, Any], errors: list[FieldError]) -> Vector:
-    field = "release.pose"
+def _rotation(release: _Fields, given: _Fields) -> Vector:
+    """Returns the rotation matrix of a pose, identity where its orientation is refused."""
     if (given.get("quaternion") is None) == (given.get("rotation_vector") is None):
-        errors.append(FieldError(field, "needs either quaternion or rotation_vector"))
+        release.refuse("pose", "needs either quaternion or rotation_vector")
         return np.eye(3)
     if given.get("rotation_vector") is not None:
-        return rotation_vector_to_matrix(_vector(given, "rotation_vector", 3, f"{field}.", errors))
-    quaternion = _vector(given, "quaternion", 4, f"{field}.", errors)
+        return rotation_vector_to_matrix(given.vector("rotation_vector", 3))
+    quaternion = given.vector("quaternion", 4)
     length = float(np.linalg.norm(quaternion))
     if abs(length - 1.0) > UNIT_TOLERANCE:
-        errors.append(FieldError(f"{field}.quaternion", f"has length {length:g}, must be 1"))
+        given.refuse("quaternion", f"has length {length:g}, must be 1")
         return np.eye(3)
     return quaternion_to_matrix(quaternion / length)
 
 
-def _point_release(release: Mapping[str, Any], X: Vector, errors: list[FieldError]) -> PointRelease:
-    p = _vector(release, "position", 3, "release.", errors)
-    v = _vector(release, "velocity", 3, "release.", errors)
-    return PointRelease(X[:3, :3] @ p + X[:3, 3], X[:3, :3] @ v)
+def _point_release(release: _Fields, X_WR: Vector) -> PointRelease:
+    return PointRelease(_move(X_WR, release.vector("position", 3)), _turn(X_WR, release.vector("velocity", 3)))
 
 
-def _target_release(release: Mapping[str, Any], X: Vector, errors: list[FieldError]) -> TargetRelease:
-    p = _vector(release, "position", 3, "release.", errors)
+def _target_release(release: _Fields, X_WR: Vector) -> TargetRelease:
     half = np.pi / 2
-    place = release.get("release_position")
     return TargetRelease(
-        p_W=X[:3, :3] @ p + X[:3, 3],
-        max_speed_m_s=_number(release, "max_release_speed_m_s", errors, 1e-3, np.inf, np.inf, "release."),
-        min_elevation_rad=_number(release, "min_elevation_rad", errors, -half, half, -half, "release."),
-        max_elevation_rad=_number(release, "max_elevation_rad", errors, -half, half, half, "release."),
-        min_horizontal_distance_m=_number(release, "min_horizontal_distance_m", errors, 0.0, np.inf, 0.0, "release."),
+        p_W=_move(X_WR, release.vector("position", 3)),
+        max_speed_m_s=release.number("max_release_speed_m_s", np.inf, SPEED_MIN_M_S),
+        min_elevation_rad=release.number("min_elevation_rad", -half, -half, half),
+        max_elevation_rad=release.number("max_elevation_rad", half, -half, half),
+        min_horizontal_distance_m=release.number("min_horizontal_distance_m", 0.0, 0.0),
         release_position=None
-        if place is None
-        else X[:3, :3] @ _vector(release, "release_position", 3, "release.", errors) + X[:3, 3],
+        if release.get("release_position") is None
+        else _move(X_WR, release.vector("release_position", 3)),
     )
 
 
-def _vector(table: Mapping[str, Any], key: str, size: int, where: str, errors: list[FieldError]) -> Vector:
-    value = table.get(key)
-    array = np.asarray(value) if isinstance(value, list | tuple | np.ndarray) else np.zeros(0)
-    if array.shape != (size,) or array.dtype.kind not in "fiu":
-        errors.append(FieldError(where + key, f"must be a list of {size} numbers"))
-        return np.zeros(size)
-    if not np.isfinite(array).all():
-        errors.append(FieldError(where + key, "must be finite"))
-        return np.zeros(size)
-    frozen = array.astype(float)
-    frozen.setflags(write=False)
-    return frozen
+def _move(X_WR: Vector, p: Vector) -> Vector:
+    """Returns a point of the request's frame in the world frame."""
+    return X_WR[:3, :3] @ p + X_WR[:3, 3]
 
 
-def _number(
-    table: Mapping[str, Any],
-    key: str,
-    errors: list[FieldError],
-    lower: float,
-    upper: float,
-    default: float,
-    where: str = "",
-) -> float:
-    value = table.get(key)
-    if value is None:
-        return default
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        errors.append(FieldError(where + key, f"{value!r} must be a finite number"))
-        return default
-    if not lower <= value <= upper:
-        errors.append(FieldError(where + key, f"{value:g} must lie in [{lower:g}, {upper:g}]"))
-    return float(value)
+def _turn(X_WR: Vector, v: Vector) -> Vector:
+    """Returns a vector of the request's frame in the world frame."""
+    return X_WR[:3, :3] @ v

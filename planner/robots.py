@@ -1,4 +1,4 @@
-"""The arms: published kinematics, limits, masses and shapes, read from `planner/robot_data/<name>.toml`.
+"""Arm models: published kinematics, limits, masses and dimensions, read from `planner/robot_data/<name>.toml`.
 
 Frames are the Denavit-Hartenberg frames of Universal Robots: frame 0 is the controller's "base", frame i moves with
 link i, frame 6 is the flange.
@@ -41,9 +41,13 @@ ACCELERATION_MAX = 40.0
 
 @dataclass(frozen=True, eq=False)
 class Link:
-    """Mass of one link, in the DH frame that moves with it.
+    """One rigid body of the arm, in the DH frame that moves with it.
 
-    `mass` [kg]; `com` (3,) centre of mass [m]; `inertia` (3, 3) about the centre of mass [kg m2].
+    Attributes:
+        name: of the link.
+        mass: [kg].
+        com: centre of mass (3,) [m].
+        inertia: about the centre of mass (3, 3) [kg m^2].
     """
 
     name: str
@@ -53,11 +57,15 @@ class Link:
 
 
 @dataclass(frozen=True)
-class Shape:
+class ArmShape:
     """Outer dimensions of an arm [m].
 
-    The tube of the upper arm runs `shoulder_offset` beside joint 2 (along its axis), that of the forearm
-    `elbow_offset`. Radii are of the foot, of the joints' housings (shoulder, elbow, wrist) and of the two tubes.
+    Attributes:
+        shoulder_offset: offset of the upper arm's tube from joint 2, along its axis.
+        elbow_offset: offset of the forearm's tube along the same axis.
+        base_radius: radius of the foot.
+        shoulder_radius, elbow_radius, wrist_radius: radii of the joint housings.
+        upper_arm_radius, forearm_radius: radii of the tubes.
     """
 
     shoulder_offset: float
@@ -72,10 +80,21 @@ class Shape:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """One arm. Compared and hashed by identity: `robot(name)` gives the same object every time.
+    """One arm model. Compared and hashed by identity: `robot(name)` returns the same object every time.
 
-    `a`, `d` [m], `alpha` [rad]: DH parameters (6,). `q_lower`, `q_upper` [rad], `qd_max` [rad/s],
-    `qdd_max` [rad/s2], `tau_max` [N m]: limits (6,).
+    Attributes:
+        name: one of `ROBOT_NAMES`.
+        generation: of the controller.
+        sample_rate_hz: ticks per second.
+        joint_names: from base to flange, as in ROS.
+        a, d: DH lengths (6,) [m].
+        alpha: DH twists (6,) [rad].
+        q_lower, q_upper: limits on joint position (6,) [rad].
+        qd_max: limits on joint velocity (6,) [rad/s].
+        qdd_max: limits on joint acceleration (6,) [rad/s^2].
+        tau_max: rated joint torques (6,) [N m].
+        links: from base to flange.
+        shape: outer dimensions.
     """
 
     name: str
@@ -91,7 +110,7 @@ class Robot:
     qdd_max: Array
     tau_max: Array
     links: tuple[Link, ...]
-    shape: Shape
+    shape: ArmShape
 
     def __repr__(self) -> str:
         return f"Robot({self.name!r})"
@@ -99,7 +118,7 @@ class Robot:
 
 @cache
 def robot(name: str) -> Robot:
-    """The arm of this name, one of `ROBOT_NAMES`.
+    """Returns the arm of this name, one of `ROBOT_NAMES`.
 
     Raises:
         UnknownRobot: there is no such arm.
@@ -110,6 +129,13 @@ def robot(name: str) -> Robot:
     return _from_document(tomllib.loads(text))
 
 
+def read_only(values: Sequence[Any] | Array) -> Array:
+    """Returns a read-only float64 copy of `values`."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array
+
+
 def _from_document(document: Mapping[str, Any]) -> Robot:
     limits = document["limits"]
     return Robot(
@@ -117,26 +143,20 @@ def _from_document(document: Mapping[str, Any]) -> Robot:
         generation=document["generation"],
         sample_rate_hz=document["sample_rate_hz"],
         joint_names=JOINT_NAMES,
-        a=_fixed(document["dh"]["a_m"]),
-        d=_fixed(document["dh"]["d_m"]),
-        alpha=_fixed(DH_TWISTS),
-        q_lower=_fixed(np.radians(limits["position_lower_deg"])),
-        q_upper=_fixed(np.radians(limits["position_upper_deg"])),
-        qd_max=_fixed(np.radians(limits["velocity_deg_s"])),
-        qdd_max=_fixed(np.full(6, ACCELERATION_MAX)),
-        tau_max=_fixed(limits["torque_n_m"]),
+        a=read_only(document["dh"]["a_m"]),
+        d=read_only(document["dh"]["d_m"]),
+        alpha=read_only(DH_TWISTS),
+        q_lower=read_only(np.radians(limits["position_lower_deg"])),
+        q_upper=read_only(np.radians(limits["position_upper_deg"])),
+        qd_max=read_only(np.radians(limits["velocity_deg_s"])),
+        qdd_max=read_only(np.full(6, ACCELERATION_MAX)),
+        tau_max=read_only(limits["torque_n_m"]),
         links=tuple(_link(link) for link in document["links"]),
-        shape=Shape(**{key.removesuffix("_m"): value for key, value in document["shape"].items()}),
+        shape=ArmShape(**{key.removesuffix("_m"): value for key, value in document["shape"].items()}),
     )
 
 
 def _link(document: Mapping[str, Any]) -> Link:
     xx, xy, xz, yy, yz, zz = document["inertia_kg_m2"]
     inertia = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
-    return Link(document["name"], document["mass_kg"], _fixed(document["com_m"]), _fixed(inertia))
-
-
-def _fixed(values: Sequence[Any] | Array) -> Array:
-    array = np.array(values, dtype=np.float64)
-    array.setflags(write=False)
-    return array
+    return Link(document["name"], document["mass_kg"], read_only(document["com_m"]), read_only(inertia))

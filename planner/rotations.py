@@ -1,6 +1,6 @@
 """Rotations and poses: matrices, rotation vectors (UR's `rx ry rz`), unit quaternions `[x, y, z, w]`.
 
-Every function works over leading dimensions `...`.
+Every function accepts leading dimensions `...`.
 """
 
 from __future__ import annotations
@@ -10,12 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-# [rad] below it the closed forms of the left Jacobian lose digits to cancellation and two terms of the series are exact
-SMALL_ANGLE = 1e-2
+SMALL_ANGLE = 1e-2  # [rad] below it a series replaces the closed form, which loses digits to cancellation
 
 
 def skew(v: ArrayLike) -> Array:
-    """Matrix (..., 3, 3) of the cross product with v (..., 3)."""
+    """Returns the matrix (..., 3, 3) of the cross product with v (..., 3)."""
     v = np.asarray(v, dtype=np.float64)
     matrix = np.zeros((*v.shape, 3))
     matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -v[..., 2], v[..., 1], -v[..., 0]
@@ -23,7 +22,7 @@ def skew(v: ArrayLike) -> Array:
 
 
 def rotation_vector_to_matrix(vector: ArrayLike) -> Array:
-    """Rotation matrix (..., 3, 3) of a rotation vector (..., 3) [rad]. Source: Rodrigues' formula."""
+    """Returns the rotation matrix (..., 3, 3) of a rotation vector (..., 3) [rad]. Source: Rodrigues' formula."""
     vector = np.asarray(vector, dtype=np.float64)
     half = 0.5 * np.linalg.norm(vector, axis=-1)[..., None]
     # np.sinc(x) is sin(pi x)/(pi x): the quaternion's vector part without a division by zero
@@ -31,7 +30,7 @@ def rotation_vector_to_matrix(vector: ArrayLike) -> Array:
 
 
 def matrix_to_rotation_vector(R: ArrayLike) -> Array:
-    """Rotation vector (..., 3) [rad] of a rotation matrix, of length at most pi."""
+    """Returns the rotation vector (..., 3) [rad] of a rotation matrix (..., 3, 3); its length is at most pi."""
     quaternion = matrix_to_quaternion(R)
     vector, w = quaternion[..., :3], quaternion[..., 3:]
     sine = np.linalg.norm(vector, axis=-1, keepdims=True)
@@ -41,7 +40,7 @@ def matrix_to_rotation_vector(R: ArrayLike) -> Array:
 
 
 def quaternion_to_matrix(quaternion: ArrayLike) -> Array:
-    """Rotation matrix (..., 3, 3) of a quaternion [x, y, z, w] (..., 4), which is normalised first."""
+    """Returns the rotation matrix (..., 3, 3) of a quaternion [x, y, z, w] (..., 4), which is normalised first."""
     quaternion = np.asarray(quaternion, dtype=np.float64)
     x, y, z, w = np.moveaxis(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True), -1, 0)
     rows = [
@@ -53,9 +52,9 @@ def quaternion_to_matrix(quaternion: ArrayLike) -> Array:
 
 
 def matrix_to_quaternion(R: ArrayLike) -> Array:
-    """Unit quaternion [x, y, z, w] (..., 4) with w >= 0 of a rotation matrix (..., 3, 3).
+    """Returns the unit quaternion [x, y, z, w] (..., 4) with w >= 0 of a rotation matrix (..., 3, 3).
 
-    Source: Shepperd's method: of the four ways to write it down, the one whose divisor is largest.
+    Source: Shepperd's method: of the four formulas, the one with the largest divisor.
     """
     R = np.asarray(R, dtype=np.float64)
     xx, yy, zz = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
@@ -78,9 +77,9 @@ def matrix_to_quaternion(R: ArrayLike) -> Array:
 
 
 def rotation_vector_rate(vector: ArrayLike) -> Array:
-    """Matrix (..., 3, 3) that turns an angular velocity (same frame as R) into the rate of the rotation vector.
+    """Returns the matrix (..., 3, 3) from angular velocity, in the frame of R, to the rate of the rotation vector.
 
-    The inverse of the left Jacobian of SO(3); singular at an angle of 2 pi, fine for vectors of length up to pi.
+    The inverse of the left Jacobian of SO(3); singular at an angle of 2 pi, regular for vectors of length up to pi.
     Source: Chirikjian, "Stochastic Models, Information Theory, and Lie Groups 2", (10.86).
     """
     vector = np.asarray(vector, dtype=np.float64)
@@ -93,7 +92,7 @@ def rotation_vector_rate(vector: ArrayLike) -> Array:
 
 
 def pose(position: ArrayLike, R: ArrayLike) -> Array:
-    """Homogeneous pose (..., 4, 4) from a position (..., 3) [m] and a rotation matrix (..., 3, 3)."""
+    """Returns the homogeneous pose (..., 4, 4) of a position (..., 3) [m] and a rotation matrix (..., 3, 3)."""
     position, R = np.asarray(position, dtype=np.float64), np.asarray(R, dtype=np.float64)
     X = np.zeros((*np.broadcast_shapes(position.shape[:-1], R.shape[:-2]), 4, 4))
     X[..., :3, :3], X[..., :3, 3], X[..., 3, 3] = R, position, 1.0
@@ -101,7 +100,7 @@ def pose(position: ArrayLike, R: ArrayLike) -> Array:
 
 
 def invert_pose(X: ArrayLike) -> Array:
-    """Inverse (..., 4, 4) of a pose."""
+    """Returns the inverse (..., 4, 4) of a pose (..., 4, 4)."""
     X = np.asarray(X, dtype=np.float64)
     R_inverse = np.swapaxes(X[..., :3, :3], -1, -2)
     return pose(-np.einsum("...ij,...j->...i", R_inverse, X[..., :3, 3]), R_inverse)

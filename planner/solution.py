@@ -1,4 +1,4 @@
-"""What every back end returns."""
+"""The result of a back end."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from planner.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A motion, not judged yet.
+    """A motion that has not been certified yet.
 
     Attributes:
         trajectory: the motion.
-        status: the solver's own word for how it ended.
+        status: the solver's own status.
         iterations: of the solver.
-        held: groups of limits that turned out to matter, where the solver begins without them.
+        held: groups of limits that were violated without being enforced, for a solver that starts without them.
     """
 
     trajectory: Trajectory

@@ -1,8 +1,8 @@
-"""A trajectory: one constant jerk a tick.
+"""Trajectories with one constant jerk per tick.
 
-Samples stand on a uniform grid, one a controller tick; between two samples the jerk of every joint is constant. So the
-samples (q, qd, qdd) determine the motion exactly everywhere: acceleration is linear, velocity quadratic and position
-cubic inside a tick, and every bound between samples is a closed form. See docs/decisions/0002.
+There is one sample per controller tick; between two samples the jerk of every joint is constant. So the samples
+(q, qd, qdd) determine the motion exactly: inside a tick acceleration is linear, velocity quadratic and position cubic,
+and every bound between samples has a closed form. See docs/decisions/0002.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Joint motion on the tick grid, start to standstill.
+    """Joint motion on the tick grid, from the start to standstill.
 
     Attributes:
-        sample_rate_hz: ticks a second.
+        sample_rate_hz: ticks per second.
         q: positions (N, n) [rad]; sample i is at i / sample_rate_hz.
         qd: velocities (N, n) [rad/s].
         qdd: accelerations (N, n) [rad/s^2].
-        release_index: the sample at which the object leaves; the last one for a move that ends at rest.
+        release_index: sample at which the object leaves; the last one for a move that ends at rest.
 
     Raises:
-        ValueError: the arrays do not fit one another, or the release is not a sample.
+        ValueError: the arrays have different shapes, or the release is not a sample.
     """
 
     sample_rate_hz: float
@@ -69,11 +69,11 @@ class Trajectory:
 
     @cached_property
     def jerk(self) -> Vector:
-        """The constant jerk of every tick (N-1, n) [rad/s^3]."""
+        """Constant jerk of every tick (N-1, n) [rad/s^3]."""
         return np.diff(self.qdd, axis=0) * self.sample_rate_hz
 
     def at(self, t: ArrayLike) -> tuple[Vector, Vector, Vector]:
-        """Returns exact q, qd, qdd (..., n) at times `t` (...,) [s]; at rest before the start and after the end."""
+        """Returns exact q, qd, qdd (..., n) at times `t` (...,) [s]; times outside [0, duration] are clipped to it."""
         t = np.clip(np.asarray(t, float), 0.0, self.duration_s)
         i = np.minimum((t * self.sample_rate_hz).astype(int), len(self.q) - 2)
         s = (t - i / self.sample_rate_hz)[..., None]
@@ -83,7 +83,15 @@ class Trajectory:
 
 
 def integrate(q0: ArrayLike, qd0: ArrayLike, qdd0: ArrayLike, jerk: Vector, dt: float) -> tuple[Vector, Vector, Vector]:
-    """Returns q, qd, qdd (N+1, n) of piecewise-constant `jerk` (N, n) from an initial state, exactly."""
+    """Returns q, qd, qdd (N+1, n) of piecewise-constant jerk from an initial state, exactly.
+
+    Args:
+        q0: initial positions (n,) [rad].
+        qd0: initial velocities (n,) [rad/s].
+        qdd0: initial accelerations (n,) [rad/s^2].
+        jerk: of every tick (N, n) [rad/s^3].
+        dt: one tick [s].
+    """
     zero = np.zeros((1, jerk.shape[1]))
     qdd = np.asarray(qdd0, float) + np.concatenate([zero, np.cumsum(jerk, axis=0) * dt])
     qd_steps = dt * (qdd[:-1] + dt * jerk / 2.0)
@@ -94,6 +102,12 @@ def integrate(q0: ArrayLike, qd0: ArrayLike, qdd0: ArrayLike, jerk: Vector, dt: 
 
 
 def join(launch: tuple[Vector, Vector, Vector], brake: tuple[Vector, Vector, Vector], rate: float) -> Trajectory:
-    """Returns the trajectory of a launch (q, qd, qdd) followed by a brake that begins in the launch's last state."""
+    """Returns the trajectory of a launch followed by a brake.
+
+    Args:
+        launch: q, qd, qdd (N, n) [rad, rad/s, rad/s^2].
+        brake: the same quantities (M, n), starting in the launch's last state.
+        rate: ticks per second [Hz].
+    """
     arrays = [np.concatenate([head, tail[1:]]) for head, tail in zip(launch, brake, strict=True)]
     return Trajectory(rate, *arrays, release_index=len(launch[0]) - 1)

@@ -1,15 +1,15 @@
-"""The cell: one robot station, read from a TOML file, hashed and checked.
+"""The cell: one robot station, read from a checked TOML file.
 
-Everything the planner knows about a site stands here; the arm's own numbers stand in `planner.robots`.
+All facts about a site are in its cell file; the arm's own data are in `planner.robots`.
 """
 
 from planner.cell.file import load_cell, parse_cell
 from planner.cell.model import (
     Box,
     Cell,
+    ControllerAddress,
     Gripper,
     Limits,
-    Link,
     Sim,
     Surroundings,
     ThrownObject,
@@ -21,9 +21,9 @@ from planner.cell.model import (
 __all__ = [
     "Box",
     "Cell",
+    "ControllerAddress",
     "Gripper",
     "Limits",
-    "Link",
     "Sim",
     "Surroundings",
     "ThrownObject",

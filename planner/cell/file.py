@@ -1,10 +1,9 @@
-"""Reading a cell file: TOML in, a checked `Cell` out.
+"""Reading a cell file: from TOML to a checked `Cell`.
 
-The file's keys and units are those of the product contract, section 7 (`docs/cells.md`). Numbers are kept as written,
-so that `GET /cells/{name}` answers them unchanged with the defaults filled in.
+Keys and units are described in `docs/cells.md`. Numbers are kept as written, so that `GET /cells/{name}` answers them
+unchanged, with the defaults filled in.
 """
 
-# long: one reader for each table of the file; apart they would hide what a whole file may say
 from __future__ import annotations
 
 import hashlib
@@ -16,27 +15,28 @@ from typing import Any
 
 import numpy as np
 
+from planner.cell.fields import choice, exactly, merge_defaults, number, per_joint, tables, vector
 from planner.cell.model import (
     Box,
     Cell,
+    ControllerAddress,
     Gripper,
     Limits,
-    Link,
     Sim,
     Surroundings,
     ThrownObject,
     Timing,
     Tool,
     ToolCapsule,
+    Vector,
 )
-from planner.cell.table import Vector, choice, exactly, frozen, merge_defaults, number, per_joint, tables, vector
 from planner.errors import CellError, UnknownRobot
-from planner.robots import ROBOT_NAMES, Robot, robot
+from planner.robots import ROBOT_NAMES, Robot, read_only, robot
 from planner.rotations import pose, rotation_vector_to_matrix
 
-NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")  # a cell's name goes into addresses and file names
+NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")  # a cell's name is part of URLs and file names
 
-# Filled in where a cell file is silent; the numbers are the contract's own example.
+# Values of the keys that a cell file leaves out; None: required, or taken from the arm.
 DEFAULTS: dict[str, Any] = {
     "robot": None,
     "home_rad": [0.0, -1.57, 1.57, -1.57, -1.57, 0.0],
@@ -72,17 +72,21 @@ DEFAULTS: dict[str, Any] = {
     },
 }
 
-GRIPPER_OUTPUTS = {"tool_digital": 2, "standard_digital": 8, "configurable_digital": 8}  # lines of each kind on a UR
-POLYSCOPE = {"CB3": "3.15", "e-Series": "5.11.1"}  # the versions the simulator speaks by default
-JERK_MAX = 1e5  # [rad/s^3] far above any arm; only a bound against slips of the pen
-SPEED_MAX = 20.0  # [m/s] likewise
+GRIPPER_OUTPUTS = {
+    "tool_digital": 2,
+    "standard_digital": 8,
+    "configurable_digital": 8,
+}  # number of outputs of each kind on a UR controller
+POLYSCOPE = {"CB3": "3.15", "e-Series": "5.11.1"}  # default versions of the simulated controller
+JERK_MAX = 1e5  # [rad/s^3] far above any arm; catches typing errors
+SPEED_MAX = 20.0  # [m/s] far above any arm; catches typing errors
 
 
 def load_cell(path: Path | str) -> Cell:
     """Returns the cell of a TOML file; its name is the file's stem.
 
     Raises:
-        CellError: the file cannot be read, or what it says is refused.
+        CellError: the file cannot be read, or a field of it is refused.
     """
     path = Path(path)
     try:
@@ -93,10 +97,11 @@ def load_cell(path: Path | str) -> Cell:
 
 
 def parse_cell(text: bytes | str, name: str) -> Cell:
-    """Returns the cell that `text` (TOML) describes.
+    """Returns the cell described by `text` (TOML).
 
     Raises:
-        CellError: not TOML, an unknown key, a number that is not finite, a limit beyond the arm's own, …
+        CellError: the text is not TOML, or a field is refused: an unknown key, a number that is not finite, a limit
+            beyond the arm's own.
     """
     raw = text.encode() if isinstance(text, str) else text
     if not NAME_PATTERN.fullmatch(name):
@@ -145,7 +150,7 @@ def _robot(document: Mapping[str, Any]) -> Robot:
 def _pose(table: Mapping[str, Any], position: str, rotation: str, where: str) -> Vector:
     p = vector(table, position, where, 3)
     R = rotation_vector_to_matrix(vector(table, rotation, where, 3))
-    return frozen(pose(p, R))
+    return read_only(pose(p, R))
 
 
 def _tool(table: Mapping[str, Any]) -> Tool:
@@ -192,7 +197,7 @@ def _limits(table: dict[str, Any], arm: Robot) -> Limits:
         qd_max=per_joint(table, "joint_velocity_rad_s", where, arm.qd_max),
         qdd_max=per_joint(table, "joint_acceleration_rad_s2", where, arm.qdd_max),
         jerk_max=per_joint(table, "joint_jerk_rad_s3", where, np.full(6, JERK_MAX)),
-        tau_max=frozen(fraction * arm.tau_max),
+        tau_max=read_only(fraction * arm.tau_max),
         tcp_speed_max=number(table, "tcp_speed_m_s", where, 1e-3, SPEED_MAX),
         singularity_distance_min=number(table, "singularity_distance_min", where, 0.0, 1.0),
     )
@@ -245,13 +250,13 @@ def _gripper(table: Mapping[str, Any]) -> Gripper:
     )
 
 
-def _link(table: Mapping[str, Any]) -> Link:
+def _link(table: Mapping[str, Any]) -> ControllerAddress:
     if table["kind"] is None:
         raise CellError("link.kind", None, 'must be written down: "sim" or "ur"')
     kind = choice(table, "kind", "link.", ("sim", "ur"))
     if not isinstance(table["host"], str) or not table["host"].strip():
         raise CellError("link.host", table["host"], "must be a host name or address")
-    return Link(kind, table["host"])
+    return ControllerAddress(kind, table["host"])
 
 
 def _sim(table: dict[str, Any], arm: Robot) -> Sim:

@@ -1,4 +1,4 @@
-"""What a cell is: frozen dataclasses, every array read-only."""
+"""Data model of a cell: frozen dataclasses with read-only arrays."""
 
 from __future__ import annotations
 
@@ -6,13 +6,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from planner.cell.table import Vector
+import numpy as np
+from numpy.typing import NDArray
+
 from planner.robots import Robot
+
+Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class ToolCapsule:
-    """A capsule of the tool: end points in the flange [m] and radius [m]."""
+    """A capsule of the tool: end points in the flange frame (3,) [m] and radius [m]."""
 
     from_m: Vector
     to_m: Vector
@@ -21,7 +25,13 @@ class ToolCapsule:
 
 @dataclass(frozen=True, eq=False)
 class Tool:
-    """What hangs on the flange. `X_FT` is the pose of the tool centre point (the object's centre) in the flange."""
+    """The tool on the flange.
+
+    Attributes:
+        X_FT: pose (4, 4) of the tool centre point, the object's centre, in the flange frame.
+        mass_kg: mass without the object [kg].
+        capsules: its shape, for collision checks.
+    """
 
     X_FT: Vector
     mass_kg: float
@@ -30,7 +40,17 @@ class Tool:
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Bounds on the motion: per joint (6,) in rad, rad/s, rad/s^2, rad/s^3, N m; the tool centre's speed in m/s."""
+    """Bounds on the motion.
+
+    Attributes:
+        q_lower, q_upper: joint positions (6,) [rad].
+        qd_max: joint velocities (6,) [rad/s].
+        qdd_max: joint accelerations (6,) [rad/s^2].
+        jerk_max: joint jerks (6,) [rad/s^3].
+        tau_max: joint torques (6,) [N m].
+        tcp_speed_max: speed of the tool centre point [m/s].
+        singularity_distance_min: distance to each singularity [-].
+    """
 
     q_lower: Vector
     q_upper: Vector
@@ -44,7 +64,7 @@ class Limits:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """An axis-aligned box in the world [m]."""
+    """An axis-aligned box: lower and upper corner in the world frame (3,) [m]."""
 
     lower: Vector
     upper: Vector
@@ -52,7 +72,15 @@ class Box:
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
-    """What the motion must respect, in the world. The floor is the plane z = `floor_z_m`."""
+    """Obstacles and gravity, in the world frame.
+
+    Attributes:
+        floor_z_m: height of the floor, a horizontal plane [m].
+        clearance_m: least distance to the floor and to every keep-out box [m].
+        gravity_m_s2: gravity along -z [m/s^2].
+        keep_in: boxes that contain the tool centre point at all times.
+        keep_out: boxes that arm, tool and held object stay out of.
+    """
 
     floor_z_m: float
     clearance_m: float
@@ -63,7 +91,7 @@ class Surroundings:
 
 @dataclass(frozen=True)
 class ThrownObject:
-    """The object: mass [kg], radius [m], drag coefficient of a sphere [-] (0: no drag)."""
+    """The object, a sphere: mass [kg], radius [m], drag coefficient [-] (0: no drag)."""
 
     mass_kg: float
     radius_m: float
@@ -72,7 +100,15 @@ class ThrownObject:
 
 @dataclass(frozen=True)
 class Gripper:
-    """How the gripper is told to open, how long the object takes to leave, and how much that time scatters [s]."""
+    """The gripper's digital output and its delay.
+
+    Attributes:
+        output: kind of output: tool_digital, standard_digital or configurable_digital.
+        index: number of the output.
+        open_level: level of the output that opens the gripper.
+        delay_s: time from the change of the output to the object leaving [s].
+        jitter_s: standard deviation of that time [s].
+    """
 
     output: str
     index: int
@@ -83,14 +119,14 @@ class Gripper:
 
 @dataclass(frozen=True)
 class Timing:
-    """`lag_s`: how long after its command the controller's motion is measured [s]."""
+    """Timing of the controller: `lag_s` is the time from a command to its measured motion [s]."""
 
     lag_s: float
 
 
 @dataclass(frozen=True)
-class Link:
-    """The controller: `kind` is "sim" or "ur"; a real arm is never a default."""
+class ControllerAddress:
+    """Network address of the controller. `kind` is "sim" or "ur"; it has no default, so a real arm is never implied."""
 
     kind: str
     host: str
@@ -98,7 +134,15 @@ class Link:
 
 @dataclass(frozen=True)
 class Sim:
-    """What the simulated controller is; the planner never looks here."""
+    """Settings of the simulated controller; the planner does not use them.
+
+    Attributes:
+        polyscope: version of the controller software.
+        lag_s: time from a command to its motion [s].
+        gripper_delay_s, gripper_jitter_s: mean and standard deviation of the gripper's delay [s].
+        landing_height_m: height at which the simulated object lands [m].
+        seed: of the random numbers.
+    """
 
     polyscope: str
     lag_s: float
@@ -110,7 +154,17 @@ class Sim:
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """One robot station. `X_WB` is the pose of the arm's base in the world; `sha256` is that of the file's bytes."""
+    """One robot station.
+
+    Attributes:
+        name: stem of the cell file's name.
+        sha256: hash of the cell file's bytes.
+        robot: the arm.
+        home: joint positions (6,) [rad] where a throw starts by default.
+        X_WB: pose (4, 4) of the arm's base in the world.
+        tool, limits, surroundings, object, gripper, timing, link, sim: the tables of the cell file.
+        document: keys and numbers of the cell file as written, with defaults filled in.
+    """
 
     name: str
     sha256: str
@@ -123,10 +177,10 @@ class Cell:
     object: ThrownObject
     gripper: Gripper
     timing: Timing
-    link: Link
+    link: ControllerAddress
     sim: Sim
     document: Mapping[str, Any] = field(repr=False)
 
     def as_document(self) -> dict[str, Any]:
-        """Returns the file's keys and numbers with defaults filled in, and `name` and `sha256`."""
+        """Returns the cell file's keys and numbers with defaults filled in, plus `name` and `sha256`."""
         return {"name": self.name, "sha256": self.sha256, **self.document}

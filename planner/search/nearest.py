@@ -10,11 +10,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from itertools import product
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +22,7 @@ from planner.certificate import certify
 from planner.errors import Infeasible, SolverFailed, Violation
 from planner.geometry import tool_pose
 from planner.problem import JointRelease, PointRelease, PoseRelease, Release, TargetRelease, ThrowProblem
-from planner.rotations import matrix_to_quaternion, matrix_to_rotation_vector, pose, rotation_vector_to_matrix
+from planner.rotations import matrix_to_rotation_vector, pose, rotation_vector_to_matrix
 from planner.search.auto import search_optimised
 from planner.search.feasible_releases import PlacedRelease, feasible_releases, moved, position
 from planner.search.incumbent import PlanningSearch
@@ -243,53 +242,3 @@ def _within(centre: Vector, p: Vector, radius: float) -> Vector:
 
 def _between(near: Vector, far: Vector, share: float) -> Vector:
     return near + share * (far - near)
-
-
-def release_document(release: Release) -> dict[str, Any]:
-    """Returns the release in the shape of `POST /plan`, in the world frame."""
-    match release:
-        case JointRelease(q, qd):
-            return {"kind": "joint", "positions": q.tolist(), "velocities": qd.tolist()}
-        case PoseRelease(X, V):
-            pose = {"position": X[:3, 3].tolist(), "quaternion": matrix_to_quaternion(X[:3, :3]).tolist()}
-            return {"kind": "pose", "pose": pose, "twist": {"linear": V[:3].tolist(), "angular": V[3:].tolist()}}
-        case PointRelease(p, v):
-            return {"kind": "point", "position": p.tolist(), "velocity": v.tolist()}
-        case TargetRelease():
-            return _target_document(release)
-
-
-def request_document(problem: ThrowProblem, release: Release) -> Mapping[str, Any]:
-    """Returns a request ready to be posted: the problem with another release."""
-    limits = problem.limits
-    return {
-        "cell": problem.cell.name,
-        "start": {"positions": problem.start.tolist()},
-        "release": release_document(release),
-        "frame": "world",
-        "backend": problem.backend,
-        "limits": {
-            "velocity": limits.qd_max.tolist(),
-            "acceleration": limits.qdd_max.tolist(),
-            "jerk": limits.jerk_max.tolist(),
-        },
-        "singularity_distance_min": limits.singularity_distance_min,
-        "release_window_s": problem.release_window_s,
-        "landing_tolerance_m": problem.landing_tolerance_m,
-        "time_limit_s": problem.time_limit_s,
-    }
-
-
-def _target_document(release: TargetRelease) -> dict[str, Any]:
-    document: dict[str, Any] = {
-        "kind": "target",
-        "position": release.p_W.tolist(),
-        "min_elevation_rad": release.min_elevation_rad,
-        "max_elevation_rad": release.max_elevation_rad,
-        "min_horizontal_distance_m": release.min_horizontal_distance_m,
-    }
-    if np.isfinite(release.max_speed_m_s):
-        document["max_release_speed_m_s"] = release.max_speed_m_s
-    if release.release_position is not None:
-        document["release_position"] = release.release_position.tolist()
-    return document

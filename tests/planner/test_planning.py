@@ -8,9 +8,9 @@ import pytest
 
 from planner.certificate import certify
 from planner.errors import Infeasible
-from planner.plan_document import problem_from_request
 from planner.planning import plan
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease
+from planner.request import problem_from_request
 from planner.search import POLICY, PlanningSearch, search_optimised
 from planner.seeds import candidates
 from tests.planner.problems import cell, feasible_states, joint_problem, pose_problem

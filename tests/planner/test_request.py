@@ -1,4 +1,4 @@
-"""The door: requests become problems, and whatever is wrong is named, all at once."""
+"""Requests become problems and back; every refused field is named, all at once."""
 
 import json
 from dataclasses import replace
@@ -8,9 +8,11 @@ import pytest
 
 from planner.certificate import certify
 from planner.errors import InvalidProblem
-from planner.plan_document import plan_document, plan_from_document, problem_from_request
+from planner.plan_document import plan_document
+from planner.plan_reading import plan_from_document
 from planner.planning import plan
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease
+from planner.request import problem_from_request, request_document
 from tests.planner.problems import cell
 
 POINT = {"kind": "point", "position": [0.5, 0.2, 0.6], "velocity": [0.8, 0.3, 0.8]}
@@ -132,6 +134,45 @@ def test_all_errors_are_reported_together():
         problem_from_request({"release": {"kind": "point"}, "frame": "tool", "limits": {"velocity": 9.0}}, cell())
     fields = {error.field for error in refusal.value.errors}
     assert {"frame", "release.position", "release.velocity", "limits.velocity[0]"} <= fields
+
+
+@pytest.mark.parametrize(
+    "release",
+    [
+        POINT,
+        {"kind": "joint", "positions": [0.1, -1.5, 1.2, -1.3, -1.5, 0.2], "velocities": [0.3, 0.2, 0.1, 0.0, 0.1, 0.2]},
+        {
+            "kind": "pose",
+            "pose": {"position": [0.5, 0.2, 0.6], "rotation_vector": [0.3, -0.2, 0.9]},
+            "twist": {"linear": [0.1, 0.2, 0.3], "angular": [0.4, 0.5, 0.6]},
+        },
+        {"kind": "target", "position": [1.2, 0.2, 0.0]},
+        {
+            "kind": "target",
+            "position": [1.2, 0.2, 0.0],
+            "max_release_speed_m_s": 2.5,
+            "min_elevation_rad": 0.1,
+            "max_elevation_rad": 0.9,
+            "min_horizontal_distance_m": 0.3,
+            "release_position": [0.4, 0.1, 0.6],
+        },
+    ],
+    ids=["point", "joint", "pose", "free target", "bound target"],
+)
+def test_a_problem_written_as_a_request_is_read_back(release):
+    here = cell("sdu-table")
+    request = {"release": release, "frame": "base", "limits": {"jerk": 150.0}, "landing_tolerance_m": 0.02}
+    problem = problem_from_request(request, here)
+    document = json.loads(json.dumps(request_document(problem, problem.release), allow_nan=False))
+    again = problem_from_request(document, here)
+    for name, value in vars(problem.release).items():
+        np.testing.assert_allclose(
+            np.asarray(getattr(again.release, name), float), np.asarray(value, float), atol=1e-12
+        )
+    for name, value in vars(problem.limits).items():
+        np.testing.assert_array_equal(getattr(again.limits, name), value)
+    assert (again.backend, again.time_limit_s) == (problem.backend, problem.time_limit_s)
+    assert (again.release_window_s, again.landing_tolerance_m) == (0.0, 0.02)
 
 
 @pytest.mark.parametrize("arm", ["ur5e-sim", "ur5-sim"])

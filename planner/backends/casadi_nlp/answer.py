@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from planner.backends.casadi_nlp.layout import QD, QD_SCALE, QDD, QDD_SCALE, TIME, TIME_SCALE, Q
 from planner.backends.casadi_nlp.table import Shape
 from planner.problem import ThrowProblem
-from planner.timing import onto_grid
+from planner.timing.grid import onto_grid
 from planner.trajectory import Trajectory, join
 
 Vector = NDArray[np.float64]

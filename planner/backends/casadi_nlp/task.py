@@ -19,7 +19,7 @@ from planner.flight import fly
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.seeds.candidates import Candidate
 from planner.solution import Solution
-from planner.timing import grid_limits
+from planner.timing.grid import grid_limits
 from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]

@@ -5,9 +5,9 @@ import pytest
 
 from planner.certificate import certify
 from planner.errors import Infeasible
-from planner.plan_document import problem_from_request
 from planner.planning import plan
 from planner.problem import JointRelease
+from planner.request import problem_from_request
 from planner.search import VARIANTS_BY_BACKEND
 from tests.planner.problems import cell, joint_problem, pose_problem
 

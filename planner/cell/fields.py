@@ -1,6 +1,7 @@
-"""Reading one table of a cell file: types, finiteness, bounds and unknown keys, each refusal naming its field.
+"""Typed fields of a TOML table: every reader checks type, finiteness and bounds, and names the refused field.
 
-The reader keeps the numbers as written, so that `GET /cells/{name}` can answer them unchanged.
+Arguments that all readers share: `table` is the parsed table, `key` the field's name in it, `where` the dotted path of
+the table with a trailing dot, used in error messages.
 """
 
 from __future__ import annotations
@@ -13,15 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.errors import CellError
+from planner.robots import read_only
 
 Vector = NDArray[np.float64]
 
 
 def merge_defaults(given: Mapping[str, Any], defaults: Mapping[str, Any], where: str = "") -> dict[str, Any]:
-    """Returns `given` with every missing key of `defaults` filled in, tables inside tables too.
+    """Returns `given` with missing keys filled in from `defaults`, in nested tables too.
 
     Raises:
-        CellError: a key that `defaults` does not know, or a value where a table belongs.
+        CellError: a key is not in `defaults`, or a value stands in place of a table.
     """
     for key in given:
         if key not in defaults:
@@ -41,7 +43,7 @@ def number(table: Mapping[str, Any], key: str, where: str, lower: float = -math.
     """Returns `table[key]` as a finite float inside [lower, upper].
 
     Raises:
-        CellError: not a number, not finite, or out of bounds.
+        CellError: the value is not a number, not finite, or out of bounds.
     """
     return _checked(table[key], where + key, lower, upper)
 
@@ -52,19 +54,19 @@ def vector(
     """Returns `table[key]` as a read-only float vector of `size` finite entries inside [lower, upper].
 
     Raises:
-        CellError: not a list, of another length, or an entry that `number` would refuse.
+        CellError: the value is not a list of this size, or an entry is not a finite number within the bounds.
     """
     value = table[key]
     if not isinstance(value, list | tuple) or len(value) != size:
         raise CellError(where + key, value, f"must be a list of {size} numbers")
-    return frozen([_checked(entry, f"{where}{key}[{i}]", lower, upper) for i, entry in enumerate(value)])
+    return read_only([_checked(entry, f"{where}{key}[{i}]", lower, upper) for i, entry in enumerate(value)])
 
 
 def per_joint(table: Mapping[str, Any], key: str, where: str, own: Vector, lower: float = 0.0) -> Vector:
-    """Returns a limit given as one number or one a joint, at most the arm's `own`, above `lower`.
+    """Returns a limit (n,) given as one number or one per joint, above `lower` and at most the arm's `own` (n,).
 
     Raises:
-        CellError: a limit beyond the arm's own, or not above `lower`.
+        CellError: a limit exceeds the arm's own, or is not above `lower`.
     """
     value = table[key]
     entries = value if isinstance(value, list | tuple) else [value] * len(own)
@@ -76,14 +78,14 @@ def per_joint(table: Mapping[str, Any], key: str, where: str, own: Vector, lower
             raise CellError(f"{where}{key}[{i}]", limit, f"is beyond the arm's own limit of {bound:.6g}")
         if limit <= lower:
             raise CellError(f"{where}{key}[{i}]", limit, f"must be above {lower:.6g}")
-    return frozen(limits)
+    return read_only(limits)
 
 
 def choice(table: Mapping[str, Any], key: str, where: str, allowed: Iterable[str]) -> str:
     """Returns `table[key]`, one of the `allowed` words.
 
     Raises:
-        CellError: another word.
+        CellError: it is not one of them.
     """
     names = tuple(allowed)
     if table[key] not in names:
@@ -91,18 +93,11 @@ def choice(table: Mapping[str, Any], key: str, where: str, allowed: Iterable[str
     return str(table[key])
 
 
-def frozen(values: Any) -> Vector:
-    """Returns `values` as a read-only float64 array."""
-    array = np.array(values, dtype=np.float64)
-    array.setflags(write=False)
-    return array
-
-
 def tables(value: object, field_name: str) -> list[Mapping[str, Any]]:
-    """Returns `value`, a list of tables.
+    """Returns `value` as a list of tables.
 
     Raises:
-        CellError: anything else.
+        CellError: it is not a list of tables.
     """
     if not isinstance(value, list) or not all(isinstance(entry, Mapping) for entry in value):
         raise CellError(field_name, value, "must be a list of tables")
@@ -110,7 +105,7 @@ def tables(value: object, field_name: str) -> list[Mapping[str, Any]]:
 
 
 def exactly(entry: Mapping[str, Any], keys: tuple[str, ...], where: str) -> Mapping[str, Any]:
-    """Returns `entry`, which has these `keys` and no other.
+    """Returns `entry` after checking that it has exactly these `keys`.
 
     Raises:
         CellError: a key is missing or unknown.

@@ -1,0 +1,34 @@
+"""Stored plans as JSON documents, read back into problem and trajectory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from planner.cell import Cell
+from planner.errors import FieldError, InvalidProblem
+from planner.problem import ThrowProblem
+from planner.request import problem_from_request
+from planner.trajectory import Trajectory
+
+
+def plan_from_document(document: Mapping[str, Any], cell: Cell) -> tuple[ThrowProblem, Trajectory]:
+    """Returns problem and trajectory of a stored plan, for the executor to certify again with its own cell.
+
+    Args:
+        document: as `GET /plans/{id}` returns it.
+        cell: the robot station that will execute the plan.
+
+    Raises:
+        InvalidProblem: the request does not fit this cell, or the trajectory is malformed.
+    """
+    problem = problem_from_request(document["request"], cell)
+    samples = document["trajectory"]
+    arrays = [np.array(samples[name], float) for name in ("positions", "velocities", "accelerations")]
+    try:
+        trajectory = Trajectory(float(document["sample_rate_hz"]), *arrays, release_index=document["release"]["index"])
+    except (ValueError, TypeError) as error:
+        raise InvalidProblem([FieldError("trajectory", str(error))]) from error
+    return problem, trajectory
