@@ -8,6 +8,7 @@ candidates. All are sorted by the time no launch can beat.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,13 +45,39 @@ class Candidate:
         q: positions (6,) [rad].
         qd: velocities (6,) [rad/s].
         bound_s: no launch from the problem's start is shorter [s].
-        label: how it was found, for the plan's story.
+        label: its origin, for the attempt log.
     """
 
     q: Vector
     qd: Vector
     bound_s: float
     label: str
+
+
+class InitialGuess(Protocol):
+    """A motion through a release from which a solver starts: a `Trajectory`, or Ruckig's motion off the tick grid."""
+
+    @property
+    def release_time_s(self) -> float:
+        """Time of the release [s]."""
+        ...
+
+    @property
+    def duration_s(self) -> float:
+        """Time of standstill [s]."""
+        ...
+
+    def at(self, t: Vector, /) -> tuple[Vector, Vector, Vector]:
+        """Returns q, qd, qdd (n, 6) at times `t` (n,) [s]."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Seed:
+    """A candidate with the motion that a solver starts from; None leaves the motion to the solver."""
+
+    candidate: Candidate
+    initial_guess: InitialGuess | None = None
 
 
 def candidates(problem: ThrowProblem) -> list[Candidate]:
