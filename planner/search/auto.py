@@ -17,13 +17,13 @@ from functools import cached_property
 import numpy as np
 
 from planner.backends import casadi_nlp, ruckig_otg
-from planner.backends.casadi_nlp import Guess
 from planner.certificate import Certificate
 from planner.errors import SolverFailed
 from planner.geometry.body import clearances
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.search.incumbent import Search
-from planner.seeds.candidates import Candidate
+from planner.seeds import candidates as seeds_
+from planner.seeds.candidates import Candidate, InitialGuess
 
 MOST_SEEDS = {JointRelease: 1, PoseRelease: 4, PointRelease: 5, TargetRelease: 5}  # tried while there is no answer
 SEEDS_FIRST = 2  # tried before Ruckig's own motions are looked at, the second where the first fails
@@ -206,17 +206,21 @@ def _optimise(search: Search, seed: Seed, patience_s: float, stubborn: bool = Fa
     A motion that comes much too near to something between two looks is solved for afresh on more stages.
     """
     seed.tried.add(OPTIMISED)
-    warm_start, margins, fine = _warm_start(seed), casadi_nlp.CLOSE, False
+    warm_start, margins, fine = _warm_start(seed), casadi_nlp.DEFAULT_MARGINS, False
     deadline_s = min(search.deadline_s, time.perf_counter() + patience_s)
     if search.best is None and not stubborn:
         deadline_s = min(deadline_s, search.begun_s + GIVE_UP_S + LAST_SEED_S)
     for _ in range(ROUNDS):
-        solution = casadi_nlp.solve(search.problem, seed.candidate, warm_start, deadline_s, margins, fine, stubborn)
+        solution = casadi_nlp.solve(
+            search.problem,
+            seeds_.Seed(seed.candidate, warm_start),
+            casadi_nlp.SolveOptions(margins, "fine" if fine else "coarse", deadline_s=deadline_s, with_ipopt=stubborn),
+        )
         certificate = search.judge("casadi", solution)
         if certificate.valid:
             return True
-        if not (fine or search.problem.is_robust) and casadi_nlp.far_off(certificate.failures):
-            warm_start, margins, fine = _warm_start(seed), casadi_nlp.CLOSE, True
+        if not (fine or search.problem.is_robust) and casadi_nlp.too_coarse(certificate.failures):
+            warm_start, margins, fine = _warm_start(seed), casadi_nlp.DEFAULT_MARGINS, True
             continue
         wider = margins.widened(certificate.failures, solution)
         if wider is None:
@@ -225,5 +229,5 @@ def _optimise(search: Search, seed: Seed, patience_s: float, stubborn: bool = Fa
     return False
 
 
-def _warm_start(seed: Seed) -> Guess | None:
+def _warm_start(seed: Seed) -> InitialGuess | None:
     return None if seed.ruckig_s == float("inf") else ruckig_otg.rough(seed.problem, seed.candidate)
