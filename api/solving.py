@@ -104,11 +104,9 @@ def _refused(error: PlannerError) -> Refused:
 
 def _build_solvers() -> None:
     """Builds the optimiser's solvers from what `fling warm` compiled, or interpreted: never a compile here."""
-    from planner.backends.casadi_nlp.task import machine
-    from planner.backends.casadi_nlp.warming import SHAPES
+    from planner.backends.casadi_nlp import build_solvers
 
-    for shape in SHAPES:
-        machine(shape)
+    build_solvers()
 
 
 @lru_cache(maxsize=32)

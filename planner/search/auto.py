@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 from planner.backends import casadi_nlp, ruckig_otg
+from planner.backends.casadi_nlp import SolveOptions
 from planner.certificate import Check
 from planner.errors import SolverFailed
 from planner.problem import JointRelease, PoseRelease, ThrowProblem
@@ -134,7 +134,7 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int) ->
 def _solve(search: PlanningSearch, seed: Seed, options: SolveOptions) -> Solution:
     """Returns the optimiser's motion from a seed; counts the iterations, also those of a failure."""
     try:
-        solution = _casadi_solve(search.problem, seed, options)
+        solution = casadi_nlp.solve(search.problem, seed, options)
     except SolverFailed as error:
         search.iterations += error.iterations
         raise
@@ -144,23 +144,4 @@ def _solve(search: PlanningSearch, seed: Seed, options: SolveOptions) -> Solutio
 
 def _needs_finer_stages(problem: ThrowProblem, options: SolveOptions, failures: Iterable[Check]) -> bool:
     """Returns whether checks failed by so much between coarse stages that wider margins are no remedy."""
-    return options.resolution == "coarse" and not problem.is_robust and casadi_nlp.far_off(failures)
-
-
-@dataclass(frozen=True)
-class SolveOptions:
-    """Adapter: casadi_nlp.SolveOptions once it is there."""
-
-    margins: casadi_nlp.Margins = casadi_nlp.CLOSE
-    resolution: Literal["coarse", "fine"] = "coarse"
-    iteration_budget: int = 1000
-    deadline_s: float | None = None
-
-
-def _casadi_solve(problem: ThrowProblem, seed: Seed, options: SolveOptions) -> Solution:
-    """Adapter: casadi_nlp.solve(problem, seed, options) once it is there."""
-    if options.iteration_budget <= 0:
-        raise SolverFailed("out of iterations")
-    deadline_s = math.inf if options.deadline_s is None else options.deadline_s
-    fine = options.resolution == "fine"
-    return casadi_nlp.solve(problem, seed.candidate, seed.initial_guess, deadline_s, options.margins, fine)
+    return options.resolution == "coarse" and not problem.is_robust and casadi_nlp.too_coarse(failures)

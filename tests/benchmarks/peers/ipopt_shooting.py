@@ -15,7 +15,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.backends.casadi_nlp import arm
+from planner.backends.casadi_nlp import arm_symbols as arm
 from planner.cell import Cell
 from planner.geometry import body_capsules
 from planner.problem import ThrowProblem
