@@ -55,8 +55,8 @@ def report(file: Path, output: Path | None, cells: Path | None) -> None:
 
 @click.command()
 def warm() -> None:
-    """Build the generated solvers for this machine and cache them, so that no request waits for the compiler."""
-    from planner.backends.casadi_nlp.warming import warm as build
+    """Build the generated solvers for this machine and cache them, so that no request waits for a compiler."""
+    from planner.backends.casadi_nlp import warm as build
 
     with click.progressbar(length=100, label="solvers") as bar:
 

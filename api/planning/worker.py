@@ -112,11 +112,9 @@ def _refusal(error: PlannerError) -> PlanRefusal:
 
 def _build_solvers() -> None:
     """Loads the solvers compiled by `fling warm`, or interpreted ones; never compiles."""
-    from planner.backends.casadi_nlp.task import machine
-    from planner.backends.casadi_nlp.warming import SHAPES
+    from planner.backends.casadi_nlp import build_solvers
 
-    for shape in SHAPES:
-        machine(shape)
+    build_solvers()
 
 
 @lru_cache(maxsize=32)

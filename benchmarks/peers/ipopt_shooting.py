@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.peers.answer import PeerAnswer, Samples, first_certified, gridded
-from planner.backends.casadi_nlp import arm
+from planner.backends.casadi_nlp import arm_symbols as arm
 from planner.cell import Cell
 from planner.geometry import body_capsules
 from planner.problem import ThrowProblem

@@ -1,229 +1,147 @@
-"""How the optimiser is used: a few seeds, warm-started from Ruckig; `auto` also keeps what Ruckig does sooner.
-
-Where the release state is given and nothing couples the joints, Ruckig's motion with free acceleration at the release
-is as soon as the slowest joint alone: then there is nothing left to optimise.
-
-Counts decide what is tried, so that the same request has the same answer; clocks only cut off: the deadline, a hard
-seed's patience, and the second after which no further seed is begun.
-"""
+"""The search of `auto` and `casadi`: walks the stages of a policy."""
 
 from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, field
-from functools import cached_property
-
-import numpy as np
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 from planner.backends import casadi_nlp, ruckig_otg
-from planner.backends.casadi_nlp import Guess
-from planner.certificate import Certificate
+from planner.backends.casadi_nlp import SolveOptions
+from planner.certificate import Check
 from planner.errors import SolverFailed
-from planner.geometry.body import clearances
-from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
-from planner.search.incumbent import Search
-from planner.seeds.candidates import Candidate
+from planner.problem import JointRelease, PoseRelease, ThrowProblem
+from planner.search.incumbent import PlanningSearch
+from planner.search.policy import POLICY, Stage, joints_decoupled
+from planner.search.ranking import TIMED_MAX, RankedCandidate, Ranking, rank
+from planner.seeds import Candidate, Seed
+from planner.solution import Solution
 
-MOST_SEEDS = {JointRelease: 1, PoseRelease: 4, PointRelease: 5, TargetRelease: 5}  # tried while there is no answer
-SEEDS_FIRST = 2  # tried before Ruckig's own motions are looked at, the second where the first fails
-SEEDS_ANSWERED = 3  # tried in all where Ruckig has an answer and the optimiser has none
-RUCKIG_FIRST = 6  # seeds whose motions by Ruckig are looked at before more seeds are optimised
-RUCKIG_LAST = 11  # of the seeds likewise while there is no answer at all: a refusal shall not take long
-BOUND_FIRST = 2  # seeds whose soonest arrivals are tried before anything is optimised
-LOOKED_AT = 24  # candidates of least bound; the others lie turns away
-TIMED = 8  # of these are sorted by their launch by Ruckig
-GIVE_UP_S = 0.75  # [s] after which nothing further is begun without an answer: a refusal shall not take long
-LAST_SEED_S = 0.1  # [s] later, the seed that was begun last is given up, too
-SEED_S = 0.4  # [s] for a seed: what its solutions take when each of them is a hard one
-STUBBORN_S = 0.6  # [s] for the soonest seed once more, where the slow second solver is asked too
-STUBBORN_BEFORE_S = 0.6  # [s] spent: later it is not asked
-TICK_SLACK = 1e-6  # [-] of a tick, for rounding
-SLOW = 0.7  # [-] of the least bound of a target's candidates: nine in ten optimised throws release before
-SLOW_ROBUST = 0.85  # [-] likewise with a release window
-WAY = np.linspace(0.15, 0.9, 6)  # shares of the straight way to a candidate that are looked at
-DEEP_M = 0.02  # [m] that something may be in the way: the optimiser goes round it
-OPTIMISED = "optimised"
-ROUNDS = 4  # solutions of one seed, each keeping away from what the certificate found in the one before
+ROUNDS_MAX = 4  # solves from one seed, each after the failed checks of the one before
+TICK_SLACK = 1e-6  # [ticks] for rounding
 
 
-@dataclass(frozen=True, eq=False)
-class Seed:
-    """A candidate for the release of a problem."""
-
-    problem: ThrowProblem
-    candidate: Candidate
-    tried: set[str] = field(default_factory=set)  # of Ruckig's launches, and whether it was optimised
-
-    @cached_property
-    def arrival_s(self) -> float:
-        """When the slowest joint alone can be there, with free acceleration [s]; infinite where Ruckig refuses."""
-        arrival = ruckig_otg.arrival(self.problem, self.candidate)
-        return float("inf") if arrival is None else arrival.time_s
-
-    @cached_property
-    def ruckig_s(self) -> float:
-        """How soon Ruckig releases in it with zero acceleration [s]; infinite where it refuses."""
-        return ruckig_otg.launch_time(self.problem, self.candidate)
-
-
-def optimised(search: Search, seeds: list[Seed], with_ruckig: bool) -> None:
-    """Optimises from the soonest seed that leads to an answer, and certifies those Ruckig motions that are sooner.
+def search_optimised(search: PlanningSearch, candidates: list[Candidate], policy: Sequence[Stage] = POLICY) -> None:
+    """Walks the stages of a policy; for `casadi` those of the optimiser alone.
 
     Args:
-        search: to be filled in.
-        seeds: soonest first.
-        with_ruckig: whether Ruckig's own motions count as answers.
+        search: updated in place.
+        candidates: by ascending lower bound on the launch time.
+        policy: the stages.
     """
-    if with_ruckig and _as_soon_as_one_joint(search, seeds):
-        return
-    most = MOST_SEEDS[type(search.problem.release)]
-    by_optimiser = _first_answer(search, seeds[:SEEDS_FIRST], SEED_S, stubborn=False)
-    release = search.problem.release
-    if by_optimiser and isinstance(release, TargetRelease) and release.release_position is None:
-        _while_slow(search, seeds[:most])
-    if with_ruckig:
-        _sooner_by_ruckig(search, seeds if by_optimiser else seeds[:RUCKIG_FIRST])
-    if not by_optimiser:
-        further = seeds[SEEDS_FIRST : most if search.best is None else SEEDS_ANSWERED]
-        _first_answer(search, further, SEED_S, stubborn=False)
-        if with_ruckig:
-            _sooner_by_ruckig(search, seeds[RUCKIG_FIRST:] if search.best else seeds[RUCKIG_FIRST:RUCKIG_LAST])
-    if search.best is None and search.spent_s < STUBBORN_BEFORE_S:
-        _first_answer(search, seeds[:1], STUBBORN_S, stubborn=True)
-
-
-def _as_soon_as_one_joint(search: Search, seeds: list[Seed]) -> bool:
-    """Tries Ruckig's soonest motions to a given release state; returns whether one is certified that nothing beats."""
-    problem = search.problem
-    if not isinstance(problem.release, JointRelease | PoseRelease) or problem.is_robust:
-        return False
-    begun, tried = time.perf_counter(), 0
-    soonest = sorted(seeds[:TIMED], key=lambda seed: seed.arrival_s)[:BOUND_FIRST]
-    for seed in soonest:
-        if seed.arrival_s >= search.release_time_s:
+    ranking = rank(search.problem, candidates)
+    with_ruckig = search.problem.backend == "auto"
+    if with_ruckig and joints_decoupled(search, ranking):
+        search.lower_bound_s = _least_release_time(ranking)
+    for stage in policy:
+        if stage.backend == "casadi":
+            _optimise(search, stage, ranking)
+        elif with_ruckig:
+            _certify_ruckig(search, stage, ranking)
+        if search.is_optimal or search.out_of_time:
             break
-        tried += _try_launch(search, seed, "free") is not None
-    bound_s = problem.dt * math.ceil(soonest[0].arrival_s / problem.dt - TICK_SLACK)
-    done = search.release_time_s <= bound_s + TICK_SLACK * problem.dt
-    valid = "certified, as soon as the slowest joint alone" if done else f"{int(search.best is not None)} certified"
-    search.tell("ruckig", f"{tried} motions with free acceleration at the release; {valid}", begun)
-    return done
 
 
-def _first_answer(search: Search, seeds: list[Seed], patience_s: float, stubborn: bool) -> bool:
-    """Optimises from seed after seed until one is certified; returns whether one was."""
-    begun, solved, valid, failure = time.perf_counter(), 0, 0, ""
-    for seed in seeds:
-        if valid or search.left_s <= 0.0 or search.spent_s > GIVE_UP_S:
+def _least_release_time(ranking: Ranking) -> float:
+    """Returns the first tick at which the slowest joint alone can be at a candidate [s], with slack for rounding."""
+    dt, arrival_s = ranking[0].problem.dt, min(ranked.arrival_s for ranked in ranking[:TIMED_MAX])
+    return dt * (math.ceil(arrival_s / dt - TICK_SLACK) + TICK_SLACK) if math.isfinite(arrival_s) else 0.0
+
+
+def _walk(search: PlanningSearch, stage: Stage, ranking: Ranking) -> Iterator[RankedCandidate]:
+    """Yields the candidates of a stage while its condition holds."""
+    if stage.order == "arrival":
+        ranking = sorted(ranking[:TIMED_MAX], key=lambda ranked: ranked.arrival_s)
+    for ranked in ranking[stage.candidates]:
+        if search.out_of_time or not stage.condition(search, ranking):
+            return
+        yield ranked
+
+
+def _certify_ruckig(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
+    """Certifies Ruckig's motions to the candidates of a stage where they are sooner than the incumbent."""
+    begun, tried, valid = time.perf_counter(), 0, 0
+    for ranked in _walk(search, stage, ranking):
+        for variant in stage.variants:
+            solution = _ruckig_motion(search, ranked, variant)
+            if solution is not None:
+                tried += 1
+                valid += search.certify("ruckig", solution).valid
+    if tried:
+        result = f"{stage.purpose}: {valid} of {tried} motions certified"
+        search.log_attempt("ruckig", result + ("; none can be sooner" if search.is_optimal else ""), begun)
+
+
+def _ruckig_motion(
+    search: PlanningSearch, ranked: RankedCandidate, variant: ruckig_otg.LaunchVariant
+) -> Solution | None:
+    """Returns an untried motion that is sooner than the incumbent; None if there is none."""
+    latest_s = search.release_time_s
+    if ranked.candidate.bound_s >= latest_s or ranked.bound_s(variant) >= latest_s:
+        return None
+    if (variant == ruckig_otg.LAST_RESORT and search.incumbent is not None) or not ranked.first_try(variant):
+        return None
+    try:
+        solution = ruckig_otg.solve(search.problem, ranked.candidate, variant)
+    except SolverFailed:
+        return None  # a phase does not fit the tick grid; only its duration was known
+    return solution if solution.trajectory.release_time_s < latest_s else None
+
+
+def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
+    """Optimises from the candidates of a stage."""
+    begun, end = time.perf_counter(), search.iterations + stage.iterations
+    tried, solved, valid, failure = 0, 0, 0, ""
+    bound_holds = isinstance(search.problem.release, JointRelease | PoseRelease)
+    for ranked in _walk(search, stage, ranking):
+        if search.iterations >= end:
             break
-        if seed.candidate.bound_s >= search.release_time_s:
+        if (bound_holds and ranked.candidate.bound_s >= search.release_time_s) or not ranked.first_try("casadi"):
             continue
+        tried += 1
         try:
-            valid += _optimise(search, seed, patience_s, stubborn)
+            valid += _optimise_from(search, ranked, end)
             solved += 1
         except SolverFailed as error:
-            failure = str(error)
-    result = f"{valid} of {solved} motions certified" + (f"; {failure}" if failure else "")
-    search.tell("casadi", result, begun)
-    return valid > 0
+            failure = f"; {error}"
+    if tried:
+        search.log_attempt("casadi", f"{stage.purpose}: {valid} of {solved} motions certified{failure}", begun)
 
 
-def _while_slow(search: Search, seeds: list[Seed]) -> None:
-    """Optimises from further seeds while the best throw is a slow one beside what candidates could do as they are.
+def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int) -> bool:
+    """Optimises from one candidate until `search.iterations` reach `end`; returns whether a motion was certified.
 
-    An optimised throw leaves its candidate far behind; one that hardly did has got stuck in a poor way to throw.
+    After failed checks it solves again from that motion, with wider margins; where the checks failed between coarse
+    stages, from the start on finer stages.
     """
-    begun, solved, valid = time.perf_counter(), 0, 0
-    enough_s = (SLOW_ROBUST if search.problem.is_robust else SLOW) * min(seed.candidate.bound_s for seed in seeds)
-    for seed in (seed for seed in seeds if OPTIMISED not in seed.tried):
-        if search.release_time_s <= enough_s or search.left_s <= 0.0 or search.spent_s > GIVE_UP_S:
-            break
-        solved += 1
-        try:
-            valid += _optimise(search, seed, SEED_S)
-        except SolverFailed:
-            continue
-    if solved:
-        search.tell("casadi", f"the throw was slow; {valid} of {solved} motions from further seeds certified", begun)
-
-
-def _sooner_by_ruckig(search: Search, seeds: list[Seed]) -> None:
-    """Certifies those Ruckig motions that would release sooner than the best answer, soonest first."""
-    begun, tried, valid = time.perf_counter(), 0, 0
-    for seed in seeds:
-        if search.left_s <= 0.0 or (search.best is None and search.spent_s > GIVE_UP_S):
-            break
-        if seed.candidate.bound_s >= search.release_time_s or seed.arrival_s >= search.release_time_s:
-            continue
-        for variant in ruckig_otg.VARIANTS:
-            if variant == ruckig_otg.LAST_RESORT and search.best is not None:
-                continue
-            certificate = _try_launch(search, seed, variant)
-            if certificate is not None:
-                tried += 1
-                valid += certificate.valid
-    search.tell("ruckig", f"{valid} of {tried} motions certified that would release sooner", begun)
-
-
-def _try_launch(search: Search, seed: Seed, launch: str) -> Certificate | None:
-    """Certifies a motion by Ruckig; None where it was tried before, is not sooner than the best, or does not exist."""
-    if launch in seed.tried or (launch != "free" and seed.ruckig_s >= search.release_time_s):
-        return None
-    seed.tried.add(launch)
-    try:
-        solution = ruckig_otg.solve(search.problem, seed.candidate, launch)
-    except SolverFailed:
-        return None  # a phase that does not fit the tick grid; its launch time alone was known
-    if solution.trajectory.release_time_s >= search.release_time_s:
-        return None
-    return search.judge("ruckig", solution)
-
-
-def by_launch_time(problem: ThrowProblem, candidates: list[Candidate]) -> list[Seed]:
-    """Returns seeds: the first by how soon Ruckig releases in them, those after them by their bound.
-
-    Where the straight way to the soonest is not free, those with a free way come first.
-    """
-    seeds = [Seed(problem, candidate) for candidate in candidates[:LOOKED_AT]]
-    first = sorted(seeds[:TIMED], key=lambda seed: seed.ruckig_s)
-    if not all(_ways_are_free(first[:1])):
-        first = [first[i] for i in np.argsort(np.logical_not(_ways_are_free(first)), kind="stable")]
-    return [*first, *seeds[TIMED:]]
-
-
-def _ways_are_free(seeds: list[Seed]) -> list[bool]:
-    """Returns for every seed of a problem whether nothing stands in the straight way to it, or hardly anything."""
-    problem = seeds[0].problem
-    ways = problem.start + np.multiply.outer(WAY, np.array([seed.candidate.q for seed in seeds]) - problem.start)
-    least = clearances(problem.cell, ways.reshape(-1, len(problem.start))).least.reshape(len(WAY), -1)
-    return (least.min(axis=0) > -DEEP_M).tolist()
-
-
-def _optimise(search: Search, seed: Seed, patience_s: float, stubborn: bool = False) -> bool:
-    """Solves from one seed; again with wider margins where the certificate finds fault. Returns whether valid.
-
-    A motion that comes much too near to something between two looks is solved for afresh on more stages.
-    """
-    seed.tried.add(OPTIMISED)
-    warm_start, margins, fine = _warm_start(seed), casadi_nlp.CLOSE, False
-    deadline_s = min(search.deadline_s, time.perf_counter() + patience_s)
-    if search.best is None and not stubborn:
-        deadline_s = min(deadline_s, search.begun_s + GIVE_UP_S + LAST_SEED_S)
-    for _ in range(ROUNDS):
-        solution = casadi_nlp.solve(search.problem, seed.candidate, warm_start, deadline_s, margins, fine, stubborn)
-        certificate = search.judge("casadi", solution)
+    seed, options = ranked.seed, SolveOptions(deadline_s=search.deadline_s)
+    for _ in range(ROUNDS_MAX):
+        solution = _solve(search, seed, replace(options, iteration_budget=end - search.iterations))
+        certificate = search.certify("casadi", solution)
         if certificate.valid:
             return True
-        if not (fine or search.problem.is_robust) and casadi_nlp.far_off(certificate.failures):
-            warm_start, margins, fine = _warm_start(seed), casadi_nlp.CLOSE, True
+        if _needs_finer_stages(search.problem, options, certificate.failures):
+            seed, options = ranked.seed, SolveOptions(deadline_s=search.deadline_s, resolution="fine")
             continue
-        wider = margins.widened(certificate.failures, solution)
+        wider = options.margins.widened(certificate.failures, solution)
         if wider is None:
             return False
-        warm_start, margins = solution.trajectory, wider
+        seed, options = Seed(ranked.candidate, solution.trajectory), replace(options, margins=wider)
     return False
 
 
-def _warm_start(seed: Seed) -> Guess | None:
-    return None if seed.ruckig_s == float("inf") else ruckig_otg.initial_guess(seed.problem, seed.candidate)
+def _solve(search: PlanningSearch, seed: Seed, options: SolveOptions) -> Solution:
+    """Returns the optimiser's motion from a seed; counts the iterations, also those of a failure."""
+    try:
+        solution = casadi_nlp.solve(search.problem, seed, options)
+    except SolverFailed as error:
+        search.iterations += error.iterations
+        raise
+    search.iterations += solution.iterations
+    return solution
+
+
+def _needs_finer_stages(problem: ThrowProblem, options: SolveOptions, failures: Iterable[Check]) -> bool:
+    """Returns whether checks failed by so much between coarse stages that wider margins are no remedy."""
+    return options.resolution == "coarse" and not problem.is_robust and casadi_nlp.too_coarse(failures)

@@ -1,4 +1,4 @@
-"""What a search for a plan keeps: the best certified answer, the least bad refused one, the story, the time left."""
+"""State of one planning search: incumbent, best rejected motion, attempt log, work spent, deadline."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ from planner.problem import ThrowProblem
 from planner.solution import Solution
 from planner.trajectory import Trajectory
 
+OUT_OF_TIME = "out of time"
+
 
 @dataclass(frozen=True)
 class Attempt:
-    """One back end's part of the story: what came of it, and how long it took [s]."""
+    """One entry of the attempt log: back end, result in words, duration [s]."""
 
     backend: str
     result: str
@@ -22,8 +24,8 @@ class Attempt:
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
-    """A back end's motion with its judgement."""
+class CertifiedSolution:
+    """A back end's motion with its certificate, valid or not."""
 
     backend: str
     solution: Solution
@@ -31,61 +33,84 @@ class Answer:
 
 
 @dataclass(eq=False)
-class Search:
-    """The state of one search. `deadline_s` and `begun_s` are on `time.perf_counter`'s clock."""
+class PlanningSearch:
+    """State of one planning search.
+
+    Attributes:
+        problem: to be solved.
+        deadline_s: of the request, on the clock of `time.perf_counter`.
+        incumbent: best valid motion so far.
+        best_rejected: the rejected motion closest to a valid one, for the refusal.
+        attempts: log of what was tried.
+        iterations: spent by the optimiser so far.
+        lower_bound_s: no motion releases earlier [s], as far as is known.
+    """
 
     problem: ThrowProblem
     deadline_s: float
-    best: Answer | None = None
-    refused: Answer | None = None
+    incumbent: CertifiedSolution | None = None
+    best_rejected: CertifiedSolution | None = None
     attempts: list[Attempt] = field(default_factory=list)
-    begun_s: float = field(default_factory=time.perf_counter)
+    iterations: int = 0
+    lower_bound_s: float = 0.0
+    _certified_backends: set[str] = field(default_factory=set)
 
     @property
-    def spent_s(self) -> float:
-        """Time spent searching [s]."""
-        return time.perf_counter() - self.begun_s
-
-    @property
-    def left_s(self) -> float:
-        """Time left to search [s]."""
-        return self.deadline_s - time.perf_counter()
+    def out_of_time(self) -> bool:
+        """Whether the request's deadline has passed."""
+        return time.perf_counter() >= self.deadline_s
 
     @property
     def release_time_s(self) -> float:
-        """When the best answer so far releases [s]; infinite where there is none."""
-        return float("inf") if self.best is None else self.best.solution.trajectory.release_time_s
+        """Release time of the incumbent [s]; infinite without one."""
+        return float("inf") if self.incumbent is None else self.incumbent.solution.trajectory.release_time_s
 
-    def judge(self, backend: str, solution: Solution) -> Certificate:
-        """Certifies a solution and keeps it where it is the best, or the least bad."""
-        answer = Answer(backend, solution, certify(self.problem, solution.trajectory))
-        if not answer.certificate.valid:
-            if self.refused is None or _badness(answer.certificate) < _badness(self.refused.certificate):
-                self.refused = answer
-        elif self.best is None or _rank(solution.trajectory) < _rank(self.best.solution.trajectory):
-            self.best = answer
-        return answer.certificate
+    @property
+    def is_optimal(self) -> bool:
+        """Whether the incumbent is known to be the soonest: it reaches the lower bound."""
+        return self.release_time_s <= self.lower_bound_s
 
-    def tell(self, backend: str, result: str, begun_s: float) -> None:
-        """Adds to the story what came of a back end that began at `begun_s`."""
+    def has_certified(self, backend: str) -> bool:
+        """Returns whether a motion of the back end was valid."""
+        return backend in self._certified_backends
+
+    def certify(self, backend: str, solution: Solution) -> Certificate:
+        """Returns the certificate of a motion; keeps the motion if it is the best valid or the best rejected one."""
+        certified = CertifiedSolution(backend, solution, certify(self.problem, solution.trajectory))
+        certificate = certified.certificate
+        if not certificate.valid:
+            if self.best_rejected is None or _excess(certificate) < _excess(self.best_rejected.certificate):
+                self.best_rejected = certified
+            return certificate
+        self._certified_backends.add(backend)
+        if self.incumbent is None or _rank(solution.trajectory) < _rank(self.incumbent.solution.trajectory):
+            self.incumbent = certified
+        return certificate
+
+    def log_attempt(self, backend: str, result: str, begun_s: float) -> None:
+        """Adds an entry to the attempt log for work that began at `begun_s`."""
         self.attempts.append(Attempt(backend, result, time.perf_counter() - begun_s))
 
-    def refusal(self) -> Infeasible | SolverFailed:
-        """Returns why there is no answer: the failed checks of the least bad motion, or the solvers' own words."""
-        story = [attempt.__dict__ for attempt in self.attempts]
-        if self.refused is None:
-            return SolverFailed(self.attempts[-1].result if self.attempts else "out of time", attempts=story)
-        failures = self.refused.certificate.failures
+    def failure(self) -> Infeasible | SolverFailed:
+        """Returns the error of a search without incumbent: the best rejected motion's failed checks, if there is one.
+
+        Otherwise the last entry of the attempt log.
+        """
+        log = [attempt.__dict__ for attempt in self.attempts]
+        if self.best_rejected is None:
+            status = self.attempts[-1].result if self.attempts else OUT_OF_TIME
+            return SolverFailed(status, attempts=log)
+        failures = self.best_rejected.certificate.failures
         violations = [Violation(c.name, c.value, c.limit, c.unit, c.at_s, c.detail) for c in failures]
-        return Infeasible(violations, attempts=story)
+        return Infeasible(violations, attempts=log)
 
 
-def _badness(certificate: Certificate) -> tuple[int, float]:
-    """Orders refused answers: few failed checks first, then by how far beyond the limits they are."""
+def _excess(certificate: Certificate) -> tuple[int, float]:
+    """Returns the sort key of a rejected motion: number of failed checks, then total excess over their limits [-]."""
     over = sum(-check.margin / max(abs(check.limit), 1e-3) for check in certificate.failures)
     return len(certificate.failures), over
 
 
 def _rank(trajectory: Trajectory) -> tuple[float, float]:
-    """Orders certified answers: soonest release, then soonest rest."""
+    """Returns the sort key of a valid motion: release time, then duration [s]."""
     return trajectory.release_time_s, trajectory.duration_s

@@ -1,81 +1,161 @@
-"""The closest thing that can be done: a share of the asked speed, or a place nearer by, found by bisection.
+"""Nearest feasible request: what could be done instead of an infeasible request.
 
-Nothing is returned that was not certified. Where the place itself is out of reach it is moved towards the arm; where
-the speed is too much it is reduced; at last the whole release is drawn towards the start, where something always goes.
+Requirements are relaxed one after the other, the mildest relaxation first: a speed is reduced, a position is moved into
+reach, a target is brought closer; at last the whole release is drawn towards the start, where it is always feasible.
+For each relaxation the largest feasible share of the request is found by bisection. Every release that is returned has
+a certified motion.
 """
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.errors import Violation
-from planner.kinematics import forward
+from planner.certificate import certify
+from planner.errors import Infeasible, SolverFailed, Violation
+from planner.geometry import tool_pose
 from planner.problem import JointRelease, PointRelease, PoseRelease, Release, TargetRelease, ThrowProblem
 from planner.rotations import matrix_to_rotation_vector, pose, rotation_vector_to_matrix
-from planner.search.anchors import anchors, moved
-from planner.seeds.sampling import farthest_reach
+from planner.search.auto import search_optimised
+from planner.search.feasible_releases import PlacedRelease, feasible_releases, moved, position
+from planner.search.incumbent import PlanningSearch
+from planner.search.policy import Stage, no_incumbent
+from planner.search.sequential import VARIANTS_BY_BACKEND, Solve
+from planner.seeds import Candidate, candidates, farthest_reach
 
 Vector = NDArray[np.float64]
-Certifiable = Callable[[ThrowProblem, bool], bool]  # told whether a thorough look is worth it
-Way = Callable[[float], Release]  # from all given up at 0 to as asked, or as near to it as can be, at 1
+Relaxation = Callable[[float], Release]  # of a share s: 0 fully relaxed, 1 as requested or as close as possible
 
 BISECTIONS = 6  # the share is found to 1/64
-LEAST_SHARE = 0.02  # [-] of what was asked; the first thing tried
-SLOWER = (0.3, 0.05)  # [-] of the asked speed, tried in other places where the full speed goes in none
-OF_THE_PLACE = (
-    "reach",
-    "joint_position",
-    "floor",
-    "keep_in",
-    "keep_out",
-    "self_collision",
-)  # not cured by slowing down
-UNDER_M = 0.2  # from under the tool at the start, towards the target: an easy throw
-COMFORTABLE_REACH = 0.6  # [-] of the arm's: places there have many postures
+SHARE_MIN = 0.02  # [-] of the requested speed or way; tried first
+SLOWER = (0.3, 0.05)  # [-] of the requested speed, tried where no other position allows the full speed
+# Constraints on the position, which a slower release breaks, too.
+POSITION_CONSTRAINTS = {"reach", "joint_position", "floor", "keep_in", "keep_out", "self_collision"}
+UNDER_M = 0.2  # [m] from below the tool at the start, towards the target: an easy throw
+COMFORTABLE_REACH = 0.6  # [-] of the arm's reach: positions there have many postures
 
 
-def nearest_release(
-    problem: ThrowProblem, violations: list[Violation], certifiable: Certifiable, deadline_s: float
-) -> Release | None:
-    """Returns the release closest to the asked one that `certifiable` accepts, None where none was found in time.
+MOTIONS_MAX = 60  # motions certified in one search, 10 to 20 ms each
+MOTIONS_MIN = 20  # of these although the request's deadline has passed
+ITERATIONS_MAX = 400  # of the optimiser in one search, 3 to 4 ms each
+CANDIDATES_MAX, FEW_CANDIDATES = 6, 3  # tried for one release, thoroughly or not
+OPTIMISING = ("auto", "casadi")
+ROBUST_POLICY = (Stage("casadi", "soonest seed", slice(0, 1), no_incumbent, iterations=200),)
+
+
+class Feasibility:
+    """Decides whether relaxed problems have a certified motion, on a budget of work.
+
+    Ruckig's motions stand in for the optimiser's. A landing that must hold for a window of releases is left to the
+    optimiser, which is asked if Ruckig hits the target at all.
+
+    Attributes:
+        deadline_s: of the request, on the clock of `time.perf_counter`.
+        motions: certified so far.
+        iterations: of the optimiser so far.
+    """
+
+    def __init__(self, deadline_s: float) -> None:
+        self.deadline_s = deadline_s
+        self.motions = self.iterations = 0
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether the budget is spent."""
+        most = MOTIONS_MIN if time.perf_counter() > self.deadline_s else MOTIONS_MAX
+        return self.motions >= most or self.iterations >= ITERATIONS_MAX
+
+    def shown(self, problem: ThrowProblem, thorough: bool) -> bool:
+        """Returns whether a certified motion was found; a thorough search tries more candidates and variants."""
+        if problem.is_robust and problem.backend in OPTIMISING:
+            nominal = replace(problem, release_window_s=0.0)
+            return self.shown(nominal, thorough) and self._optimised(problem)
+        variants = VARIANTS_BY_BACKEND.get(problem.backend, VARIANTS_BY_BACKEND["ruckig"])[::-1]  # the gentlest first
+        try:
+            found = candidates(problem)[: CANDIDATES_MAX if thorough else FEW_CANDIDATES]
+        except Infeasible:
+            return False
+        pairs = product(variants if thorough else variants[:1], found)
+        return any(self._certified(problem, solve, candidate) for solve, candidate in pairs)
+
+    def _certified(self, problem: ThrowProblem, solve: Solve, candidate: Candidate) -> bool:
+        """Returns whether a back end's motion to a candidate is certified."""
+        self.motions += 1
+        try:
+            return certify(problem, solve(problem, candidate).trajectory).valid
+        except SolverFailed:
+            return False
+
+    def _optimised(self, problem: ThrowProblem) -> bool:
+        """Returns whether the optimiser's motion from the first seed is certified."""
+        search = PlanningSearch(problem, math.inf)
+        search_optimised(search, candidates(problem), ROBUST_POLICY)
+        self.iterations += search.iterations
+        return search.incumbent is not None
+
+
+def nearest_release(problem: ThrowProblem, violations: Iterable[Violation], deadline_s: float) -> Release | None:
+    """Returns the release closest to the requested one that has a certified motion; None if none was found.
 
     Args:
-        problem: which cannot be solved.
-        violations: why.
-        certifiable: whether a problem has a certified answer.
-        deadline_s: on `time.perf_counter`'s clock [s].
+        problem: infeasible as requested.
+        violations: of its refusal.
+        deadline_s: of the request, on the clock of `time.perf_counter`.
     """
-    for towards, thorough in _ways(problem, violations):
-        release = _farthest(problem, towards, certifiable, thorough, deadline_s)
-        if release is not None or time.perf_counter() > deadline_s:
+    feasibility, broken = Feasibility(deadline_s), {violation.constraint for violation in violations}
+    for relaxation, thorough in _relaxations(problem, broken):
+        release = _largest_share(problem, relaxation, feasibility, thorough)
+        if release is not None or feasibility.exhausted:
             return release
     return None
 
 
-def _ways(problem: ThrowProblem, violations: list[Violation]) -> Iterator[tuple[Way, bool]]:
-    """Yields the ways to give in, the gentler first, and whether each is worth a thorough look."""
+def _relaxations(problem: ThrowProblem, broken: set[str]) -> Iterator[tuple[Relaxation, bool]]:
+    """Yields relaxations, the mildest first, and whether each deserves a thorough search."""
     release = problem.release
     if isinstance(release, TargetRelease):
-        yield from ((way, True) for way in _nearer_targets(problem, release))
+        yield from ((relaxation, True) for relaxation in _closer_targets(problem, release))
         return
-    if not problem.ends_at_rest and not any(v.constraint in OF_THE_PLACE for v in violations):
+    if not problem.ends_at_rest and not broken & POSITION_CONSTRAINTS:
         yield partial(_slower, release), True
     if isinstance(release, PoseRelease | PointRelease):
-        yield from ((way, False) for way in _elsewhere(problem, release))
+        yield from ((relaxation, False) for relaxation in _elsewhere(problem, release))
     if isinstance(release, PoseRelease):  # without the orientation: a point with the same velocity
         point = PointRelease(release.X_WT[:3, 3], release.V_WT[:3])
-        yield from ((way, False) for way in _elsewhere(problem, point))
-    yield partial(_homeward, problem, release), True
+        yield from ((relaxation, False) for relaxation in _elsewhere(problem, point))
+    yield partial(_towards_start, problem, release), True
+
+
+def _largest_share(
+    problem: ThrowProblem, relaxation: Relaxation, feasibility: Feasibility, thorough: bool
+) -> Release | None:
+    """Returns the feasible release of the largest share, by bisection; None if even the share 0 is infeasible."""
+    found = relaxation(0.0)
+    if not feasibility.shown(replace(problem, release=found), thorough):
+        return None
+    feasible, infeasible = 0.0, 1.0
+    for _ in range(BISECTIONS):
+        if feasibility.exhausted:
+            break
+        share = (feasible + infeasible) / 2.0
+        release = relaxation(share)
+        if feasibility.shown(replace(problem, release=release), False):
+            feasible, found = share, release
+        else:
+            infeasible = share
+    return found
 
 
 def _slower(release: Release, share: float) -> Release:
-    share = max(share, LEAST_SHARE)
+    """Returns the release with a share of its speed."""
+    share = max(share, SHARE_MIN)
     match release:
         case JointRelease(q, qd):
             return JointRelease(q, share * qd)
@@ -86,26 +166,24 @@ def _slower(release: Release, share: float) -> Release:
     return release
 
 
-def _elsewhere(problem: ThrowProblem, release: PoseRelease | PointRelease) -> Iterator[Way]:
-    """Yields ways from other places towards the one asked for, with the velocity asked for while that goes."""
-    asked = release.p_WT if isinstance(release, PointRelease) else release.X_WT[:3, 3]
-    farthest = _within(problem.cell.X_WB[:3, 3], asked, farthest_reach(problem))
+def _elsewhere(problem: ThrowProblem, release: PlacedRelease) -> Iterator[Relaxation]:
+    """Yields relaxations from other positions to the requested one, with the requested speed as far as possible."""
+    requested = position(release)
+    farthest = _within(problem.cell.X_WB[:3, 3], requested, farthest_reach(problem))
     for speed in (1.0, *SLOWER):
         slowed = _slower(release, speed)
         assert isinstance(slowed, PoseRelease | PointRelease)
-        for anchor in anchors(problem, slowed):
-            place = anchor.p_WT if isinstance(anchor, PointRelease) else anchor.X_WT[:3, 3]
-            yield partial(_towards, slowed, place, farthest)
+        for feasible in feasible_releases(problem, slowed):
+            yield partial(_moved_between, slowed, position(feasible), farthest)
 
 
-def _towards(release: PoseRelease | PointRelease, near: Vector, far: Vector, share: float) -> Release:
+def _moved_between(release: PlacedRelease, near: Vector, far: Vector, share: float) -> Release:
     return moved(release, _between(near, far, share))
 
 
-def _homeward(problem: ThrowProblem, release: Release, share: float) -> Release:
-    """Returns the release drawn towards standing at the start."""
-    share, cell = max(share, LEAST_SHARE), problem.cell
-    X_W0 = cell.X_WB @ forward(cell.robot, problem.start, cell.tool.X_FT)
+def _towards_start(problem: ThrowProblem, release: Release, share: float) -> Release:
+    """Returns the release drawn towards a standstill at the start."""
+    share, X_W0 = max(share, SHARE_MIN), tool_pose(problem.cell, problem.start)
     match release:
         case JointRelease(q, qd):
             return JointRelease(_between(problem.start, q, share), share * qd)
@@ -118,44 +196,24 @@ def _homeward(problem: ThrowProblem, release: Release, share: float) -> Release:
     return release
 
 
-def _farthest(
-    problem: ThrowProblem, towards: Way, certifiable: Certifiable, thorough: bool, deadline_s: float
-) -> Release | None:
-    """Bisects the largest share that can be certified; a way on which not even a little can be is left at once."""
-    found = towards(0.0)
-    if not certifiable(replace(problem, release=found), thorough):
-        return None
-    good, bad = 0.0, 1.0
-    for _ in range(BISECTIONS):
-        if time.perf_counter() > deadline_s:
-            break
-        share = (good + bad) / 2.0
-        release = towards(share)
-        if certifiable(replace(problem, release=release), False):
-            good, found = share, release
-        else:
-            bad = share
-    return found
-
-
-def _nearer_targets(problem: ThrowProblem, release: TargetRelease) -> Iterator[Way]:
-    """Yields ways from places that are easily hit: in the target's direction, in the tool's, under the tool."""
-    cell, farthest = problem.cell, _farthest_throw(problem, release)
-    tool = (cell.X_WB @ forward(cell.robot, problem.start, cell.tool.X_FT))[:3, 3]
+def _closer_targets(problem: ThrowProblem, release: TargetRelease) -> Iterator[Relaxation]:
+    """Yields relaxations from easy targets: in the target's direction, in the tool's direction, below the tool."""
+    farthest, tool = _farthest_throw(problem, release), tool_pose(problem.cell, problem.start)[:3, 3]
     under = np.array([*_within(tool[:2], release.p_W[:2], UNDER_M), release.p_W[2]])
     releases = [release] if release.release_position is None else [release, replace(release, release_position=None)]
-    for asked in releases:
+    for requested in releases:
         for direction in (release.p_W, tool):
-            yield partial(_target_between, asked, _comfortable(problem, direction, release.p_W[2]), farthest)
-        yield partial(_target_between, asked, under, farthest)
+            easy = _comfortable_target(problem, direction, release.p_W[2])
+            yield partial(_target_between, requested, easy, farthest)
+        yield partial(_target_between, requested, under, farthest)
 
 
 def _target_between(release: TargetRelease, near: Vector, far: Vector, share: float) -> Release:
     return replace(release, p_W=_between(near, far, share))
 
 
-def _comfortable(problem: ThrowProblem, direction: Vector, height: float) -> Vector:
-    """Returns a place in a direction, at a height, over which the arm reaches with ease."""
+def _comfortable_target(problem: ThrowProblem, direction: Vector, height: float) -> Vector:
+    """Returns a target (3,) well within reach, in the direction of a position (3,), at a height [m] if reachable."""
     cell = problem.cell
     base, reach = cell.X_WB[:3, 3], COMFORTABLE_REACH * farthest_reach(problem)
     away = direction[:2] - base[:2]
@@ -165,7 +223,7 @@ def _comfortable(problem: ThrowProblem, direction: Vector, height: float) -> Vec
 
 
 def _farthest_throw(problem: ThrowProblem, release: TargetRelease) -> Vector:
-    """Returns the target, or the place before it beyond which no speed within the limits throws from any place.
+    """Returns the target (3,), or the farthest position on the way to it that a throw within the speed limits reaches.
 
     Source: range of a throw from height h at speed v, v/g sqrt(v^2 + 2 g h).
     """
@@ -177,9 +235,9 @@ def _farthest_throw(problem: ThrowProblem, release: TargetRelease) -> Vector:
 
 
 def _within(centre: Vector, p: Vector, radius: float) -> Vector:
-    """Returns `p`, or the place before it that is `radius` from the centre."""
-    away = float(np.linalg.norm(p - centre))
-    return p if away <= radius else centre + (p - centre) * radius / away
+    """Returns `p`, or the closest position to it within a radius of the centre."""
+    distance = float(np.linalg.norm(p - centre))
+    return p if distance <= radius else centre + (p - centre) * radius / distance
 
 
 def _between(near: Vector, far: Vector, share: float) -> Vector:

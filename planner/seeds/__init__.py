@@ -1,1 +1,18 @@
-"""Release states to begin a search from."""
+"""Release states that the search starts from, ranked by a lower bound on their launch time."""
+
+from planner.seeds.candidates import POSITION_SLACK, Candidate, InitialGuess, Seed, candidates
+from planner.seeds.lower_bound import least_time
+from planner.seeds.sampling import farthest_reach, tool_jacobian
+from planner.seeds.velocity_allocation import allocate_velocity
+
+__all__ = [
+    "POSITION_SLACK",
+    "Candidate",
+    "InitialGuess",
+    "Seed",
+    "allocate_velocity",
+    "candidates",
+    "farthest_reach",
+    "least_time",
+    "tool_jacobian",
+]

@@ -1,13 +1,14 @@
-"""Candidate release states: the seed of every back end.
+"""Candidate release states, from which every back end starts, sorted by a lower bound on the launch time.
 
-`joint` has one. `pose` has one a branch and turn of the inverse kinematics. `point` adds orientations of the tool, and
-`target` adds places and flights: both are drawn from a fixed quasi-random sequence, so the same request has the same
-candidates. All are sorted by the time no launch can beat.
+A `joint` release has one candidate; a `pose` has one for each branch and each full turn of the inverse kinematics. A
+`point` adds tool orientations, a `target` adds release positions and flight times: both are drawn from a fixed
+quasi-random sequence, so the same request always has the same candidates.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,20 +32,21 @@ from planner.seeds.sampling import point_states, target_states
 Vector = NDArray[np.float64]
 
 SPEED_SLACK = 1e-9  # [-] rounding allowed in the comparison with a speed limit
-# States looked at in turn, and with how many candidates no longer: a pose has hundreds of states, most turns away.
-PORTIONS = ((slice(0, 24), 1), (slice(24, 48), 14), (slice(48, None), 1))
-POSITION_SLACK = 1e-9  # [rad] likewise with a position limit
+POSITION_SLACK = 1e-9  # [rad] rounding allowed in the comparison with a position limit
+# (rows, enough): rows checked for clearance in turn, skipped once there are enough candidates; a pose has hundreds of
+# states, most of them full turns away.
+BATCHES = ((slice(0, 24), 1), (slice(24, 48), 14), (slice(48, None), 1))
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A joint state to release in.
+    """A joint state at the release.
 
     Attributes:
         q: positions (6,) [rad].
         qd: velocities (6,) [rad/s].
-        bound_s: no launch from the problem's start is shorter [s].
-        label: how it was found, for the plan's story.
+        bound_s: lower bound on the time of a launch from the problem's start [s].
+        label: its origin, for the attempt log.
     """
 
     q: Vector
@@ -53,16 +55,42 @@ class Candidate:
     label: str
 
 
+class InitialGuess(Protocol):
+    """A motion through a release from which a solver starts: a `Trajectory`, or Ruckig's motion off the tick grid."""
+
+    @property
+    def release_time_s(self) -> float:
+        """Time of the release [s]."""
+        ...
+
+    @property
+    def duration_s(self) -> float:
+        """Time of standstill [s]."""
+        ...
+
+    def at(self, t: Vector, /) -> tuple[Vector, Vector, Vector]:
+        """Returns q, qd, qdd (n, 6) at times `t` (n,) [s]."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Seed:
+    """A candidate with the motion that a solver starts from; None leaves the motion to the solver."""
+
+    candidate: Candidate
+    initial_guess: InitialGuess | None = None
+
+
 def candidates(problem: ThrowProblem) -> list[Candidate]:
-    """Returns the release states that respect the limits by themselves, soonest possible first.
+    """Returns the release states that keep every limit themselves, by ascending lower bound on the launch time.
 
     Raises:
-        Infeasible: there is none; the violations say what stands in the way.
+        Infeasible: there is none; the violations give the reason.
     """
     release = problem.release
     if isinstance(release, JointRelease):
         q, qd = release.q[None], release.qd[None]
-        _refuse_joint_state(problem, release)
+        _check_joint_positions(problem, release)
     elif isinstance(release, PoseRelease):
         q, qd = _pose_states(problem, release)
     elif isinstance(release, PointRelease):
@@ -73,10 +101,10 @@ def candidates(problem: ThrowProblem) -> list[Candidate]:
 
 
 def _usable(problem: ThrowProblem, q: Vector, qd: Vector) -> list[Candidate]:
-    """Returns the states that break no bound by themselves, soonest first.
+    """Returns the states that keep every limit, by ascending lower bound.
 
     Raises:
-        Infeasible: none is left; the violations are those of the state that comes nearest.
+        Infeasible: none does; the violations are those of the state closest to the limits.
     """
     limits = problem.limits
     if len(q) == 0:
@@ -86,12 +114,12 @@ def _usable(problem: ThrowProblem, q: Vector, qd: Vector) -> list[Candidate]:
     singular = (distance < limits.singularity_distance_min) & (not problem.ends_at_rest)
     good = (excess <= 1.0 + SPEED_SLACK) & ~singular
     if not good.any():
-        raise Infeasible(_reasons(problem, q, qd, excess, distance))
-    near, far = problem.reachable.q_lower, problem.reachable.q_upper
-    shut_off = np.any((q < near - POSITION_SLACK) | (q > far + POSITION_SLACK), axis=1)
-    if shut_off[good].all():
-        raise Infeasible([_barred(problem, q[good][0])])
-    good &= ~shut_off
+        raise Infeasible([_closest_violation(problem, q, qd, excess, distance)])
+    lower, upper = problem.reachable.q_lower, problem.reachable.q_upper
+    barred = np.any((q < lower - POSITION_SLACK) | (q > upper + POSITION_SLACK), axis=1)
+    if barred[good].all():
+        raise Infeasible([_barrier_violation(problem, q[good][0])])
+    good &= ~barred
     q, qd = q[good], qd[good]
     bound = least_time(q - problem.start, qd, limits)
     order = np.lexsort([*q.T[::-1], bound])
@@ -99,9 +127,9 @@ def _usable(problem: ThrowProblem, q: Vector, qd: Vector) -> list[Candidate]:
 
 
 def _clear(problem: ThrowProblem, q: Vector, qd: Vector, bound: Vector) -> list[Candidate]:
-    """Returns the sorted states in which the arm may stand; those of later portions only if need be."""
+    """Returns the sorted states in which the arm is clear of everything; see `BATCHES`."""
     kind, good, least = problem.release.__class__.__name__, [], []
-    for rows, enough in PORTIONS:
+    for rows, enough in BATCHES:
         if len(good) >= enough or rows.start >= len(q):
             break
         free = clearances(problem.cell, q[rows])
@@ -113,8 +141,8 @@ def _clear(problem: ThrowProblem, q: Vector, qd: Vector, bound: Vector) -> list[
     raise Infeasible(best.violations(int(best.least.argmax()), problem.cell))
 
 
-def _barred(problem: ThrowProblem, q: Vector) -> Violation:
-    """Returns the self-collision that lies between the start and the state (6,), whichever way the arm goes."""
+def _barrier_violation(problem: ThrowProblem, q: Vector) -> Violation:
+    """Returns the self-collision that every path from the start to the posture `q` (6,) passes through."""
     cell, names = problem.cell, problem.cell.robot.joint_names
     low, high = np.minimum(problem.start, q), np.maximum(problem.start, q)
     for barrier in barriers(cell.robot, cell.tool.capsules):
@@ -127,8 +155,8 @@ def _barred(problem: ThrowProblem, q: Vector) -> Violation:
     raise AssertionError("no barrier lies between")
 
 
-def _reasons(problem: ThrowProblem, q: Vector, qd: Vector, excess: Vector, distance: Vector) -> list[Violation]:
-    """Returns what stands in the way of the state that comes nearest."""
+def _closest_violation(problem: ThrowProblem, q: Vector, qd: Vector, excess: Vector, distance: Vector) -> Violation:
+    """Returns the limit broken by the state closest to the limits: a joint's speed or a singularity distance."""
     limits, names = problem.limits, problem.cell.robot.joint_names
     usable = distance >= limits.singularity_distance_min
     if problem.ends_at_rest or usable.any():
@@ -136,22 +164,15 @@ def _reasons(problem: ThrowProblem, q: Vector, qd: Vector, excess: Vector, dista
         best = int(rows[excess[rows].argmin()])
         joint = int((np.abs(qd[best]) / limits.qd_max).argmax())
         speed, limit = float(abs(qd[best, joint])), float(limits.qd_max[joint])
-        return [Violation("joint_velocity", speed, limit, "rad/s", detail=f"{names[joint]} at the release")]
-    best = int(distance.argmax())
-    distances = np.abs(signed_singularity_distances(problem.cell.robot, q[best]))
-    name, value = SINGULARITIES[int(distances.argmin())], distances.min()
-    return [
-        Violation(
-            "singularity_distance",
-            float(value),
-            limits.singularity_distance_min,
-            "1",
-            detail=f"{name} singularity at the release",
-        )
-    ]
+        return Violation("joint_velocity", speed, limit, "rad/s", detail=f"{names[joint]} at the release")
+    distances = np.abs(signed_singularity_distances(problem.cell.robot, q[int(distance.argmax())]))
+    detail = f"{SINGULARITIES[int(distances.argmin())]} singularity at the release"
+    limit = limits.singularity_distance_min
+    return Violation("singularity_distance", float(distances.min()), limit, "1", detail=detail)
 
 
-def _refuse_joint_state(problem: ThrowProblem, release: JointRelease) -> None:
+def _check_joint_positions(problem: ThrowProblem, release: JointRelease) -> None:
+    """Raises `Infeasible` with every joint position that is outside its limits."""
     limits, names = problem.limits, problem.cell.robot.joint_names
     violations = []
     for i in range(6):
@@ -164,38 +185,36 @@ def _refuse_joint_state(problem: ThrowProblem, release: JointRelease) -> None:
 
 
 def _pose_states(problem: ThrowProblem, release: PoseRelease) -> tuple[Vector, Vector]:
-    """Returns joint states (n, 6) of every branch and turn that reach pose and twist.
+    """Returns the joint states (n, 6) of every branch and turn that have the pose and the twist.
 
     Raises:
-        Infeasible: out of reach, or no branch inside the joint limits.
+        Infeasible: the pose is out of reach, or no branch is inside the joint limits.
     """
     cell, limits = problem.cell, problem.limits
     X_BT = invert_pose(cell.X_WB) @ release.X_WT
     found = inverse(cell.robot, X_BT, cell.tool.X_FT, limits.q_lower, limits.q_upper)
     if found.reach_excess_m > 0.0:
-        raise Infeasible([reach_violation(found.reach_excess_m, problem, release.X_WT[:3, 3])])
+        raise Infeasible([_reach_violation(problem, release.X_WT[:3, 3], found.reach_excess_m)])
     if len(found.q) == 0:
-        raise Infeasible([_nearest_joint_limit(problem, X_BT)])
+        raise Infeasible([_joint_limit_violation(problem, X_BT)])
     R_BW = cell.X_WB[:3, :3].T
     V_BT = np.concatenate([R_BW @ release.V_WT[:3], R_BW @ release.V_WT[3:]])
     distance = singularity_distances(cell.robot, found.q).minimum
     usable = distance > 1e-6
     if not usable.any():
-        qd = np.zeros_like(found.q)
-        return found.q, qd
+        return found.q, np.zeros_like(found.q)
     q = found.q[usable]
     return q, inverse_velocity(jacobian(cell.robot, q, cell.tool.X_FT), V_BT)
 
 
-def reach_violation(excess_m: float, problem: ThrowProblem, p_W: Vector) -> Violation:
-    """Returns the violation of a place `excess_m` beyond what the arm reaches."""
-    p_B = problem.cell.X_WB[:3, :3].T @ (p_W - problem.cell.X_WB[:3, 3])
-    away = float(np.linalg.norm(p_B))
-    return Violation("reach", away, away - excess_m, "m", detail="distance from the arm's base")
+def _reach_violation(problem: ThrowProblem, p_W: Vector, excess_m: float) -> Violation:
+    """Returns the violation by a position (3,) that is `excess_m` beyond the arm's reach."""
+    distance = float(np.linalg.norm(p_W - problem.cell.X_WB[:3, 3]))
+    return Violation("reach", distance, distance - excess_m, "m", detail="distance from the arm's base")
 
 
-def _nearest_joint_limit(problem: ThrowProblem, X_BT: Vector) -> Violation:
-    """Returns by how much the most lenient branch misses the joint limits."""
+def _joint_limit_violation(problem: ThrowProblem, X_BT: Vector) -> Violation:
+    """Returns the joint limit broken by the branch closest to the limits."""
     cell, limits = problem.cell, problem.limits
     robot = cell.robot
     anywhere = inverse(robot, X_BT, cell.tool.X_FT, robot.q_lower, robot.q_upper).q

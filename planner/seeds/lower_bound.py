@@ -1,4 +1,4 @@
-"""How soon a joint can be somewhere at speed, whatever the others do: the bound that ranks candidates.
+"""Per-joint lower bound on the launch time; ranks candidates.
 
 Source: time-optimal control of a double integrator with bounded acceleration and velocity (Pontryagin; e.g. Biagiotti
 and Melchiorri, Trajectory Planning for Automatic Machines and Robots, Springer 2008, section 3.2).
@@ -15,9 +15,14 @@ Vector = NDArray[np.float64]
 
 
 def least_time(distance: Vector, qd: Vector, limits: Limits) -> Vector:
-    """Returns the least time (...,) [s] from rest over `distance` (..., n) [rad] to velocity `qd` (..., n) [rad/s].
+    """Returns a lower bound (...,) [s] on the time from rest over `distance` to the velocity `qd`.
 
-    The largest over the joints of each joint's own least time with unbounded jerk: no launch can be shorter.
+    The maximum over the joints of each joint's own least time with unbounded jerk.
+
+    Args:
+        distance: joint distances (..., n) [rad].
+        qd: joint velocities (..., n) at the end [rad/s].
+        limits: of velocity and acceleration.
     """
     v_max, a_max = limits.qd_max, limits.qdd_max
     turn = np.where(distance >= qd * np.abs(qd) / (2.0 * a_max), 1.0, -1.0)

@@ -1,9 +1,12 @@
-"""Release states for releases that leave something free, drawn from a fixed quasi-random sequence.
+"""Joint states for releases that leave something free, drawn from a fixed quasi-random sequence.
 
-A `point` leaves the tool's orientation and turning free; a `target` leaves place, direction and speed free too.
+A `point` leaves the tool's orientation and angular velocity free; a `target` leaves the release position, the direction
+and the speed free, too.
 """
 
 from __future__ import annotations
+
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,40 +14,42 @@ from numpy.typing import NDArray
 from planner.cell import Limits
 from planner.errors import Infeasible, Violation
 from planner.flight import launch_velocity, least_speed
-from planner.kinematics import forward, inverse_branches, jacobian, singularity_distances
+from planner.geometry import tool_pose
+from planner.kinematics import inverse_branches, jacobian, singularity_distances
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose, quaternion_to_matrix
 from planner.seeds.lower_bound import least_time
-from planner.seeds.quasi_random import offsets, quaternions
-from planner.seeds.velocity_allocation import spread_velocity
+from planner.seeds.velocity_allocation import allocate_velocity
 
 Vector = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-ORIENTATIONS = 96  # of the tool tried at a point
-MORE_ORIENTATIONS, FEW_POSTURES = 1024, 24  # tried where the first lead to so few postures: narrow joint limits
-PLACES = 1024  # joint states tried for a target
-KEPT = 48  # of them, the soonest, kept apart from one another
-APART_RAD = 0.35  # two kept states differ by this in some joint
-PORTION = 64  # states compared with one another at once
-TOO_FAST_S = 1e3  # [s] for a joint at its largest speed: every state that is too fast comes after all others
-FLIGHT_STRETCH = (1.0, 0.8, 1.25, 0.6)  # flight times tried, as shares of the slowest throw's
+ORIENTATIONS = 96  # tool orientations tried at a point
+MORE_ORIENTATIONS, FEW_POSTURES = 1024, 24  # tried instead where those give fewer postures: narrow joint limits
+POSTURES = 1024  # joint states tried for a target
+STATES_MAX = 48  # states kept, those of the least lower bound that are apart from one another
+APART_RAD = 0.35  # [rad] least difference of two kept states in some joint
+BATCH = 64  # states compared with one another at once
+TOO_FAST_S = 1e3  # [s] penalty per multiple of a speed limit: every state that is too fast comes after all others
+SPREAD_RAD = np.array([np.pi, 1.8, 1.8, 2.2, 2.2, np.pi])  # [rad] farthest joint states from the start
+FLIGHT_TIMES = (1.0, 0.8, 1.25, 0.6)  # [-] flight times tried, relative to that of the slowest throw
 
 
 def point_states(problem: ThrowProblem, release: PointRelease) -> tuple[Vector, Vector]:
-    """Returns joint states (n, 6) at the point with its velocity, for orientations all round.
+    """Returns joint states (n, 6) that have the point's position and velocity, in evenly spread orientations.
 
     Raises:
-        Infeasible: no orientation brings the tool there.
+        Infeasible: no posture reaches the point.
     """
     q = _postures(problem, release.p_WT)
-    qd = spread_velocity(tool_jacobian(problem, q), problem.cell.X_WB[:3, :3].T @ release.v_WT, problem.limits.qd_max)
+    R_BW = problem.cell.X_WB[:3, :3].T
+    qd = allocate_velocity(tool_jacobian(problem, q), R_BW @ release.v_WT, problem.limits.qd_max)
     rows = _soonest(problem, q, qd)
     return q[rows], qd[rows]
 
 
 def _postures(problem: ThrowProblem, p_WT: Vector) -> Vector:
-    """Returns joint positions (n, 6) that bring the tool to a place, in orientations all round.
+    """Returns postures (n, 6) with the tool at `p_WT` (3,), in evenly spread orientations.
 
     Raises:
         Infeasible: there are none.
@@ -60,64 +65,63 @@ def _postures(problem: ThrowProblem, p_WT: Vector) -> Vector:
 
 def _postures_in(problem: ThrowProblem, p_WT: Vector, orientations: int) -> Vector:
     X_WT = np.tile(np.eye(4), (orientations, 1, 1))
-    X_WT[:, :3, :3] = quaternion_to_matrix(quaternions(orientations))
+    X_WT[:, :3, :3] = quaternion_to_matrix(_quaternions(orientations))
     X_WT[:, :3, 3] = p_WT
     cell = problem.cell
     branches, _ = inverse_branches(cell.robot, invert_pose(cell.X_WB) @ X_WT, cell.tool.X_FT)
-    q = _within(problem, branches)
+    q = _within_limits(problem.reachable, problem.start, branches.reshape(-1, 6))
     return q[singularity_distances(cell.robot, q).minimum >= problem.limits.singularity_distance_min]
 
 
 def target_states(problem: ThrowProblem, release: TargetRelease) -> tuple[Vector, Vector]:
-    """Returns joint states (n, 6) from which free flight hits the target within the bounds asked for.
+    """Returns joint states (n, 6) whose free flight hits the target within the requested bounds.
 
     Raises:
-        Infeasible: no state was found whose flight hits.
+        Infeasible: there are none.
     """
     if release.release_position is not None:
         q = _postures(problem, release.release_position)
         return _flights(problem, release, q, np.broadcast_to(release.release_position, (len(q), 3)))
     limits = problem.reachable
     centre = np.clip(problem.start, limits.q_lower, limits.q_upper)
-    q = np.clip(centre + offsets(PLACES), limits.q_lower, limits.q_upper)
-    cell = problem.cell
-    p = (cell.X_WB @ forward(cell.robot, q, cell.tool.X_FT))[:, :3, 3]
-    away = np.linalg.norm((p - release.p_W)[:, :2], axis=1)
-    allowed = (away >= release.min_horizontal_distance_m) & _inside(problem, p)
-    allowed &= singularity_distances(cell.robot, q).minimum >= limits.singularity_distance_min
+    q = np.clip(centre + _offsets(POSTURES), limits.q_lower, limits.q_upper)
+    p = tool_pose(problem.cell, q)[:, :3, 3]
+    distance = np.linalg.norm((p - release.p_W)[:, :2], axis=1)
+    allowed = (distance >= release.min_horizontal_distance_m) & _inside(problem, p)
+    allowed &= singularity_distances(problem.cell.robot, q).minimum >= limits.singularity_distance_min
     q, p = q[allowed], p[allowed]
     return _flights(problem, release, q, p)
 
 
 def _flights(problem: ThrowProblem, release: TargetRelease, q: Vector, p: Vector) -> tuple[Vector, Vector]:
-    """Returns for postures q (n, 6) at places p (n, 3) those joint states whose flights obey the bounds.
+    """Returns, for postures q (n, 6) with the tool at p (n, 3), the joint states whose flights keep the bounds.
 
     Raises:
         Infeasible: there are none.
     """
-    slowest = np.sqrt(2.0 * np.linalg.norm(release.p_W - p, axis=1) / problem.gravity)
-    t = np.outer(FLIGHT_STRETCH, slowest)
+    slowest_s = np.sqrt(2.0 * np.linalg.norm(release.p_W - p, axis=1) / problem.gravity)
+    t = np.outer(FLIGHT_TIMES, slowest_s)
     v = launch_velocity(p, release.p_W, t, problem.gravity)
     ok = _allowed_velocity(release, v) & (v[..., 2] < problem.gravity * t)
     if not ok.any():
         raise Infeasible([_no_flight(problem, release, p)])
     J, R_BW = tool_jacobian(problem, q), problem.cell.X_WB[:3, :3].T
-    qd = spread_velocity(J, v @ R_BW.T, problem.limits.qd_max, ok)
-    stretch = _best_of_place(problem, q, qd, ok)
-    flown = np.flatnonzero(ok.any(axis=0))
-    qd = qd[stretch[flown], flown]
-    rows = _soonest(problem, q[flown], qd)
-    kept, qd = flown[rows], qd[rows]
+    qd = allocate_velocity(J, v @ R_BW.T, problem.limits.qd_max, ok)
+    best = _best_flight(problem, q, qd, ok)
+    postures = np.flatnonzero(ok.any(axis=0))
+    qd = qd[best[postures], postures]
+    rows = _soonest(problem, q[postures], qd)
+    kept, qd = postures[rows], qd[rows]
     if problem.drag <= 0.0:
         return q[kept], qd
-    v = launch_velocity(p[kept], release.p_W, t[stretch[kept], kept], problem.gravity, problem.drag)
+    v = launch_velocity(p[kept], release.p_W, t[best[kept], kept], problem.gravity, problem.drag)
     hits = np.isfinite(v).all(axis=1) & _allowed_velocity(release, v)
     kept, v = kept[hits], v[hits]
-    return q[kept], spread_velocity(J[kept], v @ R_BW.T, problem.limits.qd_max)
+    return q[kept], allocate_velocity(J[kept], v @ R_BW.T, problem.limits.qd_max)
 
 
-def _best_of_place(problem: ThrowProblem, q: Vector, qd: Vector, ok: Mask) -> NDArray[np.intp]:
-    """Returns which of the flights qd (k, n, 6) of every posture q (n, 6) is soonest, or least too fast."""
+def _best_flight(problem: ThrowProblem, q: Vector, qd: Vector, ok: Mask) -> NDArray[np.intp]:
+    """Returns which of the flights qd (k, n, 6) of every posture (n, 6) is soonest, or exceeds its limits least."""
     excess = np.max(np.abs(qd) / problem.limits.qd_max, axis=-1)
     bound = least_time(q - problem.start, qd, problem.limits)
     penalty = np.where(excess <= 1.0, bound, TOO_FAST_S * excess)
@@ -125,11 +129,12 @@ def _best_of_place(problem: ThrowProblem, q: Vector, qd: Vector, ok: Mask) -> ND
 
 
 def tool_jacobian(problem: ThrowProblem, q: Vector) -> Vector:
-    """Returns the tool's linear Jacobian in the base (n, 3, 6) [m/rad]."""
+    """Returns the linear Jacobian (n, 3, 6) [m/rad] of the tool centre, in the base frame."""
     return jacobian(problem.cell.robot, q, problem.cell.tool.X_FT)[:, :3, :]
 
 
 def _allowed_velocity(release: TargetRelease, v: Vector) -> Mask:
+    """Returns the mask of the release velocities (..., 3) within the requested speed and elevations."""
     speed = np.linalg.norm(v, axis=-1)
     elevation = np.arctan2(v[..., 2], np.hypot(v[..., 0], v[..., 1]))
     return (
@@ -140,50 +145,41 @@ def _allowed_velocity(release: TargetRelease, v: Vector) -> Mask:
 
 
 def _soonest(problem: ThrowProblem, q: Vector, qd: Vector) -> NDArray[np.intp]:
-    """Returns the rows of the KEPT states of least bound that differ from one another; of too fast ones if all are."""
+    """Returns the rows of up to `STATES_MAX` distinct states of least lower bound; if all are too fast, the slowest."""
     excess = np.max(np.abs(qd) / problem.limits.qd_max, axis=1)
     usable = np.flatnonzero(excess <= 1.0)
     if len(usable) == 0:
-        return np.argsort(excess, kind="stable")[:KEPT]
+        return np.argsort(excess, kind="stable")[:STATES_MAX]
     bound = least_time(q[usable] - problem.start, qd[usable], problem.limits)
     order = usable[np.argsort(bound, kind="stable")]
     return order[_apart(q[order])]
 
 
 def _apart(q: Vector) -> NDArray[np.intp]:
-    """Returns the first KEPT of the rows of `q` (n, 6) that differ from all rows kept before them.
-
-    In portions: where one posture is like the next, hundreds are looked at for a few dozen.
-    """
+    """Returns the first `STATES_MAX` rows of `q` (n, 6) that are apart from every row kept before them."""
     kept: list[int] = []
-    for begin in range(0, len(q), PORTION):
-        here = q[begin : begin + PORTION]
-        free = np.asarray(_differ(here, q[kept]).all(axis=1))
-        apart = _differ(here, here)
-        for i in range(len(here)):
+    for begin in range(0, len(q), BATCH):
+        batch = q[begin : begin + BATCH]
+        free = np.asarray(_differ(batch, q[kept]).all(axis=1))
+        apart = _differ(batch, batch)
+        for i in range(len(batch)):
             if free[i]:
                 kept.append(begin + i)
                 free &= apart[i]
-        if len(kept) >= KEPT:
+        if len(kept) >= STATES_MAX:
             break
-    return np.array(kept[:KEPT], dtype=np.intp)
+    return np.array(kept[:STATES_MAX], dtype=np.intp)
 
 
 def _differ(a: Vector, b: Vector) -> Mask:
-    """Returns whether rows of a (n, 6) and b (m, 6) differ (n, m)."""
+    """Returns the mask (n, m) of rows of `a` (n, 6) and `b` (m, 6) that are apart."""
     return np.asarray((np.abs(a[:, None] - b) > APART_RAD).any(axis=2))
 
 
-def _within(problem: ThrowProblem, q: Vector) -> Vector:
-    """Returns those of the inverse kinematics' branches (m, 8, 6), in every turn, that lie within the limits (n, 6)."""
-    q = q.reshape(-1, 6)
-    q = q[np.isfinite(q).all(axis=1)]
-    return _turned_into(problem.reachable, problem.start, q)
-
-
-def _turned_into(limits: Limits, start: Vector, q: Vector) -> Vector:
-    """Returns `q` (n, 6) with every joint turned by whole turns next to `start`, those within the limits only."""
+def _within_limits(limits: Limits, start: Vector, q: Vector) -> Vector:
+    """Returns the finite postures of `q` (m, 6), each joint turned next to `start`, that are within the limits."""
     turn = 2.0 * np.pi
+    q = q[np.isfinite(q).all(axis=1)]
     q = q + turn * np.round((start - q) / turn)
     q = np.where(q > limits.q_upper, q - turn, q)
     q = np.where(q < limits.q_lower, q + turn, q)
@@ -191,6 +187,7 @@ def _turned_into(limits: Limits, start: Vector, q: Vector) -> Vector:
 
 
 def _inside(problem: ThrowProblem, p: Vector) -> Mask:
+    """Returns the mask of the positions (n, 3) above the floor, inside every keep-in and outside every keep-out box."""
     around = problem.cell.surroundings
     ok = p[:, 2] > around.floor_z_m + around.clearance_m + problem.cell.object.radius_m
     for box in around.keep_in:
@@ -201,36 +198,61 @@ def _inside(problem: ThrowProblem, p: Vector) -> Mask:
 
 
 def _unreachable(problem: ThrowProblem, p_W: Vector) -> Violation:
-    cell = problem.cell
-    p_B = cell.X_WB[:3, :3].T @ (p_W - cell.X_WB[:3, 3])
-    away, reach = float(np.linalg.norm(p_B)), farthest_reach(problem)
-    if away > reach:
-        return Violation("reach", away, reach, "m", detail="distance from the arm's base")
-    return Violation(
-        "joint_position", away, reach, "m", detail="no posture within the joint limits brings the tool there"
-    )
+    """Returns why no posture has the tool at a position (3,): its distance, or the joint limits."""
+    distance, reach = float(np.linalg.norm(p_W - problem.cell.X_WB[:3, 3])), farthest_reach(problem)
+    if distance > reach:
+        return Violation("reach", distance, reach, "m", detail="distance from the arm's base")
+    detail = "no posture within the joint limits brings the tool there"
+    return Violation("joint_position", distance, reach, "m", detail=detail)
 
 
 def farthest_reach(problem: ThrowProblem) -> float:
-    """Returns how far from the base no point of the tool can be [m]: the sum of all link lengths and the tool's."""
+    """Returns an upper bound on the tool centre's distance from the base [m]: the sum of all link lengths."""
     robot = problem.cell.robot
     return float(np.hypot(robot.a, robot.d).sum() + np.linalg.norm(problem.cell.tool.X_FT[:3, 3]))
 
 
 def _no_flight(problem: ThrowProblem, release: TargetRelease, p: Vector) -> Violation:
+    """Returns why no flight from the positions (n, 3) hits the target: there is none, or it takes too much speed."""
     if len(p) == 0:
-        return Violation(
-            "release_position",
-            0.0,
-            release.min_horizontal_distance_m,
-            "m",
-            detail="no release place obeys keep-in boxes, floor and distance to the target",
-        )
+        least = release.min_horizontal_distance_m
+        detail = "no release position obeys keep-in boxes, floor and distance to the target"
+        return Violation("release_position", 0.0, least, "m", detail=detail)
     speed = float(least_speed(p, release.p_W, problem.gravity).min())
-    return Violation(
-        "release_velocity",
-        speed,
-        release.max_speed_m_s,
-        "m/s",
-        detail="least speed that hits the target within the elevations asked for",
+    detail = "least speed that hits the target within the requested elevations"
+    return Violation("release_velocity", speed, release.max_speed_m_s, "m/s", detail=detail)
+
+
+@cache
+def _halton(count: int, dimension: int) -> Vector:
+    """Returns a Halton sequence (count, dimension) in (0, 1).
+
+    Source: Halton 1960, doi 10.1007/BF01386213.
+    """
+    primes = (2, 3, 5, 7, 11, 13)[:dimension]
+    columns = []
+    for prime in primes:
+        index, value, scale = np.arange(1, count + 1), np.zeros(count), 1.0 / prime
+        while index.any():
+            value += scale * (index % prime)
+            index, scale = index // prime, scale / prime
+        columns.append(value)
+    points = np.stack(columns, axis=1)
+    points.setflags(write=False)
+    return points
+
+
+def _quaternions(count: int) -> Vector:
+    """Returns evenly spread unit quaternions (count, 4). Source: Shoemake, Graphics Gems III (1992), p. 124."""
+    u = _halton(count, 3)
+    angle_1, angle_2 = 2.0 * np.pi * u[:, 1], 2.0 * np.pi * u[:, 2]
+    low, high = np.sqrt(1.0 - u[:, 0]), np.sqrt(u[:, 0])
+    return np.stack(
+        [low * np.sin(angle_1), low * np.cos(angle_1), high * np.sin(angle_2), high * np.cos(angle_2)], axis=1
     )
+
+
+def _offsets(count: int) -> Vector:
+    """Returns joint offsets (count, 6) [rad], denser near zero: the soonest throws are close to the start."""
+    u = 2.0 * _halton(count, 6) - 1.0
+    return SPREAD_RAD * np.sign(u) * np.abs(u) ** 1.5

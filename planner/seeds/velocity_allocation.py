@@ -1,7 +1,7 @@
-"""Spreading a tool velocity over the joints that can bear it.
+"""Allocation of a tool velocity to the joints, within their speed limits.
 
-Three rows of a Jacobian leave three joint velocities free: the least ones, weighed by what each joint can do, and where
-that is too much for one of them, the ones whose largest share of a limit is small.
+The linear velocity fixes three of six degrees of freedom. The solution is the least-norm one, weighted by the joints'
+speed limits; where that exceeds a limit, one with a smaller maximum share of the limits.
 """
 
 from __future__ import annotations
@@ -11,40 +11,40 @@ from numpy.typing import NDArray
 
 Vector = NDArray[np.float64]
 
-TAMED_EXCESS = 1.5  # [-] the maximum norm is seldom smaller than the 2-norm's largest share by more
-TAMED_MAX = 300  # states for which the smaller norm is sought
-SHARE_FLOOR = 0.1  # [-] of the largest share; smaller ones would weigh without bound
-GRAM_FLOOR = 1e-13  # [-] keeps a singular posture solvable; moves a velocity by less than 1e-9 where it matters
-TAMING_NORMS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 8.0, 8.0)
+REDUCIBLE_EXCESS = 1.5  # [-] times a limit; the maximum norm seldom reduces the largest share by a greater factor
+REDUCED_MAX = 300  # states whose largest share is reduced
+SHARE_FLOOR = 0.1  # [-] of the largest share; smaller ones would be weighted without bound
+GRAM_FLOOR = 1e-13  # [-] keeps a singular posture solvable; changes velocities by less than 1e-9 elsewhere
+NORMS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 8.0, 8.0)  # p of the p-norms on the way from the 2-norm to the maximum norm
 
 
-def spread_velocity(J: Vector, v: Vector, qd_max: Vector, wanted: NDArray[np.bool_] | None = None) -> Vector:
+def allocate_velocity(J: Vector, v: Vector, qd_max: Vector, wanted: NDArray[np.bool_] | None = None) -> Vector:
     """Returns joint velocities (..., n, 6) [rad/s] for tool velocities `v` (..., n, 3) [m/s].
 
-    Least squares weighted with qd_max^2; where that exceeds a limit by less than `TAMED_EXCESS`, the largest share of
-    a limit is made smaller by going from the 2-norm towards the maximum norm.
+    Least squares weighted with qd_max^2; where that exceeds a limit by a factor below `REDUCIBLE_EXCESS`, the largest
+    share of a limit is reduced by going from the 2-norm towards the maximum norm.
 
     Args:
-        J: linear Jacobians (n, 3, 6), in the frame of `v` [m/rad].
-        v: may have leading dimensions that `J` has not.
-        qd_max: (6,) [rad/s].
-        wanted: which rows (..., n) count; the others are not tamed.
+        J: linear Jacobians (n, 3, 6) in the frame of `v` [m/rad].
+        v: tool velocities; may have leading dimensions that `J` lacks.
+        qd_max: speed limits (6,) [rad/s].
+        wanted: mask (..., n) of the rows to be reduced; None: all.
     """
     weight = qd_max**2
     v = np.broadcast_to(v, np.broadcast_shapes(v.shape, J.shape[:-1]))
     qd = _weighted(J, weight, v)
     excess = np.max(np.abs(qd) / qd_max, axis=-1)
-    over = (excess > 1.0) & (excess < TAMED_EXCESS) & (True if wanted is None else wanted)
+    over = (excess > 1.0) & (excess < REDUCIBLE_EXCESS) & (True if wanted is None else wanted)
     rows = np.flatnonzero(over)
-    rows = np.unravel_index(rows[np.argsort(excess.ravel()[rows], kind="stable")][:TAMED_MAX], excess.shape)
+    rows = np.unravel_index(rows[np.argsort(excess.ravel()[rows], kind="stable")][:REDUCED_MAX], excess.shape)
     qd[rows] = _towards_maximum_norm(J[rows[-1]], weight, v[rows], qd[rows], qd_max)
     return qd
 
 
 def _weighted(J: Vector, weight: Vector, v: Vector) -> Vector:
-    """Returns the least-norm joint velocities (..., 6): W J^T (J W J^T)^-1 v for weights (..., 6).
+    """Returns the weighted least-norm joint velocities (..., 6): W J^T (J W J^T)^-1 v for weights (..., 6).
 
-    By Cramer's rule: a hundred-fold faster over thousands of states than a general solver, and as good for 3 rows.
+    By Cramer's rule: for three rows as accurate as a general solver, and far faster over thousands of states.
     """
     x, y, z = (J[..., i, :] for i in range(3))
     wx, wy, wz = weight * x, weight * y, weight * z
@@ -65,8 +65,11 @@ def _dot(a: Vector, b: Vector) -> Vector:
 
 
 def _towards_maximum_norm(J: Vector, weight: Vector, v: Vector, qd: Vector, qd_max: Vector) -> Vector:
-    """Iteratively reweighted least squares, damped. Source: Burrus, Iterative Reweighted Least Squares, 2012."""
-    for p in TAMING_NORMS:
+    """Returns `qd` after damped iteratively reweighted least squares.
+
+    Source: Burrus, Iterative Reweighted Least Squares, 2012.
+    """
+    for p in NORMS:
         share = np.abs(qd) / qd_max
         share = np.maximum(share / share.max(axis=1, keepdims=True), SHARE_FLOOR)
         step = _weighted(J, weight * share ** (2.0 - p), v)

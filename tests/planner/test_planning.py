@@ -11,9 +11,8 @@ from planner.errors import Infeasible
 from planner.planning import plan
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease
 from planner.request import problem_from_request
-from planner.search.auto import by_launch_time, optimised
-from planner.search.incumbent import Search
-from planner.seeds.candidates import candidates
+from planner.search import POLICY, PlanningSearch, search_optimised
+from planner.seeds import candidates
 from tests.planner.problems import cell, feasible_states, joint_problem, pose_problem
 
 RANDOM_POSES = 500
@@ -50,8 +49,8 @@ def test_a_slow_throw_is_sought_from_further_seeds(target, window_s, tolerance_m
     problem = joint_problem(
         "ur5-sim", release=release, release_window_s=window_s, landing_tolerance_m=tolerance_m, backend="casadi"
     )
-    first = Search(problem, time.perf_counter() + 10.0)
-    optimised(first, by_launch_time(problem, candidates(problem))[:1], with_ruckig=False)
+    first = PlanningSearch(problem, time.perf_counter() + 10.0)
+    search_optimised(first, candidates(problem), [stage for stage in POLICY if stage.purpose == "soonest seeds"])
     answer = plan(problem)
     assert any("slow" in attempt.result for attempt in answer.attempts)
     assert answer.trajectory.release_time_s < 0.75 * first.release_time_s

@@ -1,71 +1,130 @@
-"""The optimal control back end: two phases, stages of free length, exact integration of constant jerk.
+"""The optimal control back end: launch and brake of least time next to a candidate. See docs/optimal-control.md.
 
-casadi is imported with the first use. The formulation is in docs/optimal-control.md.
+A solve goes from module to module: symbols (formulas) and transcription (assembled once per process), then instance,
+solver and answer. casadi is imported with the first use.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Literal
 
-from planner.backends.casadi_nlp.guess import Guess
-from planner.backends.casadi_nlp.margins import CLOSE, Margins, far_off
-from planner.errors import BackendUnavailable
+from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, FailedCheck, Margins, too_coarse
+from planner.errors import BackendUnavailable, SolverFailed
 from planner.problem import ThrowProblem
-from planner.seeds.candidates import Candidate
+from planner.seeds.candidates import Seed
 from planner.solution import Solution
 
-__all__ = ["CLOSE", "Guess", "Margins", "far_off", "solve", "warm"]
+__all__ = [
+    "DEFAULT_MARGINS",
+    "ITERATION_BUDGET",
+    "FailedCheck",
+    "Margins",
+    "SolveOptions",
+    "build_solvers",
+    "solve",
+    "too_coarse",
+    "warm",
+]
+
+ITERATION_BUDGET = 1000  # [-] four times the most that one solve of 1000 measured problems took
 
 
-def solve(
-    problem: ThrowProblem,
-    candidate: Candidate,
-    warm_start: Guess | None,
-    deadline_s: float,
-    margins: Margins = CLOSE,
-    fine: bool = False,
-    stubborn: bool = False,
-) -> Solution:
+@dataclass(frozen=True)
+class SolveOptions:
+    """Options of a solve.
+
+    Attributes:
+        margins: on every limit; wider ones after a certificate's failed checks.
+        resolution: "fine" takes more stages, and includes every row from the beginning.
+        iteration_budget: no further solver call begins when the iterations of all calls reach it.
+        deadline_s: on `time.perf_counter`; no further solver call begins after it. None for no deadline.
+        with_ipopt: whether IPOPT is called where fatrop gives up.
+    """
+
+    margins: Margins = DEFAULT_MARGINS
+    resolution: Literal["coarse", "fine"] = "coarse"
+    iteration_budget: int = ITERATION_BUDGET
+    deadline_s: float | None = None
+    with_ipopt: bool = False
+
+
+def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOptions()) -> Solution:
     """Returns the motion of least release time next to a candidate.
 
     Args:
-        problem: what is asked.
-        candidate: where to begin; `joint` and `pose` are held to it.
-        warm_start: a motion to it, best Ruckig's; None: a plain one is made up.
-        deadline_s: on `time.perf_counter`, when to stop trying.
-        margins: kept free of what is only looked at on knots; wider ones for when a certificate has found fault.
-        fine: whether to take more stages, which are looked at more closely, and hold all rows at once.
-        stubborn: whether the slow second solver is asked where the first gives up.
+        problem: the problem.
+        seed: the candidate, which `joint` and `pose` releases are held to, and a motion through it.
+        options: margins, resolution and budgets.
 
     Raises:
-        SolverFailed: no motion was found in time.
+        SolverFailed: no motion was found within the budget.
         BackendUnavailable: casadi is not installed.
     """
-    _require()
-    from planner.backends.casadi_nlp import task
+    _require_casadi()
+    from planner.backends.casadi_nlp.answer import KnotStates, answer
+    from planner.backends.casadi_nlp.instance import Instance
+    from planner.backends.casadi_nlp.solver import Solver
 
-    return task.solve(problem, candidate, warm_start, deadline_s, margins, fine, stubborn)
+    instance = Instance.of(problem, seed, options.margins, options.resolution)
+    groups = frozenset(instance.stages.groups) if options.resolution == "fine" else options.margins.held
+    solver = Solver(options.iteration_budget, options.deadline_s, groups, options.with_ipopt)
+    if problem.is_robust and options.margins == DEFAULT_MARGINS:  # with others, the initial guess is a solution
+        # The throw without a window is a better initial guess; now and then only the other one leads to a solution.
+        nominal = replace(problem, release_window_s=0.0, landing_tolerance_m=0.0)
+        without_window = Instance.of(nominal, seed, options.margins)
+        try:
+            found = KnotStates.of(solver.solve(without_window), without_window.stages.launch)
+            close = instance.from_guess(found, landing_offsets=0.0)
+            return answer(close, solver.solve(close), solver)
+        except SolverFailed:
+            pass
+    return answer(instance, solver.solve(instance), solver)
 
 
-def warm(progress: Callable[[str, float], None] | None = None) -> bool:
-    """Compiles what has not been compiled, and builds the solvers of this process.
+def warm(progress: Callable[[str, float], None] = lambda _what, _share: None) -> bool:
+    """Compiles the functions unless that is done, and builds the solvers of this process.
 
     Args:
-        progress: is told what is being done, and the share done so far.
+        progress: called with the current step and the share done so far.
 
     Returns:
-        Whether compiled functions are in use; without a compiler the interpreted ones serve, several times slower.
+        Whether compiled functions are in use; without a compiler the interpreted ones are, several times slower.
 
     Raises:
         BackendUnavailable: casadi is not installed.
     """
-    _require()
-    from planner.backends.casadi_nlp import warming
+    _require_casadi()
+    from planner.backends.casadi_nlp import codegen
 
-    return warming.warm(progress or (lambda _what, _share: None))
+    progress("compiling", 0.0)
+    compiled = codegen.compile_blocks() is not None
+    build_solvers(lambda share: progress("building solvers", 0.9 + 0.1 * share))
+    progress("ready" if compiled else "no compiler: interpreted functions", 1.0)
+    return compiled
 
 
-def _require() -> None:
+def build_solvers(progress: Callable[[float], None] = lambda _share: None) -> None:
+    """Builds the common solvers of this process, with compiled functions if there are any; compiles nothing.
+
+    Args:
+        progress: called with the share done so far.
+
+    Raises:
+        BackendUnavailable: casadi is not installed.
+    """
+    _require_casadi()
+    from planner.backends.casadi_nlp.instance import common_layouts
+    from planner.backends.casadi_nlp.transcription import transcription
+
+    layouts = common_layouts()
+    for i, stages in enumerate(layouts):
+        progress(i / len(layouts))
+        transcription(stages)
+
+
+def _require_casadi() -> None:
     try:
         import casadi  # noqa: F401
     except ImportError as error:

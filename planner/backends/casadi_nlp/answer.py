@@ -1,29 +1,56 @@
-"""From a solution to a trajectory: the release made exact, and every jerk brought onto a tick."""
+"""Answer: from a solution to a trajectory on ticks, through the exact release."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.backends.casadi_nlp.layout import QD, QD_SCALE, QDD, QDD_SCALE, TIME, TIME_SCALE, Q
-from planner.backends.casadi_nlp.table import Shape
-from planner.problem import ThrowProblem
+from planner.backends.casadi_nlp.functions import evaluate
+from planner.backends.casadi_nlp.instance import Instance, drag_free_aim, release_parameters
+from planner.backends.casadi_nlp.layout import NZ, QD, QD_SCALE, QDD, QDD_SCALE, TIME, TIME_SCALE, Q
+from planner.backends.casadi_nlp.solver import Solver
+from planner.backends.casadi_nlp.symbols import RELEASE_ROWS
+from planner.errors import SolverFailed
+from planner.flight import landing_points
+from planner.geometry import tool_state
+from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.solution import Solution
 from planner.timing.grid import onto_grid
 from planner.trajectory import Trajectory, join
 
 Vector = NDArray[np.float64]
+States = Callable[[Vector], tuple[Vector, Vector, Vector]]
 
-SPARE = 0.2  # [ticks] beyond the least time: room for bringing jerks onto ticks
-LEAST_TICKS = 4  # of a phase: three are needed to reach an end state
-ROUNDING = 1e-8  # [-] share of a limit that floating point may exceed
+SPARE_TICKS = 0.2  # [ticks] beyond the least time: room for bringing jerks onto ticks
+LEAST_TICKS = 4  # [ticks] of a phase: three are needed to reach an end state
+EXTRA_TICKS = (1, 2, 3)  # [ticks] given to launch and brake where the least number breaks a limit
+LIMIT_ROUNDING = 1e-8  # [-] share of a limit that floating point may exceed
+DRAG_ROUNDS = 3  # corrections of the aim for drag; each leaves a tenth of the error or less
+REFINEMENT_ROUNDS = 6  # Newton iterations on the release state
+REFINED = 1e-9  # [m, m/s] residual at which they stop: a ten-thousandth of the certificate's tolerance
+MISSED = 0.05  # [m, m/s] a solution this far from its release has none
+WINDOW_ROUNDS = 3  # further solutions at most that bring the landings of a window back into the tolerance
+OVERCORRECTION = 1.5  # [-] of a landing error beyond the tolerance between two knots: correction at the knots
+SAMPLES_PER_STAGE = 4  # landings evaluated in each stage of the window, once the motion is on ticks
+USABLE_TOLERANCE = 0.99  # [-] of the landing tolerance: leaves the certificate something
+TINY_M = 1e-9  # [m] keeps a landing error away from zero
 
 
-@dataclass(frozen=True)
-class Knots:
-    """A solution's states: times (N + 1,) [s], q, qd, qdd (N + 1, 6); jerk is constant between them."""
+@dataclass(frozen=True, eq=False)
+class KnotStates:
+    """States of a solution at its knots; jerk is constant between them.
+
+    Attributes:
+        t: times (N + 1,) [s].
+        q: positions (N + 1, 6) [rad].
+        qd: velocities (N + 1, 6) [rad/s].
+        qdd: accelerations (N + 1, 6) [rad/s^2].
+        launch: the knot of the release.
+    """
 
     t: Vector
     q: Vector
@@ -31,17 +58,27 @@ class Knots:
     qdd: Vector
     launch: int
 
+    @staticmethod
+    def of(z: Vector, launch: int) -> KnotStates:
+        """Returns the states of the variables (N + 1, NZ)."""
+        return KnotStates(z[:, TIME] * TIME_SCALE, z[:, Q], z[:, QD] * QD_SCALE, z[:, QDD] * QDD_SCALE, launch)
+
     @property
-    def release_s(self) -> float:
-        """Time of the release [s]."""
+    def release_time_s(self) -> float:
+        """Release time [s]."""
         return float(self.t[self.launch])
+
+    @property
+    def duration_s(self) -> float:
+        """Time of standstill [s]."""
+        return float(self.t[-1])
 
     @property
     def brake_s(self) -> float:
         """Duration of the brake [s]."""
         return float(self.t[-1] - self.t[self.launch])
 
-    def at(self, t: Vector) -> tuple[Vector, Vector, Vector]:
+    def at(self, t: Vector, /) -> tuple[Vector, Vector, Vector]:
         """Returns q, qd, qdd (k, 6) at times `t` (k,) [s] within the motion."""
         i = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
         s = (t - self.t[i])[:, None]
@@ -50,51 +87,213 @@ class Knots:
         return q, self.qd[i] + s * (self.qdd[i] + s * jerk / 2.0), self.qdd[i] + s * jerk
 
 
-def knots(z: Vector, shape: Shape) -> Knots:
-    """Returns the states of the variables (N + 1, NZ)."""
-    return Knots(z[:, TIME] * TIME_SCALE, z[:, Q], z[:, QD] * QD_SCALE, z[:, QDD] * QDD_SCALE, shape.launch)
+def answer(instance: Instance, z: Vector, solver: Solver) -> Solution:
+    """Returns the solution's motion on ticks, with the landings of its release window within the tolerance.
 
-
-def whole_ticks(duration: float, dt: float) -> int:
-    """Returns the least number of ticks of `dt` that lasts `duration` [s], and a little more."""
-    return max(LEAST_TICKS, math.ceil(duration / dt + SPARE))
-
-
-def trajectory(
-    problem: ThrowProblem, found: Knots, release: tuple[Vector, Vector], ticks: tuple[int, int]
-) -> Trajectory:
-    """Returns the motion on whole ticks, through the release state exactly.
-
-    What a phase lacks to whole ticks is spent at rest: before the launch, and after the brake.
+    Bringing jerks onto ticks moves the landings, and between the knots nothing holds them. While one is beyond the
+    tolerance, the instance is solved again with the landing errors at the knots beside it increased by as much.
 
     Args:
-        problem: for its start, limits and tick.
+        instance: as it was solved.
+        z: variables of the solution (N + 1, NZ).
+        solver: for further solutions.
+
+    Raises:
+        SolverFailed: no tried number of ticks keeps the joint limits.
+    """
+    solution, excess = on_ticks(instance, z, solver), 0.0
+    for _ in range(WINDOW_ROUNDS if instance.problem.is_robust else 0):
+        made, found = solution.trajectory, KnotStates.of(z, instance.stages.launch)
+        errors = landing_errors_in_window(instance, made.at, made.release_time_s)
+        more = excess_at_knots(errors, instance.problem.landing_tolerance_m)
+        if not more.any() or not np.isfinite(more).all():
+            break
+        excess = excess + OVERCORRECTION * more
+        moved = errors - landing_errors_in_window(instance, found.at, found.release_time_s)
+        instance = instance.from_guess(found, landing_offsets=moved[::SAMPLES_PER_STAGE] + excess)
+        again = solver.try_solve(instance)
+        if again is None:
+            break
+        z, solution = again, on_ticks(instance, again, solver)
+    return solution
+
+
+def on_ticks(instance: Instance, z: Vector, solver: Solver) -> Solution:
+    """Returns the motion on whole ticks: as solved with a wait at rest, solved again for these times, or longer.
+
+    Raises:
+        SolverFailed: no tried number of ticks keeps the joint limits.
+    """
+    problem, found, status = instance.problem, KnotStates.of(z, instance.stages.launch), solver.status
+    brake = least_ticks(found.brake_s, problem.dt) if instance.stages.brake else 0
+    launch = least_ticks(found.release_time_s, problem.dt)
+    made, instance = _through_release(instance, found, (launch, brake))
+    if not _keeps_joint_limits(problem, made):
+        made = _solved_on_times(instance, z, solver, (launch, brake)) or made
+    for extra in EXTRA_TICKS:
+        if _keeps_joint_limits(problem, made):
+            break
+        made, _ = _through_release(instance, found, (launch + extra, brake + extra * bool(brake)))
+    if not _keeps_joint_limits(problem, made):
+        raise SolverFailed("the solution does not fit the ticks", solver.iterations)
+    return Solution(made, status, solver.iterations, solver.groups)
+
+
+def least_ticks(duration_s: float, dt: float) -> int:
+    """Returns the least number of ticks of `dt` [s] for a phase."""
+    return max(LEAST_TICKS, math.ceil(duration_s / dt + SPARE_TICKS))
+
+
+def _solved_on_times(instance: Instance, z: Vector, solver: Solver, ticks: tuple[int, int]) -> Trajectory | None:
+    """Returns the motion solved again with its times fixed to `ticks`, None if the solver gives up."""
+    dt = instance.problem.dt
+    instance = instance.on_times(z, ticks[0] * dt, sum(ticks) * dt)
+    again = solver.try_solve(instance)
+    if again is None:
+        return None
+    made, _ = _through_release(instance, KnotStates.of(again, instance.stages.launch), ticks)
+    return made
+
+
+def _through_release(instance: Instance, found: KnotStates, ticks: tuple[int, int]) -> tuple[Trajectory, Instance]:
+    """Returns the trajectory through the refined release, and the instance with the aim corrected for drag."""
+    problem, aim = instance.problem, instance.aim
+    state = (found.q[found.launch], found.qd[found.launch])
+    for _ in range(DRAG_ROUNDS if problem.drag > 0.0 else 1):
+        state = refined_release(instance, state, aim)
+        if isinstance(problem.release, TargetRelease):
+            tool = tool_state(problem.cell, *state)
+            aim = drag_free_aim(problem, problem.release.p_W, tool.p_WT, tool.v_WT)
+    if problem.drag > 0.0:
+        state = refined_release(instance, state, aim)
+    return _sampled_on_ticks(problem, found, state, ticks), replace(instance, aim=aim)
+
+
+def _sampled_on_ticks(
+    problem: ThrowProblem, found: KnotStates, release: tuple[Vector, Vector], ticks: tuple[int, int]
+) -> Trajectory:
+    """Returns the motion on whole ticks, exactly through the release state.
+
+    The remainder of a phase to whole ticks is spent at rest: before the launch, and after the brake.
+
+    Args:
+        problem: its start, limits and tick.
         found: the solution.
-        release: q and qd (6,), exact.
+        release: q and qd (6,), refined.
         ticks: of the launch and of the brake; 0 for a move that ends at rest.
     """
     dt, jerk_max, k = problem.dt, problem.limits.jerk_max, found.launch
     zero, (q, qd) = np.zeros(6), release
     launch, brake = found.t[: k + 1], found.t[k:] - found.t[k]
     wait = ticks[0] * dt - float(launch[-1])
-    acceleration = _sampled(launch, found.qdd[: k + 1], dt * np.arange(ticks[0] + 1, dtype=np.float64) - wait)
+    acceleration = _interpolated(launch, found.qdd[: k + 1], dt * np.arange(ticks[0] + 1, dtype=np.float64) - wait)
     state = (q, qd, zero if problem.ends_at_rest else found.qdd[k])
     head = onto_grid((problem.start, zero, zero), state, acceleration, dt, jerk_max)
     if problem.ends_at_rest:
         return join(head, tuple(x[-1:] for x in head), 1.0 / dt)  # pyright: ignore[reportArgumentType]
-    acceleration = _sampled(brake, found.qdd[k:], dt * np.arange(ticks[1] + 1, dtype=np.float64))
+    acceleration = _interpolated(brake, found.qdd[k:], dt * np.arange(ticks[1] + 1, dtype=np.float64))
     rest = q + found.q[-1] - found.q[k]
     tail = onto_grid(state, (rest, zero, zero), acceleration, dt, jerk_max)
     return join(head, tail, 1.0 / dt)
 
 
-def _sampled(t: Vector, qdd: Vector, when: Vector) -> Vector:
-    """Returns the accelerations (n, 6) at times `when` (n,) [s] of a phase from knots `t`: at rest outside it."""
-    return np.stack([np.interp(when, t, column) for column in qdd.T], axis=1)
+def _interpolated(t: Vector, qdd: Vector, times: Vector) -> Vector:
+    """Returns the accelerations (n, 6) at `times` (n,) [s] of a phase with knots `t`; at rest outside it."""
+    return np.stack([np.interp(times, t, column) for column in qdd.T], axis=1)
 
 
-def joints_within(problem: ThrowProblem, made: Trajectory) -> bool:
-    """Whether velocity, acceleration and jerk obey the problem's limits at the ticks."""
-    limits, room = problem.limits, 1.0 + ROUNDING
+def _keeps_joint_limits(problem: ThrowProblem, made: Trajectory) -> bool:
+    """Returns whether velocity, acceleration and jerk keep the problem's limits at the ticks."""
+    limits, room = problem.limits, 1.0 + LIMIT_ROUNDING
     pairs = ((made.qd, limits.qd_max), (made.qdd, limits.qdd_max), (made.jerk, limits.jerk_max))
     return all(bool((np.abs(values) <= limit * room).all()) for values, limit in pairs)
+
+
+def refined_release(instance: Instance, state: tuple[Vector, Vector], aim: Vector) -> tuple[Vector, Vector]:
+    """Returns the release state q, qd (6,) next to `state` that fulfils the request exactly.
+
+    A solver fulfils it to its tolerance, the certificate asks for more: Newton's iteration with the least change of
+    joint positions and scaled velocities.
+
+    Args:
+        instance: as it was solved.
+        state: q and qd (6,) of the solution.
+        aim: landing point of the drag-free flight (3,) [m].
+
+    Raises:
+        SolverFailed: the state is too far off.
+    """
+    problem = instance.problem
+    if isinstance(problem.release, JointRelease | PoseRelease):
+        return instance.candidate.q, instance.candidate.qd
+    slope = instance.transcription.blocks["release"].slope
+    parameters = np.concatenate([instance.shared_parameters["arm"], release_parameters(problem, aim)])
+    z = np.zeros(NZ)
+    z[Q], z[QD] = state[0], state[1] / QD_SCALE
+    for _ in range(REFINEMENT_ROUNDS):
+        rows, jacobian = evaluate(slope, z, parameters)
+        residual, gradient = _release_residual(problem, z, rows.ravel(), jacobian[:, :12])
+        if np.abs(residual).max() < REFINED:
+            break
+        if np.abs(residual).max() > MISSED:
+            raise SolverFailed("the solution misses its release")
+        z[:12] = z[:12] - np.linalg.lstsq(gradient, residual, rcond=None)[0]
+    return z[Q], z[QD] * QD_SCALE
+
+
+def _release_residual(problem: ThrowProblem, z: Vector, rows: Vector, jacobian: Vector) -> tuple[Vector, Vector]:
+    """Returns the residuals that must vanish (m,), and their Jacobian (m, 12) with respect to q and scaled qd.
+
+    Args:
+        problem: its release.
+        z: variables of the release's stage (NZ,).
+        rows: of `RELEASE_ROWS`.
+        jacobian: theirs, with respect to q and scaled qd.
+    """
+    release, at = problem.release, RELEASE_ROWS.slices
+    if isinstance(release, PointRelease):
+        position = rows[at["position"]] - release.p_WT
+        if problem.ends_at_rest:
+            return np.concatenate([position, z[QD]]), np.concatenate([jacobian[at["position"]], np.eye(12)[6:]])
+        velocity = rows[at["velocity"]] - release.v_WT
+        return np.concatenate([position, velocity]), np.concatenate(
+            [jacobian[at["position"]], jacobian[at["velocity"]]]
+        )
+    assert isinstance(release, TargetRelease)
+    if release.release_position is None:
+        return rows[at["landing"]], jacobian[at["landing"]]
+    position = rows[at["position"]] - release.release_position
+    return (
+        np.concatenate([rows[at["landing"]], position]),
+        np.concatenate([jacobian[at["landing"]], jacobian[at["position"]]]),
+    )
+
+
+def landing_errors_in_window(instance: Instance, states: States, release_s: float) -> Vector:
+    """Returns the landing errors of releases in the window, without drag (2 n SAMPLES_PER_STAGE + 1, 2) [m].
+
+    Args:
+        instance: its window of 2 n stages.
+        states: q, qd, qdd (k, 6) at times (k,) [s].
+        release_s: nominal release time on the same clock [s].
+    """
+    problem, around = instance.problem, instance.problem.release_window_s
+    count = 2 * SAMPLES_PER_STAGE * instance.stages.window + 1
+    q, qd, _ = states(release_s + np.linspace(-around, around, count))
+    tool = tool_state(problem.cell, q, qd)
+    landed = landing_points(tool.p_WT, tool.v_WT, problem.plane_z, problem.gravity)[:, :2]
+    return landed - landed[len(landed) // 2]
+
+
+def excess_at_knots(errors: Vector, tolerance_m: float) -> Vector:
+    """Returns the landing error beyond the tolerance next to each of the window's knots (2 n + 1, 2) [m].
+
+    Args:
+        errors: of `landing_errors_in_window`.
+        tolerance_m: of the landing.
+    """
+    size = np.linalg.norm(errors, axis=1)
+    over = errors * np.maximum(1.0 - USABLE_TOLERANCE * tolerance_m / np.maximum(size, TINY_M), 0.0)[:, None]
+    starts = range(0, len(errors), SAMPLES_PER_STAGE)
+    nearby = [slice(max(i - SAMPLES_PER_STAGE + 1, 0), i + SAMPLES_PER_STAGE) for i in starts]
+    return np.array([over[rows][size[rows].argmax()] for rows in nearby])

@@ -1,14 +1,12 @@
-"""Bounds on variables and rows, and the first guess: what makes one assembled problem this request's."""
+"""Bounds on the variables and rows of one instance."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.backends.casadi_nlp import throw
 from planner.backends.casadi_nlp.layout import (
     JERK,
     JERK_SCALE,
@@ -23,162 +21,209 @@ from planner.backends.casadi_nlp.layout import (
     TIME_SCALE,
     Q,
 )
-from planner.backends.casadi_nlp.margins import LOCAL, Spot
-from planner.backends.casadi_nlp.table import WATCHED, Table
+from planner.backends.casadi_nlp.margins import LOCAL_CHECKS, LocalMargin
+from planner.backends.casadi_nlp.symbols import RELEASE_ROWS
+from planner.backends.casadi_nlp.transcription import WATCHED_STAGES, RowIndex
 from planner.cell import Limits
+from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.seeds.candidates import Candidate
 
 Vector = NDArray[np.float64]
 
-STEP_SHARES = (0.15, 2.5)  # [-] of a first guess's step: a step may not collapse, nor swallow its neighbours
-WATCH_S = 0.052  # [s] that the watched stages before the release last at least: the certificate looks 0.05 s back
-SPOT_STAGES = 1.0  # either side of where a margin was lacking
-THIN = 1e-3  # [-] of a limit: bounds that leave less room than this between them are stated as an equality
-TINY_S = 1e-9  # [s] of a brake that there is none of
+STEP_SHARES = (0.15, 2.5)  # [-] of the initial step: a step may not collapse, nor crowd out its neighbours
+WATCHED_S = 0.052  # [s] least duration of the watched stages before the release: the certificate checks the last 0.05 s
+LOCAL_STAGES = 1.0  # [-] stages on either side of a local margin's time to which it applies
+TOUCHING = 1e-3  # [-] of a velocity limit: bounds that leave less room than this between them are an equality
+THIN_RAD = 1e-3  # [rad] a narrower range of elevations is an equality: it has no interior to solve in
+FALL_MIN = 0.05  # [m^2/s^2] least discriminant of a flight: below, the object only grazes the plane
+DRIFT_SHARE = 2.0  # [-] of tolerance over window, for the rate of change of the landing with the release time
+TINY_S = 1e-9  # [s] stands for the duration of an empty brake
+
+MIDDLE_VELOCITY, MIDDLE_POSITION = slice(NX, NX + 6), slice(NX + 6, NX + 12)  # rows of block "motion"
 
 
-@dataclass
 class Bounds:
-    """Lower and upper bounds of variables (NZ a stage, the last padded) and of rows."""
+    """Lower and upper bounds, narrowed step by step; at first only the dynamics are held.
 
-    x: Vector  # (2, N + 1, NZ)
-    g: Vector  # (2, rows)
-
-
-def free_bounds(table: Table) -> Bounds:
-    """Returns bounds that hold the dynamics and nothing else."""
-    n = table.shape.stages + 1
-    infinite = np.array([-np.inf, np.inf])
-    g = np.tile(infinite[:, None], (1, table.size))
-    g[:, np.concatenate(table.dynamics)] = 0.0
-    return Bounds(np.tile(infinite[:, None, None], (1, n, NZ)), g)
-
-
-def set_limits(bounds: Bounds, table: Table, limits: Limits, room: float, given: Sequence[Vector]) -> None:
-    """Bounds joint position, velocity, acceleration and jerk, on the knots and on what lies between.
-
-    Args:
-        bounds: to be narrowed.
-        table: of the assembled problem.
-        limits: of the joints.
-        room: kept free of the position limits [rad], …
-        given: … but for positions (6,) that are asked for and lie nearer [rad].
+    Attributes:
+        x: of the variables (2, N + 1, NZ), scaled; the last stage is padded with a control.
+        g: of the rows (2, rows).
     """
-    x = bounds.x
-    lower = np.min([limits.q_lower + room, *given], axis=0)
-    upper = np.max([limits.q_upper - room, *given], axis=0)
-    x[0, :, Q], x[1, :, Q] = lower, upper
-    for rows, limit in ((QD, limits.qd_max / QD_SCALE), (QDD, limits.qdd_max / QDD_SCALE)):
-        x[0, :, rows], x[1, :, rows] = -limit, limit
-    x[0, :, JERK], x[1, :, JERK] = -limits.jerk_max / JERK_SCALE, limits.jerk_max / JERK_SCALE
-    for k in table.shape.knots("motion"):
-        bend = table.rows["motion", k][NX : NX + 6]
-        bounds.g[0, bend], bounds.g[1, bend] = -limits.qd_max / QD_SCALE, limits.qd_max / QD_SCALE
-        middle = table.rows["motion", k][NX + 6 :]
-        bounds.g[0, middle], bounds.g[1, middle] = lower, upper
 
+    def __init__(self, index: RowIndex) -> None:
+        self.index, self.launch = index, index.stages.launch
+        infinite = np.array([-np.inf, np.inf])
+        self.x = np.tile(infinite[:, None, None], (1, len(index.dynamics) + 1, NZ))
+        self.g = np.tile(infinite[:, None], (1, index.size))
+        self.g[:, np.concatenate(index.dynamics)] = 0.0
 
-def set_groups(bounds: Bounds, table: Table, shares: tuple[float, float], least: Mapping[str, Vector]) -> None:
-    """Bounds torque and tool speed to `shares` of their limits, clearances to `least`, at knots and middles."""
-    for name in ("effort", "effort_middle"):
-        for k in table.shape.knots(name) if table.shape.holds(name) else ():
-            rows = table.rows[name, k]
-            bounds.g[0, rows[:6]], bounds.g[1, rows[:6]] = -shares[0], shares[0]
-            bounds.g[1, rows[6]] = shares[1] ** 2
-    for group, values in least.items():
+    def limit_joints(self, limits: Limits, margin: float, given: Sequence[Vector]) -> None:
+        """Bounds joint position, velocity, acceleration and jerk, at the knots and between them.
+
+        Args:
+            limits: of the joints.
+            margin: distance from the position limits [rad].
+            given: joint positions (6,) that the problem fixes; the range always includes them [rad].
+        """
+        x = self.x
+        lower = np.min([limits.q_lower + margin, *given], axis=0)
+        upper = np.max([limits.q_upper - margin, *given], axis=0)
+        x[0, :, Q], x[1, :, Q] = lower, upper
+        for rows, limit in ((QD, limits.qd_max / QD_SCALE), (QDD, limits.qdd_max / QDD_SCALE)):
+            x[0, :, rows], x[1, :, rows] = -limit, limit
+        x[0, :, JERK], x[1, :, JERK] = -limits.jerk_max / JERK_SCALE, limits.jerk_max / JERK_SCALE
+        for k in self.index.knots["motion"]:
+            rows = self.index.rows["motion", k]
+            middle, velocity = rows[MIDDLE_POSITION], rows[MIDDLE_VELOCITY]
+            self.g[0, velocity], self.g[1, velocity] = -limits.qd_max / QD_SCALE, limits.qd_max / QD_SCALE
+            self.g[0, middle], self.g[1, middle] = lower, upper
+
+    def limit_group(self, group: str, lower: Vector, upper: Vector) -> None:
+        """Bounds the rows of a lazy group, at knots and midpoints."""
         for name in (group, f"{group}_middle"):
-            bounds.g[0, table.rows_of(name)] = np.tile(values, len(table.shape.knots(name)))
+            times = len(self.index.knots[name])
+            self.g[:, self.index.rows_of[name]] = np.tile(lower, times), np.tile(upper, times)
 
+    def add_local_margins(self, margins: Iterable[LocalMargin], steps: Vector) -> None:
+        """Narrows the bounds at the knots and midpoints close to each margin's time; stages last `steps` (N,) [s]."""
+        t = np.append(0.0, np.cumsum(steps))
+        release = t[self.launch]
+        brake = (t[self.launch :] - release) / max(t[-1] - release, TINY_S)
+        phases = np.append(t[: self.launch] / release, 1.0 + brake)
+        for margin in margins:
+            self._add_local_margin(margin, float(np.interp(margin.phase, phases, np.arange(len(phases)))))
 
-def set_spots(bounds: Bounds, table: Table, spots: Iterable[Spot], steps: Vector) -> None:
-    """Keeps more free at the knots and middles within a stage of each spot; stages last `steps` (n,) [s]."""
-    launch = table.shape.launch
-    t = np.append(0.0, np.cumsum(steps))
-    shares = np.append(t[:launch] / t[launch], 1.0 + (t[launch:] - t[launch]) / max(t[-1] - t[launch], TINY_S))
-    for spot in spots:
-        group, first, last = LOCAL[spot.check]
-        stage = np.interp(spot.share, shares, np.arange(len(shares)))
-        for name, offset in ((group, 0.0), (f"{group}_middle", 0.5)):
-            for k in table.shape.knots(name):
-                if abs(k + offset - stage) > SPOT_STAGES:
+    def _add_local_margin(self, margin: LocalMargin, stage: float) -> None:
+        check = LOCAL_CHECKS[margin.check]
+        for name, offset in ((check.group, 0.0), (f"{check.group}_middle", 0.5)):
+            for k in self.index.knots[name]:
+                if abs(k + offset - stage) > LOCAL_STAGES:
                     continue
-                rows = table.rows[name, k][first:last]
-                if group == "effort":
-                    bounds.g[1, rows] -= spot.amount
-                if spot.check != "tcp_speed":
-                    bounds.g[0, rows] += spot.amount
+                rows = self.index.rows[name, k][check.rows]
+                self.g[1, rows] -= margin.amount * check.upper
+                self.g[0, rows] += margin.amount * check.lower
 
+    def avoid_singularities(self, signed: Vector, distance: float) -> None:
+        """Keeps the arm `distance` from the singularities around the release, on the side given by `signed` (3,)."""
+        positive = signed > 0.0
+        for name in ("singularity", "singularity_middle"):
+            for k in self.index.knots[name]:
+                rows = self.index.rows[name, k]
+                self.g[0, rows] = np.where(positive, distance, -np.inf)
+                self.g[1, rows] = np.where(positive, np.inf, -distance)
 
-def set_singularity(bounds: Bounds, table: Table, signed: Vector, distance: float) -> None:
-    """Keeps the arm `distance` from the singularities around the release, on the side given by `signed` (3,)."""
-    for name in ("singular", "singular_middle"):
-        for k in table.shape.knots(name):
-            rows = table.rows[name, k]
-            bounds.g[0, rows] = np.where(signed > 0.0, distance, -np.inf)
-            bounds.g[1, rows] = np.where(signed > 0.0, np.inf, -distance)
+    def fix_ends(self, start: Vector) -> None:
+        """Fixes the start at rest in `start` (6,) [rad], and the end at rest."""
+        x = self.x
+        x[:, 0, Q] = start
+        x[:, 0, QD] = x[:, 0, QDD] = x[:, 0, TIME] = 0.0
+        x[:, -1, QD] = x[:, -1, QDD] = 0.0
+        x[0, -1, NX:], x[1, -1, NX:] = -np.inf, np.inf
 
+    def limit_steps(self, steps: Vector) -> None:
+        """Bounds each step around its initial length (N,) [s]; the watched ones have a least duration.
 
-def fix_ends(bounds: Bounds, table: Table, start: Vector) -> None:
-    """Fixes the start at rest and the end at rest."""
-    bounds.x[:, 0, Q] = start
-    bounds.x[:, 0, QD] = bounds.x[:, 0, QDD] = bounds.x[:, 0, TIME] = 0.0
-    bounds.x[:, -1, QD] = bounds.x[:, -1, QDD] = 0.0
-    bounds.x[0, -1, NX:], bounds.x[1, -1, NX:] = -np.inf, np.inf
+        With a release window its stages are watched, too: the three before it need no least duration in all but few
+        cases, which the certificate finds. Requiring it released up to 3 % later.
+        """
+        least, most = (share * steps for share in STEP_SHARES)
+        if not self.index.stages.window:
+            watched = slice(self.launch - WATCHED_STAGES, self.launch)
+            least[watched] = np.minimum(np.maximum(least[watched], WATCHED_S / WATCHED_STAGES), 0.5 * most[watched])
+        self.x[0, :-1, STEP], self.x[1, :-1, STEP] = least / TIME_SCALE, most / TIME_SCALE
 
+    def fix_times(self, release_s: float, end_s: float) -> None:
+        """Fixes the times of the release and of the end."""
+        self.x[:, self.launch, TIME] = release_s / TIME_SCALE
+        self.x[:, -1, TIME] = end_s / TIME_SCALE
 
-def set_steps(bounds: Bounds, table: Table, steps: Vector) -> None:
-    """Bounds each step around the first guess's (N,) [s]; those that watch the singularities last long enough.
+    def set_release(self, problem: ThrowProblem, candidate: Candidate) -> None:
+        """Bounds the release as requested."""
+        release = problem.release
+        if isinstance(release, JointRelease | PoseRelease):
+            self._fix_release_state(candidate.q, candidate.qd)
+        elif isinstance(release, PointRelease):
+            self._fix_release_point(release, problem.ends_at_rest)
+        else:
+            self._aim_at_target(release)
+        if problem.ends_at_rest:
+            self.x[:, self.launch, QDD] = 0.0
 
-    The stages of a release window are watched, too: with three before them that is long enough in all but few cases,
-    which the certificate finds. Asking for more released up to 3 % later.
-    """
-    least, most = (share * steps for share in STEP_SHARES)
-    if not table.shape.window:
-        watched = slice(table.shape.launch - WATCHED, table.shape.launch)
-        least[watched] = np.minimum(np.maximum(least[watched], WATCH_S / WATCHED), 0.5 * most[watched])
-    bounds.x[0, :-1, STEP], bounds.x[1, :-1, STEP] = least / TIME_SCALE, most / TIME_SCALE
+    def _fix_release_state(self, q: Vector, qd: Vector) -> None:
+        """Fixes joint positions and velocities at the release; its acceleration stays free within its limits.
 
+        Rows that depend on these alone are freed: no variable is left to satisfy them, and the certificate checks them.
 
-def fix_release_state(bounds: Bounds, table: Table, q: Vector, qd: Vector) -> None:
-    """Fixes joint positions and velocities at the release; its acceleration stays free within its limits.
+        A joint released at its velocity limit can only have zero acceleration there: more would exceed the limit just
+        after the release, less just before it. Two touching inequalities leave an interior-point method no interior,
+        so this is stated as an equality, and the inequalities that it implies are freed.
+        """
+        k, index = self.launch, self.index
+        limit = self.g[1, index.rows["motion", k - 1][MIDDLE_VELOCITY]] * QD_SCALE
+        reached = np.abs(qd) >= (1.0 - TOUCHING) * limit
+        for stage in {k - 1, k} & set(index.knots["motion"]):
+            self._free(index.rows["motion", stage][MIDDLE_VELOCITY][reached])
+        self.x[:, k, QDD][:, reached] = 0.0
+        self.x[:, k, Q] = q
+        self.x[:, k, QD] = qd / QD_SCALE
+        self._free_release_tool_speed()
+        for name in ("clearance", "keep_out", "singularity"):
+            if (name, k) in index.rows:
+                self._free(index.rows[name, k])
 
-    Rows that depend on these alone are freed: no variable is left to satisfy them, and the certificate checks them.
+    def _fix_release_point(self, release: PointRelease, at_rest: bool) -> None:
+        self.g[:, self._release_rows("position")] = release.p_WT
+        if at_rest:
+            self.x[:, self.launch, QD] = 0.0
+        else:
+            self.g[:, self._release_rows("velocity")] = release.v_WT
+            self._free_release_tool_speed()
 
-    A joint released at its velocity limit can only have zero acceleration there: more would exceed the limit just
-    after the release, less just before it. As two inequalities that leaves an interior-point method no interior, so it
-    is stated as what it is, an equality, and the inequalities it implies are freed.
-    """
-    k = table.shape.launch
-    reached = np.abs(qd) >= (1.0 - THIN) * bounds.g[1, table.rows["motion", k - 1][NX : NX + 6]] * QD_SCALE
-    for stage in (k - 1, k):
-        if stage < table.shape.stages:
-            bend = table.rows["motion", stage][NX : NX + 6][reached]
-            bounds.g[0, bend], bounds.g[1, bend] = -np.inf, np.inf
-    bounds.x[:, k, QDD][:, reached] = 0.0
-    bounds.x[:, k, Q] = q
-    bounds.x[:, k, QD] = qd / QD_SCALE
-    free_tool_speed(bounds, table)
-    for name in ("space", "boxes", "singular"):
-        rows = table.rows.get((name, k), np.zeros(0, int))
-        bounds.g[0, rows], bounds.g[1, rows] = -np.inf, np.inf
+    def _aim_at_target(self, release: TargetRelease) -> None:
+        g = self.g
+        g[:, self._release_rows("landing")] = 0.0
+        g[0, self._release_rows("falls")] = FALL_MIN
+        low, high = self._release_rows("elevation")
+        above, below = release.min_elevation_rad > -np.pi / 2, release.max_elevation_rad < np.pi / 2
+        if above and below and release.max_elevation_rad - release.min_elevation_rad < THIN_RAD:
+            g[:, low] = 0.0
+        else:
+            g[0, low] = 0.0 if above else -np.inf
+            g[1, high] = 0.0 if below else np.inf
+        if np.isfinite(release.max_speed_m_s):
+            g[1, self._release_rows("speed")] = release.max_speed_m_s**2
+        if release.min_horizontal_distance_m > 0.0:
+            g[0, self._release_rows("distance")] = release.min_horizontal_distance_m**2
+        if release.release_position is not None:
+            g[:, self._release_rows("position")] = release.release_position
 
+    def hold_window(self, window_s: float, tolerance_m: float, share: float, offsets: Vector | float) -> None:
+        """Bounds the landings of releases at the window's knots, and the drift of the landing at the release itself.
 
-def free_tool_speed(bounds: Bounds, table: Table) -> None:
-    """Frees the tool speed at the release, where the request fixes it."""
-    rows = table.rows.get(("effort", table.shape.launch), np.zeros(0, int))[6:]
-    bounds.g[0, rows], bounds.g[1, rows] = -np.inf, np.inf
+        Args:
+            window_s: half the length of the release window.
+            tolerance_m: of the landing.
+            share: usable share of the tolerance, in x and in y [-].
+            offsets: added to the landing error at each knot of the window (2 n + 1, 2) [m].
+        """
+        n, k, error = self.index.stages.window, self.launch, share * tolerance_m
+        offsets = np.broadcast_to(offsets, (2 * n + 1, 2))
+        for knot in (o for o in range(-n, n + 1) if o):
+            rows = self._release_rows("landing", knot)
+            self.g[0, rows], self.g[1, rows] = -error - offsets[n + knot], error - offsets[n + knot]
+            self.g[0, self._release_rows("falls", knot)] = FALL_MIN
+        rows, drift = self._release_rows("drift"), DRIFT_SHARE * tolerance_m / window_s
+        self.g[0, rows], self.g[1, rows] = -drift, drift
+        self.x[:, k - n : k + n, STEP] = window_s / n / TIME_SCALE
 
+    def _release_rows(self, name: str, knot: int = 0) -> NDArray[np.intp]:
+        """Returns the problem's rows of one entry of `RELEASE_ROWS`, `knot` knots from the release."""
+        return self.index.rows["release", self.launch + knot][RELEASE_ROWS.slices[name]]
 
-def release_row(table: Table, name: str, offset: int = 0) -> np.ndarray:
-    """Returns the problem's rows of one entry of `throw.ROWS`, `offset` knots from the release."""
-    return throw.ROWS.split(table.rows["release", table.shape.launch + offset])[name]
+    def _free_release_tool_speed(self) -> None:
+        """Frees the tool speed at the release, where the request fixes it."""
+        if ("effort", self.launch) in self.index.rows:
+            self._free(self.index.rows["effort", self.launch][LOCAL_CHECKS["tcp_speed"].rows])
 
-
-def variables(t: Vector, states: tuple[Vector, Vector, Vector]) -> Vector:
-    """Returns the variables (N + 1, NZ) that pass the states q, qd, qdd (N + 1, 6) at times `t` (N + 1,) [s]."""
-    q, qd, qdd = states
-    steps = np.diff(t)
-    z = np.zeros((len(t), NZ))
-    z[:, Q], z[:, QD], z[:, QDD], z[:, TIME] = q, qd / QD_SCALE, qdd / QDD_SCALE, t / TIME_SCALE
-    z[:-1, JERK] = np.diff(qdd, axis=0) / steps[:, None] / JERK_SCALE
-    z[:-1, STEP] = steps / TIME_SCALE
-    return z
+    def _free(self, rows: NDArray[np.intp]) -> None:
+        self.g[0, rows], self.g[1, rows] = -np.inf, np.inf

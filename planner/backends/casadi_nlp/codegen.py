@@ -1,8 +1,7 @@
-"""The blocks' functions as machine code: C written by casadi, compiled once, kept in the user's cache folder.
+"""Machine code of the blocks' functions: C written by casadi, compiled once, kept in the user's cache folder.
 
-The file's name is the hash of the modules that hold the formulas and of the compiler's options, so a changed formula is
-another file and an old one is never used. Nothing is compiled while a request waits: where there is no file, the
-interpreted functions serve.
+The file name is the hash of the modules that hold the formulas and of the compiler's options, so a changed formula
+gives another file. Nothing is compiled while a request waits: without a file, the interpreted functions are used.
 """
 
 from __future__ import annotations
@@ -18,10 +17,11 @@ from pathlib import Path
 
 import casadi as ca
 
-from planner.backends.casadi_nlp import blocks
+from planner.backends.casadi_nlp.functions import KINDS, Block, interpreted_blocks
+from planner.backends.casadi_nlp.symbols import FORMULAS
 
-FLAGS = ("-O1", "-fno-math-errno", "-shared", "-fPIC")
-FORMULAS = ("arm", "blocks", "clearance", "layout", "stages", "throw")  # modules that the C comes from
+FLAGS = ("-O1", "-fno-math-errno", "-shared", "-fPIC")  # -O2 takes twice the compile time without a faster solve
+FORMULA_MODULES = ("arm_symbols", "clearance_symbols", "functions", "layout", "symbols")  # sources of the C
 COMPILERS = ("cc", "gcc", "clang")
 
 
@@ -34,7 +34,7 @@ def cache_folder() -> Path:
 def c_source() -> str:
     """Returns the C of all blocks."""
     generator = ca.CodeGenerator("fling_blocks", {"with_header": False})
-    for block in blocks.interpreted().values():
+    for block in interpreted_blocks().values():
         for function in block.functions:
             generator.add(function)
     return generator.dump()
@@ -42,20 +42,19 @@ def c_source() -> str:
 
 @cache
 def library() -> Path:
-    """Returns where the compiled functions are, or would be; told by the formulas' text alone, which is quick."""
+    """Returns the path of the compiled functions, whether they exist or not."""
     digest = hashlib.sha256(f"{ca.CasadiMeta.version()} {platform.machine()} {FLAGS}".encode())
-    for module in sorted(Path(__file__).parent.glob("*.py")):
-        if module.stem in FORMULAS:
-            digest.update(module.read_bytes())
+    for module in FORMULA_MODULES:
+        digest.update(Path(__file__).with_name(f"{module}.py").read_bytes())
     return cache_folder() / f"blocks-{digest.hexdigest()[:24]}.so"
 
 
 def compile_blocks() -> Path | None:
-    """Compiles where that has not been done, and returns the library; None where there is no compiler.
+    """Compiles the functions unless that is done, and returns the library; None without a compiler.
 
     Raises:
         OSError: the cache folder cannot be written.
-        subprocess.CalledProcessError: the compiler refuses the C.
+        subprocess.CalledProcessError: the compiler rejects the C.
     """
     target = library()
     compiler = next((path for name in COMPILERS if (path := shutil.which(name))), None)
@@ -70,12 +69,9 @@ def compile_blocks() -> Path | None:
     return target
 
 
-def compiled() -> dict[str, blocks.Block] | None:
-    """Returns the blocks with compiled functions, None where they have not been compiled."""
+def compiled_blocks() -> dict[str, Block] | None:
+    """Returns every block with compiled functions, None if they have not been compiled."""
     if not library().exists():
         return None
     path = str(library())
-    return {
-        name: blocks.Block(name, *(ca.external(f"{name}_{kind}", path) for kind in blocks.KINDS))
-        for name in blocks.SOURCES
-    }
+    return {name: Block(name, *(ca.external(f"{name}_{kind}", path) for kind in KINDS)) for name in FORMULAS}

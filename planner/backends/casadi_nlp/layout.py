@@ -1,12 +1,13 @@
-"""What the generated functions are told about a cell and a request: one flat vector, named pieces of it.
+"""Layout of the optimiser's variables, and of the parameter vectors that its generated functions take.
 
-Nothing of an arm, a tool or a room is compiled in. The same machine code serves every cell.
+No arm, tool or room is compiled in: the same machine code serves every cell.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,13 +16,13 @@ from numpy.typing import NDArray
 Vector = NDArray[np.float64]
 
 LINKS = 6
-TOOL_CAPSULES = 2  # capsules of a tool the generated functions have room for; more are wrapped into these
-KEEP_OUT = 4  # most keep-out boxes
-# DH frames of the capsules: `geometry.arm_capsules` without the foot, which the floor covers; the tool's; the object.
+TOOL_CAPSULES = 2  # [-] slots for a tool's capsules; a tool with more has the last ones wrapped into one
+KEEP_OUT_BOXES = 4  # [-] slots for keep-out boxes; further boxes are left to the certificate
+# DH frame of each capsule slot: `geometry.arm_capsules` without the foot, which the floor covers; the tool; the object.
 ARM_CAPSULE_FRAMES = (0, 1, 2, 2, 3, 3, 4, 5)  # base, shoulder, upper arm, elbow, forearm, wrists 1, 2, 3
 CAPSULE_FRAMES = ARM_CAPSULE_FRAMES + (6,) * (TOOL_CAPSULES + 1)
 FIRST_TOOL, OBJECT = len(ARM_CAPSULE_FRAMES), len(CAPSULE_FRAMES) - 1
-# Slots that can meet on some arm with some tool; which of them do on this one is a number of `ARM`.
+# Pairs of slots that can collide on some arm with some tool; `ARM`'s "pairs" rules out those that cannot on this one.
 PAIRS = (
     *((i, j) for i in (0, 1) for j in (4, 5, 6, 7)),
     *((2, j) for j in (5, 6, 7)),
@@ -29,11 +30,11 @@ PAIRS = (
     *((i, FIRST_TOOL + j) for i in range(6) for j in range(TOOL_CAPSULES)),
 )
 
-NX = 19  # q, qd, qdd of six joints, and the time
-NU = 7  # jerk of six joints, and the step's length
+NX = 19  # state: q, qd, qdd of six joints, and the time
+NU = 7  # control: jerk of six joints, and the length of the step
 NZ = NX + NU
-Q, QD, QDD, TIME = slice(0, 6), slice(6, 12), slice(12, 18), 18  # where they stand in the state
-JERK, STEP = slice(19, 25), 25  # and in state and control together
+Q, QD, QDD, TIME = slice(0, 6), slice(6, 12), slice(12, 18), 18  # positions within z = (state, control)
+JERK, STEP = slice(19, 25), 25
 
 # Scales that bring every variable to about one; they are part of the generated functions.
 QD_SCALE = np.pi  # [rad/s]
@@ -43,23 +44,25 @@ TIME_SCALE = 0.1  # [s]
 
 
 @dataclass(frozen=True)
-class Layout:
-    """Names and sizes of the pieces of a vector, in their order."""
+class VectorLayout:
+    """Names and sizes of the pieces of a vector, in order."""
 
     sizes: Mapping[str, int]
 
-    @property
+    @cached_property
+    def slices(self) -> dict[str, slice]:
+        """Position of each piece."""
+        ends = np.cumsum(list(self.sizes.values())).tolist()
+        return {name: slice(end - size, end) for (name, size), end in zip(self.sizes.items(), ends, strict=True)}
+
+    @cached_property
     def size(self) -> int:
         """Length of the whole vector."""
         return sum(self.sizes.values())
 
     def split(self, vector: Any) -> dict[str, Any]:
-        """Returns the named pieces of a vector of numbers or of symbols."""
-        pieces, at = {}, 0
-        for name, size in self.sizes.items():
-            pieces[name] = vector[at : at + size]
-            at += size
-        return pieces
+        """Returns the named pieces of a vector of numbers or symbols."""
+        return {name: vector[piece] for name, piece in self.slices.items()}
 
     def pack(self, values: Mapping[str, Any]) -> Vector:
         """Returns the vector of `values`; a scalar fills its piece.
@@ -73,25 +76,27 @@ class Layout:
         return np.concatenate(rows)
 
 
-ARM = Layout(
+ARM = VectorLayout(
     {
         "dh": 6,  # d1, a2, a3, d4, d5, d6 [m]
-        "tcp": 3,  # the tool centre in the flange [m]
-        "links": 10
-        * LINKS,  # mass, first moment (3), inertia about the frame's origin (xx, xy, xz, yy, yz, zz), a link
-        "gravity": 3,  # upward acceleration that stands for gravity, in the base [m/s^2]
-        "torque": 6,  # largest joint torques [N m]
-        "speed": 1,  # largest speed of the tool centre [m/s]
+        "tcp": 3,  # tool centre point in the flange frame [m]
+        # per link: mass, first moment (3), inertia about the frame's origin (xx, xy, xz, yy, yz, zz)
+        "links": 10 * LINKS,
+        "gravity": 3,  # upward acceleration equivalent to gravity, in the base frame [m/s^2]
+        "torque": 6,  # torque limits [N m]
+        "speed": 1,  # tool speed limit [m/s]
         "base": 12,  # pose of the base in the world: rotation by columns (9), origin (3)
-        "capsules": 7 * len(CAPSULE_FRAMES),  # ends (3 + 3) in its frame, radius; a radius below zero: not there
-        "pairs": len(PAIRS),  # added to the distance of each pair of `PAIRS`: 0, or far for a pair that cannot meet [m]
-        "floor": 1,  # lowest height of a capsule's surface [m]
-        "self_clearance": 1,  # least distance between capsules of the arm and the tool [m]
-        "keep_in": 6,  # lower (3), upper (3) of the tool centre's box [m]
+        "capsules": 7 * len(CAPSULE_FRAMES),  # per slot: end points (3 + 3) in its frame, radius; absent: radius < 0
+        "pairs": len(PAIRS),  # added to the distance of each pair of `PAIRS`: 0, or `FAR` for a pair that cannot meet
+        "floor": 1,  # least height of a capsule's surface [m]
+        "self_clearance": 1,  # least distance between capsules of arm and tool [m]
+        "keep_in": 6,  # lower (3) and upper (3) corner of the box that the tool centre point stays in [m]
     }
 )
-BOXES = Layout({"boxes": 6 * KEEP_OUT, "box_clearance": 1})  # lower (3), upper (3) a box [m]
-RELEASE = Layout({"target": 3, "gravity_z": 1, "tan_elevation": 2})
-ABSENT_RADIUS = -1.0e3  # [m] radius of a capsule that is not there: never near anything
-FAR = 1.0e3  # [m] added where a pair cannot meet
-ABSENT_BOX = 1.0e3  # [m] where a keep-out box that is not there stands
+RELEASE = VectorLayout({"target": 3, "gravity_z": 1, "tan_elevation": 2})
+BOXES = VectorLayout({"boxes": 6 * KEEP_OUT_BOXES, "box_clearance": 1})  # lower (3) and upper (3) corner of each [m]
+SHARED = {"arm": ARM, "release": RELEASE, "boxes": BOXES}  # parameters shared by all stages, in this order
+COST = VectorLayout({"time": 1, "jerk": 1, "step": 1, "initial_step": 1})  # parameters of each stage's cost
+ABSENT_RADIUS = -1.0e3  # [m] radius of an absent capsule: never near anything
+FAR = 1.0e3  # [m] distance added where a pair cannot meet
+ABSENT_BOX = 1.0e3  # [m] coordinates of an absent keep-out box

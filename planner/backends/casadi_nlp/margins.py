@@ -1,6 +1,6 @@
-"""What is kept free of the limits that are only looked at on knots and in the middles of steps, and learns by failing.
+"""Safety margins on constraints enforced only at knots and midpoints; widened from failed certificate checks.
 
-A certificate looks everywhere. What it finds between two looks says by how much more to stay away.
+The certificate also checks the motion between them. What it finds missing there is added as a margin around that time.
 """
 
 from __future__ import annotations
@@ -13,32 +13,54 @@ from typing import Protocol
 from planner.solution import Solution
 from planner.trajectory import Trajectory
 
-SPARE_M = 0.001  # [m] added to what was lacking: the next solution passes elsewhere
-SPARE_SHARE = 0.01  # [-] likewise of a limit
-PASSED_ON = 1.5  # [-] what was lacking between two looks takes more than as much at them
-MOST_SHARE = 0.4  # [-] of a limit, beyond which keeping away from it is no remedy
-MOST_M = 0.1  # [m] likewise of a clearance
-MOST_EVERYWHERE_M = 0.01  # [m] likewise of a clearance that is kept everywhere
-FAR_OFF_M = 0.005  # [m] lacking between two looks: they are too far apart
-DIAGONAL = math.sqrt(2.0)  # a landing point at the window's end is held in two directions, and judged by its distance
-MOST_RAD = 0.2  # [rad] likewise of a joint's position
-EVERYWHERE = {"self_collision": "self_m", "floor": "floor_m", "keep_in": "keep_in_m", "keep_out": "box_m"}
-LOCAL = {  # which group of rows a check is about, and the first and last of them
-    "joint_torque": ("effort", 0, 6),
-    "tcp_speed": ("effort", 6, 7),
-    "self_collision": ("space", 0, 1),
-    "floor": ("space", 1, 2),
-    "keep_in": ("space", 2, 3),
-    "keep_out": ("boxes", 0, 1),
+SPARE_M = 0.001  # [m] added to a missing clearance: the next solution passes elsewhere
+SPARE_SHARE = 0.01  # [-] the same for a share of a limit
+PASSED_ON = 1.5  # [-] a clearance missing between knots and midpoints needs more than as much at them
+MOST_SHARE = 0.4  # [-] of a limit; beyond it a margin is no remedy
+MOST_M = 0.1  # [m] the same for a clearance
+MOST_EVERYWHERE_M = 0.01  # [m] the same for a clearance margin along the whole motion
+MOST_RAD = 0.2  # [rad] the same for a joint position
+TOO_COARSE_M = 0.005  # [m] clearance missing between knots and midpoints that calls for more stages
+DIAGONAL = math.sqrt(2.0)  # the optimiser bounds a landing error in x and y, the certificate its norm
+
+
+@dataclass(frozen=True)
+class LocalCheck:
+    """The rows that a certificate check is enforced by.
+
+    Attributes:
+        group: of `transcription.LAZY_GROUPS`.
+        rows: of the group.
+        is_relative: whether margins are shares of the limit [-] instead of clearances [m].
+        upper: whether the rows have an upper bound to be lowered.
+        lower: whether they have a lower bound to be raised.
+        everywhere: the margin of `Margins` that applies along the whole motion, if there is one.
+    """
+
+    group: str
+    rows: slice
+    is_relative: bool = False
+    upper: bool = False
+    lower: bool = True
+    everywhere: str | None = None
+
+
+LOCAL_CHECKS = {
+    "joint_torque": LocalCheck("effort", slice(0, 6), is_relative=True, upper=True),
+    "tcp_speed": LocalCheck("effort", slice(6, 7), is_relative=True, upper=True, lower=False),
+    "self_collision": LocalCheck("clearance", slice(0, 1), everywhere="self_m"),
+    "floor": LocalCheck("clearance", slice(1, 2), everywhere="floor_m"),
+    "keep_in": LocalCheck("clearance", slice(2, 3), everywhere="keep_in_m"),
+    "keep_out": LocalCheck("keep_out", slice(0, 1), everywhere="box_m"),
 }
 
 
-class Finding(Protocol):
-    """A failed check, of whatever judge: its name, the worst value, the limit it is held against."""
+class FailedCheck(Protocol):
+    """A failed check of a certificate."""
 
     @property
     def name(self) -> str:
-        """Of the contract, such as "floor"."""
+        """Name of the check, such as "floor"."""
         ...
 
     @property
@@ -48,46 +70,46 @@ class Finding(Protocol):
 
     @property
     def limit(self) -> float:
-        """What it is held against."""
+        """The limit that it violates."""
         ...
 
     @property
     def at_s(self) -> float | None:
-        """When [s]."""
+        """Time of the worst value [s]."""
         ...
 
 
 @dataclass(frozen=True)
-class Spot:
-    """Where on the way more is to be kept free, and how much.
+class LocalMargin:
+    """A margin around one time of the motion.
 
     Attributes:
-        check: of `LOCAL`.
-        share: of the launch's time, up to 1; 1 and on: of the brake's.
-        amount: of the limit [-], or of the clearance [m].
+        check: key of `LOCAL_CHECKS`.
+        phase: share of the launch's duration, 0 to 1, or 1 + share of the brake's.
+        amount: share of the limit [-], or clearance [m].
     """
 
     check: str
-    share: float
+    phase: float
     amount: float
 
 
 @dataclass(frozen=True)
 class Margins:
-    """How much is kept free of each limit.
+    """Margins on every limit.
 
     Attributes:
-        torque: share of the limit that may be used [-].
-        tcp_speed: likewise.
-        floor_m: added to the clearance asked for [m].
-        self_m: likewise; less than nothing, because the optimiser's distance is a little smaller than the true one.
-        keep_in_m: likewise.
-        box_m: likewise: a hand passes a corner between two looks.
-        position_rad: kept free of a joint's position limits [rad].
-        singularity: multiple of the distance asked for [-].
-        window: share of the landing tolerance that may be used at the window's ends, in each of two directions [-].
-        spots: where more was lacking.
-        known: groups of rows that turned out to matter.
+        torque: usable share of the limit [-].
+        tcp_speed: the same.
+        floor_m: added to the required clearance [m].
+        self_m: the same; negative, because the optimiser's distance is slightly smaller than the true one.
+        keep_in_m: the same.
+        box_m: the same; larger, because a hand can pass a corner between knot and midpoint.
+        position_rad: distance from a joint's position limits [rad].
+        singularity: multiple of the required distance [-].
+        window: usable share of the landing tolerance in the release window, in x and in y [-].
+        local: margins around a time.
+        held: groups of rows to include from the beginning.
     """
 
     torque: float = 0.98
@@ -99,49 +121,53 @@ class Margins:
     position_rad: float = 0.001
     singularity: float = 1.03
     window: float = 0.62
-    spots: tuple[Spot, ...] = ()
-    known: frozenset[str] = frozenset()
+    local: tuple[LocalMargin, ...] = ()
+    held: frozenset[str] = frozenset()
 
-    @property
-    def held(self) -> frozenset[str]:
-        """Groups of rows to be held from the beginning."""
-        return self.known | {LOCAL[spot.check][0] for spot in self.spots}
-
-    def widened(self, failures: Iterable[Finding], solution: Solution) -> Margins | None:
-        """Returns the margins after what a certificate found in a solution, None where a margin is no remedy."""
-        made: Margins | None = replace(self, known=self.known | solution.held)
+    def widened(self, failures: Iterable[FailedCheck], solution: Solution) -> Margins | None:
+        """Returns the margins after a solution's failed checks, None if a margin is no remedy for one of them."""
+        wider: Margins | None = replace(self, held=self.held | solution.held)
         for check in failures:
-            made = made and made._after(check, solution.trajectory)
-        return made
+            wider = wider and wider._widened_for(check, solution.trajectory)
+        return wider
 
-    def _after(self, check: Finding, failed: Trajectory) -> Margins | None:
-        lacking = abs(check.value - check.limit)
+    def _widened_for(self, check: FailedCheck, failed: Trajectory) -> Margins | None:
+        missing = abs(check.value - check.limit)
         if check.name == "singularity_distance":
-            return replace(self, singularity=self.singularity + lacking / check.limit + SPARE_SHARE)
-        if check.name == "joint_position" and lacking < MOST_RAD:
-            return replace(self, position_rad=self.position_rad + PASSED_ON * lacking)
+            return replace(self, singularity=self.singularity + missing / check.limit + SPARE_SHARE)
+        if check.name == "joint_position" and missing < MOST_RAD:
+            return replace(self, position_rad=self.position_rad + PASSED_ON * missing)
         if check.name == "landing_window":
-            left = self.window - lacking / check.limit / DIAGONAL - SPARE_SHARE
+            left = self.window - missing / check.limit / DIAGONAL - SPARE_SHARE
             return replace(self, window=left) if left > 0.0 else None
-        if check.name not in LOCAL or check.at_s is None:
+        return self._widened_locally(check, missing, failed)
+
+    def _widened_locally(self, check: FailedCheck, missing: float, failed: Trajectory) -> Margins | None:
+        local = LOCAL_CHECKS.get(check.name)
+        if local is None or check.at_s is None:
             return None
-        relative = LOCAL[check.name][0] == "effort"
-        amount = lacking / check.limit + SPARE_SHARE if relative else PASSED_ON * lacking + SPARE_M
-        if amount > (MOST_SHARE if relative else MOST_M):
+        amount = missing / check.limit + SPARE_SHARE if local.is_relative else PASSED_ON * missing + SPARE_M
+        if amount > (MOST_SHARE if local.is_relative else MOST_M):
             return None
-        again = any(spot.check == check.name for spot in self.spots)
-        if again and check.name in EVERYWHERE and amount < MOST_EVERYWHERE_M:
-            everywhere = EVERYWHERE[check.name]  # the motion passes as near as before at another time
-            return replace(self, **{everywhere: getattr(self, everywhere) + amount})
-        at, release_s, end_s = check.at_s, failed.release_time_s, failed.duration_s
-        share = at / release_s if at <= release_s else 1.0 + (at - release_s) / (end_s - release_s)
-        return replace(self, spots=(*self.spots, Spot(check.name, share, amount)))
+        is_repeated = any(margin.check == check.name for margin in self.local)
+        if is_repeated and local.everywhere is not None and amount < MOST_EVERYWHERE_M:
+            # With the first margin the motion passed as close at another time.
+            return replace(self, **{local.everywhere: getattr(self, local.everywhere) + amount})
+        margin = LocalMargin(check.name, _phase(check.at_s, failed), amount)
+        return replace(self, local=(*self.local, margin), held=self.held | {local.group})
 
 
-CLOSE = Margins()  # those to begin with
+def _phase(t: float, motion: Trajectory) -> float:
+    release, end = motion.release_time_s, motion.duration_s
+    return t / release if t <= release else 1.0 + (t - release) / (end - release)
 
 
-def far_off(failures: Iterable[Finding]) -> bool:
-    """Returns whether a clearance was missed by so much between two looks that closer looks are called for."""
-    near = [finding for finding in failures if LOCAL.get(finding.name, ("",))[0] in ("space", "boxes")]
-    return any(finding.limit - finding.value > FAR_OFF_M for finding in near)
+DEFAULT_MARGINS = Margins()
+
+
+def too_coarse(failures: Iterable[FailedCheck]) -> bool:
+    """Returns whether a clearance is violated by so much between knots and midpoints that more stages are needed."""
+    clearances = [
+        check for check in failures if check.name in LOCAL_CHECKS and not LOCAL_CHECKS[check.name].is_relative
+    ]
+    return any(check.limit - check.value > TOO_COARSE_M for check in clearances)

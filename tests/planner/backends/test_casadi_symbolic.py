@@ -1,4 +1,4 @@
-"""The symbolic arm against the numerical one, which has its own tests, and derivatives against differences."""
+"""Symbolic formulas against the numerical ones, which have their own tests, and derivatives against differences."""
 
 from __future__ import annotations
 
@@ -9,7 +9,11 @@ import numpy as np
 import pytest
 
 from planner import flight
-from planner.backends.casadi_nlp import assembly, blocks, codegen, layout, numbers, table, throw
+from planner.backends.casadi_nlp import codegen, functions, layout, transcription
+from planner.backends.casadi_nlp.instance import arm_parameters
+from planner.backends.casadi_nlp.margins import Margins
+from planner.backends.casadi_nlp.parameters import box_parameters
+from planner.backends.casadi_nlp.symbols import RELEASE_ROWS
 from planner.cell import Cell, load_cell
 from planner.dynamics import Payload, joint_torques
 from planner.geometry import (
@@ -23,6 +27,7 @@ from planner.kinematics import forward, jacobian, tcp_acceleration
 from planner.robots import ROBOT_NAMES, robot
 
 CELLS = Path(__file__).parents[3] / "cells"
+NO_MARGINS = Margins(torque=1.0, tcp_speed=1.0, floor_m=0.0, self_m=0.0, keep_in_m=0.0, box_m=0.0, singularity=1.0)
 TURNED = np.array([[0.0, -0.6, 0.8, 0.3], [1.0, 0.0, 0.0, -0.2], [0.0, 0.8, 0.6, 0.5], [0.0, 0.0, 0.0, 1.0]])
 
 
@@ -42,9 +47,9 @@ def _state(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     return q, qd, qdd, z
 
 
-def _blocks() -> dict[str, blocks.Block]:
+def _blocks() -> dict[str, functions.Block]:
     """Returns what requests are solved with: the compiled functions, where they were compiled."""
-    return codegen.compiled() or blocks.interpreted()
+    return codegen.compiled_blocks() or functions.interpreted_blocks()
 
 
 def _rows(block: str, z: np.ndarray, p: np.ndarray) -> np.ndarray:
@@ -62,20 +67,20 @@ def test_torques_of_every_arm(cell: Cell) -> None:
     )
     gravity_B = cell.X_WB[:3, :3].T @ [0.0, 0.0, -cell.surroundings.gravity_m_s2]
     expected = joint_torques(cell.robot, q, qd, qdd, gravity_B, payload)
-    rows = _rows("effort", z, numbers.arm_numbers(cell, cell.limits))
+    rows = _rows("effort", z, arm_parameters(cell, cell.limits, NO_MARGINS))
     assert rows[:6] * cell.limits.tau_max == pytest.approx(expected, abs=1e-9)
 
 
 def test_tool_speed_and_clearances(cell: Cell) -> None:
     q, qd, _, z = _state(2)
-    p = numbers.arm_numbers(cell, cell.limits)
+    p = arm_parameters(cell, cell.limits, NO_MARGINS)
     v = jacobian(cell.robot, q, cell.tool.X_FT)[:3] @ qd
     assert _rows("effort", z, p)[6] * cell.limits.tcp_speed_max**2 == pytest.approx(v @ v)
-    assert _rows("space", z, p)[0] == pytest.approx(_self_distance(cell, q) - SELF_CLEARANCE_M, abs=0.006)
+    assert _rows("clearance", z, p)[0] == pytest.approx(_self_distance(cell, q) - SELF_CLEARANCE_M, abs=0.006)
 
 
 def _self_distance(cell: Cell, q: np.ndarray) -> float:
-    """The least distance of the pairs that the optimiser looks at: all but the foot's and the elbow's with the base."""
+    """Least distance of the pairs in the optimiser's formula: all but the foot's and the elbow's with the base."""
     capsules = body_capsules(cell.robot, cell.tool.capsules)
     ends = capsule_endpoints(cell.robot, capsules, q)
     slots = {(i + 1, j + 1) for i, j in layout.PAIRS}
@@ -91,18 +96,18 @@ def _self_distance(cell: Cell, q: np.ndarray) -> float:
 
 def test_soft_distances_are_never_larger_than_the_true_ones() -> None:
     cell = load_cell(CELLS / "ur5e-sim.toml")
-    p = numbers.arm_numbers(cell, cell.limits)
+    p = arm_parameters(cell, cell.limits, NO_MARGINS)
     for seed in range(40):
         q, _, _, z = _state(seed)
-        assert _rows("space", z, p)[0] <= _self_distance(cell, q) - SELF_CLEARANCE_M + 1e-6
+        assert _rows("clearance", z, p)[0] <= _self_distance(cell, q) - SELF_CLEARANCE_M + 1e-6
 
 
 def test_release_rows(cell: Cell) -> None:
     q, qd, qdd, z = _state(3)
     target = np.array([1.0, 0.5, -3.0])
     release = layout.RELEASE.pack({"target": target, "gravity_z": 9.81, "tan_elevation": 0.0})
-    p = np.concatenate([numbers.arm_numbers(cell, cell.limits), release])
-    rows = throw.ROWS.split(_rows("release", z, p))
+    p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), release])
+    rows = RELEASE_ROWS.split(_rows("release", z, p))
     R_WB = cell.X_WB[:3, :3]
     place = (cell.X_WB @ forward(cell.robot, q, cell.tool.X_FT))[:3, 3]
     v = R_WB @ (jacobian(cell.robot, q, cell.tool.X_FT) @ qd)[:3]
@@ -116,45 +121,46 @@ def test_release_rows(cell: Cell) -> None:
     assert rows["drift"] == pytest.approx(drift[:2], abs=1e-4)
 
 
-SHAPES = (
-    table.Shape(),
-    table.Shape(9, 5, window=1, groups=table.GROUPS),
-    table.Shape(8, 0, groups=("effort",)),
+LAYOUTS = (
+    transcription.StageLayout(),
+    transcription.StageLayout(9, 5, window=1, groups=transcription.LAZY_GROUPS),
+    transcription.StageLayout(8, 0, groups=("effort",)),
 )
 
 
-@pytest.mark.parametrize("shape", SHAPES)
-def test_derivatives_of_the_whole_problem(shape: table.Shape) -> None:
+@pytest.mark.parametrize("stages", LAYOUTS)
+def test_derivatives_of_the_whole_problem(stages: transcription.StageLayout) -> None:
     cell = load_cell(CELLS / "ur5e-sim.toml")
-    functions, places = assembly.assemble(shape, _blocks())
+    index = transcription.RowIndex(stages, _blocks())
+    assembled = transcription.assemble(index)
     rng = np.random.default_rng(5)
-    x = rng.normal(size=(shape.stages + 1, layout.NZ)) * 0.4
-    x[:, layout.STEP] = rng.uniform(0.2, 0.6, shape.stages + 1)
-    x = x.ravel()[: places.variables]
+    x = rng.normal(size=(stages.stages + 1, layout.NZ)) * 0.4
+    x[:, layout.STEP] = rng.uniform(0.2, 0.6, stages.stages + 1)
+    x = x.ravel()[: index.variables]
     release = layout.RELEASE.pack({"target": [1, 0, -2], "gravity_z": 9.81, "tan_elevation": [0.1, 1.0]})
-    costs = np.tile([1.0, 1e-3, 1e-2, 0.4], shape.stages)
-    p = np.concatenate([numbers.arm_numbers(cell, cell.limits), release, numbers.box_numbers(cell), costs])
+    costs = np.tile([1.0, 1e-3, 1e-2, 0.4], stages.stages)
+    p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), release, box_parameters(cell), costs])
     along, step = rng.normal(size=x.size), 1e-6
 
     def difference(name: str) -> np.ndarray:
-        ahead, behind = (np.array(functions[name](x + s * along, p)) for s in (step, -step))
+        ahead, behind = (np.array(assembled[name](x + s * along, p)) for s in (step, -step))
         return (ahead - behind).ravel() / (2 * step)
 
-    jac = functions["jac_g"](x, p)[1]
+    jac = assembled["jac_g"](x, p)[1]
     assert np.array(jac @ along).ravel() == pytest.approx(difference("g"), abs=1e-5)
-    slope = np.array(functions["grad_f"](x, p)).ravel()
+    slope = np.array(assembled["grad_f"](x, p)).ravel()
     assert slope @ along == pytest.approx(float(difference("f")[0]), rel=1e-6)
-    lam = _smooth_multipliers(places, rng)
-    gradient, hessian = functions["hess_l"](x, p, 1.0, lam)
+    lam = _smooth_multipliers(index, rng)
+    gradient, hessian = assembled["hess_l"](x, p, 1.0, lam)
     assert np.array(gradient).ravel() == pytest.approx(slope + np.array(jac.T @ lam).ravel())
-    ends = [np.array(functions["hess_l"](x + s * along, p, 1.0, lam)[0]).ravel() for s in (step, -step)]
+    ends = [np.array(assembled["hess_l"](x + s * along, p, 1.0, lam)[0]).ravel() for s in (step, -step)]
     assert np.array(hessian @ along).ravel() == pytest.approx((ends[0] - ends[1]) / (2 * step), abs=1e-5)
 
 
-def _smooth_multipliers(places: table.Table, rng: np.random.Generator) -> np.ndarray:
+def _smooth_multipliers(index: transcription.RowIndex, rng: np.random.Generator) -> np.ndarray:
     """Multipliers that leave out the rows whose curvature is left out."""
-    lam = rng.normal(size=places.size)
-    for (name, _), rows in places.rows.items():
-        if name.removesuffix("_middle") in table.GROUPS or name == "singular_middle":
+    lam = rng.normal(size=index.size)
+    for (name, _), rows in index.rows.items():
+        if name.removesuffix("_middle") in transcription.LAZY_GROUPS or name == "singularity_middle":
             lam[rows] = 0.0
     return lam

@@ -1,23 +1,22 @@
-"""The release window in the optimal control back end: its stages, what ticks do to it, how it is held."""
+"""The release window in the optimal control back end: its stages, and its landings on ticks."""
 
 from __future__ import annotations
 
-import time
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from planner.backends import casadi_nlp, ruckig_otg
-from planner.backends.casadi_nlp import task, window
-from planner.backends.casadi_nlp.bounds import free_bounds, set_spots
-from planner.backends.casadi_nlp.margins import Spot
-from planner.backends.casadi_nlp.solving import machine
-from planner.backends.casadi_nlp.table import Shape
+from planner.backends.casadi_nlp import answer, instance
+from planner.backends.casadi_nlp.bounds import Bounds
+from planner.backends.casadi_nlp.instance import Instance
+from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, LocalMargin
+from planner.backends.casadi_nlp.transcription import StageLayout, transcription
 from planner.certificate import certify, landing_errors
 from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
-from planner.seeds.candidates import candidates
+from planner.seeds.candidates import Seed, candidates
 from planner.trajectory import Trajectory
 from tests.planner.problems import cell
 
@@ -45,27 +44,28 @@ def problem(name: str = "ur5e-sim", window_s: float = 0.02, **changes) -> ThrowP
     ],
 )
 def test_a_stage_lasts_5_ms_and_a_tick_at_least(name: str, window_s: float, stages: int) -> None:
-    assert window.stages(problem(name, window_s)) == stages
+    assert instance.window_stages(problem(name, window_s)) == stages
 
 
-def test_where_the_velocity_is_asked_for_one_stage_does() -> None:
-    assert window.stages(problem(release=PointRelease(np.array([0.5, 0.3, 0.6]), np.ones(3)))) == 1
+def test_with_a_requested_velocity_one_stage_is_enough() -> None:
+    assert instance.window_stages(problem(release=PointRelease(np.array([0.5, 0.3, 0.6]), np.ones(3)))) == 1
 
 
-def test_misses_are_those_of_the_certificate() -> None:
+def test_landing_errors_are_those_of_the_certificate() -> None:
     asked = problem()
     made = plan(replace(asked, release_window_s=0.0, backend="ruckig")).trajectory
-    missed = window.misses(asked, made.at, made.release_time_s)
+    known = Instance.of(asked, Seed(candidates(asked)[0]), DEFAULT_MARGINS)
+    missed = answer.landing_errors_in_window(known, made.at, made.release_time_s)
     delays = np.linspace(-0.02, 0.02, len(missed))
     assert np.linalg.norm(missed, axis=1) == pytest.approx(landing_errors(asked, made, delays), abs=1e-5)
 
 
-def test_what_is_beyond_the_tolerance_counts_for_the_knots_beside_it() -> None:
+def test_an_error_beyond_the_tolerance_counts_for_the_knots_beside_it() -> None:
     asked = problem()
-    missed = np.zeros((2 * window.LOOKS * 4 + 1, 2))
-    missed[window.LOOKS + 1] = [0.007, 0.0]  # between the second and the third of nine knots
-    more = window.beyond(asked, missed)
-    assert more[[1, 2], 0] == pytest.approx(0.007 - window.USED * 0.005)
+    missed = np.zeros((2 * answer.SAMPLES_PER_STAGE * 4 + 1, 2))
+    missed[answer.SAMPLES_PER_STAGE + 1] = [0.007, 0.0]  # between the second and the third of nine knots
+    more = answer.excess_at_knots(missed, asked.landing_tolerance_m)
+    assert more[[1, 2], 0] == pytest.approx(0.007 - answer.USABLE_TOLERANCE * 0.005)
     assert not more[[0, 3, 4, 5, 6, 7, 8]].any()
     assert not more[:, 1].any()
 
@@ -73,8 +73,8 @@ def test_what_is_beyond_the_tolerance_counts_for_the_knots_beside_it() -> None:
 def test_four_stages_release_sooner_than_one(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = problem()
     sooner = _solved(asked).release_time_s
-    monkeypatch.setattr(window, "USUAL_STAGES", 1)
-    monkeypatch.setattr(window, "MOST_STAGES", 1)
+    monkeypatch.setattr(instance, "USUAL_WINDOW_STAGES", 1)
+    monkeypatch.setattr(instance, "MOST_WINDOW_STAGES", 1)
     assert sooner < _solved(asked).release_time_s
 
 
@@ -82,7 +82,7 @@ def _solved(asked: ThrowProblem) -> Trajectory:
     """Returns the first candidate's motion, certified or not."""
     first = candidates(asked)[0]
     guess = ruckig_otg.rough(asked, first)
-    return casadi_nlp.solve(asked, first, guess, time.perf_counter() + GENEROUS_S).trajectory
+    return casadi_nlp.solve(asked, Seed(first, guess)).trajectory
 
 
 @pytest.mark.parametrize("place", [(0.44, -0.666, 0.0), (-0.244, -1.055, 0.0)])
@@ -91,29 +91,29 @@ def test_a_window_of_50_ms_is_held_between_the_knots_too(
 ) -> None:
     asked = problem("ur10e-sim", 0.05, release=TargetRelease(np.array(place)))
     assert certify(asked, _solved(asked)).check("landing_window").ok
-    monkeypatch.setattr(window, "MOST_STAGES", 4)
+    monkeypatch.setattr(instance, "MOST_WINDOW_STAGES", 4)
     assert not certify(asked, _solved(asked)).check("landing_window").ok
 
 
 @pytest.mark.parametrize("place", [(1.2, 0.4, 0.0), (0.9, -0.5, 0.0), (1.1, 0.0, 0.0)])
-def test_what_ticks_of_8_ms_do_to_the_landings_is_made_up_for(
+def test_the_effect_of_ticks_of_8_ms_on_the_landings_is_corrected(
     place: tuple[float, float, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked = problem("ur5-sim", release=TargetRelease(np.array(place)))
     assert certify(asked, _solved(asked)).check("landing_window").ok
-    monkeypatch.setattr(task, "WINDOW_ROUNDS", 0)
+    monkeypatch.setattr(answer, "WINDOW_ROUNDS", 0)
     assert not certify(asked, _solved(asked)).check("landing_window").ok
 
 
-def test_a_spot_is_where_the_stages_are_at_its_time() -> None:
-    table = machine(Shape(4, 2, 0, ("effort", "space"))).table
-    held = free_bounds(table)
-    held.g[0, table.rows_of("space")] = 0.0
+def test_a_local_margin_applies_to_the_stages_at_its_time() -> None:
+    index = transcription(StageLayout(4, 2, 0, ("effort", "clearance"))).row_index
     steps = np.array([0.02, 0.02, 0.02, 0.14, 0.1, 0.1])
-    set_spots(held, table, [Spot("self_collision", 0.05, 0.002)], steps)  # 10 ms: within the first of four stages
-    raised = [k for k in table.shape.knots("space") if held.g[0, table.rows["space", k][0]] > 0.0]
-    assert raised == [1]
-    held.g[0, table.rows_of("space")] = 0.0
-    set_spots(held, table, [Spot("self_collision", 1.5, 0.002)], steps)  # half-way through the brake
-    raised = [k for k in table.shape.knots("space") if held.g[0, table.rows["space", k][0]] > 0.0]
-    assert raised == [4, 5, 6]
+
+    def raised(phase: float) -> list[int]:
+        bounds = Bounds(index)
+        bounds.g[0, index.rows_of["clearance"]] = 0.0
+        bounds.add_local_margins([LocalMargin("self_collision", phase, 0.002)], steps)
+        return [k for k in index.knots["clearance"] if bounds.g[0, index.rows["clearance", k][0]] > 0.0]
+
+    assert raised(0.05) == [1]  # 10 ms: within the first of four stages
+    assert raised(1.5) == [4, 5, 6]  # half-way through the brake

@@ -1,7 +1,6 @@
 """What every back end promises, over named problems."""
 
 import sys
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -13,19 +12,17 @@ from planner.backends import casadi_nlp, profiles, ruckig_otg, toppra_path
 from planner.certificate import certify
 from planner.errors import BackendUnavailable, Infeasible, SolverFailed
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
-from planner.seeds.candidates import Candidate, candidates
+from planner.seeds.candidates import Candidate, Seed, candidates
 from planner.solution import Solution
 from tests.planner.problems import cell, joint_problem, point_problem, pose_problem
 
 Solve = Callable[[ThrowProblem, Candidate], Solution]
 
-SOLVER_TIME_S = 60.0  # far more than it takes: no answer may depend on how busy the machine is
-
 
 def optimal(problem: ThrowProblem, candidate: Candidate) -> Solution:
     """The optimiser from Ruckig's motion, as the planner uses it."""
-    seed = ruckig_otg.solve(problem, candidate).trajectory
-    return casadi_nlp.solve(problem, candidate, seed, time.perf_counter() + SOLVER_TIME_S, stubborn=True)
+    seed = Seed(candidate, ruckig_otg.solve(problem, candidate).trajectory)
+    return casadi_nlp.solve(problem, seed, casadi_nlp.SolveOptions(with_ipopt=True))
 
 
 SOLVERS: dict[str, Solve] = {

@@ -8,11 +8,11 @@ from planner.errors import Infeasible
 from planner.planning import plan
 from planner.problem import JointRelease
 from planner.request import problem_from_request
-from planner.search.sequential import WAYS
+from planner.search import VARIANTS_BY_BACKEND
 from tests.planner.problems import cell, joint_problem, pose_problem
 
 
-@pytest.mark.parametrize("backend", WAYS)
+@pytest.mark.parametrize("backend", VARIANTS_BY_BACKEND)
 def test_a_back_end_asked_for_by_name_answers_itself(backend):
     known = joint_problem().release
     assert isinstance(known, JointRelease)
@@ -24,7 +24,7 @@ def test_a_back_end_asked_for_by_name_answers_itself(backend):
     assert certify(problem, answer.trajectory).valid
 
 
-@pytest.mark.parametrize("backend", WAYS)
+@pytest.mark.parametrize("backend", VARIANTS_BY_BACKEND)
 def test_its_nearest_request_is_one_that_it_can_do(backend):
     too_fast = JointRelease(cell().home + 0.3, np.array([3.5, 0.0, 0.0, 0.0, 0.0, 0.0]))
     problem = joint_problem(release=too_fast, backend=backend)

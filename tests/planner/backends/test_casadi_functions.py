@@ -1,4 +1,4 @@
-"""Calls through buffers against casadi's own."""
+"""Functions called through buffers against casadi's own calls."""
 
 from __future__ import annotations
 
@@ -6,51 +6,50 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from planner.backends.casadi_nlp import buffered
-from planner.backends.casadi_nlp.solving import machine
-from planner.backends.casadi_nlp.table import Shape
+from planner.backends.casadi_nlp import functions
+from planner.backends.casadi_nlp.transcription import StageLayout, transcription
 
 RNG = np.random.default_rng(5)
-FUNCTIONS = ("motion", "space", "release")
+FUNCTIONS = ("motion", "clearance", "release")
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 @pytest.mark.parametrize("kind", ["value", "slope"])
-def test_results_are_casadi_s_dense_and_in_their_places(name: str, kind: str) -> None:
-    function = getattr(machine(Shape(8, 3, 0, ("space",))).blocks[name], kind)
+def test_results_are_casadi_s_own_and_dense(name: str, kind: str) -> None:
+    function = getattr(transcription(StageLayout(8, 3, 0, ("clearance",))).blocks[name], kind)
     arguments = [RNG.uniform(0.1, 1.0, function.numel_in(i)) for i in range(function.n_in())]
     expected = function(*arguments)
     expected = [np.array(x) for x in (expected if isinstance(expected, (list, tuple)) else [expected])]
-    found = buffered.evaluate(function, *arguments)
+    found = functions.evaluate(function, *arguments)
     assert [x.shape for x in found] == [x.shape for x in expected]
     for a, b in zip(found, expected, strict=True):
         np.testing.assert_array_equal(a, b)
 
 
-def test_arrays_of_any_layout_and_kind_are_taken() -> None:
+def test_arrays_of_any_memory_layout_and_type_are_accepted() -> None:
     x = ca.SX.sym("x", 3)
     double = ca.Function("double", [x], [2.0 * x])
-    np.testing.assert_array_equal(buffered.evaluate(double, np.arange(6)[::2])[0].ravel(), [0.0, 4.0, 8.0])
+    np.testing.assert_array_equal(functions.evaluate(double, np.arange(6)[::2])[0].ravel(), [0.0, 4.0, 8.0])
 
 
-def test_a_size_that_does_not_fit_is_refused() -> None:
+def test_a_wrong_size_is_refused() -> None:
     x = ca.SX.sym("x", 3)
     double = ca.Function("double", [x], [2.0 * x])
     with pytest.raises(ValueError, match="has 2 entries instead of 3"):
-        buffered.evaluate(double, np.zeros(2))
+        functions.evaluate(double, np.zeros(2))
     with pytest.raises(ValueError, match=r"shorter|longer"):
-        buffered.evaluate(double)
+        functions.evaluate(double)
 
 
-def test_a_solver_is_called_by_names_and_tells_how_it_went() -> None:
+def test_a_solver_is_called_by_names_and_returns_its_statistics() -> None:
     x, p = ca.SX.sym("x", 2), ca.SX.sym("p", 1)
     problem = {"x": x, "p": p, "f": (x[0] - p) ** 2 + x[1] ** 2, "g": x[0] + x[1]}
     solver = ca.nlpsol("solver", "ipopt", problem, {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes"})
     call = {"x0": np.zeros(2), "p": np.array([3.0]), "lbg": np.array([1.0]), "ubg": np.array([1.0]),
             "lbx": np.full(2, -np.inf), "ubx": np.full(2, np.inf)}  # fmt: skip
-    result, stats = buffered.first_result(solver, call)
+    result, stats = functions.first_result(solver, call)
     np.testing.assert_allclose(result, [2.0, -1.0], atol=1e-6)
     assert stats["success"]
     assert stats["iter_count"] > 0
     with pytest.raises(ValueError, match="p has 2 entries"):
-        buffered.first_result(solver, {**call, "p": np.zeros(2)})
+        functions.first_result(solver, {**call, "p": np.zeros(2)})

@@ -1,8 +1,8 @@
-"""The arm in symbols: kinematics of the UR family in closed form, and joint torques.
+"""Symbolic arm formulas: kinematics of the UR family in closed form, and joint torques.
 
-All nine arms share one geometry: axes 2, 3, 4 are parallel, so the angles add, and only six lengths differ. The first
-joint only turns everything about the base's z axis; what does not feel that turn is written in the frame S that turns
-with it, which takes q1 out of the formulas and out of their derivatives.
+All nine arms share one geometry: axes 2, 3 and 4 are parallel, so their angles add, and only six lengths differ. The
+first joint turns everything about the base's z axis. Quantities that do not depend on that turn are written in a frame
+S that turns with it, which takes q1 out of the formulas and of their derivatives.
 """
 
 from __future__ import annotations
@@ -12,28 +12,28 @@ from typing import Any
 
 import casadi as ca
 
-SX = Any  # casadi's stubs know its operators only by halves
+SX = Any  # casadi's type stubs are incomplete
 
 # Fixed rotations about x by alpha_i. source: UR, "DH parameters for calculations of kinematics and dynamics"
 ALPHA_QUARTERS = (1, 0, 0, 1, -1, 0)  # alpha_i / (pi / 2)
 
 
 @dataclass(frozen=True)
-class Frames:
+class ArmFrames:
     """Rotations (3, 3) and origins (3,) in S of DH frames 0 to 6."""
 
     rotations: tuple[SX, ...]
     origins: tuple[SX, ...]
 
     def point(self, frame: int, local: SX) -> SX:
-        """Returns in S the point `local` (3,) of a frame."""
+        """Returns the point `local` (3,) of a frame in S."""
         return self.origins[frame] + self.rotations[frame] @ local
 
 
-def frames(dh: SX, q: SX) -> Frames:
+def frames(dh: SX, q: SX) -> ArmFrames:
     """Returns the frames in S for the lengths d1, a2, a3, d4, d5, d6 [m] and joint positions (6,) [rad].
 
-    Frame 0, the base, is turned by -q1 in S.
+    Frame 0 is the base, turned by -q1 in S.
     """
     x1, y1, z1 = ca.SX([1, 0, 0]), ca.SX([0, 0, 1]), ca.SX([0, -1, 0])
     a2, a3 = q[1], q[1] + q[2]
@@ -59,7 +59,7 @@ def frames(dh: SX, q: SX) -> Frames:
         ca.horzcat(x5, -z4, z5),
         ca.horzcat(x6, y6, z5),
     )
-    return Frames(rotations, (ca.SX.zeros(3), o1, o2, o3, o4, o5, o5 + dh[5] * z5))
+    return ArmFrames(rotations, (ca.SX.zeros(3), o1, o2, o3, o4, o5, o5 + dh[5] * z5))
 
 
 def turn(angle: SX) -> SX:
@@ -70,7 +70,7 @@ def turn(angle: SX) -> SX:
 
 @dataclass(frozen=True)
 class ToolMotion:
-    """Position [m], velocity [m/s] and acceleration [m/s^2] of the tool centre, each (3,) and seen along S's axes."""
+    """Position [m], velocity [m/s] and acceleration [m/s^2] of the tool centre point, each (3,) along S's axes."""
 
     position: SX
     velocity: SX
@@ -78,7 +78,7 @@ class ToolMotion:
 
 
 def tool_motion(dh: SX, tcp: SX, q: SX, qd: SX, qdd: SX) -> ToolMotion:
-    """Returns the motion of the tool centre `tcp` (3,) [m] of the flange."""
+    """Returns the motion of the tool centre point, at `tcp` (3,) [m] in the flange."""
     at, speed, change = (ca.SX.sym(name, 6) for name in ("q", "qd", "qdd"))
     p = frames(dh, at).point(6, tcp)
     v = ca.jtimes(p, at, speed) + speed[0] * ca.vertcat(-p[1], p[0], 0)
@@ -87,9 +87,9 @@ def tool_motion(dh: SX, tcp: SX, q: SX, qd: SX, qdd: SX) -> ToolMotion:
 
 
 def shoulder_distance(dh: SX, q: SX) -> SX:
-    """Returns the wrist centre's signed distance from joint 1's axis over the arm's length |a2| + |a3| [-].
+    """Returns the wrist centre's signed distance from joint 1's axis, divided by the arm's length |a2| + |a3| [-].
 
-    Zero is the shoulder singularity; source: factor of the Jacobian's determinant, shared with planner.kinematics.
+    Zero at the shoulder singularity. source: factor of the Jacobian's determinant, as in planner.kinematics.
     """
     a3 = q[1] + q[2]
     reach = dh[1] * ca.cos(q[1]) + dh[2] * ca.cos(a3) + dh[4] * ca.sin(a3 + q[3])
@@ -97,12 +97,12 @@ def shoulder_distance(dh: SX, q: SX) -> SX:
 
 
 def torques(dh: SX, links: SX, gravity: SX, q: SX, qd: SX, qdd: SX) -> SX:
-    """Returns the joint torques (6,) [N m] by Newton and Euler's recursion in the links' own frames.
+    """Returns the joint torques (6,) [N m] by the Newton-Euler recursion in the links' own frames.
 
     Args:
         dh: d1, a2, a3, d4, d5, d6 [m].
-        links: a link: mass [kg], mass times centre (3) [kg m], inertia about the frame's origin (6) [kg m^2].
-        gravity: acceleration of the base that stands for gravity (3,), upward [m/s^2].
+        links: per link mass [kg], first moment (3) [kg m], inertia about the frame's origin (6) [kg m^2].
+        gravity: upward acceleration of the base equivalent to gravity (3,) [m/s^2].
         q: joint positions (6,) [rad].
         qd: velocities (6,) [rad/s].
         qdd: accelerations (6,) [rad/s^2].
@@ -122,13 +122,13 @@ def torques(dh: SX, links: SX, gravity: SX, q: SX, qd: SX, qdd: SX) -> SX:
 
 
 def _shifts(dh: SX) -> list[SX]:
-    """Returns each frame's origin seen from the previous one's, in the frame itself: (a, d sin alpha, d cos alpha)."""
+    """Returns each frame's origin relative to the previous one's, in itself: (a, d sin alpha, d cos alpha)."""
     lengths = ((0, dh[0]), (dh[1], 0), (dh[2], 0), (0, dh[3]), (0, dh[4]), (0, dh[5]))
     return [ca.vertcat(a, d * (k % 2) * k, d * (1 - k % 2)) for (a, d), k in zip(lengths, ALPHA_QUARTERS, strict=True)]
 
 
 def _tilt(quarters: int) -> SX:
-    """Returns the rotation about x by a number of quarter turns in -1, 0, 1."""
+    """Returns the rotation about x by -1, 0 or 1 quarter turns."""
     c, s = (1, 0) if quarters == 0 else (0, quarters)
     return ca.sparsify(ca.SX([[1, 0, 0], [0, c, -s], [0, s, c]]))
 

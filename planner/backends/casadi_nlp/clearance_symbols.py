@@ -1,0 +1,140 @@
+"""Symbolic clearance formulas: distances between capsules, floor and boxes, each kind folded into one smooth row.
+
+The minimum of many distances has kinks; -w log sum exp(-d / w) has none and is never larger than the minimum, so a
+bound on it bounds them all. The closest points of two segments move with the arm, but the distance depends on that
+movement in second order only: they are frozen while the derivatives are taken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+
+from planner.backends.casadi_nlp.arm_symbols import ArmFrames
+from planner.backends.casadi_nlp.layout import CAPSULE_FRAMES, KEEP_OUT_BOXES, PAIRS
+
+SX = Any
+
+WIDTH = 0.002  # [m] width of the soft minimum: for two equal distances it is 1.4 mm smaller
+PROJECTIONS = 4  # [-] alternating projections between segment and box; an inexact nearest point is a second-order error
+TINY = 1e-9  # [m^2] keeps the length of a segment and a distance away from zero
+
+
+@dataclass
+class FrozenTerms:
+    """Terms that derivatives take as constants: symbols, and the expressions they stand for."""
+
+    symbols: list[SX] = field(default_factory=list)
+    values: list[SX] = field(default_factory=list)
+
+    def freeze(self, value: SX) -> SX:
+        """Returns a symbol for `value`."""
+        symbol = ca.SX.sym(f"frozen{len(self.symbols)}", *value.shape)
+        self.symbols.append(symbol)
+        self.values.append(value)
+        return symbol
+
+
+@dataclass(frozen=True)
+class CapsuleSlots:
+    """End points (3,) of every capsule slot in S [m], and radii [m]."""
+
+    starts: list[SX]
+    ends: list[SX]
+    radii: list[SX]
+
+
+def capsules_in_s(arm: ArmFrames, capsules: SX) -> CapsuleSlots:
+    """Returns the capsules in S. `capsules` holds seven numbers for each slot of `CAPSULE_FRAMES`."""
+    rows = [capsules[7 * i : 7 * i + 7] for i in range(len(CAPSULE_FRAMES))]
+    slots = list(zip(CAPSULE_FRAMES, rows, strict=True))
+    return CapsuleSlots(
+        [arm.point(frame, row[:3]) for frame, row in slots],
+        [arm.point(frame, row[3:6]) for frame, row in slots],
+        [row[6] for row in rows],
+    )
+
+
+def self_distance(body: CapsuleSlots, added: SX, frozen: FrozenTerms) -> SX:
+    """Returns the soft minimum of the distances [m] between the surfaces of `PAIRS`, each increased by its `added`."""
+    gaps = [
+        segment_distance(body.starts[i], body.ends[i], body.starts[j], body.ends[j], frozen)
+        - body.radii[i]
+        - body.radii[j]
+        + added[k]
+        for k, (i, j) in enumerate(PAIRS)
+    ]
+    return soft_minimum(gaps, frozen)
+
+
+def segment_distance(p1: SX, p2: SX, q1: SX, q2: SX, frozen: FrozenTerms) -> SX:
+    """Returns the distance [m] between two segments. source: Ericson, Real-Time Collision Detection, 5.1.9."""
+    u, v, w = p2 - p1, q2 - q1, p1 - q1
+    a, b, e = ca.dot(u, u) + TINY, ca.dot(u, v), ca.dot(v, v) + TINY
+    c, f = ca.dot(u, w), ca.dot(v, w)
+    s = _unit((b * f - c * e) / (a * e - b * b + TINY))
+    t = _unit((b * s + f) / e)
+    s, t = frozen.freeze(_unit((b * t - c) / a)), frozen.freeze(t)
+    gap = w + s * u - t * v
+    return ca.sqrt(ca.dot(gap, gap) + TINY)
+
+
+def _unit(x: SX) -> SX:
+    return ca.fmax(0, ca.fmin(1, x))
+
+
+def lowest_heights(body: CapsuleSlots, up_S: SX, base_height: SX, first: int) -> list[SX]:
+    """Returns the heights in the world [m] of the lowest points of the capsules from slot `first` on.
+
+    Args:
+        body: the capsules.
+        up_S: the world's upward direction in S (3,).
+        base_height: height of the base's origin [m].
+        first: the first slot that can move.
+    """
+    return [
+        ca.dot(up_S, end) + base_height - body.radii[i]
+        for i in range(first, len(CAPSULE_FRAMES))
+        for end in (body.starts[i], body.ends[i])
+    ]
+
+
+def box_distances(body: CapsuleSlots, boxes: SX, frozen: FrozenTerms) -> list[SX]:
+    """Returns a lower bound on the distance [m] of each capsule from each box, capsule 0 (the base) excepted.
+
+    Args:
+        body: the capsules, in the frame of the boxes.
+        boxes: lower (3) and upper (3) corner of each.
+        frozen: collects the terms that derivatives take as constants.
+    """
+    corners = [(boxes[6 * k : 6 * k + 3], boxes[6 * k + 3 : 6 * k + 6]) for k in range(KEEP_OUT_BOXES)]
+    return [
+        _beyond_faces(_nearest(body.starts[i], body.ends[i], *box, frozen), *box, frozen) - body.radii[i]
+        for box in corners
+        for i in range(1, len(CAPSULE_FRAMES))
+    ]
+
+
+def _nearest(start: SX, end: SX, lower: SX, upper: SX, frozen: FrozenTerms) -> SX:
+    """Returns the point of a segment nearest to a box, by alternating projections. source: von Neumann 1950."""
+    along = end - start
+    square = ca.dot(along, along) + TINY
+    s = ca.SX(0.5)
+    for _ in range(PROJECTIONS):
+        inside = ca.fmax(lower, ca.fmin(upper, start + s * along))
+        s = _unit(ca.dot(inside - start, along) / square)
+    return start + frozen.freeze(s) * along
+
+
+def _beyond_faces(point: SX, lower: SX, upper: SX, frozen: FrozenTerms) -> SX:
+    """Returns the soft maximum of a point's distances [m] beyond the planes of a box's faces."""
+    return -soft_minimum(ca.vertsplit(ca.vertcat(point - lower, upper - point)), frozen)
+
+
+def soft_minimum(distances: list[SX], frozen: FrozenTerms) -> SX:
+    """Returns -w log sum exp(-d / w) [m] for w = `WIDTH`."""
+    row = ca.vertcat(*distances)
+    least = frozen.freeze(ca.mmin(row))
+    return least - WIDTH * ca.log(ca.sum1(ca.exp((least - row) / WIDTH)))

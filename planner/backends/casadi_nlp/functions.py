@@ -1,0 +1,162 @@
+"""Casadi functions: blocks of rows with their derivatives, and calls through numpy buffers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.backends.casadi_nlp.clearance_symbols import FrozenTerms
+from planner.backends.casadi_nlp.layout import COST, NZ, SHARED
+from planner.backends.casadi_nlp.symbols import FORMULAS, BlockFormula
+
+SX = Any
+Vector = NDArray[np.float64]
+
+KINDS = ("value", "slope", "curve")
+SIGNATURES_KEPT = 256  # functions whose signatures are cached: more than there are solvers and blocks
+
+
+@dataclass(frozen=True)
+class Block:
+    """The functions of one stage's rows, and the sparsity of their derivatives.
+
+    Attributes:
+        name: key of `symbols.FORMULAS`.
+        value: (z, p) -> rows (n,).
+        slope: (z, p) -> rows (n,), Jacobian (n, NZ).
+        curve: (z, p, multipliers) -> gradient (NZ,) and Hessian (NZ, NZ) of multipliers @ rows.
+    """
+
+    name: str
+    value: Any
+    slope: Any
+    curve: Any
+
+    @property
+    def jacobian(self) -> Any:
+        """Sparsity (n, NZ) of the Jacobian."""
+        return self.slope.sparsity_out(1)
+
+    @property
+    def hessian(self) -> Any:
+        """Sparsity (NZ, NZ) of the Hessian, both triangles."""
+        return self.curve.sparsity_out(1)
+
+    @property
+    def n(self) -> int:
+        """Number of rows."""
+        return self.slope.size1_out(0)
+
+    @property
+    def functions(self) -> tuple[Any, Any, Any]:
+        """The functions, in the order of `KINDS`."""
+        return self.value, self.slope, self.curve
+
+
+@cache
+def interpreted_blocks() -> dict[str, Block]:
+    """Returns every block with functions that casadi interprets."""
+    return {name: build_block(name, formula) for name, formula in FORMULAS.items()}
+
+
+def build_block(name: str, formula: BlockFormula) -> Block:
+    """Returns the block of a formula, by symbolic differentiation."""
+    size = COST.size if name == "cost" else sum(SHARED[piece].size for piece in formula.parameters)
+    z, p = ca.SX.sym("z", NZ), ca.SX.sym("p", size)
+    made = formula.rows(z, p)
+    lam = ca.SX.sym("lam", made.rows.size1())
+    jacobian = ca.jacobian(made.rows, z)
+    gradient = ca.jtimes(made.rows, z, lam, True)
+    curved = ca.dot(lam[made.uncurved :], made.rows[made.uncurved :])
+    hessian = ca.hessian(curved, z)[0]
+
+    def function(kind: str, inputs: list[SX], outputs: list[SX]) -> Any:
+        return ca.Function(f"{name}_{kind}", inputs, _thawed(made.frozen, outputs), {"cse": True})
+
+    return Block(
+        name,
+        function("value", [z, p], [ca.densify(made.rows)]),
+        function("slope", [z, p], [ca.densify(made.rows), jacobian]),
+        function("curve", [z, p, lam], [ca.densify(gradient), hessian]),
+    )
+
+
+def _thawed(frozen: FrozenTerms, outputs: list[SX]) -> list[SX]:
+    """Puts frozen terms back, the last first: later ones may depend on earlier ones."""
+    for symbol, value in reversed(list(zip(frozen.symbols, frozen.values, strict=True))):
+        outputs = list(ca.substitute(outputs, [symbol], [value]))  # pyright: ignore[reportAssignmentType]
+    return outputs
+
+
+@dataclass(frozen=True, eq=False)
+class _Signature:
+    """Argument names and sizes; result shapes, and rows and columns of the results' nonzeros."""
+
+    names: tuple[str, ...]
+    sizes: tuple[int, ...]
+    shapes: tuple[tuple[int, int], ...]
+    nonzeros: tuple[tuple[NDArray[np.intp], NDArray[np.intp]], ...]
+
+
+@lru_cache(maxsize=SIGNATURES_KEPT)
+def _signature(function: Any) -> _Signature:
+    inputs, outputs = range(function.n_in()), range(function.n_out())
+    triplets = (function.sparsity_out(i).get_triplet() for i in outputs)
+    return _Signature(
+        names=tuple(function.name_in(i) for i in inputs),
+        sizes=tuple(function.numel_in(i) for i in inputs),
+        shapes=tuple(function.size_out(i) for i in outputs),
+        nonzeros=tuple((np.array(rows), np.array(columns)) for rows, columns in triplets),
+    )
+
+
+def evaluate(function: Any, *arguments: Vector) -> list[Vector]:
+    """Returns every result of a function, dense (rows, columns).
+
+    Called with arrays, casadi copies each of them entry by entry: 0.1 ms each way, ten times the duration of a stage's
+    function. Its buffers take numpy's memory as it is.
+
+    Raises:
+        ValueError: an argument has another size than the function takes.
+    """
+    known = _signature(function)
+    _, results = _run(function, dict(zip(known.names, arguments, strict=True)), range(len(known.shapes)))
+    return [_dense(*each) for each in zip(results, known.shapes, known.nonzeros, strict=True)]
+
+
+def first_result(solver: Any, arguments: Mapping[str, Vector]) -> tuple[Vector, dict[str, Any]]:
+    """Returns the first result (n,) of a solver called with named arguments, and its statistics.
+
+    Raises:
+        ValueError: an argument is unknown, or has another size than the solver takes.
+    """
+    buffer, (result,) = _run(solver, arguments, range(1))
+    return result, buffer.stats()
+
+
+def _run(function: Any, arguments: Mapping[str, Vector], wanted: Sequence[int]) -> tuple[Any, list[Vector]]:
+    known = _signature(function)
+    buffer, trigger = function.buffer()
+    inputs = {name: np.ascontiguousarray(value, dtype=np.float64) for name, value in arguments.items()}
+    for name, value in inputs.items():
+        i = known.names.index(name)
+        if value.size != known.sizes[i]:
+            raise ValueError(f"{function.name()}: {name} has {value.size} entries instead of {known.sizes[i]}")
+        buffer.set_arg(i, value.data)
+    results = [np.zeros(len(known.nonzeros[i][0])) for i in wanted]
+    for i, result in zip(wanted, results, strict=True):
+        buffer.set_res(i, result.data)
+    trigger()
+    return buffer, results
+
+
+def _dense(values: Vector, shape: tuple[int, int], nonzeros: tuple[NDArray[np.intp], NDArray[np.intp]]) -> Vector:
+    dense = np.zeros(shape)
+    dense[nonzeros] = values
+    return dense

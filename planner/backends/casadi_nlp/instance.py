@@ -1,0 +1,346 @@
+"""Instance: one problem and one candidate as the numbers that a solver is called with."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.backends.casadi_nlp.bounds import Bounds
+from planner.backends.casadi_nlp.functions import evaluate
+from planner.backends.casadi_nlp.layout import (
+    ARM,
+    COST,
+    JERK,
+    JERK_SCALE,
+    NZ,
+    QD,
+    QD_SCALE,
+    QDD,
+    QDD_SCALE,
+    RELEASE,
+    STEP,
+    TIME,
+    TIME_SCALE,
+    Q,
+)
+from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins
+from planner.backends.casadi_nlp.parameters import box_parameters, cell_parameters
+from planner.backends.casadi_nlp.transcription import LAZY_GROUPS, StageLayout, Transcription, transcription
+from planner.cell import Cell, Limits
+from planner.flight import fly
+from planner.geometry import tool_state
+from planner.kinematics import SINGULARITIES, signed_singularity_distances
+from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.seeds.candidates import Candidate, InitialGuess, Seed
+from planner.timing.grid import grid_limits
+
+Vector = NDArray[np.float64]
+Arguments = dict[str, Vector]
+
+# Stages of launch and brake. A jerk-optimal motion has few switches, and braking is not hurried: more stages gain
+# nothing. With "fine" the rows are enforced at more times, for motions that come too close to something in between.
+STAGES = {"coarse": (8, 3), "fine": (12, 4)}
+BRAKE_WEIGHT = 0.05  # [-] cost of a second of braking, relative to a second of launch
+JERK_WEIGHT = 1e-3  # [-] cost of the mean squared scaled jerk: decides for joints that have time to spare
+STEP_WEIGHT = 6e-2  # [-] cost of the mean squared relative change of a step: keeps steps from collapsing
+LARGEST_SLOPE_RAD = 1.57  # [rad] elevations beyond have no finite tangent; they are no limits
+
+# Stages in half a release window. One alone releases 2 to 3 % later than four; more than four gain nothing, but in a
+# window beyond 30 ms landings stray between the knots of stages longer than 6.25 ms.
+USUAL_WINDOW_STAGES, WINDOW_STAGE_S = 4, 0.005  # at most, and least duration [s]
+MOST_WINDOW_STAGES, LONG_WINDOW_STAGE_S = 8, 0.00625  # in longer windows; shorter stages converge less often
+ROUNDING = 1e-9  # [-] of a number of stages
+
+
+def stage_layout(problem: ThrowProblem, resolution: str = "coarse") -> StageLayout:
+    """Returns the stages that a problem needs, with every lazy group of rows that applies to it."""
+    groups = LAZY_GROUPS if problem.cell.surroundings.keep_out else LAZY_GROUPS[:-1]
+    launch, brake = STAGES[resolution]
+    if problem.ends_at_rest:
+        return StageLayout(launch, 0, 0, groups)
+    window = window_stages(problem)
+    return StageLayout(launch + window, brake + window, window, groups)
+
+
+def window_stages(problem: ThrowProblem) -> int:
+    """Returns the number of stages in half the release window, 0 without a window.
+
+    A requested release state or velocity leaves a window little to choose: one stage is enough.
+    """
+    if not problem.is_robust:
+        return 0
+    if not isinstance(problem.release, TargetRelease):
+        return 1
+    fitting, fitting_long = (
+        math.floor(problem.release_window_s / max(least_s, problem.dt) + ROUNDING)
+        for least_s in (WINDOW_STAGE_S, LONG_WINDOW_STAGE_S)
+    )
+    return max(1, min(USUAL_WINDOW_STAGES, fitting), min(MOST_WINDOW_STAGES, fitting_long))
+
+
+def common_layouts() -> list[StageLayout]:
+    """Returns the layouts whose solvers are built ahead of requests; those with keep-out boxes take a few 10 ms."""
+    groups = LAZY_GROUPS[:-1]
+    subsets = [subset for size in range(len(groups) + 1) for subset in combinations(groups, size)]
+    (launch, brake), (fine_launch, fine_brake), n = STAGES["coarse"], STAGES["fine"], USUAL_WINDOW_STAGES
+    coarse = ((launch, brake, 0), (launch + n, brake + n, n), (launch, 0, 0))
+    fine = ((fine_launch, fine_brake), (fine_launch, 0))
+    layouts = [StageLayout(*stages, groups=subset) for stages in coarse for subset in subsets]
+    return layouts + [StageLayout(*stages, groups=groups) for stages in fine]
+
+
+@dataclass(frozen=True, eq=False)
+class Instance:
+    """One problem near one candidate, as a solver is called with it.
+
+    Attributes:
+        problem: the problem.
+        candidate: the release state to start from; `joint` and `pose` releases are held to it.
+        margins: on every limit.
+        stages: the layout, with every group of rows that applies.
+        limits: of the joints, less what the tick grid needs.
+        aim: landing point of the drag-free flight (3,) [m].
+        initial: initial guess of the variables (N + 1, NZ), scaled.
+        steps: lengths (N,) [s] that the solution's steps are kept close to.
+        fixed_times: times of release and end [s], if they are fixed.
+        landing_offsets: added to the landing error at each knot of the window (2 n + 1, 2) [m].
+    """
+
+    problem: ThrowProblem
+    candidate: Candidate
+    margins: Margins
+    stages: StageLayout
+    limits: Limits
+    aim: Vector
+    initial: Vector
+    steps: Vector
+    fixed_times: tuple[float, float] | None = None
+    landing_offsets: Vector | float = 0.0
+
+    @staticmethod
+    def of(problem: ThrowProblem, seed: Seed, margins: Margins, resolution: str = "coarse") -> Instance:
+        """Returns the instance of a seed."""
+        candidate = seed.candidate
+        guess = seed.initial_guess or CubicGuess(problem, candidate)
+        stages = stage_layout(problem, resolution)
+        limits, aim = grid_limits(problem.reachable, problem.dt), _initial_aim(problem, candidate)
+        initial, steps = _variables_along(guess, stages, problem.release_window_s)
+        return Instance(problem, candidate, margins, stages, limits, aim, initial, steps)
+
+    def from_guess(self, guess: InitialGuess, landing_offsets: Vector | float) -> Instance:
+        """Returns the instance with another initial guess and other offsets of the landings."""
+        initial, steps = _variables_along(guess, self.stages, self.problem.release_window_s)
+        return replace(self, initial=initial, steps=steps, landing_offsets=landing_offsets)
+
+    def on_times(self, solution: Vector, release_s: float, end_s: float) -> Instance:
+        """Returns the instance that starts from a solution (N + 1, NZ), with its times fixed."""
+        initial = solution.copy()
+        initial[-1, TIME] = end_s / TIME_SCALE
+        steps = solution[:-1, STEP] * TIME_SCALE
+        return replace(self, initial=initial, steps=steps, fixed_times=(release_s, end_s))
+
+    @property
+    def transcription(self) -> Transcription:
+        """The assembled problem."""
+        return transcription(self.stages)
+
+    @cached_property
+    def shared_parameters(self) -> dict[str, Vector]:
+        """The parameter vectors of `layout.SHARED`."""
+        return {
+            "arm": arm_parameters(self.problem.cell, self.limits, self.margins),
+            "release": release_parameters(self.problem, self.aim),
+            "boxes": box_parameters(self.problem.cell, self.margins.box_m),
+        }
+
+    @cached_property
+    def arguments(self) -> Arguments:
+        """Initial guess, parameters and bounds, by the names of a solver's arguments."""
+        bounds, n = self._bounds(), self.transcription.row_index.variables
+        return {
+            "x0": self.initial.ravel()[:n],
+            "p": np.concatenate([*self.shared_parameters.values(), self._costs()]),
+            "lbx": bounds.x[0].ravel()[:n],
+            "ubx": bounds.x[1].ravel()[:n],
+            "lbg": bounds.g[0],
+            "ubg": bounds.g[1],
+        }
+
+    def _bounds(self) -> Bounds:
+        problem, margins, bounds = self.problem, self.margins, Bounds(self.transcription.row_index)
+        bounds.limit_joints(self.limits, margins.position_rad, self._given())
+        for group, limits in self._group_limits().items():
+            bounds.limit_group(group, *limits)
+        bounds.add_local_margins(margins.local, self.steps)
+        bounds.fix_ends(problem.start)
+        bounds.limit_steps(self.steps)
+        if not problem.ends_at_rest:
+            distances = dict(
+                zip(SINGULARITIES, signed_singularity_distances(problem.cell.robot, self.candidate.q), strict=True)
+            )
+            signed = np.array([distances[name] for name in ("elbow", "wrist", "shoulder")])  # as in block "singularity"
+            bounds.avoid_singularities(signed, margins.singularity * self.limits.singularity_distance_min)
+        bounds.set_release(problem, self.candidate)
+        if problem.is_robust:
+            window_s, tolerance_m = problem.release_window_s, problem.landing_tolerance_m
+            bounds.hold_window(window_s, tolerance_m, margins.window, self.landing_offsets)
+        if self.fixed_times is not None:
+            bounds.fix_times(*self.fixed_times)
+        return bounds
+
+    def _group_limits(self) -> dict[str, tuple[Vector, Vector]]:
+        """Returns the lower and upper bounds of every lazy group's rows."""
+        margins, inf = self.margins, np.inf
+        clearances = {
+            "clearance": [DEFAULT_MARGINS.self_m, DEFAULT_MARGINS.floor_m, DEFAULT_MARGINS.keep_in_m],
+            "keep_out": [DEFAULT_MARGINS.box_m],
+        }
+        torque = np.full(6, margins.torque)
+        limits = {"effort": (np.append(-torque, -inf), np.append(torque, margins.tcp_speed**2))}
+        for group in (group for group in clearances if group in self.stages.groups):
+            limits[group] = self._least_clearances(group, clearances[group]), np.full(len(clearances[group]), inf)
+        return limits
+
+    def _least_clearances(self, group: str, room: list[float]) -> Vector:
+        """Returns the lower bounds of a group of clearances [m]: 0, or what the given joint positions allow.
+
+        The optimiser's distances are some millimetres smaller than the true ones. Where the start, or a requested
+        release, is closer than that to something, the motion between is not held to more, however wide the margins.
+        """
+        value = self.transcription.blocks[group].value
+        shared = self.shared_parameters
+        p = {"clearance": shared["arm"], "keep_out": np.concatenate([shared["arm"], shared["boxes"]])}[group]
+        values = []
+        for q in self._given():
+            z = np.zeros(NZ)
+            z[Q] = q
+            values.append(evaluate(value, z, p)[0].ravel())
+        return np.minimum(np.min(values, axis=0) + room, 0.0)
+
+    def _given(self) -> list[Vector]:
+        """Returns the joint positions (6,) that the problem fixes [rad]."""
+        fixed = isinstance(self.problem.release, JointRelease | PoseRelease)
+        return [self.problem.start, self.candidate.q] if fixed else [self.problem.start]
+
+    def _costs(self) -> Vector:
+        """Returns the `COST` parameters of every stage; with fixed times only jerk and steps have a cost."""
+        n = len(self.steps)
+        time = np.where(np.arange(n) < self.stages.launch, 1.0, BRAKE_WEIGHT)
+        weights = {
+            "time": time if self.fixed_times is None else np.zeros(n),
+            "jerk": np.full(n, JERK_WEIGHT / n / 6),
+            "step": np.full(n, STEP_WEIGHT / n),
+            "initial_step": self.steps / TIME_SCALE,
+        }
+        return np.stack([weights[name] for name in COST.sizes]).T.ravel()
+
+
+def arm_parameters(cell: Cell, limits: Limits, margins: Margins) -> Vector:
+    """Returns the `ARM` vector, with the margins added to every required clearance."""
+    vector, at = cell_parameters(cell).copy(), ARM.slices
+    vector[at["torque"]] = limits.tau_max
+    vector[at["speed"]] = limits.tcp_speed_max
+    vector[at["floor"]] += margins.floor_m
+    vector[at["self_clearance"]] += margins.self_m
+    lower, upper = np.split(vector[at["keep_in"]], 2)
+    lower += margins.keep_in_m
+    upper -= margins.keep_in_m
+    return vector
+
+
+def release_parameters(problem: ThrowProblem, aim: Vector) -> Vector:
+    """Returns the `RELEASE` vector for an aim (3,) [m]."""
+    elevations = (-math.pi / 2, math.pi / 2)
+    if isinstance(problem.release, TargetRelease):
+        elevations = (problem.release.min_elevation_rad, problem.release.max_elevation_rad)
+    slopes = [math.tan(e) if abs(e) < LARGEST_SLOPE_RAD else 0.0 for e in elevations]
+    pieces = {"target": aim, "gravity_z": [problem.gravity], "tan_elevation": slopes}
+    return np.concatenate([pieces[name] for name in RELEASE.sizes])
+
+
+def _initial_aim(problem: ThrowProblem, candidate: Candidate) -> Vector:
+    """Returns the landing point of the drag-free flight (3,) [m]; for a target, as from the candidate."""
+    release = problem.release
+    if isinstance(release, PointRelease):
+        p, v = release.p_WT, release.v_WT
+    else:
+        tool = tool_state(problem.cell, candidate.q, candidate.qd)
+        p, v = tool.p_WT, tool.v_WT
+    if isinstance(release, TargetRelease):
+        return drag_free_aim(problem, release.p_W, p, v)
+    flight = None if problem.ends_at_rest else fly(p, v, problem.plane_z, problem.gravity)
+    return np.array([p[0], p[1], problem.plane_z]) if flight is None else flight.landing_point
+
+
+def drag_free_aim(problem: ThrowProblem, goal: Vector, p: Vector, v: Vector) -> Vector:
+    """Returns the landing point of the drag-free flight whose real counterpart, with drag, lands on `goal` (3,) [m].
+
+    Args:
+        problem: its drag and gravity.
+        goal: landing point (3,) [m].
+        p: release position (3,) [m].
+        v: release velocity (3,) [m/s].
+    """
+    if problem.drag <= 0.0:
+        return goal
+    ideal = fly(p, v, float(goal[2]), problem.gravity)
+    real = fly(p, v, float(goal[2]), problem.gravity, problem.drag)
+    if ideal is None or real is None:
+        return goal
+    return goal + ideal.landing_point - real.landing_point
+
+
+def _variables_along(guess: InitialGuess, stages: StageLayout, window_s: float) -> tuple[Vector, Vector]:
+    """Returns variables (N + 1, NZ) and steps (N,) [s] along a motion, with knots at the ends of the window."""
+    release, end, n = guess.release_time_s, guess.duration_s, stages.window
+    around = window_s if n else 0.0
+    first, last = max(release - around, release / 2), min(release + around, (release + end) / 2)
+    pieces = ((0.0, first, stages.launch - n), (first, release, n), (release, last, n), (last, end, stages.brake - n))
+    t = np.concatenate([[0.0], *(np.linspace(start, stop, count + 1)[1:] for start, stop, count in pieces)])
+    q, qd, qdd = guess.at(t)
+    steps = np.diff(t)
+    z = np.zeros((len(t), NZ))
+    z[:, Q], z[:, QD], z[:, QDD], z[:, TIME] = q, qd / QD_SCALE, qdd / QDD_SCALE, t / TIME_SCALE
+    z[:-1, JERK] = np.diff(qdd, axis=0) / steps[:, None] / JERK_SCALE
+    z[:-1, STEP] = steps / TIME_SCALE
+    return z, steps
+
+
+@dataclass(frozen=True, eq=False)
+class CubicGuess:
+    """The initial guess of a seed without one: a cubic to the release in twice the least time, then even braking."""
+
+    problem: ThrowProblem
+    candidate: Candidate
+
+    @cached_property
+    def release_time_s(self) -> float:
+        """Release time [s]."""
+        return max(2.0 * self.candidate.bound_s, 0.2)
+
+    @cached_property
+    def brake_s(self) -> float:
+        """Duration of the brake [s]."""
+        needed = float(np.max(np.abs(self.candidate.qd) / self.problem.limits.qdd_max)) * 1.5
+        return max(needed, 0.1)
+
+    @property
+    def duration_s(self) -> float:
+        """Time of standstill [s]."""
+        return self.release_time_s + (0.0 if self.problem.ends_at_rest else self.brake_s)
+
+    def at(self, t: Vector, /) -> tuple[Vector, Vector, Vector]:
+        """Returns q, qd, qdd (n, 6) at times `t` (n,) [s]."""
+        release, slowing = self.release_time_s, self.brake_s
+        d, v = self.candidate.q - self.problem.start, self.candidate.qd
+        s = np.minimum(t, release)[:, None]
+        c2, c3 = 3 * d / release**2 - v / release, v / release**2 - 2 * d / release**3
+        after = np.clip(t - release, 0.0, slowing)[:, None]
+        q = self.problem.start + c2 * s**2 + c3 * s**3 + v * (after - after**2 / (2 * slowing))
+        qd = 2 * c2 * s + 3 * c3 * s**2 - v * after / slowing
+        return q, qd, np.where(t[:, None] < release, 2 * c2 + 6 * c3 * s, -v / slowing)

@@ -1,0 +1,125 @@
+"""Parameter vectors of a cell for the generated functions, computed once per cell."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.backends.casadi_nlp.layout import (
+    ABSENT_BOX,
+    ABSENT_RADIUS,
+    ARM,
+    BOXES,
+    CAPSULE_FRAMES,
+    FAR,
+    FIRST_TOOL,
+    KEEP_OUT_BOXES,
+    OBJECT,
+    PAIRS,
+    TOOL_CAPSULES,
+)
+from planner.cell import Cell
+from planner.geometry import SELF_CLEARANCE_M, arm_capsules, self_collision_pairs
+
+Vector = NDArray[np.float64]
+
+CELLS_KEPT = 32  # cells whose parameters are cached
+UNBOUNDED = 1.0e3  # [m] coordinate of a missing keep-in face
+
+
+@lru_cache(maxsize=CELLS_KEPT)
+def cell_parameters(cell: Cell) -> Vector:
+    """Returns the `ARM` vector without margins, not to be changed; the torque and speed limits are 0."""
+    robot, R_WB, boxes = cell.robot, cell.X_WB[:3, :3], cell.surroundings.keep_in
+    lower = np.max([box.lower for box in boxes], axis=0) if boxes else np.full(3, -UNBOUNDED)
+    upper = np.min([box.upper for box in boxes], axis=0) if boxes else np.full(3, UNBOUNDED)
+    return _read_only(
+        ARM.pack(
+            {
+                "dh": np.array([robot.d[0], robot.a[1], robot.a[2], robot.d[3], robot.d[4], robot.d[5]]),
+                "tcp": cell.tool.X_FT[:3, 3],
+                "links": link_parameters(cell),
+                "gravity": R_WB.T @ [0.0, 0.0, cell.surroundings.gravity_m_s2],
+                "base": np.concatenate([R_WB.T.ravel(), cell.X_WB[:3, 3]]),
+                "capsules": capsule_parameters(cell),
+                "pairs": pair_parameters(cell),
+                "keep_in": np.concatenate([lower, upper]),
+                "floor": cell.surroundings.floor_z_m + cell.surroundings.clearance_m,
+                "self_clearance": SELF_CLEARANCE_M,
+                "torque": 0.0,
+                "speed": 0.0,
+            }
+        )
+    )
+
+
+@lru_cache(maxsize=CELLS_KEPT)
+def box_parameters(cell: Cell, margin_m: float = 0.0) -> Vector:
+    """Returns the `BOXES` vector, not to be changed; boxes beyond `KEEP_OUT_BOXES` are left to the certificate."""
+    table = np.full((KEEP_OUT_BOXES, 6), ABSENT_BOX)
+    for row, box in zip(table, cell.surroundings.keep_out, strict=False):
+        row[:] = [*box.lower, *box.upper]
+    return _read_only(BOXES.pack({"boxes": table.ravel(), "box_clearance": cell.surroundings.clearance_m + margin_m}))
+
+
+def _read_only(vector: Vector) -> Vector:
+    vector.flags.writeable = False
+    return vector
+
+
+def link_parameters(cell: Cell) -> Vector:
+    """Returns mass, first moment and inertia about the frame's origin of each link (60,), payload in the last."""
+    rows = [_about_origin(link.mass, link.com, link.inertia) for link in cell.robot.links]
+    p_FT = cell.tool.X_FT[:3, 3]
+    rows[-1] = rows[-1] + _about_origin(cell.tool.mass_kg, p_FT / 2.0, np.zeros((3, 3)))
+    rows[-1] = rows[-1] + _about_origin(cell.object.mass_kg, p_FT, np.zeros((3, 3)))
+    return np.concatenate(rows)
+
+
+def _about_origin(mass: float, com: Vector, inertia: Vector) -> Vector:
+    about = inertia + mass * (com @ com * np.eye(3) - np.outer(com, com))
+    return np.concatenate([[mass], mass * com, about[np.triu_indices(3)]])
+
+
+def capsule_parameters(cell: Cell) -> Vector:
+    """Returns end points and radius of every slot of `CAPSULE_FRAMES` (77,)."""
+    table = np.zeros((len(CAPSULE_FRAMES), 7))
+    table[:, 6] = ABSENT_RADIUS
+    for slot, c in enumerate(arm_capsules(cell.robot)[1:]):
+        table[slot] = [*c.p0, *c.p1, c.radius_m]
+    for slot, (p0, p1, radius) in enumerate(wrapped_tool_capsules(cell), start=FIRST_TOOL):
+        table[slot] = [*p0, *p1, radius]
+    p = cell.tool.X_FT[:3, 3]
+    table[OBJECT] = [*p, *p, cell.object.radius_m]
+    return table.ravel()
+
+
+def wrapped_tool_capsules(cell: Cell) -> list[tuple[Vector, Vector, float]]:
+    """Returns the tool's capsules, at most `TOOL_CAPSULES`: where it has more, the last one encloses the rest."""
+    own = [(c.from_m, c.to_m, c.radius_m) for c in cell.tool.capsules]
+    if len(own) <= TOOL_CAPSULES:
+        return own
+    return [*own[: TOOL_CAPSULES - 1], _enclosing_capsule(own[TOOL_CAPSULES - 1 :])]
+
+
+def _enclosing_capsule(capsules: list[tuple[Vector, Vector, float]]) -> tuple[Vector, Vector, float]:
+    """Returns a capsule that contains the others, along their principal direction."""
+    points = np.array([end for p0, p1, _ in capsules for end in (p0, p1)])
+    radii = np.repeat([radius for *_, radius in capsules], 2)
+    centre = points.mean(axis=0)
+    axis = np.linalg.svd(points - centre)[2][0]
+    along = (points - centre) @ axis
+    off = np.linalg.norm(points - centre - along[:, None] * axis, axis=1)
+    return centre + along.min() * axis, centre + along.max() * axis, float((off + radii).max())
+
+
+def pair_parameters(cell: Cell) -> Vector:
+    """Returns 0 for the slots of `PAIRS` that can meet on this arm with this tool, `FAR` for the others."""
+    can = {(i - 1, j - 1) for i, j in self_collision_pairs(cell.robot, cell.tool.capsules)}
+    wrapped = len(cell.tool.capsules) > TOOL_CAPSULES
+    last = FIRST_TOOL + TOOL_CAPSULES - 1
+    if wrapped:
+        can |= {(i, last) for i, j in can if j > last}
+    return np.array([0.0 if pair in can else FAR for pair in PAIRS])

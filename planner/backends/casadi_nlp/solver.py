@@ -1,0 +1,247 @@
+"""Solver: fatrop on as few rows as are needed.
+
+Most rows of most problems never come near their bounds, and a solve without them takes half the time per iteration and
+fails less often. What is left out is evaluated afterwards and, where violated, included in a further solve from there.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from functools import cache, lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.backends.casadi_nlp.functions import evaluate, first_result
+from planner.backends.casadi_nlp.instance import Arguments, Instance
+from planner.backends.casadi_nlp.layout import NU, NX, NZ, Q
+from planner.backends.casadi_nlp.transcription import StageLayout, transcription
+from planner.errors import SolverFailed
+
+Vector = NDArray[np.float64]
+
+# What falls below the LU tolerance is dropped where equalities are eliminated. With a smaller one fatrop 1.1.8 raises its
+# regularisation without end on one `point` of sixty. In a stage of 5 ms, however, a jerk moves the landing by 2 to 3 mm,
+# which 1e-2 drops: 44 of 52 problems with a window did not converge.
+FATROP = {"tolerance": 1e-4, "mu_init": 1e-3, "max_iter": 70, "linsol_lu_fact_tol": 1e-2}
+FATROP_FIXED_TIMES = {"mu_init": 1e-4, "max_iter": 40}  # starts close to its optimum
+FATROP_SHORT_STAGES = {"linsol_lu_fact_tol": 1e-3}
+IPOPT = {"tol": 1e-5, "mu_init": 1e-3, "max_iter": 80}
+PATTERNS_KEPT = 64  # solvers cached: a few for each kind of release
+VIOLATED = 1e-3  # [-, m, rad] a row left out is included when it is this far beyond its bound; ten times the tolerance
+POSITIONS = "positions"  # group of the joints' position limits: bounds of variables, and rows of block "motion"
+
+# The blocks have all derivatives; casadi must not differentiate again.
+QUIET = {"print_time": False, "error_on_fail": False, "calc_lam_p": False, "calc_lam_x": False}
+NLP_GRAD = ("all", ["f", "g", "grad:gamma:x", "grad:gamma:p"])
+
+
+class Solver:
+    """The solver calls of one `solve`, with their common budget.
+
+    Attributes:
+        iteration_budget: no further call begins when the iterations of all calls reach it.
+        deadline_s: on `time.perf_counter`; no further call begins after it. None for no deadline.
+        groups: rows included so far: of `LAZY_GROUPS`, or `POSITIONS`.
+        with_ipopt: whether IPOPT is called where fatrop gives up.
+        iterations: spent so far.
+        status: outcome of the last call.
+    """
+
+    def __init__(
+        self, iteration_budget: int, deadline_s: float | None, groups: frozenset[str], with_ipopt: bool
+    ) -> None:
+        self.iteration_budget, self.deadline_s, self.groups = iteration_budget, deadline_s, groups
+        self.with_ipopt = with_ipopt
+        self.iterations = 0
+        self.status = ""
+
+    def solve(self, instance: Instance) -> Vector:
+        """Returns the variables (N + 1, NZ) of the solution.
+
+        Raises:
+            SolverFailed: the solver gave up, or the budget is spent.
+        """
+        z = self.try_solve(instance)
+        if z is None and self.with_ipopt and not self._is_spent():
+            z = self._call("ipopt", _ipopt(instance.stages), instance.arguments)
+        if z is None:
+            raise SolverFailed(self.status, self.iterations)
+        return z
+
+    def try_solve(self, instance: Instance) -> Vector | None:
+        """Returns the solution, None where the solver gives up; groups of rows are included as they are violated."""
+        arguments = instance.arguments
+        while not self._is_spent():
+            z = self._without_other_groups(instance, arguments)
+            if z is None:
+                return None
+            violated = _violated_groups(instance, z) - self.groups
+            if not violated:
+                return z
+            self.groups |= violated
+            arguments = {**arguments, "x0": z.ravel()[: len(arguments["x0"])]}
+        return None
+
+    def _is_spent(self) -> bool:
+        if self.iterations >= self.iteration_budget:
+            self.status = f"out of iterations: {self.iterations} of {self.iteration_budget}"
+        elif self.deadline_s is not None and time.perf_counter() >= self.deadline_s:
+            self.status = "out of time"
+        else:
+            return False
+        return True
+
+    def _without_other_groups(self, instance: Instance, arguments: Arguments) -> Vector | None:
+        whole = instance.stages
+        part = StageLayout(whole.launch, whole.brake, whole.window, tuple(g for g in whole.groups if g in self.groups))
+        reduced = dict(arguments)
+        if POSITIONS not in self.groups:
+            _free_positions(whole, reduced)
+        kept = _rows_kept(part, whole)
+        reduced["lbg"], reduced["ubg"] = reduced["lbg"][kept], reduced["ubg"][kept]
+        return self._call("fatrop", _fatrop(part, _pattern(reduced), instance.fixed_times is not None), reduced)
+
+    def _call(self, name: str, solver: Any, arguments: Arguments) -> Vector | None:
+        x, stats = first_result(solver, arguments)
+        self.iterations += int(stats["iter_count"])
+        solved = bool(stats["success"]) and bool(np.isfinite(x).all())
+        self.status = f"{name}: {'solved' if solved else 'gave up'} in {stats['iter_count']} iterations"
+        return _stagewise(x) if solved else None
+
+
+def _stagewise(x: Vector) -> Vector:
+    """Returns the variables as (N + 1, NZ), the last stage padded with a control of zeros."""
+    return np.append(x, np.zeros(NZ - NX)).reshape(-1, NZ)
+
+
+def _violated_groups(instance: Instance, z: Vector) -> set[str]:
+    """Returns the groups of which some row is beyond its bound."""
+    arguments = instance.arguments
+    x = z.ravel()[: len(arguments["x0"])]
+    g = evaluate(instance.transcription.functions["g"], x, arguments["p"])[0].ravel()
+    beyond = np.maximum(arguments["lbg"] - g, g - arguments["ubg"]) > VIOLATED
+    violated = {group for group, rows in _rows_by_group(instance.stages).items() if beyond[rows].any()}
+    outside = _stagewise(np.maximum(arguments["lbx"] - x, x - arguments["ubx"]))[:, Q]
+    return violated | ({POSITIONS} if (outside > VIOLATED).any() else set())
+
+
+@cache
+def _rows_kept(part: StageLayout, whole: StageLayout) -> NDArray[np.intp]:
+    return transcription(part).row_index.within(transcription(whole).row_index)
+
+
+@cache
+def _rows_by_group(whole: StageLayout) -> dict[str, NDArray[np.intp]]:
+    index = transcription(whole).row_index
+    rows = {group: np.concatenate([index.rows_of[group], index.rows_of[f"{group}_middle"]]) for group in whole.groups}
+    positions = [index.rows["motion", k][NX + 6 :] for k in index.knots["motion"]]
+    return {**rows, POSITIONS: np.concatenate(positions)}
+
+
+@cache
+def _position_variables(whole: StageLayout) -> NDArray[np.bool_]:
+    index = transcription(whole).row_index
+    return np.arange(index.variables) % NZ < Q.stop
+
+
+def _free_positions(whole: StageLayout, arguments: Arguments) -> None:
+    """Frees joint positions that are not fixed."""
+    free = _position_variables(whole) & (arguments["lbx"] != arguments["ubx"])
+    rows = _rows_by_group(whole)[POSITIONS]
+    for variables, constraints, bound in (("lbx", "lbg", -np.inf), ("ubx", "ubg", np.inf)):
+        arguments[variables] = np.where(free, bound, arguments[variables])
+        arguments[constraints] = arguments[constraints].copy()
+        arguments[constraints][rows] = bound
+
+
+def _pattern(arguments: Arguments) -> bytes:
+    """Returns which variables and rows are fixed (2), bounded (1) or free (0)."""
+    lower = np.concatenate([arguments["lbx"], arguments["lbg"]])
+    upper = np.concatenate([arguments["ubx"], arguments["ubg"]])
+    bounded = np.isfinite(lower) | np.isfinite(upper)
+    return (bounded.astype(np.int8) + (lower == upper)).astype(np.int8).tobytes()
+
+
+@lru_cache(maxsize=PATTERNS_KEPT)
+def _fatrop(stages: StageLayout, pattern: bytes, fixed_times: bool) -> Any:
+    """Returns the solver for one pattern of fixed, bounded and free variables and rows.
+
+    casadi 3.8.2 makes fatrop anew where the pattern differs from the call before, and then loses its options: each
+    pattern has a solver of its own, built in 7 ms.
+    """
+    made = transcription(stages)
+    index, functions = made.row_index, made.functions
+    n = index.stages.stages
+    options = FATROP | (FATROP_FIXED_TIMES if fixed_times else {}) | (FATROP_SHORT_STAGES if stages.window > 1 else {})
+    roles = {
+        "nlp_f": ("f", ["f"]),
+        "nlp_g": ("g", ["g"]),
+        "nlp_grad_f": ("grad_f", ["grad:f:x"]),
+        "nlp_jac_g": ("jac_g", ["g", "jac:g:x"]),
+        "nlp_hess_l": ("hess_l", ["grad:gamma:x", "hess:gamma:x:x"]),
+        "nlp_grad": NLP_GRAD,
+    }
+    structure = {"structure_detection": "manual", "N": n, "nx": [NX] * (n + 1), "nu": [NU] * n + [0]}
+    return _nlpsol("fatrop", functions, roles, {**structure, "ng": index.per_stage}, {"print_level": 0, **options})
+
+
+@cache
+def _ipopt(stages: StageLayout) -> Any:
+    """Returns the IPOPT solver of the same problem."""
+    functions = dict(transcription(stages).functions)
+    x, p, lam_f, lam_g = (functions["hess_l"].mx_in(i) for i in range(4))
+    upper = ca.triu(functions["hess_l"](x, p, lam_f, lam_g)[1])
+    functions["upper"] = ca.Function("upper", [x, p, lam_f, lam_g], [upper])
+    both = [functions["f"](x, p), functions["grad_f"](x, p)]
+    functions["value_and_grad_f"] = ca.Function("value_and_grad_f", [x, p], both)
+    roles = {
+        "nlp_f": ("f", ["f"]),
+        "nlp_g": ("g", ["g"]),
+        "nlp_grad_f": ("value_and_grad_f", ["f", "grad:f:x"]),
+        "nlp_jac_g": ("jac_g", ["g", "jac:g:x"]),
+        "nlp_hess_l": ("upper", ["triu:hess:gamma:x:x"]),
+        "nlp_grad": NLP_GRAD,
+    }
+    return _nlpsol("ipopt", functions, roles, {}, {"print_level": 0, "sb": "yes", **IPOPT})
+
+
+def _nlpsol(
+    plugin: str,
+    functions: Mapping[str, Any],
+    roles: Mapping[str, tuple[str, list[str]]],
+    settings: Mapping[str, Any],
+    options: Mapping[str, Any],
+) -> Any:
+    x, p = functions["g"].mx_in(0), functions["g"].mx_in(1)
+    problem = {"x": x, "p": p, "f": functions["f"](x, p), "g": functions["g"](x, p)}
+    return ca.nlpsol(
+        "launch", plugin, problem, {**QUIET, "cache": _cache(functions, roles), **settings, plugin: options}
+    )
+
+
+def _cache(functions: Mapping[str, Any], roles: Mapping[str, tuple[str, list[str]]]) -> dict[str, Any]:
+    """Returns the functions under the names that casadi gives to those it derives itself."""
+    functions = {**functions, "all": _summary(functions)}
+    named = {}
+    for role, (name, outputs) in roles.items():
+        function = functions[name]
+        inputs = [function.mx_in(i) for i in range(function.n_in())]
+        results = function(*inputs)
+        results = list(results) if isinstance(results, (list, tuple)) else [results]
+        scheme = ["x", "p", "lam:f", "lam:g"][: len(inputs)]
+        names = [[name.replace(":", "_") for name in names] for names in (scheme, outputs)]
+        named[role] = ca.Function(role, inputs, results, *names)
+    return named
+
+
+def _summary(functions: Mapping[str, Any]) -> Any:
+    """Returns what casadi evaluates at the solution: values, and the Lagrangian's gradient, which p has no part in."""
+    x, p, lam_f, lam_g = (functions["hess_l"].mx_in(i) for i in range(4))
+    slope = functions["hess_l"](x, p, lam_f, lam_g)[0]
+    return ca.Function(
+        "all", [x, p, lam_f, lam_g], [functions["f"](x, p), functions["g"](x, p), slope, ca.MX.zeros(p.shape)]
+    )

@@ -1,0 +1,210 @@
+"""Rows of the optimal control problem as formulas of one stage's variables z and of parameters p.
+
+z = (q, qd / pi, qdd / 15, t / 0.1 | jerk / 500, h / 0.1): constant jerk over a step of length h, integrated exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+
+from planner.backends.casadi_nlp import arm_symbols, clearance_symbols, layout
+from planner.backends.casadi_nlp.clearance_symbols import FrozenTerms
+from planner.backends.casadi_nlp.layout import ARM, BOXES, COST, RELEASE, VectorLayout
+
+SX = Any
+
+FIRST_MOVING_CAPSULE = 2  # base and shoulder do not move relative to the floor
+GUARD = 0.01  # [m^2/s^2] keeps the discriminant of a flight that never reaches the plane above zero
+TINY = 1e-9  # [m^2/s^2] keeps the horizontal speed away from zero
+
+RELEASE_ROWS = VectorLayout(
+    {
+        "position": 3,  # of the tool centre point in the world [m]
+        "velocity": 3,  # [m/s]
+        "landing": 2,  # horizontal offset of the landing point from the target [m]
+        "drift": 2,  # its rate of change with the release time [m/s]
+        "falls": 1,  # discriminant of the flight time [m^2/s^2]: positive where the object reaches the plane
+        "elevation": 2,  # vertical speed less tan(elevation) times the horizontal [m/s], for both elevation limits
+        "speed": 1,  # squared [m^2/s^2]
+        "distance": 1,  # squared horizontal distance from the target [m^2]
+    }
+)
+
+
+@dataclass(frozen=True)
+class StageRows:
+    """Rows of a block.
+
+    Attributes:
+        rows: expressions (n,).
+        frozen: terms taken as constant while differentiating.
+        uncurved: number of leading rows that the Hessian leaves out.
+    """
+
+    rows: SX
+    frozen: FrozenTerms
+    uncurved: int = 0
+
+
+@dataclass(frozen=True)
+class StageState:
+    """Joint state in SI units, each (6,)."""
+
+    q: SX
+    qd: SX
+    qdd: SX
+
+
+def state(z: SX) -> StageState:
+    """Returns the state at the beginning of a stage."""
+    return StageState(z[layout.Q], z[layout.QD] * layout.QD_SCALE, z[layout.QDD] * layout.QDD_SCALE)
+
+
+def state_after(z: SX, share: float) -> StageState:
+    """Returns the exact state after a share of the stage's step."""
+    s, h, j = state(z), share * z[layout.STEP] * layout.TIME_SCALE, z[layout.JERK] * layout.JERK_SCALE
+    q = s.q + h * (s.qd + h * (s.qdd / 2 + h * j / 6))
+    return StageState(q, s.qd + h * (s.qdd + h * j / 2), s.qdd + h * j)
+
+
+def motion(z: SX, p: SX) -> StageRows:
+    """Next state (NX), the velocity's middle control point (6), the position in the middle of the step (6); scaled."""
+    end, s = state_after(z, 1.0), state(z)
+    step = z[layout.STEP] * layout.TIME_SCALE
+    middle_velocity = (s.qd + s.qdd * step / 2) / layout.QD_SCALE
+    following = ca.vertcat(end.q, end.qd / layout.QD_SCALE, end.qdd / layout.QDD_SCALE, z[layout.TIME] + z[layout.STEP])
+    return StageRows(ca.vertcat(following, middle_velocity, state_after(z, 0.5).q), FrozenTerms())
+
+
+def cost(z: SX, p: SX) -> StageRows:
+    """One row: weighted time, squared jerk, and the step's relative deviation from its initial guess."""
+    c = COST.split(p)
+    step = z[layout.STEP]
+    row = c["time"] * step + c["jerk"] * ca.sumsqr(z[layout.JERK]) + c["step"] * (step / c["initial_step"] - 1) ** 2
+    return StageRows(row, FrozenTerms())
+
+
+def effort(s: StageState, p: SX) -> StageRows:
+    """Joint torques over their limits (6), and the square of the tool speed over its limit (1)."""
+    a = ARM.split(p)
+    tau = arm_symbols.torques(a["dh"], a["links"], a["gravity"], s.q, s.qd, s.qdd) / a["torque"]
+    v = arm_symbols.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd).velocity
+    return StageRows(ca.vertcat(tau, ca.sumsqr(v) / a["speed"] ** 2), FrozenTerms())
+
+
+def clearance(s: StageState, p: SX) -> StageRows:
+    """Self-collision, floor and keep-in distances beyond those required (3) [m]."""
+    a, frozen = ARM.split(p), FrozenTerms()
+    body = arm_symbols.frames(a["dh"], s.q)
+    capsules = clearance_symbols.capsules_in_s(body, a["capsules"])
+    R_WB, p_WB = ca.reshape(a["base"][:9], 3, 3), a["base"][9:]
+    R_WS = R_WB @ arm_symbols.turn(s.q[0])
+    heights = clearance_symbols.lowest_heights(capsules, R_WS[2, :].T, p_WB[2], FIRST_MOVING_CAPSULE)
+    p_WT = R_WS @ body.point(6, a["tcp"]) + p_WB
+    inside = ca.vertsplit(ca.vertcat(p_WT - a["keep_in"][:3], a["keep_in"][3:] - p_WT))
+    rows = ca.vertcat(
+        clearance_symbols.self_distance(capsules, a["pairs"], frozen) - a["self_clearance"],
+        clearance_symbols.soft_minimum(heights, frozen) - a["floor"],
+        clearance_symbols.soft_minimum(inside, frozen),
+    )
+    return StageRows(rows, frozen)
+
+
+def keep_out(s: StageState, p: SX) -> StageRows:
+    """Distance of arm, tool and object from the keep-out boxes, beyond the one required (1) [m]."""
+    a, b, frozen = ARM.split(p[: ARM.size]), BOXES.split(p[ARM.size :]), FrozenTerms()
+    body = clearance_symbols.capsules_in_s(arm_symbols.frames(a["dh"], s.q), a["capsules"])
+    R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm_symbols.turn(s.q[0])
+    starts, ends = ([R_WS @ point + a["base"][9:] for point in points] for points in (body.starts, body.ends))
+    in_world = clearance_symbols.CapsuleSlots(starts, ends, body.radii)
+    gaps = clearance_symbols.box_distances(in_world, b["boxes"], frozen)
+    return StageRows(clearance_symbols.soft_minimum(gaps, frozen) - b["box_clearance"], frozen, uncurved=1)
+
+
+def singularity(s: StageState, p: SX) -> StageRows:
+    """Signed distances from the elbow, wrist and shoulder singularities (3) [-]."""
+    a = ARM.split(p)
+    rows = ca.vertcat(ca.sin(s.q[2]), ca.sin(s.q[4]), arm_symbols.shoulder_distance(a["dh"], s.q))
+    return StageRows(rows, FrozenTerms())
+
+
+def release(s: StageState, p: SX) -> StageRows:
+    """The rows of `RELEASE_ROWS`."""
+    a, r = ARM.split(p[: ARM.size]), RELEASE.split(p[ARM.size :])
+    R_WB, p_WB = ca.reshape(a["base"][:9], 3, 3), a["base"][9:]
+    R_WS = R_WB @ arm_symbols.turn(s.q[0])
+    tool = arm_symbols.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd)
+    position, velocity, acceleration = R_WS @ tool.position + p_WB, R_WS @ tool.velocity, R_WS @ tool.acceleration
+    landing, falls = _landing(position, velocity, r)
+    drift = _drift(velocity, acceleration, position, r)
+    horizontal_speed = ca.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + TINY)
+    offset = position[:2] - r["target"][:2]
+    rows = ca.vertcat(
+        position,
+        velocity,
+        landing - r["target"][:2],
+        drift,
+        falls,
+        velocity[2] - r["tan_elevation"] * horizontal_speed,
+        ca.sumsqr(velocity),
+        ca.sumsqr(offset),
+    )
+    return StageRows(rows, FrozenTerms())
+
+
+def _landing(position: SX, velocity: SX, r: dict[str, SX]) -> tuple[SX, SX]:
+    """Returns the drag-free landing point (2,) on the target's plane [m], and the discriminant [m^2/s^2]."""
+    g = r["gravity_z"]
+    falls = velocity[2] ** 2 + 2 * g * (position[2] - r["target"][2])
+    guarded = (falls + ca.sqrt(falls**2 + GUARD**2)) / 2
+    # Where the object clearly falls, the error of the guard is negligible: GUARD^2 / (4 falls).
+    time = (velocity[2] + ca.sqrt(guarded)) / g
+    return position[:2] + velocity[:2] * time, falls
+
+
+def _drift(velocity: SX, acceleration: SX, position: SX, r: dict[str, SX]) -> SX:
+    p, v = ca.SX.sym("p", 3), ca.SX.sym("v", 3)
+    point, _ = _landing(p, v, r)
+    rate = ca.jtimes(point, p, velocity) + ca.jtimes(point, v, acceleration)
+    return ca.substitute([rate], [p, v], [position, velocity])[0]
+
+
+@dataclass(frozen=True)
+class BlockFormula:
+    """A block's rows(z, p), and the names in `layout.SHARED` of the parameters p, in order."""
+
+    rows: Callable[[SX, SX], StageRows]
+    parameters: tuple[str, ...]
+
+
+StateFormula = Callable[[StageState, SX], StageRows]
+
+
+def _at_knot(rows: StateFormula, *parameters: str) -> BlockFormula:
+    """Evaluates rows of a state at the beginning of the stage."""
+    return BlockFormula(lambda z, p: rows(state(z), p), parameters)
+
+
+def _in_middle(rows: StateFormula, *parameters: str) -> BlockFormula:
+    """Evaluates rows of a state in the middle of the step."""
+    return BlockFormula(lambda z, p: rows(state_after(z, 0.5), p), parameters)
+
+
+# Every block of rows. The order is that of the rows within a stage.
+FORMULAS: dict[str, BlockFormula] = {
+    "motion": BlockFormula(motion, ()),
+    "cost": BlockFormula(cost, ()),  # its parameters differ from stage to stage: `layout.COST`
+    "effort": _at_knot(effort, "arm"),
+    "effort_middle": _in_middle(effort, "arm"),
+    "clearance": _at_knot(clearance, "arm"),
+    "clearance_middle": _in_middle(clearance, "arm"),
+    "keep_out": _at_knot(keep_out, "arm", "boxes"),
+    "keep_out_middle": _in_middle(keep_out, "arm", "boxes"),
+    "singularity": _at_knot(singularity, "arm"),
+    "singularity_middle": _in_middle(singularity, "arm"),
+    "release": _at_knot(release, "arm", "release"),
+}

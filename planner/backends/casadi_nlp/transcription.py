@@ -1,0 +1,287 @@
+"""Transcription: which blocks of rows apply on which stages, and the functions of the whole problem.
+
+Variables: z_0 … z_N, each state then control, the last without a control. Rows, stage by stage: x_{k+1} - F(x_k, u_k),
+then the rows of the blocks that apply there. All derivatives are the blocks', mapped over the stages and moved to their
+positions by constant sparse matrices, so another number of stages or another set of blocks needs no compiling.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+from itertools import accumulate
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.backends.casadi_nlp import codegen
+from planner.backends.casadi_nlp.functions import Block, interpreted_blocks
+from planner.backends.casadi_nlp.layout import COST, NX, NZ, SHARED
+from planner.backends.casadi_nlp.symbols import FORMULAS
+
+MX = Any
+Indices = NDArray[np.intp]
+
+WATCHED_STAGES = 3  # stages before the release (or its window) on which singularities are avoided, as on all after it
+LAZY_GROUPS = ("effort", "clearance", "keep_out")  # left out until a solution violates them; each at knots and middles
+ENDS = list(accumulate((layout.size for layout in SHARED.values()), initial=0))
+SHARED_SLICES = {name: slice(start, end) for name, start, end in zip(SHARED, ENDS, ENDS[1:], strict=False)}
+SHARED_SIZE = ENDS[-1]  # parameters before those of the stages' costs
+
+
+@dataclass(frozen=True)
+class StageLayout:
+    """The stages of a problem, and the lazy groups of rows in it.
+
+    Attributes:
+        launch: stages before the release.
+        brake: stages after it.
+        window: stages on either side of the release that make up the release window.
+        groups: those of `LAZY_GROUPS` that are included.
+    """
+
+    launch: int = 8
+    brake: int = 4
+    window: int = 0
+    groups: tuple[str, ...] = ()
+
+    @property
+    def stages(self) -> int:
+        """Number of steps."""
+        return self.launch + self.brake
+
+    def includes(self, block: str) -> bool:
+        """Returns whether a block is part of the problem."""
+        group = block.removesuffix("_middle")
+        return group not in LAZY_GROUPS or group in self.groups
+
+    def knots(self, block: str) -> range:
+        """Returns the stages on which a block applies."""
+        first_watched = self.launch - self.window - WATCHED_STAGES
+        special = {
+            "motion": range(self.stages),
+            "cost": range(self.stages),
+            "singularity": range(first_watched, self.stages + 1),
+            "singularity_middle": range(first_watched, self.stages),
+            "release": range(self.launch - self.window, self.launch + self.window + 1),
+        }
+        everywhere = range(self.stages) if block.endswith("_middle") else range(1, self.stages + 1)
+        return special.get(block, everywhere)
+
+
+class RowIndex:
+    """Position of every row of every block in the whole problem.
+
+    Attributes:
+        stages: the layout.
+        blocks: blocks that the layout includes, by name.
+        knots: stages on which each block applies.
+        rows: rows of a block on a stage.
+        rows_of: rows of a block on all its stages, none for a block that is not included.
+        dynamics: rows of x_{k+1} - F(x_k, u_k) for each k.
+        per_stage: number of rows of each stage, its dynamics excepted.
+        size: number of rows.
+        variables: number of variables.
+    """
+
+    def __init__(self, stages: StageLayout, blocks: Mapping[str, Block]) -> None:
+        self.stages = stages
+        self.blocks = {name: block for name, block in blocks.items() if stages.includes(name)}
+        self.knots = {name: stages.knots(name) for name in self.blocks}
+        self.rows: dict[tuple[str, int], Indices] = {}
+        self.dynamics: list[Indices] = []
+        self.per_stage: list[int] = []
+        self.variables = stages.stages * NZ + NX
+        self.size = 0
+        for k in range(stages.stages + 1):
+            self._add_stage(k)
+        self.rows_of = {name: self._all_rows(name) for name in FORMULAS}
+
+    def _add_stage(self, k: int) -> None:
+        if k < self.stages.stages:
+            self.dynamics.append(np.arange(self.size, self.size + NX))
+            self.size += NX
+        first = self.size
+        for name, block in self.blocks.items():
+            if name == "cost" or k not in self.knots[name]:
+                continue
+            shared = self.dynamics[k] if name == "motion" else np.zeros(0, np.intp)
+            own = np.arange(self.size, self.size + block.n - len(shared))
+            self.rows[name, k] = np.concatenate([shared, own])
+            self.size += len(own)
+        self.per_stage.append(self.size - first)
+
+    def _all_rows(self, block: str) -> Indices:
+        return np.concatenate([np.zeros(0, np.intp), *(rows for (name, _), rows in self.rows.items() if name == block)])
+
+    def within(self, whole: RowIndex) -> Indices:
+        """Returns the position of every row in a problem with more groups."""
+        positions = np.zeros(self.size, dtype=np.intp)
+        for k, rows in enumerate(self.dynamics):
+            positions[rows] = whole.dynamics[k]
+        for key, rows in self.rows.items():
+            positions[rows] = whole.rows[key]
+        return positions
+
+    def signs(self, block: str) -> np.ndarray:
+        """Returns the signs (n,) with which a block's rows enter the problem: F enters as x_{k+1} - F."""
+        signs = np.ones(self.blocks[block].n)
+        if block == "motion":
+            signs[:NX] = -1.0
+        return signs
+
+
+@dataclass(frozen=True, eq=False)
+class Transcription:
+    """An assembled problem.
+
+    Attributes:
+        row_index: position of its rows.
+        blocks: every block, those that it leaves out included.
+        functions: f, g, grad_f, jac_g and hess_l of (x, p).
+    """
+
+    row_index: RowIndex
+    blocks: dict[str, Block]
+    functions: dict[str, Any]
+
+
+@cache
+def transcription(stages: StageLayout) -> Transcription:
+    """Returns the assembled problem of a layout, built once per process; with compiled functions if there are any."""
+    blocks = codegen.compiled_blocks() or interpreted_blocks()
+    index = RowIndex(stages, blocks)
+    return Transcription(index, blocks, assemble(index))
+
+
+def assemble(index: RowIndex) -> dict[str, Any]:
+    """Returns the functions f, g and their derivatives of (x, p)."""
+    x, p = ca.MX.sym("x", index.variables), ca.MX.sym("p", SHARED_SIZE + COST.size * index.stages.stages)
+    lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", index.size)
+    f, g, jacobian = _objective(index, x, p), _constraints(index, x, p), _jacobian(index, x, p)
+    gradient, hessian = _lagrangian(index, x, p, lam_f, lam_g)
+    outputs = {
+        "f": ([x, p], [f]),
+        "g": ([x, p], [g]),
+        "grad_f": ([x, p], [_objective_gradient(index, x, p)]),
+        "jac_g": ([x, p], [g, jacobian]),
+        "hess_l": ([x, p, lam_f, lam_g], [gradient, hessian]),
+    }
+    return {name: ca.Function(name, *both) for name, both in outputs.items()}
+
+
+def _parameters(index: RowIndex, name: str, p: MX) -> MX:
+    if name == "cost":
+        return ca.reshape(p[SHARED_SIZE:], COST.size, index.stages.stages)
+    return ca.vertcat(ca.MX(0, 1), *(p[SHARED_SLICES[piece]] for piece in FORMULAS[name].parameters))
+
+
+def _mapped(index: RowIndex, name: str, kind: str, x: MX, p: MX, *more: MX) -> tuple[MX, ...]:
+    """Returns the outputs of a block's function, one column per stage."""
+    knots = index.knots[name]
+    function = getattr(index.blocks[name], kind)
+    same_on_all = [] if name == "cost" else [1]
+    mapped = function.map(f"{function.name()}_{len(knots)}", "serial", len(knots), same_on_all, [])
+    columns = ca.reshape(ca.vertcat(x, ca.MX.zeros(NZ - NX)), NZ, index.stages.stages + 1)
+    result = mapped(columns[:, knots.start : knots.stop], _parameters(index, name, p), *more)
+    return tuple(result) if isinstance(result, (list, tuple)) else (result,)
+
+
+def _constraint_blocks(index: RowIndex) -> list[str]:
+    return [name for name in index.blocks if name != "cost"]
+
+
+def _objective(index: RowIndex, x: MX, p: MX) -> MX:
+    return ca.sum2(_mapped(index, "cost", "value", x, p)[0])
+
+
+def _objective_gradient(index: RowIndex, x: MX, p: MX) -> MX:
+    nonzeros = ca.vec(_mapped(index, "cost", "slope", x, p)[1].nz[:])
+    _, columns = index.blocks["cost"].jacobian.get_triplet()
+    positions = np.concatenate([k * NZ + np.array(columns) for k in index.knots["cost"]])
+    return ca.densify(_scatter(positions, 1.0, index.variables) @ nonzeros)  # the solvers need a dense gradient
+
+
+def _constraints(index: RowIndex, x: MX, p: MX) -> MX:
+    g = _next_states(index) @ x
+    for name in _constraint_blocks(index):
+        values = _mapped(index, name, "value", x, p)[0]
+        g += _scatter(index.rows_of[name], _tiled_signs(index, name), index.size) @ ca.vec(values)
+    return g
+
+
+def _tiled_signs(index: RowIndex, name: str) -> np.ndarray:
+    return np.tile(index.signs(name), len(index.knots[name]))
+
+
+def _scatter(positions: Indices, values: np.ndarray | float, rows: int) -> Any:
+    """Returns the constant matrix (rows, n) that adds entry i, times its value, to row `positions[i]`."""
+    n = len(positions)
+    sparsity = ca.Sparsity.triplet(rows, n, [int(i) for i in positions], list(range(n)))
+    return ca.DM(sparsity, np.broadcast_to(values, n).copy())  # one entry per column: triplet order is kept
+
+
+def _next_state_entries(index: RowIndex) -> tuple[Indices, Indices]:
+    """Returns rows and columns of x_{k+1} in the dynamics."""
+    columns = [(k + 1) * NZ + np.arange(NX) for k in range(index.stages.stages)]
+    return np.concatenate(index.dynamics), np.concatenate(columns)
+
+
+def _next_states(index: RowIndex) -> Any:
+    rows, columns = _next_state_entries(index)
+    return ca.DM(ca.Sparsity.triplet(index.size, index.variables, rows.tolist(), columns.tolist()), 1.0)
+
+
+def _jacobian(index: RowIndex, x: MX, p: MX) -> MX:
+    first_rows, first_columns = _next_state_entries(index)
+    rows, columns = [first_rows], [first_columns]
+    signs, entries = [np.ones(len(first_rows))], [ca.MX(ca.DM.ones(len(first_rows)))]
+    for name in _constraint_blocks(index):
+        entries.append(ca.vec(_mapped(index, name, "slope", x, p)[1].nz[:]))
+        row, column = (np.array(i) for i in index.blocks[name].jacobian.get_triplet())
+        for k in index.knots[name]:
+            rows.append(index.rows[name, k][row])
+            columns.append(k * NZ + column)
+            signs.append(index.signs(name)[row])
+    positions = (np.concatenate(rows), np.concatenate(columns))
+    return _matrix(positions, np.concatenate(signs), ca.vertcat(*entries), index.size, index.variables)
+
+
+def _matrix(positions: tuple[Indices, Indices], signs: np.ndarray, entries: MX, rows: int, columns: int) -> MX:
+    """Returns the sparse matrix with `entries` times `signs` at `positions`; several at one position add up."""
+    inside = positions[1] < columns
+    key = positions[1] * rows + positions[0]
+    unique, which = np.unique(key[inside], return_inverse=True)
+    sparsity = ca.Sparsity.triplet(rows, columns, (unique % rows).tolist(), (unique // rows).tolist())
+    gather = ca.DM(
+        ca.Sparsity.triplet(len(unique), len(key), which.tolist(), np.flatnonzero(inside).tolist()), signs[inside]
+    )
+    return ca.MX(sparsity, gather @ entries)
+
+
+def _lagrangian(index: RowIndex, x: MX, p: MX, lam_f: MX, lam_g: MX) -> tuple[MX, MX]:
+    """Returns gradient and Hessian of the Lagrangian."""
+    gradient = _next_states(index).T @ lam_g
+    rows, columns, entries = [], [], []
+    for name, block in index.blocks.items():
+        knots = index.knots[name]
+        if name == "cost":
+            lam = ca.repmat(lam_f, 1, len(knots))
+        else:
+            spread = _scatter(index.rows_of[name], _tiled_signs(index, name), index.size)
+            lam = ca.reshape(spread.T @ lam_g, block.n, -1)
+        slopes, nonzeros = _mapped(index, name, "curve", x, p, lam)
+        positions = np.concatenate([k * NZ + np.arange(NZ) for k in knots])
+        positions = np.minimum(positions, index.variables - 1)  # no control on the last stage: its slopes are zero
+        gradient += _scatter(positions, 1.0, index.variables) @ ca.vec(slopes)
+        row, column = (np.array(i, int) for i in block.hessian.get_triplet())
+        rows += [k * NZ + row for k in knots]
+        columns += [k * NZ + column for k in knots]
+        entries.append(ca.vec(nonzeros.nz[:]))
+    stacked = ca.vertcat(*entries)
+    positions = (np.concatenate(rows), np.concatenate(columns))
+    matrix = _matrix(positions, np.ones(stacked.shape[0]), stacked, index.variables, index.variables)
+    return ca.densify(gradient), matrix

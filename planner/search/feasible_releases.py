@@ -1,0 +1,115 @@
+"""Feasible releases close to an infeasible one: seeds of the nearest-feasible search.
+
+The release is moved to the closest positions in which some posture has the requested velocity, keeps clear of
+everything and is away from singularities.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.geometry import tool_pose
+from planner.geometry.body import clearances
+from planner.kinematics import inverse_branches, inverse_velocity, jacobian, singularity_distances
+from planner.problem import PointRelease, PoseRelease, ThrowProblem
+from planner.rotations import invert_pose
+from planner.seeds import allocate_velocity, farthest_reach, tool_jacobian
+
+Vector = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+PlacedRelease = PoseRelease | PointRelease
+
+POSTURES = 1536  # drawn for a point
+SPREAD_RAD = np.array([np.pi, 1.8, 1.8, 2.2, 2.2, np.pi])  # [rad] farthest postures from the start, each way
+AZIMUTHS, RADII, HEIGHTS = 24, 10, 6  # grid of the positions tried for a pose
+RADIUS_SHARES, HEIGHT_SHARES = (0.2, 0.95), (-0.3, 0.8)  # [-] of the reach: extent of that grid
+CHECKED_MAX = 200  # closest positions that are checked for clearance
+CLEARANCE_M = 0.03  # [m] beyond every required clearance, as room for launch and brake
+APART_M = 0.04  # [m] least distance of two positions
+RELEASES_MAX = 6  # releases yielded
+
+
+def feasible_releases(problem: ThrowProblem, release: PlacedRelease) -> Iterator[PlacedRelease]:
+    """Yields releases with the requested velocity at other positions, closest first."""
+    q, p = _point_postures(problem, release) if isinstance(release, PointRelease) else _pose_postures(problem, release)
+    order = np.argsort(np.linalg.norm(p - position(release), axis=1), kind="stable")[:CHECKED_MAX]
+    q, p = q[order], p[order]
+    yielded: list[Vector] = []
+    for p_WT in p[clearances(problem.cell, q).least >= CLEARANCE_M]:
+        if len(yielded) < RELEASES_MAX and all(np.linalg.norm(p_WT - other) > APART_M for other in yielded):
+            yielded.append(p_WT)
+            yield moved(release, p_WT)
+
+
+def position(release: PlacedRelease) -> Vector:
+    """Returns the tool position (3,) [m] of a release."""
+    return release.p_WT if isinstance(release, PointRelease) else release.X_WT[:3, 3]
+
+
+def moved(release: PlacedRelease, p_WT: Vector) -> PlacedRelease:
+    """Returns the release at another tool position (3,) [m]."""
+    if isinstance(release, PointRelease):
+        return PointRelease(p_WT, release.v_WT)
+    X_WT = release.X_WT.copy()
+    X_WT[:3, 3] = p_WT
+    return PoseRelease(X_WT, release.V_WT)
+
+
+def _point_postures(problem: ThrowProblem, release: PointRelease) -> tuple[Vector, Vector]:
+    """Returns drawn postures (n, 6) that can have the velocity, and their tool positions (n, 3)."""
+    cell, limits = problem.cell, problem.reachable
+    q = np.clip(problem.start + _offsets() * SPREAD_RAD, limits.q_lower, limits.q_upper)
+    q = q[_regular(problem, q)]
+    qd = allocate_velocity(tool_jacobian(problem, q), cell.X_WB[:3, :3].T @ release.v_WT, limits.qd_max)
+    q = q[_within_speed(problem, qd)]
+    return q, tool_pose(cell, q)[:, :3, 3]
+
+
+def _pose_postures(problem: ThrowProblem, release: PoseRelease) -> tuple[Vector, Vector]:
+    """Returns postures (n, 6) in the requested orientation that can have the twist, and their tool positions (n, 3)."""
+    cell, limits = problem.cell, problem.reachable
+    grid = _position_grid(problem, release.X_WT[:3, 3])
+    X_WT = np.tile(release.X_WT, (len(grid), 1, 1))
+    X_WT[:, :3, 3] = grid
+    q, _ = inverse_branches(cell.robot, invert_pose(cell.X_WB) @ X_WT, cell.tool.X_FT)
+    p, q = np.repeat(grid, q.shape[1], axis=0), q.reshape(-1, 6)
+    good = np.isfinite(q[:, 0])
+    q, p = q[good], p[good]
+    good = np.all((q >= limits.q_lower) & (q <= limits.q_upper), axis=1) & _regular(problem, q)
+    q, p = q[good], p[good]
+    R_BW = cell.X_WB[:3, :3].T
+    V_BT = np.concatenate([R_BW @ release.V_WT[:3], R_BW @ release.V_WT[3:]])
+    good = _within_speed(problem, inverse_velocity(jacobian(cell.robot, q, cell.tool.X_FT), V_BT))
+    return q[good], p[good]
+
+
+def _position_grid(problem: ThrowProblem, p_W: Vector) -> Vector:
+    """Returns positions (n, 3) on a cylindrical grid around the base; one azimuth is that of `p_W` (3,)."""
+    reach, base = farthest_reach(problem), problem.cell.X_WB[:3, 3]
+    away = p_W - base
+    angle = np.arctan2(away[1], away[0]) + np.linspace(-np.pi, np.pi, AZIMUTHS, endpoint=False)
+    radius, height = np.linspace(*RADIUS_SHARES, RADII) * reach, np.linspace(*HEIGHT_SHARES, HEIGHTS) * reach
+    angle, radius, height = (x.ravel() for x in np.meshgrid(angle, radius, height))
+    return base + np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
+
+
+def _regular(problem: ThrowProblem, q: Vector) -> Mask:
+    """Returns the mask of the postures (n, 6) that keep the required distance from singularities."""
+    return singularity_distances(problem.cell.robot, q).minimum >= problem.limits.singularity_distance_min
+
+
+def _within_speed(problem: ThrowProblem, qd: Vector) -> Mask:
+    """Returns the mask of the joint velocities (n, 6) within the speed limits."""
+    return np.all(np.abs(qd) <= problem.limits.qd_max, axis=1)
+
+
+@cache
+def _offsets() -> Vector:
+    """Returns random points (POSTURES, 6) in [-1, 1], the same at every call."""
+    offsets = np.random.default_rng(0).uniform(-1.0, 1.0, (POSTURES, 6))
+    offsets.setflags(write=False)
+    return offsets

@@ -1,0 +1,103 @@
+"""The search policy of `auto` and `casadi`: a table of stages in order.
+
+Ruckig gives the soonest motion to a candidate within each joint's own limits, in microseconds, but disregards whatever
+couples the joints; the certificate decides. The optimiser takes a hundred times longer, regards every limit, and moves
+the release where the request leaves it free. So:
+
+1. A given release state is tried with Ruckig's soonest motions. If nothing couples the joints, no motion is sooner.
+2. The optimiser starts from the two candidates that Ruckig reaches soonest, until one motion is certified. A throw that
+   hardly improves on its candidates is optimised from further ones.
+3. Ruckig's motions that would release before the incumbent are certified, too.
+4. While that has given no answer, further candidates are tried by both.
+
+Counts alone decide what is tried, so that the same request has the same answer on every machine. The only clock is the
+request's own deadline.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from planner.backends import ruckig_otg
+from planner.problem import JointRelease, PoseRelease, TargetRelease
+from planner.search.incumbent import PlanningSearch
+from planner.search.ranking import RANKED_MAX, Ranking
+
+SEEDS_MAX = 5  # candidates that are optimised at most
+SLOW = 0.7  # [-] release time over the candidates' least lower bound; nine of ten optimised throws release before
+SLOW_ROBUST = 0.85  # [-] the same with a release window
+
+Condition = Callable[[PlanningSearch, Ranking], bool]
+
+
+def always(search: PlanningSearch, ranking: Ranking) -> bool:
+    """Returns True."""
+    return True
+
+
+def joints_decoupled(search: PlanningSearch, ranking: Ranking) -> bool:
+    """Returns whether the release state is given, for one instant: the slowest joint alone may bound the time."""
+    return isinstance(search.problem.release, JointRelease | PoseRelease) and not search.problem.is_robust
+
+
+def no_incumbent(search: PlanningSearch, ranking: Ranking) -> bool:
+    """Returns whether there is no certified motion yet."""
+    return search.incumbent is None
+
+
+def has_incumbent(search: PlanningSearch, ranking: Ranking) -> bool:
+    """Returns whether there is a certified motion."""
+    return search.incumbent is not None
+
+
+def none_optimised(search: PlanningSearch, ranking: Ranking) -> bool:
+    """Returns whether no optimised motion is certified yet."""
+    return not search.has_certified("casadi")
+
+
+def throw_is_slow(search: PlanningSearch, ranking: Ranking) -> bool:
+    """Returns whether an optimised throw hardly improves on the candidates: it is stuck in a poor local minimum."""
+    release = search.problem.release
+    if none_optimised(search, ranking) or not isinstance(release, TargetRelease):
+        return False
+    share = SLOW_ROBUST if search.problem.is_robust else SLOW
+    least_s = min(ranked.candidate.bound_s for ranked in ranking[:SEEDS_MAX])
+    return release.release_position is None and search.release_time_s > share * least_s
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One row of the search policy: a back end tries candidates in order while a condition holds.
+
+    Attributes:
+        backend: "ruckig" certifies its motions to the candidates, "casadi" optimises from them.
+        purpose: what the stage is for, in the attempt log.
+        candidates: rows of the ranking; what was tried from one of them before is not tried again.
+        condition: checked before every candidate.
+        iterations: solver iterations after which the stage ends ("casadi").
+        variants: launch variants that are tried ("ruckig").
+        order: of the ranking; "arrival" sorts its first `TIMED_MAX` by the slowest joint's own time.
+    """
+
+    backend: Literal["casadi", "ruckig"]
+    purpose: str
+    candidates: slice
+    condition: Condition
+    iterations: int = 0
+    variants: Sequence[ruckig_otg.LaunchVariant] = ruckig_otg.VARIANTS
+    order: Literal["rank", "arrival"] = "rank"
+
+
+# An iteration takes 2 to 4 ms. Of 1000 random requests, larger budgets answer one more, and take longer to refuse.
+POLICY: tuple[Stage, ...] = (
+    Stage("ruckig", "soonest arrivals", slice(0, 2), joints_decoupled, variants=("free",), order="arrival"),
+    Stage("casadi", "soonest seeds", slice(0, 2), none_optimised, iterations=300),
+    Stage("casadi", "further seeds for a slow throw", slice(0, SEEDS_MAX), throw_is_slow, iterations=300),
+    Stage("ruckig", "sooner motions", slice(0, 6), always),
+    Stage("casadi", "one more seed", slice(2, 3), none_optimised, iterations=200),
+    Stage("casadi", "last seeds", slice(3, SEEDS_MAX), no_incumbent, iterations=100),
+    Stage("ruckig", "further motions", slice(6, 11), always),
+    Stage("ruckig", "sooner motions", slice(11, RANKED_MAX), has_incumbent),
+)

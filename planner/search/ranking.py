@@ -1,0 +1,79 @@
+"""Candidates in the order in which they are tried, with Ruckig's times to them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from planner.backends import ruckig_otg
+from planner.geometry.body import clearances
+from planner.problem import ThrowProblem
+from planner.seeds import Candidate, Seed
+
+RANKED_MAX = 24  # candidates of least lower bound that are considered; a pose's others are full turns away
+TIMED_MAX = 8  # of these are ranked by Ruckig's launch time
+PATH_SHARES = np.linspace(0.15, 0.9, 6)  # [-] of the straight joint path to a candidate, checked for obstacles
+OBSTACLE_DEPTH_M = 0.02  # [m] penetration on that path which the optimiser still gets around
+
+
+@dataclass(frozen=True, eq=False)
+class RankedCandidate:
+    """A candidate with Ruckig's times to it and a note of what was tried from it."""
+
+    problem: ThrowProblem
+    candidate: Candidate
+    tried: set[str] = field(default_factory=set)
+
+    @cached_property
+    def arrival_s(self) -> float:
+        """Least time of the slowest joint alone, with free acceleration at the release [s]; infinite if refused."""
+        arrival = ruckig_otg.arrival(self.problem, self.candidate)
+        return float("inf") if arrival is None else arrival.time_s
+
+    @cached_property
+    def launch_s(self) -> float:
+        """Ruckig's launch time with zero acceleration at the release [s]; infinite if refused."""
+        return ruckig_otg.launch_time(self.problem, self.candidate)
+
+    @cached_property
+    def seed(self) -> Seed:
+        """The optimiser's seed: Ruckig's motion to the candidate, if there is one."""
+        refused = self.launch_s == float("inf")
+        return Seed(self.candidate, None if refused else ruckig_otg.initial_guess(self.problem, self.candidate))
+
+    def bound_s(self, variant: ruckig_otg.LaunchVariant) -> float:
+        """Lower bound on the release time of Ruckig's motion to the candidate [s]."""
+        return self.arrival_s if variant == "free" else max(self.arrival_s, self.launch_s)
+
+    def first_try(self, what: str) -> bool:
+        """Returns whether this was not tried from the candidate before, and notes that it is now."""
+        untried = what not in self.tried
+        self.tried.add(what)
+        return untried
+
+
+Ranking = Sequence[RankedCandidate]
+
+
+def rank(problem: ThrowProblem, candidates: list[Candidate]) -> list[RankedCandidate]:
+    """Returns the candidates, the first `TIMED_MAX` by Ruckig's launch time, the others by their lower bound.
+
+    If the straight joint path to the first is obstructed, those with a free path come first.
+    """
+    ranking = [RankedCandidate(problem, candidate) for candidate in candidates[:RANKED_MAX]]
+    first = sorted(ranking[:TIMED_MAX], key=lambda ranked: ranked.launch_s)
+    if not all(_paths_free(first[:1])):
+        first = [first[i] for i in np.argsort(np.logical_not(_paths_free(first)), kind="stable")]
+    return [*first, *ranking[TIMED_MAX:]]
+
+
+def _paths_free(ranking: Ranking) -> list[bool]:
+    """Returns for every candidate whether its straight joint path is free, up to `OBSTACLE_DEPTH_M`."""
+    problem = ranking[0].problem
+    steps = np.array([ranked.candidate.q for ranked in ranking]) - problem.start
+    q = problem.start + np.multiply.outer(PATH_SHARES, steps)
+    least = clearances(problem.cell, q.reshape(-1, len(problem.start))).least.reshape(len(PATH_SHARES), -1)
+    return (least.min(axis=0) > -OBSTACLE_DEPTH_M).tolist()

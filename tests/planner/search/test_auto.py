@@ -1,0 +1,105 @@
+"""The search policy: budgets hold, clocks decide nothing but the deadline, and nothing beats a lower bound."""
+
+import itertools
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planner.backends import casadi_nlp
+from planner.errors import Infeasible, SolverFailed
+from planner.planning import plan
+from planner.problem import PointRelease, TargetRelease
+from planner.search import POLICY, PlanningSearch, search_optimised
+from planner.seeds import candidates
+from tests.planner.problems import joint_problem
+
+CALL_ITERATIONS = 80  # no single call of a solver takes more
+
+
+def target_problem(**changes):
+    return joint_problem(release=TargetRelease(np.array([1.3, 0.2, 0.0])), **changes)
+
+
+@pytest.fixture
+def budgets(monkeypatch):
+    """The iteration budget of every solve, recorded."""
+    given, solve = [], casadi_nlp.solve
+
+    def recording(problem, seed, options):
+        given.append(options.iteration_budget)
+        return solve(problem, seed, options)
+
+    monkeypatch.setattr(casadi_nlp, "solve", recording)
+    return given
+
+
+@pytest.mark.parametrize("iterations", [1, 20, 300])
+def test_a_stage_ends_when_its_iterations_are_spent(budgets, iterations):
+    problem = target_problem(release_window_s=0.02, landing_tolerance_m=0.005)
+    stages = [replace(stage, iterations=iterations) for stage in POLICY if stage.purpose == "soonest seeds"]
+    search = PlanningSearch(problem, time.perf_counter() + 60.0)
+    search_optimised(search, candidates(problem), stages)
+    assert all(0 < budget <= iterations for budget in budgets)
+    assert search.iterations <= iterations + CALL_ITERATIONS
+    assert search.attempts[0].result.startswith("soonest seeds")
+
+
+def test_a_slow_clock_does_not_change_the_plan(monkeypatch):
+    problem = target_problem(time_limit_s=60.0)
+    quick = plan(problem)
+    ticks = itertools.count()
+    monkeypatch.setattr(time, "perf_counter", lambda: 0.01 * next(ticks))
+    slow = plan(problem)
+    np.testing.assert_array_equal(slow.trajectory.q, quick.trajectory.q)
+    assert slow.backend == quick.backend
+    assert slow.solve_time_s > 0.05
+
+
+def test_a_slow_clock_does_not_change_the_nearest_request(monkeypatch):
+    problem = joint_problem(release=PointRelease(np.array([1.6, 0.2, 0.4]), np.array([0.5, 0.0, 0.5])))
+    nearest, ticks = [], itertools.count()
+    for clock in (time.perf_counter, lambda: 0.01 * next(ticks)):
+        monkeypatch.setattr(time, "perf_counter", clock)
+        with pytest.raises(Infeasible) as refusal:
+            plan(problem)
+        nearest.append(refusal.value.nearest)
+    assert nearest[0] is not None
+    assert nearest[0] == nearest[1]
+
+
+def test_the_deadline_of_the_request_ends_the_search(budgets):
+    problem = target_problem()
+    search = PlanningSearch(problem, time.perf_counter() - 1.0)
+    search_optimised(search, candidates(problem))
+    assert budgets == []
+    assert isinstance(search.failure(), SolverFailed)
+
+
+def test_nothing_is_optimised_after_a_motion_that_reaches_the_lower_bound(budgets):
+    problem = joint_problem()
+    search = PlanningSearch(problem, time.perf_counter() + 60.0)
+    search_optimised(search, candidates(problem))
+    assert search.is_optimal
+    assert 0.0 < search.lower_bound_s < search.release_time_s + problem.dt
+    assert search.incumbent is not None
+    assert search.incumbent.backend == "ruckig"
+    assert budgets == []
+
+
+def test_casadi_asked_for_by_name_takes_the_optimiser_alone():
+    problem = target_problem(backend="casadi")
+    search = PlanningSearch(problem, time.perf_counter() + 60.0)
+    search_optimised(search, candidates(problem))
+    assert {attempt.backend for attempt in search.attempts} == {"casadi"}
+
+
+def test_every_candidate_has_its_chance_in_the_order_of_the_ranking():
+    """Rows of one back end follow one another: no candidate is left out between two stages."""
+    for backend in ("casadi", "ruckig"):
+        rows = [stage.candidates for stage in POLICY if stage.backend == backend and stage.order == "rank"]
+        tried = 0
+        for row in rows:
+            assert row.start <= tried
+            tried = max(tried, row.stop)
