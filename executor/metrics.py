@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from executor.landing import Landing
 from executor.supervision import RunResult
 from executor.telemetry import Telemetry
-from planner.certificate import release_flight, tool_state
+from planner.certificate import release_flight
 from planner.flight import fly
+from planner.geometry import tool_state
 from planner.kinematics import forward
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
@@ -68,7 +69,7 @@ def _landing_shift(problem: ThrowProblem, trajectory: Trajectory, late_s: float)
     if ticks <= 0 or nominal is None:
         return 0.0
     k = min(trajectory.release_index + ticks, len(trajectory.q) - 1)
-    X_WT, V_WT = tool_state(problem, trajectory.q[k], trajectory.qd[k])
+    X_WT, V_WT = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
     flight = fly(X_WT[:3, 3], V_WT[:3], problem.plane_z, problem.gravity, problem.drag)
     return math.inf if flight is None else float(np.linalg.norm(flight.landing_point - nominal.landing_point))
 

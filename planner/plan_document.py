@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.cell import Cell
-from planner.certificate import landing_errors, release_flight, tool_state
+from planner.certificate import landing_errors, release_flight
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import landing_per_release_delay
+from planner.geometry import tool_state
 from planner.kinematics import tcp_acceleration
 from planner.problem import ThrowProblem
 from planner.request import problem_from_request
@@ -93,7 +94,7 @@ def _samples(cell: Cell, trajectory: Trajectory) -> dict[str, Any]:
 
 def _release(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any]:
     k = trajectory.release_index
-    X_WT, V_WT = tool_state(problem, trajectory.q[k], trajectory.qd[k])
+    X_WT, V_WT = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
     return {
         "index": k,
         "positions": trajectory.q[k].tolist(),
@@ -136,7 +137,7 @@ def _window_delays(problem: ThrowProblem) -> tuple[float, ...]:
 
 def _landing_drift(problem: ThrowProblem, trajectory: Trajectory) -> Vector:
     k, cell = trajectory.release_index, problem.cell
-    X_WT, V_WT = tool_state(problem, trajectory.q[k], trajectory.qd[k])
+    X_WT, V_WT = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
     a_BT = tcp_acceleration(cell.robot, trajectory.q[k], trajectory.qd[k], trajectory.qdd[k], cell.tool.X_FT)[:3]
     a_WT = cell.X_WB[:3, :3] @ a_BT
     return landing_per_release_delay(X_WT[:3, 3], V_WT[:3], a_WT, problem.plane_z, problem.gravity, problem.drag)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from planner.certificate import joints, space, throw, tool
 from planner.certificate.check import Certificate, Check, at_least, at_most
 from planner.certificate.motion import Motion
-from planner.certificate.throw import landing_errors, release_flight, tool_state
+from planner.certificate.throw import landing_errors, release_flight
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 
@@ -21,7 +21,6 @@ __all__ = [
     "certify",
     "landing_errors",
     "release_flight",
-    "tool_state",
 ]
 
 JOINT_CHECKS = (

@@ -13,7 +13,7 @@ from planner.certificate.check import ROUNDING, Check, at_least, at_most
 from planner.certificate.motion import Look, Motion
 from planner.certificate.shapes import shapes_of
 from planner.flight import Flight, fly, landing_points
-from planner.kinematics import forward, jacobian
+from planner.geometry import tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.rotations import matrix_to_rotation_vector
 from planner.trajectory import Trajectory
@@ -27,21 +27,12 @@ LANDING_TOLERANCE_M = 5e-4  # [m] of the nominal instant; far below what a gripp
 WINDOW_STEP_S = 0.001  # [s] spacing at which the window is looked at first; between, a curvature bound
 
 
-def tool_state(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[Vector, Vector]:
-    """Returns tool pose X_WT (..., 4, 4) and twist V_WT (..., 6) in the world for joint states (..., 6)."""
-    cell = problem.cell
-    X_WT = cell.X_WB @ forward(cell.robot, q, cell.tool.X_FT)
-    V_BT = np.einsum("...ij,...j->...i", jacobian(cell.robot, q, cell.tool.X_FT), qd)
-    R_WB = cell.X_WB[:3, :3]
-    return X_WT, np.concatenate([V_BT[..., :3] @ R_WB.T, V_BT[..., 3:] @ R_WB.T], axis=-1)
-
-
 def release_flight(problem: ThrowProblem, trajectory: Trajectory) -> Flight | None:
     """Returns the flight of the object from the release; None for a move that ends at rest, or that never lands."""
     if problem.ends_at_rest:
         return None
     k = trajectory.release_index
-    X_WT, V_WT = tool_state(problem, trajectory.q[k], trajectory.qd[k])
+    X_WT, V_WT = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
     return fly(X_WT[:3, 3], V_WT[:3], problem.plane_z, problem.gravity, problem.drag)
 
 

@@ -8,8 +8,9 @@ import numpy as np
 
 from planner.backends import ruckig_otg
 from planner.cell import Cell, load_cell
-from planner.certificate import certify, tool_state
+from planner.certificate import certify
 from planner.errors import Infeasible, SolverFailed
+from planner.geometry import tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, ThrowProblem
 from planner.seeds.candidates import candidates
 
@@ -39,15 +40,13 @@ def random_state(problem_cell: Cell, rng: np.random.Generator, spread: float = 1
 
 def pose_problem(problem_cell: Cell, q: np.ndarray, qd: np.ndarray) -> ThrowProblem:
     """The pose and twist of a joint state, asked for as a pose release."""
-    stand_in = ThrowProblem(problem_cell, problem_cell.home, JointRelease(q, qd), problem_cell.limits)
-    X_WT, V_WT = tool_state(stand_in, q, qd)
+    X_WT, V_WT = tool_state(problem_cell, q, qd)
     return ThrowProblem(problem_cell, problem_cell.home, PoseRelease(X_WT, V_WT), problem_cell.limits)
 
 
 def point_problem(problem_cell: Cell, q: np.ndarray, qd: np.ndarray) -> ThrowProblem:
     """Place and velocity of a joint state, asked for as a point release."""
-    stand_in = ThrowProblem(problem_cell, problem_cell.home, JointRelease(q, qd), problem_cell.limits)
-    X_WT, V_WT = tool_state(stand_in, q, qd)
+    X_WT, V_WT = tool_state(problem_cell, q, qd)
     return ThrowProblem(problem_cell, problem_cell.home, PointRelease(X_WT[:3, 3], V_WT[:3]), problem_cell.limits)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from planner.cell import Box
-from planner.certificate import certify, tool_state
+from planner.certificate import certify
 from planner.certificate.bounds import joint_rates
 from planner.certificate.loads import loads_of
 from planner.certificate.motion import Motion
@@ -15,7 +15,7 @@ from planner.certificate.throw import _landing_curvature
 from planner.certificate.tool import _singularity_rates, _torque_curvature, payload_of
 from planner.dynamics import joint_torques
 from planner.flight import landing_points
-from planner.geometry import body_capsules, capsule_endpoints, segment_box_distance
+from planner.geometry import body_capsules, capsule_endpoints, segment_box_distance, tool_state
 from planner.kinematics import signed_singularity_distances
 from planner.problem import TargetRelease
 from planner.trajectory import Trajectory, integrate
@@ -86,7 +86,7 @@ def test_the_landing_point_strays_no_further_than_its_bound():
         thrown = replace(problem, release=TargetRelease(np.zeros(3)), release_window_s=0.01, landing_tolerance_m=0.01)
         delays = np.linspace(-0.01, 0.01, 201)
         q, qd, _ = trajectory.at(trajectory.release_time_s + delays)
-        X_WT, V_WT = tool_state(thrown, q, qd)
+        X_WT, V_WT = tool_state(thrown.cell, q, qd)
         landed = landing_points(X_WT[:, :3, 3], V_WT[:, :3], 0.0, 9.81)
         if not np.isfinite(landed).all():
             continue

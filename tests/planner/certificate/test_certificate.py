@@ -7,7 +7,7 @@ import pytest
 
 from planner.backends import ruckig_otg
 from planner.cell import Box
-from planner.certificate import certify, tool_state
+from planner.certificate import certify
 from planner.certificate.bounds import (
     joint_rates,
     levers,
@@ -16,6 +16,7 @@ from planner.certificate.bounds import (
     point_snap,
     point_speed,
 )
+from planner.geometry import tool_state
 from planner.kinematics import forward
 from planner.planning import plan
 from planner.problem import JointRelease, PointRelease, TargetRelease
@@ -256,7 +257,7 @@ def test_a_certified_bound_holds_at_every_instant_of_a_dense_look():
         certificate = certify(problem, trajectory)
         t = np.linspace(0.0, trajectory.duration_s, 20 * len(trajectory.q))
         q, qd, qdd = trajectory.at(t)
-        _, V_WT = tool_state(problem, q, qd)
+        _, V_WT = tool_state(problem.cell, q, qd)
         speed = np.linalg.norm(V_WT[:, :3], axis=1).max()
         check = certificate.check("tcp_speed")
         assert speed <= check.limit or not check.ok
@@ -281,7 +282,7 @@ def test_what_plan_returns_is_certified_and_releases_as_asked(arm, draw):
     answer = plan(problem)
     assert answer.certificate.valid
     k = answer.trajectory.release_index
-    X_WT, V_WT = tool_state(problem, answer.trajectory.q[k], answer.trajectory.qd[k])
+    X_WT, V_WT = tool_state(problem.cell, answer.trajectory.q[k], answer.trajectory.qd[k])
     if isinstance(problem.release, PointRelease):
         np.testing.assert_allclose(X_WT[:3, 3], problem.release.p_WT, atol=1e-6)
         np.testing.assert_allclose(V_WT[:3], problem.release.v_WT, atol=1e-6)

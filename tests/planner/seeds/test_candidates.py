@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planner.certificate import tool_state
 from planner.errors import Infeasible
 from planner.flight import fly
+from planner.geometry import tool_state
 from planner.kinematics import forward
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.seeds.candidates import candidates
@@ -21,7 +21,7 @@ def states(problem):
     assert np.all(q <= problem.limits.q_upper + 1e-9)
     assert np.all(np.abs(qd) <= problem.limits.qd_max * (1 + 1e-9))
     assert [c.bound_s for c in found] == sorted(c.bound_s for c in found)
-    return found, *tool_state(problem, q, qd)
+    return found, *tool_state(problem.cell, q, qd)
 
 
 def test_pose_candidates_have_pose_and_twist_and_include_the_state_drawn():
