@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.geometry.body import clearances
+from planner.geometry import body_model
 from planner.kinematics import forward, inverse_branches, inverse_velocity, jacobian, singularity_distances
 from planner.problem import PointRelease, PoseRelease, ThrowProblem
 from planner.rotations import invert_pose
@@ -36,7 +36,7 @@ def anchors(problem: ThrowProblem, release: PoseRelease | PointRelease) -> Itera
     q, p = _point_postures(problem, release) if isinstance(release, PointRelease) else _pose_postures(problem, release)
     order = np.argsort(np.linalg.norm(p - asked, axis=1), kind="stable")[:NEAREST]
     q, p = q[order], p[order]
-    clear = clearances(problem.cell, q).least >= ROOM_M
+    clear = body_model(problem.cell).clearances(q).least >= ROOM_M
     taken: list[Vector] = []
     for place in p[clear]:
         if len(taken) < OFFERED and all(np.linalg.norm(place - other) > APART_M for other in taken):

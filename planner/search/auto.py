@@ -20,7 +20,7 @@ from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import Guess
 from planner.certificate import Certificate
 from planner.errors import SolverFailed
-from planner.geometry.body import clearances
+from planner.geometry import body_model
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.search.incumbent import Search
 from planner.seeds.candidates import Candidate
@@ -196,7 +196,7 @@ def _ways_are_free(seeds: list[Seed]) -> list[bool]:
     """Returns for every seed of a problem whether nothing stands in the straight way to it, or hardly anything."""
     problem = seeds[0].problem
     ways = problem.start + np.multiply.outer(WAY, np.array([seed.candidate.q for seed in seeds]) - problem.start)
-    least = clearances(problem.cell, ways.reshape(-1, len(problem.start))).least.reshape(len(WAY), -1)
+    least = body_model(problem.cell).clearances(ways.reshape(-1, len(problem.start))).least.reshape(len(WAY), -1)
     return (least.min(axis=0) > -DEEP_M).tolist()
 
 
