@@ -17,7 +17,7 @@ from planner.backends import ruckig_otg
 from planner.certificate import certify
 from planner.errors import SolverFailed
 from planner.problem import JointRelease, ThrowProblem
-from planner.seeds.candidates import Candidate
+from planner.seeds import Candidate
 from planner.trajectory import Trajectory, join
 
 Vector = NDArray[np.float64]
@@ -76,7 +76,7 @@ def _brakes(problem: ThrowProblem, state: JointRelease, ends: list[Vector]) -> I
 
 def _runs(problem: ThrowProblem, start: Vector, state: JointRelease, share: float) -> Iterator[Samples]:
     """Yields the samples of Ruckig's launches from rest at `start` to the state."""
-    for launch in ruckig_otg.LAUNCHES:
+    for launch in ruckig_otg.VARIANTS:
         motion = _solve(replace(_slower(problem, share), start=start, release=state), state, launch)
         if motion is not None:
             end = motion.release_index + 1

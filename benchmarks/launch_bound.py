@@ -15,7 +15,7 @@ import ruckig
 from numpy.typing import NDArray
 
 from planner.problem import JointRelease, PoseRelease, ThrowProblem
-from planner.seeds.candidates import candidates
+from planner.seeds import candidates
 
 Vector = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ from benchmarks.problem_sets import Task, cell
 from benchmarks.results import ResultRow
 from planner.certificate import certify, landing_errors
 from planner.errors import BackendUnavailable, Infeasible, InvalidProblem, SolverFailed
-from planner.plan_document import problem_from_request
 from planner.planning import Plan, plan
 from planner.problem import BACKENDS, JointRelease, TargetRelease, ThrowProblem
+from planner.request import problem_from_request
 from planner.trajectory import Trajectory
 
 WINDOWS_MS = (10, 20, 30)

@@ -9,7 +9,7 @@ import numpy as np
 
 from executor import shared_memory as shm
 from executor.preflight import ExecutionRefused, session_refusals, verify_plan
-from executor.preparation import find_approach, prepare_job
+from executor.preparation import prepare_job
 from executor.records import (
     ExecutionResult,
     Landing,
@@ -26,6 +26,7 @@ from executor.robot import RobotSession
 from executor.stream_job import StreamJob
 from executor.streaming.safety import EMERGENCY_BITS, NORMAL
 from executor.supervision import StreamRun
+from planner.approach import find_approach
 from planner.certificate import release_flight
 from store import ExecutionRow
 

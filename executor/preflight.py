@@ -13,7 +13,7 @@ from executor.streaming.safety import NORMAL, SAFETY_WORDS
 from planner.cell import Cell
 from planner.certificate import certify
 from planner.errors import PlannerError
-from planner.plan_document import plan_from_document
+from planner.plan_reading import plan_from_document
 from planner.problem import ThrowProblem
 from planner.rotations import matrix_to_rotation_vector, rotation_vector_to_matrix
 from planner.trajectory import Trajectory

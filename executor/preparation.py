@@ -12,13 +12,8 @@ from numpy.typing import NDArray
 from executor import realtime
 from executor.settings import ExecutorSettings
 from executor.stream_job import ApproachRows, StreamJob
-from planner.approach import approach as ways
-from planner.approach.approach import Way, find_way
-from planner.approach.brakes import Brakes, brakes
-from planner.approach.swept_clearance import Space
+from planner.approach import APPROACH_ACCELERATION, APPROACH_SPEED, Approach, Brakes, find_brakes
 from planner.cell import Cell
-from planner.certificate.motion import Motion
-from planner.certificate.tool import payload_of
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 
@@ -80,24 +75,10 @@ def sample_rows(cell: Cell, trajectory: Trajectory, throws: bool) -> StreamRows:
     )
 
 
-def find_approach(cell: Cell, q: Vector, start: Vector, pace: float) -> tuple[Way | None, str]:
-    """Returns the approach from `q` to `start` (6,) [rad].
-
-    Args:
-        cell: the executor's own.
-        q, start: present position and start of the plan (6,) [rad].
-        pace: share of the nominal pace [-].
-
-    Returns:
-        The approach and the name of an obstacle in the straight move; None where no approach keeps clear of it.
-    """
-    return find_way(Space(cell), q, start, pace)
-
-
 def prepare_job(
     problem: ThrowProblem,
     trajectory: Trajectory,
-    approach: Way,
+    approach: Approach,
     mode: str,
     dry_run: bool,
     settings: ExecutorSettings,
@@ -136,8 +117,8 @@ def make_stream_job(
         output_level=cell.gripper.open_level,
         start=rows.q[0].tolist(),
         approach=approach,
-        approach_speed=settings.approach_pace * ways.SPEED,
-        approach_acceleration=settings.approach_pace**2 * ways.ACCELERATION,
+        approach_speed=settings.approach_pace * APPROACH_SPEED,
+        approach_acceleration=settings.approach_pace**2 * APPROACH_ACCELERATION,
         qd_max=cell.robot.qd_max.tolist(),
         acceleration=float(np.min(cell.robot.qdd_max)),
         feedback_gain=FEEDBACK_GAIN,
@@ -153,8 +134,7 @@ def make_stream_job(
 def _sample(problem: ThrowProblem, trajectory: Trajectory, brake_every: int = 1) -> tuple[StreamRows, Brakes]:
     """Returns a motion on the controller's ticks, and the brakes from its rows."""
     rows = sample_rows(problem.cell, trajectory, throws=not problem.ends_at_rest)
-    payload = payload_of(Motion(problem, trajectory), with_object=True)
-    return rows, brakes(problem.cell, payload, rows.q, rows.qd, rows.qdd, trajectory.dt, brake_every)
+    return rows, find_brakes(problem.cell, rows.q, rows.qd, rows.qdd, trajectory.dt, brake_every)
 
 
 def _streamed(rows: StreamRows, row_brakes: Brakes) -> dict[str, Any]:

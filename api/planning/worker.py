@@ -82,8 +82,9 @@ def initialise(warm_up: PlanningJob | None) -> None:
 
 def solve(job: PlanningJob) -> Planned | PlanRefusal:
     """Plans one request."""
-    from planner.plan_document import plan_document, problem_from_request
+    from planner.plan_document import plan_document
     from planner.planning import plan
+    from planner.request import problem_from_request
 
     try:
         problem = problem_from_request(job.request, _cell(job.cell_text, job.cell_name))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from planner.cell import Cell
 from planner.flight import path as flight_path
 from planner.kinematics import forward, link_poses
-from planner.plan_document import plan_from_document
+from planner.plan_reading import plan_from_document
 
 Vector = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from planner.cell import Cell
 from planner.certificate import certify
 from planner.errors import Infeasible
 from planner.problem import ThrowProblem
-from planner.seeds.candidates import Candidate, candidates
-from planner.timing.grid import grid_limits, onto_grid
+from planner.seeds import Candidate, candidates
+from planner.timing import grid_limits, onto_grid
 from planner.trajectory import Trajectory, join
 
 Vector = NDArray[np.float64]

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from benchmarks.peers.answer import PeerAnswer, PeerMissing, Samples, first_certified, gridded
 from planner.problem import ThrowProblem
-from planner.seeds.candidates import Candidate
-from planner.timing.grid import grid_limits
+from planner.seeds import Candidate
+from planner.timing import grid_limits
 
 Vector = NDArray[np.float64]
 

@@ -20,8 +20,8 @@ from planner.backends.casadi_nlp import arm_symbols as arm
 from planner.cell import Cell
 from planner.geometry import body_capsules
 from planner.problem import ThrowProblem
-from planner.seeds.candidates import Candidate
-from planner.timing.grid import grid_limits
+from planner.seeds import Candidate
+from planner.timing import grid_limits
 
 Vector = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from planner.cell import Cell
 from planner.errors import Infeasible
 from planner.kinematics import forward
 from planner.problem import TargetRelease, ThrowProblem
-from planner.seeds.candidates import Candidate, candidates
+from planner.seeds import Candidate, candidates
 
 Vector = NDArray[np.float64]
 

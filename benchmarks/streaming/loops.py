@@ -28,9 +28,9 @@ from executor.realtime import default_core
 from executor.robot import simulator_client
 from planner.certificate import release_flight
 from planner.flight import fly
-from planner.plan_document import problem_from_request
 from planner.planning import plan
 from planner.problem import ThrowProblem
+from planner.request import problem_from_request
 from planner.trajectory import Trajectory
 from tests.system.rig import LOB, ROOT, Rig
 from tests.system.rig import rows_of as rows_of_csv

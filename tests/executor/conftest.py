@@ -11,14 +11,12 @@ import pytest
 from executor.preparation import StreamRows, make_stream_job, sample_rows
 from executor.settings import ExecutorSettings
 from executor.stream_job import StreamJob
-from planner.approach.brakes import Brakes, brakes
+from planner.approach import Brakes, find_brakes
 from planner.cell import Cell, load_cell
-from planner.certificate.motion import Motion
-from planner.certificate.tool import payload_of
-from planner.dynamics import Payload
-from planner.plan_document import plan_document, problem_from_request
+from planner.plan_document import plan_document
 from planner.planning import plan
 from planner.problem import ThrowProblem
+from planner.request import problem_from_request
 from planner.trajectory import Trajectory
 
 CELLS = Path(__file__).parents[2] / "cells"
@@ -32,7 +30,6 @@ class Prepared:
     problem: ThrowProblem
     trajectory: Trajectory
     document: bytes
-    payload: Payload
     rows: StreamRows
     brakes: Brakes
     job: StreamJob
@@ -54,12 +51,11 @@ def prepare(name: str) -> Prepared:
     answer = plan(problem_from_request(request, cell))
     problem, trajectory = answer.problem, answer.trajectory
     rows = sample_rows(cell, trajectory, throws=True)
-    payload = payload_of(Motion(problem, trajectory), with_object=True)
-    row_brakes = brakes(cell, payload, rows.q, rows.qd, rows.qdd, trajectory.dt)
+    row_brakes = find_brakes(cell, rows.q, rows.qd, rows.qdd, trajectory.dt)
     job = make_stream_job(cell, rows, row_brakes, None, "speedj", False, settings(name))
     document = plan_document(answer, request, "id", "2026-01-01T00:00:00Z")
     data = orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY)
-    return Prepared(problem, trajectory, data, payload, rows, row_brakes, job)
+    return Prepared(problem, trajectory, data, rows, row_brakes, job)
 
 
 @pytest.fixture(scope="session", params=["ur5e-sim", "ur5-sim"])

@@ -19,8 +19,9 @@ import psutil
 
 from executor.robot import DashboardClient, simulator_client
 from planner.cell import load_cell
-from planner.plan_document import plan_document, problem_from_request
+from planner.plan_document import plan_document
 from planner.planning import plan
+from planner.request import problem_from_request
 from store import ExecutionRow, Store, new_id
 
 ROOT = Path(__file__).parents[2]

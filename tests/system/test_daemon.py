@@ -12,8 +12,9 @@ from pathlib import Path
 import orjson
 import pytest
 
-from planner.plan_document import plan_document, problem_from_request
+from planner.plan_document import plan_document
 from planner.planning import plan
+from planner.request import problem_from_request
 from store import new_id
 from tests.system.rig import LOB, NUDGE, ROOT, Rig
 
