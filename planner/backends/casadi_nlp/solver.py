@@ -234,7 +234,7 @@ def _cache(functions: Mapping[str, Any], roles: Mapping[str, tuple[str, list[str
         results = list(results) if isinstance(results, (list, tuple)) else [results]
         scheme = ["x", "p", "lam:f", "lam:g"][: len(inputs)]
         names = [[name.replace(":", "_") for name in names] for names in (scheme, outputs)]
-        named[role] = ca.Function(role, inputs, results, *names)
+        named[role] = ca.Function(role, inputs, results, names[0], names[1])
     return named
 
 
