@@ -19,12 +19,9 @@ from executor.station import Station
 from executor.streaming.safety import EMERGENCY_BITS, NORMAL
 from executor.supervision import Run, RunResult
 from executor.telemetry import Telemetry
-from planner.approach.approach import Way, find_way
-from planner.approach.brakes import Brakes, brakes
-from planner.approach.swept_clearance import Space
+from planner.approach import Approach as PlannedApproach
+from planner.approach import Brakes, find_approach, find_brakes
 from planner.certificate import release_flight
-from planner.certificate.motion import Motion
-from planner.certificate.tool import payload_of
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 from store import ExecutionRow
@@ -61,7 +58,7 @@ class Execution:
         state = station.monitor.fresh()
         if state is None:
             raise Refused("the controller fell silent")
-        way, hit = find_way(Space(cell), np.array(state.q), self.trajectory.q[0], station.settings.approach_pace)
+        way, hit = find_approach(cell, np.array(state.q), self.trajectory.q[0], station.settings.approach_pace)
         if way is None:
             raise Refused(f"no way to the plan's start keeps clear: {hit}")
         self.released_before = last_release(cell.link.host) if cell.link.kind == "sim" else -np.inf
@@ -99,12 +96,12 @@ class Execution:
         mcap = to_mcap(telemetry, self.station.cell.robot.joint_names, began, self.log, about)
         return Result(self.row.id, outcome, reason, numbers, mcap, to_csv(telemetry))
 
-    def _job(self, way: Way) -> Job:
+    def _job(self, way: PlannedApproach) -> Job:
         rows, ways_to_rest = self._sampled(self.problem, self.trajectory)
         cell, settings, approach = self.station.cell, self.station.settings, self._approach(way)
         return make_job(cell, rows, ways_to_rest, approach, self.row.mode, self.row.dry_run, settings)
 
-    def _approach(self, way: Way) -> Approach | None:
+    def _approach(self, way: PlannedApproach) -> Approach | None:
         if way.problem is None or way.trajectory is None:
             return None
         self.note(f"planned a way to the start, {way.trajectory.duration_s:.1f} s: a straight one would hit something")
@@ -114,8 +111,7 @@ class Execution:
         """Returns a motion on the controller's ticks, and a way to rest from each of them."""
         cell = self.station.cell
         rows = rows_of(cell, trajectory, throws=not problem.ends_at_rest)
-        payload = payload_of(Motion(problem, trajectory), with_object=True)
-        return rows, brakes(cell, payload, rows.q, rows.qd, rows.qdd, trajectory.dt, every)
+        return rows, find_brakes(cell, rows.q, rows.qd, rows.qdd, trajectory.dt, every)
 
     def _judge_end(self, ended: RunResult) -> tuple[str, str]:
         """Returns outcome and reason; where the link broke, what the controller itself says goes first."""

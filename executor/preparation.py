@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from executor.job import Approach, Job
 from executor.punctuality import silence_limit
 from executor.settings import PRIORITY, Settings
-from planner.approach import approach as ways
-from planner.approach.brakes import Brakes
+from planner.approach import APPROACH_ACCELERATION, APPROACH_SPEED, Brakes
 from planner.cell import Cell
 from planner.trajectory import Trajectory
 
@@ -110,8 +109,8 @@ def make_job(
         output_level=cell.gripper.open_level,
         start=rows.q[0].tolist(),
         approach=approach,
-        approach_speed=settings.approach_pace * ways.SPEED,
-        approach_acceleration=settings.approach_pace**2 * ways.ACCELERATION,
+        approach_speed=settings.approach_pace * APPROACH_SPEED,
+        approach_acceleration=settings.approach_pace**2 * APPROACH_ACCELERATION,
         qd_max=cell.robot.qd_max.tolist(),
         acceleration=float(np.min(cell.robot.qdd_max)),
         feedback_gain=FEEDBACK_GAIN,

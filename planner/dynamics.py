@@ -1,4 +1,4 @@
-"""Joint torques of a motion: Newton and Euler's equations for all links and samples at once."""
+"""Inverse dynamics: joint torques of a motion by the recursive Newton-Euler equations, for all samples at once."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planner.kinematics.chain import link_poses
-from planner.kinematics.motion import LinkMotion, added_up, cross, dot
+from planner.cell import Cell
+from planner.kinematics import LinkMotion, accumulate, cross, dot, link_poses
 from planner.robots import Link, Robot
 
 Array = NDArray[np.float64]
@@ -16,12 +16,12 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Payload:
-    """What hangs on the flange F.
+    """Load on the flange F.
 
     Attributes:
         mass_kg: its mass [kg].
         com_F: centre of mass (3,) [m].
-        inertia_F: inertia (3, 3) about the centre of mass, in the axes of the flange [kg m2].
+        inertia_F: inertia (3, 3) about the centre of mass, in the axes of the flange [kg m^2].
     """
 
     mass_kg: float
@@ -29,17 +29,35 @@ class Payload:
     inertia_F: Array
 
 
+def payload_of(cell: Cell, with_object: bool) -> Payload:
+    """Returns the tool of a cell, its mass half way to the tool centre point, and the object at that point if held."""
+    p_FT, tool_kg = cell.tool.X_FT[:3, 3], cell.tool.mass_kg
+    object_kg = cell.object.mass_kg if with_object else 0.0
+    mass = tool_kg + object_kg
+    if mass == 0.0:
+        return Payload(0.0, np.zeros(3), np.zeros((3, 3)))
+    com = (0.5 * tool_kg + object_kg) / mass * p_FT
+    apart = tool_kg * object_kg / mass * 0.25  # two points half of p_FT apart, about their common centre
+    return Payload(mass, com, apart * (p_FT @ p_FT * np.eye(3) - np.outer(p_FT, p_FT)))
+
+
+def gravity_in_base(cell: Cell) -> Array:
+    """Returns the acceleration of free fall (3,) [m/s^2] in the arm's base."""
+    return cell.X_WB[:3, :3].T @ np.array([0.0, 0.0, -cell.surroundings.gravity_m_s2])
+
+
 def joint_torques(
     robot: Robot, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, gravity_B: ArrayLike, payload: Payload | None = None
 ) -> Array:
-    """Torques (..., 6) [N m] at the joints that make the arm move so, without friction and rotor inertia.
-
-    Args:
-        q, qd, qdd: joint positions, velocities, accelerations (..., 6) [rad, rad/s, rad/s2].
-        gravity_B: acceleration of free fall (3,) in the arm's base [m/s2]; (0, 0, -9.81) for an arm on the floor.
-        payload: what the flange carries.
+    """Returns the joint torques (..., 6) [N m] of a motion, without friction and rotor inertia.
 
     Source: Luh, Walker and Paul 1980, for all links and samples at once in the frame of the base.
+
+    Args:
+        robot: the arm.
+        q, qd, qdd: joint positions, velocities, accelerations (..., 6) [rad, rad/s, rad/s^2].
+        gravity_B: acceleration of free fall (3,) in the arm's base [m/s^2]; (0, 0, -9.81) for an arm on the floor.
+        payload: load on the flange; none by default.
     """
     q, qd, qdd = np.broadcast_arrays(*(np.asarray(x, dtype=np.float64) for x in (q, qd, qdd)))
     rows = [x.reshape(-1, 6) for x in (q, qd, qdd)]
@@ -49,12 +67,12 @@ def joint_torques(
 
 @dataclass(frozen=True, eq=False)
 class Bodies:
-    """The six links, a payload joined to the last.
+    """Mass properties of the six links, a payload joined to the last.
 
     Attributes:
         mass: (6,) [kg].
         fixed: centre of mass [m] and the three principal axes, in the link's frame (4, 6, 3).
-        principal: moments of inertia about these axes through the centre of mass (3, 6) [kg m2].
+        principal: moments of inertia about these axes through the centre of mass (3, 6) [kg m^2].
     """
 
     mass: Array
@@ -65,48 +83,48 @@ class Bodies:
 def chain_torques(
     chain: LinkMotion, carried: Bodies, gravity: ArrayLike, p_F: Array | None = None
 ) -> tuple[Array, Array]:
-    """Torques (6, N) [N m] of the bodies, and those of one more kilogram at the flange's point `p_F` (3,).
+    """Returns the joint torques (6, N) of the bodies, and per kilogram of a point mass on the flange [N m, N m/kg].
 
     Args:
-        chain: how the links move.
-        carried: what they weigh.
-        gravity: acceleration of free fall (3,) in the chain's frame [m/s2].
-        p_F: by default the flange's origin.
+        chain: motion of the links.
+        carried: their mass properties.
+        gravity: acceleration of free fall (3,) in the frame of `chain` [m/s^2].
+        p_F: place of the point mass on the flange (3,) [m]; its origin by default.
     """
-    upward = -np.asarray(gravity, dtype=np.float64)[:, None]  # an arm at rest feels as if it accelerated upwards
-    fixed = chain.fixed(carried.fixed)
+    upward = -np.asarray(gravity, dtype=np.float64)[:, None]  # gravity acts as an upward acceleration of the base
+    fixed = chain.in_links(carried.fixed)
     coms, axes = fixed[:, 0], fixed[:, 1:]
     extra = np.zeros((3, 1, coms.shape[2])) if p_F is None else (chain.on_flange(p_F) - chain.origins[:, 6])[:, None]
-    relative = chain.relative_acceleration(np.concatenate([chain.arms, coms, extra], axis=1), _CARRIERS)
-    origins = added_up(relative[:, :6]) + upward[:, None]
+    relative = chain.relative_acceleration(np.concatenate([chain.offsets, coms, extra], axis=1), _CARRIERS)
+    origins = accumulate(relative[:, :6]) + upward[:, None]
     force = carried.mass[:, None] * (origins + relative[:, 6:12])
     moment = _turning_moments(chain, axes, carried.principal) + cross(chain.origins[:, 1:] + coms, force)
     for v in (force, moment):
-        added_up(v[:, ::-1])  # from the tip inwards: what each joint must bear
+        accumulate(v[:, ::-1])  # from the tip inwards: the load on each joint
     tau = dot(chain.axes, moment - cross(chain.origins[:, :6], force))
     point = (chain.origins[:, 6] + extra[:, 0])[:, None] - chain.origins[:, :6]
     return tau, dot(chain.axes, cross(point, (origins[:, 5] + relative[:, 12])[:, None]))
 
 
-_CARRIERS = np.array([*range(6), *range(6), 5])  # the links with which arms, centres of mass and the extra point move
+_CARRIERS = np.array([*range(6), *range(6), 5])  # links of the frame origins, centres of mass and the point mass
 
 
 def _turning_moments(chain: LinkMotion, axes: Array, principal: Array) -> Array:
-    """Moments (3, 6, N) that turn the links about their centres of mass: I dw/dt + w x I w.
+    """Returns the moments (3, 6, N) [N m] on the links about their centres of mass: I dw/dt + w x I w.
 
     Args:
-        chain: how the links turn.
-        axes: principal axes of the links (3, 3, 6, N), the second index counting them.
-        principal: moments about them (3, 6).
+        chain: motion of the links.
+        axes: principal axes of the links (3, 3, 6, N); the second index counts them.
+        principal: moments of inertia about them (3, 6) [kg m^2].
     """
-    both = np.stack([chain.spin_rate, chain.spin], axis=1)
+    both = np.stack([chain.angular_acceleration, chain.angular_velocity], axis=1)
     along = (axes[:, :, None] * both[:, None]).sum(axis=0) * principal[:, None, :, None]
     moments = (axes[:, :, None] * along).sum(axis=1)
-    return moments[:, 0] + cross(chain.spin, moments[:, 1])
+    return moments[:, 0] + cross(chain.angular_velocity, moments[:, 1])
 
 
 def bodies(robot: Robot, payload: Payload | None) -> Bodies:
-    """The arm's links with the payload joined to the last."""
+    """Returns the arm's links with the payload joined to the last."""
     links = robot.links if payload is None else (*robot.links[:5], _with_payload(robot.links[5], payload))
     mass, com, inertia = (np.array([getattr(link, name) for link in links]) for name in ("mass", "com", "inertia"))
     principal, axes = np.linalg.eigh(inertia)
@@ -114,7 +132,7 @@ def bodies(robot: Robot, payload: Payload | None) -> Bodies:
 
 
 def _with_payload(link: Link, payload: Payload) -> Link:
-    """The flange's link and the payload as one body. Source: parallel axis theorem."""
+    """Returns the flange's link and the payload as one body. Source: parallel axis theorem."""
     if payload.mass_kg == 0.0:
         return link
     mass = link.mass + payload.mass_kg

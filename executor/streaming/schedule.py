@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from executor.job import Job, Row
-from planner.brake_profile import parts
+from planner.brake_profile import brake_weights
 
 
 class Schedule:
@@ -47,7 +47,7 @@ class Schedule:
     def _braking(self, s: float) -> tuple[Row, Row]:
         start = self.diverted or 0
         T = self.brake_s
-        way, bend, speed, lift, _, _ = parts(s / T if T > 0.0 else 1.0)
+        way, bend, speed, lift, _, _ = brake_weights(s / T if T > 0.0 else 1.0)
         q0, qd0, qdd0 = self.job.q[start], self.job.qd[start], self.job.qdd[start]
         q = [x + T * (way * v + T * bend * a) for x, v, a in zip(q0, qd0, qdd0, strict=True)]
         return q, [speed * v + T * lift * a for v, a in zip(qd0, qdd0, strict=True)]

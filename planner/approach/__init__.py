@@ -1,1 +1,14 @@
-"""Motions that end at rest: the approach to a start, and brakes from every tick."""
+"""Motion planning that ends at rest: the approach to a plan's start, and a brake from every row of a motion."""
+
+from planner.approach.approach import APPROACH_ACCELERATION, APPROACH_SPEED, Approach, find_approach
+from planner.approach.brakes import Brakes, brake_path, find_brakes
+
+__all__ = [
+    "APPROACH_ACCELERATION",
+    "APPROACH_SPEED",
+    "Approach",
+    "Brakes",
+    "brake_path",
+    "find_brakes",
+    "find_approach",
+]

@@ -1,4 +1,4 @@
-"""The way to the plan's start: a straight joint move where that keeps clear, a planned motion where it would not."""
+"""Approach to a plan's start: a straight joint move where it is clear, otherwise a planned motion from rest to rest."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.approach.rest_to_rest import through
+from planner.approach.rest_to_rest import rest_to_rest_motion
 from planner.approach.rrt_connect import find_path, is_clear
-from planner.approach.swept_clearance import Space, Ways
+from planner.approach.swept_clearance import SweptPaths, keep_clear
 from planner.cell import Cell, Limits
 from planner.certificate import certify
 from planner.errors import InvalidProblem
@@ -18,22 +18,22 @@ from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
 
-STEP_RAD = 0.005  # [rad] spacing at which a straight move is looked at; in between the bound of `Space` holds
-NEAR_RAD = 1e-3  # [rad] an arm this close to the start has no way to go
-SPEED = 1.0  # [rad/s] unhurried; UR's own default for movej is 1.05
-ACCELERATION = 1.4  # [rad/s^2] source: URScript manual, movej's default
-JERK = 14.0  # [rad/s^3] full acceleration after 0.1 s
-ROOMS_M = (0.01, 0.002)  # [m] beyond the cell's clearance that a search is asked to keep, in turn
-PACES = (1.0, 0.5, 0.25)  # [-] shares of the pace, in turn: torques and tool speed may ask for a slower one
+STEP_RAD = 0.005  # [rad] spacing of evaluated positions on a straight move; swept clearance bounds what is between
+NEAR_RAD = 1e-3  # [rad] distance from the start within which no motion is needed
+APPROACH_SPEED = 1.0  # [rad/s] just below 1.05, the default of UR's movej
+APPROACH_ACCELERATION = 1.4  # [rad/s^2] source: URScript manual, default of movej
+APPROACH_JERK = 14.0  # [rad/s^3] full acceleration after 0.1 s
+MARGINS_M = (0.01, 0.002)  # [m] beyond the cell's clearance that path search keeps, tried in turn
+PACES = (1.0, 0.5, 0.25)  # [-] shares of the pace, tried in turn: torques and tool speed may require a slower motion
 
 
 @dataclass(frozen=True, eq=False)
-class Way:
-    """How the arm gets to the plan's start: a joint move of the controller's own, or a motion that is streamed.
+class Approach:
+    """Motion of the arm to a plan's start: a joint move of the controller, or a streamed motion.
 
     Attributes:
-        goal: where it leads (6,) [rad].
-        problem, trajectory: the planned motion, certified as the plan is; None for a straight move.
+        goal: start of the plan (6,) [rad].
+        problem, trajectory: planned and certified motion; None for a straight joint move.
     """
 
     goal: Vector
@@ -41,57 +41,67 @@ class Way:
     trajectory: Trajectory | None = None
 
 
-def find_way(space: Space, now: Vector, start: Vector, pace: float = 1.0) -> tuple[Way | None, str]:
-    """Returns the way from `now` to `start` (6,) [rad], or None and what stands in the way."""
+def find_approach(cell: Cell, now: Vector, start: Vector, pace: float = 1.0) -> tuple[Approach | None, str]:
+    """Returns the approach from one posture to another.
+
+    Args:
+        cell: the robot station.
+        now, start: present posture and start of the plan (6,) [rad].
+        pace: share of the nominal pace [-].
+
+    Returns:
+        The approach, None if none is found, and what a straight joint move would hit, "" if nothing.
+    """
     if np.abs(start - now).max() < NEAR_RAD:
-        return Way(start), ""
-    hit = _hit(space, now, start)
-    return (Way(start), "") if not hit else (_planned(space.cell, now, start, pace), hit)
+        return Approach(start), ""
+    obstacle = _straight_obstacle(cell, now, start)
+    return (_planned(cell, now, start, pace), obstacle) if obstacle else (Approach(start), "")
 
 
-def _planned(cell: Cell, now: Vector, start: Vector, pace: float) -> Way | None:
-    """Returns a motion around what stands in the straight way; None where none is found."""
+def _planned(cell: Cell, now: Vector, start: Vector, pace: float) -> Approach | None:
+    """Returns a motion around the obstacle in the straight move; None if none is found."""
     limits = cell.limits
     if any((q < limits.q_lower).any() or (q > limits.q_upper).any() for q in (now, start)):
         return None
-    for room in ROOMS_M:
-        path = find_path(is_clear(cell, room), now, start, limits.q_lower, limits.q_upper)
-        if path is not None and (way := _timed(cell, path, pace)) is not None:
-            return way
+    for margin in MARGINS_M:
+        path = find_path(is_clear(cell, margin), now, start, limits.q_lower, limits.q_upper)
+        if path is not None and (approach := _timed(cell, path, pace)) is not None:
+            return approach
     return None
 
 
-def _timed(cell: Cell, path: Vector, pace: float) -> Way | None:
-    """Returns the fastest motion along a path whose certificate holds."""
-    ways = (_certified(cell, path, _unhurried(cell.limits, pace * share)) for share in PACES)
-    return next((way for way in ways if way is not None), None)
+def _timed(cell: Cell, path: Vector, pace: float) -> Approach | None:
+    """Returns the fastest certified motion along a path (K, 6); None if none is."""
+    approaches = (_certified(cell, path, _paced(cell.limits, pace * share)) for share in PACES)
+    return next((approach for approach in approaches if approach is not None), None)
 
 
-def _certified(cell: Cell, path: Vector, limits: Limits) -> Way | None:
-    """Returns the motion along a path where its certificate holds."""
-    trajectory = through(path, limits, 1.0 / cell.robot.sample_rate_hz)
+def _certified(cell: Cell, path: Vector, limits: Limits) -> Approach | None:
+    """Returns the motion along a path within limits, if its certificate is valid."""
+    trajectory = rest_to_rest_motion(path, limits, 1.0 / cell.robot.sample_rate_hz)
     try:
         problem = ThrowProblem(cell, path[0], JointRelease(path[-1], np.zeros(6)), limits)
     except InvalidProblem:
         return None
-    return Way(path[-1], problem, trajectory) if certify(problem, trajectory).valid else None
+    return Approach(path[-1], problem, trajectory) if certify(problem, trajectory).valid else None
 
 
-def _unhurried(limits: Limits, pace: float) -> Limits:
-    """Returns the cell's limits at the pace of an approach; like a joint move it may pass a singularity."""
+def _paced(limits: Limits, pace: float) -> Limits:
+    """Returns the limits of an approach at a pace; like a joint move it may pass a singularity."""
     return replace(
         limits,
-        qd_max=np.minimum(limits.qd_max, pace * SPEED),
-        qdd_max=np.minimum(limits.qdd_max, pace**2 * ACCELERATION),
-        jerk_max=np.minimum(limits.jerk_max, pace**3 * JERK),
+        qd_max=np.minimum(limits.qd_max, pace * APPROACH_SPEED),
+        qdd_max=np.minimum(limits.qdd_max, pace**2 * APPROACH_ACCELERATION),
+        jerk_max=np.minimum(limits.jerk_max, pace**3 * APPROACH_JERK),
         singularity_distance_min=0.0,
     )
 
 
-def _hit(space: Space, a: Vector, b: Vector) -> str:
+def _straight_obstacle(cell: Cell, a: Vector, b: Vector) -> str:
+    """Returns what a straight move between two postures (6,) would hit; "" if nothing."""
     count = int(np.ceil(np.abs(b - a).max() / STEP_RAD)) + 1
-    way = a + np.linspace(0.0, 1.0, max(count, 2))[:, None] * (b - a)
-    limits = space.cell.limits
-    if (way < limits.q_lower - NEAR_RAD).any() or (way > limits.q_upper + NEAR_RAD).any():
+    q = a + np.linspace(0.0, 1.0, max(count, 2))[:, None] * (b - a)
+    limits = cell.limits
+    if (q < limits.q_lower - NEAR_RAD).any() or (q > limits.q_upper + NEAR_RAD).any():
         return "a joint's limit"
-    return space.judge(Ways.straight(way[None]))[1]
+    return keep_clear(cell, SweptPaths.straight(q[None]))[1]

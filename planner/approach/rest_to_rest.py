@@ -1,9 +1,8 @@
-"""Straight motions from rest to rest through postures, exactly on the tick grid, with bounded jerk.
+"""Motion from rest to rest through postures, straight in between, with bounded jerk, exactly on the tick grid.
 
-Each piece is the double S along its line: the jerk J for a ticks, nothing for b, -J for a, nothing for c, and the same
-mirrored. With all durations whole ticks it covers the way J dt^3 a (a + b) (2a + b + c), so J is chosen to end exactly
-at the goal. Source: Biagiotti and Melchiorri, Trajectory Planning for Automatic Machines and Robots, Springer 2008,
-section 3.4.
+Each piece is the double S along its line: the jerk J for a ticks, 0 for b, -J for a, 0 for c, and the same mirrored.
+With whole ticks it covers the distance J dt^3 a (a + b) (2a + b + c), so J is chosen to end exactly at the goal.
+Source: Biagiotti and Melchiorri, Trajectory Planning for Automatic Machines and Robots, Springer 2008, section 3.4.
 """
 
 from __future__ import annotations
@@ -19,12 +18,18 @@ from planner.trajectory import Trajectory, integrate
 
 Vector = NDArray[np.float64]
 
-STILL_RAD = 1e-12  # [rad] a shorter way is none: below what any encoder resolves, above where dividing overflows
-ROUNDING = 1e-9  # [ticks] a duration that is whole but for rounding stays so
+STILL_RAD = 1e-12  # [rad] shorter moves are none: below what an encoder resolves, above where division overflows
+ROUNDING = 1e-9  # [ticks] by which a duration may exceed a whole number
 
 
-def through(points: Vector, limits: Limits, dt: float) -> Trajectory:
-    """Returns the motion through `points` (K >= 2, n) [rad], at rest in each, within the limits on qd, qdd and jerk."""
+def rest_to_rest_motion(points: Vector, limits: Limits, dt: float) -> Trajectory:
+    """Returns the motion through postures, at rest in each.
+
+    Args:
+        points: the postures (K >= 2, n) [rad].
+        limits: bounds on qd, qdd and jerk.
+        dt: one tick [s].
+    """
     jerks = [jerk for a, b in pairwise(points) if len(jerk := _piece(b - a, limits, dt))]
     jerk = np.concatenate(jerks) if jerks else np.zeros((1, points.shape[1]))
     still = np.zeros(points.shape[1])
@@ -33,29 +38,29 @@ def through(points: Vector, limits: Limits, dt: float) -> Trajectory:
     return Trajectory(1.0 / dt, q, qd, qdd, release_index=len(q) - 1)
 
 
-def _piece(way: Vector, limits: Limits, dt: float) -> Vector:
-    """Returns the jerks (N, n) of one piece; none where there is no way."""
-    size = np.abs(way)
+def _piece(move: Vector, limits: Limits, dt: float) -> Vector:
+    """Returns the jerks (N, n) of one move (n,) [rad]; N is 0 where it is none."""
+    size = np.abs(move)
     moving = size > STILL_RAD
     if not moving.any():
-        return np.zeros((0, len(way)))
+        return np.zeros((0, len(move)))
     bounds = (limits.qd_max, limits.qdd_max, limits.jerk_max)
     v, a, j = (float((bound[moving] / size[moving]).min()) for bound in bounds)
     up, steady, cruise = (math.ceil(t / dt - ROUNDING) for t in _durations(v, a, j))
     up = max(up, 1)
     signs = np.repeat([1.0, 0.0, -1.0, 0.0, -1.0, 0.0, 1.0], [up, steady, up, cruise, up, steady, up])
     share = dt**3 * up * (up + steady) * (2 * up + steady + cruise)
-    return (signs / share)[:, None] * way
+    return (signs / share)[:, None] * move
 
 
 def _durations(v: float, a: float, j: float) -> tuple[float, float, float]:
-    """Returns how long jerk, steady acceleration and cruise last [s] on a way of length 1; bounds are per length."""
+    """Returns the durations of jerk, steady acceleration and cruise [s] for bounds relative to the length of a move."""
     up = min(a / j, math.sqrt(v / j))
     steady = max(v / a - up, 0.0)
     cruise = 1.0 / v - 2.0 * up - steady
     if cruise >= 0.0:
         return up, steady, cruise
-    up = a / j  # the way is too short to reach v; for long enough steady acceleration a (up + s) (2 up + s) = 1
+    up = a / j  # too short to reach v: the steady acceleration s solves a (up + s) (2 up + s) = 1
     steady = (-3.0 * up + math.sqrt(up**2 + 4.0 / a)) / 2.0
     if steady >= 0.0:
         return up, steady, 0.0

@@ -1,11 +1,11 @@
-"""A path through joint space that keeps clear of floor, boxes and the arm itself: straight pieces between postures.
+"""Path search in joint space (RRT-Connect): straight pieces between postures, clear of floor, boxes and the arm itself.
 
-Two trees, one from each end, grow towards random postures and towards each other until they meet; then the path is cut
-short wherever a straight piece is clear. Source: Kuffner and LaValle, RRT-Connect: an efficient approach to
+Two trees, one from each end, grow towards random postures and towards each other until they meet; the path is then
+shortened wherever a straight piece is clear. Sources: Kuffner and LaValle, RRT-Connect: an efficient approach to
 single-query path planning, ICRA 2000; Geraerts and Overmars, Creating high-quality paths for motion planning, IJRR 2007
-(shortcuts). The random numbers always begin alike, so the same question has the same answer. No solver is needed.
+(shortcuts). The random numbers have a fixed seed, so the same problem has the same path.
 
-Pieces are looked at every `SPACING_RAD` with some room to spare; who flies a path proves it (planner.certificate).
+Pieces are checked at postures `SPACING_RAD` apart, with a margin; the certificate proves the motion along the path.
 """
 
 from __future__ import annotations
@@ -16,32 +16,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.cell import Cell
-from planner.geometry.body import clearances
+from planner.geometry import body_model
 
 Vector = NDArray[np.float64]
 Edge = Callable[[Vector, Vector], bool]
 
-SPACING_RAD = 0.02  # [rad] between two looks along a piece: at 1.3 m of reach 26 mm
-STEP_RAD = 0.3  # [rad] by which a tree grows at most in one go
-AROUND_RAD = 1.5  # [rad] beyond both ends in every joint is searched: a detour larger than that is no approach
-GROWTHS = 1000  # random postures tried before giving up: a few seconds
-SHORTCUTS = 200  # pieces tried
+SPACING_RAD = 0.02  # [rad] between checked postures: 26 mm at a reach of 1.3 m
+STEP_RAD = 0.3  # [rad] by which a tree grows at most in one step
+AROUND_RAD = 1.5  # [rad] searched beyond both ends in every joint: no approach needs a larger detour
+GROWTHS = 1000  # [-] random postures tried before giving up: a few seconds
+SHORTCUTS = 200  # [-] straight pieces tried
 SEED = 0
 
 
-def is_clear(cell: Cell, room_m: float) -> Edge:
-    """Returns whether a straight piece between two postures keeps `room_m` more than what the cell demands."""
+def is_clear(cell: Cell, margin_m: float) -> Edge:
+    """Returns a test of whether a straight piece between two postures keeps `margin_m` beyond the cell's clearance."""
 
     def clear(a: Vector, b: Vector) -> bool:
         count = int(np.ceil(np.abs(b - a).max() / SPACING_RAD)) + 1
-        way = a + np.linspace(0.0, 1.0, max(count, 2))[:, None] * (b - a)
-        return bool(clearances(cell, way).least.min() >= room_m)
+        q = a + np.linspace(0.0, 1.0, max(count, 2))[:, None] * (b - a)
+        return bool(body_model(cell).clearances(q).least.min() >= margin_m)
 
     return clear
 
 
 def find_path(clear: Edge, start: Vector, goal: Vector, lower: Vector, upper: Vector) -> Vector | None:
-    """Returns postures (K, n) [rad] from `start` to `goal` with clear straight pieces; None where none are found.
+    """Returns postures (K, n) [rad] from `start` to `goal` with clear straight pieces; None if none are found.
 
     Args:
         clear: whether a straight piece is clear.
@@ -59,25 +59,24 @@ def find_path(clear: Edge, start: Vector, goal: Vector, lower: Vector, upper: Ve
     for growth in range(GROWTHS):
         new = here.grow(rng.uniform(low, high), clear)
         if new is not None and (met := there.reach(here.q[new], clear)) is not None:
-            path = [*here.back_from(new)[::-1], *there.back_from(met)[1:]]
+            path = [*here.branch(new)[::-1], *there.branch(met)[1:]]
             return _shortened(path if growth % 2 == 0 else path[::-1], clear, rng)
         here, there = there, here
     return None
 
 
 class _Tree:
-    """Postures, each with the one it was reached from."""
+    """Postures, each with the index of its parent."""
 
     def __init__(self, root: Vector) -> None:
         self.q = np.array([root])
         self.parent = [-1]
 
     def grow(self, towards: Vector, clear: Edge) -> int | None:
-        """Makes one step towards a posture; returns the new one's index, None where the step is not clear."""
+        """Takes one step towards a posture; returns the index of the new one, None if the step is not clear."""
         near = int(np.linalg.norm(self.q - towards, axis=1).argmin())
-        way = towards - self.q[near]
-        far = float(np.abs(way).max())
-        new = self.q[near] + way * min(1.0, STEP_RAD / max(far, STEP_RAD))
+        step = towards - self.q[near]
+        new = self.q[near] + step * min(1.0, STEP_RAD / max(float(np.abs(step).max()), STEP_RAD))
         if not clear(self.q[near], new):
             return None
         self.q = np.vstack([self.q, new])
@@ -85,23 +84,23 @@ class _Tree:
         return len(self.parent) - 1
 
     def reach(self, goal: Vector, clear: Edge) -> int | None:
-        """Grows towards a posture until it is reached; returns its index, None where something is in the way."""
+        """Grows towards a posture until it is reached; returns its index, None if a step is not clear."""
         while (new := self.grow(goal, clear)) is not None:
             if np.array_equal(self.q[new], goal) or np.abs(self.q[new] - goal).max() < 1e-12:
                 return new
         return None
 
-    def back_from(self, index: int) -> list[Vector]:
+    def branch(self, index: int) -> list[Vector]:
         """Returns the postures from `index` back to the root."""
-        way = []
+        postures = []
         while index >= 0:
-            way.append(self.q[index])
+            postures.append(self.q[index])
             index = self.parent[index]
-        return way
+        return postures
 
 
 def _shortened(path: list[Vector], clear: Edge, rng: np.random.Generator) -> Vector:
-    """Returns the path with every straight piece put in that is clear, of those tried."""
+    """Returns the path with random shortcuts by clear straight pieces."""
     for _ in range(SHORTCUTS):
         if len(path) == 2:
             break
@@ -116,7 +115,7 @@ def _shortened(path: list[Vector], clear: Edge, rng: np.random.Generator) -> Vec
 
 
 def _without_corners(path: list[Vector], clear: Edge) -> Vector:
-    """Returns the path less the postures that can be passed by: each stop takes its time."""
+    """Returns the path without the postures that can be skipped: the motion stops at each."""
     kept, at = [path[0]], 0
     while at < len(path) - 1:
         at = next(k for k in range(len(path) - 1, at, -1) if k == at + 1 or clear(path[at], path[k]))

@@ -1,9 +1,9 @@
-"""Whether ways through joint space keep clear of floor, boxes and the arm itself, between the looked-at positions too.
+"""Clearance of the body along paths in joint space, bounded between evaluated positions too.
 
-Between two positions a point strays from its chord by at most sup|p''| h^2 / 8, which the joints' turns and bends bound
-(planner.certificate.bounds). A height then is at least the lower end less that; a distance d at least
-(d0 + d1 - |p1 - p0|) / 2 less that; the gap of two links at least (d0 + d1 - L) / 2, with L the turns of the joints
-between them times their levers. That is coarser than the certificate's proof, and never more permissive.
+Between two positions a point deviates from its chord by at most sup|p''| h^2 / 8, bounded by the rotations of the
+joints as in the certificate. A height is then at least the lower end less that; a distance d from a box at least
+(d0 + d1 - |p1 - p0|) / 2 less that; and the distance of two links at least (d0 + d1 - L) / 2, where L sums the
+rotations of the joints between them times their levers. This is coarser than the certificate, never more permissive.
 """
 
 from __future__ import annotations
@@ -15,33 +15,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.cell import Cell
-from planner.certificate.bounds import Rates, levers, point_acceleration
-from planner.geometry import (
-    SELF_CLEARANCE_M,
-    Capsule,
-    body_capsules,
-    segment_box_distance,
-    segment_segment_distance,
-    self_collision_pairs,
-)
-from planner.kinematics import link_poses
-
-ON_AXIS_M = 1e-9  # [m] rounding
+from planner.certificate import Rates, curvature_bound, point_acceleration, slope_bound
+from planner.geometry import SELF_CLEARANCE_M, body_model
 
 Vector = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-Ends = tuple[Vector, Vector]
-Bound = tuple[str, Vector, Vector, float]  # label, values (M, U) [m], least between (M, U-1) [m], required [m]
+
+PATHS_AT_ONCE = 64  # [-] keeps the arrays of many paths in the processor's cache
+ONE_STEP = np.ones(())  # time between neighbouring positions, in units of itself
 
 
 @dataclass(frozen=True, eq=False)
-class Ways:
-    """Ways (M) of positions (U).
+class SweptPaths:
+    """M paths through U positions each.
 
     Attributes:
-        q: (M, U, 6) [rad].
-        turn: how far each joint turns from one position to the next at most (M, U-1, 6) [rad].
-        bend: its acceleration there times the time between, squared (M, U-1, 6) [rad]; 0 on a straight way.
+        q: positions (M, U, 6) [rad].
+        turn: largest rotation of each joint from one position to the next (M, U-1, 6) [rad].
+        bend: its acceleration there times the square of the time between (M, U-1, 6) [rad]; 0 on a straight path.
     """
 
     q: Vector
@@ -49,93 +40,82 @@ class Ways:
     bend: Vector
 
     @classmethod
-    def straight(cls, q: Vector) -> Ways:
-        """Returns ways that are straight, and evenly gone along, between their positions (M, U, 6)."""
+    def straight(cls, q: Vector) -> SweptPaths:
+        """Returns paths that are straight and of constant speed between their positions (M, U, 6)."""
         turn = np.abs(np.diff(q, axis=1))
         return cls(q, turn, np.zeros_like(turn))
 
-
-class Space:
-    """One cell's arm, tool, held object and surroundings."""
-
-    def __init__(self, cell: Cell) -> None:
-        self.cell = cell
-        p_FT = cell.tool.X_FT[:3, 3]
-        thing = Capsule(frame=6, p0=p_FT, p1=p_FT, radius_m=cell.object.radius_m, name="object")
-        self.body = body_capsules(cell.robot, cell.tool.capsules)
-        self.capsules = [*self.body, thing]
-        self.pairs = self_collision_pairs(cell.robot, cell.tool.capsules)
-
-    def judge(self, ways: Ways) -> tuple[Flags, str]:
-        """Returns for every way whether it keeps clear (M,), and what the first that does not would hit."""
-        clear, name = np.ones(len(ways.q), bool), ""
-        for label, values, between, required in self._bounds(ways):
-            kept = (between >= required).all(axis=1) & (values >= required).all(axis=1)
-            name = name or ("" if kept.all() else label)
-            clear &= kept
-        return clear, name
-
-    def _bounds(self, ways: Ways) -> Iterator[Bound]:
-        X_WL = self.cell.X_WB @ link_poses(self.cell.robot, ways.q)
-        ends = [_ends(X_WL, capsule) for capsule in self.capsules]
-        for capsule, both in zip(self.capsules, ends, strict=True):
-            if capsule.frame > 0:
-                stray = self._stray(capsule, ways)
-                yield self._above_floor(capsule, both, stray)
-                yield from self._outside(capsule, both, stray)
-        yield from self._inside(ends[-1][0], self._stray(self.capsules[-1], ways))
-        for first, second in self.pairs:
-            yield self._apart(self.body[first], self.body[second], (*ends[first], *ends[second]), ways)
-
-    def _stray(self, capsule: Capsule, ways: Ways) -> Vector:
-        """Returns how far the capsule's points stray from their chords at most (M, U-1) [m]."""
-        turn, bend = ways.turn.reshape(-1, 6).T, ways.bend.reshape(-1, 6).T
-        rates = Rates(turn, bend, np.zeros_like(turn))
-        return point_acceleration(self._lever(capsule), rates).reshape(ways.turn.shape[:2]) / 8.0
-
-    def _above_floor(self, capsule: Capsule, ends: Ends, stray: Vector) -> Bound:
-        around = self.cell.surroundings
-        height = np.minimum(ends[0][..., 2], ends[1][..., 2]) - capsule.radius_m - around.floor_z_m
-        return f"{capsule.name} and the floor", height, _lower(height) - stray, around.clearance_m
-
-    def _outside(self, capsule: Capsule, ends: Ends, stray: Vector) -> Iterator[Bound]:
-        around = self.cell.surroundings
-        if not around.keep_out:
-            return
-        moved = np.max([np.linalg.norm(np.diff(p, axis=1), axis=-1) for p in ends], axis=0)
-        for i, box in enumerate(around.keep_out):
-            gap = segment_box_distance(*ends, box.lower, box.upper) - capsule.radius_m
-            between = (gap[:, :-1] + gap[:, 1:] - moved) / 2.0 - stray
-            yield f"{capsule.name} and keep-out box {i}", gap, between, around.clearance_m
-
-    def _inside(self, p: Vector, stray: Vector) -> Iterator[Bound]:
-        for i, box in enumerate(self.cell.surroundings.keep_in):
-            inside = np.minimum(p - box.lower, box.upper - p).min(axis=-1)
-            yield f"the tool and the wall of keep-in box {i}", inside, _lower(inside) - stray, 0.0
-
-    def _apart(self, one: Capsule, other: Capsule, ends: tuple[Vector, ...], ways: Ways) -> Bound:
-        gap = segment_segment_distance(*ends) - one.radius_m - other.radius_m
-        near, far = sorted((one, other), key=lambda c: c.frame)
-        lever = self._lever(far)
-        lever[: near.frame + _is_round(near)] = 0.0
-        between = (gap[:, :-1] + gap[:, 1:] - (ways.turn + ways.bend) @ lever) / 2.0
-        return f"{one.name} and {other.name}", gap, between, SELF_CLEARANCE_M
-
-    def _lever(self, capsule: Capsule) -> Vector:
-        reach = max(float(np.linalg.norm(capsule.p0)), float(np.linalg.norm(capsule.p1)))
-        return levers(self.cell.robot, capsule.frame, reach)
+    def blocks(self) -> list[SweptPaths]:
+        """Returns the paths in blocks of `PATHS_AT_ONCE`."""
+        rows = [slice(first, first + PATHS_AT_ONCE) for first in range(0, len(self.q), PATHS_AT_ONCE)]
+        return [SweptPaths(self.q[row], self.turn[row], self.bend[row]) for row in rows]
 
 
-def _ends(X_WL: Vector, capsule: Capsule) -> Ends:
-    X = X_WL[..., capsule.frame, :, :]
-    return X[..., :3, :3] @ capsule.p0 + X[..., :3, 3], X[..., :3, :3] @ capsule.p1 + X[..., :3, 3]
+@dataclass(frozen=True, eq=False)
+class SweptClearance:
+    """Distance of one part of the body from one obstacle, along M paths through U positions.
+
+    Attributes:
+        name: such as "wrist_3 and the floor".
+        values: at the positions (M, U) [m].
+        between: lower bounds between them (M, U-1) [m].
+        required: least distance [m].
+    """
+
+    name: str
+    values: Vector
+    between: Vector
+    required: float
+
+    @property
+    def kept(self) -> Flags:
+        """Whether the distance is kept on each path (M,)."""
+        return (self.between >= self.required).all(axis=1) & (self.values >= self.required).all(axis=1)
 
 
-def _is_round(capsule: Capsule) -> bool:
-    """Whether turning the next joint, about the capsule's own axis, leaves it as it is."""
-    return max(np.hypot(*capsule.p0[:2]), np.hypot(*capsule.p1[:2])) < ON_AXIS_M
+def keep_clear(cell: Cell, paths: SweptPaths) -> tuple[Flags, str]:
+    """Returns whether each path keeps clear (M,), and the first collision on any of them; "" if there is none."""
+    blocks = [[(each.name, each.kept) for each in swept_clearances(cell, block)] for block in paths.blocks()]
+    kept = np.concatenate([[kept for _, kept in block] for block in blocks], axis=1)
+    broken = ~kept.all(axis=1)
+    return kept.all(axis=0), blocks[0][int(broken.argmax())][0] if broken.any() else ""
 
 
-def _lower(values: Vector) -> Vector:
-    """Returns the lower of each two neighbours (M, U-1)."""
-    return np.minimum(values[:, :-1], values[:, 1:])
+def swept_clearances(cell: Cell, paths: SweptPaths) -> Iterator[SweptClearance]:
+    """Yields the clearances of arm, tool and held object of a cell along paths."""
+    body, around, shape = body_model(cell), cell.surroundings, paths.q.shape[:2]
+    ends = body.end_points(body.link_poses(paths.q.reshape(-1, 6)))
+    turn, bend = (steps.reshape(-1, 6).T for steps in (paths.turn, paths.bend))
+    bends = point_acceleration(body.levers, Rates(turn, bend, np.zeros_like(turn))).reshape(-1, *paths.turn.shape[:2])
+    heights = body.heights(ends).reshape(-1, *shape)
+    boxes = body.box_distances(ends).reshape(-1, len(body.moving), *shape)
+    for item, capsule in enumerate(body.moving):
+        name = body.names[capsule]
+        yield _smooth(f"{name} and the floor", heights[item], bends[capsule], around.clearance_m)
+        for i, distances in enumerate(boxes[:, item]):
+            chords = _longest_chords(ends[capsule].reshape(2, 3, *shape))
+            between = slope_bound(*_neighbours(distances), chords, ONE_STEP) - bends[capsule] / 8.0
+            yield SweptClearance(f"{name} and keep-out box {i}", distances, between, around.clearance_m)
+    for i, distances in enumerate(body.wall_distances(ends).reshape(-1, *shape)):
+        yield _smooth(f"the tool and the wall of keep-in box {i}", distances, bends[body.object], 0.0)
+    approaches = (body.pair_levers @ (turn + bend)).reshape(-1, *paths.turn.shape[:2])
+    for pair, distances, moved in zip(
+        body.pairs, body.pair_distances(ends).reshape(-1, *shape), approaches, strict=True
+    ):
+        one, other = (body.names[i] for i in pair)
+        between = slope_bound(*_neighbours(distances), moved, ONE_STEP)
+        yield SweptClearance(f"{one} and {other}", distances, between, SELF_CLEARANCE_M)
+
+
+def _smooth(name: str, values: Vector, bends: Vector, required: float) -> SweptClearance:
+    return SweptClearance(name, values, curvature_bound(*_neighbours(values), bends, ONE_STEP), required)
+
+
+def _neighbours(values: Vector) -> tuple[Vector, Vector]:
+    """Returns the values at both ends of every step (M, U-1)."""
+    return values[:, :-1], values[:, 1:]
+
+
+def _longest_chords(ends: Vector) -> Vector:
+    """Returns how far the farther-moving end (2, 3, M, U) moves in every step (M, U-1) [m]."""
+    return np.linalg.norm(np.diff(ends, axis=-1), axis=1).max(axis=0)

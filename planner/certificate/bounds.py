@@ -1,16 +1,17 @@
-"""How far a motion can stray between two instants: bounds on speed, acceleration, jerk and snap of its points.
+"""Bounds on a motion between samples: rates of the joints and of points, and proofs by bisection.
 
-A point beyond joint m at distance at most r_m from the axes before it obeys (jerk constant inside a tick)
+A point beyond joint m at a distance of at most r_m from the axes before it obeys (jerk constant in every tick)
 
     |p'|    <= sum r |qd|                           |p''|   <= sum r |qdd| + sum r |qd qd|
     |p'''|  <= sum r |j| + 3 sum r |qd qdd| + sum r |qd qd qd|
     |p''''| <= 4 sum r |qd j| + 3 sum r |qdd qdd| + 6 sum r |qd qd qdd| + sum r |qd qd qd qd|
 
-where the lever r of a product is that of the outermost joint in it. Source: repeated differentiation of a chain of
-rotations; each derivative of a rotation costs one factor, and a cross product never lengthens a vector by more.
-A function f with a continuous slope then obeys f >= min(f0, f1) - sup|f''| h^2/8 between two instants h apart, and a
-function that changes no faster than L obeys f >= (f0 + f1 - L h)/2. Torques follow the joints' accelerations, whose
-slope jumps with the jerk from tick to tick: each jump counts (`kinked_bound`). `prove_above` bisects until one decides.
+where the lever r of a product is that of its outermost joint. Source: repeated differentiation of a chain of rotations;
+each derivative of a rotation adds one factor, and a cross product never lengthens a vector by more.
+
+Between two instants h apart, a function f with a continuous slope obeys f >= min(f0, f1) - sup|f''| h^2/8, and one that
+changes no faster than L obeys f >= (f0 + f1 - L h)/2. Torques follow the joint accelerations, whose slope jumps with
+the jerk from tick to tick: each jump counts (`kinked_bound`). `prove_above` bisects until one of these decides.
 """
 
 from __future__ import annotations
@@ -22,21 +23,21 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.robots import Robot
 from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-ROUNDS = 16  # bisections of one interval: 2^16 parts of a coarse interval are below a microsecond
-EVALUATIONS_MAX = 40_000  # of one check; a motion this close to a limit for this long is not certified
+ROUNDS = 16  # [-] bisections of an interval: 2^-16 of a coarse one is below a microsecond
+EVALUATIONS_MAX = 40_000  # [-] of one check; a motion this close to a limit for this long is not certified
 
 
 class Rates:
-    """Bounds on |qd|, |qdd|, |jerk| of each joint over each of m stretches of time, (n, m) each.
+    """Bounds on |qd|, |qdd| and |jerk| of n joints over each of m intervals, (n, m) each.
 
     Attributes:
-        sums: of each over the joints up to and with every one, (3, n, m).
+        qd, qdd, jerk: the bounds (n, m) [rad/s, rad/s^2, rad/s^3].
+        sums: of the three, over all joints up to and including each (3, n, m).
     """
 
     def __init__(self, qd: Vector, qdd: Vector, jerk: Vector) -> None:
@@ -45,27 +46,32 @@ class Rates:
 
     @cached_property
     def totals(self) -> tuple[Vector, Vector, Vector, Vector]:
-        """Bounds (n, m) on first to fourth derivative of a direction fixed in the link beyond each joint."""
+        """Bounds (n, m) on the first to fourth derivative of a direction fixed in the link beyond each joint."""
         s, a, j = self.sums
         s2 = s * s
         return s, a + s2, j + 3 * s * a + s2 * s, 4 * s * j + 3 * a * a + 6 * s2 * a + s2 * s2
 
     @cached_property
     def by_derivative(self) -> tuple[Vector, Vector, Vector, Vector]:
-        """Weights (n, m) of the levers in the bounds on first to fourth derivative of a point."""
+        """Weights (n, m) of the levers in the bounds on the first to fourth derivative of a point."""
         n = len(self.qd)
-        one_less_the_one_before = np.eye(n) - np.eye(n, k=-1)
-        return tuple(one_less_the_one_before @ total for total in self.totals)  # pyright: ignore[reportReturnType]
+        differences = np.eye(n) - np.eye(n, k=-1)
+        return tuple(differences @ total for total in self.totals)  # pyright: ignore[reportReturnType]
 
     @property
     def turning(self) -> tuple[Vector, Vector, Vector, Vector]:
-        """Bounds (m,) on first to fourth derivative of any direction fixed in the last link."""
+        """Bounds (m,) on the first to fourth derivative of any direction fixed in the last link."""
         one, two, three, four = self.totals
         return one[-1], two[-1], three[-1], four[-1]
 
 
 def joint_rates(trajectory: Trajectory, knots: Index | None = None) -> Rates:
-    """Returns what the joints do at most between neighbouring `knots` (k,), samples; inside every tick by default."""
+    """Returns rate bounds of the joints between neighbouring `knots`.
+
+    Args:
+        trajectory: the motion.
+        knots: increasing indices of samples (k,); all of them by default.
+    """
     if knots is None:
         knots = np.arange(len(trajectory.q))
     first, last = knots[0], knots[-1]
@@ -79,50 +85,43 @@ def joint_rates(trajectory: Trajectory, knots: Index | None = None) -> Rates:
 
 
 def jerk_jumps(trajectory: Trajectory, knots: Index) -> Vector:
-    """Returns how much the jerk of each joint changes inside every stretch between `knots`, all in all (n, m)."""
+    """Returns the sum of all jumps of each joint's jerk inside the intervals between `knots` (n, m) [rad/s^3]."""
     jumps = np.zeros((trajectory.q.shape[1], knots[-1] + 1))
     jumps[:, 1:-1] = np.abs(np.diff(trajectory.jerk[: knots[-1]], axis=0)).T
-    jumps[:, knots] = 0.0  # at the ends of a stretch they bend nothing inside
+    jumps[:, knots] = 0.0  # a jump at the end of an interval has no effect inside
     return np.add.reduceat(jumps, knots[:-1], axis=1)
 
 
-def levers(robot: Robot, frame: int, reach: float) -> Vector:
-    """Returns for each joint (6,) how far a point within `reach` [m] of DH frame `frame`'s origin is from its axis.
-
-    The offset d of a joint's own link lies along its axis and does not count; joints after `frame` do not move it.
-    They fall towards the tool.
-    """
-    own = np.abs(robot.a)
-    beyond = np.hypot(robot.a, robot.d)
-    lever = np.zeros(6)
-    for j in range(frame):
-        lever[j] = own[j] + beyond[j + 1 : frame].sum() + reach
-    return np.maximum.accumulate(lever[::-1])[::-1]  # rounding alone could make them grow
-
-
 def point_speed(lever: Vector, rates: Rates) -> Vector:
-    """Returns the largest speed (m,) over every stretch [m/s], or (k, m) of k points with levers (k, 6)."""
+    """Returns bounds on the speed over every interval [m/s]: (m,) of a point with lever (6,), (k, m) of k points."""
     return lever @ rates.by_derivative[0]
 
 
 def point_acceleration(lever: Vector, rates: Rates) -> Vector:
-    """Returns the largest acceleration over every stretch likewise [m/s^2]."""
+    """Returns bounds on the acceleration over every interval [m/s^2], shaped as those of `point_speed`."""
     return lever @ rates.by_derivative[1]
 
 
 def point_jerk(lever: Vector, rates: Rates) -> Vector:
-    """Returns the largest jerk over every stretch likewise [m/s^3]."""
+    """Returns bounds on the jerk over every interval [m/s^3], shaped as those of `point_speed`."""
     return lever @ rates.by_derivative[2]
 
 
 def point_snap(lever: Vector, rates: Rates) -> Vector:
-    """Returns the largest fourth derivative over every stretch likewise [m/s^4]."""
+    """Returns bounds on the fourth derivative over every interval [m/s^4], shaped as those of `point_speed`."""
     return lever @ rates.by_derivative[3]
 
 
 @dataclass(frozen=True)
 class Proof:
-    """The smallest value met, when [s], on which item, and whether the bound is proven for every instant."""
+    """Result of `prove_above`.
+
+    Attributes:
+        value: smallest value found.
+        at_s: its time [s].
+        item: its item.
+        proven: whether the bound is proven for every instant.
+    """
 
     value: float
     at_s: float
@@ -132,7 +131,14 @@ class Proof:
 
 @dataclass(frozen=True, eq=False)
 class Intervals:
-    """Stretches of time on which a bound is undecided: ends [s], values there, rate bound (..., k), item; each (k,)."""
+    """Intervals on which a bound is undecided.
+
+    Attributes:
+        left, right: their ends (k,) [s].
+        f_left, f_right: values there (k,).
+        rate: rate bound of the item on each (..., k).
+        item: index of the item (k,).
+    """
 
     left: Vector
     right: Vector
@@ -142,7 +148,7 @@ class Intervals:
     item: Index
 
     def keep(self, chosen: NDArray[np.bool_]) -> Intervals:
-        """Returns the chosen ones."""
+        """Returns the `chosen` intervals (k,)."""
         return Intervals(
             self.left[chosen],
             self.right[chosen],
@@ -153,7 +159,7 @@ class Intervals:
         )
 
     def halves(self, middle: Vector, f_middle: Vector) -> Intervals:
-        """Returns both halves of each."""
+        """Returns both halves of every interval."""
         return Intervals(
             np.concatenate([self.left, middle]),
             np.concatenate([middle, self.right]),
@@ -164,23 +170,24 @@ class Intervals:
         )
 
 
-Least = Callable[[Vector, Vector, Vector, Vector], Vector]  # of values at both ends, rate and length of intervals
+LowerBound = Callable[[Vector, Vector, Vector, Vector], Vector]  # of values at both ends, rate and length of intervals
 
 
 def slope_bound(f_left: Vector, f_right: Vector, rate: Vector, h: Vector) -> Vector:
-    """Returns the least f can be on each interval of length h where |f'| is at most `rate`."""
+    """Returns lower bounds on f over intervals of length `h` with |f'| <= `rate`."""
     return (f_left + f_right - rate * h) / 2.0
 
 
 def curvature_bound(f_left: Vector, f_right: Vector, rate: Vector, h: Vector) -> Vector:
-    """Returns the least f can be on each interval of length h where |f''| is at most `rate`."""
+    """Returns lower bounds on f over intervals of length `h` with |f''| <= `rate`."""
     return np.minimum(f_left, f_right) - rate * (h * h / 8.0)
 
 
 def kinked_bound(f_left: Vector, f_right: Vector, rates: Vector, h: Vector) -> Vector:
-    """Returns the least f can be where |f''| is at most rates[0] but for kinks whose jumps of f' add up to rates[1].
+    """Returns lower bounds on f over intervals of length `h` in which f' may jump.
 
-    A jump d at a time s after the left end moves f from its chord by d s (h - s) / h, at most d h/4.
+    Between jumps |f''| <= rates[0]; the jumps add up to at most rates[1]. A jump d at a time s after the left end moves
+    f from its chord by d s (h - s) / h, at most d h/4.
     """
     return np.minimum(f_left, f_right) - (rates[0] * (h / 8.0) + rates[1] / 4.0) * h
 
@@ -191,33 +198,33 @@ def prove_above(
     values: Vector,
     rates: Vector,
     required: float,
-    least: Least,
+    lower_bound: LowerBound,
 ) -> Proof:
-    """Proves f(t) >= `required` over [knots[0], knots[-1]] for every item by bisection, or finds where it fails.
+    """Proves f(t) >= `required` over [knots[0], knots[-1]] for every item by bisection, or finds a violation.
 
     Args:
-        evaluate: f at times (k,) [s] of items (k,).
+        evaluate: function of times (k,) [s] and items (k,) that returns f (k,).
         knots: increasing times (m,) [s].
-        values: f at the knots (items, m), or less than it where that is enough.
-        rates: of every item on every interval (..., items, m-1) or (m-1,), as `least` takes them.
+        values: f at the knots (items, m), or lower bounds on it where they are large enough.
+        rates: rate bounds of every item on every interval (..., items, m-1) or (m-1,), as `lower_bound` takes them.
         required: the bound.
-        least: `slope_bound`, `curvature_bound` or `kinked_bound`.
+        lower_bound: `slope_bound`, `curvature_bound` or `kinked_bound`.
     """
-    item, knot = divmod(int(values.argmin()), values.shape[1])  # the first that is not a number, if there is one
+    item, knot = divmod(int(values.argmin()), values.shape[1])  # the first NaN, if there is one
     best = Proof(float(values[item, knot]), float(knots[knot]), item, False)
     if not best.value >= required:
         return best
-    enough = least(values[:, :-1], values[:, 1:], rates, np.diff(knots)) >= required
+    enough = lower_bound(values[:, :-1], values[:, 1:], rates, np.diff(knots)) >= required
     if enough.all():
         return replace(best, proven=True)
     items, parts = np.nonzero(~enough)
     rate = np.broadcast_to(rates, (*rates.shape[:-2], *enough.shape))[..., items, parts]
     todo = Intervals(knots[parts], knots[parts + 1], values[items, parts], values[items, parts + 1], rate, items)
-    return _bisect(evaluate, todo, best, required, least)
+    return _bisect(evaluate, todo, best, required, lower_bound)
 
 
 def _bisect(
-    evaluate: Callable[[Vector, Index], Vector], todo: Intervals, best: Proof, required: float, least: Least
+    evaluate: Callable[[Vector, Index], Vector], todo: Intervals, best: Proof, required: float, lower_bound: LowerBound
 ) -> Proof:
     spent = 0
     for _ in range(ROUNDS):
@@ -232,7 +239,7 @@ def _bisect(
         if not best.value >= required:
             return best
         todo = todo.halves(middle, f_middle)
-        todo = todo.keep(~(least(todo.f_left, todo.f_right, todo.rate, todo.right - todo.left) >= required))
+        todo = todo.keep(~(lower_bound(todo.f_left, todo.f_right, todo.rate, todo.right - todo.left) >= required))
         if len(todo.left) == 0:
             return replace(best, proven=True)
     return best

@@ -1,33 +1,34 @@
-"""Checks of the joint motion itself: closed forms on the cubic pieces, exact between samples."""
+"""Checks of the joint motion: closed forms on the cubic pieces, exact between samples."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.certificate.check import Check, at_most
-from planner.problem import ThrowProblem
+from planner.certificate.certificate import Check, at_most
+from planner.certificate.samples import MotionSamples
 from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
 
-START_TOLERANCE = 1e-6  # [rad, rad/s, rad/s^2] far below an encoder's step; only rounding may differ
-REST_TOLERANCE = 1e-6  # [rad/s, rad/s^2] likewise
-CONTINUITY_TOLERANCE = 1e-7  # [rad, rad/s] disagreement of neighbouring samples over one tick
+START_TOLERANCE = 1e-6  # [rad, rad/s, rad/s^2] rounding only; far below the step of an encoder
+REST_TOLERANCE = 1e-6  # [rad/s, rad/s^2] rounding only
+CONTINUITY_TOLERANCE = 1e-7  # [rad, rad/s] disagreement of neighbouring samples, rounding only
 
 
-def start(problem: ThrowProblem, trajectory: Trajectory) -> Check:
-    """The motion begins at rest where the problem says."""
-    position = np.abs(trajectory.q[0] - problem.start).max()
-    motion = max(np.abs(trajectory.qd[0]).max(), np.abs(trajectory.qdd[0]).max())
-    detail = "position" if position >= motion else "not at rest"
-    return at_most("start", float(max(position, motion)), START_TOLERANCE, "rad", 0.0, detail)
+def start(motion: MotionSamples) -> Check:
+    """Checks that the motion begins at rest at the problem's start."""
+    trajectory = motion.trajectory
+    offset = np.abs(trajectory.q[0] - motion.problem.start).max()
+    speed = max(np.abs(trajectory.qd[0]).max(), np.abs(trajectory.qdd[0]).max())
+    detail = "position" if offset >= speed else "not at rest"
+    return at_most("start", float(max(offset, speed)), START_TOLERANCE, "rad", 0.0, detail)
 
 
-def joint_position(problem: ThrowProblem, trajectory: Trajectory) -> Check:
-    """No joint leaves its range, at no instant: the extrema of every cubic piece are found in closed form."""
-    limits = problem.limits
-    lowest, highest, times = _position_extrema(trajectory)
+def joint_position(motion: MotionSamples) -> Check:
+    """Checks that no joint leaves its range: the extrema of every cubic piece are found in closed form."""
+    limits = motion.problem.limits
+    lowest, highest, times = _position_extrema(motion.trajectory)
     below, above = lowest - limits.q_lower, limits.q_upper - highest
     worst_below, worst_above = below.min(axis=0), above.min(axis=0)
     joint = int(np.minimum(worst_below, worst_above).argmin())
@@ -46,35 +47,37 @@ def joint_position(problem: ThrowProblem, trajectory: Trajectory) -> Check:
         float(margin),
         float(times[piece]),
         ok,
-        _joint(problem, joint),
+        _joint(motion, joint),
     )
 
 
-def joint_velocity(problem: ThrowProblem, trajectory: Trajectory) -> Check:
-    """No joint exceeds its speed: the vertex of every quadratic piece is looked at."""
-    return _largest("joint_velocity", problem, trajectory, _speed_extrema(trajectory), problem.limits.qd_max, "rad/s")
+def joint_velocity(motion: MotionSamples) -> Check:
+    """Checks that no joint exceeds its speed: at the samples, and at the vertex of every quadratic piece."""
+    return _largest("joint_velocity", motion, _speed_extrema(motion.trajectory), motion.problem.limits.qd_max, "rad/s")
 
 
-def joint_acceleration(problem: ThrowProblem, trajectory: Trajectory) -> Check:
-    """No joint exceeds its acceleration: linear between samples, so the samples decide."""
-    values = np.abs(trajectory.qdd)
-    return _largest("joint_acceleration", problem, trajectory, values, problem.limits.qdd_max, "rad/s^2")
+def joint_acceleration(motion: MotionSamples) -> Check:
+    """Checks that no joint exceeds its acceleration: linear between samples, so the samples decide."""
+    values = np.abs(motion.trajectory.qdd)
+    return _largest("joint_acceleration", motion, values, motion.problem.limits.qdd_max, "rad/s^2")
 
 
-def joint_jerk(problem: ThrowProblem, trajectory: Trajectory) -> Check:
-    """No joint exceeds its jerk: constant in every tick."""
-    values = np.abs(trajectory.jerk)
-    return _largest("joint_jerk", problem, trajectory, values, problem.limits.jerk_max, "rad/s^3")
+def joint_jerk(motion: MotionSamples) -> Check:
+    """Checks that no joint exceeds its jerk: constant in every tick."""
+    values = np.abs(motion.trajectory.jerk)
+    return _largest("joint_jerk", motion, values, motion.problem.limits.jerk_max, "rad/s^3")
 
 
-def end_at_rest(problem: ThrowProblem, trajectory: Trajectory) -> Check:
-    """The last sample stands still."""
+def end_at_rest(motion: MotionSamples) -> Check:
+    """Checks that the last sample is at rest."""
+    trajectory = motion.trajectory
     value = max(np.abs(trajectory.qd[-1]).max(), np.abs(trajectory.qdd[-1]).max())
     return at_most("end_at_rest", float(value), REST_TOLERANCE, "rad/s", trajectory.duration_s)
 
 
-def continuity(problem: ThrowProblem, trajectory: Trajectory) -> Check:
-    """Positions, velocities and accelerations of neighbouring samples are one motion of constant jerk."""
+def continuity(motion: MotionSamples) -> Check:
+    """Checks that neighbouring samples are states of one motion of constant jerk."""
+    trajectory = motion.trajectory
     dt, q, qd, qdd = trajectory.dt, trajectory.q, trajectory.qd, trajectory.qdd
     speed = np.abs(np.diff(qd, axis=0) - dt * (qdd[:-1] + qdd[1:]) / 2.0)
     place = np.abs(np.diff(q, axis=0) - dt * (qd[:-1] + dt * (2.0 * qdd[:-1] + qdd[1:]) / 6.0))
@@ -82,18 +85,23 @@ def continuity(problem: ThrowProblem, trajectory: Trajectory) -> Check:
     residual = np.where(np.isfinite(residual), residual, np.inf)
     piece, joint = np.unravel_index(int(residual.argmax()), residual.shape)
     at_s = float(piece) * dt
-    return at_most(
-        "continuity", float(residual[piece, joint]), CONTINUITY_TOLERANCE, "rad", at_s, _joint(problem, int(joint))
-    )
+    worst, detail = float(residual[piece, joint]), _joint(motion, int(joint))
+    return at_most("continuity", worst, CONTINUITY_TOLERANCE, "rad", at_s, detail)
 
 
-def _largest(
-    name: str, problem: ThrowProblem, trajectory: Trajectory, values: Vector, limit: Vector, unit: str
-) -> Check:
+def sample_rate(motion: MotionSamples) -> Check | None:
+    """Checks that the samples are ticks of the cell's controller; reported as `continuity`, only if not."""
+    off = abs(motion.trajectory.sample_rate_hz - motion.problem.cell.robot.sample_rate_hz)
+    check = at_most("continuity", off, 0.0, "Hz", None, "sample rate against the controller's")
+    return None if check.ok else check
+
+
+def _largest(name: str, motion: MotionSamples, values: Vector, limit: Vector, unit: str) -> Check:
+    """Returns the check of the largest share of a limit (n,) in `values` (pieces, n)."""
     share = np.where(np.isfinite(values), values, np.inf) / limit
     piece, joint = np.unravel_index(int(share.argmax()), share.shape)
-    at_s = float(piece) * trajectory.dt
-    return at_most(name, float(values[piece, joint]), float(limit[joint]), unit, at_s, _joint(problem, int(joint)))
+    at_s, detail = float(piece) * motion.trajectory.dt, _joint(motion, int(joint))
+    return at_most(name, float(values[piece, joint]), float(limit[joint]), unit, at_s, detail)
 
 
 def _speed_extrema(trajectory: Trajectory) -> Vector:
@@ -124,5 +132,5 @@ def _position_extrema(trajectory: Trajectory) -> tuple[Vector, Vector, Vector]:
     return lowest, highest, trajectory.t[:-1]
 
 
-def _joint(problem: ThrowProblem, index: int) -> str:
-    return problem.cell.robot.joint_names[index]
+def _joint(motion: MotionSamples, index: int) -> str:
+    return motion.problem.cell.robot.joint_names[index]

@@ -1,44 +1,42 @@
-"""Whether the arm may stand in a posture at all: floor, boxes and itself, for many postures at once."""
+"""Body of a cell's arm, tool and held object as capsules, and its clearance to floor, boxes and itself."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planner.cell import Cell
 from planner.errors import Violation
-from planner.geometry import (
-    SELF_CLEARANCE_M,
-    Capsule,
-    body_capsules,
-    capsule_endpoints,
-    segment_box_distance,
-    segment_segment_distance,
-    self_collision_pairs,
-)
-from planner.kinematics import forward
+from planner.geometry.capsules import Capsule, body_capsules, levers
+from planner.geometry.distances import segment_box_distance, segment_segment_distance
+from planner.geometry.self_collision import SELF_CLEARANCE_M, self_collision_pairs
+from planner.kinematics import link_poses
 
-Vector = NDArray[np.float64]
+Array = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+CELLS_KEPT = 32  # cells whose models are cached
 
 
 @dataclass(frozen=True, eq=False)
 class Clearances:
-    """How far n postures stay inside each bound (n,) [m]; negative where they break it."""
+    """Margins of n postures to their bounds (n,) [m]; negative where a bound is violated."""
 
-    floor: Vector
-    keep_in: Vector
-    keep_out: Vector
-    self_collision: Vector
+    floor: Array
+    keep_in: Array
+    keep_out: Array
+    self_collision: Array
 
     @property
-    def least(self) -> Vector:
+    def least(self) -> Array:
         """The smallest of the four (n,)."""
         return np.min([self.floor, self.keep_in, self.keep_out, self.self_collision], axis=0)
 
     def violations(self, row: int, cell: Cell) -> list[Violation]:
-        """Returns which bounds posture `row` breaks at the release."""
+        """Returns the bounds that posture `row`, taken as the release, violates."""
         required = {
             "floor": cell.surroundings.clearance_m,
             "keep_in": 0.0,
@@ -52,39 +50,104 @@ class Clearances:
         ]
 
 
-def clearances(cell: Cell, q: Vector) -> Clearances:
-    """Returns the clearances of postures `q` (n, 6) [rad], the object in the tool."""
-    around, p_FT = cell.surroundings, cell.tool.X_FT[:3, 3]
-    capsules = [*body_capsules(cell.robot, cell.tool.capsules), Capsule(6, p_FT, p_FT, cell.object.radius_m, "object")]
-    ends = capsule_endpoints(cell.robot, capsules, q, cell.X_WB)
-    radius = np.array([c.radius_m for c in capsules])
-    moving = np.array([c.frame > 0 for c in capsules])
-    floor = (ends[..., 2].min(axis=-1) - radius)[:, moving].min(axis=1) - around.floor_z_m - around.clearance_m
-    return Clearances(
-        floor, _inside(cell, q), _outside(cell, ends[:, moving], radius[moving]), _apart(cell, ends, radius)
-    )
+class BodyModel:
+    """Capsules of a cell's arm, tool and held object as arrays: k capsules, the object last.
+
+    Arrays over n samples have the samples on their last axis.
+
+    Attributes:
+        cell: the cell.
+        names: of the capsules (k,).
+        frames: DH frame of each (k,).
+        ends: ends of the segments in that frame (k, 2, 3) [m].
+        radii: (k,) [m].
+        levers: of each capsule's points about each joint (k, 6) [m]; see `levers`.
+        moving: indices of the j capsules that the first joint moves (j,).
+        pairs: indices of the p pairs of arm and tool that can collide (p, 2).
+        pair_levers: of the outer capsule of each pair about the joints between the two (p, 6) [m].
+        tool_lever: of the tool centre point about each joint (6,) [m].
+    """
+
+    def __init__(self, cell: Cell) -> None:
+        p_FT = cell.tool.X_FT[:3, 3]
+        held = Capsule(frame=6, p0=p_FT, p1=p_FT, radius_m=cell.object.radius_m, name="object")
+        capsules = (*body_capsules(cell.robot, cell.tool.capsules), held)
+        self.cell = cell
+        self.names = tuple(c.name for c in capsules)
+        self.frames = np.array([c.frame for c in capsules])
+        self.ends = np.array([[c.p0, c.p1] for c in capsules])
+        self.radii = np.array([c.radius_m for c in capsules])
+        self.levers = np.array([levers(cell.robot, c.frame, c.reach_m) for c in capsules])
+        self.moving = np.flatnonzero(self.frames > 0)
+        self.pairs = np.array(self_collision_pairs(cell.robot, cell.tool.capsules), dtype=np.intp).reshape(-1, 2)
+        self.pair_levers = np.array([self._pair_lever(capsules, *pair) for pair in self.pairs]).reshape(-1, 6)
+        self.tool_lever = self.levers[self.object]
+        self._homogeneous = np.concatenate([self.ends, np.ones((len(capsules), 2, 1))], axis=2)
+
+    def _pair_lever(self, capsules: tuple[Capsule, ...], i: int, j: int) -> Array:
+        near, far = sorted((i, j), key=lambda index: capsules[index].frame)
+        first = (
+            capsules[near].frame + capsules[near].is_round_about_z
+        )  # the first joint that moves one against the other
+        return np.where(np.arange(6) >= first, self.levers[far], 0.0)
+
+    @property
+    def object(self) -> int:
+        """Index of the held object."""
+        return len(self.names) - 1
+
+    def link_poses(self, q: Array) -> Array:
+        """Returns the poses X_WL (n, 7, 4, 4) of base and links at postures `q` (n, 6) [rad]."""
+        return link_poses(self.cell.robot, q, self.cell.X_WB)
+
+    def end_points(self, X_WL: Array) -> Array:
+        """Returns the ends of all capsules in the world (k, 2, 3, n) [m] for link poses (n, 7, 4, 4)."""
+        k = len(self.frames)
+        X = X_WL[:, self.frames, :3].transpose(1, 3, 2, 0).reshape(k, 4, -1)
+        return (self._homogeneous @ X).reshape(k, 2, 3, -1)
+
+    def end_points_of(self, item: Index, X_WL: Array) -> Array:
+        """Returns the ends of one capsule a sample: (n, 2, 3) [m] of capsule `item[i]` for `X_WL[i]` (4, 4)."""
+        X = X_WL[np.arange(len(item)), self.frames[item]]
+        return np.matmul(self.ends[item], np.swapaxes(X[:, :3, :3], -1, -2)) + X[:, None, :3, 3]
+
+    def heights(self, ends: Array) -> Array:
+        """Returns the heights above the floor (j, n) [m] of the moving capsules with `ends` (k, 2, 3, n)."""
+        z = ends[self.moving, :, 2]
+        return np.minimum(z[:, 0], z[:, 1]) - self.radii[self.moving, None] - self.cell.surroundings.floor_z_m
+
+    def box_distances(self, ends: Array) -> Array:
+        """Returns the distances from the b keep-out boxes (b, j, n) [m] of the moving capsules."""
+        p0, p1 = np.moveaxis(ends[self.moving], (1, 2), (0, -1))
+        boxes, radii = self.cell.surroundings.keep_out, self.radii[self.moving, None]
+        gaps = [segment_box_distance(p0, p1, box.lower, box.upper) - radii for box in boxes]
+        return np.array(gaps).reshape(len(boxes), *p0.shape[:2])
+
+    def pair_distances(self, ends: Array) -> Array:
+        """Returns the distances (p, n) [m] of the pairs."""
+        first, second = self.pairs.T
+        one, other = ends[first], ends[second]
+        gaps = segment_segment_distance(one[:, 0], one[:, 1], other[:, 0], other[:, 1], axis=1)
+        return gaps - (self.radii[first] + self.radii[second])[:, None]
+
+    def wall_distances(self, ends: Array) -> Array:
+        """Returns how far inside each keep-in box the tool centre point is (b, n) [m]."""
+        p_WT, boxes = ends[self.object, 0].T, self.cell.surroundings.keep_in
+        inside = [np.minimum(p_WT - box.lower, box.upper - p_WT).min(axis=1) for box in boxes]
+        return np.array(inside).reshape(len(boxes), len(p_WT))
+
+    def clearances(self, q: Array) -> Clearances:
+        """Returns the clearances of postures `q` (n, 6) [rad] with the object in the tool."""
+        ends, clearance = self.end_points(self.link_poses(q)), self.cell.surroundings.clearance_m
+        return Clearances(
+            floor=self.heights(ends).min(axis=0) - clearance,
+            keep_in=self.wall_distances(ends).min(axis=0, initial=np.inf),
+            keep_out=self.box_distances(ends).min(axis=(0, 1), initial=np.inf) - clearance,
+            self_collision=self.pair_distances(ends).min(axis=0, initial=np.inf) - SELF_CLEARANCE_M,
+        )
 
 
-def _inside(cell: Cell, q: Vector) -> Vector:
-    p = (cell.X_WB @ forward(cell.robot, q, cell.tool.X_FT))[:, :3, 3]
-    least = np.full(len(q), np.inf)
-    for box in cell.surroundings.keep_in:
-        least = np.minimum(least, np.minimum(p - box.lower, box.upper - p).min(axis=1))
-    return least
-
-
-def _outside(cell: Cell, ends: Vector, radius: Vector) -> Vector:
-    least = np.full(len(ends), np.inf)
-    for box in cell.surroundings.keep_out:
-        gap = segment_box_distance(ends[..., 0, :], ends[..., 1, :], box.lower, box.upper) - radius
-        least = np.minimum(least, gap.min(axis=1) - cell.surroundings.clearance_m)
-    return least
-
-
-def _apart(cell: Cell, ends: Vector, radius: Vector) -> Vector:
-    pairs = np.array(self_collision_pairs(cell.robot, cell.tool.capsules), dtype=int).reshape(-1, 2)
-    if len(pairs) == 0:
-        return np.full(len(ends), np.inf)
-    one, other = ends[:, pairs[:, 0]], ends[:, pairs[:, 1]]
-    gap = segment_segment_distance(one[..., 0, :], one[..., 1, :], other[..., 0, :], other[..., 1, :])
-    return (gap - radius[pairs[:, 0]] - radius[pairs[:, 1]]).min(axis=1) - SELF_CLEARANCE_M
+@lru_cache(maxsize=CELLS_KEPT)
+def body_model(cell: Cell) -> BodyModel:
+    """Returns the body model of a cell, built once a cell."""
+    return BodyModel(cell)

@@ -1,8 +1,8 @@
 """Arm and tool as capsules: all points within a radius of a segment.
 
-The arm is nine of them: the foot, a housing around each joint axis, and the two tubes between. A housing is round
-about its axis, so it belongs to the link before as well as to the link behind that joint; here it is in the earlier
-frame, which fewer joints move. A picture is in docs/collision-geometry.md.
+The arm has nine: the foot, a housing around each joint axis, and the two tubes. A housing is round about its joint's
+axis, so the joint turns it into itself: it is given in the frame before the joint, which fewer joints move. Picture
+and sources of the dimensions: docs/collision-geometry.md.
 """
 
 from __future__ import annotations
@@ -16,19 +16,24 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from planner.cell import ToolCapsule
-from planner.kinematics.chain import link_poses
+from planner.kinematics import link_poses
 from planner.robots import Robot
 
 Array = NDArray[np.float64]
 
 FOOT_HEIGHT_M = 0.02  # source: base plates of the arms, 10 to 20 mm thick in the manuals' drawings
+AXIS_TOLERANCE_M = 1e-9  # [m] rounding: a capsule this close to an axis is round about it
 
 
 @dataclass(frozen=True, eq=False)
 class Capsule:
-    """All points within `radius_m` of the segment p0-p1, given in a DH frame of the arm.
+    """All points within a radius of a segment.
 
-    `frame` 0 is the base, 6 the flange; `p0` and `p1` (3,) in that frame [m].
+    Attributes:
+        frame: DH frame it is fixed in; 0 is the base, 6 the flange.
+        p0, p1: ends of the segment in that frame (3,) [m].
+        radius_m: its radius [m].
+        name: of the part of the arm.
     """
 
     frame: int
@@ -37,11 +42,21 @@ class Capsule:
     radius_m: float
     name: str
 
+    @property
+    def reach_m(self) -> float:
+        """Largest distance of the segment from the frame's origin [m]."""
+        return max(float(np.linalg.norm(self.p0)), float(np.linalg.norm(self.p1)))
+
+    @property
+    def is_round_about_z(self) -> bool:
+        """Whether its axis is the z axis of its frame, about which the next joint turns."""
+        return bool(max(np.hypot(*self.p0[:2]), np.hypot(*self.p1[:2])) < AXIS_TOLERANCE_M)
+
 
 @cache
 def arm_capsules(robot: Robot) -> tuple[Capsule, ...]:
-    """The nine capsules of the arm, from the base out."""
-    # A housing runs a third (shoulder, elbow) or half (wrists) of its radius beyond the crossing of two tubes.
+    """Returns the nine capsules of an arm, from the base outwards."""
+    # A housing extends a third (shoulder, elbow) or half (wrists) of its radius beyond the crossing of two tubes.
     # source: MuJoCo Menagerie's capsules of UR5e and UR10e, 0.02 m at radii of 0.06 m and 0.04 m
     s, upper, fore = robot.shape, -robot.a[1], -robot.a[2]
     d1, d4, d5, d6 = robot.d[0], robot.d[3], robot.d[4], robot.d[5]
@@ -58,17 +73,22 @@ def arm_capsules(robot: Robot) -> tuple[Capsule, ...]:
         ("wrist_2", 4, (0, 0, -wrist_cap), (0, 0, d5), s.wrist_radius),
         ("wrist_3", 5, (0, 0, -wrist_cap), (0, 0, d6 - wrist_cap), s.wrist_radius),
     )
-    return tuple(Capsule(frame, _fixed(p0), _fixed(p1), radius, name) for name, frame, p0, p1, radius in rows)
+    return tuple(Capsule(frame, _read_only(p0), _read_only(p1), radius, name) for name, frame, p0, p1, radius in rows)
 
 
 def body_capsules(robot: Robot, tool: Sequence[ToolCapsule]) -> tuple[Capsule, ...]:
-    """Arm and tool, the tool's last and named `tool_0`, `tool_1`, …"""
-    hung = (Capsule(6, _fixed(c.from_m), _fixed(c.to_m), c.radius_m, f"tool_{i}") for i, c in enumerate(tool))
-    return (*arm_capsules(robot), *hung)
+    """Returns the capsules of arm and tool; the tool's come last and are named `tool_0`, `tool_1`, …"""
+    of_tool = (
+        Capsule(6, _read_only(c.from_m), _read_only(c.to_m), c.radius_m, f"tool_{i}") for i, c in enumerate(tool)
+    )
+    return (*arm_capsules(robot), *of_tool)
 
 
 def capsule_endpoints(robot: Robot, capsules: Sequence[Capsule], q: ArrayLike, X_WB: ArrayLike | None = None) -> Array:
-    """Ends (..., n, 2, 3) [m] of n capsules in the world, or in the base where `X_WB` is None; q is (..., 6) [rad]."""
+    """Returns the ends (..., n, 2, 3) [m] of n capsules at joint positions `q` (..., 6) [rad].
+
+    They are in the world, or in the base where `X_WB` is None.
+    """
     X = link_poses(robot, q)
     if X_WB is not None:
         X = np.asarray(X_WB, dtype=np.float64) @ X
@@ -77,7 +97,26 @@ def capsule_endpoints(robot: Robot, capsules: Sequence[Capsule], q: ArrayLike, X
     return local @ np.swapaxes(X[..., :3, :3], -1, -2) + X[..., None, :3, 3]
 
 
-def _fixed(point: Any) -> Array:
+def levers(robot: Robot, frame: int, reach_m: float) -> Array:
+    """Returns upper bounds on the distances (6,) [m] of a point from the joint axes; they fall towards the tool.
+
+    The offset d of a joint's own link lies along its axis and does not count. Joints that do not move the point have
+    a lever of 0.
+
+    Args:
+        robot: the arm.
+        frame: DH frame in which the point is fixed.
+        reach_m: largest distance of the point from that frame's origin [m].
+    """
+    own = np.abs(robot.a)
+    beyond = np.hypot(robot.a, robot.d)
+    lever = np.zeros(6)
+    for j in range(frame):
+        lever[j] = own[j] + beyond[j + 1 : frame].sum() + reach_m
+    return np.maximum.accumulate(lever[::-1])[::-1]  # rounding alone could make them grow
+
+
+def _read_only(point: Any) -> Array:
     array = np.array(point, dtype=np.float64)
     array.setflags(write=False)
     return array

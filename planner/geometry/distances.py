@@ -1,4 +1,4 @@
-"""Exact distances from segments to segments and boxes, over leading dimensions; segments may be points."""
+"""Exact distances of segments from segments and boxes, over leading dimensions; a segment may be a point."""
 
 from __future__ import annotations
 
@@ -7,44 +7,52 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-# [m^2] squared length under which a segment is a point; a capsule shorter than 1e-9 m is a sphere
-POINT_M2 = 1e-18
+POINT_M2 = 1e-18  # [m^2] squared length below which a segment is a point: a capsule shorter than 1e-9 m is a sphere
 
 
 def segment_segment_distance(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: ArrayLike, *, axis: int = -1) -> Array:
-    """Distance (...) [m] between segments p0-p1 and q0-q1, ends (..., 3) with the coordinates along `axis`.
+    """Returns the distance (...) [m] between segments p0-p1 and q0-q1.
 
-    The nearest points of the lines, put back onto the first segment, then the second's nearest point to it, then the
-    first's to that: exact, as the squared distance is convex in both. For parallel lines any point of the first
-    serves to begin with. Source: Ericson, Real-Time Collision Detection (2005), section 5.1.9.
+    The closest point on the first line is clamped to the first segment, then the closest point to it on the second
+    segment is found, then the closest to that on the first: exact, because the squared distance is convex in both
+    parameters. For parallel lines any point of the first serves as a start.
+    Source: Ericson, Real-Time Collision Detection (2005), section 5.1.9.
+
+    Args:
+        p0, p1, q0, q1: ends (..., 3) [m].
+        axis: axis of the coordinates in each of them.
     """
     p0, p1, q0, q1 = (np.moveaxis(np.asarray(x, dtype=np.float64), axis, 0) for x in (p0, p1, q0, q1))
     u, v, w = p1 - p0, q1 - q0, q0 - p0
-    uu, uv, vv, uw, vw = _along(u, u), _along(u, v), _along(v, v), _along(u, w), _along(v, w)
+    uu, uv, vv, uw, vw = _dot_first(u, u), _dot_first(u, v), _dot_first(v, v), _dot_first(u, w), _dot_first(v, w)
     determinant = uu * vv - uv * uv
     crossing = determinant > np.finfo(np.float64).eps * uu * vv
-    s = _onto((vv * uw - uv * vw) * crossing / np.where(crossing, determinant, 1.0))
-    t = _onto((s * uv - vw) / np.maximum(vv, POINT_M2))
-    s = _onto((uw + t * uv) / np.maximum(uu, POINT_M2))
+    s = _clamped((vv * uw - uv * vw) * crossing / np.where(crossing, determinant, 1.0))
+    t = _clamped((s * uv - vw) / np.maximum(vv, POINT_M2))
+    s = _clamped((uw + t * uv) / np.maximum(uu, POINT_M2))
     gap = w + t * v - s * u
-    return np.sqrt(_along(gap, gap))
+    return np.sqrt(_dot_first(gap, gap))
 
 
-def _onto(share: Array) -> Array:
-    """The place on the line put back onto the segment, whose ends are at 0 and 1."""
+def _clamped(share: Array) -> Array:
+    """Returns the place on a line clamped to its segment, whose ends are at 0 and 1."""
     return np.minimum(np.maximum(share, 0.0), 1.0)
 
 
-def _along(a: Array, b: Array) -> Array:
-    """Scalar product (...) of vectors (3, ...)."""
+def _dot_first(a: Array, b: Array) -> Array:
+    """Returns the dot product (...) of vectors (3, ...)."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def segment_box_distance(p0: ArrayLike, p1: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Array:
-    """Distance (...) [m] of segments p0-p1, ends (..., 3), from the box between `lower` and `upper` (..., 3); 0 inside.
+    """Returns the distance (...) [m] of segments p0-p1 from a box; 0 where they meet it.
 
     The squared distance along the segment is convex and piecewise quadratic, with a new piece where the segment
-    crosses a face's plane: its slope is linear between those points, so the zero of the slope is found exactly.
+    crosses the plane of a face: its slope is linear between those points, so the zero of the slope is found exactly.
+
+    Args:
+        p0, p1: ends (..., 3) [m].
+        lower, upper: corners of the box (..., 3) [m].
     """
     p0, p1, lower, upper = (np.asarray(x, dtype=np.float64) for x in (p0, p1, lower, upper))
     along = p1 - p0
@@ -59,12 +67,16 @@ def segment_box_distance(p0: ArrayLike, p1: ArrayLike, lower: ArrayLike, upper: 
 
 
 def _outside(p: Array, lower: Array, upper: Array) -> Array:
-    """Vector (..., 3) from the nearest point of the box."""
+    """Returns the vector (..., 3) from the closest point of the box."""
     return p - np.clip(p, lower, upper)
 
 
 def _zero(knots: Array, slopes: Array) -> Array:
-    """Where (...) a rising, piecewise linear function (..., k) of the knots (..., k) passes zero, or the nearer end."""
+    """Returns where (...) an increasing piecewise linear function crosses zero, or the nearer end.
+
+    Args:
+        knots, slopes: the function's arguments and values (..., k).
+    """
     after = np.clip(np.sum(slopes < 0.0, axis=-1), 1, knots.shape[-1] - 1)[..., None]
     t0, t1 = (np.take_along_axis(knots, i, axis=-1)[..., 0] for i in (after - 1, after))
     g0, g1 = (np.take_along_axis(slopes, i, axis=-1)[..., 0] for i in (after - 1, after))
@@ -74,4 +86,5 @@ def _zero(knots: Array, slopes: Array) -> Array:
 
 
 def _dot(a: Array, b: Array) -> Array:
+    """Returns the dot product (...) of vectors (..., 3)."""
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]

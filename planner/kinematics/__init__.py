@@ -1,7 +1,7 @@
-"""Kinematics of the arms: poses, Jacobians, velocities, singularities, inverse kinematics; all over many samples."""
+"""Kinematics of the arms, over many samples at once: poses, Jacobians, inverse kinematics, singularities."""
 
-from planner.kinematics.branches import InverseKinematics, inverse, inverse_branches
-from planner.kinematics.chain import (
+from planner.kinematics.differential_kinematics import forward_velocity, inverse_velocity
+from planner.kinematics.forward_kinematics import (
     analytical_jacobian,
     forward,
     jacobian,
@@ -9,7 +9,8 @@ from planner.kinematics.chain import (
     link_poses,
     tcp_acceleration,
 )
-from planner.kinematics.motion import LinkMotion
+from planner.kinematics.inverse_kinematics import InverseKinematics, inverse, inverse_branches
+from planner.kinematics.link_motion import LinkMotion, accumulate, cross, dot
 from planner.kinematics.singularities import (
     SINGULARITIES,
     SingularityDistances,
@@ -18,14 +19,16 @@ from planner.kinematics.singularities import (
     singularity_distances,
     smallest_singular_value,
 )
-from planner.kinematics.velocities import forward_velocity, inverse_velocity
 
 __all__ = [
     "SINGULARITIES",
     "InverseKinematics",
     "LinkMotion",
     "SingularityDistances",
+    "accumulate",
     "analytical_jacobian",
+    "cross",
+    "dot",
     "forward",
     "forward_velocity",
     "inverse",

@@ -1,4 +1,4 @@
-"""How far the arm is from its three singularities, each by name, and two measures that do not tell them apart."""
+"""Distances to the three singularities of the arm, and measures of a Jacobian."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SINGULARITIES = ("wrist", "elbow", "shoulder")
 
 @dataclass(frozen=True, eq=False)
 class SingularityDistances:
-    """Dimensionless distances (...) to the singularities, zero on them.
+    """Dimensionless distances (...) to the singularities; zero on them.
 
     Their product times |a2 a3| (|a2| + |a3|) is |det J| of the arm [m3].
     """
@@ -32,10 +32,10 @@ class SingularityDistances:
 
 
 def signed_singularity_distances(robot: Robot, q: ArrayLike) -> Array:
-    """Distances (..., 3) to wrist, elbow and shoulder singularity with the sign of their side, smooth in q.
+    """Returns distances (..., 3) to wrist, elbow and shoulder singularity, signed by side and smooth in q.
 
-    Wrist: axes 4 and 6 parallel. Elbow: arm stretched or folded. Shoulder: wrist over the axis of joint 1, where
-    the offset of the wrist's centre in the arm's plane vanishes.
+    Wrist: axes 4 and 6 are parallel. Elbow: the arm is stretched or folded. Shoulder: the wrist's centre lies over the
+    axis of joint 1.
     """
     q = np.asarray(q, dtype=np.float64)
     lift, elbow, turn = q[..., 1], q[..., 1] + q[..., 2], q[..., 1] + q[..., 2] + q[..., 3]
@@ -45,13 +45,13 @@ def signed_singularity_distances(robot: Robot, q: ArrayLike) -> Array:
 
 
 def singularity_distances(robot: Robot, q: ArrayLike) -> SingularityDistances:
-    """Distances (...) of joint positions (..., 6) [rad] to the three singularities, each at least 0."""
+    """Returns the distances (...) of joint positions (..., 6) [rad] to the three singularities, each at least 0."""
     distances = np.abs(signed_singularity_distances(robot, q))
     return SingularityDistances(distances[..., 0], distances[..., 1], distances[..., 2])
 
 
 def manipulability(J: ArrayLike) -> Array:
-    """Manipulability sqrt(det(J J^T)) (...) of a Jacobian (..., m, n). Source: Yoshikawa 1985."""
+    """Returns the manipulability sqrt(det(J J^T)) (...) of a Jacobian (..., m, n). Source: Yoshikawa 1985."""
     J = np.asarray(J, dtype=np.float64)
     if J.shape[-2] > J.shape[-1]:
         return np.zeros(J.shape[:-2])
@@ -59,6 +59,6 @@ def manipulability(J: ArrayLike) -> Array:
 
 
 def smallest_singular_value(J: ArrayLike) -> Array:
-    """Smallest singular value (...) of a Jacobian (..., m, n): twist per joint velocity in the worst direction."""
+    """Returns the smallest singular value (...) of a Jacobian (..., m, n): twist per joint velocity at its worst."""
     s = np.linalg.svd(np.asarray(J, dtype=np.float64), compute_uv=False)
     return np.asarray(s[..., -1], dtype=np.float64)

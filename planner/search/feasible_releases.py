@@ -12,8 +12,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.geometry import tool_pose
-from planner.geometry.body import clearances
+from planner.geometry import body_model, tool_pose
 from planner.kinematics import inverse_branches, inverse_velocity, jacobian, singularity_distances
 from planner.problem import PointRelease, PoseRelease, ThrowProblem
 from planner.rotations import invert_pose
@@ -39,7 +38,7 @@ def feasible_releases(problem: ThrowProblem, release: PlacedRelease) -> Iterator
     order = np.argsort(np.linalg.norm(p - position(release), axis=1), kind="stable")[:CHECKED_MAX]
     q, p = q[order], p[order]
     yielded: list[Vector] = []
-    for p_WT in p[clearances(problem.cell, q).least >= CLEARANCE_M]:
+    for p_WT in p[body_model(problem.cell).clearances(q).least >= CLEARANCE_M]:
         if len(yielded) < RELEASES_MAX and all(np.linalg.norm(p_WT - other) > APART_M for other in yielded):
             yielded.append(p_WT)
             yield moved(release, p_WT)

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.errors import Infeasible, Violation
-from planner.geometry import SELF_CLEARANCE_M, barriers
-from planner.geometry.body import clearances
+from planner.geometry import SELF_CLEARANCE_M, barriers, body_model
 from planner.kinematics import (
     SINGULARITIES,
     inverse,
@@ -132,7 +131,7 @@ def _clear(problem: ThrowProblem, q: Vector, qd: Vector, bound: Vector) -> list[
     for rows, enough in BATCHES:
         if len(good) >= enough or rows.start >= len(q):
             break
-        free = clearances(problem.cell, q[rows])
+        free = body_model(problem.cell).clearances(q[rows])
         good += (np.flatnonzero(free.least >= 0.0) + rows.start).tolist()
         least.append(free)
     if good:

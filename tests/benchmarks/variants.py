@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from planner.cell import Box, Cell, ToolCapsule
 from planner.flight import fly
-from planner.geometry.body import clearances
+from planner.geometry import body_model
 from planner.problem import JointRelease, PointRelease, PoseRelease, Release, TargetRelease, ThrowProblem
 from planner.rotations import pose, rotation_vector_to_matrix
 from tests.benchmarks.posture import allowed, pose_and_twist, tool_position
@@ -67,7 +67,7 @@ def _drawn(arm: Cell, rng: np.random.Generator) -> Cell:
 
 
 def _room(here: Cell) -> float:
-    return float(clearances(here, here.home[None]).least[0])
+    return float(body_model(here).clearances(here.home[None]).least[0])
 
 
 def _turn(axis: int, angle: float) -> Vector:
@@ -94,7 +94,7 @@ def _states(here: Cell, rng: np.random.Generator) -> Iterator[tuple[Cell, JointR
     while True:
         q = np.clip(here.home + rng.uniform(-SPREAD, SPREAD, 6), limits.q_lower, limits.q_upper)
         qd = rng.uniform(-SPEED_SHARE, SPEED_SHARE, 6) * limits.qd_max
-        if clearances(here, q[None]).least[0] > 0.0 and allowed(here, q, qd):
+        if body_model(here).clearances(q[None]).least[0] > 0.0 and allowed(here, q, qd):
             yield here, JointRelease(q, qd)
 
 

@@ -11,11 +11,8 @@ import pytest
 from executor.job import Job
 from executor.preparation import Rows, make_job, rows_of
 from executor.settings import Settings
-from planner.approach.brakes import Brakes, brakes
+from planner.approach import Brakes, find_brakes
 from planner.cell import Cell, load_cell
-from planner.certificate.motion import Motion
-from planner.certificate.tool import payload_of
-from planner.dynamics import Payload
 from planner.plan_document import plan_document, problem_from_request
 from planner.planning import plan
 from planner.problem import ThrowProblem
@@ -32,7 +29,6 @@ class Prepared:
     problem: ThrowProblem
     trajectory: Trajectory
     document: bytes
-    payload: Payload
     rows: Rows
     brakes: Brakes
     job: Job
@@ -54,12 +50,11 @@ def prepare(name: str) -> Prepared:
     answer = plan(problem_from_request(request, cell))
     problem, trajectory = answer.problem, answer.trajectory
     rows = rows_of(cell, trajectory, throws=True)
-    payload = payload_of(Motion(problem, trajectory), with_object=True)
-    ways = brakes(cell, payload, rows.q, rows.qd, rows.qdd, trajectory.dt)
+    ways = find_brakes(cell, rows.q, rows.qd, rows.qdd, trajectory.dt)
     job = make_job(cell, rows, ways, None, "speedj", False, settings(name))
     document = plan_document(answer, request, "id", "2026-01-01T00:00:00Z")
     data = orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY)
-    return Prepared(problem, trajectory, data, payload, rows, ways, job)
+    return Prepared(problem, trajectory, data, rows, ways, job)
 
 
 @pytest.fixture(scope="session", params=["ur5e-sim", "ur5-sim"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from executor.streaming.schedule import Schedule
-from planner.approach.brakes import brake_way
+from planner.approach import brake_path
 from tests.executor.conftest import Prepared
 
 
@@ -52,7 +52,7 @@ def test_the_brake_streamed_is_the_brake_judged(prepared: Prepared) -> None:
     ticks = prepared.brakes.ticks[start]
     one = slice(start, start + 1)
     duration = np.array([ticks * prepared.job.dt])
-    q, qd, _ = brake_way(rows.q[one], rows.qd[one], rows.qdd[one], duration, np.arange(1, ticks + 1) / ticks)
+    q, qd, _ = brake_path(rows.q[one], rows.qd[one], rows.qdd[one], duration, np.arange(1, ticks + 1) / ticks)
     for i in range(ticks):
         assert schedule.command(start + 1 + i) == (pytest.approx(q[0, i]), pytest.approx(qd[0, i], abs=1e-12))
 
@@ -65,7 +65,7 @@ def test_while_braking_the_reference_follows_one_lag_behind(prepared: Prepared) 
     duration = np.array([ticks * job.dt])
     after = np.arange(np.ceil(job.lag_ticks), ticks, dtype=int)  # sent so many ticks after the brake began
     u = (after - job.lag_ticks) / ticks
-    q, _, _ = brake_way(rows.q[one], rows.qd[one], rows.qdd[one], duration, u)
+    q, _, _ = brake_path(rows.q[one], rows.qd[one], rows.qdd[one], duration, u)
     for i, ticks_after in enumerate(after[1:], 1):
         assert schedule.reference(start + ticks_after)[0] == pytest.approx(q[0, i])
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from planner.geometry.body import clearances
+from planner.geometry import body_model
 from tests.system.rig import Rig
 
 LEFT, RIGHT = ([side, -1.2, 1.6, -1.9, -1.57, 0.0] for side in (0.55, -0.55))
@@ -30,7 +30,7 @@ def move(to: list[float]) -> dict:
 def test_what_stands_in_the_straight_way_is_gone_around(boxed_rig: Rig) -> None:
     rig = boxed_rig
     straight = np.array(LEFT) + np.linspace(0.0, 1.0, 100)[:, None] * (np.array(RIGHT) - LEFT)
-    assert clearances(rig.cell, straight).least.min() < 0.0
+    assert body_model(rig.cell).clearances(straight).least.min() < 0.0
     assert rig.throw(move(LEFT)).outcome == "completed"
     go_around(rig, RIGHT, "speedj")
     go_around(rig, LEFT, "servoj")
@@ -58,5 +58,5 @@ def go_around(rig: Rig, start: list[float], mode: str) -> None:
     rig.until(over)
     row = rig.row(id)
     assert row.outcome == "completed", row.reason
-    assert clearances(rig.cell, np.array(seen)).least.min() > 0.0
+    assert body_model(rig.cell).clearances(np.array(seen)).least.min() > 0.0
     assert rig.state()["q"] == pytest.approx(move(start)["positions"], abs=1e-3)

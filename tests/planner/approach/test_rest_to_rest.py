@@ -10,7 +10,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from planner.approach.rest_to_rest import through
+from planner.approach.rest_to_rest import rest_to_rest_motion
 from planner.cell import load_cell
 from planner.trajectory import integrate
 
@@ -26,7 +26,7 @@ joints = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6).map(np.array)
 @example([np.zeros(6), 1e-308 * np.eye(6)[5]], 0.002)
 def test_it_rests_in_every_point_and_keeps_the_limits(points, dt):
     points = np.array(points)
-    motion = through(points, LIMITS, dt)
+    motion = rest_to_rest_motion(points, LIMITS, dt)
     q, qd, qdd = integrate(motion.q[0], motion.qd[0], motion.qdd[0], motion.jerk, dt)
     assert motion.q[[0, -1]] == pytest.approx(points[[0, -1]], abs=1e-9)
     assert q == pytest.approx(motion.q, abs=1e-8)
@@ -51,8 +51,8 @@ def test_it_rests_in_every_point_and_keeps_the_limits(points, dt):
 def test_it_takes_the_time_of_the_double_s(way, expected_s):
     points = np.zeros((2, 6))
     points[1, 2] = way
-    assert through(points, LIMITS, 0.002).duration_s == pytest.approx(expected_s, abs=7 * 0.002)
+    assert rest_to_rest_motion(points, LIMITS, 0.002).duration_s == pytest.approx(expected_s, abs=7 * 0.002)
 
 
 def test_no_way_is_one_tick_at_rest():
-    assert len(through(np.zeros((2, 6)), LIMITS, 0.002).q) == 2
+    assert len(rest_to_rest_motion(np.zeros((2, 6)), LIMITS, 0.002).q) == 2

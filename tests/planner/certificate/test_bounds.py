@@ -9,11 +9,11 @@ import pytest
 from planner.cell import Box
 from planner.certificate import certify
 from planner.certificate.bounds import joint_rates
-from planner.certificate.loads import loads_of
-from planner.certificate.motion import Motion
-from planner.certificate.throw import _landing_curvature
-from planner.certificate.tool import _singularity_rates, _torque_curvature, payload_of
-from planner.dynamics import joint_torques
+from planner.certificate.release import _landing_curvature
+from planner.certificate.samples import MotionSamples
+from planner.certificate.tool import _singularity_curvature
+from planner.certificate.torque import _torque_curvature, loads_of
+from planner.dynamics import joint_torques, payload_of
 from planner.flight import landing_points
 from planner.geometry import body_capsules, capsule_endpoints, segment_box_distance, tool_state
 from planner.kinematics import signed_singularity_distances
@@ -35,7 +35,7 @@ def second_differences(function, trajectory):
 
 def test_torques_stray_no_further_than_their_bound():
     for problem, trajectory in random_trajectories(3, seed=15):
-        robot, held = problem.cell.robot, payload_of(Motion(problem, trajectory), with_object=True)
+        robot, held = problem.cell.robot, payload_of(problem.cell, with_object=True)
         curvature = second_differences(lambda *s: joint_torques(robot, *s, DOWN, held), trajectory)  # noqa: B023
         bound = _torque_curvature(loads_of(problem.cell), joint_rates(trajectory), problem.gravity)
         assert np.all(np.abs(curvature) <= bound.T + 1e-2)
@@ -48,8 +48,8 @@ def test_a_torque_that_peaks_where_the_jerk_turns_is_seen():
     jerk[2:18, 1] = 400.0 * np.repeat([1.0, -1.0, -1.0, 1.0], 4)
     q, qd, qdd = integrate(problem.start, np.zeros(6), np.zeros(6), jerk, problem.dt)
     spike = Trajectory(500.0, q, qd, qdd, release_index=20)
-    motion = Motion(problem, spike)
-    held = payload_of(motion, with_object=True)
+    motion = MotionSamples(problem, spike)
+    held = payload_of(problem.cell, with_object=True)
     t = np.linspace(0.0, spike.duration_s, 2001)
     tau = np.abs(joint_torques(problem.cell.robot, *spike.at(t), DOWN, held)).max(axis=0)
     rows = motion.knots
@@ -66,8 +66,7 @@ def test_no_acceleration_asks_for_more_torque_than_the_bound_of_the_mass_matrix(
     rng, still = np.random.default_rng(4), np.zeros(6)
     for name in ("ur5e-sim", "ur10e-sim"):
         problem = joint_problem(name)
-        motion = Motion(problem, random_trajectories(1)[0][1])
-        robot, held = problem.cell.robot, payload_of(motion, with_object=True)
+        robot, held = problem.cell.robot, payload_of(problem.cell, with_object=True)
         for q in rng.uniform(-np.pi, np.pi, (200, 6)):
             weight = joint_torques(robot, q, still, still, DOWN, held)
             mass_matrix = joint_torques(robot, np.tile(q, (6, 1)), still, np.eye(6), DOWN, held) - weight
@@ -78,7 +77,7 @@ def test_singularity_distances_stray_no_further_than_their_bound():
     for problem, trajectory in random_trajectories(3, seed=16):
         robot = problem.cell.robot
         curvature = second_differences(lambda q, qd, qdd: signed_singularity_distances(robot, q), trajectory)  # noqa: B023
-        assert np.all(np.abs(curvature) <= _singularity_rates(robot, joint_rates(trajectory)).T + 1e-4)
+        assert np.all(np.abs(curvature) <= _singularity_curvature(robot, joint_rates(trajectory)).T + 1e-4)
 
 
 def test_the_landing_point_strays_no_further_than_its_bound():
@@ -90,8 +89,8 @@ def test_the_landing_point_strays_no_further_than_its_bound():
         landed = landing_points(X_WT[:, :3, 3], V_WT[:, :3], 0.0, 9.81)
         if not np.isfinite(landed).all():
             continue
-        motion = Motion(thrown, trajectory)
-        bound = _landing_curvature(motion, motion.look_at(trajectory.release_time_s + delays))
+        motion = MotionSamples(thrown, trajectory)
+        bound = _landing_curvature(motion, motion.at(trajectory.release_time_s + delays))
         curvature = np.diff(landed, n=2, axis=0) / (delays[1] - delays[0]) ** 2
         assert np.linalg.norm(curvature, axis=1).max() <= bound * (1.0 + 1e-6) + 1e-2
 

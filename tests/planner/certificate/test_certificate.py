@@ -10,13 +10,12 @@ from planner.cell import Box
 from planner.certificate import certify
 from planner.certificate.bounds import (
     joint_rates,
-    levers,
     point_acceleration,
     point_jerk,
     point_snap,
     point_speed,
 )
-from planner.geometry import tool_state
+from planner.geometry import levers, tool_state
 from planner.kinematics import forward
 from planner.planning import plan
 from planner.problem import JointRelease, PointRelease, TargetRelease

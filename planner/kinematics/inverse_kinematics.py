@@ -1,8 +1,8 @@
 """Inverse kinematics in closed form: eight branches, and every turn of every joint within its limits.
 
-Shoulder left or right, wrist flipped or not, elbow up or down. Source: the geometric solution for arms whose joints
-2, 3 and 4 are parallel, e.g. Hawkins, "Analytic Inverse Kinematics for the Universal Robots UR-5/UR-10 Arms" (2013),
-written here by vectors so that no branch divides by a sine.
+The branches are shoulder left or right, wrist flipped or not, elbow up or down. Source: geometric solution for arms
+whose joints 2, 3 and 4 are parallel, e.g. Hawkins, "Analytic Inverse Kinematics for the Universal Robots UR-5/UR-10
+Arms" (2013); written with vectors, so that no branch divides by a sine.
 """
 
 from __future__ import annotations
@@ -22,23 +22,24 @@ Array = NDArray[np.float64]
 # signs of (shoulder, wrist, elbow) of the eight branches
 _SIGNS = np.array(list(product((1.0, -1.0), repeat=3)))
 
-REACH_TOLERANCE_M = 1e-10  # an arm stretched to its end by rounding is still within reach; below the 1e-9 promised
-WRIST_FREE = 1e-10  # [1] |sin q5| under which q6 does not matter to the pose at the 1e-9 promised
-SINGULAR_DISTANCE = 1e-4  # [1] a pose is called singular within it: rounding of a pose by 1e-9 moves it less
-LIMIT_SLACK_RAD = 1e-9  # a solution on a limit may be pushed over it by rounding; it is put back on it
-SAME_RAD = 1e-7  # two branches nearer than this have met in a singularity
+REACH_TOLERANCE_M = 1e-10  # [m] beyond a stretched arm that counts as rounding; below the promised 1e-9
+WRIST_FREE = 1e-10  # [1] |sin q5| below which q6 does not change the pose by the promised 1e-9
+SINGULAR_DISTANCE = 1e-4  # [1] within which a pose is singular; rounding of a pose by 1e-9 changes it less
+LIMIT_SLACK_RAD = 1e-9  # [rad] beyond a limit that counts as rounding; such a solution is moved onto the limit
+SAME_RAD = 1e-7  # [rad] branches closer than this coincide in a singularity
 
 
 @dataclass(frozen=True, eq=False)
 class InverseKinematics:
-    """Every way to reach a pose.
+    """All solutions for a pose.
 
     Attributes:
         q: solutions (n, 6) [rad], each branch at every turn within the limits; n may be 0.
-        singular: names of the singularities on which branches of this pose lie, limits or not. With "wrist" among
-            them, joints 4 and 6 are one choice out of a continuum: the one with the elbow nearest a right angle.
-        reach_excess_m: how far the pose is out of reach, in the arm's plane [m]; 0 where it can be reached,
-            even if only outside the limits.
+        singular: names of the singularities on which branches of this pose lie, within the limits or not. With
+            "wrist" among them, joints 4 and 6 are one choice of a continuum: that with the elbow closest to a right
+            angle.
+        reach_excess_m: distance by which the pose is out of reach, in the arm's plane [m]; 0 where it can be
+            reached, even if only outside the limits.
     """
 
     q: Array
@@ -47,7 +48,7 @@ class InverseKinematics:
 
     @property
     def reachable(self) -> bool:
-        """Whether the pose can be reached by joints without limits."""
+        """Whether the pose can be reached if joint limits are ignored."""
         return self.reach_excess_m == 0.0
 
 
@@ -58,9 +59,12 @@ def inverse(
     q_lower: ArrayLike | None = None,
     q_upper: ArrayLike | None = None,
 ) -> InverseKinematics:
-    """Solutions for one pose X_BT (4, 4) of the tool (the flange where `X_FT` is None) in the base.
+    """Returns the solutions for one pose of the tool.
 
     Args:
+        robot: the arm.
+        X_BT: pose of the tool in the base (4, 4).
+        X_FT: pose of the tool in the flange (4, 4); the flange itself by default.
         q_lower, q_upper: joint limits (6,) [rad]; the arm's own by default.
     """
     branches, excess = inverse_branches(robot, X_BT, X_FT)
@@ -76,7 +80,7 @@ def inverse(
 
 
 def inverse_branches(robot: Robot, X_BT: ArrayLike, X_FT: ArrayLike | None = None) -> tuple[Array, Array]:
-    """The eight branches (..., 8, 6) in (-pi, pi], and how far each is out of reach (..., 8) [m].
+    """Returns the eight branches (..., 8, 6) in (-pi, pi], and how far each is out of reach (..., 8) [m].
 
     A branch out of reach is NaN. Works over leading dimensions of `X_BT` (..., 4, 4).
     """
@@ -91,8 +95,8 @@ def inverse_branches(robot: Robot, X_BT: ArrayLike, X_FT: ArrayLike | None = Non
     p = np.stack([_dot(p5, along), p5[..., 2] - robot.d[0] + 0.0 * q1], axis=-1)  # wrist centre in the arm's plane
     z4 = -(s6[..., None] * x6 + c6[..., None] * y6)
     down = np.stack([_dot(z4, along), z4[..., 2]], axis=-1)  # from wrist 1 to the wrist's centre, in the arm's plane
-    down = np.where(free[..., None], _freely_chosen(p, robot), down)
-    q6 = np.where(free, _turned_by(down, along, x6, y6), np.arctan2(s6, c6))
+    down = np.where(free[..., None], _elbow_at_right_angle(p, robot), down)
+    q6 = np.where(free, _last_joint(down, along, x6, y6), np.arctan2(s6, c6))
     q2, q3, beyond = _elbow(p - robot.d[4] * down, robot)
     q4 = np.arctan2(down[..., 0], -down[..., 1]) - q2 - q3
     q = _wrapped(np.stack(np.broadcast_arrays(q1, q2, q3, q4, q5, q6), axis=-1))
@@ -102,7 +106,7 @@ def inverse_branches(robot: Robot, X_BT: ArrayLike, X_FT: ArrayLike | None = Non
 
 
 def _shoulder(p5: Array, offset: float) -> tuple[Array, Array]:
-    """Joint 1 (..., 8) so that the wrist's centre is `offset` beside the arm's plane, and what it lacks [m]."""
+    """Returns joint 1 (..., 8) with the wrist's centre `offset` beside the arm's plane, and the missing reach [m]."""
     x, y = p5[..., 0], p5[..., 1]
     radius = np.hypot(x, y)
     ahead = np.sqrt(np.maximum((radius - offset) * (radius + offset), 0.0))
@@ -111,13 +115,13 @@ def _shoulder(p5: Array, offset: float) -> tuple[Array, Array]:
 
 
 def _plane(q1: Array) -> tuple[Array, Array]:
-    """Directions (..., 3) across the arm's plane (the axes 2, 3, 4) and along it, horizontally."""
+    """Returns horizontal directions (..., 3) across the arm's plane (axes 2, 3, 4) and along it."""
     cos, sin, nothing = np.cos(q1), np.sin(q1), np.zeros_like(q1)
     return np.stack([sin, -cos, nothing], axis=-1), np.stack([cos, sin, nothing], axis=-1)
 
 
 def _wrist(across: Array, x6: Array, y6: Array, z6: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
-    """Joint 5, cosine and sine of joint 6 (..., 8), and where joint 6 is free.
+    """Returns joint 5, cosine and sine of joint 6 (..., 8), and where joint 6 is free.
 
     The axes 2, 3, 4 are (s5 c6, -s5 s6, c5) in the flange.
     """
@@ -128,8 +132,8 @@ def _wrist(across: Array, x6: Array, y6: Array, z6: Array) -> tuple[Array, Array
     return np.arctan2(_SIGNS[:, 1] * sine, z), x * scale, -y * scale, free
 
 
-def _freely_chosen(p: Array, robot: Robot) -> Array:
-    """Direction (..., 2) from wrist 1 to the wrist's centre that brings the elbow nearest to a right angle."""
+def _elbow_at_right_angle(p: Array, robot: Robot) -> Array:
+    """Returns the direction (..., 2) from wrist 1 to the wrist's centre with the elbow closest to a right angle."""
     reach = np.maximum(np.hypot(p[..., 0], p[..., 1]), REACH_TOLERANCE_M)
     wanted = robot.a[1] ** 2 + robot.a[2] ** 2
     cosine = np.clip((reach**2 + robot.d[4] ** 2 - wanted) / (2.0 * reach * robot.d[4]), -1.0, 1.0)
@@ -137,14 +141,14 @@ def _freely_chosen(p: Array, robot: Robot) -> Array:
     return np.stack([np.cos(angle), np.sin(angle)], axis=-1)
 
 
-def _turned_by(down: Array, along: Array, x6: Array, y6: Array) -> Array:
-    """Joint 6 (..., 8) that points the axis of joint 5 along `down`."""
+def _last_joint(down: Array, along: Array, x6: Array, y6: Array) -> Array:
+    """Returns joint 6 (..., 8) with the axis of joint 5 along `down`."""
     z4 = down[..., :1] * along + down[..., 1:] * np.array([0.0, 0.0, 1.0])
     return np.arctan2(-_dot(z4, x6), -_dot(z4, y6))
 
 
 def _elbow(p4: Array, robot: Robot) -> tuple[Array, Array, Array]:
-    """Joints 2 and 3 (..., 8) that bring wrist 1 to a point (..., 2) of the arm's plane, and what they lack [m]."""
+    """Returns joints 2 and 3 (..., 8) with wrist 1 at a point (..., 2) of the arm's plane; the missing reach [m]."""
     upper, fore = robot.a[1], robot.a[2]
     reach = np.hypot(p4[..., 0], p4[..., 1])
     longest, shortest = abs(upper + fore), abs(upper - fore)
@@ -160,23 +164,24 @@ def _beyond_tolerance(excess: Array) -> Array:
 
 
 def _dot(a: Array, b: Array) -> Array:
+    """Returns the dot product (...) of vectors (..., 3)."""
     return a[..., 0] * b[..., 0] + a[..., 1] * b[..., 1] + a[..., 2] * b[..., 2]
 
 
 def _wrapped(q: Array) -> Array:
-    """The same angles in (-pi, pi]."""
+    """Returns the same angles in (-pi, pi]."""
     return q - 2.0 * np.pi * np.ceil(q / (2.0 * np.pi) - 0.5)
 
 
 def _distinct(q: Array) -> Array:
-    """Rows (n, 6) without those that have met in a singularity."""
+    """Returns the rows of q (n, 6) without those that coincide with an earlier one in a singularity."""
     apart = np.abs(_wrapped(q[:, None] - q[None])).max(axis=-1) > SAME_RAD
     first = [i for i in range(len(q)) if apart[i, :i].all()]
     return q[first]
 
 
 def _all_turns(q: Array, lower: Array, upper: Array) -> Array:
-    """Every row of q (k, 6) at every turn within the limits (6,), back on a limit where rounding left it."""
+    """Returns every row of q (k, 6) at every turn within the limits (6,), moved onto a limit that rounding exceeds."""
     low, high = lower - LIMIT_SLACK_RAD, upper + LIMIT_SLACK_RAD
     first, last = _turns(low - q.max(axis=0)), _turns(high - q.min(axis=0)) + 1
     for joint in range(6):

@@ -1,25 +1,25 @@
-"""What a certificate is made of."""
+"""Certificate and checks: the result of certifying a trajectory."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 ROUNDING = 1e-7  # [-] share of a limit by which floating point may exceed it
 
 
 @dataclass(frozen=True)
 class Check:
-    """One judged property of a trajectory.
+    """One verified property of a trajectory.
 
     Attributes:
-        name: of the contract, such as "joint_velocity".
+        name: such as "joint_velocity"; fixed by the plan document.
         value: the worst value found, in `unit`.
-        limit: what it is held against, in `unit`.
+        limit: the bound on it, in `unit`.
         unit: of value, limit and margin; "1" for a plain number.
-        margin: how far inside the limit the value lies; negative outside.
-        at_s: when the worst value occurs [s], None where it has no time.
-        ok: whether the bound holds at every instant, between samples too.
+        margin: distance of the value from the limit; negative where it is violated.
+        at_s: time of the worst value [s]; None where it has none.
+        ok: whether the bound is proven at every instant, also between samples.
         detail: which joint, singularity, body or box.
     """
 
@@ -32,10 +32,14 @@ class Check:
     ok: bool
     detail: str = ""
 
+    def provided(self, proven: bool) -> Check:
+        """Returns the check, not ok unless its bound is `proven` between samples."""
+        return self if proven else replace(self, ok=False)
+
 
 @dataclass(frozen=True)
 class Certificate:
-    """An independent judgement of a trajectory. Valid where every check is ok."""
+    """Independent verification of a trajectory. Valid if every check is ok."""
 
     checks: tuple[Check, ...]
 

@@ -1,4 +1,4 @@
-"""Where the links are and how they move: poses, Jacobians, velocities and accelerations along the chain.
+"""Forward kinematics: link poses, tool pose, Jacobians and tool acceleration.
 
 Frames: B arm base (DH frame 0), F flange (DH frame 6), T tool centre point. Everything is expressed in B and works
 over leading dimensions `...` of q.
@@ -11,7 +11,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from planner.kinematics.motion import LinkMotion, cross
+from planner.kinematics.link_motion import LinkMotion, cross
 from planner.robots import Robot
 from planner.rotations import matrix_to_rotation_vector, rotation_vector_rate
 
@@ -19,13 +19,14 @@ Array = NDArray[np.float64]
 
 
 def link_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Array:
-    """Poses (..., 7, 4, 4) of the DH frames: index 0 is the base itself, 6 the flange.
-
-    Args:
-        q: joint positions (..., 6) [rad].
-        X_WB: pose of the base (4, 4); the poses are in the base where it is None.
+    """Returns the poses (..., 7, 4, 4) of the DH frames; index 0 is the base, 6 the flange.
 
     Source: Denavit and Hartenberg, distal convention: Rot_z(q) Trans_z(d) Trans_x(a) Rot_x(alpha).
+
+    Args:
+        robot: the arm.
+        q: joint positions (..., 6) [rad].
+        X_WB: pose of the base (4, 4); the poses are in the base where it is None.
     """
     q = np.asarray(q, dtype=np.float64)
     cos, sin = (np.ascontiguousarray(f(q).reshape(-1, 6).T) for f in (np.cos, np.sin))
@@ -33,7 +34,7 @@ def link_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Arr
     x, y, z, p = (np.repeat(base[:3, k, None], cos.shape[1], axis=1) for k in range(4))
     X = np.zeros((cos.shape[1], 7, 4, 4))
     X[:, 0], X[:, 1:, 3, 3] = base, 1.0
-    for i, (c_alpha, s_alpha) in enumerate(zip(*twists(robot), strict=True)):
+    for i, (c_alpha, s_alpha) in enumerate(zip(*_twists(robot), strict=True)):
         x, turned = cos[i] * x + sin[i] * y, cos[i] * y - sin[i] * x
         if robot.d[i] != 0.0:
             p = p + robot.d[i] * z
@@ -49,21 +50,21 @@ def link_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Arr
 
 
 @cache
-def twists(robot: Robot) -> tuple[Array, Array]:
-    """Cosines and sines (6,) of the twists; exact zeros for quarter turns, where floating point leaves 6e-17."""
+def _twists(robot: Robot) -> tuple[Array, Array]:
+    """Returns cosines and sines (6,) of the DH twists, exactly 0 for quarter turns, where floats leave 6e-17."""
     values = np.cos(robot.alpha), np.sin(robot.alpha)
     cos, sin = (np.where(np.abs(v) < np.finfo(np.float64).eps, 0.0, v) for v in values)
     return cos, sin
 
 
 def forward(robot: Robot, q: ArrayLike, X_FT: ArrayLike | None = None) -> Array:
-    """Pose X_BT (..., 4, 4) of the tool (the flange where `X_FT` is None) in the base."""
+    """Returns the pose X_BT (..., 4, 4) of the tool in the base; of the flange where `X_FT` is None."""
     X_BF = link_poses(robot, q)[..., 6, :, :]
     return X_BF if X_FT is None else X_BF @ np.asarray(X_FT, dtype=np.float64)
 
 
 def jacobian(robot: Robot, q: ArrayLike, X_FT: ArrayLike | None = None) -> Array:
-    """Geometric Jacobian (..., 6, 6) at the tool, in the base: rows linear [m/rad], then angular [1] velocity."""
+    """Returns the geometric Jacobian (..., 6, 6) of the tool in the base: linear [m/rad], then angular [1] rows."""
     X = link_poses(robot, q)
     axes, origins = (np.moveaxis(X[..., :6, :3, k], -1, 0) for k in (2, 3))
     J_v = cross(axes, np.moveaxis(_tool_point(X, X_FT), -1, 0)[..., None] - origins)
@@ -71,15 +72,15 @@ def jacobian(robot: Robot, q: ArrayLike, X_FT: ArrayLike | None = None) -> Array
 
 
 def _tool_point(X: Array, X_FT: ArrayLike | None) -> Array:
-    """Tool centre point (..., 3) from the link poses."""
+    """Returns the tool centre point (..., 3) for link poses."""
     p_BF = X[..., 6, :3, 3]
     return p_BF if X_FT is None else p_BF + X[..., 6, :3, :3] @ np.asarray(X_FT, dtype=np.float64)[:3, 3]
 
 
 def analytical_jacobian(robot: Robot, q: ArrayLike, X_FT: ArrayLike | None = None) -> Array:
-    """Jacobian (..., 6, 6) to the rates of position [m/rad] and rotation vector [1] of the tool in the base.
+    """Returns the Jacobian (..., 6, 6) to the rates of position [m/rad] and rotation vector [1] of the tool.
 
-    Valid while the rotation is less than a full turn of pi, where the rotation vector flips.
+    Valid for rotations of less than pi, where the rotation vector flips.
     """
     J = jacobian(robot, q, X_FT)
     vector = matrix_to_rotation_vector(forward(robot, q, X_FT)[..., :3, :3])
@@ -88,16 +89,16 @@ def analytical_jacobian(robot: Robot, q: ArrayLike, X_FT: ArrayLike | None = Non
 
 
 def tcp_acceleration(robot: Robot, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, X_FT: ArrayLike | None = None) -> Array:
-    """Linear [m/s2] and angular [rad/s2] acceleration (..., 6) of the tool in the base: J qdd + dJ/dt qd."""
+    """Returns the acceleration J qdd + dJ/dt qd (..., 6) of the tool in the base, linear [m/s^2], then angular."""
     q, qd, qdd = np.broadcast_arrays(*(np.asarray(x, dtype=np.float64) for x in (q, qd, qdd)))
     X = link_poses(robot, q.reshape(-1, 6))
     links = LinkMotion(X, qd.reshape(-1, 6), qdd.reshape(-1, 6))
     tool = _tool_point(X, X_FT).T - links.origins[:, 6]
-    points = np.concatenate([links.arms, tool[:, None]], axis=1)
+    points = np.concatenate([links.offsets, tool[:, None]], axis=1)
     linear = links.relative_acceleration(points, np.array([*range(6), 5])).sum(axis=1)
-    return np.concatenate([linear, links.spin_rate[:, 5]]).T.reshape(q.shape)
+    return np.concatenate([linear, links.angular_acceleration[:, 5]]).T.reshape(q.shape)
 
 
 def jacobian_dot_qd(robot: Robot, q: ArrayLike, qd: ArrayLike, X_FT: ArrayLike | None = None) -> Array:
-    """The part dJ/dt qd (..., 6) of the tool's acceleration that is there without joint acceleration."""
+    """Returns dJ/dt qd (..., 6), the acceleration of the tool without joint acceleration."""
     return tcp_acceleration(robot, q, qd, np.zeros(6), X_FT)

@@ -1,17 +1,15 @@
-"""Checks of the throw: release state, landing, and how the landing stands a late or early release."""
+"""Checks of the release state, of the landing, and of the landing after a late or early release."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from planner.certificate.bounds import curvature_bound, joint_rates, point_acceleration, point_jerk, prove_above
-from planner.certificate.check import ROUNDING, Check, at_least, at_most
-from planner.certificate.motion import Look, Motion
-from planner.certificate.shapes import shapes_of
+from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
+from planner.certificate.samples import ArmSamples, MotionSamples
 from planner.flight import Flight, fly, landing_points
 from planner.geometry import tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
@@ -21,63 +19,64 @@ from planner.trajectory import Trajectory
 Vector = NDArray[np.float64]
 Index = NDArray[np.intp]
 
-RELEASE_POSITION_TOLERANCE = 1e-5  # [m, rad] a tenth of a UR's repeatability of 0.03 mm and more
+RELEASE_POSITION_TOLERANCE = 1e-5  # [m, rad] less than a third of a UR's repeatability, 0.03 mm
 RELEASE_VELOCITY_TOLERANCE = 1e-4  # [m/s, rad/s] 0.1 mm of landing for a flight of one second
-LANDING_TOLERANCE_M = 5e-4  # [m] of the nominal instant; far below what a gripper scatters
-WINDOW_STEP_S = 0.001  # [s] spacing at which the window is looked at first; between, a curvature bound
+LANDING_TOLERANCE_M = 5e-4  # [m] of the nominal release; far below the scatter of a gripper
+WINDOW_STEP_S = 0.001  # [s] first spacing in the release window; a curvature bound holds in between
 
 
 def release_flight(problem: ThrowProblem, trajectory: Trajectory) -> Flight | None:
-    """Returns the flight of the object from the release; None for a move that ends at rest, or that never lands."""
+    """Returns the flight of the object from the release; None for a move that ends at rest, or if it never lands."""
     if problem.ends_at_rest:
         return None
     k = trajectory.release_index
-    X_WT, V_WT = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
-    return fly(X_WT[:3, 3], V_WT[:3], problem.plane_z, problem.gravity, problem.drag)
+    state = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
+    return fly(state.p_WT, state.v_WT, problem.plane_z, problem.gravity, problem.drag)
 
 
-def release_position(motion: Motion) -> Check | None:
-    """The release happens where it was asked for; None where the place is free."""
+def release_position(motion: MotionSamples) -> Check | None:
+    """Checks the place of the release; None where it is free."""
     problem, at_s = motion.problem, motion.trajectory.release_time_s
     name, tolerance, release = "release_position", RELEASE_POSITION_TOLERANCE, problem.release
-    p = motion.look.p_WT[:, motion.release]
+    p = motion.at_knots.p_WT[:, motion.release_knot]
     if isinstance(release, JointRelease):
         off = np.abs(motion.trajectory.q[motion.trajectory.release_index] - release.q)
         return at_most(name, float(off.max()), tolerance, "rad", at_s)
     if isinstance(release, PointRelease):
         return at_most(name, float(np.linalg.norm(p - release.p_WT)), tolerance, "m", at_s)
     if isinstance(release, PoseRelease):
-        R_WT = motion.look.X_WL[motion.release, 6, :3, :3] @ problem.cell.tool.X_FT[:3, :3]
-        turn = matrix_to_rotation_vector(R_WT @ release.X_WT[:3, :3].T)
-        miss, twist = float(np.linalg.norm(p - release.X_WT[:3, 3])), float(np.linalg.norm(turn))
-        detail = "position [m]" if miss >= twist else "orientation [rad]"
-        return at_most(name, max(miss, twist), tolerance, "m", at_s, detail)
+        R_WT = motion.at_knots.X_WL[motion.release_knot, 6, :3, :3] @ problem.cell.tool.X_FT[:3, :3]
+        rotation = matrix_to_rotation_vector(R_WT @ release.X_WT[:3, :3].T)
+        offset, turn = float(np.linalg.norm(p - release.X_WT[:3, 3])), float(np.linalg.norm(rotation))
+        detail = "position [m]" if offset >= turn else "orientation [rad]"
+        return at_most(name, max(offset, turn), tolerance, "m", at_s, detail)
     if release.release_position is not None:
         return at_most(name, float(np.linalg.norm(p - release.release_position)), tolerance, "m", at_s)
     if release.min_horizontal_distance_m > 0.0:
-        away = float(np.linalg.norm((p - release.p_W)[:2]))
-        return at_least(name, away, release.min_horizontal_distance_m, "m", at_s, "horizontal distance to the target")
+        distance = float(np.linalg.norm((p - release.p_W)[:2]))
+        limit, detail = release.min_horizontal_distance_m, "horizontal distance to the target"
+        return at_least(name, distance, limit, "m", at_s, detail)
     return None
 
 
-def release_velocity(motion: Motion) -> Check | None:
-    """The release happens with the velocity asked for; None where it is free."""
-    k, at_s = motion.release, motion.trajectory.release_time_s
+def release_velocity(motion: MotionSamples) -> Check | None:
+    """Checks the velocity of the release; None where it is free."""
+    k, at_s = motion.release_knot, motion.trajectory.release_time_s
     name, tolerance, release = "release_velocity", RELEASE_VELOCITY_TOLERANCE, motion.problem.release
     if isinstance(release, JointRelease):
         off = np.abs(motion.trajectory.qd[motion.trajectory.release_index] - release.qd)
         return at_most(name, float(off.max()), tolerance, "rad/s", at_s)
-    v = motion.look.v_WT[:, k]
+    v = motion.at_knots.v_WT[:, k]
     if isinstance(release, PointRelease):
         return at_most(name, float(np.linalg.norm(v - release.v_WT)), tolerance, "m/s", at_s)
     if isinstance(release, PoseRelease):
-        V_WT = np.concatenate([v, motion.look.links.spin[:, 5, k]])
+        V_WT = np.concatenate([v, motion.at_knots.links.angular_velocity[:, 5, k]])
         return at_most(name, float(np.abs(V_WT - release.V_WT).max()), tolerance, "m/s", at_s)
-    return _free_velocity(release, v, at_s)
+    return _bounded_velocity(release, v, at_s)
 
 
-def _free_velocity(release: TargetRelease, v: Vector, at_s: float) -> Check | None:
-    """A target leaves the velocity free within bounds on speed and elevation: the tighter one is reported."""
+def _bounded_velocity(release: TargetRelease, v: Vector, at_s: float) -> Check | None:
+    """Returns the tighter check of a target's bounds on speed and elevation; None where it has none."""
     name, checks = "release_velocity", []
     elevation = math.atan2(float(v[2]), math.hypot(float(v[0]), float(v[1])))
     if math.isfinite(release.max_speed_m_s):
@@ -92,84 +91,84 @@ def _free_velocity(release: TargetRelease, v: Vector, at_s: float) -> Check | No
     return min(checks, key=lambda check: (check.ok, check.margin)) if checks else None
 
 
-def landing(motion: Motion) -> Check | None:
-    """The object released at the nominal instant lands on the target; None where there is no target."""
-    problem, release, k = motion.problem, motion.problem.release, motion.release
+def landing(motion: MotionSamples) -> Check | None:
+    """Checks that the object lands on the target after the nominal release; None where there is no target."""
+    problem, release, k = motion.problem, motion.problem.release, motion.release_knot
     if not isinstance(release, TargetRelease):
         return None
-    p, v = motion.look.p_WT[:, k], motion.look.v_WT[:, k]
+    p, v = motion.at_knots.p_WT[:, k], motion.at_knots.v_WT[:, k]
     flight = fly(p, v, problem.plane_z, problem.gravity, problem.drag)
     miss = math.inf if flight is None else float(np.linalg.norm(flight.landing_point - release.p_W))
     return at_most("landing", miss, LANDING_TOLERANCE_M, "m", motion.trajectory.release_time_s)
 
 
-def landing_window(motion: Motion) -> Check | None:
-    """Released at any instant of the window, the object lands within the tolerance; None where no window is asked.
+def landing_window(motion: MotionSamples) -> Check | None:
+    """Checks the landing after a release at any instant of the window; None where no window is requested.
 
-    Between the instants looked at, the landing point strays from its chord by at most sup|L''| h^2/8.
+    Between evaluated instants the landing point L deviates from its chord by at most sup|L''| h^2/8.
     """
     problem, released = motion.problem, motion.trajectory.release_time_s
     if not problem.is_robust:
         return None
     window, tolerance = problem.release_window_s, problem.landing_tolerance_m
-    aim = _aim(problem, motion.trajectory)
+    goal = _nominal_landing(problem, motion.trajectory)
 
-    def room(look: Look) -> Vector:
-        return tolerance * (1.0 + ROUNDING) - np.linalg.norm(_landed(problem, look) - aim, axis=1)
+    def room(arm: ArmSamples) -> Vector:
+        return tolerance * (1.0 + ROUNDING) - np.linalg.norm(_landing_points(problem, arm) - goal, axis=1)
 
     def evaluate(t: Vector, item: Index) -> Vector:
-        return room(motion.look_at(t))
+        return room(motion.at(t))
 
-    look = motion.look_at(released + np.linspace(-window, window, 2 * math.ceil(window / WINDOW_STEP_S) + 1))
-    rates = np.array([_landing_curvature(motion, look)])
-    proof = prove_above(evaluate, look.t, room(look)[None], rates, 0.0, curvature_bound)
+    arm = motion.at(released + np.linspace(-window, window, 2 * math.ceil(window / WINDOW_STEP_S) + 1))
+    rates = np.array([_landing_curvature(motion, arm)])
+    proof = prove_above(evaluate, arm.t, room(arm)[None], rates, 0.0, curvature_bound)
     if not math.isfinite(proof.value):
         return at_most("landing_window", math.inf, tolerance, "m", released, "never lands")
-    check = at_most("landing_window", tolerance * (1.0 + ROUNDING) - proof.value, tolerance, "m", proof.at_s)
-    return check if proof.proven else replace(check, ok=False)
+    error = tolerance * (1.0 + ROUNDING) - proof.value
+    return at_most("landing_window", error, tolerance, "m", proof.at_s).provided(proof.proven)
 
 
 def landing_errors(problem: ThrowProblem, trajectory: Trajectory, delays: Vector) -> Vector:
-    """Returns how far from where it should the object lands (k,) [m] if it leaves `delays` (k,) [s] late.
+    """Returns the landing errors (k,) [m] of releases `delays` (k,) [s] after the nominal one.
 
-    Where it should land is the target, or without a target where the nominal release takes it.
+    They are distances from the target, or without a target from the landing point of the nominal release.
     """
-    look = Motion(problem, trajectory).look_at(trajectory.release_time_s + delays)
-    return np.linalg.norm(_landed(problem, look) - _aim(problem, trajectory), axis=1)
+    arm = MotionSamples(problem, trajectory).at(trajectory.release_time_s + delays)
+    return np.linalg.norm(_landing_points(problem, arm) - _nominal_landing(problem, trajectory), axis=1)
 
 
-def _landed(problem: ThrowProblem, look: Look) -> Vector:
-    """Returns where the object lands (k, 3) [m] if it leaves at each instant; not a number where it never does."""
-    p, v = look.p_WT.T, look.v_WT.T
+def _landing_points(problem: ThrowProblem, arm: ArmSamples) -> Vector:
+    """Returns the landing points (k, 3) [m] after a release at each instant; NaN where the object never lands."""
+    p, v = arm.p_WT.T, arm.v_WT.T
     if problem.drag <= 0.0:
         return landing_points(p, v, problem.plane_z, problem.gravity)
     flights = [fly(p[i], v[i], problem.plane_z, problem.gravity, problem.drag) for i in range(len(p))]
     return np.array([np.full(3, np.nan) if f is None else f.landing_point for f in flights])
 
 
-def _aim(problem: ThrowProblem, trajectory: Trajectory) -> Vector:
+def _nominal_landing(problem: ThrowProblem, trajectory: Trajectory) -> Vector:
     if isinstance(problem.release, TargetRelease):
         return problem.release.p_W
     flight = release_flight(problem, trajectory)
     return np.full(3, np.nan) if flight is None else flight.landing_point
 
 
-def _landing_curvature(motion: Motion, look: Look) -> float:
-    """Returns sup |L''| [m/s^2] of the drag-free landing point over the window that was looked at.
+def _landing_curvature(motion: MotionSamples, arm: ArmSamples) -> float:
+    """Returns sup |L''| [m/s^2] of the drag-free landing point over the window sampled by `arm`.
 
-    L = p + v t with the plane's t(p_z, v_z): with bounds A, J on acceleration and jerk, T on the flight time, V on the
-    speed and w on the (downward) speed at landing, |t'| <= (V + A T) / w =: t1, |t''| <= (A + J T + 2 A t1 + G t1^2)/w
-    =: t2, and |L''| <= A + J T + 2 A t1 + V t2.
+    L = p + v t with the flight time t(p_z, v_z) to the plane. With bounds A, J on acceleration and jerk, T on the
+    flight time, V on the speed and w on the (downward) speed at landing: |t'| <= (V + A T) / w =: t1,
+    |t''| <= (A + J T + 2 A t1 + G t1^2) / w =: t2, and |L''| <= A + J T + 2 A t1 + V t2.
     """
     problem, trajectory = motion.problem, motion.trajectory
-    height, v_z = look.p_WT[2] - problem.plane_z, look.v_WT[2]
+    height, v_z = arm.p_WT[2] - problem.plane_z, arm.v_WT[2]
     landing_speed = np.sqrt(np.maximum(v_z**2 + 2.0 * problem.gravity * height, 1e-12))
     time = float(((v_z + landing_speed) / problem.gravity).max())
-    w, speed = float(landing_speed.min()), float(np.sqrt((look.v_WT**2).sum(axis=0).max()))
+    w, speed = float(landing_speed.min()), float(np.sqrt((arm.v_WT**2).sum(axis=0).max()))
     reach = math.ceil(problem.release_window_s * trajectory.sample_rate_hz) + 1
     k = trajectory.release_index
     rates = joint_rates(trajectory, np.array([max(0, k - reach), min(len(trajectory.q) - 1, k + reach)]))
-    lever = shapes_of(problem.cell).tool_lever
+    lever = motion.body.tool_lever
     a, j = float(point_acceleration(lever, rates)[0]), float(point_jerk(lever, rates)[0])
     t1 = (speed + a * time) / w
     t2 = (a + j * time + 2.0 * a * t1 + problem.gravity * t1**2) / w

@@ -1,0 +1,61 @@
+"""The list of checks, and the function that makes a certificate of them.
+
+To add a check, write a function `(motion: MotionSamples) -> Check | None` in the module of its family and add it to
+`MOTION_CHECKS`. None means that the check does not apply to the problem.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from planner.certificate import clearance, joints, release, tool, torque
+from planner.certificate.certificate import Certificate, Check
+from planner.certificate.samples import MotionSamples
+from planner.problem import ThrowProblem
+from planner.trajectory import Trajectory
+
+CheckFunction = Callable[[MotionSamples], Check | None]
+
+# Checks of the joints alone, which hold for any samples.
+JOINT_CHECKS: tuple[CheckFunction, ...] = (
+    joints.start,
+    joints.joint_position,
+    joints.joint_velocity,
+    joints.joint_acceleration,
+    joints.joint_jerk,
+    joints.end_at_rest,
+    joints.continuity,
+    joints.sample_rate,
+)
+# Checks that rest on a continuous motion.
+MOTION_CHECKS: tuple[CheckFunction, ...] = (
+    tool.tcp_speed,
+    clearance.floor,
+    clearance.keep_in,
+    clearance.keep_out,
+    clearance.self_collision,
+    tool.singularity_distance,
+    torque.joint_torque,
+    release.landing_window,
+    release.release_position,
+    release.release_velocity,
+    release.landing,
+)
+
+
+def certify(problem: ThrowProblem, trajectory: Trajectory) -> Certificate:
+    """Returns the certificate of `trajectory` as a solution of `problem`: every check that applies, with its margin.
+
+    If the samples are not one continuous motion at the controller's sample rate, the certificate has the joint checks
+    only: the bounds of the others rest on that.
+    """
+    motion = MotionSamples(problem, trajectory)
+    checks = _run(JOINT_CHECKS, motion)
+    if all(check.ok for check in checks if check.name == "continuity"):
+        checks += _run(MOTION_CHECKS, motion)
+    return Certificate(tuple(checks))
+
+
+def _run(functions: tuple[CheckFunction, ...], motion: MotionSamples) -> list[Check]:
+    found = [function(motion) for function in functions]
+    return [check for check in found if check is not None]

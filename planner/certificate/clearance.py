@@ -1,0 +1,121 @@
+"""Checks of the clearance to floor, boxes and the arm itself, for capsules around links, tool and held object."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.certificate.bounds import Proof, curvature_bound, point_acceleration, prove_above, slope_bound
+from planner.certificate.certificate import Check, at_least
+from planner.certificate.samples import MotionSamples
+from planner.geometry import SELF_CLEARANCE_M, segment_box_distance, segment_segment_distance
+
+Vector = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+FAR_M = 1e3  # [m] distance reported for an object that has been released
+
+
+def floor(motion: MotionSamples) -> Check:
+    """Checks that every capsule stays the clearance above the floor."""
+    around, body, t = motion.problem.cell.surroundings, motion.body, motion.at_knots.t
+    moving = body.moving
+
+    def evaluate(t: Vector, item: Index) -> Vector:
+        capsule = moving[item]
+        ends = body.end_points_of(capsule, motion.poses_at(t))
+        height = ends[..., 2].min(axis=-1) - body.radii[capsule] - around.floor_z_m
+        return np.where((capsule == body.object) & (t > motion.released_s), FAR_M, height)
+
+    # The lower end of a capsule is the lower of two smooth functions: the curvature bound holds for both.
+    heights = body.heights(motion.ends)
+    heights[-1, t > motion.released_s] = FAR_M
+    rates = point_acceleration(body.levers[moving], motion.rates)
+    proof = prove_above(evaluate, t, heights, rates, around.clearance_m, curvature_bound)
+    return _distance_check("floor", proof, around.clearance_m, body.names[moving[proof.item]])
+
+
+def keep_out(motion: MotionSamples) -> Check | None:
+    """Checks that every capsule keeps the clearance from every keep-out box; None where the cell has none."""
+    around, body, t = motion.problem.cell.surroundings, motion.body, motion.at_knots.t[motion.sparse]
+    if not around.keep_out:
+        return None
+    moving, count = body.moving, len(body.moving)
+    lower, upper = (np.array([getattr(box, side) for box in around.keep_out]) for side in ("lower", "upper"))
+
+    def distance(ends: Vector, item: Index) -> Vector:
+        box, capsule = item // count, moving[item % count]
+        return segment_box_distance(ends[:, 0], ends[:, 1], lower[box], upper[box]) - body.radii[capsule]
+
+    def evaluate(t: Vector, item: Index) -> Vector:
+        capsule = moving[item % count]
+        gap = distance(body.end_points_of(capsule, motion.poses_at(t)), item)
+        return np.where((capsule == body.object) & (t > motion.released_s), FAR_M, gap)
+
+    ends = motion.ends[moving][..., motion.sparse]
+    gaps = _bounding_box_distances(ends, lower, upper) - body.radii[moving, None]
+    gaps[:, -1, t > motion.released_s] = FAR_M
+    gaps = gaps.reshape(-1, len(t))
+    rates = np.tile(body.levers[moving] @ motion.sparse_speeds, (len(lower), 1))
+    # The distance of bounding boxes decides most; only what it leaves open, or may be closest, is evaluated exactly.
+    item, row = (np.array([i]) for i in divmod(int(gaps.argmin()), len(t)))
+    closest = float(distance(ends[item % count, :, :, row], item)[0])
+    undecided = max(closest, around.clearance_m + float((rates * np.diff(t)).max()))
+    items, rows = np.nonzero(gaps <= undecided)
+    gaps[items, rows] = distance(ends[items % count, :, :, rows], items)
+    proof = prove_above(evaluate, t, gaps, rates, around.clearance_m, slope_bound)
+    name = f"{body.names[moving[proof.item % count]]}, box {proof.item // count}"
+    return _distance_check("keep_out", proof, around.clearance_m, name)
+
+
+def _bounding_box_distances(ends: Vector, lower: Vector, upper: Vector) -> Vector:
+    """Returns the distances (b, k, n) of b boxes from the bounding boxes of segments with ends (k, 2, 3, n).
+
+    They are lower bounds on the distances of the segments.
+    """
+    lowest, highest = ends.min(axis=1), ends.max(axis=1)
+    apart = np.maximum(lower[:, None, :, None] - highest, lowest - upper[:, None, :, None])
+    return np.sqrt((np.maximum(apart, 0.0) ** 2).sum(axis=2))
+
+
+def keep_in(motion: MotionSamples) -> Check | None:
+    """Checks that the tool centre point stays in every keep-in box; None where the cell has none."""
+    boxes = motion.problem.cell.surroundings.keep_in
+    if not boxes:
+        return None
+    lower = np.max([box.lower for box in boxes], axis=0)[:, None]
+    upper = np.min([box.upper for box in boxes], axis=0)[:, None]
+
+    def inside(p_WT: Vector) -> Vector:
+        return np.concatenate([p_WT - lower, upper - p_WT])
+
+    def evaluate(t: Vector, item: Index) -> Vector:
+        return inside(motion.at(t).p_WT)[item, np.arange(len(t))]
+
+    arm, rates = motion.at_knots, point_acceleration(motion.body.tool_lever, motion.rates)
+    proof = prove_above(evaluate, arm.t, inside(arm.p_WT), rates, 0.0, curvature_bound)
+    return _distance_check("keep_in", proof, 0.0, f"{'xyz'[proof.item % 3]} {'lower' if proof.item < 3 else 'upper'}")
+
+
+def self_collision(motion: MotionSamples) -> Check | None:
+    """Checks that no two capsules that can collide come closer than the self clearance; None where none can."""
+    body = motion.body
+    if len(body.pairs) == 0:
+        return None
+    first, second = body.pairs.T
+    thickness = body.radii[first] + body.radii[second]
+
+    def evaluate(t: Vector, item: Index) -> Vector:
+        X_WL = motion.poses_at(t)
+        one, other = (body.end_points_of(side[item], X_WL) for side in (first, second))
+        return segment_segment_distance(one[:, 0], one[:, 1], other[:, 0], other[:, 1]) - thickness[item]
+
+    gaps = body.pair_distances(motion.ends[..., motion.sparse])
+    rates = body.pair_levers @ motion.sparse_speeds
+    proof = prove_above(evaluate, motion.at_knots.t[motion.sparse], gaps, rates, SELF_CLEARANCE_M, slope_bound)
+    names = body.names[first[proof.item]], body.names[second[proof.item]]
+    return _distance_check("self_collision", proof, SELF_CLEARANCE_M, ", ".join(names))
+
+
+def _distance_check(name: str, proof: Proof, required: float, detail: str) -> Check:
+    return at_least(name, proof.value, required, "m", proof.at_s, detail).provided(proof.proven)

@@ -1,0 +1,123 @@
+"""Samples of a motion at coarse instants, with link poses and rate bounds: computed once, shared by the checks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.certificate.bounds import Rates, joint_rates
+from planner.geometry import BodyModel, body_model
+from planner.kinematics import LinkMotion
+from planner.problem import ThrowProblem
+from planner.trajectory import Trajectory
+
+Vector = NDArray[np.float64]
+Index = NDArray[np.intp]
+
+KNOTS = 64  # [-] instants of a trajectory that are evaluated first; bisection adds others where it must
+SPACING_S = (0.008, 0.016)  # [s] least and largest spacing of these knots
+SPARSE = 2  # [-] distances are evaluated at one of so many knots: most are far from their limit
+
+
+@dataclass(frozen=True, eq=False)
+class ArmSamples:
+    """The arm at k instants.
+
+    Attributes:
+        t: [s] (k,).
+        X_WL: poses of base and links in the world (k, 7, 4, 4).
+        links: their motion, in the world.
+        p_WT: position of the tool centre point (3, k) [m].
+    """
+
+    t: Vector
+    X_WL: Vector
+    links: LinkMotion
+    p_WT: Vector
+
+    @cached_property
+    def v_WT(self) -> Vector:
+        """Velocity of the tool centre point (3, k) [m/s]."""
+        return self.links.velocity(self.p_WT)
+
+
+class MotionSamples:
+    """A problem and a trajectory, evaluated at knots: the first sample, the release, the last, and some in between.
+
+    Attributes:
+        problem, trajectory: as given.
+        body: model of the cell's arm, tool and object.
+    """
+
+    def __init__(self, problem: ThrowProblem, trajectory: Trajectory) -> None:
+        self.problem = problem
+        self.trajectory = trajectory
+        self.body: BodyModel = body_model(problem.cell)
+
+    @cached_property
+    def knots(self) -> Index:
+        """Indices of the samples that are evaluated first (m,)."""
+        trajectory, last = self.trajectory, len(self.trajectory.q) - 1
+        spacing = min(max(trajectory.duration_s / KNOTS, SPACING_S[0]), SPACING_S[1])
+        stride = max(1, round(spacing * trajectory.sample_rate_hz))
+        return _merged(np.arange(0, last, stride), trajectory.release_index, last)
+
+    @cached_property
+    def sparse(self) -> Index:
+        """Indices of the knots at which distances are evaluated first; first, release and last among them."""
+        last = len(self.knots) - 1
+        return _merged(np.arange(0, last, SPARSE), self.release_knot, last)
+
+    @cached_property
+    def release_knot(self) -> int:
+        """Index of the release among the knots."""
+        return int(np.searchsorted(self.knots, self.trajectory.release_index))
+
+    @property
+    def released_s(self) -> float:
+        """Time until which the object is held [s]; infinite for a move that ends at rest."""
+        return np.inf if self.problem.ends_at_rest else self.trajectory.release_time_s
+
+    @cached_property
+    def at_knots(self) -> ArmSamples:
+        """The arm at the knots."""
+        rows, trajectory = self.knots, self.trajectory
+        return self._arm(trajectory.t[rows], (trajectory.q[rows], trajectory.qd[rows], trajectory.qdd[rows]))
+
+    @cached_property
+    def ends(self) -> Vector:
+        """Ends of the body's capsules in the world at the knots (c, 2, 3, m) [m]."""
+        return self.body.end_points(self.at_knots.X_WL)
+
+    @cached_property
+    def rates(self) -> Rates:
+        """Rate bounds of the joints between neighbouring knots."""
+        return joint_rates(self.trajectory, self.knots)
+
+    @cached_property
+    def sparse_speeds(self) -> Vector:
+        """Largest joint speeds between neighbouring sparse knots (6, k) [rad/s]."""
+        return np.maximum.reduceat(self.rates.qd, self.sparse[:-1], axis=1)
+
+    def at(self, t: Vector) -> ArmSamples:
+        """Returns the arm at times (k,) [s]."""
+        return self._arm(t, self.trajectory.at(t))
+
+    def poses_at(self, t: Vector) -> Vector:
+        """Returns poses of base and links in the world (k, 7, 4, 4) at times (k,) [s]; repeated times cost nothing."""
+        distinct, where = np.unique(t, return_inverse=True)
+        return self.body.link_poses(self.trajectory.at(distinct)[0])[where]
+
+    def _arm(self, t: Vector, state: tuple[Vector, Vector, Vector]) -> ArmSamples:
+        q, qd, qdd = state
+        X_WL = self.body.link_poses(q)
+        links = LinkMotion(X_WL, qd, qdd)
+        return ArmSamples(t, X_WL, links, links.on_flange(self.problem.cell.tool.X_FT[:3, 3]))
+
+
+def _merged(rows: Index, *more: int) -> Index:
+    """Returns increasing `rows` with `more` inserted."""
+    return np.unique(np.concatenate([rows, more]))

@@ -1,0 +1,172 @@
+"""Self-collision of arm and tool, derived from the geometry once for each arm and tool.
+
+Pairs: which capsules can collide. One is left out only if it is proven that the two are always closer than the
+clearance (neighbours that share a joint), or that they never are. Both are decided on a grid over the joints between
+the two, with a bound on the motion of the capsules between grid points. Where the grid cannot decide, the pair is kept:
+that costs time, not safety.
+
+Barriers: joint positions that no motion can pass. Where one joint alone moves two capsules against each other, the
+positions at which they collide divide its range, and a motion stays in the part in which it begins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from planner.cell import ToolCapsule
+from planner.geometry.capsules import Capsule, body_capsules, capsule_endpoints, levers
+from planner.geometry.distances import segment_segment_distance
+from planner.robots import Robot
+
+Array = NDArray[np.float64]
+ToolKey = tuple[tuple[float, ...], ...]
+
+# [m] kept between capsules of arm and tool: the capsules already enclose the links, this is for bending and rounding
+SELF_CLEARANCE_M = 0.005
+
+# Grid points on each joint, by the number of joints: a coarse grid, which most often shows a pair both near and far,
+# and one fine enough to prove the rest.
+GRID_POINTS = {1: (64, 1024), 2: (16, 144)}
+BARRIER_STEP_RAD = np.radians(0.5)  # [rad] between evaluated positions; a narrower barrier is left to the certificate
+
+
+@dataclass(frozen=True, eq=False)
+class Barrier:
+    """Positions of one joint at which two capsules are closer than the self clearance.
+
+    Attributes:
+        joint: its index.
+        names: of the two capsules.
+        q: blocked ones of the evaluated positions (k,), ascending [rad].
+        distance_m: smallest distance of the two [m].
+    """
+
+    joint: int
+    names: tuple[str, str]
+    q: Array
+    distance_m: float
+
+
+def self_collision_pairs(robot: Robot, tool: Sequence[ToolCapsule]) -> tuple[tuple[int, int], ...]:
+    """Returns pairs of indices into `body_capsules(robot, tool)` that can collide, but do not always overlap."""
+    return _pairs(robot, _tool_key(tool))
+
+
+def barriers(robot: Robot, tool: Sequence[ToolCapsule]) -> tuple[Barrier, ...]:
+    """Returns the barriers of an arm with a tool."""
+    return _barriers(robot, _tool_key(tool))
+
+
+def passable(robot: Robot, tool: Sequence[ToolCapsule], q: Array) -> tuple[Array, Array]:
+    """Returns the first blocked joint positions below and above `q` (6,), each (6,) [rad]; infinite where none is.
+
+    A barrier that blocks `q` itself is ignored.
+    """
+    lower, upper = np.full(6, -np.inf), np.full(6, np.inf)
+    for barrier in barriers(robot, tool):
+        i, offset = barrier.joint, barrier.q - q[barrier.joint]
+        if np.abs(offset).min() <= BARRIER_STEP_RAD:
+            continue
+        lower[i] = max(lower[i], barrier.q[offset < 0.0].max(initial=-np.inf))
+        upper[i] = min(upper[i], barrier.q[offset > 0.0].min(initial=np.inf))
+    return lower, upper
+
+
+def _tool_key(tool: Sequence[ToolCapsule]) -> ToolKey:
+    """Returns the tool's capsules as a hashable key, for caches."""
+    return tuple((*c.from_m.tolist(), *c.to_m.tolist(), c.radius_m) for c in tool)
+
+
+def _tool_from_key(key: ToolKey) -> list[ToolCapsule]:
+    """Returns the capsules of a `_tool_key`."""
+    return [ToolCapsule(np.array(c[:3]), np.array(c[3:6]), c[6]) for c in key]
+
+
+@lru_cache(maxsize=256)
+def _pairs(robot: Robot, tool: ToolKey) -> tuple[tuple[int, int], ...]:
+    capsules = body_capsules(robot, _tool_from_key(tool))
+    indices = combinations(range(len(capsules)), 2)
+    return tuple((i, j) for i, j in indices if _can_collide(robot, capsules[i], capsules[j]))
+
+
+@lru_cache(maxsize=64)
+def _barriers(robot: Robot, key: ToolKey) -> tuple[Barrier, ...]:
+    tool = _tool_from_key(key)
+    capsules = body_capsules(robot, tool)
+    found = []
+    for i, j in self_collision_pairs(robot, tool):
+        joint, q, distance = _distances_by_joint(robot, capsules[i], capsules[j], BARRIER_STEP_RAD)
+        blocked = distance < SELF_CLEARANCE_M
+        if blocked.any():
+            names = (capsules[i].name, capsules[j].name)
+            found.append(Barrier(joint, names, q[blocked], float(distance.min())))
+    return tuple(found)
+
+
+def _distances_by_joint(robot: Robot, first: Capsule, second: Capsule, step: float) -> tuple[int, Array, Array]:
+    """Returns the only joint that moves two capsules against each other, positions of it, and distances there.
+
+    Args:
+        robot: the arm.
+        first, second: the two capsules.
+        step: largest spacing of the positions [rad].
+
+    Returns:
+        Index of the joint, positions (k,) [rad] that span its limits, and distances of the surfaces (k,) [m];
+        (-1, empty, empty) where more than one joint moves them, or none.
+    """
+    near, far = sorted((first, second), key=lambda c: c.frame)
+    joints = _joints_between(near, far)
+    if far.frame == len(robot.a) and far.is_round_about_z:
+        joints = joints[:-1]  # the last joint turns a tool that is round about its axis into itself
+    if len(joints) != 1:
+        return -1, np.empty(0), np.empty(0)
+    joint = joints[0]
+    lower, upper = robot.q_lower[joint], robot.q_upper[joint]
+    q = np.zeros((int(np.ceil((upper - lower) / step)) + 1, 6))
+    q[:, joint] = np.linspace(lower, upper, len(q))
+    return joint, q[:, joint], _distances(robot, near, far, q)
+
+
+def _can_collide(robot: Robot, first: Capsule, second: Capsule) -> bool:
+    near, far = sorted((first, second), key=lambda c: c.frame)
+    joints = _joints_between(near, far)
+    if len(joints) not in GRID_POINTS:
+        return len(joints) > 0
+    coarse, fine = GRID_POINTS[len(joints)]
+    distance, _ = _distances_on_grid(robot, near, far, joints, coarse)
+    if distance.min() < SELF_CLEARANCE_M <= distance.max():
+        return True
+    distance, step = _distances_on_grid(robot, near, far, joints, fine)
+    always = distance.max() < SELF_CLEARANCE_M
+    moved = 0.5 * step @ levers(robot, far.frame, far.reach_m)[joints]  # from the nearest point of the grid, at most
+    never = distance.min() - moved > SELF_CLEARANCE_M
+    return not (always or never)
+
+
+def _joints_between(near: Capsule, far: Capsule) -> list[int]:
+    """Returns the joints that change the relative pose; not the first one where `near` is round about its axis."""
+    return list(range(near.frame, far.frame))[int(near.is_round_about_z) :]
+
+
+def _distances_on_grid(robot: Robot, near: Capsule, far: Capsule, joints: list[int], count: int) -> tuple[Array, Array]:
+    """Returns distances of the surfaces on a grid over the limits of the joints, and the steps of the grid [rad]."""
+    lower = robot.q_lower[joints]
+    upper = np.minimum(robot.q_upper[joints], lower + 2.0 * np.pi)  # beyond one turn everything repeats
+    axes = np.linspace(lower, upper, count).T
+    q = np.zeros((count ** len(joints), 6))
+    q[:, joints] = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(joints))
+    return _distances(robot, near, far, q), (upper - lower) / (count - 1)
+
+
+def _distances(robot: Robot, near: Capsule, far: Capsule, q: Array) -> Array:
+    """Returns distances of the surfaces (k,) [m] at joint positions `q` (k, 6)."""
+    ends = capsule_endpoints(robot, (near, far), q)
+    gap = segment_segment_distance(ends[:, 0, 0], ends[:, 0, 1], ends[:, 1, 0], ends[:, 1, 1])
+    return gap - near.radius_m - far.radius_m

@@ -1,0 +1,57 @@
+"""A throw and the brakes from its ticks: computed once, shared by the tests."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from planner.approach import Brakes, find_brakes
+from planner.backends import ruckig_otg
+from planner.cell import Cell
+from planner.problem import TargetRelease, ThrowProblem
+from planner.seeds.candidates import candidates
+from planner.trajectory import Trajectory
+from tests.planner.problems import cell
+
+REST_TICKS = 15  # before and after the motion
+
+
+@dataclass(frozen=True)
+class BrakedThrow:
+    """A throw on the controller's ticks, at rest before and after, with its brakes."""
+
+    problem: ThrowProblem
+    trajectory: Trajectory
+    q: np.ndarray
+    qd: np.ndarray
+    qdd: np.ndarray
+    brakes: Brakes
+
+    @property
+    def cell(self) -> Cell:
+        return self.problem.cell
+
+    @property
+    def dt(self) -> float:
+        return self.trajectory.dt
+
+
+def braked_throw(name: str) -> BrakedThrow:
+    """A throw in a shipped cell, sampled between the ticks of its plan, as the gripper's delay has it."""
+    here = cell(name)
+    problem = ThrowProblem(here, here.home, TargetRelease(np.array([1.2, 0.3, 0.0])), here.limits)
+    trajectory = ruckig_otg.solve(problem, candidates(problem)[0]).trajectory
+    first = -(REST_TICKS + 0.4) * trajectory.dt
+    t = np.arange(first, trajectory.duration_s + REST_TICKS * trajectory.dt, trajectory.dt)
+    q, qd, qdd = trajectory.at(t)
+    still = (t <= 0.0) | (t >= trajectory.duration_s)
+    qd[still], qdd[still] = 0.0, 0.0
+    return BrakedThrow(problem, trajectory, q, qd, qdd, find_brakes(here, q, qd, qdd, trajectory.dt))
+
+
+@pytest.fixture(scope="session", params=["ur5e-sim", "ur5-sim"])
+def throw(request: pytest.FixtureRequest) -> BrakedThrow:
+    """A throw of an e-Series arm at 500 Hz, and of a CB3 arm at 125 Hz."""
+    return braked_throw(request.param)

@@ -1,0 +1,67 @@
+"""Brakes from every row: their shape, their limits, and obstacles."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planner.approach import brake_path, find_brakes
+from planner.cell import Box
+from planner.dynamics import gravity_in_base, joint_torques, payload_of
+from tests.planner.approach.conftest import BrakedThrow
+
+
+def test_speed_and_acceleration_are_the_derivatives_of_the_path() -> None:
+    rng = np.random.default_rng(1)
+    q, qd, qdd = rng.normal(size=(3, 4, 6))
+    T, u = np.array([0.1, 0.2, 0.3, 0.4]), np.linspace(0.05, 0.95, 7)
+    h = 1e-6
+    _, speed, acceleration = brake_path(q, qd, qdd, T, u)
+    later, later_speed, _ = brake_path(q, qd, qdd, T, u + h)
+    earlier, earlier_speed, _ = brake_path(q, qd, qdd, T, u - h)
+    per_second = 2 * h * T[:, None, None]
+    assert (later - earlier) / per_second == pytest.approx(speed, abs=1e-6)
+    assert (later_speed - earlier_speed) / per_second == pytest.approx(acceleration, abs=1e-5)
+    begin, begin_speed, begin_acceleration = brake_path(q, qd, qdd, T, np.array([0.0]))
+    assert begin[:, 0] == pytest.approx(q)
+    assert begin_speed[:, 0] == pytest.approx(qd)
+    assert begin_acceleration[:, 0] == pytest.approx(qdd)
+    assert brake_path(q, qd, qdd, T, np.array([1.0]))[1] == pytest.approx(np.zeros((4, 1, 6)))
+
+
+def test_every_brake_in_force_is_within_the_arm(throw: BrakedThrow) -> None:
+    cell, ticks = throw.cell, throw.brakes.ticks
+    used = np.unique(throw.brakes.row)
+    u = np.linspace(0.0, 1.0, 101)
+    moving = used[ticks[used] > 0]
+    states = throw.q[moving], throw.qd[moving], throw.qdd[moving]
+    q, qd, qdd = brake_path(*states, ticks[moving] * throw.dt, u)
+    assert (q >= cell.limits.q_lower).all()
+    assert (q <= cell.limits.q_upper).all()
+    assert (np.abs(qd) <= 1.1 * cell.robot.qd_max).all()
+    assert (np.abs(qdd) <= 1.02 * cell.robot.qdd_max).all()
+    tau = joint_torques(cell.robot, q, qd, qdd, gravity_in_base(cell), payload_of(cell, with_object=True))
+    late = u > 0.05  # the torque of its first instants is the plan's own
+    assert (np.abs(tau[:, late]) <= 1.02 * cell.limits.tau_max).all()
+
+
+def test_almost_every_row_has_a_brake_of_its_own(throw: BrakedThrow) -> None:
+    wait = throw.brakes.row - np.arange(len(throw.brakes.row))
+    assert wait.min() == 0
+    assert wait.max() * throw.dt < 0.1, "an abort would wait this long for a brake that passes"
+
+
+def test_where_every_brake_collides_the_plan_continues_to_its_end(throw: BrakedThrow) -> None:
+    cell = throw.cell
+    walled = replace(cell, surroundings=replace(cell.surroundings, keep_out=(Box(np.full(3, -5.0), np.full(3, 5.0)),)))
+    found = find_brakes(walled, throw.q, throw.qd, throw.qdd, throw.dt)
+    moving = np.flatnonzero(np.abs(throw.qd).max(axis=1) > 1e-3)
+    assert (found.row[moving] > moving[-1]).all()
+
+
+def test_at_rest_there_is_nothing_to_brake(throw: BrakedThrow) -> None:
+    assert throw.brakes.row[0] == 0
+    assert throw.brakes.ticks[0] == 0
+    assert throw.brakes.row[-1] == len(throw.q) - 1
