@@ -13,7 +13,7 @@ from planner.certificate import Check
 from planner.errors import SolverFailed
 from planner.problem import JointRelease, PoseRelease, ThrowProblem
 from planner.search.incumbent import PlanningSearch
-from planner.search.policy import POLICY, Stage, joints_decoupled
+from planner.search.policy import POLICY, Stage, release_state_given
 from planner.search.ranking import TIMED_MAX, RankedCandidate, Ranking, rank
 from planner.seeds import Candidate, Seed
 from planner.solution import Solution
@@ -32,7 +32,7 @@ def search_optimised(search: PlanningSearch, candidates: list[Candidate], policy
     """
     ranking = rank(search.problem, candidates)
     with_ruckig = search.problem.backend == "auto"
-    if with_ruckig and joints_decoupled(search, ranking):
+    if with_ruckig and release_state_given(search, ranking):
         search.lower_bound_s = _least_release_time(ranking)
     for stage in policy:
         if stage.backend == "casadi":

@@ -10,7 +10,7 @@ the release where the request leaves it free. So:
 3. Ruckig's motions that would release before the incumbent are certified, too.
 4. While that has given no answer, further candidates are tried by both.
 
-Counts alone decide what is tried, so that the same request has the same answer on every machine. The only clock is the
+Counts alone decide what is tried, so that the answer does not depend on the load of the machine. The only clock is the
 request's own deadline.
 """
 
@@ -37,8 +37,8 @@ def always(search: PlanningSearch, ranking: Ranking) -> bool:
     return True
 
 
-def joints_decoupled(search: PlanningSearch, ranking: Ranking) -> bool:
-    """Returns whether the release state is given, for one instant: the slowest joint alone may bound the time."""
+def release_state_given(search: PlanningSearch, ranking: Ranking) -> bool:
+    """Returns whether the joint states at the release are given, for one instant alone."""
     return isinstance(search.problem.release, JointRelease | PoseRelease) and not search.problem.is_robust
 
 
@@ -92,7 +92,7 @@ class Stage:
 
 # An iteration takes 2 to 4 ms. Of 1000 random requests, larger budgets answer one more, and take longer to refuse.
 POLICY: tuple[Stage, ...] = (
-    Stage("ruckig", "soonest arrivals", slice(0, 2), joints_decoupled, variants=("free",), order="arrival"),
+    Stage("ruckig", "soonest arrivals", slice(0, 2), release_state_given, variants=("free",), order="arrival"),
     Stage("casadi", "soonest seeds", slice(0, 2), none_optimised, iterations=300),
     Stage("casadi", "further seeds for a slow throw", slice(0, SEEDS_MAX), throw_is_slow, iterations=300),
     Stage("ruckig", "sooner motions", slice(0, 6), always),

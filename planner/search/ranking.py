@@ -75,5 +75,5 @@ def _paths_free(ranking: Ranking) -> list[bool]:
     problem = ranking[0].problem
     steps = np.array([ranked.candidate.q for ranked in ranking]) - problem.start
     q = problem.start + np.multiply.outer(PATH_SHARES, steps)
-    least = body_model(problem.cell).clearances(q.reshape(-1, len(problem.start))).least.reshape(len(PATH_SHARES), -1)
+    least = body_model(problem.cell).clearances(q.reshape(-1, 6)).least.reshape(len(PATH_SHARES), -1)
     return (least.min(axis=0) > -OBSTACLE_DEPTH_M).tolist()

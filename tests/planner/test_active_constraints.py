@@ -154,6 +154,6 @@ def test_a_constraint_is_active_and_respected(name):
 def test_every_constraint_has_its_case():
     plain = joint_problem(backend="ruckig")
     boxed = lower_ceiling(box_above(plain, None), None)
-    judged = {check.name for check in certify(boxed, plan(plain).trajectory).checks}
+    checked = {check.name for check in certify(boxed, plan(plain).trajectory).checks}
     of_the_request = {"start", "release_position", "release_velocity", "end_at_rest", "continuity"}
-    assert {name.split(" (")[0] for name in CASES} == judged - of_the_request
+    assert {name.split(" (")[0] for name in CASES} == checked - of_the_request

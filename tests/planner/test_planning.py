@@ -1,4 +1,4 @@
-"""plan(): random releases, refusals with the nearest thing that can be done, determinism."""
+"""plan(): random releases, refusals with the nearest feasible request, determinism."""
 
 import time
 from dataclasses import replace
@@ -127,7 +127,7 @@ def test_a_pose_below_the_floor_names_the_floor():
     assert all(v.value < v.limit for v in refusal.value.violations if v.constraint == "floor")
 
 
-def test_the_story_is_told():
+def test_a_plan_carries_the_log_of_its_attempts():
     answer = plan(joint_problem())
     assert answer.attempts
     assert {attempt.backend for attempt in answer.attempts} <= {"casadi", "ruckig"}

@@ -88,15 +88,14 @@ def test_nothing_is_optimised_after_a_motion_that_reaches_the_lower_bound(budget
     assert budgets == []
 
 
-def test_casadi_asked_for_by_name_takes_the_optimiser_alone():
+def test_casadi_requested_by_name_uses_the_optimiser_alone():
     problem = target_problem(backend="casadi")
     search = PlanningSearch(problem, time.perf_counter() + 60.0)
     search_optimised(search, candidates(problem))
     assert {attempt.backend for attempt in search.attempts} == {"casadi"}
 
 
-def test_every_candidate_has_its_chance_in_the_order_of_the_ranking():
-    """Rows of one back end follow one another: no candidate is left out between two stages."""
+def test_no_candidate_is_left_out_between_two_stages():
     for backend in ("casadi", "ruckig"):
         rows = [stage.candidates for stage in POLICY if stage.backend == backend and stage.order == "rank"]
         tried = 0

@@ -1,4 +1,4 @@
-"""Back ends asked for by name: their own answer, certified, and their own nearest."""
+"""Back ends requested by name: their own certified motion, and their own nearest request."""
 
 import numpy as np
 import pytest
@@ -13,7 +13,7 @@ from tests.planner.problems import cell, joint_problem, pose_problem
 
 
 @pytest.mark.parametrize("backend", VARIANTS_BY_BACKEND)
-def test_a_back_end_asked_for_by_name_answers_itself(backend):
+def test_a_back_end_requested_by_name_answers_itself(backend):
     known = joint_problem().release
     assert isinstance(known, JointRelease)
     asked = pose_problem(cell(), known.q, known.qd)
@@ -25,7 +25,7 @@ def test_a_back_end_asked_for_by_name_answers_itself(backend):
 
 
 @pytest.mark.parametrize("backend", VARIANTS_BY_BACKEND)
-def test_its_nearest_request_is_one_that_it_can_do(backend):
+def test_its_nearest_request_is_feasible_for_it(backend):
     too_fast = JointRelease(cell().home + 0.3, np.array([3.5, 0.0, 0.0, 0.0, 0.0, 0.0]))
     problem = joint_problem(release=too_fast, backend=backend)
     with pytest.raises(Infeasible) as refusal:

@@ -1,4 +1,4 @@
-"""Candidates: they are what was asked for, and their absence is explained by name."""
+"""Candidates: they meet the request, and the reason for having none is named."""
 
 from dataclasses import replace
 
