@@ -16,7 +16,7 @@ from planner.backends.casadi_nlp.transcription import StageLayout, transcription
 from planner.certificate import certify, landing_errors
 from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
-from planner.seeds.candidates import Seed, candidates
+from planner.seeds import Seed, candidates
 from planner.trajectory import Trajectory
 from tests.planner.problems import cell
 
