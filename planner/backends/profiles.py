@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from planner.cell import Limits
 from planner.errors import SolverFailed
 from planner.problem import ThrowProblem
-from planner.seeds.candidates import POSITION_SLACK, Candidate
+from planner.seeds import POSITION_SLACK, Candidate
 from planner.solution import Solution
 from planner.timing import (
     CubicProfile,

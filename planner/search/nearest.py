@@ -40,11 +40,8 @@ SLOWER = (0.3, 0.05)  # [-] of the requested speed, tried where no other positio
 POSITION_CONSTRAINTS = {"reach", "joint_position", "floor", "keep_in", "keep_out", "self_collision"}
 UNDER_M = 0.2  # [m] from below the tool at the start, towards the target: an easy throw
 COMFORTABLE_REACH = 0.6  # [-] of the arm's reach: positions there have many postures
-
-
-MOTIONS_MAX = 60  # motions certified in one search, 10 to 20 ms each
-MOTIONS_MIN = 20  # of these although the request's deadline has passed
-ITERATIONS_MAX = 400  # of the optimiser in one search, 3 to 4 ms each
+MOTIONS_MAX, LATE_MOTIONS_MAX = 60, 20  # motions certified, 10 to 20 ms each; after the request's deadline
+ITERATIONS_MAX, LATE_ITERATIONS_MAX = 400, 100  # of the optimiser, 3 to 4 ms each; after the request's deadline
 CANDIDATES_MAX, FEW_CANDIDATES = 6, 3  # tried for one release, thoroughly or not
 OPTIMISING = ("auto", "casadi")
 ROBUST_POLICY = (Stage("casadi", "soonest seed", slice(0, 1), no_incumbent, iterations=200),)
@@ -69,8 +66,10 @@ class Feasibility:
     @property
     def exhausted(self) -> bool:
         """Whether the budget is spent."""
-        most = MOTIONS_MIN if time.perf_counter() > self.deadline_s else MOTIONS_MAX
-        return self.motions >= most or self.iterations >= ITERATIONS_MAX
+        late = time.perf_counter() > self.deadline_s
+        if self.motions >= (LATE_MOTIONS_MAX if late else MOTIONS_MAX):
+            return True
+        return self.iterations >= (LATE_ITERATIONS_MAX if late else ITERATIONS_MAX)
 
     def shown(self, problem: ThrowProblem, thorough: bool) -> bool:
         """Returns whether a certified motion was found; a thorough search tries more candidates and variants."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from planner.cell import Limits
 from planner.problem import ThrowProblem
-from planner.seeds.candidates import Candidate
+from planner.seeds import Candidate
 from planner.timing.grid import RESERVES, fits, grid_limits, onto_grid
 from planner.trajectory import Trajectory, integrate, join
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from planner.cell import Limits
 from planner.errors import SolverFailed
-from planner.seeds.lower_bound import least_time
+from planner.seeds import least_time
 
 Vector = NDArray[np.float64]
 Samples = tuple[Vector, Vector, Vector]

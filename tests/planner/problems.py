@@ -12,7 +12,7 @@ from planner.certificate import certify
 from planner.errors import Infeasible, SolverFailed
 from planner.geometry import tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, ThrowProblem
-from planner.seeds.candidates import candidates
+from planner.seeds import candidates
 
 CELLS = Path(__file__).parents[2] / "cells"
 

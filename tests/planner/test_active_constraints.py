@@ -15,7 +15,7 @@ from planner.cell import Box
 from planner.certificate import certify
 from planner.planning import plan
 from planner.problem import JointRelease, TargetRelease, ThrowProblem
-from planner.seeds.candidates import candidates
+from planner.seeds import candidates
 from planner.trajectory import Trajectory
 from tests.planner.problems import cell, joint_problem
 

@@ -13,7 +13,7 @@ from typing import Literal
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, FailedCheck, Margins, too_coarse
 from planner.errors import BackendUnavailable, SolverFailed
 from planner.problem import ThrowProblem
-from planner.seeds.candidates import Seed
+from planner.seeds import Seed
 from planner.solution import Solution
 
 __all__ = [

@@ -26,7 +26,7 @@ from planner.backends.casadi_nlp.symbols import RELEASE_ROWS
 from planner.backends.casadi_nlp.transcription import WATCHED_STAGES, RowIndex
 from planner.cell import Limits
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
-from planner.seeds.candidates import Candidate
+from planner.seeds import Candidate
 
 Vector = NDArray[np.float64]
 

@@ -36,7 +36,7 @@ from planner.flight import fly
 from planner.geometry import tool_state
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
-from planner.seeds.candidates import Candidate, InitialGuess, Seed
+from planner.seeds import Candidate, InitialGuess, Seed
 from planner.timing.grid import grid_limits
 
 Vector = NDArray[np.float64]

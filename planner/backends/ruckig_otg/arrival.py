@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from planner.backends.ruckig_otg import library
 from planner.errors import SolverFailed
 from planner.problem import ThrowProblem
-from planner.seeds.candidates import Candidate
+from planner.seeds import Candidate
 from planner.timing import grid_limits
 
 Vector = NDArray[np.float64]

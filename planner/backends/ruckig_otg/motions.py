@@ -24,7 +24,7 @@ from planner.backends.ruckig_otg.arrival import earliest_arrival
 from planner.backends.ruckig_otg.library import State
 from planner.cell import Limits
 from planner.problem import ThrowProblem
-from planner.seeds.candidates import Candidate
+from planner.seeds import Candidate
 from planner.solution import Solution
 from planner.timing import RESERVES, fits, grid_limits, onto_grid
 from planner.trajectory import join

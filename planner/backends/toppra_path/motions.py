@@ -16,7 +16,7 @@ from planner.errors import SolverFailed
 from planner.kinematics import forward, inverse_velocity, jacobian
 from planner.problem import ThrowProblem
 from planner.rotations import matrix_to_rotation_vector
-from planner.seeds.candidates import Candidate
+from planner.seeds import Candidate
 from planner.solution import Solution
 from planner.timing import RawMotion, linear_brake, shortest_cubic, shortest_trapezoid, smooth, whole_ticks
 

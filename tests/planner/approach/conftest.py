@@ -11,7 +11,7 @@ from planner.approach import Brakes, find_brakes
 from planner.backends import ruckig_otg
 from planner.cell import Cell
 from planner.problem import TargetRelease, ThrowProblem
-from planner.seeds.candidates import candidates
+from planner.seeds import candidates
 from planner.trajectory import Trajectory
 from tests.planner.problems import cell
 

@@ -18,7 +18,7 @@ from planner.cell import Box, Cell, ToolCapsule, load_cell
 from planner.certificate import certify
 from planner.errors import SolverFailed
 from planner.problem import JointRelease, PointRelease, TargetRelease, ThrowProblem
-from planner.seeds.candidates import Candidate, InitialGuess, Seed, candidates
+from planner.seeds import Candidate, InitialGuess, Seed, candidates
 from planner.trajectory import Trajectory
 
 CELLS = Path(__file__).parents[3] / "cells"

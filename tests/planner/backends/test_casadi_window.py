@@ -16,7 +16,7 @@ from planner.backends.casadi_nlp.transcription import StageLayout, transcription
 from planner.certificate import certify, landing_errors
 from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
-from planner.seeds.candidates import Seed, candidates
+from planner.seeds import Seed, candidates
 from planner.trajectory import Trajectory
 from tests.planner.problems import cell
 
@@ -81,7 +81,7 @@ def test_four_stages_release_sooner_than_one(monkeypatch: pytest.MonkeyPatch) ->
 def _solved(asked: ThrowProblem) -> Trajectory:
     """Returns the first candidate's motion, certified or not."""
     first = candidates(asked)[0]
-    guess = ruckig_otg.rough(asked, first)
+    guess = ruckig_otg.initial_guess(asked, first)
     return casadi_nlp.solve(asked, Seed(first, guess)).trajectory
 
 

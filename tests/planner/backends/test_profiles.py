@@ -9,7 +9,7 @@ from planner.backends import profiles, ruckig_otg
 from planner.certificate import certify
 from planner.errors import SolverFailed
 from planner.problem import JointRelease
-from planner.seeds.candidates import candidates
+from planner.seeds import candidates
 from tests.planner.problems import cell, feasible_states, joint_problem
 
 STATES = 12

@@ -13,7 +13,7 @@ from planner.certificate import certify
 from planner.errors import SolverFailed
 from planner.kinematics import forward
 from planner.problem import JointRelease
-from planner.seeds.candidates import candidates
+from planner.seeds import candidates
 from planner.timing import shortest_cubic, shortest_trapezoid
 from tests.planner.problems import cell, feasible_states, joint_problem
 

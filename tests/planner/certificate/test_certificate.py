@@ -19,7 +19,7 @@ from planner.geometry import levers, tool_state
 from planner.kinematics import forward
 from planner.planning import plan
 from planner.problem import JointRelease, PointRelease, TargetRelease
-from planner.seeds.candidates import Candidate, candidates
+from planner.seeds import Candidate, candidates
 from planner.trajectory import Trajectory, integrate
 from tests.planner.problems import cell, feasible_states, joint_problem, point_problem, pose_problem, random_state
 

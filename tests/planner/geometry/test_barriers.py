@@ -14,7 +14,7 @@ from planner.kinematics import link_poses
 from planner.planning import plan
 from planner.problem import JointRelease, PointRelease, TargetRelease, ThrowProblem
 from planner.robots import robot
-from planner.seeds.candidates import candidates
+from planner.seeds import candidates
 from tests.planner.problems import cell, pose_problem
 
 TOOL = (ToolCapsule(np.zeros(3), np.array([0.0, 0.0, 0.15]), 0.05),)

@@ -10,7 +10,7 @@ from planner.flight import fly
 from planner.geometry import tool_state
 from planner.kinematics import forward
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
-from planner.seeds.candidates import candidates
+from planner.seeds import candidates
 from tests.planner.problems import cell, joint_problem, point_problem, pose_problem, random_state
 
 

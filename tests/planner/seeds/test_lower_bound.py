@@ -7,8 +7,7 @@ import pytest
 
 from planner.backends import ruckig_otg
 from planner.problem import JointRelease
-from planner.seeds.candidates import Candidate
-from planner.seeds.lower_bound import least_time
+from planner.seeds import Candidate, least_time
 from tests.planner.problems import cell, joint_problem, random_state
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planner.problem import JointRelease
-from planner.seeds.candidates import candidates
+from planner.seeds import candidates
 from planner.timing import RawMotion, shortest_trapezoid, smooth
 from tests.planner.problems import cell, joint_problem
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planner.errors import SolverFailed
-from planner.seeds.lower_bound import least_time
+from planner.seeds import least_time
 from planner.timing import (
     cubic_brake,
     linear_brake,
