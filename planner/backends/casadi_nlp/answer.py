@@ -19,7 +19,7 @@ from planner.flight import landing_points
 from planner.geometry import tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.solution import Solution
-from planner.timing.grid import onto_grid
+from planner.timing import onto_grid
 from planner.trajectory import Trajectory, join
 
 Vector = NDArray[np.float64]

@@ -37,7 +37,7 @@ from planner.geometry import tool_state
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.seeds import Candidate, InitialGuess, Seed
-from planner.timing.grid import grid_limits
+from planner.timing import grid_limits
 
 Vector = NDArray[np.float64]
 Arguments = dict[str, Vector]

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from planner import flight
-from planner.backends.casadi_nlp import codegen, functions, layout, transcription
+from planner.backends.casadi_nlp import Margins, codegen, functions, layout, transcription
 from planner.backends.casadi_nlp.instance import arm_parameters
-from planner.backends.casadi_nlp.margins import Margins
 from planner.backends.casadi_nlp.parameters import box_parameters
 from planner.backends.casadi_nlp.symbols import RELEASE_ROWS
 from planner.cell import Cell, load_cell

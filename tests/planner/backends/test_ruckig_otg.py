@@ -11,7 +11,6 @@ from planner.certificate import certify
 from planner.planning import plan
 from planner.problem import JointRelease
 from planner.seeds import Candidate
-from benchmarks.launch_bound import state_bound
 from tests.planner.problems import cell, feasible_states, joint_problem, pose_problem
 
 STATES = 20
