@@ -111,4 +111,4 @@ def _refuse_outside(problem: ThrowProblem, q: Vector) -> None:
 def _sampled(motion: CubicProfile | TrapezoidProfile, dt: float) -> Vector:
     """Returns the velocities (N+1, 6) of a profile at its ticks."""
     count = whole_ticks(motion.duration_s, dt)
-    return motion.at(np.arange(count + 1) * dt)[1]
+    return motion.at(dt * np.arange(count + 1, dtype=np.float64))[1]

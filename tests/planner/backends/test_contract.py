@@ -1,4 +1,4 @@
-"""What every back end promises, over named problems."""
+"""The contract of every back end, over named problems."""
 
 import sys
 from collections.abc import Callable

@@ -70,7 +70,7 @@ def test_a_run_up_outside_the_range_is_refused_by_name():
         profiles.solve(problem, candidates(problem)[0], "ramp")
 
 
-def test_what_was_done_to_the_jerk_is_said():
+def test_the_status_reports_the_smoothing():
     problem = joint_problem()
     for variant, words in profiles.DESCRIPTIONS.items():
         status = profiles.solve(problem, candidates(problem)[0], variant).status

@@ -174,7 +174,7 @@ def test_a_move_that_ends_at_rest_can_follow_the_tools_line():
     np.testing.assert_array_equal(motion.q[-1], q)
 
 
-def test_what_was_done_to_the_jerk_is_said():
+def test_the_status_reports_the_smoothing():
     problem = joint_problem()
     status = toppra_path.solve(problem, candidates(problem)[0]).status
     assert "time-optimal along the joint path" in status
