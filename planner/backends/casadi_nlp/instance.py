@@ -180,11 +180,8 @@ class Instance:
         bounds.fix_ends(problem.start)
         bounds.limit_steps(self.steps)
         if not problem.ends_at_rest:
-            distances = dict(
-                zip(SINGULARITIES, signed_singularity_distances(problem.cell.robot, self.candidate.q), strict=True)
-            )
-            signed = np.array([distances[name] for name in ("elbow", "wrist", "shoulder")])  # as in block "singularity"
-            bounds.avoid_singularities(signed, margins.singularity * self.limits.singularity_distance_min)
+            distance = margins.singularity * self.limits.singularity_distance_min
+            bounds.avoid_singularities(self._singularity_sides(), distance)
         bounds.set_release(problem, self.candidate)
         if problem.is_robust:
             window_s, tolerance_m = problem.release_window_s, problem.landing_tolerance_m
@@ -192,6 +189,12 @@ class Instance:
         if self.fixed_times is not None:
             bounds.fix_times(*self.fixed_times)
         return bounds
+
+    def _singularity_sides(self) -> Vector:
+        """Returns the candidate's signed distances (3,) in the order of block "singularity"."""
+        signed = signed_singularity_distances(self.problem.cell.robot, self.candidate.q)
+        distances = dict(zip(SINGULARITIES, signed, strict=True))
+        return np.array([distances[name] for name in ("elbow", "wrist", "shoulder")])
 
     def _group_limits(self) -> dict[str, tuple[Vector, Vector]]:
         """Returns the lower and upper bounds of every lazy group's rows."""
@@ -318,12 +321,12 @@ class CubicGuess:
     problem: ThrowProblem
     candidate: Candidate
 
-    @cached_property
+    @property
     def release_time_s(self) -> float:
         """Release time [s]."""
         return max(2.0 * self.candidate.bound_s, 0.2)
 
-    @cached_property
+    @property
     def brake_s(self) -> float:
         """Duration of the brake [s]."""
         needed = float(np.max(np.abs(self.candidate.qd) / self.problem.limits.qdd_max)) * 1.5

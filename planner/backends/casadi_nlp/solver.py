@@ -23,9 +23,9 @@ from planner.errors import SolverFailed
 
 Vector = NDArray[np.float64]
 
-# What falls below the LU tolerance is dropped where equalities are eliminated. With a smaller one fatrop 1.1.8 raises its
-# regularisation without end on one `point` of sixty. In a stage of 5 ms, however, a jerk moves the landing by 2 to 3 mm,
-# which 1e-2 drops: 44 of 52 problems with a window did not converge.
+# What falls below the LU tolerance is dropped where equalities are eliminated. With a smaller one fatrop 1.1.8 raises
+# its regularisation without end on one `point` of sixty. In a stage of 5 ms, however, a jerk moves the landing by 2 to
+# 3 mm, which 1e-2 drops: 44 of 52 problems with a window did not converge.
 FATROP = {"tolerance": 1e-4, "mu_init": 1e-3, "max_iter": 70, "linsol_lu_fact_tol": 1e-2}
 FATROP_FIXED_TIMES = {"mu_init": 1e-4, "max_iter": 40}  # starts close to its optimum
 FATROP_SHORT_STAGES = {"linsol_lu_fact_tol": 1e-3}
@@ -234,7 +234,7 @@ def _cache(functions: Mapping[str, Any], roles: Mapping[str, tuple[str, list[str
         results = list(results) if isinstance(results, (list, tuple)) else [results]
         scheme = ["x", "p", "lam:f", "lam:g"][: len(inputs)]
         names = [[name.replace(":", "_") for name in names] for names in (scheme, outputs)]
-        named[role] = ca.Function(role, inputs, results, *names)
+        named[role] = ca.Function(role, inputs, results, names[0], names[1])
     return named
 
 
