@@ -24,11 +24,11 @@ POSTURE = np.array([0.0, -1.9, 1.4, -1.0, -1.57, 0.0])
 VIEWS = {"from the side": (0, 2), "from the front": (1, 2), "from above": (0, 1)}
 KEPT, NEVER, ALWAYS, SAME = 3, 2, 1, 0
 PALETTE = ["#ffffff", "#d9d9d9", "#b7d7b0", "#d95f5f"]
-LEGEND = {"can meet: checked": KEPT, "never meet": NEVER, "joined: always touch": ALWAYS}
+LEGEND = {"can collide: checked": KEPT, "never collide": NEVER, "joined: always overlap": ALWAYS}
 
 
 def outline(end, other, radius):
-    """The shadow of a capsule in an orthographic view: a rectangle with round ends (n, 2)."""
+    """Returns the outline of a capsule in an orthographic view (n, 2): a rectangle with round ends."""
     along = other - end
     heading = np.arctan2(along[1], along[0])
     turn = np.linspace(np.pi / 2, 3 * np.pi / 2, 40) + heading
@@ -37,7 +37,7 @@ def outline(end, other, radius):
 
 
 def draw_view(axis, title, plane, capsules, ends):
-    """One orthographic view of all capsules."""
+    """Draws one orthographic view of all capsules."""
     colours = plt.get_cmap("tab10").colors
     for i, (capsule, (p0, p1)) in enumerate(zip(capsules, ends, strict=True)):
         shape = outline(p0[list(plane)], p1[list(plane)], capsule.radius_m)
@@ -51,7 +51,7 @@ def draw_view(axis, title, plane, capsules, ends):
 
 
 def pair_kinds(capsules):
-    """What is known of every pair, as a square of the kinds above."""
+    """Returns the kind of every pair, as a square matrix of the kinds above."""
     kept = set(self_collision_pairs(ARM, TOOL))
     q = np.random.default_rng(0).uniform(ARM.q_lower, ARM.q_upper, (500, 6))
     ends = capsule_endpoints(ARM, capsules, q)
@@ -64,7 +64,7 @@ def pair_kinds(capsules):
 
 
 def draw_pairs(axis, capsules):
-    """Which pairs can meet."""
+    """Draws which pairs can collide."""
     names = [capsule.name for capsule in capsules]
     axis.imshow(pair_kinds(capsules), cmap=matplotlib.colors.ListedColormap(PALETTE), vmin=0, vmax=3)
     axis.set_xticks(range(len(names)), names, rotation=60, ha="right")

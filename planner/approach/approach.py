@@ -18,7 +18,7 @@ from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
 
-STEP_RAD = 0.005  # [rad] spacing of evaluated positions on a straight move; swept clearance bounds what is between
+STEP_RAD = 0.005  # [rad] spacing of evaluated positions on a straight move; swept clearance is bounded in between
 NEAR_RAD = 1e-3  # [rad] distance from the start within which no motion is needed
 APPROACH_SPEED = 1.0  # [rad/s] just below 1.05, the default of UR's movej
 APPROACH_ACCELERATION = 1.4  # [rad/s^2] source: URScript manual, default of movej

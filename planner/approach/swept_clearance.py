@@ -70,7 +70,8 @@ class SweptClearance:
     @property
     def kept(self) -> Flags:
         """Whether the distance is kept on each path (M,)."""
-        return (self.between >= self.required).all(axis=1) & (self.values >= self.required).all(axis=1)
+        least = np.minimum(self.between.min(axis=1), self.values.min(axis=1))
+        return np.asarray(least >= self.required, np.bool_)
 
 
 def keep_clear(cell: Cell, paths: SweptPaths) -> tuple[Flags, str]:
@@ -78,7 +79,7 @@ def keep_clear(cell: Cell, paths: SweptPaths) -> tuple[Flags, str]:
     blocks = [[(each.name, each.kept) for each in swept_clearances(cell, block)] for block in paths.blocks()]
     kept = np.concatenate([[kept for _, kept in block] for block in blocks], axis=1)
     broken = ~kept.all(axis=1)
-    return kept.all(axis=0), blocks[0][int(broken.argmax())][0] if broken.any() else ""
+    return np.asarray(kept.all(axis=0), np.bool_), blocks[0][int(broken.argmax())][0] if broken.any() else ""
 
 
 def swept_clearances(cell: Cell, paths: SweptPaths) -> Iterator[SweptClearance]:

@@ -1,5 +1,5 @@
-"""Bounds on how far torques, singularity distances and landing points stray, against dense differences; distances
-against a dense look by the plain functions."""
+"""Curvature bounds of torques, singularity distances and landing points against dense differences; distances against
+dense samples by the plain functions."""
 
 from dataclasses import replace
 
@@ -33,7 +33,7 @@ def second_differences(function, trajectory):
     return (f[:, 2] - 2.0 * f[:, 1] + f[:, 0]) / h**2
 
 
-def test_torques_stray_no_further_than_their_bound():
+def test_the_curvature_of_torques_is_within_its_bound():
     for problem, trajectory in random_trajectories(3, seed=15):
         robot, held = problem.cell.robot, payload_of(problem.cell, with_object=True)
         curvature = second_differences(lambda *s: joint_torques(robot, *s, DOWN, held), trajectory)  # noqa: B023
@@ -41,8 +41,8 @@ def test_torques_stray_no_further_than_their_bound():
         assert np.all(np.abs(curvature) <= bound.T + 1e-2)
 
 
-def test_a_torque_that_peaks_where_the_jerk_turns_is_seen():
-    """Between two instants looked at the acceleration is a spike: its torque has a kink that no curvature tells."""
+def test_a_torque_peak_between_samples_is_found():
+    """Between two samples the acceleration is a spike: its torque has a kink that no curvature bound covers."""
     problem = joint_problem()
     jerk = np.zeros((20, 6))
     jerk[2:18, 1] = 400.0 * np.repeat([1.0, -1.0, -1.0, 1.0], 4)
@@ -53,16 +53,16 @@ def test_a_torque_that_peaks_where_the_jerk_turns_is_seen():
     t = np.linspace(0.0, spike.duration_s, 2001)
     tau = np.abs(joint_torques(problem.cell.robot, *spike.at(t), DOWN, held)).max(axis=0)
     rows = motion.knots
-    looked_at = joint_torques(problem.cell.robot, q[rows], qd[rows], qdd[rows], DOWN, held)
-    assert np.abs(looked_at).max(axis=0)[1] < 0.99 * tau[1]
-    between = (np.abs(looked_at).max(axis=0)[1] + tau[1]) / 2.0
+    sampled = joint_torques(problem.cell.robot, q[rows], qd[rows], qdd[rows], DOWN, held)
+    assert np.abs(sampled).max(axis=0)[1] < 0.99 * tau[1]
+    between = (np.abs(sampled).max(axis=0)[1] + tau[1]) / 2.0
     for limit, ok in ((between, False), (1.01 * tau[1], True)):
         tau_max = np.where(np.arange(6) == 1, limit, problem.limits.tau_max)
         limited = replace(problem, limits=replace(problem.limits, tau_max=tau_max))
         assert certify(limited, spike).check("joint_torque").ok == ok
 
 
-def test_no_acceleration_asks_for_more_torque_than_the_bound_of_the_mass_matrix():
+def test_the_mass_matrix_is_within_its_bound():
     rng, still = np.random.default_rng(4), np.zeros(6)
     for name in ("ur5e-sim", "ur10e-sim"):
         problem = joint_problem(name)
@@ -73,14 +73,14 @@ def test_no_acceleration_asks_for_more_torque_than_the_bound_of_the_mass_matrix(
             assert np.all(np.abs(mass_matrix.T) <= loads_of(problem.cell).mass_matrix + 1e-9)
 
 
-def test_singularity_distances_stray_no_further_than_their_bound():
+def test_the_curvature_of_singularity_distances_is_within_its_bound():
     for problem, trajectory in random_trajectories(3, seed=16):
         robot = problem.cell.robot
         curvature = second_differences(lambda q, qd, qdd: signed_singularity_distances(robot, q), trajectory)  # noqa: B023
         assert np.all(np.abs(curvature) <= _singularity_curvature(robot, joint_rates(trajectory)).T + 1e-4)
 
 
-def test_the_landing_point_strays_no_further_than_its_bound():
+def test_the_curvature_of_the_landing_point_is_within_its_bound():
     for problem, trajectory in random_trajectories(6, seed=17):
         thrown = replace(problem, release=TargetRelease(np.zeros(3)), release_window_s=0.01, landing_tolerance_m=0.01)
         delays = np.linspace(-0.01, 0.01, 201)
@@ -95,7 +95,7 @@ def test_the_landing_point_strays_no_further_than_its_bound():
         assert np.linalg.norm(curvature, axis=1).max() <= bound * (1.0 + 1e-6) + 1e-2
 
 
-def test_distances_from_boxes_are_those_of_a_dense_look():
+def test_distances_from_boxes_are_those_of_dense_samples():
     boxes = (
         Box(np.array([-0.9, 0.35, 0.0]), np.array([0.9, 0.9, 1.2])),
         Box(np.array([0.15, -0.6, 0.5]), np.array([0.5, 0.2, 0.9])),

@@ -1,4 +1,4 @@
-"""The judge: spoilt trajectories, one a check; bounds between samples; agreement with dense sampling."""
+"""The certificate: spoilt trajectories, one a check; bounds between samples; agreement with dense sampling."""
 
 from dataclasses import replace
 
@@ -157,7 +157,7 @@ def test_a_missed_target_and_a_scattering_window_are_caught():
     assert here.limits.tcp_speed_max >= certify(problem, answer).check("tcp_speed").value
 
 
-def test_free_velocity_bounds_of_a_target_are_judged():
+def test_free_velocity_bounds_of_a_target_are_checked():
     problem = joint_problem(release=TargetRelease(np.array([1.3, 0.2, 0.0])))
     answer = plan(problem).trajectory
     slow = replace(problem, release=replace(problem.release, max_speed_m_s=0.5))

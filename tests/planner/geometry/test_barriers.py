@@ -19,7 +19,7 @@ from tests.planner.problems import cell, pose_problem
 
 TOOL = (ToolCapsule(np.zeros(3), np.array([0.0, 0.0, 0.15]), 0.05),)
 POINTS = np.linspace(0.0, 1.0, 61)[:, None]
-BEYOND = 0.0175  # [rad] a little more than the step in which positions are looked at
+BEYOND = 0.0175  # [rad] a little more than the step of the evaluated positions
 GRAZING = np.array([-0.48, -2.862, 1.801, -0.174, -2.948, -0.231])  # wrist_2 next to its barrier at -3.06 rad
 
 

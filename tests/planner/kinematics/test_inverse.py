@@ -1,4 +1,4 @@
-"""Inverse kinematics: every branch and turn, singular and out of reach told apart."""
+"""Inverse kinematics: every branch and turn, singular and unreachable poses distinguished."""
 
 import numpy as np
 import pytest

@@ -1,0 +1,105 @@
+"""The body model against the plain functions on one capsule, box and pair at a time."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planner.cell import Box
+from planner.geometry import (
+    SELF_CLEARANCE_M,
+    Capsule,
+    body_capsules,
+    body_model,
+    capsule_endpoints,
+    segment_box_distance,
+    segment_segment_distance,
+    tool_pose,
+)
+from planner.kinematics import link_poses
+from planner.rotations import pose, rotation_vector_to_matrix
+from tests.planner.problems import cell
+
+BOXES = (
+    Box(np.array([-0.9, 0.35, 0.0]), np.array([0.9, 0.9, 1.2])),
+    Box(np.array([0.15, -0.6, 0.5]), np.array([0.5, 0.2, 0.9])),
+)
+ROOM = (Box(np.array([-0.8, -0.8, 0.1]), np.array([0.7, 0.9, 1.2])),)
+
+
+def turned_cell():
+    here = cell()
+    around = replace(here.surroundings, keep_out=BOXES, keep_in=ROOM, clearance_m=0.02, floor_z_m=-0.1)
+    X_WB = pose([0.1, -0.2, 0.3], rotation_vector_to_matrix([0.1, -0.2, 1.0]))
+    return replace(here, surroundings=around, X_WB=X_WB)
+
+
+def postures(here, count=50):
+    return here.home + np.random.default_rng(21).uniform(-1.5, 1.5, (count, 6))
+
+
+def capsules_of(here):
+    p_FT = here.tool.X_FT[:3, 3]
+    return (*body_capsules(here.robot, here.tool.capsules), Capsule(6, p_FT, p_FT, here.object.radius_m, "object"))
+
+
+def test_ends_are_those_of_the_capsules():
+    here = turned_cell()
+    body, q = body_model(here), postures(here)
+    X_WL = link_poses(here.robot, q, here.X_WB)
+    expected = capsule_endpoints(here.robot, capsules_of(here), q, here.X_WB)
+    np.testing.assert_allclose(np.moveaxis(body.end_points(X_WL), -1, 0), expected, atol=1e-12)
+    item = np.arange(len(q)) % len(body.names)
+    np.testing.assert_allclose(body.end_points_of(item, X_WL), expected[np.arange(len(q)), item], atol=1e-12)
+
+
+def test_clearances_are_the_least_of_every_capsule_box_and_pair():
+    here = turned_cell()
+    body, q, capsules = body_model(here), postures(here), capsules_of(here)
+    ends = capsule_endpoints(here.robot, capsules, q, here.X_WB)
+    moving = [i for i, capsule in enumerate(capsules) if capsule.frame > 0]
+    floor = np.min([ends[:, i, :, 2].min(axis=1) - capsules[i].radius_m for i in moving], axis=0)
+    boxes = [
+        segment_box_distance(ends[:, i, 0], ends[:, i, 1], box.lower, box.upper) - capsules[i].radius_m
+        for i in moving
+        for box in BOXES
+    ]
+    pairs = [
+        segment_segment_distance(ends[:, i, 0], ends[:, i, 1], ends[:, j, 0], ends[:, j, 1])
+        - capsules[i].radius_m
+        - capsules[j].radius_m
+        for i, j in body.pairs
+    ]
+    p = tool_pose(here, q)[:, :3, 3]
+    found = body.clearances(q)
+    assert found.floor == pytest.approx(floor + 0.1 - 0.02, abs=1e-12)
+    assert found.keep_out == pytest.approx(np.min(boxes, axis=0) - 0.02, abs=1e-12)
+    assert found.self_collision == pytest.approx(np.min(pairs, axis=0) - SELF_CLEARANCE_M, abs=1e-12)
+    assert found.keep_in == pytest.approx(np.minimum(p - ROOM[0].lower, ROOM[0].upper - p).min(axis=1), abs=1e-12)
+
+
+def test_without_boxes_the_clearance_to_them_is_infinite():
+    here = cell()
+    here = replace(here, surroundings=replace(here.surroundings, keep_in=(), keep_out=()))
+    found = body_model(here).clearances(postures(here))
+    assert np.isposinf(found.keep_in).all()
+    assert np.isposinf(found.keep_out).all()
+
+
+def test_levers_bound_the_distances_from_the_axes():
+    here = cell()
+    body, q = body_model(here), postures(here, 200)
+    X_BL = link_poses(here.robot, q)
+    ends = capsule_endpoints(here.robot, capsules_of(here), q)
+    for joint in range(6):
+        axis, origin = X_BL[:, joint, :3, 2], X_BL[:, joint, :3, 3]
+        offset = ends - origin[:, None, None]
+        distance = np.linalg.norm(np.cross(np.broadcast_to(axis[:, None, None], offset.shape), offset), axis=-1)
+        moved = body.frames > joint
+        assert (distance.max(axis=(0, 2))[moved] <= body.levers[moved, joint] + 1e-9).all()
+        assert (body.levers[~moved, joint] == 0.0).all()
+
+
+def test_a_cell_has_one_model():
+    here = cell()
+    assert body_model(here) is body_model(here)
