@@ -97,11 +97,12 @@ def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
     for ranked in _walk(search, stage, ranking):
         if search.iterations >= end:
             break
-        if (bound_holds and ranked.candidate.bound_s >= search.release_time_s) or not ranked.first_try("casadi"):
+        bounded = bound_holds and ranked.candidate.bound_s >= search.release_time_s
+        if bounded or not ranked.first_try("ipopt" if stage.with_ipopt else "fatrop"):
             continue
         tried += 1
         try:
-            valid += _optimise_from(search, ranked, end)
+            valid += _optimise_from(search, ranked, end, stage.with_ipopt)
             solved += 1
         except SolverFailed as error:
             failure = f"; {error}"
@@ -109,20 +110,21 @@ def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
         search.log_attempt("casadi", f"{stage.purpose}: {valid} of {solved} motions certified{failure}", begun)
 
 
-def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int) -> bool:
+def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, with_ipopt: bool) -> bool:
     """Optimises from one candidate until `search.iterations` reach `end`; returns whether a motion was certified.
 
     After failed checks it solves again from that motion, with wider margins; where the checks failed between coarse
     stages, from the start on finer stages.
     """
-    seed, options = ranked.seed, SolveOptions(deadline_s=search.deadline_s)
+    first = SolveOptions(deadline_s=search.deadline_s, with_ipopt=with_ipopt)
+    seed, options = ranked.seed, first
     for _ in range(ROUNDS_MAX):
         solution = _solve(search, seed, replace(options, iteration_budget=end - search.iterations))
         certificate = search.certify("casadi", solution)
         if certificate.valid:
             return True
         if _needs_finer_stages(search.problem, options, certificate.failures):
-            seed, options = ranked.seed, SolveOptions(deadline_s=search.deadline_s, resolution="fine")
+            seed, options = ranked.seed, replace(first, resolution="fine")
             continue
         wider = options.margins.widened(certificate.failures, solution)
         if wider is None:

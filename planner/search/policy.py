@@ -8,7 +8,7 @@ the release where the request leaves it free. So:
 2. The optimiser starts from the two candidates that Ruckig reaches soonest, until one motion is certified. A throw that
    hardly improves on its candidates is optimised from further ones.
 3. Ruckig's motions that would release before the incumbent are certified, too.
-4. While that has given no answer, further candidates are tried by both.
+4. While that has given no answer, further candidates are tried by both, and the slower second solver at last.
 
 Counts alone decide what is tried, so that the answer does not depend on the load of the machine. The only clock is the
 request's own deadline.
@@ -77,6 +77,7 @@ class Stage:
         candidates: rows of the ranking; what was tried from one of them before is not tried again.
         condition: checked before every candidate.
         iterations: solver iterations after which the stage ends ("casadi").
+        with_ipopt: whether IPOPT solves where fatrop gives up ("casadi").
         variants: launch variants that are tried ("ruckig").
         order: of the ranking; "arrival" sorts its first `TIMED_MAX` by the slowest joint's own time.
     """
@@ -86,6 +87,7 @@ class Stage:
     candidates: slice
     condition: Condition
     iterations: int = 0
+    with_ipopt: bool = False
     variants: Sequence[ruckig_otg.LaunchVariant] = ruckig_otg.VARIANTS
     order: Literal["rank", "arrival"] = "rank"
 
@@ -100,4 +102,5 @@ POLICY: tuple[Stage, ...] = (
     Stage("casadi", "last seeds", slice(3, SEEDS_MAX), no_incumbent, iterations=100),
     Stage("ruckig", "further motions", slice(6, 11), always),
     Stage("ruckig", "sooner motions", slice(11, RANKED_MAX), has_incumbent),
+    Stage("casadi", "second solver", slice(0, 1), no_incumbent, iterations=200, with_ipopt=True),
 )
