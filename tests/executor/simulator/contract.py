@@ -26,7 +26,7 @@ WITHIN_S = 3.0  # [s] far longer than a cycle or a lag, for loaded machines
 
 
 @dataclass
-class Client:
+class ContractClient:
     """The four interfaces of ur_rtde on one controller."""
 
     host: str
@@ -36,7 +36,7 @@ class Client:
     dashboard: dashboard_client.DashboardClient
 
     @classmethod
-    def connect(cls, host: str) -> Client:
+    def connect(cls, host: str) -> ContractClient:
         dashboard = dashboard_client.DashboardClient(host)
         dashboard.connect()
         return cls(
@@ -94,7 +94,7 @@ class Client:
         assert self.wait(lambda: self.receive.getRuntimeState() == 2)
 
 
-def receives_every_variable(c: Client) -> None:
+def receives_every_variable(c: ContractClient) -> None:
     six = "TargetQ TargetQd TargetQdd TargetCurrent TargetMoment ActualQ ActualQd ActualCurrent JointControlOutput "
     six += "ActualTCPPose ActualTCPSpeed ActualTCPForce TargetTCPPose TargetTCPSpeed JointTemperatures JointMode "
     for name in (six + "ActualJointVoltage").split():
@@ -107,14 +107,14 @@ def receives_every_variable(c: Client) -> None:
         assert math.isfinite(getattr(c.receive, f"get{name}")()), name
 
 
-def time_advances_cycle_by_cycle(c: Client) -> None:
+def time_advances_cycle_by_cycle(c: ContractClient) -> None:
     first = c.receive.getTimestamp()
     assert c.wait(lambda: c.receive.getTimestamp() >= first + 10 * c.step)
     steps = (c.receive.getTimestamp() - first) / c.step
     assert abs(steps - round(steps)) < 1e-3
 
 
-def is_in_normal_operation(c: Client) -> None:
+def is_in_normal_operation(c: ContractClient) -> None:
     assert c.control.isProgramRunning() and c.control.isConnected()
     assert c.receive.getRobotMode() == 7
     assert c.receive.getSafetyMode() == 1
@@ -123,11 +123,11 @@ def is_in_normal_operation(c: Client) -> None:
     assert not c.receive.isProtectiveStopped() and not c.receive.isEmergencyStopped()
 
 
-def target_moment_holds_the_arm_against_gravity(c: Client) -> None:
+def target_moment_holds_the_arm_against_gravity(c: ContractClient) -> None:
     assert max(map(abs, c.receive.getTargetMoment())) > 1.0
 
 
-def move_j(c: Client) -> None:
+def move_j(c: ContractClient) -> None:
     start, goal = c.receive.getTargetQ(), c.aside()
     assert c.control.moveJ(goal, 1.0, 3.0)
     assert c.near(goal)
@@ -135,7 +135,7 @@ def move_j(c: Client) -> None:
     assert c.near(start)
 
 
-def move_j_asynchronously(c: Client) -> None:
+def move_j_asynchronously(c: ContractClient) -> None:
     goal = c.aside(0.1)
     before = c.control.getAsyncOperationProgress()
     assert before < 0
@@ -146,7 +146,7 @@ def move_j_asynchronously(c: Client) -> None:
     assert c.control.moveJ(c.aside(-0.1), 1.0, 3.0)
 
 
-def stop_j_ends_an_asynchronous_move(c: Client) -> None:
+def stop_j_ends_an_asynchronous_move(c: ContractClient) -> None:
     start, goal = c.receive.getTargetQ(), c.aside(0.15)
     assert c.control.moveJ(goal, 0.1, 0.5, True)
     assert c.wait(lambda: c.receive.getTargetQ() != start)
@@ -156,7 +156,7 @@ def stop_j_ends_an_asynchronous_move(c: Client) -> None:
     assert c.control.moveJ(start, 1.0, 3.0)
 
 
-def move_j_to_a_pose(c: Client) -> None:
+def move_j_to_a_pose(c: ContractClient) -> None:
     start, goal = c.receive.getTargetQ(), c.aside()
     pose = c.control.getForwardKinematics(goal, c.control.getTCPOffset())
     assert c.control.moveJ_IK(pose, 1.0, 3.0)
@@ -164,7 +164,7 @@ def move_j_to_a_pose(c: Client) -> None:
     assert c.control.moveJ(start, 1.0, 3.0)
 
 
-def move_l(c: Client) -> None:
+def move_l(c: ContractClient) -> None:
     start = c.receive.getTargetTCPPose()
     up = [*start[:2], start[2] + 0.03, *start[3:]]
     assert c.control.moveL(up, 0.2, 1.0)
@@ -173,14 +173,14 @@ def move_l(c: Client) -> None:
     assert c.wait(lambda: math.dist(c.receive.getActualTCPPose()[:3], start[:3]) < POSE_TOLERANCE_M)
 
 
-def move_l_to_joints(c: Client) -> None:
+def move_l_to_joints(c: ContractClient) -> None:
     start, goal = c.receive.getTargetQ(), c.aside(0.03)
     assert c.control.moveL_FK(goal, 0.2, 1.0)
     assert c.near(goal)
     assert c.control.moveL_FK(start, 0.2, 1.0)
 
 
-def move_along_paths(c: Client) -> None:
+def move_along_paths(c: ContractClient) -> None:
     start, goal = c.receive.getTargetQ(), c.aside(0.03)
     assert c.control.moveJ([[*goal, 1.0, 3.0, 0.0], [*start, 1.0, 3.0, 0.0]])
     assert c.near(start)
@@ -190,7 +190,7 @@ def move_along_paths(c: Client) -> None:
     assert c.near(start)
 
 
-def stream_speed_j(c: Client) -> None:
+def stream_speed_j(c: ContractClient) -> None:
     start = c.receive.getTargetQ()
     for _ in range(50):
         begin = c.control.initPeriod()
@@ -204,7 +204,7 @@ def stream_speed_j(c: Client) -> None:
     assert c.control.moveJ(start, 1.0, 3.0)
 
 
-def the_last_speed_is_repeated_until_speed_stop(c: Client) -> None:
+def the_last_speed_is_repeated_until_speed_stop(c: ContractClient) -> None:
     start = c.receive.getTargetQ()
     assert c.control.speedJ([0.1, 0.0, 0.0, 0.0, 0.0, 0.0], 5.0, c.step)
     time.sleep(0.3)
@@ -214,7 +214,7 @@ def the_last_speed_is_repeated_until_speed_stop(c: Client) -> None:
     assert c.control.moveJ(start, 1.0, 3.0)
 
 
-def stream_speed_l(c: Client) -> None:
+def stream_speed_l(c: ContractClient) -> None:
     start = c.receive.getTargetQ()
     for _ in range(50):
         begin = c.control.initPeriod()
@@ -226,7 +226,7 @@ def stream_speed_l(c: Client) -> None:
     assert c.control.moveJ(start, 1.0, 3.0)
 
 
-def stream_servo_j(c: Client) -> None:
+def stream_servo_j(c: ContractClient) -> None:
     start = c.receive.getTargetQ()
     for k in range(60):
         begin = c.control.initPeriod()
@@ -239,7 +239,7 @@ def stream_servo_j(c: Client) -> None:
     assert c.control.moveJ(start, 1.0, 3.0)
 
 
-def stream_servo_l(c: Client) -> None:
+def stream_servo_l(c: ContractClient) -> None:
     start, pose = c.receive.getTargetQ(), c.receive.getTargetTCPPose()
     for k in range(60):
         begin = c.control.initPeriod()
@@ -251,7 +251,7 @@ def stream_servo_l(c: Client) -> None:
     assert c.control.moveJ(start, 1.0, 3.0)
 
 
-def servo_c_moves_towards_its_pose(c: Client) -> None:
+def servo_c_moves_towards_its_pose(c: ContractClient) -> None:
     start, pose = c.receive.getTargetQ(), c.receive.getTargetTCPPose()
     assert c.control.servoC([*pose[:2], pose[2] + 0.02, *pose[3:]], 0.1, 0.5, 0.0)
     assert c.wait(lambda: c.receive.getTargetQ() != start)
@@ -263,7 +263,7 @@ def servo_c_moves_towards_its_pose(c: Client) -> None:
     assert c.control.moveJ(start, 1.0, 2.0)
 
 
-def jog(c: Client) -> None:
+def jog(c: ContractClient) -> None:
     start = c.receive.getTargetQ()
     assert c.control.jogStart([0.0, 0.0, 0.02, 0.0, 0.0, 0.0])
     assert c.wait(lambda: c.receive.getTargetQ() != start)
@@ -272,7 +272,7 @@ def jog(c: Client) -> None:
     assert c.control.moveJ(start, 1.0, 3.0)
 
 
-def the_watchdog_ends_the_program(c: Client) -> None:
+def the_watchdog_ends_the_program(c: ContractClient) -> None:
     assert c.control.setWatchdog(4.0)  # a quarter of a second: a loaded machine may keep this process waiting for 0.1 s
     assert c.control.speedJ([0.05, 0.0, 0.0, 0.0, 0.0, 0.0], 5.0, c.step)
     assert c.wait(lambda: c.receive.getRuntimeState() != 2)
@@ -282,7 +282,7 @@ def the_watchdog_ends_the_program(c: Client) -> None:
     c.ready_again()
 
 
-def two_motions_at_once_end_the_program(c: Client) -> None:
+def two_motions_at_once_end_the_program(c: ContractClient) -> None:
     assert c.control.speedJ([0.05, 0.0, 0.0, 0.0, 0.0, 0.0], 5.0, c.step)
     time.sleep(0.1)
     assert not c.control.moveJ(c.aside(), 1.0, 3.0)
@@ -291,7 +291,7 @@ def two_motions_at_once_end_the_program(c: Client) -> None:
     c.ready_again()
 
 
-def stop_and_upload_again(c: Client) -> None:
+def stop_and_upload_again(c: ContractClient) -> None:
     c.control.stopScript()
     assert c.wait(lambda: not c.control.isProgramRunning())
     assert not c.control.moveJ(c.aside(), 1.0, 3.0)
@@ -299,7 +299,7 @@ def stop_and_upload_again(c: Client) -> None:
     move_j(c)
 
 
-def digital_outputs(c: Client) -> None:
+def digital_outputs(c: ContractClient) -> None:
     kinds = (c.io.setStandardDigitalOut, 1, 1), (c.io.setConfigurableDigitalOut, 2, 10), (c.io.setToolDigitalOut, 1, 17)
     for call, line, bit in kinds:
         for level in (True, False):
@@ -307,24 +307,24 @@ def digital_outputs(c: Client) -> None:
             assert c.wait(lambda bit=bit, level=level: c.receive.getDigitalOutState(bit) == level), (bit, level)
 
 
-def analog_outputs(c: Client) -> None:
+def analog_outputs(c: ContractClient) -> None:
     assert c.io.setAnalogOutputVoltage(0, 0.5)
     assert c.wait(lambda: abs(c.receive.getStandardAnalogOutput0() - 0.5) < 1.0)
 
 
-def speed_slider(c: Client) -> None:
+def speed_slider(c: ContractClient) -> None:
     assert c.io.setSpeedSlider(0.5)
     assert c.wait(lambda: abs(c.receive.getTargetSpeedFraction() - 0.5) < 1e-6)
     assert c.io.setSpeedSlider(1.0)
     assert c.wait(lambda: c.receive.getTargetSpeedFraction() == 1.0)
 
 
-def input_registers_are_accepted(c: Client) -> None:
+def input_registers_are_accepted(c: ContractClient) -> None:
     assert c.io.setInputIntRegister(18, 7)
     assert c.io.setInputDoubleRegister(22, 1.5)
 
 
-def forward_and_inverse_kinematics(c: Client) -> None:
+def forward_and_inverse_kinematics(c: ContractClient) -> None:
     q, offset = c.aside(), c.control.getTCPOffset()
     pose = c.control.getForwardKinematics(q, offset)
     np.testing.assert_allclose(c.control.getInverseKinematics(pose, q), q, atol=1e-6)
@@ -336,7 +336,7 @@ def forward_and_inverse_kinematics(c: Client) -> None:
         assert not c.control.getInverseKinematicsHasSolution([9.0, 0.0, 0.0, 0.0, 0.0, 0.0])
 
 
-def tool_centre_point(c: Client) -> None:
+def tool_centre_point(c: ContractClient) -> None:
     before = c.control.getTCPOffset()
     assert c.control.setTcp([0.0, 0.0, 0.25, 0.0, 0.0, 0.0])
     np.testing.assert_allclose(c.control.getTCPOffset(), [0.0, 0.0, 0.25, 0.0, 0.0, 0.0], atol=1e-9)
@@ -350,13 +350,13 @@ def answered(query: Callable[[], list[float]]) -> list[float]:
     return query()
 
 
-def flange_pose_and_pose_trans(c: Client) -> None:
+def flange_pose_and_pose_trans(c: ContractClient) -> None:
     flange, offset = answered(c.control.getActualToolFlangePose), answered(c.control.getTCPOffset)
     tool = c.control.poseTrans(flange, offset)
     assert math.dist(tool[:3], c.receive.getActualTCPPose()[:3]) < POSE_TOLERANCE_M
 
 
-def safety_limits_and_steadiness(c: Client) -> None:
+def safety_limits_and_steadiness(c: ContractClient) -> None:
     assert c.control.isJointsWithinSafetyLimits(c.receive.getTargetQ())
     assert not c.control.isJointsWithinSafetyLimits([7.0, 0.0, 0.0, 0.0, 0.0, 0.0])
     assert c.control.isPoseWithinSafetyLimits(c.receive.getTargetTCPPose())
@@ -364,7 +364,7 @@ def safety_limits_and_steadiness(c: Client) -> None:
     assert c.wait(c.control.isSteady)
 
 
-def step_time_history_and_torques(c: Client) -> None:
+def step_time_history_and_torques(c: ContractClient) -> None:
     if c.version[0] >= 5:
         assert c.wait(lambda: abs(c.control.getStepTime() - c.step) < 1e-9)
         here = c.receive.getActualQ()
@@ -372,7 +372,7 @@ def step_time_history_and_torques(c: Client) -> None:
     assert len(c.control.getJointTorques()) == 6
 
 
-def payload(c: Client) -> None:
+def payload(c: ContractClient) -> None:
     assert c.control.setPayload(0.5, [0.0, 0.0, 0.1])
     assert c.wait(lambda: abs(c.receive.getPayload() - 0.5) < 1e-6)
     np.testing.assert_allclose(c.receive.getPayloadCog(), [0.0, 0.0, 0.1], atol=1e-6)
@@ -380,7 +380,7 @@ def payload(c: Client) -> None:
     assert c.control.setGravity([0.0, 0.0, 9.82])
 
 
-def force_and_teach_modes_are_accepted(c: Client) -> None:
+def force_and_teach_modes_are_accepted(c: ContractClient) -> None:
     assert c.control.zeroFtSensor()
     assert c.control.forceModeSetDamping(0.1)
     assert c.control.forceModeSetGainScaling(0.5)
@@ -396,7 +396,7 @@ def force_and_teach_modes_are_accepted(c: Client) -> None:
     assert c.at_rest()
 
 
-def dashboard(c: Client) -> None:
+def dashboard(c: ContractClient) -> None:
     d = c.dashboard
     assert d.robotmode() == "Robotmode: RUNNING"
     assert d.safetymode() == "Safetymode: NORMAL"
@@ -412,7 +412,7 @@ def dashboard(c: Client) -> None:
     d.addToLog("contract")
 
 
-def pause_and_play(c: Client) -> None:
+def pause_and_play(c: ContractClient) -> None:
     c.dashboard.pause()
     assert c.wait(lambda: c.receive.getRuntimeState() == 4)
     assert not c.control.moveJ(c.aside(), 1.0, 3.0)
@@ -421,13 +421,13 @@ def pause_and_play(c: Client) -> None:
     c.ready_again()
 
 
-def the_registers_of_a_control_client_are_in_use(c: Client) -> None:
+def the_registers_of_a_control_client_are_in_use(c: ContractClient) -> None:
     with pytest.raises(RuntimeError, match="already in use"):
         rtde_control.RTDEControlInterface(c.host)
     c.ready_again()
 
 
-def protective_stop(c: Client) -> None:
+def protective_stop(c: ContractClient) -> None:
     c.control.triggerProtectiveStop()
     assert c.wait(c.receive.isProtectiveStopped)
     assert not c.control.moveJ(c.aside(), 1.0, 3.0)
@@ -440,7 +440,7 @@ def protective_stop(c: Client) -> None:
     c.ready_again()
 
 
-def unlocked(c: Client) -> bool:
+def unlocked(c: ContractClient) -> bool:
     """Requests the end of the protective stop; returns whether it was granted."""
     try:
         c.dashboard.unlockProtectiveStop()
@@ -449,7 +449,7 @@ def unlocked(c: Client) -> bool:
     return True
 
 
-def move_until_contact(c: Client) -> None:
+def move_until_contact(c: ContractClient) -> None:
     start = c.receive.getTargetQ()
     assert c.control.moveUntilContact([0.0, 0.0, -0.8, 0.0, 0.0, 0.0], [0.0] * 6, 5.0)
     assert c.at_rest()

@@ -33,7 +33,7 @@ def wait(condition: Callable[[], object], seconds: float = 5.0) -> bool:
     return True
 
 
-class Client:
+class FaultClient:
     """Control and receive on a simulator, and its control port."""
 
     def __init__(self, host: str) -> None:
@@ -62,7 +62,7 @@ class Client:
             self.control.waitPeriod(begin)
         return answers
 
-    def streaming(self) -> Client:
+    def streaming(self) -> FaultClient:
         """Streams for a moment first."""
         assert all(self.stream(0.15))
         return self
@@ -72,7 +72,7 @@ def stopped(fault: str, **parameters: object) -> Callable[[str], Seen]:
     """Returns a scenario with a stop during streaming: results of the calls, and the state that the client reads."""
 
     def scenario(host: str) -> Seen:
-        c = Client(host).streaming()
+        c = FaultClient(host).streaming()
         c.fault(fault, **parameters)
         hidden = parameters.get("runtime") == "playing"
         wait(c.receive.isProtectiveStopped if hidden else lambda: c.receive.getRuntimeState() != 2)
@@ -97,7 +97,7 @@ def stopped(fault: str, **parameters: object) -> Callable[[str], Seen]:
 
 def unlock_and_play(host: str) -> Seen:
     """After unlocking, "play" resumes the speed thread with its last target; a new upload does not."""
-    c = Client(host).streaming()
+    c = FaultClient(host).streaming()
     c.fault("protective_stop")
     dashboard = dashboard_client.DashboardClient(host)
     dashboard.connect()
@@ -122,7 +122,7 @@ def succeeds(call: Callable[[], object]) -> bool:
 
 
 def killed(host: str) -> Seen:
-    c = Client(host).streaming()
+    c = FaultClient(host).streaming()
     with suppress(json.JSONDecodeError):  # it dies before it can answer
         c.fault("kill")
     wait(lambda: not c.control.isConnected())
@@ -136,14 +136,14 @@ def killed(host: str) -> Seen:
 
 
 def frozen(host: str) -> Seen:
-    c = Client(host).streaming()
+    c = FaultClient(host).streaming()
     c.fault("freeze", duration_s=0.8)
     answers = c.stream(1.2)
     return {"answers": sorted(set(map(str, answers))), "connected": c.receive.isConnected()}
 
 
 def receive_stalled(host: str) -> Seen:
-    c = Client(host).streaming()
+    c = FaultClient(host).streaming()
     c.fault("stall_connection", role="receive")
     time.sleep(0.2)
     first, early = c.receive.getTimestamp(), c.receive.isConnected()
@@ -154,7 +154,7 @@ def receive_stalled(host: str) -> Seen:
 
 
 def receive_closed(host: str) -> Seen:
-    c = Client(host)
+    c = FaultClient(host)
     c.fault("close_connection", role="receive")
     wait(lambda: not c.receive.isConnected())
     q = c.receive.getActualQ()
@@ -164,7 +164,7 @@ def receive_closed(host: str) -> Seen:
 
 
 def io_closed(host: str) -> Seen:
-    c = Client(host)
+    c = FaultClient(host)
     io = rtde_io.RTDEIOInterface(host)
     c.fault("close_connection", role="io")
     time.sleep(0.1)
@@ -182,7 +182,7 @@ def io_closed(host: str) -> Seen:
 
 def control_closed(host: str) -> Seen:
     """ur_rtde reconnects by itself, stopping and uploading the program again; it may hang or crash doing so."""
-    c = Client(host).streaming()
+    c = FaultClient(host).streaming()
     uploads = sum("script received" in text for _, text in c.ask("events")["events"])
     c.fault("close_connection", role="control", reset=True)
     print(json.dumps({"uploads": uploads}), flush=True)
@@ -211,7 +211,7 @@ def second_client(host: str) -> Seen:
 
 
 def delayed(host: str) -> Seen:
-    c = Client(host)
+    c = FaultClient(host)
     c.fault("disturb_connection", role="receive", delay_s=0.4)  # on a busy machine the controller's clock slips
     time.sleep(0.7)
     seen = c.receive.getTimestamp()
@@ -226,7 +226,7 @@ def delayed(host: str) -> Seen:
 
 
 def dropped_commands(host: str) -> Seen:
-    c = Client(host).streaming()
+    c = FaultClient(host).streaming()
     c.fault("disturb_connection", role="control", drop=0.5)
     c.ask("reset_stats")
     c.stream(0.4)
@@ -234,7 +234,7 @@ def dropped_commands(host: str) -> Seen:
 
 
 def slider(host: str) -> Seen:
-    c = Client(host).streaming()
+    c = FaultClient(host).streaming()
     c.fault("speed_slider", fraction=0.5)
     wait(lambda: c.stream(0.02) and abs(c.receive.getTargetQd()[0] - SPEED[0] / 2) < 1e-9)
     return {
