@@ -13,10 +13,10 @@ from concurrent.futures import ThreadPoolExecutor
 import pytest
 
 from .conftest import Start
-from .contract import CALLS, SIMULATED_ONLY, Client, move_until_contact
+from .contract import CALLS, SIMULATED_ONLY, ContractClient, move_until_contact
 
 VERSIONS = {"3.15": "ur5", "5.11.1": "ur5e", "5.22": "ur5e"}
-Call = Callable[[Client], None]
+Call = Callable[[ContractClient], None]
 Verdicts = dict[tuple[str, Call], Exception | None]
 
 
@@ -53,7 +53,7 @@ def verdicts(request: pytest.FixtureRequest, start_simulator: Start) -> Verdicts
 
 def called(target: str, host: str, calls: Sequence[Call]) -> Verdicts:
     """Makes calls, one after the other; returns what each raised."""
-    client = Client.connect(host)
+    client = ContractClient.connect(host)
     found: Verdicts = {}
     for call in calls:
         try:
@@ -72,6 +72,6 @@ def test_a_controller_keeps_the_contract(verdicts: Verdicts, target: str, call: 
 
 
 def test_move_until_contact_ends_on_the_floor_and_comes_back_to_it(start_simulator: Start) -> None:
-    connected = Client.connect(start_simulator().host)
+    connected = ContractClient.connect(start_simulator().host)
     move_until_contact(connected)
     connected.close()
