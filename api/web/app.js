@@ -1,7 +1,8 @@
 import { ProblemError, call, events, get, post, setToken } from "/web/service.js";
 
 const $ = (id) => document.getElementById(id);
-const state = { plan: null, execution: null };
+// The plan on the screen, the number of the request it answers, and the execution that is followed.
+const state = { plan: null, request: 0, execution: null };
 
 function element(name, text, className) {
   const made = document.createElement(name);
@@ -48,6 +49,9 @@ async function showRobot() {
   const cell = $("cell").value;
   if (!cell) return;
   try {
+    const running = await runningExecution();
+    $("abort").disabled = !running;
+    if (running && running !== state.execution) follow(running).catch(showProblem);
     const { executor, robot, fault, execution_id } = await get(`/cells/${cell}/state`);
     const lines = [];
     if (!executor || !executor.alive) lines.push(`no executor: fling executor --cell ${cell}`);
@@ -60,6 +64,30 @@ async function showRobot() {
   } catch (error) {
     $("robot").textContent = error.message;
   }
+}
+
+// What runs on the chosen cell, whoever started it; null if nothing does.
+async function runningExecution() {
+  return (await get(`/cells/${$("cell").value}/state`)).execution_id;
+}
+
+async function abort() {
+  try {
+    const id = await runningExecution();
+    if (id) await post(`/executions/${id}/abort`);
+  } catch (error) {
+    showProblem(error);
+  }
+}
+
+// Any edit makes the plan on the screen another request's: it must not be thrown.
+function discardPlan() {
+  state.request += 1;
+  if (state.plan) $("summary").textContent = "The request has changed: plan again.";
+  state.plan = null;
+  $("execute").disabled = true;
+  $("execute").textContent = "Throw";
+  $("planned").classList.add("stale");
 }
 
 function showProblem(error) {
@@ -91,11 +119,14 @@ function request() {
 
 async function makePlan() {
   $("plan").disabled = true;
-  $("execute").disabled = true;
+  discardPlan();
   showProblem(null);
   $("summary").textContent = "planning …";
+  const asked = state.request;
   try {
-    await showPlan(await post("/plan?trajectory=false", request()));
+    const plan = await post("/plan?trajectory=false", request());
+    if (asked === state.request) await showPlan(plan);
+    else $("summary").textContent = "The request has changed: plan again.";
   } catch (error) {
     $("summary").textContent = "";
     showProblem(error);
@@ -104,12 +135,11 @@ async function makePlan() {
 }
 
 async function showPlan(plan) {
-  state.plan = plan;
+  const asked = state.request;
   const flight = plan.flight;
   $("summary").textContent = `${plan.backend}, ${(1000 * plan.solver.solve_time_s).toFixed(0)} ms: release after ` +
     `${plan.release_time_s.toFixed(3)} s of ${plan.duration_s.toFixed(3)} s` +
     (flight ? `, leaves at ${flight.speed_m_s.toFixed(2)} m/s, flies ${flight.time_of_flight_s.toFixed(2)} s` : "");
-  $("execute").disabled = false;
   const svg = await (await call("GET", `/plans/${plan.id}/picture.svg`)).text();
   const drawn = new DOMParser().parseFromString(svg, "image/svg+xml").documentElement;
   $("picture").replaceChildren(document.importNode(drawn, true));
@@ -123,33 +153,45 @@ async function showPlan(plan) {
   table.append(head, body);
   $("checks").hidden = false;
   $("checks").querySelector("div").replaceChildren(table);
-}
-
-async function execute() {
-  $("execute").disabled = true;
-  showProblem(null);
-  try {
-    const execution = await post("/execute", { plan_id: state.plan.id, mode: $("mode").value });
-    await follow(execution.id, state.plan.duration_s);
-  } catch (error) {
-    showProblem(error);
-  }
+  if (asked !== state.request) return;
+  state.plan = plan;
+  $("planned").classList.remove("stale");
+  const place = plan.request.release.position.slice(0, 2).map((x) => x.toFixed(2)).join(", ");
+  $("execute").textContent = `Throw on ${plan.cell} to (${place})`;
   $("execute").disabled = false;
 }
 
-async function follow(id, duration_s) {
+async function execute() {
+  const plan = state.plan;
+  if (!plan || plan.cell !== $("cell").value) return;
+  $("execute").disabled = true;
+  showProblem(null);
+  try {
+    const execution = await post("/execute", { plan_id: plan.id, mode: $("mode").value });
+    $("abort").disabled = false;
+    await follow(execution.id);
+  } catch (error) {
+    showProblem(error);
+  }
+  $("execute").disabled = state.plan === null;
+}
+
+// Shows an execution until it ends, another one is shown, or another cell is chosen.
+async function follow(id) {
+  if (state.execution === id) return;
   state.execution = id;
-  $("abort").disabled = false;
+  const { plan_id } = await get(`/executions/${id}`);
+  const { duration_s } = await get(`/plans/${plan_id}?trajectory=false`);
   $("metrics").replaceChildren();
   $("progress").value = 0;
   for await (const { kind, data } of events(id)) {
+    if (state.execution !== id) return;
     if (kind === "state") $("run").textContent = data.outcome ? `${data.outcome}${data.reason ? `: ${data.reason}` : ""}` : `${data.state} …`;
     if (kind === "state" && data.outcome) $("run").className = data.outcome === "completed" ? "good" : "bad";
     if (kind === "telemetry" && data.clock_s !== undefined) $("progress").value = Math.max(0, Math.min(1, data.clock_s / duration_s));
     if (kind === "state" && data.state === "finished") showMetrics(data.metrics);
   }
   $("progress").value = 1;
-  $("abort").disabled = true;
   state.execution = null;
   await Promise.all([showPast(), showRobot()]);
 }
@@ -196,9 +238,14 @@ async function showPast() {
 
 $("throw").addEventListener("submit", (submit) => { submit.preventDefault(); makePlan(); });
 $("execute").addEventListener("click", execute);
-$("abort").addEventListener("click", () => state.execution && post(`/executions/${state.execution}/abort`).catch(showProblem));
+$("abort").addEventListener("click", abort);
+for (const name of ["x", "y", "z", "backend", "window", "tolerance", "cell"]) $(name).addEventListener("input", discardPlan);
 $("acknowledge").addEventListener("click", () => post(`/cells/${$("cell").value}/acknowledge`).then(showRobot, showProblem));
-$("cell").addEventListener("change", showRobot);
+$("cell").addEventListener("change", () => {
+  state.execution = null;
+  $("run").textContent = "Nothing is running.";
+  showRobot();
+});
 $("token").addEventListener("change", () => { setToken($("token").value); start(); });
 
 async function start() {
