@@ -27,28 +27,24 @@ STATES = ("preparing", "approaching", "streaming", "braking")  # public states o
 T = TypeVar("T")
 
 
-class Heartbeat:
+class Heartbeat(threading.Thread):
     """Reports to the store several times a second that this executor lives, with the robot's live state.
 
-    It runs in a thread with a dashboard connection of its own: verifying a plan takes seconds.
+    A thread with a dashboard connection of its own: verifying a plan takes seconds.
     """
 
     def __init__(self, session: RobotSession, store: Store, journal: Journal, executor_id: str) -> None:
+        super().__init__(name="heartbeat", daemon=True)
         self.session, self.store, self.journal, self.executor_id = session, store, journal, executor_id
         self.idle = True  # the dashboard is queried only while nothing moves
         self._refusals: list[str] = []
         self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="heartbeat", daemon=True)
-
-    def start(self) -> None:
-        """Starts the thread."""
-        self._thread.start()
 
     def stop(self) -> None:
         """Ends the thread."""
         self._ended.set()
-        self._thread.join(5.0)
-        self.session.close()
+        self.join(5.0)
+        self.session.dashboard.close()
 
     def beat(self) -> None:
         """Reports once, and clears an acknowledged fault; an unavailable database is tried again at the next beat."""
@@ -65,7 +61,8 @@ class Heartbeat:
         except StoreUnavailable:
             return
 
-    def _run(self) -> None:
+    def run(self) -> None:
+        """Reports until the end."""
         while not self._ended.wait(BEAT_S):
             self.beat()
 
@@ -93,7 +90,7 @@ class Daemon:
         finally:
             self.heartbeat.stop()
             self.session.monitor.stop()
-            self.session.close()
+            self.session.dashboard.close()
 
     def recover(self) -> None:
         """Delivers the results of an earlier daemon and closes its executions; latches a fault if one was claimed."""

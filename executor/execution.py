@@ -7,21 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from executor import records
 from executor import shared_memory as shm
 from executor.preflight import ExecutionRefused, session_refusals, verify_plan
 from executor.preparation import prepare_job
-from executor.records import (
-    ExecutionResult,
-    Landing,
-    RunResult,
-    Telemetry,
-    last_release_s,
-    metrics,
-    release_verdict,
-    to_csv,
-    to_mcap,
-    wait_for_landing,
-)
 from executor.robot import RobotSession
 from executor.stream_job import StreamJob
 from executor.streaming.safety import EMERGENCY_BITS, NORMAL
@@ -75,7 +64,7 @@ class Execution:
         if approach.trajectory is not None:
             duration_s = approach.trajectory.duration_s
             self.note(f"planned approach of {duration_s:.1f} s: a straight move would hit {obstacle}")
-        self.released_before = last_release_s(cell.link.host) if cell.link.kind == "sim" else -np.inf
+        self.released_before = records.last_release_s(cell.link.host) if cell.link.kind == "sim" else -np.inf
         return prepare_job(self.problem, self.trajectory, approach, self.row.mode, self.row.dry_run, session.settings)
 
     def start(self, job: StreamJob) -> None:
@@ -93,34 +82,28 @@ class Execution:
             return "braking"
         return STATES.get(run.state, "preparing")
 
-    def finish(self) -> ExecutionResult:
+    def finish(self) -> records.ExecutionResult:
         """Returns the result of the ended run; waits for the landing where that can be observed."""
         assert self.run is not None and self.run.result is not None
         ended = self.run.result
         outcome, reason = self._outcome(ended)
-        numbers = metrics(self.problem, self.trajectory, ended, self._landing())
+        numbers = records.metrics(self.problem, self.trajectory, ended, self._landing())
         if outcome == "completed" and not self.row.dry_run:
-            outcome, reason = release_verdict(self.problem, self.trajectory, numbers) or (outcome, reason)
+            outcome, reason = records.release_verdict(self.problem, self.trajectory, numbers) or (outcome, reason)
         self.note(f"{outcome}: {reason}" if reason else outcome)
-        telemetry = Telemetry(ended.rows)
-        return ExecutionResult(
-            self.row.id, outcome, reason, numbers, self._recording(telemetry, outcome), to_csv(telemetry)
-        )
+        telemetry = records.Telemetry(ended.rows)
+        mcap, csv = self._recording(telemetry, outcome), records.to_csv(telemetry)
+        return records.ExecutionResult(self.row.id, outcome, reason, numbers, mcap, csv)
 
-    def _recording(self, telemetry: Telemetry, outcome: str) -> bytes:
+    def _recording(self, telemetry: records.Telemetry, outcome: str) -> bytes:
         """Returns the run as MCAP."""
-        cell = self.session.cell
+        row, cell = self.row, self.session.cell
         age_s = time.monotonic() - telemetry.scalar("host_s")[0] if len(telemetry) else 0.0
-        about = {
-            "execution": self.row.id,
-            "plan": self.row.plan_id,
-            "cell": cell.name,
-            "cell_sha256": cell.sha256,
-            "outcome": outcome,
-        }
-        return to_mcap(telemetry, cell.robot.joint_names, time.time() - age_s, self.log, about)
+        about = {"execution": row.id, "plan": row.plan_id, "cell": cell.name, "cell_sha256": cell.sha256}
+        about["outcome"] = outcome
+        return records.to_mcap(telemetry, cell.robot.joint_names, time.time() - age_s, self.log, about)
 
-    def _outcome(self, ended: RunResult) -> tuple[str, str]:
+    def _outcome(self, ended: records.RunResult) -> tuple[str, str]:
         """Returns outcome and reason; after a fault the controller's own safety state takes precedence."""
         if ended.in_order or ended.outcome in ("protective_stop", "emergency_stop", "refused"):
             return ended.outcome, ended.reason
@@ -133,13 +116,13 @@ class Execution:
             time.sleep(POLL_S)
         return ended.outcome, ended.reason
 
-    def _landing(self) -> Landing | None:
+    def _landing(self) -> records.Landing | None:
         """Returns the observed landing; None where the cell cannot observe one."""
         if self.session.cell.link.kind != "sim" or self.row.dry_run:
             return None
         flight = release_flight(self.problem, self.trajectory)
         duration = 0.0 if flight is None else flight.time_of_flight_s
         try:
-            return wait_for_landing(self.session.cell.link.host, self.problem, self.released_before, duration)
+            return records.wait_for_landing(self.session.cell.link.host, self.problem, self.released_before, duration)
         except (OSError, ValueError):
             return None  # the simulator is gone

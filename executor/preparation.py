@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from executor import realtime
 from executor.settings import ExecutorSettings
-from executor.stream_job import ApproachRows, StreamJob
+from executor.stream_job import JobRows, StreamJob
 from planner.approach import APPROACH_ACCELERATION, APPROACH_SPEED, Approach, Brakes, find_brakes
 from planner.cell import Cell
 from planner.problem import ThrowProblem
@@ -63,16 +63,9 @@ def sample_rows(cell: Cell, trajectory: Trajectory, throws: bool) -> StreamRows:
     still = (clock <= 0.0) | (clock >= trajectory.duration_s)
     qd[still], qdd[still] = 0.0, 0.0
     reference_q, reference_qd, _ = trajectory.at(clock - lag)
-    return StreamRows(
-        first,
-        q,
-        qd,
-        qdd,
-        reference_q,
-        reference_qd,
-        round((trajectory.release_time_s - first) / dt),
-        round((opens - first) / dt) if throws else -1,
-    )
+    release_row = round((trajectory.release_time_s - first) / dt)
+    output_row = round((opens - first) / dt) if throws else -1
+    return StreamRows(first, q, qd, qdd, reference_q, reference_qd, release_row, output_row)
 
 
 def prepare_job(
@@ -84,25 +77,12 @@ def prepare_job(
     settings: ExecutorSettings,
 ) -> StreamJob:
     """Returns the stream job of a certified plan and an approach to its start."""
+    cell, dt = problem.cell, 1.0 / problem.cell.robot.sample_rate_hz
     rows, plan_brakes = _sample(problem, trajectory)
     approach_rows = None
     if approach.problem is not None and approach.trajectory is not None:
         sampled = _sample(approach.problem, approach.trajectory, APPROACH_BRAKE_EVERY)
-        approach_rows = ApproachRows(**_streamed(*sampled))
-    return make_stream_job(problem.cell, rows, plan_brakes, approach_rows, mode, dry_run, settings)
-
-
-def make_stream_job(
-    cell: Cell,
-    rows: StreamRows,
-    plan_brakes: Brakes,
-    approach: ApproachRows | None,
-    mode: str,
-    dry_run: bool,
-    settings: ExecutorSettings,
-) -> StreamJob:
-    """Returns the stream job of sampled rows and their brakes."""
-    dt = 1.0 / cell.robot.sample_rate_hz
+        approach_rows = JobRows(**_streamed(*sampled))
     return StreamJob(
         host=cell.link.host,
         mode=mode,
@@ -116,7 +96,7 @@ def make_stream_job(
         output_index=cell.gripper.index,
         output_level=cell.gripper.open_level,
         start=rows.q[0].tolist(),
-        approach=approach,
+        approach=approach_rows,
         approach_speed=settings.approach_pace * APPROACH_SPEED,
         approach_acceleration=settings.approach_pace**2 * APPROACH_ACCELERATION,
         qd_max=cell.robot.qd_max.tolist(),
@@ -138,7 +118,7 @@ def _sample(problem: ThrowProblem, trajectory: Trajectory, brake_every: int = 1)
 
 
 def _streamed(rows: StreamRows, row_brakes: Brakes) -> dict[str, Any]:
-    """Returns the fields that `StreamJob` and `ApproachRows` share."""
+    """Returns the fields of `JobRows`."""
     return {
         "first_clock_s": rows.first_clock_s,
         "q": rows.q.tolist(),

@@ -24,9 +24,17 @@ OUTCOMES = (
 )
 
 
-@dataclass(frozen=True)
-class ApproachRows:
-    """Rows of a planned approach; the fields are those of `StreamJob`."""
+@dataclass(frozen=True, kw_only=True)
+class JobRows:
+    """Rows of one motion on the controller's ticks, and the brake from each of them.
+
+    Attributes:
+        first_clock_s: plan time of row 0 [s]; row m is at first_clock_s + m dt.
+        q, qd, qdd: rows (M, 6) of the motion [rad, rad/s, rad/s^2].
+        reference_q, reference_qd: rows (M, 6) one lag earlier: the expected measurement when row m is sent.
+        brake_row: for every row the first row from which the certified brake may start.
+        brake_ticks: for every row the duration of the brake from there [ticks].
+    """
 
     first_clock_s: float
     q: list[Row]
@@ -38,9 +46,9 @@ class ApproachRows:
     brake_ticks: list[int]
 
 
-@dataclass(frozen=True)
-class StreamJob:
-    """One execution.
+@dataclass(frozen=True, kw_only=True)
+class StreamJob(JobRows):
+    """One execution: the rows of its plan, and how they are streamed.
 
     Attributes:
         host: address of the controller.
@@ -48,15 +56,10 @@ class StreamJob:
         dry_run: connect and record without any motion.
         dt: duration of one tick [s].
         lag_ticks: lag of the cell [ticks], not necessarily whole.
-        first_clock_s: plan time of row 0 [s]; row m is at first_clock_s + m dt.
-        q, qd, qdd: rows (M, 6) of the motion [rad, rad/s, rad/s^2].
-        reference_q, reference_qd: rows (M, 6) one lag earlier: the expected measurement when row m is sent.
         release_row: row nearest to the release; the object leaves within the next tick.
         output_row: row whose tick opens the gripper; -1: never.
         output: "tool_digital", "standard_digital" or "configurable_digital".
         output_index, output_level: index of that output, and the level that opens the gripper.
-        brake_row: for every row the first row from which the certified brake may start.
-        brake_ticks: for every row the duration of the brake from there [ticks].
         start: joint positions (6,) at which the plan begins [rad].
         approach: rows of a planned approach to `start`; None: one straight joint move leads there.
         approach_speed, approach_acceleration: of that move [rad/s, rad/s^2].
@@ -75,21 +78,13 @@ class StreamJob:
     dry_run: bool
     dt: float
     lag_ticks: float
-    first_clock_s: float
-    q: list[Row]
-    qd: list[Row]
-    qdd: list[Row]
-    reference_q: list[Row]
-    reference_qd: list[Row]
     release_row: int
     output_row: int
     output: str
     output_index: int
     output_level: bool
-    brake_row: list[int]
-    brake_ticks: list[int]
     start: Row
-    approach: ApproachRows | None
+    approach: JobRows | None
     approach_speed: float
     approach_acceleration: float
     qd_max: Row
@@ -113,7 +108,7 @@ class StreamJob:
         """Returns the job behind an inherited descriptor."""
         fields = json.loads(os.pread(fd, os.fstat(fd).st_size, 0))
         approach = fields.pop("approach")
-        return cls(**fields, approach=None if approach is None else ApproachRows(**approach))
+        return cls(**fields, approach=None if approach is None else JobRows(**approach))
 
     def approach_job(self) -> StreamJob:
         """Returns the job that streams the planned approach; it never opens the gripper."""

@@ -42,7 +42,7 @@ LIMIT_S = {  # longest silence in each state [s]
 EXTERNAL_SIGNALS = (-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT)  # return codes that no library causes
 
 
-class ChildProcess:
+class ChildProcess(subprocess.Popen[bytes]):
     """A child process whose end is noticed at once, and whose freezing (SIGSTOP) can be seen."""
 
     def __init__(self, command: Sequence[str], descriptors: Sequence[int], log: Path) -> None:
@@ -53,32 +53,20 @@ class ChildProcess:
         """
         self.log = log
         with log.open("wb") as stream:  # a file: a pipe that nobody reads would block the child one day
-            self._process = subprocess.Popen(
-                command, pass_fds=descriptors, stdin=subprocess.DEVNULL, stdout=stream, stderr=stream
-            )
+            super().__init__(command, pass_fds=descriptors, stdin=subprocess.DEVNULL, stdout=stream, stderr=stream)
         try:
-            self._descriptor = os.pidfd_open(self._process.pid)
+            self._descriptor = os.pidfd_open(self.pid)
         except OSError:  # a kernel before 5.3: a child whose end goes unnoticed must not live
-            self._process.kill()
-            self._process.wait()
+            self.kill()
+            self.wait()
             raise
         self._end = select.poll()
         self._end.register(self._descriptor, select.POLLIN)
 
     @property
-    def pid(self) -> int:
-        """Its process id."""
-        return self._process.pid
-
-    @property
-    def code(self) -> int | None:
-        """Its return code; None while it runs."""
-        return self._process.poll()
-
-    @property
     def was_killed(self) -> bool:
         """Whether a signal ended it that no library raises."""
-        return self.code in EXTERNAL_SIGNALS
+        return self.poll() in EXTERNAL_SIGNALS
 
     def ends_within(self, duration_s: float) -> bool:
         """Waits for its end up to `duration_s` [s]; returns whether it came."""
@@ -95,13 +83,9 @@ class ChildProcess:
         """Returns the last line of its output; empty without output."""
         return self.log.read_text(errors="replace").strip().splitlines()[-1:]
 
-    def kill(self) -> None:
-        """Sends SIGKILL, frozen or not; does not wait."""
-        self._process.kill()
-
     def reap(self) -> None:
         """Waits for its end and releases its resources."""
-        self._process.wait()
+        self.wait()
         os.close(self._descriptor)
 
 
@@ -206,7 +190,7 @@ class StreamRun:
         if self.state == shm.FAULT:
             return "fault"
         self._failed_by_itself = not child.was_killed
-        return ": ".join([f"the streaming process ended with {child.code}", *child.last_line()])
+        return ": ".join([f"the streaming process ended with {child.poll()}", *child.last_line()])
 
     def _make_safe(self, failure: str) -> None:
         """Kills the process and stops the controller's program, unless the run ended in order."""

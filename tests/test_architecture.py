@@ -45,7 +45,7 @@ PLANTED = {
     "simulator-alone": ("executor/daemon.py", "executor.simulator.interfaces"),
     "executor-levels": ("executor/realtime.py", "executor.settings"),
     "executor-streaming-levels": ("executor/streaming/safety.py", "executor.streaming.loop"),
-    "executor-robot-levels": ("executor/robot/monitor.py", "executor.robot.session"),
+    "executor-robot-levels": ("executor/robot/dashboard.py", "executor.robot.session"),
     "executor-records-levels": ("executor/records/journal.py", "executor.records.metrics"),
     "streaming-alone": ("executor/shared_memory.py", "numpy"),
     "ur-rtde-in-streaming": ("executor/supervision.py", "rtde_control"),

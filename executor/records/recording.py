@@ -20,22 +20,19 @@ NUMBER, INTEGER, TEXT = {"type": "number"}, {"type": "integer"}, {"type": "strin
 COUNTS = ("safety_bits", "runtime_state", "digital_outputs", "missed_ticks")  # whole numbers
 TIME = {"type": "object", "properties": {"sec": INTEGER, "nsec": INTEGER}}
 JOINT = {"type": "object", "properties": {"name": TEXT, "position": NUMBER, "velocity": NUMBER, "effort": NUMBER}}
+JOINT_STATES, TICK, LOG = "foxglove.JointStates", "fling.Tick", "foxglove.Log"  # names of the schemas
 SCHEMAS: dict[str, dict[str, Any]] = {
-    "foxglove.JointStates": {"timestamp": TIME, "joints": {"type": "array", "items": JOINT}},
-    "foxglove.Log": {"timestamp": TIME, "level": INTEGER, "message": TEXT, "name": TEXT, "file": TEXT, "line": INTEGER},
-    "fling.Tick": {
+    JOINT_STATES: {"timestamp": TIME, "joints": {"type": "array", "items": JOINT}},
+    LOG: {"timestamp": TIME, "level": INTEGER, "message": TEXT, "name": TEXT, "file": TEXT, "line": INTEGER},
+    TICK: {
         "timestamp": TIME,
         "command": {"type": "array", "items": NUMBER},
         **{name: INTEGER if name in COUNTS else NUMBER for name in SCALARS},
     },
 }
-TOPICS = {
-    "/planned": "foxglove.JointStates",
-    "/measured": "foxglove.JointStates",
-    "/tick": "fling.Tick",
-    "/log": "foxglove.Log",
-}
+TOPICS = {"/planned": JOINT_STATES, "/measured": JOINT_STATES, "/tick": TICK, "/log": LOG}
 LOG_INFO = 2  # source: foxglove.Log, levels
+Events = Sequence[tuple[float, str]]  # of an execution: time [s since the epoch], text
 
 
 def to_csv(telemetry: Telemetry) -> bytes:
@@ -46,11 +43,7 @@ def to_csv(telemetry: Telemetry) -> bytes:
 
 
 def to_mcap(
-    telemetry: Telemetry,
-    joints: Sequence[str],
-    started_at: float,
-    log: Sequence[tuple[float, str]],
-    about: Mapping[str, str],
+    telemetry: Telemetry, joints: Sequence[str], started_at: float, log: Events, about: Mapping[str, str]
 ) -> bytes:
     """Returns the rows as MCAP.
 
@@ -58,7 +51,7 @@ def to_mcap(
         telemetry: the rows.
         joints: names of the joints.
         started_at: time of the first row [s since the epoch].
-        log: events of the execution as (time [s since the epoch], text).
+        log: events of the execution.
         about: metadata: execution, plan, cell and its hash, outcome.
     """
     stream = io.BytesIO()
@@ -106,7 +99,7 @@ def _joints(names: Sequence[str], q: list[float], qd: list[float], current: list
     return {"joints": [{"name": n, "position": x, "velocity": v, "effort": e} for n, x, v, e in rows]}
 
 
-def _log(log: Sequence[tuple[float, str]]) -> Iterator[tuple[int, str, dict[str, Any]]]:
+def _log(log: Events) -> Iterator[tuple[int, str, dict[str, Any]]]:
     for at, text in log:
         message = {"level": LOG_INFO, "message": text, "name": "executor", "file": "", "line": 0}
         yield round(at * NANOSECONDS), "/log", message

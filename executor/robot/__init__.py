@@ -2,16 +2,6 @@
 
 from executor.robot import simulator_client
 from executor.robot.dashboard import DashboardClient
-from executor.robot.monitor import Monitor, RobotState, RtdeReceiver, receive_timestamps
-from executor.robot.session import RobotSession, robot_document
+from executor.robot.session import RobotSession, RobotState, receive_timestamps, robot_document
 
-__all__ = [
-    "DashboardClient",
-    "Monitor",
-    "RobotSession",
-    "RobotState",
-    "RtdeReceiver",
-    "receive_timestamps",
-    "robot_document",
-    "simulator_client",
-]
+__all__ = ["DashboardClient", "RobotSession", "RobotState", "receive_timestamps", "robot_document", "simulator_client"]

@@ -9,17 +9,15 @@ from time import monotonic
 
 from executor import realtime
 from executor import shared_memory as shm
-from executor.shared_memory import SharedMemory
 from executor.stream_job import OUTCOMES, StreamJob
 from executor.streaming.approach import approach
 from executor.streaming.loop import Stream
 from executor.streaming.rtde_connection import RtdeConnection
-from executor.streaming.safety import StreamFault
-from executor.streaming.stop_requests import StopRequests
+from executor.streaming.safety import StopRequests, StreamFault
 
 
 def run(
-    job: StreamJob, memory: SharedMemory, requests: StopRequests, connections: list[RtdeConnection]
+    job: StreamJob, memory: shm.SharedMemory, requests: StopRequests, connections: list[RtdeConnection]
 ) -> tuple[str, str]:
     """Runs one job from connecting to rest; returns outcome and reason.
 
@@ -40,11 +38,11 @@ def run(
     realtime.freeze_memory()
     connection.check()
     memory.fields[shm.STATE] = shm.APPROACHING
-    verdict = approach(connection, job, memory, requests, realtime=not refused)
+    verdict = approach(connection, requests)
     if verdict is None:
-        connection.arm_watchdog(realtime=not refused)
+        connection.arm_watchdog()
         memory.fields[shm.STATE] = shm.STREAMING
-        verdict = Stream(connection, job, memory, requests).run()
+        verdict = Stream(connection, job, requests).run()
     memory.fields[shm.STATE] = shm.STOPPING
     connection.stop()
     return verdict
@@ -52,7 +50,7 @@ def run(
 
 def main(job_fd: int, memory_fd: int, parent: int, pulse: int) -> None:
     """Runs the job, writes its end to the shared memory and exits at once, past the library's destructors."""
-    memory = SharedMemory.attach(memory_fd)
+    memory = shm.SharedMemory.attach(memory_fd)
     job = StreamJob.read(job_fd)
     connections: list[RtdeConnection] = []
     state, code = shm.FAULT, 1

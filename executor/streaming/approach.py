@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from executor.shared_memory import PULSE, STATE, STOPPING, SharedMemory
+from executor.shared_memory import PULSE, STATE, STOPPING
 from executor.stream_job import StreamJob
 from executor.streaming.clock import ControllerClock
 from executor.streaming.loop import Stream
 from executor.streaming.rtde_connection import RtdeConnection
-from executor.streaming.stop_requests import StopRequests
+from executor.streaming.safety import StopRequests
 
 ARRIVED_RAD = 1e-3  # [rad] a controller ends its moves within 1e-4; an encoder resolves 1e-5
 START_RAD = 0.01  # [rad] source: faults.md, C6
@@ -18,34 +18,32 @@ OUTPUT_SHIFT = {"standard_digital": 0, "configurable_digital": 8, "tool_digital"
 SLACK_S = 5.0  # [s] beyond twice the nominal duration of a move
 
 
-def approach(
-    connection: RtdeConnection, job: StreamJob, memory: SharedMemory, requests: StopRequests, realtime: bool
-) -> tuple[str, str] | None:
+def approach(connection: RtdeConnection, requests: StopRequests) -> tuple[str, str] | None:
     """Moves to the plan's start; returns outcome and reason where that ended early, at rest.
 
     Raises:
         StreamFault: the connection failed.
     """
-    if not _close_gripper(connection, job, memory):
+    job = connection.job
+    if not _close_gripper(connection):
         return "aborted", "the gripper's output does not answer"
     if job.dry_run or has_arrived(connection, job.start):
         return None
     if job.approach is not None:
-        return _stream(connection, job, memory, requests, realtime)
+        return _stream(connection, requests)
     connection.move(job.start)
-    early = _follow(connection, job, memory, requests)
+    early = _follow(connection, requests)
     if early is not None:
-        memory.fields[STATE] = STOPPING  # the deceleration may take a second without a pulse
+        connection.memory.fields[STATE] = STOPPING  # the deceleration may take a second without a pulse
         connection.stop_move()
     return early
 
 
-def _stream(
-    connection: RtdeConnection, job: StreamJob, memory: SharedMemory, requests: StopRequests, realtime: bool
-) -> tuple[str, str] | None:
+def _stream(connection: RtdeConnection, requests: StopRequests) -> tuple[str, str] | None:
     """Streams the planned approach as a plan is streamed."""
-    connection.arm_watchdog(realtime)
-    verdict = Stream(connection, job.approach_job(), memory, requests, recorded=False).run()
+    job = connection.job
+    connection.arm_watchdog()
+    verdict = Stream(connection, job.approach_job(), requests, recorded=False).run()
     if verdict[0] != "completed":
         return verdict
     if job.mode == "servoj":
@@ -59,27 +57,27 @@ def has_arrived(connection: RtdeConnection, goal: list[float]) -> bool:
     return _distance(connection.q, goal) < ARRIVED_RAD and max(map(abs, connection.qd)) < STANDS_RAD_S
 
 
-def _close_gripper(connection: RtdeConnection, job: StreamJob, memory: SharedMemory) -> bool:
+def _close_gripper(connection: RtdeConnection) -> bool:
     """Closes the gripper if it is open, while the arm stands; returns whether its output followed."""
+    job = connection.job
     if job.dry_run or job.output_row < 0 or not _is_open(connection, job):
         return True
     connection.output(not job.output_level)
     clock = ControllerClock(connection, job.dt)
     while clock.tick * job.dt < GRIP_S:
-        _tick(connection, clock, memory)
+        _tick(connection, clock)
     return not _is_open(connection, job)
 
 
-def _follow(
-    connection: RtdeConnection, job: StreamJob, memory: SharedMemory, requests: StopRequests
-) -> tuple[str, str] | None:
+def _follow(connection: RtdeConnection, requests: StopRequests) -> tuple[str, str] | None:
     """Waits until a joint move has arrived; returns outcome and reason where it must end early."""
+    job = connection.job
     clock = ControllerClock(connection, job.dt)
     way = _distance(connection.q, job.start)
     nominal_s = way / job.approach_speed + job.approach_speed / job.approach_acceleration
     standing = 0
     while standing < STANDS_TICKS:
-        _tick(connection, clock, memory)
+        _tick(connection, clock)
         standing = standing + 1 if has_arrived(connection, job.start) else 0
         if (early := requests.pending()) is not None:
             return early
@@ -88,12 +86,12 @@ def _follow(
     return None
 
 
-def _tick(connection: RtdeConnection, clock: ControllerClock, memory: SharedMemory) -> None:
+def _tick(connection: RtdeConnection, clock: ControllerClock) -> None:
     """Waits for the next tick, reads and checks its state, and writes the pulse."""
     clock.wait()
     connection.read()
     connection.check()
-    memory.fields[PULSE] = clock.host_s
+    connection.memory.fields[PULSE] = clock.host_s
 
 
 def _is_open(connection: RtdeConnection, job: StreamJob) -> bool:

@@ -1,51 +1,86 @@
-"""The control loop: one tick, one command. Whatever happens, the next command is a valid one or a stop."""
+"""The control loop: one tick, one command. Whatever happens, the next command is a valid one or a stop.
+
+The schedule gives the state to command at each tick: the plan's or, once diverted, the certified brake's.
+"""
 
 from __future__ import annotations
 
 import math
 
-from executor.shared_memory import (
-    BRAKING,
-    MISSED,
-    OUTPUT_LATE_S,
-    OUTPUT_SENT_S,
-    PULSE,
-    REALTIME,
-    STATE,
-    TIMESTAMP_AT_ZERO,
-    SharedMemory,
-)
+from executor import shared_memory as shm
 from executor.stream_job import Row, StreamJob
 from executor.streaming.clock import ControllerClock, LostTicks
 from executor.streaming.rtde_connection import SERVO_CONSTANT_S, RtdeConnection
-from executor.streaming.safety import StreamFault
-from executor.streaming.schedule import Schedule
-from executor.streaming.stop_requests import StopRequests
+from executor.streaming.safety import StopRequests, StreamFault
+from planner.brake_profile import brake_weights
 
 WATCHDOG_SHARE = 0.5  # [-] of the watchdog's period: a program that stopped after a gap this long was stopped by it
 POSITION_LIMITS = [2.0 * math.pi] * 6  # [rad] source: UR joint range; the certificate has checked the cell's
+
+
+class Schedule:
+    """Rows by tick, before and after a diversion.
+
+    Attributes:
+        last: the row after which the arm is at rest.
+        diverted: the row at which the brake starts; None on the plan.
+    """
+
+    def __init__(self, job: StreamJob) -> None:
+        self.job = job
+        self.last = len(job.q) - 1
+        self.diverted: int | None = None
+        self.brake_s = 0.0
+
+    def divert(self, row: int) -> None:
+        """Brakes from the first row not before `row` whose brake is certified; only the first call counts."""
+        if self.diverted is not None:
+            return
+        job = self.job
+        start = job.brake_row[min(row, self.last)]
+        self.diverted = start
+        self.brake_s = job.brake_ticks[start] * job.dt
+        self.last = start + job.brake_ticks[start] + int(job.lag_ticks) + 2
+
+    def command(self, row: int) -> tuple[Row, Row]:
+        """Returns q and qd (6,) to be reached one lag after row `row` is sent [rad, rad/s]."""
+        row = min(row, self.last)
+        if self.diverted is None or row <= self.diverted:
+            return self.job.q[row], self.job.qd[row]
+        return self._braking((row - self.diverted) * self.job.dt)
+
+    def reference(self, row: int) -> tuple[Row, Row]:
+        """Returns the expected measurement q and qd (6,) when row `row` is sent [rad, rad/s]."""
+        if self.diverted is None or row - self.job.lag_ticks <= self.diverted:
+            row = min(row, len(self.job.q) - 1)
+            return self.job.reference_q[row], self.job.reference_qd[row]
+        return self._braking((row - self.job.lag_ticks - self.diverted) * self.job.dt)
+
+    def _braking(self, s: float) -> tuple[Row, Row]:
+        """Returns q and qd (6,) at `s` [s] after the start of the brake."""
+        start = self.diverted or 0
+        T = self.brake_s
+        way, bend, speed, lift, _, _ = brake_weights(s / T if T > 0.0 else 1.0)
+        q0, qd0, qdd0 = self.job.q[start], self.job.qd[start], self.job.qdd[start]
+        q = [x + T * (way * v + T * bend * a) for x, v, a in zip(q0, qd0, qdd0, strict=True)]
+        return q, [speed * v + T * lift * a for v, a in zip(qd0, qdd0, strict=True)]
 
 
 class Stream:
     """One run of one job, over a connection whose watchdog is armed."""
 
     def __init__(
-        self,
-        connection: RtdeConnection,
-        job: StreamJob,
-        memory: SharedMemory,
-        requests: StopRequests,
-        recorded: bool = True,
+        self, connection: RtdeConnection, job: StreamJob, requests: StopRequests, recorded: bool = True
     ) -> None:
         """Starts the clock; with `recorded` every tick writes a row of telemetry (an approach writes none)."""
-        self.connection, self.job, self.memory, self.requests = connection, job, memory, requests
-        self.recorded = recorded
+        self.connection, self.job, self.requests, self.recorded = connection, job, requests, recorded
+        self.memory, self.fields = connection.memory, connection.memory.fields
         self.schedule = Schedule(job)
-        self.lost_ticks = LostTicks(job.dt, realtime=bool(memory.fields[REALTIME]))
+        self.lost_ticks = LostTicks(job.dt, realtime=bool(self.fields[shm.REALTIME]))
         self.clock = ControllerClock(connection, job.dt)
         self.verdict = ("completed", "")
         self.output_sent = False
-        memory.fields[TIMESTAMP_AT_ZERO] = self.clock.first - job.first_clock_s + job.lag_ticks * job.dt
+        self.fields[shm.TIMESTAMP_AT_ZERO] = self.clock.first - job.first_clock_s + job.lag_ticks * job.dt
 
     def run(self) -> tuple[str, str]:
         """Streams to the end of the schedule; returns outcome and reason.
@@ -92,7 +127,7 @@ class Stream:
     def _divert(self, row: int, stop: tuple[str, str]) -> None:
         self.verdict = stop
         self.schedule.divert(row)
-        self.memory.fields[STATE] = BRAKING
+        self.fields[shm.STATE] = shm.BRAKING
         if self.output_sent and row < self.job.release_row + self.job.lag_ticks:
             self.connection.output(not self.job.output_level)  # not released yet: keep hold of the object
 
@@ -119,16 +154,16 @@ class Stream:
             return
         self.connection.output(job.output_level)
         self.output_sent = True
-        self.memory.fields[OUTPUT_SENT_S] = job.first_clock_s + (row - job.lag_ticks) * job.dt
-        self.memory.fields[OUTPUT_LATE_S] = (row - job.output_row) * job.dt
+        self.fields[shm.OUTPUT_SENT_S] = job.first_clock_s + (row - job.lag_ticks) * job.dt
+        self.fields[shm.OUTPUT_LATE_S] = (row - job.output_row) * job.dt
 
     def _record(self, reference: tuple[Row, Row], command: Row) -> None:
         """Writes the pulse and one row of telemetry."""
         job, connection, clock = self.job, self.connection, self.clock
-        self.memory.fields[PULSE] = clock.host_s
+        self.fields[shm.PULSE] = clock.host_s
         if not self.recorded:
             return
-        self.memory.fields[MISSED] = clock.total_missed
+        self.fields[shm.MISSED] = clock.total_missed
         self.memory.add_row(
             [
                 job.first_clock_s + (clock.tick - job.lag_ticks) * job.dt,

@@ -19,7 +19,7 @@ from rtde_io import RTDEIOInterface
 from rtde_receive import RTDEReceiveInterface
 
 from executor.realtime import RunDelay, sleep_count
-from executor.shared_memory import IN_CALL, SharedMemory
+from executor.shared_memory import IN_CALL, REALTIME, SharedMemory
 from executor.stream_job import StreamJob
 from executor.streaming import safety
 from executor.streaming.safety import StreamFault
@@ -70,7 +70,7 @@ class RtdeConnection:
         Raises:
             StreamFault: no connection, the script is refused, or another client owns the registers.
         """
-        self.job, self.fields = job, memory.fields
+        self.job, self.memory = job, memory
         self._run_delay = RunDelay()
         self._delay_s = 0.0
         try:
@@ -135,12 +135,13 @@ class RtdeConnection:
         if self.control is not None:
             self.control.stopJ(self.job.approach_acceleration)
 
-    def arm_watchdog(self, realtime: bool) -> None:
+    def arm_watchdog(self) -> None:
         """Makes the controller stop the program once commands stay out; later calls have no effect."""
         if self.armed:
             return
         self.armed = True
-        self.watchdog_hz = self.job.watchdog_hz or (WATCHDOG_HZ if realtime else WATCHDOG_ORDINARY_HZ)
+        chosen_hz = WATCHDOG_HZ if self.memory.fields[REALTIME] else WATCHDOG_ORDINARY_HZ
+        self.watchdog_hz = self.job.watchdog_hz or chosen_hz
         if self.control is not None:
             self._check_answer("setWatchdog", self.control.setWatchdog(self.watchdog_hz))
 
@@ -186,7 +187,7 @@ class RtdeConnection:
 
     def _command(self, name: str, call: Callable[..., Any], *args: Any) -> None:
         """Makes one real-time call and checks its answer and its duration."""
-        self.fields[IN_CALL] = 1.0
+        self.memory.fields[IN_CALL] = 1.0
         slept = sleep_count()
         begin = monotonic()
         try:
@@ -194,7 +195,7 @@ class RtdeConnection:
         except RuntimeError as error:
             raise StreamFault("link_lost", f"{name}: {error}") from error
         self.call_s = spent = monotonic() - begin
-        self.fields[IN_CALL] = 0.0
+        self.memory.fields[IN_CALL] = 0.0
         self.sent_at = begin
         self._check_answer(name, answer)
         if spent > CALL_MAX_S and sleep_count() > slept and self._without_delay(spent) > CALL_MAX_S:

@@ -8,10 +8,10 @@ from pathlib import Path
 import orjson
 import pytest
 
-from executor.preparation import StreamRows, make_stream_job, sample_rows
+from executor.preparation import StreamRows, prepare_job, sample_rows
 from executor.settings import ExecutorSettings
 from executor.stream_job import StreamJob
-from planner.approach import Brakes, find_brakes
+from planner.approach import Approach, Brakes, find_brakes
 from planner.cell import Cell, load_cell
 from planner.plan_document import plan_document
 from planner.planning import plan
@@ -52,7 +52,7 @@ def prepare(name: str) -> Prepared:
     problem, trajectory = answer.problem, answer.trajectory
     rows = sample_rows(cell, trajectory, throws=True)
     row_brakes = find_brakes(cell, rows.q, rows.qd, rows.qdd, trajectory.dt)
-    job = make_stream_job(cell, rows, row_brakes, None, "speedj", False, settings(name))
+    job = prepare_job(problem, trajectory, Approach(trajectory.q[0]), "speedj", False, settings(name))
     document = plan_document(answer, request, "id", "2026-01-01T00:00:00Z")
     data = orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY)
     return Prepared(problem, trajectory, data, rows, row_brakes, job)

@@ -18,7 +18,7 @@ def test_a_killed_child_is_known_to_have_been_killed(tmp_path: Path) -> None:
     child = sleeping(tmp_path)
     assert not child.ends_within(0.0)
     assert not child.is_frozen()
-    assert child.code is None
+    assert child.poll() is None
     child.kill()
     assert child.ends_within(60.0)
     assert child.was_killed
@@ -34,7 +34,7 @@ def test_a_frozen_child_is_seen_and_can_be_killed(tmp_path: Path) -> None:
     assert not child.ends_within(0.0)
     child.kill()
     child.reap()
-    assert child.code == -signal.SIGKILL
+    assert child.poll() == -signal.SIGKILL
 
 
 def test_a_child_that_fails_by_itself_leaves_its_last_line(tmp_path: Path) -> None:

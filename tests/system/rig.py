@@ -65,8 +65,9 @@ class Rig:
         self._plans: dict[str, str] = {}
         self._queued = ""  # newest execution
 
-    def reload(self) -> None:
-        """Reads the cell file again, after a test has changed it."""
+    def rewrite(self, text: str) -> None:
+        """Replaces the cell file."""
+        self.path.write_text(text)
         self.cell = load_cell(self.path)
         self._plans.clear()
 
@@ -138,7 +139,11 @@ class Rig:
 
     def queue(self, release: Mapping[str, Any] = TOSS, mode: str = "speedj", dry_run: bool = False) -> str:
         """Queues an execution; returns its id."""
-        self._queued = self.store.queue_execution(self.plan(release), "rig", mode, dry_run, "test").id
+        return self.queue_plan(self.plan(release), mode, dry_run)
+
+    def queue_plan(self, plan_id: str, mode: str = "speedj", dry_run: bool = False) -> str:
+        """Queues an execution of a stored plan; returns its id."""
+        self._queued = self.store.queue_execution(plan_id, "rig", mode, dry_run, "test").id
         return self._queued
 
     def row(self, id: str) -> ExecutionRow:
@@ -152,15 +157,18 @@ class Rig:
         self.until(lambda: self.row(id).state == "finished", END_WITHIN_S)
         return self.row(id)
 
-    def abort_approaching(self, id: str) -> ExecutionRow:
-        """Aborts an execution while the arm is on its way to the start, and waits for its end."""
+    def abort_approaching(self, id: str) -> None:
+        """Aborts an execution while the arm is on its way to the start; it ends at rest and latches nothing."""
 
         def on_the_way() -> bool:
             return self.row(id).state == "approaching" and max(map(abs, self.state()["qd"])) > 0.3
 
         self.until(on_the_way, period=0.001)
         self.store.request_abort(id)
-        return self.end(id)
+        row = self.end(id)
+        assert row.outcome == "aborted", row.reason
+        assert max(map(abs, self.state()["qd"])) < 1e-3
+        assert not self.is_latched()
 
     def throw(self, release: Mapping[str, Any] = TOSS, mode: str = "speedj", dry_run: bool = False) -> ExecutionRow:
         """Queues an execution and waits for its end."""
@@ -181,16 +189,9 @@ class Rig:
 
         It shows that the previous test left everything working.
         """
-        ids: list[str] = []
-
-        def accepted() -> bool:
-            ids.append(self.queue(LOB))
-            self.until(lambda: self.row(ids[-1]).state in ("approaching", "streaming", "finished"))
-            return self.row(ids[-1]).outcome != "refused"
-
-        self.until(accepted, READY_WITHIN_S, period=0.05)
-        self.in_launch(ids[-1], speed)
-        return ids[-1]
+        id = self.queue_when_ready(LOB)
+        self.in_launch(id, speed)
+        return id
 
     def in_launch(self, id: str, speed: float = MOVING_RAD_S) -> None:
         """Waits until an execution streams and the arm moves at `speed`."""
@@ -240,14 +241,18 @@ class Rig:
 
     def throw_when_ready(self, release: Mapping[str, Any] = NUDGE) -> ExecutionRow:
         """Throws as soon as the executor sees its robot in order again."""
-        rows: list[ExecutionRow] = []
+        return self.end(self.queue_when_ready(release))
+
+    def queue_when_ready(self, release: Mapping[str, Any]) -> str:
+        """Queues an execution until one is not refused; returns its id."""
 
         def accepted() -> bool:
-            rows.append(self.throw(release))
-            return rows[-1].outcome != "refused"
+            id = self.queue(release)
+            self.until(lambda: self.row(id).state in ("approaching", "streaming", "finished"))
+            return self.row(id).outcome != "refused"
 
         self.until(accepted, READY_WITHIN_S, period=0.05)
-        return rows[-1]
+        return self._queued
 
     def robot(self) -> Mapping[str, Any]:
         """Returns the live state as the executor publishes it."""

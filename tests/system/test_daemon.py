@@ -12,9 +12,6 @@ from pathlib import Path
 import orjson
 import pytest
 
-from planner.plan_document import plan_document
-from planner.planning import plan
-from planner.request import problem_from_request
 from store import new_id
 from tests.system.rig import LOB, NUDGE, ROOT, Rig
 
@@ -23,7 +20,7 @@ def test_a_plan_of_another_cell_file_is_refused(rig: Rig) -> None:  # C7
     document = orjson.loads(rig.store.plan(rig.plan(NUDGE)).document)
     stale = {**document, "id": new_id(), "cell_sha256": "0" * 64}
     rig.add_plan(stale)
-    row = rig.end(rig.store.queue_execution(stale["id"], "rig", "speedj", False, "test").id)
+    row = rig.end(rig.queue_plan(stale["id"]))
     assert row.outcome == "refused"
     assert "another version of the cell" in row.reason
 
@@ -34,7 +31,7 @@ def test_a_plan_that_was_tampered_with_is_refused(rig: Rig) -> None:  # C11
     document["trajectory"]["positions"][20][1] += 0.1
     rig.add_plan(document)
     before = rig.state()["q"]
-    row = rig.end(rig.store.queue_execution(document["id"], "rig", "speedj", False, "test").id)
+    row = rig.end(rig.queue_plan(document["id"]))
     assert row.outcome == "refused"
     assert "certificate" in row.reason
     assert rig.state()["q"] == pytest.approx(before, abs=1e-9)
@@ -42,21 +39,14 @@ def test_a_plan_that_was_tampered_with_is_refused(rig: Rig) -> None:  # C11
 
 def test_a_start_elsewhere_is_approached_first(rig: Rig) -> None:  # C6
     start = [0.4, -1.4, 1.4, -1.5, -1.5, 0.2]
-    request = {"cell": "rig", "start": {"positions": start}, "release": NUDGE, "backend": "ruckig"}
-    answer = plan(problem_from_request(request, rig.cell))
-    document = plan_document(answer, request, new_id(), "2026-01-01T00:00:00Z")
-    rig.add_plan(document)
-    row = rig.end(rig.store.queue_execution(document["id"], "rig", "speedj", False, "test").id)
+    row = rig.end(rig.queue_plan(rig.plan(NUDGE, start={"positions": start})))
     assert row.outcome == "completed", row.reason
 
 
 def test_a_controller_whose_tool_differs_is_refused(own_rig: Rig) -> None:
     own_rig.start_simulator()
     text = own_rig.path.read_text()
-    own_rig.path.write_text(
-        text.replace("[0.0, 0.0, 0.17]", "[0.0, 0.0, 0.12]").replace("mass_kg = 1.0", "mass_kg = 2.0")
-    )
-    own_rig.reload()
+    own_rig.rewrite(text.replace("[0.0, 0.0, 0.17]", "[0.0, 0.0, 0.12]").replace("mass_kg = 1.0", "mass_kg = 2.0"))
     own_rig.start_executor()
     row = own_rig.throw(NUDGE)
     assert row.outcome == "refused"
@@ -73,9 +63,11 @@ def test_a_read_only_executor_reports_and_never_moves(own_rig: Rig) -> None:
     assert (row.outcome, "read-only" in row.reason) == ("refused", True)
 
 
+COMMAND = [sys.executable, "-m", "executor", "--cell", "rig"]
+
+
 def test_a_second_executor_of_a_cell_does_not_start(rig: Rig) -> None:
-    command = [sys.executable, "-m", "executor", "--cell", "rig"]
-    second = subprocess.run(command, cwd=ROOT, env=rig.environment, capture_output=True, text=True)
+    second = subprocess.run(COMMAND, cwd=ROOT, env=rig.environment, capture_output=True, text=True)
     assert second.returncode == 1
     assert "another executor" in second.stderr
 
@@ -113,10 +105,9 @@ NO_DATABASES = ("postgresql+psycopg://fling@127.0.0.1:1/fling", "sqlite:////proc
 
 
 def test_without_its_database_it_ends_with_a_message(rig: Rig) -> None:  # H7: nobody listens, no folder, no address
-    command = [sys.executable, "-m", "executor", "--cell", "rig"]
     started = [
         subprocess.Popen(
-            command, cwd=ROOT, text=True, stderr=subprocess.PIPE,
+            COMMAND, cwd=ROOT, text=True, stderr=subprocess.PIPE,
             env={**rig.environment, "FLING_DATABASE_URL": url, "FLING_DATA": str(rig.folder / f"other{i}")},
         )
         for i, url in enumerate(NO_DATABASES)

@@ -123,8 +123,7 @@ def test_a_gripper_that_does_not_open_releases_nothing(rig: Rig) -> None:  # H10
 
 def test_an_arm_that_lags_more_than_the_cell_says_is_stopped(own_rig: Rig) -> None:  # R13
     head, sim = own_rig.path.read_text().split("[sim]")
-    own_rig.path.write_text(head + "[sim]" + sim.replace("lag_s = 0.020", "lag_s = 0.100"))
-    own_rig.reload()
+    own_rig.rewrite(head + "[sim]" + sim.replace("lag_s = 0.020", "lag_s = 0.100"))
     own_rig.start()
     row = own_rig.throw(LOB)
     assert row.outcome == "tracking", row.reason

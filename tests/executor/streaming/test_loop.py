@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from executor.streaming.schedule import Schedule
+from executor.streaming.loop import Schedule
 from planner.approach import brake_path
 from tests.executor.conftest import Prepared
 
