@@ -3,25 +3,13 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
 
 CHANGES_MAX = 2000  # changes kept
 TIME_TOLERANCE_S = 1e-9  # [s] rounding of a sum of times
 
 
-@dataclass(frozen=True)
-class OutputKind:
-    """A group of digital outputs: position of its first line among the output bits, and its number of lines."""
-
-    shift: int
-    width: int
-
-
-OUTPUT_KINDS = {  # source: RTDE guide, actual_digital_output_bits
-    "standard_digital": OutputKind(0, 8),
-    "configurable_digital": OutputKind(8, 8),
-    "tool_digital": OutputKind(16, 2),
-}
+# kind -> position of its first line among the output bits, number of lines; source: RTDE guide
+OUTPUT_KINDS = {"standard_digital": (0, 8), "configurable_digital": (8, 8), "tool_digital": (16, 2)}
 
 
 class Outputs:
@@ -47,9 +35,9 @@ class Outputs:
 
     def request(self, kind: str, mask: int, value: int) -> None:
         """Requests levels on the lines of `mask` of one kind; obeyed in the next cycle."""
-        lines = OUTPUT_KINDS[kind]
-        mask &= (1 << lines.width) - 1
-        self._requests.append((mask << lines.shift, (value & mask) << lines.shift))
+        shift, width = OUTPUT_KINDS[kind]
+        mask &= (1 << width) - 1
+        self._requests.append((mask << shift, (value & mask) << shift))
 
     def cycle(self, t: float) -> list[tuple[float, int]]:
         """Obeys the requests; returns the physical changes (time [s], bits) up to `t` [s]."""
