@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from executor.simulator.clock import Timeline
 from executor.simulator.interfaces import InputValues
-from executor.simulator.physics import OUTPUT_KINDS, Outputs, Transform, Workcell, kinematics
+from executor.simulator.physics import Transform, Workcell, kinematics
 from executor.simulator.program import (
     Installation,
     ProgramContext,
@@ -76,7 +73,7 @@ class Controller:
             if register in COMMAND_REGISTERS:
                 self.stream.command_arrived(value)
         if inputs.others:
-            request_outputs(inputs.others, self.workcell.outputs)
+            self.workcell.outputs.request(inputs.others)
             fraction = inputs.others.get("speed_slider_fraction", -1.0)
             if inputs.others.get("speed_slider_mask") and 0.0 <= fraction <= 1.0:
                 self.slider = fraction
@@ -114,19 +111,6 @@ class Controller:
             motion = self.arm.chain.motion(self.arm.q, self.arm.qd, self.installation.tcp)
             self._commanded = (self.timeline.cycles, *motion)
         return self._commanded[1:]
-
-
-def request_outputs(values: Mapping[str, Any], outputs: Outputs) -> None:
-    """Applies the output part of a data package: digital lines under their masks, analog levels."""
-    for kind in OUTPUT_KINDS:
-        mask = values.get(f"{kind}_output_mask")
-        if isinstance(mask, int) and mask:
-            outputs.request(kind, mask, int(values.get(f"{kind}_output", 0)))
-    mask = values.get("standard_analog_output_mask")
-    for line in (0, 1):
-        level = values.get(f"standard_analog_output_{line}")
-        if isinstance(mask, int) and mask & (1 << line) and isinstance(level, float):
-            outputs.analog[line] = level
 
 
 def identity_of(cell: Cell, settings: SimulatorSettings) -> ControllerIdentity:
