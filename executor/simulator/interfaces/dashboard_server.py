@@ -98,4 +98,9 @@ class DashboardServer(ConnectionHandler):
 
 def after(action: Callable[[], object], answer: str) -> Callable[[], str]:
     """Returns a function that carries out an action and returns the answer."""
-    return lambda: (action(), answer)[1]
+
+    def act() -> str:
+        action()
+        return answer
+
+    return act
