@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import accumulate
 from typing import Any
 
 BEAT_SHARE = 0.25  # [-] of a cycle: longest sleep, hence the uncertainty of when a stall began
@@ -44,12 +45,8 @@ class LatenessHistogram:
 
     def quantile(self, share: float) -> float:
         """Returns the delay [s] not exceeded by a share of the cycles, rounded up to a bin."""
-        wanted, seen = share * self.cycles, 0
-        for i, count in enumerate(self.counts):
-            seen += count
-            if seen >= wanted:
-                return (i + 1) * self.BIN_S
-        return self.largest
+        wanted = share * self.cycles
+        return next(bin for bin, seen in enumerate(accumulate(self.counts), 1) if seen >= wanted) * self.BIN_S
 
     def as_document(self) -> dict[str, Any]:
         """Returns the number of cycles and the percentiles of their delay."""

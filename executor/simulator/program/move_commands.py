@@ -53,10 +53,10 @@ def _servo(program: ControlProgram, to_pose: bool) -> None:
 
 def _servo_thread(program: ControlProgram) -> Thread:
     """Repeats the last servo target for ever."""
+    speed_limit = program.context.limits.qd_max
     while True:
-        yield from motions.servo_joints(
-            program.arm, program.servo[:6], *program.servo[6:], program.context.limits.qd_max
-        )
+        target, (time_s, lookahead_s, gain) = program.servo[:6], program.servo[6:]
+        yield from motions.servo_joints(program.arm, target, time_s, lookahead_s, gain, speed_limit)
 
 
 def _servo_circular(program: ControlProgram) -> None:
