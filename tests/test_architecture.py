@@ -71,7 +71,7 @@ PLANTED = {
         "executor/simulator/interfaces/rtde_server.py",
         "executor.simulator.interfaces.script_server",
     ),
-    "simulator-clock-levels": ("executor/simulator/clock/statistics.py", "executor.simulator.clock.pacing"),
+    "simulator-clock-levels": ("executor/simulator/clock/timeline.py", "executor.simulator.clock.pacing"),
     "simulator-no-arm-in-interfaces": ("executor/simulator/interfaces/recipes.py", "executor.simulator.physics"),
     "simulator-no-socket-in-program": ("executor/simulator/program/runner.py", "socket"),
 }

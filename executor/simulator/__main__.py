@@ -46,27 +46,18 @@ def main(arguments: list[str] | None = None) -> int:
 def parse(arguments: list[str] | None) -> argparse.Namespace:
     """Returns the command-line options."""
     parser = argparse.ArgumentParser(prog="python -m executor.simulator", description="A simulated UR controller.")
-    parser.add_argument("--cell", type=Path, required=True, help="cell file (TOML)")
-    parser.add_argument("--host", help="address to listen on; the cell's link.host by default")
-    parser.add_argument("--priority", type=int, default=REALTIME_PRIORITY, help="SCHED_FIFO priority, 0 for none")
-    parser.add_argument(
-        "--core",
-        type=int,
-        default=realtime.default_core(os.environ),
-        help=f"processor to stay on at that priority, -1 for any; {realtime.CORE_VARIABLE}, or the highest",
-    )
-    parser.add_argument("--restitution", type=float, default=0.0, help="of a landing; above 0 objects bounce")
-    parser.add_argument(
-        "--protective-stop-lock-s",
-        type=float,
-        default=SimulatorSettings.protective_stop_lock_s,
-        help="time during which a protective stop cannot be unlocked",
-    )
-    parser.add_argument(
-        "--strict-clock",
-        action="store_true",
-        help="keep the absolute grid of cycles where the machine stalls, instead of letting controller time slip",
-    )
+    add, core = parser.add_argument, realtime.default_core(os.environ)
+    add("--cell", type=Path, required=True, help="cell file (TOML)")
+    add("--host", help="address to listen on; the cell's link.host by default")
+    add("--priority", type=int, default=REALTIME_PRIORITY, help="SCHED_FIFO priority, 0 for none")
+    core_help = f"processor to stay on at that priority, -1 for any; {realtime.CORE_VARIABLE}, or the highest"
+    add("--core", type=int, default=core, help=core_help)
+    add("--restitution", type=float, default=0.0, help="of a landing; above 0 objects bounce")
+    lock_s = SimulatorSettings.protective_stop_lock_s
+    lock_help = "time during which a protective stop cannot be unlocked"
+    add("--protective-stop-lock-s", type=float, default=lock_s, help=lock_help)
+    strict_help = "keep the absolute grid of cycles where the machine stalls, instead of letting controller time slip"
+    add("--strict-clock", action="store_true", help=strict_help)
     return parser.parse_args(arguments)
 
 

@@ -13,29 +13,17 @@ OUTPUT_CHANGES_MAX = 20  # latest changes in an answer
 
 def control_operations(
     simulation: Simulation, quit_loop: Callable[[], None]
-) -> dict[str, Callable[[Document], Document]]:
-    """Returns the operations by name; each turns a request into its answer."""
-
-    def fault(request: Document) -> Document:
-        parameters = {key: value for key, value in request.items() if key not in ("op", "name")}
-        cause_fault(simulation, request.get("name"), parameters)
-        return {}
-
+) -> dict[str, Callable[[Document], Document | None]]:
+    """Returns the operations by name; each turns a request into its answer, None for an empty one."""
     return {
         "state": lambda request: true_state(simulation),
         "world": lambda request: objects_after(simulation, int(request.get("after", 0))),
         "stats": lambda request: simulation.stats(),
-        "reset_stats": lambda request: done(simulation.reset_stats),
+        "reset_stats": lambda request: simulation.reset_stats(),
         "events": lambda request: {"events": list(simulation.controller.timeline.events)},
-        "fault": fault,
-        "quit": lambda request: done(quit_loop),
+        "fault": lambda request: cause_fault(simulation, request),
+        "quit": lambda request: quit_loop(),
     }
-
-
-def done(action: Callable[[], None]) -> Document:
-    """Carries out an action; returns the empty answer."""
-    action()
-    return {}
 
 
 def true_state(simulation: Simulation) -> Document:

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
-from executor.simulator.clock import StreamCounts, Timeline
+from executor.simulator.clock import Timeline
 from executor.simulator.interfaces import InputValues
-from executor.simulator.physics import OUTPUT_KINDS, Outputs, Transform, Workcell, kinematics
+from executor.simulator.physics import Transform, Workcell, kinematics
 from executor.simulator.program import (
     Installation,
-    Program,
     ProgramContext,
     ProgramRunner,
-    Registers,
     SafetyLimits,
-    SafetyState,
     Stops,
     SuddenTargetChange,
     load_control_program,
@@ -48,23 +42,16 @@ class Controller:
         self.workcell = Workcell(cell, settings, self.timeline.dt)
         self.arm = self.workcell.arm
         self.installation = installation_of(cell)
-        self.registers = Registers()
-        self.stream = StreamCounts()
         self.limits = limits_of(cell, settings)
         self.slider = self.speed_scaling = 1.0
         self._commanded: tuple[int, Transform, list[float]] = (-1, kinematics.IDENTITY, [])
-        self._program_side()
-
-    def _program_side(self) -> None:
-        """Builds safety state, runner and stops, and the context of programs."""
-        timeline, settings = self.timeline, self.settings
-        self.safety = SafetyState(settings.decelerations.program_end)
         self.runner = ProgramRunner(
-            self._load, self.safety, self.registers, self.stream, timeline, lambda: self.arm.at_rest, settings
+            lambda text: load_control_program(self.context, text), lambda: self.arm.at_rest, self.timeline, settings
         )
-        self.stops = Stops(self.safety, self.runner, timeline, settings)
+        self.safety, self.registers, self.stream = self.runner.safety, self.runner.registers, self.runner.stream
+        self.stops = Stops(self.runner)
         self.context = ProgramContext(
-            robot=self.cell.robot,
+            robot=cell.robot,
             arm=self.arm,
             registers=self.registers,
             installation=self.installation,
@@ -74,9 +61,6 @@ class Controller:
             set_watchdog=self.runner.set_watchdog,
             protective_stop=self.stops.protective,
         )
-
-    def _load(self, text: str) -> Program:
-        return load_control_program(self.context, text)
 
     def take_inputs(self, inputs: InputValues) -> None:
         """Applies a data package: registers keep their values until overwritten, outputs and slider change."""
@@ -89,13 +73,10 @@ class Controller:
             if register in COMMAND_REGISTERS:
                 self.stream.command_arrived(value)
         if inputs.others:
-            request_outputs(inputs.others, self.workcell.outputs)
-            self._take_slider(inputs.others)
-
-    def _take_slider(self, values: Mapping[str, Any]) -> None:
-        fraction = values.get("speed_slider_fraction", -1.0)
-        if values.get("speed_slider_mask") and 0.0 <= fraction <= 1.0:
-            self.slider = fraction
+            self.workcell.outputs.request(inputs.others)
+            fraction = inputs.others.get("speed_slider_fraction", -1.0)
+            if inputs.others.get("speed_slider_mask") and 0.0 <= fraction <= 1.0:
+                self.slider = fraction
 
     def cycle(self) -> None:
         """Advances the controller by one cycle."""
@@ -130,19 +111,6 @@ class Controller:
             motion = self.arm.chain.motion(self.arm.q, self.arm.qd, self.installation.tcp)
             self._commanded = (self.timeline.cycles, *motion)
         return self._commanded[1:]
-
-
-def request_outputs(values: Mapping[str, Any], outputs: Outputs) -> None:
-    """Applies the output part of a data package: digital lines under their masks, analog levels."""
-    for kind in OUTPUT_KINDS:
-        mask = values.get(f"{kind}_output_mask")
-        if isinstance(mask, int) and mask:
-            outputs.request(kind, mask, int(values.get(f"{kind}_output", 0)))
-    mask = values.get("standard_analog_output_mask")
-    for line in (0, 1):
-        level = values.get(f"standard_analog_output_{line}")
-        if isinstance(mask, int) and mask & (1 << line) and isinstance(level, float):
-            outputs.analog[line] = level
 
 
 def identity_of(cell: Cell, settings: SimulatorSettings) -> ControllerIdentity:

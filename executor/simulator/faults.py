@@ -9,9 +9,8 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable
-from typing import Any
 
-from executor.simulator.interfaces import BadRequest, Connection
+from executor.simulator.interfaces import BadRequest, Connection, Document
 from executor.simulator.program import PROGRAM_FATES
 from executor.simulator.simulation import Simulation
 
@@ -147,16 +146,17 @@ _PROCESS = (freeze, kill, gripper_stuck)
 FAULTS: dict[str, Callable[..., None]] = {f.__name__: f for f in (*_STOPS, *_PENDANT, *_NETWORK, *_PROCESS)}
 
 
-def cause_fault(s: Simulation, name: object, parameters: dict[str, Any]) -> None:
-    """Causes the fault `name`.
+def cause_fault(s: Simulation, request: Document) -> None:
+    """Causes the fault of a request {"op": "fault", "name": name, ...} with the parameters in it.
 
     Raises:
         BadRequest: the fault or one of its parameters is unknown.
     """
+    name = request.get("name")
     fault = FAULTS.get(str(name))
     if fault is None:
         raise BadRequest(f"unknown fault {name!r}; known are {', '.join(FAULTS)}")
     try:
-        fault(s, **parameters)
+        fault(s, **{key: value for key, value in request.items() if key not in ("op", "name")})
     except TypeError as error:
         raise BadRequest(f"{name}: {error}") from error

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from executor.simulator.clock import CyclePacing
+from executor.simulator.clock import CyclePacing, LatenessHistogram, SlipCounts
 from executor.simulator.controller import Controller
 from executor.simulator.interfaces import DashboardServer, Network, RtdeServer, ScriptServer, ServicePort
 from executor.simulator.output_values import OutputValues
@@ -32,7 +32,7 @@ class Simulation:
         self.freeze_s = 0.0
         self.rtde = RtdeServer(c.identity, c.timeline, self.output_values.values, c.take_inputs)
         script = ScriptServer(c.runner.upload, c.timeline.note)
-        dashboard = DashboardServer(c.identity, c.runner, c.stops)
+        dashboard = DashboardServer(c.identity, c.stops)
         self.network = Network(host)
         self.network.add(
             ServicePort("rtde", RTDE_PORT, self.rtde),
@@ -55,9 +55,9 @@ class Simulation:
         return {
             "t": timeline.t,
             "cycle_s": timeline.dt,
-            "commands_per_cycle": self.controller.stream.as_document(),
+            "commands_per_cycle": dict(self.controller.stream.counts),
             "lateness": self.pacing.lateness.as_document(),
-            "slips": self.pacing.slips.as_document(),
+            "slips": dict(vars(self.pacing.slips)),
             "malformed_packages": self.rtde.malformed,
             "cpu_s": time.process_time(),
         }
@@ -65,6 +65,5 @@ class Simulation:
     def reset_stats(self) -> None:
         """Restarts all counts."""
         self.controller.stream.reset()
-        self.pacing.lateness.reset()
-        self.pacing.slips.reset()
+        self.pacing.lateness, self.pacing.slips = LatenessHistogram(), SlipCounts()
         self.rtde.malformed = 0

@@ -17,12 +17,61 @@ once.
 from __future__ import annotations
 
 import math
-
-from executor.simulator.clock.statistics import LatenessHistogram, SlipCounts
+from dataclasses import dataclass
+from itertools import accumulate
+from typing import Any
 
 BEAT_SHARE = 0.25  # [-] of a cycle: longest sleep, hence the uncertainty of when a stall began
 SLIP_SHARE = 0.4  # [-] of a cycle that may be lost; at 500 Hz 1.2 ms are left to a client, and ours needs 0.5 ms
 RECOVERY_CYCLES = 2.0  # [cycles] after a slip; a machine is slow after a stall: cycles took five times as long
+
+
+class LatenessHistogram:
+    """Histogram of the delay between the due time of a cycle and its beginning."""
+
+    BIN_S = 2e-6
+    BINS = 50_000  # up to 100 ms; longer delays are counted in the last bin
+
+    def __init__(self) -> None:
+        self.counts = [0] * self.BINS
+        self.cycles = 0
+        self.largest = 0.0
+
+    def add(self, late_s: float) -> None:
+        """Counts the delay [s] of one cycle."""
+        self.cycles += 1
+        self.counts[min(int(max(late_s, 0.0) / self.BIN_S), self.BINS - 1)] += 1
+        self.largest = max(self.largest, late_s)
+
+    def quantile(self, share: float) -> float:
+        """Returns the delay [s] not exceeded by a share of the cycles, rounded up to a bin."""
+        wanted = share * self.cycles
+        return next(bin for bin, seen in enumerate(accumulate(self.counts), 1) if seen >= wanted) * self.BIN_S
+
+    def as_document(self) -> dict[str, Any]:
+        """Returns the number of cycles and the percentiles of their delay."""
+        return {
+            "ticks": self.cycles,
+            "p50_s": self.quantile(0.5),
+            "p99_s": self.quantile(0.99),
+            "p999_s": self.quantile(0.999),
+            "max_s": self.largest,
+        }
+
+
+@dataclass
+class SlipCounts:
+    """Counts how often, and for how long, controller time stood still because the machine did."""
+
+    count: int = 0
+    total_s: float = 0.0
+    max_s: float = 0.0
+
+    def add(self, duration_s: float) -> None:
+        """Counts one slip."""
+        self.count += 1
+        self.total_s += duration_s
+        self.max_s = max(self.max_s, duration_s)
 
 
 class CyclePacing:

@@ -18,8 +18,8 @@ class BadRequest(Exception):
 class ControlServer(ConnectionHandler):
     """Answers requests {"op": name, ...} by the operation of that name."""
 
-    def __init__(self, operations: Mapping[str, Callable[[Document], Document]]) -> None:
-        """`operations`: name -> function from a request to its answer; it may raise BadRequest."""
+    def __init__(self, operations: Mapping[str, Callable[[Document], Document | None]]) -> None:
+        """`operations`: name -> function from a request to its answer, None for an empty one; may raise BadRequest."""
         self.operations = operations
 
     def arrived(self, connection: Connection) -> None:
@@ -33,6 +33,6 @@ class ControlServer(ConnectionHandler):
             request = json.loads(line)
             if not isinstance(request, dict) or str(request.get("op")) not in self.operations:
                 raise BadRequest(f"op must be one of {', '.join(self.operations)}")
-            return {"ok": True, **self.operations[request["op"]](request)}
+            return {"ok": True, **(self.operations[request["op"]](request) or {})}
         except (ValueError, TypeError, RecursionError, BadRequest) as error:
             return {"ok": False, "error": str(error)}

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from executor.simulator.interfaces.connections import Connection, ConnectionHandler
-from executor.simulator.program import PAUSED, PLAYING, ProgramRunner, Stops
+from executor.simulator.program import PAUSED, PLAYING, Stops
 from executor.simulator.settings import ControllerIdentity
 
 GREETING = "Connected: Universal Robots Dashboard Server"
@@ -16,6 +16,8 @@ LOCKED = (
     "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
 )
 LOCAL = "Command is not allowed due to safety reasons: the robot is not in remote control"
+SAFETY_MODES = {1: "NORMAL", 3: "PROTECTIVE_STOP", 5: "SAFEGUARD_STOP", 7: "ROBOT_EMERGENCY_STOP"}
+ROBOT_MODES = {3: "POWER_OFF", 5: "IDLE", 7: "RUNNING"}
 PROGRAM_STATES = {PLAYING: "PLAYING", PAUSED: "PAUSED"}
 _POWER = {"power on", "power off", "brake release", "unlock protective stop", "restart safety", "shutdown"}
 REMOTE_ONLY = frozenset({"play", "stop", "pause", "load", *_POWER})
@@ -24,29 +26,30 @@ REMOTE_ONLY = frozenset({"play", "stop", "pause", "load", *_POWER})
 class DashboardServer(ConnectionHandler):
     """Answers the dashboard's commands from safety state and program; no arm is needed."""
 
-    def __init__(self, identity: ControllerIdentity, runner: ProgramRunner, stops: Stops) -> None:
-        self.identity, self.runner, self.stops, self.safety = identity, runner, stops, stops.safety
+    def __init__(self, identity: ControllerIdentity, stops: Stops) -> None:
+        runner, safety = stops.runner, stops.safety
+        self.identity, self.runner = identity, runner
         self.answers: dict[str, Callable[[], str]] = {
             "polyscopeversion": self._polyscope,
             "get serial number": lambda: identity.serial_number,
             "get robot model": lambda: identity.model,
             "is in remote control": lambda: str(runner.remote_control).lower(),
-            "robotmode": lambda: f"Robotmode: {self.safety.robot_mode_name}",
-            "safetymode": lambda: f"Safetymode: {self.safety.mode_name}",
-            "safetystatus": lambda: f"Safetystatus: {self.safety.mode_name}",
+            "robotmode": lambda: f"Robotmode: {ROBOT_MODES[safety.robot_mode]}",
+            "safetymode": lambda: f"Safetymode: {SAFETY_MODES[safety.mode]}",
+            "safetystatus": lambda: f"Safetystatus: {SAFETY_MODES[safety.mode]}",
             "programstate": self._program_state,
             "running": lambda: f"Program running: {str(runner.playing).lower()}",
             "get loaded program": lambda: "No program loaded",
             "isprogramsaved": lambda: "True",
             "get operational mode": lambda: "NONE",
-            "play": self._play,
-            "stop": self._stop,
-            "pause": self._pause,
-            "power on": self._power_on,
-            "power off": self._power_off,
-            "brake release": self._brake_release,
-            "unlock protective stop": self._unlock,
-            "restart safety": self._restart_safety,
+            "play": lambda: "Starting program" if runner.resume() else "Failed to execute: play",
+            "stop": after(lambda: runner.stop("dashboard: stop"), "Stopped"),
+            "pause": lambda: "Pausing program" if runner.pause() else "Failed to execute: pause",
+            "power on": after(safety.power_on, "Powering on"),
+            "power off": after(stops.power_loss, "Powering off"),
+            "brake release": after(safety.release_brakes, "Brake releasing"),
+            "unlock protective stop": lambda: "Protective stop releasing" if stops.unlock() else LOCKED,
+            "restart safety": after(stops.restart_safety, "Restarting safety"),
             "close popup": lambda: "closing popup",
             "close safety popup": lambda: "closing safety popup",
             "shutdown": lambda: "Shutting down",
@@ -92,31 +95,12 @@ class DashboardServer(ConnectionHandler):
         name = self.runner.program.name if self.runner.program else "No program"
         return f"{PROGRAM_STATES.get(self.runner.runtime, 'STOPPED')} {name}"
 
-    def _play(self) -> str:
-        return "Starting program" if self.runner.resume() else "Failed to execute: play"
 
-    def _stop(self) -> str:
-        self.runner.stop("dashboard: stop")
-        return "Stopped"
+def after(action: Callable[[], object], answer: str) -> Callable[[], str]:
+    """Returns a function that carries out an action and returns the answer."""
 
-    def _pause(self) -> str:
-        return "Pausing program" if self.runner.pause() else "Failed to execute: pause"
+    def act() -> str:
+        action()
+        return answer
 
-    def _power_on(self) -> str:
-        self.safety.power_on()
-        return "Powering on"
-
-    def _brake_release(self) -> str:
-        self.safety.release_brakes()
-        return "Brake releasing"
-
-    def _power_off(self) -> str:
-        self.stops.power_loss()
-        return "Powering off"
-
-    def _unlock(self) -> str:
-        return "Protective stop releasing" if self.stops.unlock() else LOCKED
-
-    def _restart_safety(self) -> str:
-        self.stops.restart_safety()
-        return "Restarting safety"
+    return act

@@ -21,24 +21,6 @@ class ServicePort:
     mute: bool = False  # fault: accepts, but never answers
 
 
-def listen(host: str, number: int) -> socket.socket:
-    """Returns a listening, non-blocking socket.
-
-    Raises:
-        OSError: the address is not available.
-    """
-    sock = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    try:
-        sock.bind((host, number))
-        sock.listen(BACKLOG)
-    except OSError:
-        sock.close()
-        raise
-    sock.setblocking(False)
-    return sock
-
-
 class Network:
     """All listening sockets and connections of one controller on one address.
 
@@ -67,7 +49,9 @@ class Network:
         up = {port.name for port in self.listeners.values()}
         for port in self.ports:
             if port.name not in up:
-                self.listeners[listen(self.host, port.number)] = port
+                sock = socket.create_server((self.host, port.number), backlog=BACKLOG)
+                sock.setblocking(False)
+                self.listeners[sock] = port
         self.changed()
 
     def unlisten(self, keep: str) -> None:

@@ -20,7 +20,6 @@ RECIPES_MAX = 255  # the recipe id is one byte
 class OutputRecipe:
     """Output variables of one connection, sent every `every` controller cycles."""
 
-    names: tuple[str, ...]
     every: int
     layout: struct.Struct
     pick: Callable[[Mapping[str, Sequence[float]]], Iterable[Sequence[float]]]  # the values in order
@@ -75,7 +74,7 @@ def output_recipe(names: Sequence[str], every: int) -> OutputRecipe:
     form = "".join(FORMAT[OUTPUT_TYPES[n]] for n in names)
     # for a single name, itemgetter returns the value without a tuple around it
     pick = itemgetter(*names) if len(names) > 1 else lambda values: (values[names[0]],)
-    return OutputRecipe(tuple(names), every, struct.Struct(f">{HEADER.format[1:]}B{form}"), pick)
+    return OutputRecipe(every, struct.Struct(f">{HEADER.format[1:]}B{form}"), pick)
 
 
 def input_recipe(names: Sequence[str]) -> InputRecipe:

@@ -7,19 +7,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from executor.simulator.clock import Timeline
-from executor.simulator.interfaces import wire
+from executor.simulator.interfaces import recipes, wire
 from executor.simulator.interfaces.connections import Connection, ConnectionHandler
-from executor.simulator.interfaces.recipes import (
-    OUTPUT_RECIPE_ID,
-    RECIPES_MAX,
-    InputOwners,
-    InputRecipe,
-    InputValues,
-    OutputRecipe,
-    input_recipe,
-    output_recipe,
-    output_types,
-)
 from executor.simulator.interfaces.variables import IN_USE, NOT_FOUND
 from executor.simulator.settings import ControllerIdentity
 
@@ -33,8 +22,8 @@ class RtdeSession:
     """Set-up and counts of one RTDE connection."""
 
     connection: Connection
-    inputs: dict[int, InputRecipe] = field(default_factory=dict)
-    output: OutputRecipe | None = None
+    inputs: dict[int, recipes.InputRecipe] = field(default_factory=dict)
+    output: recipes.OutputRecipe | None = None
     started: bool = False
     packages_in: int = 0
     packages_out: int = 0
@@ -61,7 +50,7 @@ class RtdeServer(ConnectionHandler):
         identity: ControllerIdentity,
         timeline: Timeline,
         outputs: Mapping[str, Sequence[float]],
-        take_inputs: Callable[[InputValues], None],
+        take_inputs: Callable[[recipes.InputValues], None],
     ) -> None:
         """Serves variables from plain values, independent of their origin.
 
@@ -74,7 +63,7 @@ class RtdeServer(ConnectionHandler):
         self.identity, self.timeline = identity, timeline
         self.outputs, self.take_inputs = outputs, take_inputs
         self.sessions: dict[Connection, RtdeSession] = {}
-        self.owners = InputOwners()
+        self.owners = recipes.InputOwners()
         self.malformed = 0
         self.handlers: dict[int, Callable[[RtdeSession, bytes], bytes | None]] = {
             wire.REQUEST_PROTOCOL_VERSION: self._protocol,
@@ -134,24 +123,24 @@ class RtdeServer(ConnectionHandler):
     def _setup_outputs(self, session: RtdeSession, body: bytes) -> bytes:
         (frequency,) = FREQUENCY.unpack_from(body)
         names = wire.names_in(body[FREQUENCY.size :])
-        types = output_types(names, self.identity.version)
+        types = recipes.output_types(names, self.identity.version)
         if not names or NOT_FOUND in types or not frequency > 0.0:
             return bytes([0]) + ",".join(types).encode()
         every = max(1, round(1.0 / (self.timeline.dt * max(frequency, FREQUENCY_MIN_HZ))))
-        recipe = output_recipe(names, every)
+        recipe = recipes.output_recipe(names, every)
         if recipe.layout.size > wire.PACKAGE_MAX:
             raise wire.MalformedPackage(f"an output package of {recipe.layout.size} bytes")
         session.output = recipe
-        return bytes([OUTPUT_RECIPE_ID]) + ",".join(types).encode()
+        return bytes([recipes.OUTPUT_RECIPE_ID]) + ",".join(types).encode()
 
     def _setup_inputs(self, session: RtdeSession, body: bytes) -> bytes:
         names = wire.names_in(body)
         types = self.owners.types(names, session, self.identity.version)
         number = len(session.inputs) + 1
-        if not names or NOT_FOUND in types or IN_USE in types or number > RECIPES_MAX:
+        if not names or NOT_FOUND in types or IN_USE in types or number > recipes.RECIPES_MAX:
             return bytes([0]) + ",".join(types).encode()
         self.owners.claim(names, session)
-        session.inputs[number] = input_recipe(names)
+        session.inputs[number] = recipes.input_recipe(names)
         return bytes([number]) + ",".join(types).encode()
 
     def _start(self, session: RtdeSession, body: bytes) -> bytes:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from executor.simulator.settings import REGISTERS
 
-DOUBLE, INT32, UINT32, UINT64, UINT8, BOOL = "DOUBLE", "INT32", "UINT32", "UINT64", "UINT8", "BOOL"
+DOUBLE, INT32, UINT32, UINT64, UINT8 = "DOUBLE", "INT32", "UINT32", "UINT64", "UINT8"
 VECTOR6D, VECTOR3D, VECTOR6INT32 = "VECTOR6D", "VECTOR3D", "VECTOR6INT32"
 NOT_FOUND, IN_USE = "NOT_FOUND", "IN_USE"
 
@@ -17,12 +17,11 @@ FORMAT = {  # type -> struct format of its value, big-endian on the wire
     UINT32: "I",
     UINT64: "Q",
     UINT8: "B",
-    BOOL: "?",
     VECTOR6D: "6d",
     VECTOR3D: "3d",
     VECTOR6INT32: "6i",
 }
-WIDTH = {DOUBLE: 1, INT32: 1, UINT32: 1, UINT64: 1, UINT8: 1, BOOL: 1, VECTOR6D: 6, VECTOR3D: 3, VECTOR6INT32: 6}
+WIDTH = {kind: int(form[:-1] or 1) for kind, form in FORMAT.items()}  # numbers in a value
 
 _OUTPUTS = {
     DOUBLE: "timestamp actual_execution_time speed_scaling target_speed_fraction actual_momentum actual_main_voltage "

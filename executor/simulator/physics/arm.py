@@ -76,18 +76,12 @@ class Arm:
         Returns:
             Whether the target is reached.
         """
-        now, reached = self._ramped(qd, acceleration)
-        half = 0.5 * self.dt
+        change = [b - a for a, b in zip(self.qd, qd, strict=True)]
+        largest, most, half = max(map(abs, change)), acceleration * self.dt, 0.5 * self.dt
+        reached = largest <= most
+        now = list(qd) if reached else [a + c * most / largest for a, c in zip(self.qd, change, strict=True)]
         self.drive([x + half * (a + b) for x, a, b in zip(self.q, self.qd, now, strict=True)], now)
         return reached
-
-    def _ramped(self, qd: Sequence[float], acceleration: float) -> tuple[list[float], bool]:
-        change = [b - a for a, b in zip(self.qd, qd, strict=True)]
-        largest = max(map(abs, change))
-        most = acceleration * self.dt
-        if largest <= most:
-            return list(qd), True
-        return [a + c * most / largest for a, c in zip(self.qd, change, strict=True)], False
 
     def brake(self, deceleration: float) -> None:
         """Ramps to rest at `deceleration` [rad/s^2] if no motion was commanded in this cycle."""

@@ -27,7 +27,7 @@ class SimulatedGripper:
             jitter_s: standard deviation of that time [s].
             seed: of the random deviation.
         """
-        self.mask = 1 << (OUTPUT_KINDS[output].shift + index)
+        self.mask = 1 << (OUTPUT_KINDS[output][0] + index)
         self.open_bits = self.mask if open_level else 0
         self.delay_s, self.jitter_s = delay_s, jitter_s
         self.draw = random.Random(seed)

@@ -31,10 +31,6 @@ class Lag:
         self.delay = (rest - self.tau) / dt  # [cycles]
         self.decay = math.exp(-dt / self.tau) if self.tau > 0.0 else 0.0
         self.size = math.floor(self.delay) + 4
-        self.settle(q)
-
-    def settle(self, q: Sequence[float]) -> None:
-        """Resets to rest at joint positions `q` [rad]."""
         still = [0.0] * len(q)
         self.ring: list[Sample] = [(list(q), still, still)] * self.size
         self.at = 0

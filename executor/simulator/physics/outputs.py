@@ -3,25 +3,15 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Mapping
+from typing import Any
 
 CHANGES_MAX = 2000  # changes kept
 TIME_TOLERANCE_S = 1e-9  # [s] rounding of a sum of times
 
 
-@dataclass(frozen=True)
-class OutputKind:
-    """A group of digital outputs: position of its first line among the output bits, and its number of lines."""
-
-    shift: int
-    width: int
-
-
-OUTPUT_KINDS = {  # source: RTDE guide, actual_digital_output_bits
-    "standard_digital": OutputKind(0, 8),
-    "configurable_digital": OutputKind(8, 8),
-    "tool_digital": OutputKind(16, 2),
-}
+# kind -> position of its first line among the output bits, number of lines; source: RTDE guide
+OUTPUT_KINDS = {"standard_digital": (0, 8), "configurable_digital": (8, 8), "tool_digital": (16, 2)}
 
 
 class Outputs:
@@ -45,11 +35,18 @@ class Outputs:
         self._requests: list[tuple[int, int]] = []  # (mask, bits) since the last cycle
         self._due: deque[tuple[float, int]] = deque()  # (time, bits), still to come
 
-    def request(self, kind: str, mask: int, value: int) -> None:
-        """Requests levels on the lines of `mask` of one kind; obeyed in the next cycle."""
-        lines = OUTPUT_KINDS[kind]
-        mask &= (1 << lines.width) - 1
-        self._requests.append((mask << lines.shift, (value & mask) << lines.shift))
+    def request(self, values: Mapping[str, Any]) -> None:
+        """Takes the outputs of a data package; digital ones, under their masks, are obeyed in the next cycle."""
+        for kind, (shift, width) in OUTPUT_KINDS.items():
+            mask = values.get(f"{kind}_output_mask")
+            if isinstance(mask, int) and mask:
+                mask &= (1 << width) - 1
+                self._requests.append((mask << shift, (int(values.get(f"{kind}_output", 0)) & mask) << shift))
+        mask = values.get("standard_analog_output_mask")
+        for line in (0, 1):
+            level = values.get(f"standard_analog_output_{line}")
+            if isinstance(mask, int) and mask & (1 << line) and isinstance(level, float):
+                self.analog[line] = level
 
     def cycle(self, t: float) -> list[tuple[float, int]]:
         """Obeys the requests; returns the physical changes (time [s], bits) up to `t` [s]."""

@@ -7,6 +7,7 @@ An object is a point, its centre. It lands where its centre comes down through a
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,8 +30,8 @@ class Surface:
 
     name: str
     z_m: float
-    lower: tuple[float, float] = (-math.inf, -math.inf)
-    upper: tuple[float, float] = (math.inf, math.inf)
+    lower: Sequence[float] = (-math.inf, -math.inf)
+    upper: Sequence[float] = (math.inf, math.inf)
 
     def meets(self, x: float, y: float) -> bool:
         """Whether the point (x, y) lies above or below this surface."""
@@ -54,9 +55,10 @@ class World:
         thrown = cell.object
         self.drag = drag_constant(thrown.mass_kg, thrown.radius_m, thrown.drag_coefficient)
         self.restitution = restitution
-        self.surfaces = surfaces_of(cell)
         self.floor_z_m = cell.surroundings.floor_z_m
         self.boxes = [(box.lower.tolist(), box.upper.tolist()) for box in cell.surroundings.keep_out]
+        self.surfaces = [Surface("landing plane", cell.sim.landing_height_m), Surface("floor", self.floor_z_m)]
+        self.surfaces += [Surface(f"keep_out[{i}]", up[2], low, up) for i, (low, up) in enumerate(self.boxes)]
         self.flights: list[FlyingObject] = []
         self.releases: list[dict[str, Any]] = []
         self.landings: list[dict[str, Any]] = []
@@ -87,7 +89,8 @@ class World:
             surface = self._hit(flight.state, after)
             if surface is None:
                 flight.state = after
-                self._forget_if_gone(flight)
+                if after[2] < min(s.z_m for s in self.surfaces) - FALL_MAX_M:
+                    self.flights.remove(flight)
                 return
             passed = self._crossing(flight.state, end - start, surface)
             start += passed
@@ -127,22 +130,6 @@ class World:
             return
         flight.bounces += 1
         flight.state = (x, y, surface.z_m + CLEAR_OF_SURFACE_M, vx, vy, up)
-
-    def _forget_if_gone(self, flight: FlyingObject) -> None:
-        if flight.state[2] < min(s.z_m for s in self.surfaces) - FALL_MAX_M:
-            self.flights.remove(flight)
-
-
-def surfaces_of(cell: Cell) -> list[Surface]:
-    """Returns the surfaces of a cell that an object can land on."""
-    found = [
-        Surface("landing plane", cell.sim.landing_height_m),
-        Surface("floor", cell.surroundings.floor_z_m),
-    ]
-    for i, box in enumerate(cell.surroundings.keep_out):
-        lower, upper = box.lower.tolist(), box.upper.tolist()
-        found.append(Surface(f"keep_out[{i}]", upper[2], (lower[0], lower[1]), (upper[0], upper[1])))
-    return found
 
 
 def step(state: State, h: float, gravity: float, drag: float) -> State:

@@ -4,8 +4,7 @@ Arm, registers and timeline are handed in; nothing here knows a socket.
 """
 
 from executor.simulator.program.commands import load_control_program
-from executor.simulator.program.context import Installation, ProgramContext
-from executor.simulator.program.registers import Registers
+from executor.simulator.program.context import Installation, ProgramContext, Registers
 from executor.simulator.program.runner import PAUSED, PLAYING, STOPPED, ProgramRunner
 from executor.simulator.program.safety import SafetyLimits, SafetyState
 from executor.simulator.program.stops import PROGRAM_FATES, Stops

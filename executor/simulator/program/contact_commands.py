@@ -19,17 +19,15 @@ JOG_TIME_S = 0.01  # source: the script, jog_speed_thread
 def _move_until_contact(program: ControlProgram) -> Thread:
     """Moves at a twist until the tool touches something, then stops and returns to the first contact."""
     c = program.context
-    if not program.has("tool_contact"):
-        return
     twist, acceleration = program.registers.doubles_in(0), program.registers.double_in(12)
     while not c.in_contact():
         yield from motions.speed_tool(program.arm, twist, acceleration, program.arm.dt, c.speed_scaling, c.tcp)
-    yield from _back_to(program, list(program.arm.true_q))
+    yield from _return_to_contact(program)
 
 
-def _back_to(program: ControlProgram, q: list[float]) -> Thread:
+def _return_to_contact(program: ControlProgram) -> Thread:
     c = program.context
-    goal = program.arm.chain.forward(q, c.tcp)
+    goal = program.arm.chain.forward(program.arm.true_q, c.tcp)
     yield from motions.stop_tool(program.arm, CONTACT_DECELERATION, c.tcp)
     yield from motions.move_tool(program.arm, goal, MOVEL_SPEED, MOVEL_ACCELERATION, c.speed_scaling, c.tcp)
 
@@ -54,7 +52,7 @@ def _contact_thread(program: ControlProgram) -> Thread:
 
 def _contact(program: ControlProgram) -> Thread:
     program.kill_move()
-    yield from _back_to(program, list(program.arm.true_q))
+    return _return_to_contact(program)
 
 
 def _stop_contact_detection(program: ControlProgram) -> None:
@@ -64,8 +62,7 @@ def _stop_contact_detection(program: ControlProgram) -> None:
 
 def _start_jog(program: ControlProgram) -> None:
     program.jog = program.registers.doubles_in(0, 14)
-    if "jog" not in program.threads:
-        program.start("jog", _jog_thread(program))
+    program.start_once("jog", _jog_thread(program))
 
 
 def _jog_thread(program: ControlProgram) -> Thread:

@@ -7,13 +7,12 @@ source. Register offsets, an injected path and the names of the functions it cal
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 from executor.simulator.physics import kinematics
 from executor.simulator.program import motions
-from executor.simulator.program.context import ProgramContext
-from executor.simulator.program.registers import OffsetRegisters
+from executor.simulator.program.context import OffsetRegisters, ProgramContext
 from executor.simulator.program.threads import Program, ProgramError, Thread
 
 NAME = "rtde_control"
@@ -21,7 +20,6 @@ HEADER = f"def {NAME}()"  # first words of the text
 READY, DONE = 1, 2  # output integer register 0
 NO_COMMAND, STOP_SCRIPT = 0, 255
 REALTIME = frozenset({6, 9, 10, 11, 24, 25, 26, 27, 38, 58, 66, 67, 68, 69, 70, 71})  # source: the script's main loop
-SPEEDL, SPEEDJ = 0, 1
 FINISHED = -1  # of an asynchronous operation
 
 _OFFSET = "# {} register offset\n"
@@ -36,29 +34,9 @@ class Waypoint:
 
     joints_move: bool
     is_pose: bool
-    target: tuple[float, ...]
+    target: Sequence[float]
     acceleration: float
     speed: float
-
-
-@dataclass
-class SpeedTarget:
-    """Target of the speed thread: SPEEDL or SPEEDJ, speeds, acceleration and time."""
-
-    kind: int = SPEEDL
-    target: list[float] = field(default_factory=lambda: [0.0] * 6)
-    acceleration: float = 0.5
-    time_s: float = 0.5
-
-
-@dataclass
-class ServoTarget:
-    """Target of the servo thread: joint positions, time, lookahead time and gain."""
-
-    target: list[float] = field(default_factory=lambda: [0.0] * 6)
-    time_s: float = 0.002
-    lookahead_s: float = 0.1
-    gain: float = 300.0
 
 
 class ControlProgram(Program):
@@ -70,12 +48,13 @@ class ControlProgram(Program):
         self.context, self.arm, self.text, self.process = context, context.arm, text, process
         self.registers = OffsetRegisters(context.registers, offset_in(text, "int"), offset_in(text, "float"))
         self.path = path_in(text)
-        self.speed_target, self.servo_target = SpeedTarget(), ServoTarget()
-        self.is_speeding = self.is_servoing = False
+        self.speed: list[float] = []  # speedj, speedl: speeds or twist, acceleration, time
+        self.speeds_tool = True  # whether the last speed command was speedl
+        self.servo: list[float] = []  # servoj, servol: joint positions, time, lookahead time, gain
+        self.circle: list[float] = []  # servoc: pose, speed, acceleration, blend radius
         self.stops_with_tool = False  # the script's stop_type: stopj until the first asynchronous stop
         self.jog: list[float] = []
         self.writes = self.operation = 0
-        self.circle: list[float] = []  # servoc: pose, speed, acceleration, blend radius
         self.contact_steps = 0
         self.internal_command = NO_COMMAND
 
@@ -91,9 +70,7 @@ class ControlProgram(Program):
         while True:
             command = self._next_command()
             if command in REALTIME:
-                motion = self.process(self, command)
-                if motion is not None:
-                    yield from motion
+                yield from self.process(self, command) or ()
                 self.registers.int_out(0, READY)
             elif command == NO_COMMAND:
                 executing = False
@@ -101,9 +78,7 @@ class ControlProgram(Program):
             elif not executing:
                 if command == STOP_SCRIPT:
                     return
-                motion = self.process(self, command)
-                if motion is not None:
-                    yield from motion
+                yield from self.process(self, command) or ()
                 self.registers.int_out(0, DONE)
                 executing = True
             yield
@@ -129,24 +104,7 @@ class ControlProgram(Program):
         if self.kill("move"):
             self.progress(FINISHED)
 
-    # -- threads
-    def speed_thread(self) -> Thread:
-        """Repeats the last target for ever: speedj or speedl, one call after another."""
-        c = self.context
-        while True:
-            s = self.speed_target
-            if s.kind == SPEEDJ:
-                yield from motions.speed_joints(self.arm, s.target, s.acceleration, s.time_s, c.speed_scaling)
-            else:
-                yield from motions.speed_tool(self.arm, s.target, s.acceleration, s.time_s, c.speed_scaling, c.tcp)
-
-    def servo_thread(self) -> Thread:
-        """Repeats the last servo target for ever."""
-        speed_limit = self.context.limits.qd_max
-        while True:
-            s = self.servo_target
-            yield from motions.servo_joints(self.arm, s.target, s.time_s, s.lookahead_s, s.gain, speed_limit)
-
+    # -- moves
     def move_thread(self, motion: Thread) -> Thread:
         """Runs an asynchronous move."""
         self.progress(0)
@@ -157,18 +115,18 @@ class ControlProgram(Program):
         """Follows the injected path, with a rest at each waypoint."""
         for number, point in enumerate(self.path):
             self.progress(number)
-            yield from self._to(point)
+            yield from self.move_to(point)
 
-    def _to(self, point: Waypoint) -> Thread:
-        c = self.context
+    def move_to(self, point: Waypoint) -> Thread:
+        """Returns the move to a waypoint: movej or movel."""
+        c, target = self.context, point.target
         if point.joints_move:
-            goal = self.solve(list(point.target)) if point.is_pose else list(point.target)
-            yield from motions.move_joints(self.arm, goal, point.speed, point.acceleration, c.speed_scaling)
-        else:
-            goal = kinematics.transform(point.target) if point.is_pose else self.arm.chain.forward(point.target, c.tcp)
-            yield from motions.move_tool(self.arm, goal, point.speed, point.acceleration, c.speed_scaling, c.tcp)
+            goal = self.solve(target) if point.is_pose else target
+            return motions.move_joints(self.arm, goal, point.speed, point.acceleration, c.speed_scaling)
+        pose = kinematics.transform(target) if point.is_pose else self.arm.chain.forward(target, c.tcp)
+        return motions.move_tool(self.arm, pose, point.speed, point.acceleration, c.speed_scaling, c.tcp)
 
-    def solve(self, pose: list[float], near: list[float] | None = None) -> list[float]:
+    def solve(self, pose: Sequence[float], near: list[float] | None = None) -> list[float]:
         """Returns the joint angles (6,) [rad] of a pose, nearest to `near` (default: the commanded ones).
 
         Raises:

@@ -147,10 +147,18 @@ def joint_rates(jacobian: np.ndarray, twist: np.ndarray) -> list[float]:
 
 def speed_joints(arm: Arm, target: Vector, acceleration: float, time_s: float, scale: Scale) -> Thread:
     """speedj: ramps to `target` (6,) [rad/s]; ends after `time_s`, or at the target if that is zero."""
-    left = cycles(time_s, arm.dt)
-    while True:
+
+    def ramp() -> bool:
         rate = scale()
-        reached = arm.ramp([v * rate for v in target], max(acceleration, ACCELERATION_MIN))
+        return arm.ramp([v * rate for v in target], max(acceleration, ACCELERATION_MIN))
+
+    return _hold(ramp, cycles(time_s, arm.dt))
+
+
+def _hold(ramp: Callable[[], bool], left: int) -> Thread:
+    """Ramps in each of `left` cycles, or until the target is reached if that is zero."""
+    while True:
+        reached = ramp()
         yield
         left -= 1
         if left == 0 or (left < 0 and reached):
@@ -159,19 +167,17 @@ def speed_joints(arm: Arm, target: Vector, acceleration: float, time_s: float, s
 
 def speed_tool(arm: Arm, target: Vector, acceleration: float, time_s: float, scale: Scale, tool: Transform) -> Thread:
     """speedl: ramps the tool's twist to `target` (6,) [m/s, rad/s] at `acceleration` [m/s^2]."""
-    left = cycles(time_s, arm.dt)
-    while True:
+
+    def ramp() -> bool:
         J, _ = arm.chain.jacobian(arm.q, tool)
         now = J @ np.array(arm.qd)
         change = np.array(target) * scale() - now
         most = max(acceleration, ACCELERATION_MIN) * arm.dt
         largest = float(np.abs(change).max())
-        reached = largest <= most
         arm.ramp(joint_rates(J, now + change * min(1.0, most / max(largest, most))), math.inf)
-        yield
-        left -= 1
-        if left == 0 or (left < 0 and reached):
-            return
+        return largest <= most
+
+    return _hold(ramp, cycles(time_s, arm.dt))
 
 
 def servo_joints(arm: Arm, goal: Vector, time_s: float, lookahead_s: float, gain: float, speed_limit: Vector) -> Thread:

@@ -3,45 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
-from executor.simulator.physics import Transform, kinematics
+from executor.simulator.physics import kinematics
 from executor.simulator.program import motions
-from executor.simulator.program.control_program import SPEEDJ, SPEEDL, ControlProgram, ServoTarget, SpeedTarget
+from executor.simulator.program.control_program import ControlProgram, Waypoint
 from executor.simulator.program.threads import Thread
 
 FORCE_STOP_DECELERATION = 10.0  # [m/s^2] source: the script, force_mode_stop
 
 
-def _move_joints(program: ControlProgram) -> Thread | None:
-    return _run_move(program, _to_joints(program, program.registers.doubles_in(0)))
-
-
-def _move_joints_to_pose(program: ControlProgram) -> Thread | None:
-    return _run_move(program, _to_joints(program, program.solve(program.registers.doubles_in(0))))
-
-
-def _move_tool(program: ControlProgram) -> Thread | None:
-    return _run_move(program, _to_pose(program, kinematics.transform(program.registers.doubles_in(0))))
-
-
-def _move_tool_to_joints(program: ControlProgram) -> Thread | None:
-    goal = program.arm.chain.forward(program.registers.doubles_in(0), program.context.tcp)
-    return _run_move(program, _to_pose(program, goal))
-
-
-def _move_path(program: ControlProgram) -> Thread | None:
-    return _run_move(program, program.follow_path())
-
-
-def _to_joints(program: ControlProgram, goal: list[float]) -> Thread:
+def _move(program: ControlProgram, joints_move: bool, is_pose: bool) -> Thread | None:
     speed, acceleration = program.registers.doubles_in(6, 2)
-    return motions.move_joints(program.arm, goal, speed, acceleration, program.context.speed_scaling)
-
-
-def _to_pose(program: ControlProgram, goal: Transform) -> Thread:
-    speed, acceleration = program.registers.doubles_in(6, 2)
-    c = program.context
-    return motions.move_tool(program.arm, goal, speed, acceleration, c.speed_scaling, c.tcp)
+    point = Waypoint(joints_move, is_pose, program.registers.doubles_in(0), acceleration, speed)
+    return _run_move(program, program.move_to(point))
 
 
 def _run_move(program: ControlProgram, motion: Thread) -> Thread | None:
@@ -54,41 +29,39 @@ def _run_move(program: ControlProgram, motion: Thread) -> Thread | None:
 
 
 # -- streaming
-def _speed_joints(program: ControlProgram) -> None:
-    _speed(program, SPEEDJ)
+def _speed(program: ControlProgram, with_tool: bool) -> None:
+    program.speed, program.speeds_tool = program.registers.doubles_in(0, 8), with_tool
+    program.start_once("speed", _speed_thread(program))
 
 
-def _speed_tool(program: ControlProgram) -> None:
-    _speed(program, SPEEDL)
+def _speed_thread(program: ControlProgram) -> Thread:
+    """Repeats the last target for ever: speedj or speedl, one call after another."""
+    c = program.context
+    while True:
+        target, (acceleration, time_s) = program.speed[:6], program.speed[6:]
+        if program.speeds_tool:
+            yield from motions.speed_tool(program.arm, target, acceleration, time_s, c.speed_scaling, c.tcp)
+        else:
+            yield from motions.speed_joints(program.arm, target, acceleration, time_s, c.speed_scaling)
 
 
-def _speed(program: ControlProgram, kind: int) -> None:
-    program.speed_target = SpeedTarget(kind, program.registers.doubles_in(0), *program.registers.doubles_in(6, 2))
-    if not program.is_speeding:
-        program.is_speeding = True
-        program.start("speed", program.speed_thread())
+def _servo(program: ControlProgram, to_pose: bool) -> None:
+    target = program.registers.doubles_in(0)
+    program.servo = [*(program.solve(target) if to_pose else target), *program.registers.doubles_in(8, 3)]
+    program.start_once("servo", _servo_thread(program), "servoc")
 
 
-def _servo_joints(program: ControlProgram) -> None:
-    _servo(program, program.registers.doubles_in(0))
-
-
-def _servo_tool(program: ControlProgram) -> None:
-    _servo(program, program.solve(program.registers.doubles_in(0)))
-
-
-def _servo(program: ControlProgram, target: list[float]) -> None:
-    program.servo_target = ServoTarget(target, *program.registers.doubles_in(8, 3))
-    if not program.is_servoing:
-        program.is_servoing = True
-        program.start("servo", program.servo_thread())
+def _servo_thread(program: ControlProgram) -> Thread:
+    """Repeats the last servo target for ever."""
+    speed_limit = program.context.limits.qd_max
+    while True:
+        target, (time_s, lookahead_s, gain) = program.servo[:6], program.servo[6:]
+        yield from motions.servo_joints(program.arm, target, time_s, lookahead_s, gain, speed_limit)
 
 
 def _servo_circular(program: ControlProgram) -> None:
     program.circle = program.registers.doubles_in(0, 9)
-    if not program.is_servoing:
-        program.is_servoing = True
-        program.start("servoc", _circular_thread(program))
+    program.start_once("servoc", _circular_thread(program), "servo")
 
 
 def _circular_thread(program: ControlProgram) -> Thread:
@@ -96,20 +69,17 @@ def _circular_thread(program: ControlProgram) -> Thread:
     c = program.context
     while True:
         pose, (speed, acceleration) = program.circle[:6], program.circle[6:8]
-        yield from motions.move_tool(
-            program.arm, kinematics.transform(pose), speed, acceleration, c.speed_scaling, c.tcp
-        )
+        goal = kinematics.transform(pose)
+        yield from motions.move_tool(program.arm, goal, speed, acceleration, c.speed_scaling, c.tcp)
 
 
 # -- stops
 def _speed_stop(program: ControlProgram) -> Thread:
-    program.is_speeding = False
     program.kill("speed")
-    return _stop(program, program.registers.double_in(0), tool=program.speed_target.kind == SPEEDL)
+    return _stop(program, program.registers.double_in(0), tool=program.speeds_tool)
 
 
 def _servo_stop(program: ControlProgram) -> Thread:
-    program.is_servoing = False
     program.kill("servo")
     program.kill("servoc")
     return _stop(program, program.registers.double_in(0), tool=True)
@@ -135,12 +105,12 @@ def _stop(program: ControlProgram, deceleration: float, tool: bool) -> Thread:
     return motions.stop_joints(program.arm, deceleration)
 
 
-def _force_mode_stop(program: ControlProgram) -> Thread:
-    return _stop(program, FORCE_STOP_DECELERATION, tool=True)
-
-
 MOVES: dict[int, Callable[[ControlProgram], Thread | None]] = {
-    1: _move_joints, 2: _move_joints_to_pose, 3: _move_tool, 4: _move_tool_to_joints, 45: _move_path,
-    9: _speed_joints, 10: _speed_tool, 11: _servo_joints, 24: _servo_tool, 12: _servo_circular,
-    15: _speed_stop, 16: _servo_stop, 33: _stop_move, 34: _stop_move, 7: _force_mode_stop,
+    1: partial(_move, joints_move=True, is_pose=False), 2: partial(_move, joints_move=True, is_pose=True),
+    3: partial(_move, joints_move=False, is_pose=True), 4: partial(_move, joints_move=False, is_pose=False),
+    45: lambda program: _run_move(program, program.follow_path()),
+    9: partial(_speed, with_tool=False), 10: partial(_speed, with_tool=True),
+    11: partial(_servo, to_pose=False), 24: partial(_servo, to_pose=True), 12: _servo_circular,
+    15: _speed_stop, 16: _servo_stop, 33: _stop_move, 34: _stop_move,
+    7: partial(_stop, deceleration=FORCE_STOP_DECELERATION, tool=True),
 }  # fmt: skip

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from executor.simulator.clock import StreamCounts, Timeline
 from executor.simulator.physics import MotionConflict
+from executor.simulator.program.context import Registers
 from executor.simulator.program.control_program import HEADER
-from executor.simulator.program.registers import Registers
 from executor.simulator.program.safety import SafetyState
 from executor.simulator.program.threads import Program, ProgramError
 from executor.simulator.settings import SimulatorSettings
@@ -21,6 +21,9 @@ class ProgramRunner:
     """Runs at most one program.
 
     Attributes:
+        safety: safety state, which decides whether programs may run.
+        registers: registers between clients and the program.
+        stream: counts of the client's commands.
         program: the loaded program, None without one.
         runtime: RTDE's runtime_state.
         due: (cycle, text) of an uploaded program that is about to start.
@@ -29,19 +32,12 @@ class ProgramRunner:
     """
 
     def __init__(
-        self,
-        load: Load,
-        safety: SafetyState,
-        registers: Registers,
-        stream: StreamCounts,
-        timeline: Timeline,
-        at_rest: Callable[[], bool],
-        settings: SimulatorSettings,
+        self, load: Load, at_rest: Callable[[], bool], timeline: Timeline, settings: SimulatorSettings
     ) -> None:
-        """`load` returns the program of a text, `at_rest` whether the arm is at rest; all others are shared."""
-        self.load = load
-        self.safety, self.registers, self.stream, self.timeline = safety, registers, stream, timeline
-        self.at_rest, self.settings = at_rest, settings
+        """`load` returns the program of a text, `at_rest` whether the arm is at rest; the timeline is shared."""
+        self.load, self.at_rest, self.timeline, self.settings = load, at_rest, timeline, settings
+        self.safety = SafetyState(settings.decelerations.program_end)
+        self.registers, self.stream = Registers(), StreamCounts()
         self.program: Program | None = None
         self.runtime = STOPPED
         self.due: tuple[int, str] | None = None
@@ -113,7 +109,9 @@ class ProgramRunner:
         if self.due and self.timeline.cycles >= self.due[0]:
             self._start(self.due[1])
         if self.watchdog and self.playing:
-            self._check_watchdog(*self.watchdog)
+            register, silence_s = self.watchdog
+            if (self.timeline.cycles - self.registers.written_at[register]) * self.timeline.dt > silence_s:
+                self.stop("the RTDE watchdog expired")
         if self.playing and self.program is not None and self.safety.may_move:
             self._run(self.program)
 
@@ -126,10 +124,6 @@ class ProgramRunner:
             return
         self.runtime = PLAYING
         self.timeline.note(f"program {self.program.name} plays")
-
-    def _check_watchdog(self, register: int, silence_s: float) -> None:
-        if (self.timeline.cycles - self.registers.written_at[register]) * self.timeline.dt > silence_s:
-            self.stop("the RTDE watchdog expired")
 
     def _run(self, program: Program) -> None:
         try:

@@ -14,10 +14,8 @@ SYSTEM_EMERGENCY, ROBOT_EMERGENCY, EMERGENCY_STOPPED, VIOLATION, FAULT, STOPPED_
 )
 
 MODE_NORMAL, MODE_PROTECTIVE_STOP, MODE_SAFEGUARD_STOP, MODE_ROBOT_EMERGENCY_STOP = 1, 3, 5, 7
-MODE_NAMES = {1: "NORMAL", 3: "PROTECTIVE_STOP", 5: "SAFEGUARD_STOP", 7: "ROBOT_EMERGENCY_STOP"}
 
 ROBOT_POWER_OFF, ROBOT_IDLE, ROBOT_RUNNING = 3, 5, 7
-ROBOT_MODE_NAMES = {3: "POWER_OFF", 5: "IDLE", 7: "RUNNING"}
 
 
 class SafetyState:
@@ -42,10 +40,6 @@ class SafetyState:
         """Returns to normal operation from any stop."""
         self.mode, self.bits, self.reason = MODE_NORMAL, NORMAL, ""
 
-    def enter(self, mode: int, bits: int, t: float, reason: str) -> None:
-        """Enters a stop at controller time `t` [s]."""
-        self.mode, self.bits, self.stopped_at, self.reason = mode, bits | STOPPED_DUE_TO_SAFETY, t, reason
-
     def power_on(self) -> None:
         """Powers the arm, unless a stop is in force; the brakes stay engaged."""
         if not self.stopped and self.robot_mode < ROBOT_IDLE:
@@ -55,16 +49,6 @@ class SafetyState:
         """Releases the brakes of a powered arm, unless a stop is in force."""
         if not self.stopped and self.robot_mode == ROBOT_IDLE:
             self.robot_mode = ROBOT_RUNNING
-
-    @property
-    def mode_name(self) -> str:
-        """Name of the safety mode on the dashboard."""
-        return MODE_NAMES[self.mode]
-
-    @property
-    def robot_mode_name(self) -> str:
-        """Name of the robot mode on the dashboard."""
-        return ROBOT_MODE_NAMES[self.robot_mode]
 
     @property
     def powered(self) -> bool:

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-from executor.simulator.clock import Timeline
 from executor.simulator.program import safety
 from executor.simulator.program.runner import ProgramRunner
-from executor.simulator.program.safety import SafetyState
-from executor.simulator.settings import SimulatorSettings
 
 PROGRAM_FATES = ("paused", "stopped", "playing")  # state of the program after a protective stop
 
@@ -14,11 +11,9 @@ PROGRAM_FATES = ("paused", "stopped", "playing")  # state of the program after a
 class Stops:
     """Each stop sets safety state and deceleration, and pauses or ends the program."""
 
-    def __init__(
-        self, safety_state: SafetyState, runner: ProgramRunner, timeline: Timeline, settings: SimulatorSettings
-    ) -> None:
-        self.safety, self.runner, self.timeline, self.settings = safety_state, runner, timeline, settings
-        self.decelerations = settings.decelerations
+    def __init__(self, runner: ProgramRunner) -> None:
+        self.runner, self.safety, self.timeline, self.settings = runner, runner.safety, runner.timeline, runner.settings
+        self.decelerations = self.settings.decelerations
 
     def protective(self, reason: str, program: str | None = None) -> None:
         """Category 2. The program is `paused`, `stopped`, or left `playing` as some versions leave it."""
@@ -50,8 +45,9 @@ class Stops:
         self.runner.stop(reason)
 
     def _enter(self, mode: int, bits: int, reason: str, deceleration: float) -> None:
-        self.safety.enter(mode, bits, self.timeline.t, reason)
-        self.safety.deceleration = deceleration
+        s = self.safety
+        s.mode, s.bits, s.reason = mode, bits | safety.STOPPED_DUE_TO_SAFETY, reason
+        s.stopped_at, s.deceleration = self.timeline.t, deceleration
 
     def power_loss(self) -> None:
         """Category 0: the brakes engage; the program ends."""

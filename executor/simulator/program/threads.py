@@ -28,6 +28,11 @@ class Program:
         """Starts a thread; its first turn is in this cycle, after that of the thread that started it."""
         self.threads[name] = thread
 
+    def start_once(self, name: str, thread: Thread, *rivals: str) -> None:
+        """Starts a thread unless it, or one of its rivals, runs already."""
+        if not {name, *rivals} & self.threads.keys():
+            self.start(name, thread)
+
     def kill(self, name: str) -> bool:
         """Ends a thread; returns whether there was one."""
         return self.threads.pop(name, None) is not None

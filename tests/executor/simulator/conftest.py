@@ -16,12 +16,12 @@ from typing import Any
 
 import pytest
 
-from executor.simulator.clock import StreamCounts, Timeline
+from executor.simulator.clock import Timeline
 from executor.simulator.controller import Controller
 from executor.simulator.interfaces import Connection, ConnectionHandler, DashboardServer, InputValues
 from executor.simulator.loop import SimulatorLoop
 from executor.simulator.physics import Arm
-from executor.simulator.program import Program, ProgramRunner, Registers, SafetyState, Stops
+from executor.simulator.program import Program, ProgramRunner, Stops
 from executor.simulator.settings import SimulatorSettings
 from executor.simulator.simulation import Simulation
 from planner.cell import Cell, parse_cell
@@ -167,8 +167,7 @@ class Driven:
 
 def dashboard_server(driven: Driven) -> DashboardServer:
     """Returns the dashboard of a driven controller."""
-    c = driven.controller
-    return DashboardServer(c.identity, c.runner, c.stops)
+    return DashboardServer(driven.controller.identity, driven.controller.stops)
 
 
 class Peer:
@@ -261,20 +260,12 @@ class ProgramParts:
     """
 
     def __init__(self, settings: SimulatorSettings = ORDINARY) -> None:
-        self.timeline, self.registers, self.stream = Timeline(0.002), Registers(), StreamCounts()
-        self.safety = SafetyState(settings.decelerations.program_end)
-        self.at_rest, self.turns = True, 0
+        self.timeline, self.at_rest, self.turns = Timeline(0.002), True, 0
         self.failure: Exception | None = None
         self.runner = ProgramRunner(
-            lambda text: Program("counting", self._count()),
-            self.safety,
-            self.registers,
-            self.stream,
-            self.timeline,
-            lambda: self.at_rest,
-            settings,
+            lambda text: Program("counting", self._count()), lambda: self.at_rest, self.timeline, settings
         )
-        self.stops = Stops(self.safety, self.runner, self.timeline, settings)
+        self.safety, self.stops = self.runner.safety, Stops(self.runner)
 
     def _count(self) -> Iterator[None]:
         while self.turns < 1000:

@@ -20,7 +20,7 @@ def parts() -> ProgramParts:
 
 @pytest.fixture
 def dashboard(parts: ProgramParts) -> DashboardServer:
-    return DashboardServer(IDENTITY, parts.runner, parts.stops)
+    return DashboardServer(IDENTITY, parts.stops)
 
 
 def test_the_identity_is_answered(dashboard: DashboardServer):
