@@ -8,12 +8,12 @@ limits, torques and all coupling of joints are left out, so the result remains a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 import ruckig
 from numpy.typing import NDArray
 
+from planner.backends.ruckig_otg import golden_section
 from planner.problem import JointRelease, PoseRelease, ThrowProblem
 from planner.seeds import candidates
 
@@ -21,7 +21,6 @@ Vector = NDArray[np.float64]
 
 SCAN = 33  # final accelerations, from -max to max
 REFINED = 3  # best scan points, refined between their neighbours
-GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 SECTIONS = 22  # per interval: 1/16 of the range * 0.618^22 = 2e-6 of it
 
 
@@ -74,11 +73,8 @@ def joint_bound(distance: float, velocity: float, v_max: float, a_max: float, j_
     times = np.array([time_with(a) for a in grid])
     best = float(times.min())
     for i in np.argsort(times)[:REFINED]:
-        best = min(
-            best,
-            _golden(time_with, float(grid[max(i - 1, 0)]), float(grid[i])),
-            _golden(time_with, float(grid[i]), float(grid[min(i + 1, SCAN - 1)])),
-        )
+        for low, high in ((grid[max(i - 1, 0)], grid[i]), (grid[i], grid[min(i + 1, SCAN - 1)])):
+            best = min(best, golden_section(time_with, float(low), float(high), SECTIONS)[0])
     return best
 
 
@@ -96,19 +92,3 @@ def _minimum_time(distance: float, velocity: float, acceleration: float, maxima:
     except ruckig.RuckigError:
         return math.inf
     return motion.duration if result in (ruckig.Result.Working, ruckig.Result.Finished) else math.inf
-
-
-def _golden(function: Callable[[float], float], low: float, high: float) -> float:
-    """Returns the minimum of a function with a single minimum in [low, high]."""
-    left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
-    at_left, at_right = function(left), function(right)
-    for _ in range(SECTIONS):
-        if at_left <= at_right:
-            high, right, at_right = right, left, at_left
-            left = high - GOLDEN * (high - low)
-            at_left = function(left)
-        else:
-            low, left, at_left = left, right, at_right
-            right = low + GOLDEN * (high - low)
-            at_right = function(right)
-    return min(at_left, at_right)

@@ -7,6 +7,8 @@ window that keeps the jerk limit, with half a window of constant velocity on eac
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -53,44 +55,30 @@ def solve(problem: ThrowProblem, candidate: Candidate, variant: str = "trapezoid
         SolverFailed: the run-up of a constant acceleration begins outside the joint limits, no cubic keeps the limits,
             or the motion takes too long.
     """
-    trajectory, width = smooth(
-        problem, candidate, lambda limits, width: _raw(problem, candidate, variant, limits, width)
-    )
-    status = (
-        f"{DESCRIPTIONS[variant]}, without regard to jerk; averaged over {1e3 * width:.0f} ms to keep the jerk limit"
-    )
-    return Solution(trajectory, status)
+    trajectory, width = smooth(problem, candidate, partial(_raw, problem, candidate, variant))
+    averaged = f"averaged over {1e3 * width:.0f} ms to keep the jerk limit"
+    return Solution(trajectory, f"{DESCRIPTIONS[variant]}, without regard to jerk; {averaged}")
 
 
 def _raw(problem: ThrowProblem, candidate: Candidate, variant: str, limits: Limits, width: int) -> RawMotion:
     """Returns the motion before it is averaged over `width` ticks."""
-    dt, v = problem.dt, candidate.qd
-    if problem.ends_at_rest:
-        launch = _to_rest(candidate.q - problem.start, variant, limits, dt)
-        return RawMotion(launch, np.zeros((width + 1, 6)), np.zeros((1, 6)))
-    passage = np.tile(v, (width + 1, 1))
-    brake = cubic_brake(v, limits, dt) if variant == "cubic" else linear_brake(v, limits, dt)
+    dt, v = problem.dt, np.zeros(6) if problem.ends_at_rest else candidate.qd
     d = candidate.q - v * (width * dt / 2.0) - problem.start
     if variant == "cubic":
-        return RawMotion(_sampled(shortest_cubic(d, v, limits, dt), dt), passage, brake)
-    if variant == "trapezoid":
-        return RawMotion(_sampled(shortest_trapezoid(d, v, limits, dt), dt), passage, brake)
-    return RawMotion(_run_up(problem, d, v, limits), passage, brake)
-
-
-def _to_rest(d: Vector, variant: str, limits: Limits, dt: float) -> Vector:
-    """Returns the velocities (N+1, 6) of a move over `d` that ends at rest."""
-    v = np.zeros(6)
-    if variant == "cubic":
-        return _sampled(shortest_cubic(d, v, limits, dt), dt)
-    if variant == "trapezoid":
-        return _sampled(shortest_trapezoid(d, v, limits, dt), dt)
-    return _sampled(shortest_triangle(d, limits, dt), dt)
+        launch, brake = _sampled(shortest_cubic(d, v, limits, dt), dt), cubic_brake
+    elif variant == "trapezoid":
+        launch, brake = _sampled(shortest_trapezoid(d, v, limits, dt), dt), linear_brake
+    else:
+        launch, brake = _run_up(problem, d, v, limits), linear_brake
+    passage = np.tile(v, (width + 1, 1))
+    return RawMotion(launch, passage, passage[:1] if problem.ends_at_rest else brake(v, limits, dt))
 
 
 def _run_up(problem: ThrowProblem, d: Vector, v: Vector, limits: Limits) -> Vector:
     """Returns the velocities (N+1, 6) of a move to the run-up point and of the constant acceleration from there."""
     dt = problem.dt
+    if problem.ends_at_rest:
+        return _sampled(shortest_triangle(d, limits, dt), dt)
     ramp = shortest_ramp(v, limits, dt)
     d = d - v * ramp.duration_s / 2.0
     _refuse_outside(problem, problem.start + d)
@@ -103,8 +91,7 @@ def _refuse_outside(problem: ThrowProblem, q: Vector) -> None:
     over = np.maximum(lower - q, q - upper)
     i = int(over.argmax())
     if over[i] > POSITION_SLACK:
-        name = problem.cell.robot.joint_names[i]
-        bounds = f"[{lower[i]:.4g}, {upper[i]:.4g}]"
+        name, bounds = problem.cell.robot.joint_names[i], f"[{lower[i]:.4g}, {upper[i]:.4g}]"
         raise SolverFailed(f"the run-up would begin with {name} at {q[i]:.4g} rad, outside {bounds} rad")
 
 

@@ -10,23 +10,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, FailedCheck, Margins, too_coarse
+from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins, too_coarse
 from planner.errors import BackendUnavailable, SolverFailed
 from planner.problem import ThrowProblem
 from planner.seeds import Seed
 from planner.solution import Solution
 
-__all__ = [
-    "DEFAULT_MARGINS",
-    "ITERATION_BUDGET",
-    "FailedCheck",
-    "Margins",
-    "SolveOptions",
-    "build_solvers",
-    "solve",
-    "too_coarse",
-    "warm",
-]
+__all__ = ["DEFAULT_MARGINS", "Margins", "SolveOptions", "build_solvers", "solve", "too_coarse", "warm"]
 
 ITERATION_BUDGET = 1000  # [-] the most that one solve took in 947 plans of the benchmark is 260
 

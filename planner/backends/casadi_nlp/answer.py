@@ -7,13 +7,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp.functions import evaluate
 from planner.backends.casadi_nlp.instance import Instance, drag_free_aim, release_parameters
-from planner.backends.casadi_nlp.layout import NZ, QD, QD_SCALE, QDD, QDD_SCALE, TIME, TIME_SCALE, Q
+from planner.backends.casadi_nlp.layout import NZ, QD, QD_SCALE, QDD, TIME, Q, Vector
 from planner.backends.casadi_nlp.solver import Solver
 from planner.backends.casadi_nlp.symbols import RELEASE_ROWS
+from planner.backends.casadi_nlp.transcription import SCALES
 from planner.errors import SolverFailed
 from planner.flight import landing_points
 from planner.geometry import tool_state
@@ -22,7 +22,6 @@ from planner.solution import Solution
 from planner.timing import onto_grid
 from planner.trajectory import Trajectory, join
 
-Vector = NDArray[np.float64]
 States = Callable[[Vector], tuple[Vector, Vector, Vector]]
 
 SPARE_TICKS = 0.2  # [ticks] beyond the least time: room for bringing jerks onto ticks
@@ -61,7 +60,8 @@ class KnotStates:
     @staticmethod
     def of(z: Vector, launch: int) -> KnotStates:
         """Returns the states of the variables (N + 1, NZ)."""
-        return KnotStates(z[:, TIME] * TIME_SCALE, z[:, Q], z[:, QD] * QD_SCALE, z[:, QDD] * QDD_SCALE, launch)
+        z = z * SCALES
+        return KnotStates(z[:, TIME], z[:, Q], z[:, QD], z[:, QDD], launch)
 
     @property
     def release_time_s(self) -> float:
@@ -72,11 +72,6 @@ class KnotStates:
     def duration_s(self) -> float:
         """Time of standstill [s]."""
         return float(self.t[-1])
-
-    @property
-    def brake_s(self) -> float:
-        """Duration of the brake [s]."""
-        return float(self.t[-1] - self.t[self.launch])
 
     def at(self, t: Vector, /) -> tuple[Vector, Vector, Vector]:
         """Returns q, qd, qdd (k, 6) at times `t` (k,) [s] within the motion."""
@@ -125,7 +120,7 @@ def on_ticks(instance: Instance, z: Vector, solver: Solver) -> Solution:
         SolverFailed: no tried number of ticks keeps the joint limits.
     """
     problem, found, status = instance.problem, KnotStates.of(z, instance.stages.launch), solver.status
-    brake = least_ticks(found.brake_s, problem.dt) if instance.stages.brake else 0
+    brake = least_ticks(found.duration_s - found.release_time_s, problem.dt) if instance.stages.brake else 0
     launch = least_ticks(found.release_time_s, problem.dt)
     made, instance = _through_release(instance, found, (launch, brake))
     if not _keeps_joint_limits(problem, made):
@@ -252,21 +247,16 @@ def _release_residual(problem: ThrowProblem, z: Vector, rows: Vector, jacobian: 
     """
     release, at = problem.release, RELEASE_ROWS.slices
     if isinstance(release, PointRelease):
-        position = rows[at["position"]] - release.p_WT
+        required = {"position": release.p_WT, "velocity": release.v_WT}
         if problem.ends_at_rest:
-            return np.concatenate([position, z[QD]]), np.concatenate([jacobian[at["position"]], np.eye(12)[6:]])
-        velocity = rows[at["velocity"]] - release.v_WT
-        return np.concatenate([position, velocity]), np.concatenate(
-            [jacobian[at["position"]], jacobian[at["velocity"]]]
-        )
-    assert isinstance(release, TargetRelease)
-    if release.release_position is None:
-        return rows[at["landing"]], jacobian[at["landing"]]
-    position = rows[at["position"]] - release.release_position
-    return (
-        np.concatenate([rows[at["landing"]], position]),
-        np.concatenate([jacobian[at["landing"]], jacobian[at["position"]]]),
-    )
+            residual = np.concatenate([rows[at["position"]] - release.p_WT, z[QD]])
+            return residual, np.concatenate([jacobian[at["position"]], np.eye(12)[6:]])
+    else:
+        assert isinstance(release, TargetRelease)
+        required = {"landing": np.zeros(2), "position": release.release_position}
+    required = {name: value for name, value in required.items() if value is not None}
+    residual = np.concatenate([rows[at[name]] - value for name, value in required.items()])
+    return residual, np.concatenate([jacobian[at[name]] for name in required])
 
 
 def landing_errors_in_window(instance: Instance, states: States, release_s: float) -> Vector:

@@ -5,30 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from planner.backends.casadi_nlp.layout import (
-    JERK,
-    JERK_SCALE,
-    NX,
-    NZ,
-    QD,
-    QD_SCALE,
-    QDD,
-    QDD_SCALE,
-    STEP,
-    TIME,
-    TIME_SCALE,
-    Q,
-)
+from planner.backends.casadi_nlp.layout import JERK, NX, NZ, QD, QD_SCALE, QDD, STEP, TIME, Q, Vector
 from planner.backends.casadi_nlp.margins import LOCAL_CHECKS, LocalMargin
 from planner.backends.casadi_nlp.symbols import RELEASE_ROWS
-from planner.backends.casadi_nlp.transcription import WATCHED_STAGES, RowIndex
+from planner.backends.casadi_nlp.transcription import WATCHED_STAGES, Indices, RowIndex
 from planner.cell import Limits
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.seeds import Candidate
-
-Vector = NDArray[np.float64]
 
 STEP_SHARES = (0.15, 2.5)  # [-] of the initial step: a step may not collapse, nor crowd out its neighbours
 WATCHED_S = 0.052  # [s] least duration of the watched stages before the release: the certificate checks the last 0.05 s
@@ -46,7 +30,7 @@ class Bounds:
     """Lower and upper bounds, narrowed step by step; at first only the dynamics are held.
 
     Attributes:
-        x: of the variables (2, N + 1, NZ), scaled; the last stage is padded with a control.
+        x: of the variables (2, N + 1, NZ), in SI units; the last stage is padded with a control.
         g: of the rows (2, rows).
     """
 
@@ -69,9 +53,8 @@ class Bounds:
         lower = np.min([limits.q_lower + margin, *given], axis=0)
         upper = np.max([limits.q_upper - margin, *given], axis=0)
         x[0, :, Q], x[1, :, Q] = lower, upper
-        for rows, limit in ((QD, limits.qd_max / QD_SCALE), (QDD, limits.qdd_max / QDD_SCALE)):
+        for rows, limit in ((QD, limits.qd_max), (QDD, limits.qdd_max), (JERK, limits.jerk_max)):
             x[0, :, rows], x[1, :, rows] = -limit, limit
-        x[0, :, JERK], x[1, :, JERK] = -limits.jerk_max / JERK_SCALE, limits.jerk_max / JERK_SCALE
         for k in self.index.knots["motion"]:
             rows = self.index.rows["motion", k]
             middle, velocity = rows[MIDDLE_POSITION], rows[MIDDLE_VELOCITY]
@@ -130,12 +113,11 @@ class Bounds:
         if not self.index.stages.window:
             watched = slice(self.launch - WATCHED_STAGES, self.launch)
             least[watched] = np.minimum(np.maximum(least[watched], WATCHED_S / WATCHED_STAGES), 0.5 * most[watched])
-        self.x[0, :-1, STEP], self.x[1, :-1, STEP] = least / TIME_SCALE, most / TIME_SCALE
+        self.x[0, :-1, STEP], self.x[1, :-1, STEP] = least, most
 
     def fix_times(self, release_s: float, end_s: float) -> None:
         """Fixes the times of the release and of the end."""
-        self.x[:, self.launch, TIME] = release_s / TIME_SCALE
-        self.x[:, -1, TIME] = end_s / TIME_SCALE
+        self.x[:, self.launch, TIME], self.x[:, -1, TIME] = release_s, end_s
 
     def set_release(self, problem: ThrowProblem, candidate: Candidate) -> None:
         """Bounds the release as requested."""
@@ -164,8 +146,7 @@ class Bounds:
         for stage in {k - 1, k} & set(index.knots["motion"]):
             self._free(index.rows["motion", stage][MIDDLE_VELOCITY][reached])
         self.x[:, k, QDD][:, reached] = 0.0
-        self.x[:, k, Q] = q
-        self.x[:, k, QD] = qd / QD_SCALE
+        self.x[:, k, Q], self.x[:, k, QD] = q, qd
         self._free_release_tool_speed()
         for name in ("clearance", "keep_out", "singularity"):
             if (name, k) in index.rows:
@@ -214,9 +195,9 @@ class Bounds:
             self.g[0, self._release_rows("falls", knot)] = FALL_MIN
         rows, drift = self._release_rows("drift"), DRIFT_SHARE * tolerance_m / window_s
         self.g[0, rows], self.g[1, rows] = -drift, drift
-        self.x[:, k - n : k + n, STEP] = window_s / n / TIME_SCALE
+        self.x[:, k - n : k + n, STEP] = window_s / n
 
-    def _release_rows(self, name: str, knot: int = 0) -> NDArray[np.intp]:
+    def _release_rows(self, name: str, knot: int = 0) -> Indices:
         """Returns the problem's rows of one entry of `RELEASE_ROWS`, `knot` knots from the release."""
         return self.index.rows["release", self.launch + knot][RELEASE_ROWS.slices[name]]
 
@@ -225,5 +206,5 @@ class Bounds:
         if ("effort", self.launch) in self.index.rows:
             self._free(self.index.rows["effort", self.launch][LOCAL_CHECKS["tcp_speed"].rows])
 
-    def _free(self, rows: NDArray[np.intp]) -> None:
+    def _free(self, rows: Indices) -> None:
         self.g[0, rows], self.g[1, rows] = -np.inf, np.inf

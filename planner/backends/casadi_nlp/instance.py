@@ -8,38 +8,22 @@ from functools import cached_property
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp.bounds import Bounds
 from planner.backends.casadi_nlp.functions import evaluate
-from planner.backends.casadi_nlp.layout import (
-    ARM,
-    COST,
-    JERK,
-    JERK_SCALE,
-    NZ,
-    QD,
-    QD_SCALE,
-    QDD,
-    QDD_SCALE,
-    RELEASE,
-    STEP,
-    TIME,
-    TIME_SCALE,
-    Q,
-)
+from planner.backends.casadi_nlp.layout import ARM, COST, NZ, RELEASE, STEP, TIME, TIME_SCALE, Vector
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins
 from planner.backends.casadi_nlp.parameters import box_parameters, cell_parameters
-from planner.backends.casadi_nlp.transcription import LAZY_GROUPS, StageLayout, Transcription, transcription
+from planner.backends.casadi_nlp.symbols import FORMULAS
+from planner.backends.casadi_nlp.transcription import LAZY_GROUPS, SCALES, StageLayout, Transcription, transcription
 from planner.cell import Cell, Limits
 from planner.flight import fly
 from planner.geometry import tool_state
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.seeds import Candidate, InitialGuess, Seed
-from planner.timing import grid_limits
+from planner.timing import CubicProfile, grid_limits
 
-Vector = NDArray[np.float64]
 Arguments = dict[str, Vector]
 
 # Stages of launch and brake. A jerk-optimal motion has few switches, and braking is not hurried: more stages gain
@@ -48,6 +32,10 @@ STAGES = {"coarse": (8, 3), "fine": (12, 4)}
 BRAKE_WEIGHT = 0.05  # [-] cost of a second of braking, relative to a second of launch
 JERK_WEIGHT = 1e-3  # [-] cost of the mean squared scaled jerk: decides for joints that have time to spare
 STEP_WEIGHT = 6e-2  # [-] cost of the mean squared relative change of a step: keeps steps from collapsing
+ROOM = {  # [m] added to the clearances at given joint positions: the margins of the first solve
+    "clearance": [DEFAULT_MARGINS.self_m, DEFAULT_MARGINS.floor_m, DEFAULT_MARGINS.keep_in_m],
+    "keep_out": [DEFAULT_MARGINS.box_m],
+}
 LARGEST_SLOPE_RAD = 1.57  # [rad] elevations beyond have no finite tangent; they are no limits
 
 # Stages in half a release window. One alone releases 2 to 3 % later than four; more than four gain nothing, but in a
@@ -162,11 +150,12 @@ class Instance:
     def arguments(self) -> Arguments:
         """Initial guess, parameters and bounds, by the names of a solver's arguments."""
         bounds, n = self._bounds(), self.transcription.row_index.variables
+        lower, upper = (bounds.x / SCALES).reshape(2, -1)[:, :n]
         return {
             "x0": self.initial.ravel()[:n],
             "p": np.concatenate([*self.shared_parameters.values(), self._costs()]),
-            "lbx": bounds.x[0].ravel()[:n],
-            "ubx": bounds.x[1].ravel()[:n],
+            "lbx": lower,
+            "ubx": upper,
             "lbg": bounds.g[0],
             "ubg": bounds.g[1],
         }
@@ -199,14 +188,11 @@ class Instance:
     def _group_limits(self) -> dict[str, tuple[Vector, Vector]]:
         """Returns the lower and upper bounds of every lazy group's rows."""
         margins, inf = self.margins, np.inf
-        clearances = {
-            "clearance": [DEFAULT_MARGINS.self_m, DEFAULT_MARGINS.floor_m, DEFAULT_MARGINS.keep_in_m],
-            "keep_out": [DEFAULT_MARGINS.box_m],
-        }
         torque = np.full(6, margins.torque)
         limits = {"effort": (np.append(-torque, -inf), np.append(torque, margins.tcp_speed**2))}
-        for group in (group for group in clearances if group in self.stages.groups):
-            limits[group] = self._least_clearances(group, clearances[group]), np.full(len(clearances[group]), inf)
+        for group, room in ROOM.items():
+            if group in self.stages.groups:
+                limits[group] = self._least_clearances(group, room), np.full(len(room), inf)
         return limits
 
     def _least_clearances(self, group: str, room: list[float]) -> Vector:
@@ -216,13 +202,8 @@ class Instance:
         release, is closer than that to something, the motion between is not held to more, however wide the margins.
         """
         value = self.transcription.blocks[group].value
-        shared = self.shared_parameters
-        p = {"clearance": shared["arm"], "keep_out": np.concatenate([shared["arm"], shared["boxes"]])}[group]
-        values = []
-        for q in self._given():
-            z = np.zeros(NZ)
-            z[Q] = q
-            values.append(evaluate(value, z, p)[0].ravel())
+        p = np.concatenate([self.shared_parameters[piece] for piece in FORMULAS[group].parameters])
+        values = [evaluate(value, np.append(q, np.zeros(NZ - 6)), p)[0].ravel() for q in self._given()]
         return np.minimum(np.min(values, axis=0) + room, 0.0)
 
     def _given(self) -> list[Vector]:
@@ -262,8 +243,7 @@ def release_parameters(problem: ThrowProblem, aim: Vector) -> Vector:
     if isinstance(problem.release, TargetRelease):
         elevations = (problem.release.min_elevation_rad, problem.release.max_elevation_rad)
     slopes = [math.tan(e) if abs(e) < LARGEST_SLOPE_RAD else 0.0 for e in elevations]
-    pieces = {"target": aim, "gravity_z": [problem.gravity], "tan_elevation": slopes}
-    return np.concatenate([pieces[name] for name in RELEASE.sizes])
+    return RELEASE.pack({"target": aim, "gravity_z": problem.gravity, "tan_elevation": slopes})
 
 
 def _initial_aim(problem: ThrowProblem, candidate: Candidate) -> Vector:
@@ -307,43 +287,30 @@ def _variables_along(guess: InitialGuess, stages: StageLayout, window_s: float) 
     t = np.concatenate([[0.0], *(np.linspace(start, stop, count + 1)[1:] for start, stop, count in pieces)])
     q, qd, qdd = guess.at(t)
     steps = np.diff(t)
-    z = np.zeros((len(t), NZ))
-    z[:, Q], z[:, QD], z[:, QDD], z[:, TIME] = q, qd / QD_SCALE, qdd / QDD_SCALE, t / TIME_SCALE
-    z[:-1, JERK] = np.diff(qdd, axis=0) / steps[:, None] / JERK_SCALE
-    z[:-1, STEP] = steps / TIME_SCALE
-    return z, steps
+    controls = np.column_stack([np.diff(qdd, axis=0) / steps[:, None], steps])
+    return np.column_stack([q, qd, qdd, t, np.pad(controls, ((0, 1), (0, 0)))]) / SCALES, steps
 
 
-@dataclass(frozen=True, eq=False)
 class CubicGuess:
-    """The initial guess of a seed without one: a cubic to the release in twice the least time, then even braking."""
+    """The initial guess of a seed without one: a cubic to the release in twice the least time, then even braking.
 
-    problem: ThrowProblem
-    candidate: Candidate
+    Attributes:
+        release_time_s: release time [s].
+        brake_s: duration of the brake [s].
+        duration_s: time of standstill [s].
+    """
 
-    @property
-    def release_time_s(self) -> float:
-        """Release time [s]."""
-        return max(2.0 * self.candidate.bound_s, 0.2)
-
-    @property
-    def brake_s(self) -> float:
-        """Duration of the brake [s]."""
-        needed = float(np.max(np.abs(self.candidate.qd) / self.problem.limits.qdd_max)) * 1.5
-        return max(needed, 0.1)
-
-    @property
-    def duration_s(self) -> float:
-        """Time of standstill [s]."""
-        return self.release_time_s + (0.0 if self.problem.ends_at_rest else self.brake_s)
+    def __init__(self, problem: ThrowProblem, candidate: Candidate) -> None:
+        self.start, self.qd = problem.start, candidate.qd
+        self.release_time_s = max(2.0 * candidate.bound_s, 0.2)
+        self.brake_s = max(1.5 * float(np.max(np.abs(candidate.qd) / problem.limits.qdd_max)), 0.1)
+        self.duration_s = self.release_time_s + (0.0 if problem.ends_at_rest else self.brake_s)
+        self.launch = CubicProfile(candidate.q - problem.start, candidate.qd, self.release_time_s)
 
     def at(self, t: Vector, /) -> tuple[Vector, Vector, Vector]:
         """Returns q, qd, qdd (n, 6) at times `t` (n,) [s]."""
-        release, slowing = self.release_time_s, self.brake_s
-        d, v = self.candidate.q - self.problem.start, self.candidate.qd
-        s = np.minimum(t, release)[:, None]
-        c2, c3 = 3 * d / release**2 - v / release, v / release**2 - 2 * d / release**3
+        release, slowing, v = self.release_time_s, self.brake_s, self.qd
+        d, qd, qdd = self.launch.at(np.minimum(t, release))
         after = np.clip(t - release, 0.0, slowing)[:, None]
-        q = self.problem.start + c2 * s**2 + c3 * s**3 + v * (after - after**2 / (2 * slowing))
-        qd = 2 * c2 * s + 3 * c3 * s**2 - v * after / slowing
-        return q, qd, np.where(t[:, None] < release, 2 * c2 + 6 * c3 * s, -v / slowing)
+        q = self.start + d + v * (after - after**2 / (2 * slowing))
+        return q, qd - v * after / slowing, np.where(t[:, None] < release, qdd, -v / slowing)

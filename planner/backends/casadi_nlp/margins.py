@@ -167,7 +167,5 @@ DEFAULT_MARGINS = Margins()
 
 def too_coarse(failures: Iterable[FailedCheck]) -> bool:
     """Returns whether a clearance is violated by so much between knots and midpoints that more stages are needed."""
-    clearances = [
-        check for check in failures if check.name in LOCAL_CHECKS and not LOCAL_CHECKS[check.name].is_relative
-    ]
-    return any(check.limit - check.value > TOO_COARSE_M for check in clearances)
+    clearances = {name for name, local in LOCAL_CHECKS.items() if not local.is_relative}
+    return any(check.name in clearances and check.limit - check.value > TOO_COARSE_M for check in failures)

@@ -5,25 +5,11 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from planner.backends.casadi_nlp.layout import (
-    ABSENT_BOX,
-    ABSENT_RADIUS,
-    ARM,
-    BOXES,
-    CAPSULE_FRAMES,
-    FAR,
-    FIRST_TOOL,
-    KEEP_OUT_BOXES,
-    OBJECT,
-    PAIRS,
-    TOOL_CAPSULES,
-)
+from planner.backends.casadi_nlp import layout
+from planner.backends.casadi_nlp.layout import TOOL_CAPSULES, Vector
 from planner.cell import Cell
 from planner.geometry import SELF_CLEARANCE_M, arm_capsules, self_collision_pairs
-
-Vector = NDArray[np.float64]
 
 CELLS_KEPT = 32  # cells whose parameters are cached
 UNBOUNDED = 1.0e3  # [m] coordinate of a missing keep-in face
@@ -36,7 +22,7 @@ def cell_parameters(cell: Cell) -> Vector:
     lower = np.max([box.lower for box in boxes], axis=0) if boxes else np.full(3, -UNBOUNDED)
     upper = np.min([box.upper for box in boxes], axis=0) if boxes else np.full(3, UNBOUNDED)
     return _read_only(
-        ARM.pack(
+        layout.ARM.pack(
             {
                 "dh": np.array([robot.d[0], robot.a[1], robot.a[2], robot.d[3], robot.d[4], robot.d[5]]),
                 "tcp": cell.tool.X_FT[:3, 3],
@@ -58,10 +44,12 @@ def cell_parameters(cell: Cell) -> Vector:
 @lru_cache(maxsize=CELLS_KEPT)
 def box_parameters(cell: Cell, margin_m: float = 0.0) -> Vector:
     """Returns the `BOXES` vector, not to be changed; boxes beyond `KEEP_OUT_BOXES` are left to the certificate."""
-    table = np.full((KEEP_OUT_BOXES, 6), ABSENT_BOX)
+    table = np.full((layout.KEEP_OUT_BOXES, 6), layout.ABSENT_BOX)
     for row, box in zip(table, cell.surroundings.keep_out, strict=False):
         row[:] = [*box.lower, *box.upper]
-    return _read_only(BOXES.pack({"boxes": table.ravel(), "box_clearance": cell.surroundings.clearance_m + margin_m}))
+    return _read_only(
+        layout.BOXES.pack({"boxes": table.ravel(), "box_clearance": cell.surroundings.clearance_m + margin_m})
+    )
 
 
 def _read_only(vector: Vector) -> Vector:
@@ -85,14 +73,14 @@ def _about_origin(mass: float, com: Vector, inertia: Vector) -> Vector:
 
 def capsule_parameters(cell: Cell) -> Vector:
     """Returns end points and radius of every slot of `CAPSULE_FRAMES` (77,)."""
-    table = np.zeros((len(CAPSULE_FRAMES), 7))
-    table[:, 6] = ABSENT_RADIUS
+    table = np.zeros((len(layout.CAPSULE_FRAMES), 7))
+    table[:, 6] = layout.ABSENT_RADIUS
     for slot, c in enumerate(arm_capsules(cell.robot)[1:]):
         table[slot] = [*c.p0, *c.p1, c.radius_m]
-    for slot, (p0, p1, radius) in enumerate(wrapped_tool_capsules(cell), start=FIRST_TOOL):
+    for slot, (p0, p1, radius) in enumerate(wrapped_tool_capsules(cell), start=layout.FIRST_TOOL):
         table[slot] = [*p0, *p1, radius]
     p = cell.tool.X_FT[:3, 3]
-    table[OBJECT] = [*p, *p, cell.object.radius_m]
+    table[layout.OBJECT] = [*p, *p, cell.object.radius_m]
     return table.ravel()
 
 
@@ -118,8 +106,7 @@ def _enclosing_capsule(capsules: list[tuple[Vector, Vector, float]]) -> tuple[Ve
 def pair_parameters(cell: Cell) -> Vector:
     """Returns 0 for the slots of `PAIRS` that can meet on this arm with this tool, `FAR` for the others."""
     can = {(i - 1, j - 1) for i, j in self_collision_pairs(cell.robot, cell.tool.capsules)}
-    wrapped = len(cell.tool.capsules) > TOOL_CAPSULES
-    last = FIRST_TOOL + TOOL_CAPSULES - 1
-    if wrapped:
+    last = layout.FIRST_TOOL + TOOL_CAPSULES - 1
+    if len(cell.tool.capsules) > TOOL_CAPSULES:
         can |= {(i, last) for i, j in can if j > last}
-    return np.array([0.0 if pair in can else FAR for pair in PAIRS])
+    return np.array([0.0 if pair in can else layout.FAR for pair in layout.PAIRS])

@@ -13,15 +13,12 @@ from typing import Any
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp.functions import evaluate, first_result
 from planner.backends.casadi_nlp.instance import Arguments, Instance
-from planner.backends.casadi_nlp.layout import NU, NX, NZ, Q
-from planner.backends.casadi_nlp.transcription import StageLayout, transcription
+from planner.backends.casadi_nlp.layout import NU, NX, NZ, Q, Vector
+from planner.backends.casadi_nlp.transcription import Indices, StageLayout, transcription
 from planner.errors import SolverFailed
-
-Vector = NDArray[np.float64]
 
 # What falls below the LU tolerance is dropped where equalities are eliminated. With a smaller one fatrop 1.1.8 raises
 # its regularisation without end on one `point` of sixty. In a stage of 5 ms, however, a jerk moves the landing by 2 to
@@ -36,7 +33,13 @@ POSITIONS = "positions"  # group of the joints' position limits: bounds of varia
 
 # The blocks have all derivatives; casadi must not differentiate again.
 QUIET = {"print_time": False, "error_on_fail": False, "calc_lam_p": False, "calc_lam_x": False}
-NLP_GRAD = ("all", ["f", "g", "grad:gamma:x", "grad:gamma:p"])
+Roles = dict[str, tuple[str, list[str]]]  # of functions, by the names that casadi gives to those it derives itself
+COMMON_ROLES: Roles = {
+    "nlp_f": ("f", ["f"]),
+    "nlp_g": ("g", ["g"]),
+    "nlp_jac_g": ("jac_g", ["g", "jac:g:x"]),
+    "nlp_grad": ("all", ["f", "g", "grad:gamma:x", "grad:gamma:p"]),
+}
 
 
 class Solver:
@@ -130,27 +133,22 @@ def _violated_groups(instance: Instance, z: Vector) -> set[str]:
 
 
 @cache
-def _rows_kept(part: StageLayout, whole: StageLayout) -> NDArray[np.intp]:
+def _rows_kept(part: StageLayout, whole: StageLayout) -> Indices:
     return transcription(part).row_index.within(transcription(whole).row_index)
 
 
 @cache
-def _rows_by_group(whole: StageLayout) -> dict[str, NDArray[np.intp]]:
+def _rows_by_group(whole: StageLayout) -> dict[str, Indices]:
     index = transcription(whole).row_index
     rows = {group: np.concatenate([index.rows_of[group], index.rows_of[f"{group}_middle"]]) for group in whole.groups}
     positions = [index.rows["motion", k][NX + 6 :] for k in index.knots["motion"]]
     return {**rows, POSITIONS: np.concatenate(positions)}
 
 
-@cache
-def _position_variables(whole: StageLayout) -> NDArray[np.bool_]:
-    index = transcription(whole).row_index
-    return np.arange(index.variables) % NZ < Q.stop
-
-
 def _free_positions(whole: StageLayout, arguments: Arguments) -> None:
     """Frees joint positions that are not fixed."""
-    free = _position_variables(whole) & (arguments["lbx"] != arguments["ubx"])
+    is_position = np.arange(len(arguments["lbx"])) % NZ < Q.stop
+    free = is_position & (arguments["lbx"] != arguments["ubx"])
     rows = _rows_by_group(whole)[POSITIONS]
     for variables, constraints, bound in (("lbx", "lbg", -np.inf), ("ubx", "ubg", np.inf)):
         arguments[variables] = np.where(free, bound, arguments[variables])
@@ -177,71 +175,47 @@ def _fatrop(stages: StageLayout, pattern: bytes, fixed_times: bool) -> Any:
     index, functions = made.row_index, made.functions
     n = index.stages.stages
     options = FATROP | (FATROP_FIXED_TIMES if fixed_times else {}) | (FATROP_SHORT_STAGES if stages.window > 1 else {})
-    roles = {
-        "nlp_f": ("f", ["f"]),
-        "nlp_g": ("g", ["g"]),
-        "nlp_grad_f": ("grad_f", ["grad:f:x"]),
-        "nlp_jac_g": ("jac_g", ["g", "jac:g:x"]),
-        "nlp_hess_l": ("hess_l", ["grad:gamma:x", "hess:gamma:x:x"]),
-        "nlp_grad": NLP_GRAD,
-    }
+    roles = {"nlp_grad_f": ("grad_f", ["grad:f:x"]), "nlp_hess_l": ("hess_l", ["grad:gamma:x", "hess:gamma:x:x"])}
     structure = {"structure_detection": "manual", "N": n, "nx": [NX] * (n + 1), "nu": [NU] * n + [0]}
-    return _nlpsol("fatrop", functions, roles, {**structure, "ng": index.per_stage}, {"print_level": 0, **options})
+    settings = {**structure, "ng": index.per_stage, "fatrop": {"print_level": 0, **options}}
+    return _nlpsol("fatrop", functions, roles, settings)
 
 
 @cache
 def _ipopt(stages: StageLayout) -> Any:
     """Returns the IPOPT solver of the same problem."""
     functions = dict(transcription(stages).functions)
-    x, p, lam_f, lam_g = (functions["hess_l"].mx_in(i) for i in range(4))
-    upper = ca.triu(functions["hess_l"](x, p, lam_f, lam_g)[1])
-    functions["upper"] = ca.Function("upper", [x, p, lam_f, lam_g], [upper])
+    inputs = x, p, *_ = functions["hess_l"].mx_in()
+    functions["upper"] = ca.Function("upper", inputs, [ca.triu(functions["hess_l"](*inputs)[1])])
     both = [functions["f"](x, p), functions["grad_f"](x, p)]
     functions["value_and_grad_f"] = ca.Function("value_and_grad_f", [x, p], both)
     roles = {
-        "nlp_f": ("f", ["f"]),
-        "nlp_g": ("g", ["g"]),
         "nlp_grad_f": ("value_and_grad_f", ["f", "grad:f:x"]),
-        "nlp_jac_g": ("jac_g", ["g", "jac:g:x"]),
         "nlp_hess_l": ("upper", ["triu:hess:gamma:x:x"]),
-        "nlp_grad": NLP_GRAD,
     }
-    return _nlpsol("ipopt", functions, roles, {}, {"print_level": 0, "sb": "yes", **IPOPT})
+    return _nlpsol("ipopt", functions, roles, {"ipopt": {"print_level": 0, "sb": "yes", **IPOPT}})
 
 
-def _nlpsol(
-    plugin: str,
-    functions: Mapping[str, Any],
-    roles: Mapping[str, tuple[str, list[str]]],
-    settings: Mapping[str, Any],
-    options: Mapping[str, Any],
-) -> Any:
-    x, p = functions["g"].mx_in(0), functions["g"].mx_in(1)
+def _nlpsol(plugin: str, functions: Mapping[str, Any], roles: Roles, settings: Mapping[str, Any]) -> Any:
+    x, p = functions["g"].mx_in()
     problem = {"x": x, "p": p, "f": functions["f"](x, p), "g": functions["g"](x, p)}
-    return ca.nlpsol(
-        "launch", plugin, problem, {**QUIET, "cache": _cache(functions, roles), **settings, plugin: options}
-    )
+    derived = _in_roles({**functions, "all": _summary(functions)}, {**COMMON_ROLES, **roles})
+    return ca.nlpsol("launch", plugin, problem, {**QUIET, "cache": derived, **settings})
 
 
-def _cache(functions: Mapping[str, Any], roles: Mapping[str, tuple[str, list[str]]]) -> dict[str, Any]:
+def _in_roles(functions: Mapping[str, Any], roles: Roles) -> dict[str, Any]:
     """Returns the functions under the names that casadi gives to those it derives itself."""
-    functions = {**functions, "all": _summary(functions)}
     named = {}
     for role, (name, outputs) in roles.items():
-        function = functions[name]
-        inputs = [function.mx_in(i) for i in range(function.n_in())]
-        results = function(*inputs)
-        results = list(results) if isinstance(results, (list, tuple)) else [results]
+        inputs = functions[name].mx_in()
         scheme = ["x", "p", "lam:f", "lam:g"][: len(inputs)]
-        names = [[name.replace(":", "_") for name in names] for names in (scheme, outputs)]
-        named[role] = ca.Function(role, inputs, results, names[0], names[1])
+        taken, given = ([name.replace(":", "_") for name in names] for names in (scheme, outputs))
+        named[role] = ca.Function(role, inputs, functions[name].call(inputs), taken, given)
     return named
 
 
 def _summary(functions: Mapping[str, Any]) -> Any:
     """Returns what casadi evaluates at the solution: values, and the Lagrangian's gradient, which p has no part in."""
-    x, p, lam_f, lam_g = (functions["hess_l"].mx_in(i) for i in range(4))
-    slope = functions["hess_l"](x, p, lam_f, lam_g)[0]
-    return ca.Function(
-        "all", [x, p, lam_f, lam_g], [functions["f"](x, p), functions["g"](x, p), slope, ca.MX.zeros(p.shape)]
-    )
+    inputs = x, p, *_ = functions["hess_l"].mx_in()
+    slope = functions["hess_l"](*inputs)[0]
+    return ca.Function("all", inputs, [functions["f"](x, p), functions["g"](x, p), slope, ca.MX.zeros(p.shape)])

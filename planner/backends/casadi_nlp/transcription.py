@@ -10,16 +10,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from itertools import accumulate
 from typing import Any
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.backends.casadi_nlp import codegen
+from planner.backends.casadi_nlp import codegen, layout
 from planner.backends.casadi_nlp.functions import Block, interpreted_blocks
-from planner.backends.casadi_nlp.layout import COST, NX, NZ, SHARED
+from planner.backends.casadi_nlp.layout import COST, NX, NZ
 from planner.backends.casadi_nlp.symbols import FORMULAS
 
 MX = Any
@@ -27,9 +26,13 @@ Indices = NDArray[np.intp]
 
 WATCHED_STAGES = 3  # stages before the release (or its window) on which singularities are avoided, as on all after it
 LAZY_GROUPS = ("effort", "clearance", "keep_out")  # left out until a solution violates them; each at knots and middles
-ENDS = list(accumulate((layout.size for layout in SHARED.values()), initial=0))
-SHARED_SLICES = {name: slice(start, end) for name, start, end in zip(SHARED, ENDS, ENDS[1:], strict=False)}
-SHARED_SIZE = ENDS[-1]  # parameters before those of the stages' costs
+# Parameters p: these, then the costs of every stage.
+ALL_SHARED = layout.VectorLayout({name: piece.size for name, piece in layout.SHARED.items()})
+# Scales of the variables (NZ,): z times these is in SI units.
+SCALES = np.repeat(
+    [1.0, layout.QD_SCALE, layout.QDD_SCALE, layout.TIME_SCALE, layout.JERK_SCALE, layout.TIME_SCALE],
+    [6, 6, 6, 1, 6, 1],
+)
 
 
 @dataclass(frozen=True)
@@ -159,7 +162,7 @@ def transcription(stages: StageLayout) -> Transcription:
 
 def assemble(index: RowIndex) -> dict[str, Any]:
     """Returns the functions f, g and their derivatives of (x, p)."""
-    x, p = ca.MX.sym("x", index.variables), ca.MX.sym("p", SHARED_SIZE + COST.size * index.stages.stages)
+    x, p = ca.MX.sym("x", index.variables), ca.MX.sym("p", ALL_SHARED.size + COST.size * index.stages.stages)
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", index.size)
     f, g, jacobian = _objective(index, x, p), _constraints(index, x, p), _jacobian(index, x, p)
     gradient, hessian = _lagrangian(index, x, p, lam_f, lam_g)
@@ -175,19 +178,18 @@ def assemble(index: RowIndex) -> dict[str, Any]:
 
 def _parameters(index: RowIndex, name: str, p: MX) -> MX:
     if name == "cost":
-        return ca.reshape(p[SHARED_SIZE:], COST.size, index.stages.stages)
-    return ca.vertcat(ca.MX(0, 1), *(p[SHARED_SLICES[piece]] for piece in FORMULAS[name].parameters))
+        return ca.reshape(p[ALL_SHARED.size :], COST.size, index.stages.stages)
+    return ca.vertcat(ca.MX(0, 1), *(p[ALL_SHARED.slices[piece]] for piece in FORMULAS[name].parameters))
 
 
-def _mapped(index: RowIndex, name: str, kind: str, x: MX, p: MX, *more: MX) -> tuple[MX, ...]:
+def _mapped(index: RowIndex, name: str, kind: str, x: MX, p: MX, *more: MX) -> list[MX]:
     """Returns the outputs of a block's function, one column per stage."""
     knots = index.knots[name]
     function = getattr(index.blocks[name], kind)
     same_on_all = [] if name == "cost" else [1]
     mapped = function.map(f"{function.name()}_{len(knots)}", "serial", len(knots), same_on_all, [])
     columns = ca.reshape(ca.vertcat(x, ca.MX.zeros(NZ - NX)), NZ, index.stages.stages + 1)
-    result = mapped(columns[:, knots.start : knots.stop], _parameters(index, name, p), *more)
-    return tuple(result) if isinstance(result, (list, tuple)) else (result,)
+    return mapped.call([columns[:, knots.start : knots.stop], _parameters(index, name, p), *more])
 
 
 def _constraint_blocks(index: RowIndex) -> list[str]:
@@ -208,13 +210,13 @@ def _objective_gradient(index: RowIndex, x: MX, p: MX) -> MX:
 def _constraints(index: RowIndex, x: MX, p: MX) -> MX:
     g = _next_states(index) @ x
     for name in _constraint_blocks(index):
-        values = _mapped(index, name, "value", x, p)[0]
-        g += _scatter(index.rows_of[name], _tiled_signs(index, name), index.size) @ ca.vec(values)
+        g += _into_rows(index, name) @ ca.vec(_mapped(index, name, "value", x, p)[0])
     return g
 
 
-def _tiled_signs(index: RowIndex, name: str) -> np.ndarray:
-    return np.tile(index.signs(name), len(index.knots[name]))
+def _into_rows(index: RowIndex, name: str) -> Any:
+    """Returns the constant matrix that adds a block's rows on all its stages, with their signs, to the problem's."""
+    return _scatter(index.rows_of[name], np.tile(index.signs(name), len(index.knots[name])), index.size)
 
 
 def _scatter(positions: Indices, values: np.ndarray | float, rows: int) -> Any:
@@ -224,21 +226,15 @@ def _scatter(positions: Indices, values: np.ndarray | float, rows: int) -> Any:
     return ca.DM(sparsity, np.broadcast_to(values, n).copy())  # one entry per column: triplet order is kept
 
 
-def _next_state_entries(index: RowIndex) -> tuple[Indices, Indices]:
-    """Returns rows and columns of x_{k+1} in the dynamics."""
-    columns = [(k + 1) * NZ + np.arange(NX) for k in range(index.stages.stages)]
-    return np.concatenate(index.dynamics), np.concatenate(columns)
-
-
 def _next_states(index: RowIndex) -> Any:
-    rows, columns = _next_state_entries(index)
+    """Returns the constant matrix that x_{k+1} enters the dynamics by."""
+    rows = np.concatenate(index.dynamics)
+    columns = np.concatenate([(k + 1) * NZ + np.arange(NX) for k in range(index.stages.stages)])
     return ca.DM(ca.Sparsity.triplet(index.size, index.variables, rows.tolist(), columns.tolist()), 1.0)
 
 
 def _jacobian(index: RowIndex, x: MX, p: MX) -> MX:
-    first_rows, first_columns = _next_state_entries(index)
-    rows, columns = [first_rows], [first_columns]
-    signs, entries = [np.ones(len(first_rows))], [ca.MX(ca.DM.ones(len(first_rows)))]
+    rows, columns, signs, entries = [], [], [], []
     for name in _constraint_blocks(index):
         entries.append(ca.vec(_mapped(index, name, "slope", x, p)[1].nz[:]))
         row, column = (np.array(i) for i in index.blocks[name].jacobian.get_triplet())
@@ -247,7 +243,8 @@ def _jacobian(index: RowIndex, x: MX, p: MX) -> MX:
             columns.append(k * NZ + column)
             signs.append(index.signs(name)[row])
     positions = (np.concatenate(rows), np.concatenate(columns))
-    return _matrix(positions, np.concatenate(signs), ca.vertcat(*entries), index.size, index.variables)
+    own = _matrix(positions, np.concatenate(signs), ca.vertcat(*entries), index.size, index.variables)
+    return _next_states(index) + own
 
 
 def _matrix(positions: tuple[Indices, Indices], signs: np.ndarray, entries: MX, rows: int, columns: int) -> MX:
@@ -271,8 +268,7 @@ def _lagrangian(index: RowIndex, x: MX, p: MX, lam_f: MX, lam_g: MX) -> tuple[MX
         if name == "cost":
             lam = ca.repmat(lam_f, 1, len(knots))
         else:
-            spread = _scatter(index.rows_of[name], _tiled_signs(index, name), index.size)
-            lam = ca.reshape(spread.T @ lam_g, block.n, -1)
+            lam = ca.reshape(_into_rows(index, name).T @ lam_g, block.n, -1)
         slopes, nonzeros = _mapped(index, name, "curve", x, p, lam)
         positions = np.concatenate([k * NZ + np.arange(NZ) for k in knots])
         positions = np.minimum(positions, index.variables - 1)  # no control on the last stage: its slopes are zero

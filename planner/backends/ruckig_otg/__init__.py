@@ -3,23 +3,15 @@
 Source: Berscheid and Kroeger, Jerk-limited Real-time Trajectory Generation with Arbitrary Target States, RSS 2021.
 """
 
-from planner.backends.ruckig_otg.arrival import Arrival, arrival, launch_time, least_times
-from planner.backends.ruckig_otg.motions import (
-    LAST_RESORT,
-    VARIANTS,
-    LaunchVariant,
-    RuckigMotion,
-    initial_guess,
-    solve,
-)
+from planner.backends.ruckig_otg.arrival import arrival, golden_section, launch_time, least_times
+from planner.backends.ruckig_otg.motions import LAST_RESORT, VARIANTS, LaunchVariant, initial_guess, solve
 
 __all__ = [
     "LAST_RESORT",
     "VARIANTS",
-    "Arrival",
     "LaunchVariant",
-    "RuckigMotion",
     "arrival",
+    "golden_section",
     "initial_guess",
     "launch_time",
     "least_times",

@@ -13,15 +13,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner.backends.ruckig_otg import library
+from planner.backends.ruckig_otg.library import Vector
 from planner.errors import SolverFailed
 from planner.problem import ThrowProblem
 from planner.seeds import Candidate
 from planner.timing import grid_limits
-
-Vector = NDArray[np.float64]
 
 SCAN = 9  # final accelerations scanned, from the lowest to the highest allowed
 SECTIONS = 14  # golden sections beside the best of them: 1/4 of the range * 0.618^14 = 3e-4 of the range
@@ -75,7 +73,7 @@ def least_times(problem: ThrowProblem, candidate: Candidate) -> Vector:
     """
     zero = np.zeros(6)
     start, release = (problem.start, zero, zero), (candidate.q, candidate.qd, zero)
-    motion = library.state_to_state(start, release, problem.limits, problem.dt, on_ticks=False)
+    motion = library.fastest_motion(start, release, problem.limits, problem.dt, on_ticks=False)
     return np.array(motion.independent_min_durations)
 
 
@@ -115,8 +113,7 @@ class _Joint:
 
     def earliest(self, distance: float, velocity: float, maxima: tuple[float, float, float]) -> tuple[float, float]:
         """Returns the least time [s] over `distance` [rad] to `velocity` [rad/s], and its final acceleration."""
-        v_max, a_max, j_max = maxima
-        request = self.request
+        (v_max, a_max, j_max), request = maxima, self.request
         request.target_position, request.target_velocity = [distance], [velocity]
         request.max_velocity, request.max_acceleration = [max(v_max, abs(velocity))], [a_max]
         request.max_jerk = [j_max]
@@ -126,7 +123,7 @@ class _Joint:
         grid = np.linspace(low, high, SCAN).tolist()
         times = [self._time(a) for a in grid]
         k = int(np.argmin(times))
-        section = _golden_section(self._time, grid[max(k - 1, 0)], grid[min(k + 1, SCAN - 1)])
+        section = golden_section(self._time, grid[max(k - 1, 0)], grid[min(k + 1, SCAN - 1)], SECTIONS)
         return min(section, (times[k], grid[k]))
 
     def _time(self, acceleration: float) -> float:
@@ -138,11 +135,11 @@ class _Joint:
         return float(self.motion.duration) if result in self.solved else math.inf
 
 
-def _golden_section(function: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
+def golden_section(function: Callable[[float], float], low: float, high: float, sections: int) -> tuple[float, float]:
     """Returns the minimum and its place of a function with one valley in [low, high]."""
     left, right = high - GOLDEN * (high - low), low + GOLDEN * (high - low)
     at_left, at_right = function(left), function(right)
-    for _ in range(SECTIONS):
+    for _ in range(sections):
         if at_left <= at_right:
             high, right, at_right = right, left, at_left
             left = high - GOLDEN * (high - low)

@@ -16,6 +16,7 @@ State = tuple[Vector, Vector, Vector]
 
 TICKS_MIN = 3  # fewest ticks in which the grid projection can restore any end state
 TICKS_MAX = 20_000  # longest phase: 40 s at 500 Hz, far beyond a throw
+ALL_JOINTS = slice(None)
 
 
 def ruckig_module() -> ModuleType:
@@ -31,14 +32,17 @@ def ruckig_module() -> ModuleType:
     return ruckig
 
 
-def state_to_state(start: State, end: State, limits: Limits, dt: float, on_ticks: bool) -> Any:
+def fastest_motion(
+    start: State, end: State | None, limits: Limits, dt: float, joints: slice = ALL_JOINTS, on_ticks: bool = True
+) -> Any:
     """Returns Ruckig's trajectory in which all joints arrive together.
 
     Args:
-        start: q [rad], qd [rad/s], qdd [rad/s^2], each (n,).
-        end: the same quantities at the end.
+        start: q [rad], qd [rad/s], qdd [rad/s^2], each (6,).
+        end: the same quantities at the end; None for rest, anywhere.
         limits: on velocity, acceleration and jerk.
         dt: one tick [s].
+        joints: those that move.
         on_ticks: whether the duration is rounded up to whole ticks.
 
     Raises:
@@ -46,59 +50,33 @@ def state_to_state(start: State, end: State, limits: Limits, dt: float, on_ticks
         BackendUnavailable: ruckig is not installed.
     """
     ruckig = ruckig_module()
-    request = _input(ruckig, start, end, limits)
+    current, target = ([x[joints].tolist() for x in state] for state in (start, end or 3 * (np.zeros(6),)))
+    request, motion = ruckig.InputParameter(len(current[0])), ruckig.Trajectory(len(current[0]))
+    request.current_position, request.current_velocity, request.current_acceleration = current
+    request.target_position, request.target_velocity, request.target_acceleration = target
+    # A release exactly at the velocity limit is allowed; only the launch keeps the reserve for the tick grid.
+    request.max_velocity = np.maximum(limits.qd_max[joints], np.abs(target[1])).tolist()
+    request.max_acceleration, request.max_jerk = limits.qdd_max[joints].tolist(), limits.jerk_max[joints].tolist()
+    if end is None:
+        request.control_interface = ruckig.ControlInterface.Velocity
     if on_ticks:
         request.duration_discretization = ruckig.DurationDiscretization.Discrete
-    return _calculate(ruckig, request, dt)
-
-
-def state_to_rest(state: State, limits: Limits, dt: float) -> Any:
-    """Returns Ruckig's trajectory in which all joints come to rest together, anywhere, after whole ticks of `dt` [s].
-
-    Raises:
-        SolverFailed: Ruckig refuses the state.
-        BackendUnavailable: ruckig is not installed.
-    """
-    ruckig = ruckig_module()
-    request = _input(ruckig, state, (np.zeros(6), np.zeros(6), np.zeros(6)), limits)
-    request.control_interface = ruckig.ControlInterface.Velocity
-    request.duration_discretization = ruckig.DurationDiscretization.Discrete
-    return _calculate(ruckig, request, dt)
-
-
-def ticks(motion: Any, dt: float) -> int:
-    """Returns the number of ticks of `dt` [s] that a trajectory takes, at least `TICKS_MIN`.
-
-    Raises:
-        SolverFailed: more than `TICKS_MAX`.
-    """
-    count = max(TICKS_MIN, round(motion.duration / dt))
-    if count > TICKS_MAX:
-        raise SolverFailed(f"the motion would take {motion.duration:.1f} s")
-    return count
-
-
-def accelerations(motion: Any, count: int, dt: float) -> Vector:
-    """Returns the accelerations (count + 1, n) [rad/s^2] of a trajectory at its ticks."""
-    return np.array([motion.at_time(i * dt)[2] for i in range(count + 1)])
-
-
-def _input(ruckig: ModuleType, start: State, end: State, limits: Limits) -> Any:
-    request = ruckig.InputParameter(len(start[0]))
-    request.current_position, request.current_velocity, request.current_acceleration = (x.tolist() for x in start)
-    request.target_position, request.target_velocity, request.target_acceleration = (x.tolist() for x in end)
-    # A release exactly at the velocity limit is allowed; only the launch keeps the reserve for the tick grid.
-    request.max_velocity = np.maximum(limits.qd_max, np.abs(end[1])).tolist()
-    request.max_acceleration, request.max_jerk = limits.qdd_max.tolist(), limits.jerk_max.tolist()
-    return request
-
-
-def _calculate(ruckig: ModuleType, request: Any, dt: float) -> Any:
-    motion = ruckig.Trajectory(request.degrees_of_freedom)
     try:
-        result = ruckig.Ruckig(request.degrees_of_freedom, dt).calculate(request, motion)
+        result = ruckig.Ruckig(len(current[0]), dt).calculate(request, motion)
     except ruckig.RuckigError as error:
         raise SolverFailed(f"ruckig refuses the request: {error}") from error
     if result not in (ruckig.Result.Working, ruckig.Result.Finished):
         raise SolverFailed(f"ruckig answers {result}")
     return motion
+
+
+def accelerations(motion: Any, dt: float) -> Vector:
+    """Returns the accelerations (N+1, n) [rad/s^2] of a trajectory at its ticks of `dt` [s], at least `TICKS_MIN`.
+
+    Raises:
+        SolverFailed: it takes more than `TICKS_MAX`.
+    """
+    count = max(TICKS_MIN, round(motion.duration / dt))
+    if count > TICKS_MAX:
+        raise SolverFailed(f"the motion would take {motion.duration:.1f} s")
+    return np.array([motion.at_time(i * dt)[2] for i in range(count + 1)])

@@ -17,19 +17,15 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from planner.backends.ruckig_otg import library
 from planner.backends.ruckig_otg.arrival import earliest_arrival
-from planner.backends.ruckig_otg.library import State
+from planner.backends.ruckig_otg.library import State, Vector, accelerations, fastest_motion
 from planner.cell import Limits
 from planner.problem import ThrowProblem
 from planner.seeds import Candidate
 from planner.solution import Solution
 from planner.timing import RESERVES, fits, grid_limits, onto_grid
 from planner.trajectory import join
-
-Vector = NDArray[np.float64]
 
 LaunchVariant = Literal["free", "synchronised", "independent", "gentle"]
 VARIANTS: tuple[LaunchVariant, ...] = get_args(LaunchVariant)
@@ -56,11 +52,11 @@ def solve(problem: ThrowProblem, candidate: Candidate, variant: LaunchVariant = 
         qdd = earliest_arrival(problem, candidate).qdd
     if variant == "gentle":
         problem = replace(problem, limits=_gentle(problem.limits, candidate))
-    accelerations = _independent if variant == "independent" else _synchronised
+    at_ticks = _independent if variant == "independent" else _synchronised
 
     def launch(limits: Limits) -> tuple[State, Vector]:
         release = (candidate.q, candidate.qd, np.clip(qdd, -limits.qdd_max, limits.qdd_max))
-        return release, accelerations(start, release, limits, problem.dt)
+        return release, at_ticks(start, release, limits, problem.dt)
 
     head = _on_grid(problem, start, launch)
     release = (candidate.q, candidate.qd, head[2][-1])
@@ -78,29 +74,23 @@ class RuckigMotion:
     Attributes:
         launch: Ruckig's trajectory to the release.
         brake: Ruckig's trajectory from there to rest; None for a move that ends at rest.
+        release_time_s: duration of the launch [s].
+        duration_s: duration of launch and brake [s].
     """
 
     launch: Any
     brake: Any
+    release_time_s: float
+    duration_s: float
 
-    @property
-    def release_time_s(self) -> float:
-        """Duration of the launch [s]."""
-        return float(self.launch.duration)
-
-    @property
-    def duration_s(self) -> float:
-        """Duration of launch and brake [s]."""
-        return self.release_time_s + (float(self.brake.duration) if self.brake else 0.0)
-
-    def at(self, t: ArrayLike) -> State:
+    def at(self, t: Vector, /) -> State:
         """Returns q, qd, qdd (n, 6) at times `t` (n,) [s]."""
-        times, released = np.asarray(t, float), self.release_time_s
+        released = self.release_time_s
         states = [
             self.launch.at_time(s) if s <= released or not self.brake else self.brake.at_time(s - released)
-            for s in times.tolist()
+            for s in t.tolist()
         ]
-        q, qd, qdd = (np.array(column) for column in zip(*states, strict=True))
+        q, qd, qdd = np.array(states).swapaxes(0, 1)
         return q, qd, qdd
 
 
@@ -117,9 +107,11 @@ def initial_guess(problem: ThrowProblem, candidate: Candidate) -> RuckigMotion:
     """
     zero, limits, dt = np.zeros(6), problem.limits, problem.dt
     release = (candidate.q, candidate.qd, earliest_arrival(problem, candidate).qdd)
-    launch = library.state_to_state((problem.start, zero, zero), release, limits, dt, on_ticks=False)
-    brake = None if problem.ends_at_rest else library.state_to_rest(release, limits, dt)
-    return RuckigMotion(launch, brake)
+    launch = fastest_motion((problem.start, zero, zero), release, limits, dt, on_ticks=False)
+    if problem.ends_at_rest:
+        return RuckigMotion(launch, None, launch.duration, launch.duration)
+    brake = fastest_motion(release, None, limits, dt)
+    return RuckigMotion(launch, brake, launch.duration, launch.duration + brake.duration)
 
 
 def _gentle(limits: Limits, candidate: Candidate) -> Limits:
@@ -140,35 +132,17 @@ def _on_grid(problem: ThrowProblem, start: State, phase: Callable[[Limits], tupl
 
 def _synchronised(start: State, end: State, limits: Limits, dt: float) -> Vector:
     """Returns the accelerations at the ticks (N+1, 6) of the motion in which all joints arrive together."""
-    motion = library.state_to_state(start, end, limits, dt, on_ticks=True)
-    return library.accelerations(motion, library.ticks(motion, dt), dt)
+    return accelerations(fastest_motion(start, end, limits, dt), dt)
 
 
 def _independent(start: State, end: State, limits: Limits, dt: float) -> Vector:
     """Returns the accelerations at the ticks (N+1, 6) with every joint as fast and as late as possible."""
-    motions = [
-        library.state_to_state(_joint(i, start), _joint(i, end), _one_joint(limits, i), dt, on_ticks=True)
-        for i in range(6)
-    ]
-    counts = [library.ticks(motion, dt) for motion in motions]
-    qdd = np.zeros((max(counts) + 1, 6))
-    for i, (motion, count) in enumerate(zip(motions, counts, strict=True)):
-        qdd[max(counts) - count :, i] = library.accelerations(motion, count, dt)[:, 0]
-    return qdd
+    columns = [accelerations(fastest_motion(start, end, limits, dt, slice(i, i + 1)), dt) for i in range(6)]
+    longest = max(map(len, columns))
+    return np.hstack([np.pad(column, ((longest - len(column), 0), (0, 0))) for column in columns])
 
 
 def _brake(release: State, limits: Limits, dt: float) -> tuple[State, Vector]:
     """Returns the state of rest at the end of the fastest brake, and the accelerations at its ticks (M+1, 6)."""
-    motion = library.state_to_rest(release, limits, dt)
-    rest = np.array(motion.at_time(motion.duration)[0])
-    return (rest, np.zeros(6), np.zeros(6)), library.accelerations(motion, library.ticks(motion, dt), dt)
-
-
-def _joint(i: int, state: State) -> State:
-    q, qd, qdd = (x[i : i + 1] for x in state)
-    return q, qd, qdd
-
-
-def _one_joint(limits: Limits, i: int) -> Limits:
-    rows = {name: getattr(limits, name)[i : i + 1] for name in ("qd_max", "qdd_max", "jerk_max")}
-    return replace(limits, **rows)
+    motion, zero = fastest_motion(release, None, limits, dt), np.zeros(6)
+    return (np.array(motion.at_time(motion.duration)[0]), zero, zero), accelerations(motion, dt)

@@ -7,10 +7,9 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner.backends.toppra_path.parameterization import PathTiming, fastest_timing
-from planner.backends.toppra_path.paths import SINGULAR, JointLine, ProfilePath, ToolLine
+from planner.backends.toppra_path.paths import SINGULAR, JointLine, Path, ProfilePath, ToolLine, Vector
 from planner.cell import Limits
 from planner.errors import SolverFailed
 from planner.kinematics import forward, inverse_velocity, jacobian
@@ -19,8 +18,6 @@ from planner.rotations import matrix_to_rotation_vector
 from planner.seeds import Candidate
 from planner.solution import Solution
 from planner.timing import RawMotion, linear_brake, shortest_cubic, shortest_trapezoid, smooth, whole_ticks
-
-Vector = NDArray[np.float64]
 
 PATHS = {  # of each variant, as the plan's status names it
     "joint": "the joint path that a trapezoid of velocity draws",
@@ -33,6 +30,7 @@ LENGTHS = (1.1, 1.6, 2.5, 4.0, 6.5)
 AVERAGE_PASSES = 4  # iterations for the line whose average passes the release; each gains about three digits
 PROFILE_SHARE = 0.98  # [-] of the acceleration limits in the profile that draws the path; TOPP-RA needs the rest
 SAME_POSTURE_RAD = 1e-6  # [rad] rounding error of the inverse kinematics
+RUN_UP, STOP = (0.0, 1.0), (1.0, 0.0)  # [-] path speeds at the ends of a line up to the release, and of one after it
 STANDSTILL_RAD = 1e-9  # [rad] a shorter move is no move
 
 
@@ -48,14 +46,9 @@ def solve(problem: ThrowProblem, candidate: Candidate, variant: str = "joint") -
         SolverFailed: there is no such path, or no timing of it keeps the limits and has the release's speed.
         BackendUnavailable: toppra is not installed.
     """
-    trajectory, width = smooth(
-        problem, candidate, lambda limits, width: _raw_motion(problem, candidate, variant, limits, width)
-    )
-    status = (
-        f"time-optimal along {PATHS[variant]} without regard to jerk; "
-        f"averaged over {1e3 * width:.0f} ms to keep the jerk limit"
-    )
-    return Solution(trajectory, status)
+    trajectory, width = smooth(problem, candidate, partial(_raw_motion, problem, candidate, variant))
+    averaged = f"averaged over {1e3 * width:.0f} ms to keep the jerk limit"
+    return Solution(trajectory, f"time-optimal along {PATHS[variant]} without regard to jerk; {averaged}")
 
 
 def _raw_motion(problem: ThrowProblem, candidate: Candidate, variant: str, limits: Limits, width: int) -> RawMotion:
@@ -69,7 +62,7 @@ def _raw_motion(problem: ThrowProblem, candidate: Candidate, variant: str, limit
     profile = shortest_trapezoid if variant == "joint" else shortest_cubic
     gentler = replace(limits, qdd_max=PROFILE_SHARE * limits.qdd_max)
     path = ProfilePath(problem.start, profile(d, v, gentler, problem.dt))
-    launch = fastest_timing(path, problem.cell, limits, (0.0, 1.0))
+    launch = fastest_timing(path, problem.cell, limits, RUN_UP)
     passage = np.tile(v, (width + 1, 1))
     return RawMotion(_ending_on_tick([launch], problem.dt), passage, _joint_brake(problem, candidate, limits))
 
@@ -79,11 +72,8 @@ def _joint_brake(problem: ThrowProblem, candidate: Candidate, limits: Limits) ->
     q, v, stop = candidate.q, candidate.qd, _stopping_path(candidate.qd, limits)
     if stop < problem.dt:  # almost at rest: TOPP-RA would only see rounding errors
         return linear_brake(v, limits, problem.dt)
-    line = partial(JointLine, q, v, 0.0)
-    return _starting_on_tick(
-        _first_feasible(lambda share: fastest_timing(line(share * stop), problem.cell, limits, (1.0, 0.0), False)),
-        problem.dt,
-    )
+    timing = _first_feasible(lambda share: JointLine(q, v, 0.0, share * stop), problem, limits, STOP)
+    return _sampled([timing], problem.dt)
 
 
 def _stopping_path(v: Vector, limits: Limits) -> float:
@@ -134,15 +124,11 @@ def _along_tool_line(problem: ThrowProblem, candidate: Candidate, limits: Limits
     least = max(_stopping_path(candidate.qd, limits), dt)
     q, qd = _centre(problem, candidate, half)
     passage = _passage(ToolLine(cell, q, qd, -half, half), width, dt, limits)
-    run_up = _first_feasible(
-        lambda share: fastest_timing(ToolLine(cell, q, qd, -half - share * least, -half), cell, limits, (0.0, 1.0))
-    )
-    after = _first_feasible(
-        lambda share: fastest_timing(ToolLine(cell, q, qd, half, half + share * least), cell, limits, (1.0, 0.0), False)
-    )
+    run_up = _first_feasible(lambda share: ToolLine(cell, q, qd, -half - share * least, -half), problem, limits, RUN_UP)
+    after = _first_feasible(lambda share: ToolLine(cell, q, qd, half, half + share * least), problem, limits, STOP)
     begin = run_up.path.at(run_up.s[:1])[0][0]
     move = _move(problem, problem.start, begin - problem.start, limits)
-    return RawMotion(_ending_on_tick([*move, run_up], dt), passage, _starting_on_tick(after, dt))
+    return RawMotion(_ending_on_tick([*move, run_up], dt), passage, _sampled([after], dt))
 
 
 def _passage(line: ToolLine, width: int, dt: float, limits: Limits) -> Vector:
@@ -153,14 +139,17 @@ def _passage(line: ToolLine, width: int, dt: float, limits: Limits) -> Vector:
     return qd
 
 
-def _first_feasible(attempt: Callable[[float], PathTiming]) -> PathTiming:
-    """Returns the result of the first of the `LENGTHS` that succeeds."""
-    for share in LENGTHS[:-1]:
+def _first_feasible(
+    path: Callable[[float], Path], problem: ThrowProblem, limits: Limits, ends: tuple[float, float]
+) -> PathTiming:
+    """Returns the timing of the first path of the `LENGTHS` that has one; after the release without the object."""
+    for share in LENGTHS:
         try:
-            return attempt(share)
+            return fastest_timing(path(share), problem.cell, limits, ends, carrying=ends == RUN_UP)
         except SolverFailed:
-            continue
-    return attempt(LENGTHS[-1])
+            if share == LENGTHS[-1]:
+                raise
+    raise AssertionError("no lengths")
 
 
 def _centre(problem: ThrowProblem, candidate: Candidate, half: float) -> tuple[Vector, Vector]:
@@ -178,19 +167,17 @@ def _centre(problem: ThrowProblem, candidate: Candidate, half: float) -> tuple[V
 def _ending_on_tick(timings: list[PathTiming], dt: float) -> Vector:
     """Returns velocities (N+1, 6) at the ticks of consecutive timings, the last of which ends on the last tick."""
     total = sum(timing.duration_s for timing in timings)
+    return _sampled(timings, dt, wait=whole_ticks(total, dt) * dt - total)
+
+
+def _sampled(timings: list[PathTiming], dt: float, wait: float = 0.0) -> Vector:
+    """Returns velocities (N+1, 6) at the ticks of consecutive timings that begin after a `wait` [s]."""
+    total = sum(timing.duration_s for timing in timings)
     count = whole_ticks(total, dt)
-    t = np.arange(count + 1) * dt - (count * dt - total)
+    t = np.arange(count + 1) * dt - wait
     qd, begin = np.zeros((count + 1, 6)), 0.0
     for timing in timings:
         rows = (t >= begin) & (t <= begin + timing.duration_s + dt / 2.0)
         qd[rows] = timing.velocities(np.minimum(t[rows] - begin, timing.duration_s))
         begin += timing.duration_s
     return qd
-
-
-def _starting_on_tick(timing: PathTiming, dt: float) -> Vector:
-    """Returns velocities (M+1, 6) at the ticks of a timing that begins on the first tick."""
-    count = whole_ticks(timing.duration_s, dt)
-    t = np.arange(count + 1) * dt
-    qd = timing.velocities(np.minimum(t, timing.duration_s))
-    return np.where((t <= timing.duration_s)[:, None], qd, 0.0)

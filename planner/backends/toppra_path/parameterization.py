@@ -10,19 +10,17 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass
-from types import ModuleType
+from functools import partial
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from planner.backends.toppra_path.paths import Derivatives, Path
+from planner.backends.toppra_path.paths import Derivatives, Path, Vector
 from planner.cell import Cell, Limits
-from planner.dynamics import Payload, joint_torques
+from planner.dynamics import gravity_in_base, joint_torques, payload_of
 from planner.errors import BackendUnavailable, SolverFailed
 from planner.kinematics import jacobian
-
-Vector = NDArray[np.float64]
 
 GRID = 100  # intervals of a path with one path acceleration each
 LIMIT_SHARE = 0.999  # [-] of the limits on velocity and acceleration; the rest is for the motion between grid points
@@ -89,15 +87,6 @@ def fastest_timing(
     return PathTiming(path, s, speed, np.concatenate([[0.0], np.cumsum(steps)]))
 
 
-class _Interval:
-    """The part of a path that TOPP-RA itself reads: its interval."""
-
-    dof = 6
-
-    def __init__(self, s: Vector) -> None:
-        self.path_interval = s[[0, -1]]
-
-
 def _toppra() -> ModuleType:
     try:
         import toppra
@@ -116,7 +105,8 @@ def _algorithm(toppra: ModuleType, constraint: Any, s: Vector) -> Any:
     """Returns TOPP-RA ready to run; its own constructor is avoided, which searches for other solvers every time."""
     base = toppra.algorithm.algorithm.ParameterizationAlgorithm
     algorithm = toppra.algorithm.TOPPRA.__new__(toppra.algorithm.TOPPRA)
-    base.__init__(algorithm, [constraint], _Interval(s), gridpoints=s)
+    interval = SimpleNamespace(dof=6, path_interval=s[[0, -1]])  # the part of a path that TOPP-RA itself reads
+    base.__init__(algorithm, [constraint], interval, gridpoints=s)
     wrapper = toppra.solverwrapper.cy_seidel_solverwrapper.seidelWrapper
     algorithm.solver_wrapper = wrapper(algorithm.constraints, algorithm.path, algorithm.gridpoints, solve_lp1d=True)
     return algorithm
@@ -126,10 +116,9 @@ def _constraint(
     toppra: ModuleType, along: Derivatives, cell: Cell, limits: Limits, ends: tuple[float, float], carrying: bool
 ) -> Any:
     """Returns all limits as one TOPP-RA constraint: rows |a u + b x + c| <= 1, and bounds on x = (ds/dt)^2."""
-    a, b, c = (
-        np.concatenate(pair, axis=1)
-        for pair in zip(_acceleration_rows(along, limits), _torque_rows(along, cell, limits, carrying), strict=True)
-    )
+    bound = LIMIT_SHARE * limits.qdd_max
+    accelerations = (along[1] / bound, along[2] / bound, np.zeros_like(along[1]))
+    a, b, c = np.concatenate([accelerations, _torque_rows(along, cell, limits, carrying)], axis=2)
     bounds = np.stack([np.zeros(len(a)), _squared_speed(along, cell, limits, ends)], axis=1)
     rows = a.shape[1]
     F, g = np.concatenate([np.eye(rows), -np.eye(rows)]), np.ones(2 * rows)
@@ -139,9 +128,7 @@ def _constraint(
 
         def __init__(self) -> None:
             super().__init__()
-            self.identical = True
-            self.dof = 6
-            self._format_string = ""
+            self.identical, self.dof, self._format_string = True, 6, ""
 
         def compute_constraint_params(self, path, gridpoints):
             lines = toppra.constraint.linear_constraint.canlinear_colloc_to_interpolate
@@ -150,18 +137,12 @@ def _constraint(
     return ArmLimits()
 
 
-def _acceleration_rows(along: Derivatives, limits: Limits) -> tuple[Vector, Vector, Vector]:
-    bound = LIMIT_SHARE * limits.qdd_max
-    return along[1] / bound, along[2] / bound, np.zeros_like(along[1])
-
-
 def _torque_rows(along: Derivatives, cell: Cell, limits: Limits, carrying: bool) -> tuple[Vector, Vector, Vector]:
     q, dq, ddq = along
-    gravity_B = cell.X_WB[:3, :3].T @ np.array([0.0, 0.0, -cell.surroundings.gravity_m_s2])
-    load, bound, still = _payload(cell, carrying), TORQUE_SHARE * limits.tau_max, np.zeros_like(q)
-    weight = joint_torques(cell.robot, q, still, still, gravity_B, load)
-    inertia = joint_torques(cell.robot, q, still, dq, gravity_B, load) - weight
-    curving = joint_torques(cell.robot, q, dq, ddq, gravity_B, load) - weight
+    bound, still = TORQUE_SHARE * limits.tau_max, np.zeros_like(q)
+    torques = partial(joint_torques, cell.robot, q, gravity_B=gravity_in_base(cell), payload=payload_of(cell, carrying))
+    weight = torques(still, still)
+    inertia, curving = torques(still, dq) - weight, torques(dq, ddq) - weight
     return inertia / bound, curving / bound, weight / bound
 
 
@@ -174,15 +155,3 @@ def _squared_speed(along: Derivatives, cell: Cell, limits: Limits, ends: tuple[f
     # A release exactly at a limit is allowed, and so is the path before it at the same path speed.
     share = np.clip(used * max(ends), LIMIT_SHARE, 1.0)
     return (share / np.maximum(used, SLOWEST)) ** 2
-
-
-def _payload(cell: Cell, carrying: bool) -> Payload:
-    """Returns the tool as a mass half way to the tool centre point, and the carried object as a mass at that point."""
-    p_FT, tool = cell.tool.X_FT[:3, 3], cell.tool.mass_kg
-    thing = cell.object.mass_kg if carrying else 0.0
-    mass = tool + thing
-    if mass == 0.0:
-        return Payload(0.0, np.zeros(3), np.zeros((3, 3)))
-    spread = 0.25 * tool * thing / mass  # two point masses half of p_FT apart, about their common centre
-    inertia = spread * (p_FT @ p_FT * np.eye(3) - np.outer(p_FT, p_FT))
-    return Payload(mass, (0.5 * tool + thing) / mass * p_FT, inertia)

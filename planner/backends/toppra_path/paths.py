@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,24 +25,6 @@ Derivatives = tuple[Vector, Vector, Vector]
 STEP_RAD = 0.7  # [rad] a larger step between neighbouring samples of a tool line is a jump past a singularity
 SINGULAR = "the straight line passes a singularity"
 LINE_SAMPLES = 33  # postures of a tool line, followed from the release outwards
-
-
-class Path(Protocol):
-    """A joint path over s in [begin, end]."""
-
-    @property
-    def begin(self) -> float:
-        """Smallest s."""
-        ...
-
-    @property
-    def end(self) -> float:
-        """Largest s."""
-        ...
-
-    def at(self, s: Vector) -> Derivatives:
-        """Returns q, dq/ds, d2q/ds2 (k, 6) at `s` (k,)."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,6 +127,9 @@ class ToolLine:
         if np.isnan(q).any():
             raise SolverFailed("the straight line leaves the arm's reach")
         return q
+
+
+Path = ProfilePath | JointLine | ToolLine  # over s in [begin, end]; `at` returns q, dq/ds, d2q/ds2 at s
 
 
 def _nearest_turn(q: Vector, near: Vector) -> Vector:
