@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array
 from planner.cell import Cell
 from planner.certificate import landing_errors, release_flight
 from planner.flight import landing_per_release_delay
@@ -20,7 +20,6 @@ from planner.trajectory import Trajectory
 if TYPE_CHECKING:
     from planner.planning import Plan
 
-Vector = NDArray[np.float64]
 
 WINDOW_DELAYS_S = (-0.02, -0.01, 0.0, 0.01, 0.02)  # [s] release delays listed for a request without a window
 
@@ -119,7 +118,7 @@ def _window_delays(problem: ThrowProblem) -> tuple[float, ...]:
     return (-w, -w / 2, 0.0, w / 2, w) if w > 0.0 else WINDOW_DELAYS_S
 
 
-def _landing_drift(problem: ThrowProblem, trajectory: Trajectory) -> Vector:
+def _landing_drift(problem: ThrowProblem, trajectory: Trajectory) -> Array:
     k, cell = trajectory.release_index, problem.cell
     X_WT, V_WT = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
     a_BT = tcp_acceleration(cell.robot, trajectory.q[k], trajectory.qd[k], trajectory.qdd[k], cell.tool.X_FT)[:3]
@@ -127,5 +126,5 @@ def _landing_drift(problem: ThrowProblem, trajectory: Trajectory) -> Vector:
     return landing_per_release_delay(X_WT[:3, 3], V_WT[:3], a_WT, problem.plane_z, problem.gravity, problem.drag)
 
 
-def _finite(vector: Vector) -> list[float] | None:
+def _finite(vector: Array) -> list[float] | None:
     return vector.tolist() if np.isfinite(vector).all() else None

@@ -10,14 +10,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array
 from planner.cell import Cell, Limits
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import drag_constant
 from planner.geometry import passable
-
-Vector = NDArray[np.float64]
 
 BACKENDS = ("auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp")
 REST_SPEED = 1e-9  # [rad/s, m/s] a release slower than this is a move that ends at rest
@@ -29,24 +27,24 @@ TIME_LIMIT_MAX_S = 120.0  # [s] longest time that one request may occupy a plann
 class JointRelease:
     """Release at joint positions `q` (6,) [rad] with joint velocities `qd` (6,) [rad/s]."""
 
-    q: Vector
-    qd: Vector
+    q: Array
+    qd: Array
 
 
 @dataclass(frozen=True, eq=False)
 class PoseRelease:
     """Release at the tool pose `X_WT` (4, 4) with the twist `V_WT` (6,): linear [m/s], then angular [rad/s]."""
 
-    X_WT: Vector
-    V_WT: Vector
+    X_WT: Array
+    V_WT: Array
 
 
 @dataclass(frozen=True, eq=False)
 class PointRelease:
     """Release at the point `p_WT` (3,) [m] with the velocity `v_WT` (3,) [m/s]; orientation and spin are free."""
 
-    p_WT: Vector
-    v_WT: Vector
+    p_WT: Array
+    v_WT: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +59,12 @@ class TargetRelease:
         release_position: point of release (3,) [m], None where it is free.
     """
 
-    p_W: Vector
+    p_W: Array
     max_speed_m_s: float = math.inf
     min_elevation_rad: float = -math.pi / 2
     max_elevation_rad: float = math.pi / 2
     min_horizontal_distance_m: float = 0.0
-    release_position: Vector | None = None
+    release_position: Array | None = None
 
 
 Release = JointRelease | PoseRelease | PointRelease | TargetRelease
@@ -91,7 +89,7 @@ class ThrowProblem:
     """
 
     cell: Cell
-    start: Vector
+    start: Array
     release: Release
     limits: Limits
     release_window_s: float = 0.0
@@ -163,7 +161,7 @@ def _release_errors(problem: ThrowProblem) -> list[FieldError]:
     return []
 
 
-def _outside(field: str, q: Vector, limits: Limits) -> list[FieldError]:
+def _outside(field: str, q: Array, limits: Limits) -> list[FieldError]:
     errors = []
     for i in range(6):
         if not limits.q_lower[i] <= q[i] <= limits.q_upper[i]:

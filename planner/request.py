@@ -13,8 +13,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array, read_only
 from planner.cell import Cell, Limits
 from planner.errors import FieldError, InvalidProblem
 from planner.problem import (
@@ -26,12 +26,10 @@ from planner.problem import (
     TargetRelease,
     ThrowProblem,
 )
-from planner.robots import read_only
 from planner.rotations import matrix_to_quaternion, pose, quaternion_to_matrix, rotation_vector_to_matrix
 
 __all__ = ["problem_from_request", "release_document", "request_document"]
 
-Vector = NDArray[np.float64]
 
 UNIT_TOLERANCE = 1e-3  # [-] deviation of a quaternion's length from 1 up to which it is normalised
 WINDOW_MAX_S = 0.2  # [s] longest release window
@@ -142,7 +140,7 @@ class _Fields:
         """Records that a field is refused."""
         self.errors.append(FieldError(self.path + key, reason))
 
-    def vector(self, key: str, size: int) -> Vector:
+    def vector(self, key: str, size: int) -> Array:
         """Returns a list of finite numbers as a read-only array (size,), zeros where it is refused."""
         value = self.get(key)
         array = np.asarray(value) if isinstance(value, list | tuple | np.ndarray) else np.zeros(0)
@@ -167,7 +165,7 @@ class _Fields:
         return float(value)
 
 
-def _start(request: _Fields, cell: Cell) -> Vector:
+def _start(request: _Fields, cell: Cell) -> Array:
     start = request.get("start")
     if start is None:
         return cell.home
@@ -202,7 +200,7 @@ def _limits(request: _Fields, own: Limits) -> Limits:
     return replace(own, **changed)
 
 
-def _tightened(limits: _Fields, key: str, own: Vector, unit: str) -> Vector:
+def _tightened(limits: _Fields, key: str, own: Array, unit: str) -> Array:
     """Returns a limit (6,), given as one number or one per joint, that may only tighten the cell's `own`."""
     value = limits.get(key)
     entries = np.asarray(value if isinstance(value, list | tuple) else [value] * len(own))
@@ -243,11 +241,11 @@ def _release(request: _Fields, cell: Cell) -> Release | None:
     return readers[kind](release, X_WR)
 
 
-def _joint_release(release: _Fields, X_WR: Vector) -> JointRelease:
+def _joint_release(release: _Fields, X_WR: Array) -> JointRelease:
     return JointRelease(release.vector("positions", 6), release.vector("velocities", 6))
 
 
-def _pose_release(release: _Fields, X_WR: Vector) -> PoseRelease:
+def _pose_release(release: _Fields, X_WR: Array) -> PoseRelease:
     given, twist = release.nested("pose"), release.nested("twist")
     p_RT = given.vector("position", 3)
     v_RT, w_RT = twist.vector("linear", 3), twist.vector("angular", 3)
@@ -255,7 +253,7 @@ def _pose_release(release: _Fields, X_WR: Vector) -> PoseRelease:
     return PoseRelease(X_WR @ X_RT, np.concatenate([_turn(X_WR, v_RT), _turn(X_WR, w_RT)]))
 
 
-def _rotation(release: _Fields, given: _Fields) -> Vector:
+def _rotation(release: _Fields, given: _Fields) -> Array:
     """Returns the rotation matrix of a pose, identity where its orientation is refused."""
     if (given.get("quaternion") is None) == (given.get("rotation_vector") is None):
         release.refuse("pose", "needs either quaternion or rotation_vector")
@@ -270,11 +268,11 @@ def _rotation(release: _Fields, given: _Fields) -> Vector:
     return quaternion_to_matrix(quaternion / length)
 
 
-def _point_release(release: _Fields, X_WR: Vector) -> PointRelease:
+def _point_release(release: _Fields, X_WR: Array) -> PointRelease:
     return PointRelease(_move(X_WR, release.vector("position", 3)), _turn(X_WR, release.vector("velocity", 3)))
 
 
-def _target_release(release: _Fields, X_WR: Vector) -> TargetRelease:
+def _target_release(release: _Fields, X_WR: Array) -> TargetRelease:
     half = np.pi / 2
     return TargetRelease(
         p_W=_move(X_WR, release.vector("position", 3)),
@@ -288,11 +286,11 @@ def _target_release(release: _Fields, X_WR: Vector) -> TargetRelease:
     )
 
 
-def _move(X_WR: Vector, p: Vector) -> Vector:
+def _move(X_WR: Array, p: Array) -> Array:
     """Returns a point of the request's frame in the world frame."""
     return X_WR[:3, :3] @ p + X_WR[:3, 3]
 
 
-def _turn(X_WR: Vector, v: Vector) -> Vector:
+def _turn(X_WR: Array, v: Array) -> Array:
     """Returns a vector of the request's frame in the world frame."""
     return X_WR[:3, :3] @ v

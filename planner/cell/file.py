@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from planner.arrays import Array, read_only
 from planner.cell.fields import choice, exactly, merge_defaults, number, per_joint, tables, vector
 from planner.cell.model import (
     Box,
@@ -28,10 +29,9 @@ from planner.cell.model import (
     Timing,
     Tool,
     ToolCapsule,
-    Vector,
 )
 from planner.errors import CellError, UnknownRobot
-from planner.robots import ROBOT_NAMES, Robot, read_only, robot
+from planner.robots import ROBOT_NAMES, Robot, robot
 from planner.rotations import pose, rotation_vector_to_matrix
 
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")  # a cell's name is part of URLs and file names
@@ -147,7 +147,7 @@ def _robot(document: Mapping[str, Any]) -> Robot:
         raise CellError("robot", document["robot"], f"must be one of {', '.join(ROBOT_NAMES)}") from error
 
 
-def _pose(table: Mapping[str, Any], position: str, rotation: str, where: str) -> Vector:
+def _pose(table: Mapping[str, Any], position: str, rotation: str, where: str) -> Array:
     p = vector(table, position, where, 3)
     R = rotation_vector_to_matrix(vector(table, rotation, where, 3))
     return read_only(pose(p, R))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array, Index
 from planner.certificate.bounds import curvature_bound, joint_rates, point_acceleration, point_jerk, prove_above
 from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
@@ -15,9 +15,6 @@ from planner.geometry import tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.rotations import matrix_to_rotation_vector
 from planner.trajectory import Trajectory
-
-Vector = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 RELEASE_POSITION_TOLERANCE = 1e-5  # [m, rad] less than a third of a UR's repeatability, 0.03 mm
 RELEASE_VELOCITY_TOLERANCE = 1e-4  # [m/s, rad/s] 0.1 mm of landing for a flight of one second
@@ -75,7 +72,7 @@ def release_velocity(motion: MotionSamples) -> Check | None:
     return _bounded_velocity(release, v, at_s)
 
 
-def _bounded_velocity(release: TargetRelease, v: Vector, at_s: float) -> Check | None:
+def _bounded_velocity(release: TargetRelease, v: Array, at_s: float) -> Check | None:
     """Returns the tighter check of a target's bounds on speed and elevation; None where it has none."""
     name, checks = "release_velocity", []
     elevation = math.atan2(float(v[2]), math.hypot(float(v[0]), float(v[1])))
@@ -113,10 +110,10 @@ def landing_window(motion: MotionSamples) -> Check | None:
     window, tolerance = problem.release_window_s, problem.landing_tolerance_m
     goal = _nominal_landing(problem, motion.trajectory)
 
-    def room(arm: ArmSamples) -> Vector:
+    def room(arm: ArmSamples) -> Array:
         return tolerance * (1.0 + ROUNDING) - np.linalg.norm(_landing_points(problem, arm) - goal, axis=1)
 
-    def evaluate(t: Vector, item: Index) -> Vector:
+    def evaluate(t: Array, item: Index) -> Array:
         return room(motion.at(t))
 
     arm = motion.at(released + np.linspace(-window, window, 2 * math.ceil(window / WINDOW_STEP_S) + 1))
@@ -128,7 +125,7 @@ def landing_window(motion: MotionSamples) -> Check | None:
     return at_most("landing_window", error, tolerance, "m", proof.at_s).provided(proof.proven)
 
 
-def landing_errors(problem: ThrowProblem, trajectory: Trajectory, delays: Vector) -> Vector:
+def landing_errors(problem: ThrowProblem, trajectory: Trajectory, delays: Array) -> Array:
     """Returns the landing errors (k,) [m] of releases `delays` (k,) [s] after the nominal one.
 
     They are distances from the target, or without a target from the landing point of the nominal release.
@@ -137,7 +134,7 @@ def landing_errors(problem: ThrowProblem, trajectory: Trajectory, delays: Vector
     return np.linalg.norm(_landing_points(problem, arm) - _nominal_landing(problem, trajectory), axis=1)
 
 
-def _landing_points(problem: ThrowProblem, arm: ArmSamples) -> Vector:
+def _landing_points(problem: ThrowProblem, arm: ArmSamples) -> Array:
     """Returns the landing points (k, 3) [m] after a release at each instant; NaN where the object never lands."""
     p, v = arm.p_WT.T, arm.v_WT.T
     if problem.drag <= 0.0:
@@ -146,7 +143,7 @@ def _landing_points(problem: ThrowProblem, arm: ArmSamples) -> Vector:
     return np.array([np.full(3, np.nan) if f is None else f.landing_point for f in flights])
 
 
-def _nominal_landing(problem: ThrowProblem, trajectory: Trajectory) -> Vector:
+def _nominal_landing(problem: ThrowProblem, trajectory: Trajectory) -> Array:
     if isinstance(problem.release, TargetRelease):
         return problem.release.p_W
     flight = release_flight(problem, trajectory)

@@ -6,17 +6,14 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array, Index
 from planner.cell import Cell
 from planner.errors import Violation
 from planner.geometry.capsules import Capsule, body_capsules, levers
 from planner.geometry.distances import segment_box_distance, segment_segment_distance
 from planner.geometry.self_collision import SELF_CLEARANCE_M, self_collision_pairs
 from planner.kinematics import link_poses
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 CELLS_KEPT = 32  # cells whose models are cached
 

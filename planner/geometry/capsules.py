@@ -13,13 +13,12 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from planner.arrays import Array
 from planner.cell import ToolCapsule
 from planner.kinematics import link_poses
 from planner.robots import Robot
-
-Array = NDArray[np.float64]
 
 FOOT_HEIGHT_M = 0.02  # source: base plates of the arms, 10 to 20 mm thick in the manuals' drawings
 AXIS_TOLERANCE_M = 1e-9  # [m] rounding: a capsule this close to an axis is round about it

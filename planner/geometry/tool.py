@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array
 from planner.cell import Cell
 from planner.kinematics import forward, jacobian
-
-Array = NDArray[np.float64]
 
 
 class ToolState(NamedTuple):

@@ -7,14 +7,12 @@ and Melchiorri, Trajectory Planning for Automatic Machines and Robots, Springer 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array
 from planner.cell import Limits
 
-Vector = NDArray[np.float64]
 
-
-def least_time(distance: Vector, qd: Vector, limits: Limits) -> Vector:
+def least_time(distance: Array, qd: Array, limits: Limits) -> Array:
     """Returns a lower bound (...,) [s] on the time from rest over `distance` to the velocity `qd`.
 
     The maximum over the joints of each joint's own least time with unbounded jerk.
