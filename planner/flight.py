@@ -7,6 +7,7 @@ a = -g z - k |v| v) the path is integrated by the classical fourth-order Runge-K
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,16 +62,20 @@ def time_of_flight(height: ArrayLike, v_z: ArrayLike, gravity: float) -> Array:
     return np.where((square >= 0.0) & (t >= 0.0), t, np.nan)
 
 
-def landing_points(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float) -> Array:
-    """Returns the landing points (..., 3) [m] of drag-free flights on the plane z = `plane_z`, NaN where they miss it.
+def landing_points(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, drag: float = 0.0) -> Array:
+    """Returns the landing points (..., 3) [m] of flights on the plane z = `plane_z`, NaN where they miss it.
 
     Args:
-        p: release positions (..., 3) [m].
-        v: release velocities (..., 3) [m/s].
+        p: release positions (..., 3) [m]; (n, 3) with drag.
+        v: release velocities of the same shape [m/s].
         plane_z: height of the plane [m].
         gravity: [m/s^2].
+        drag: k of `drag_constant` [1/m].
     """
     p, v = np.asarray(p, float), np.asarray(v, float)
+    if drag > 0.0:
+        flights = [fly(*release, plane_z, gravity, drag) for release in zip(p, v, strict=True)]
+        return np.array([np.full(3, np.nan) if flight is None else flight.landing_point for flight in flights])
     t = time_of_flight(p[..., 2] - plane_z, v[..., 2], gravity)[..., None]
     landed = p + v * t
     landed[..., 2] = np.where(np.isnan(t[..., 0]), np.nan, plane_z)
@@ -136,7 +141,9 @@ def landing_sensitivity(
     if flight is None or flight.landing_velocity[2] >= 0.0:
         return None
     if drag > 0.0:
-        return _differences(np.asarray(p, float), np.asarray(v, float), plane_z, gravity, drag)
+        p, v = np.asarray(p, float), np.asarray(v, float)
+        both = _derivative(lambda s: landing_points([p + s[:3]], [v + s[3:]], plane_z, gravity, drag)[0], 6)
+        return None if np.isnan(both).any() else (both[:, :3], both[:, 3:])
     w = flight.landing_velocity
     by_position = np.eye(3)
     by_position[:, 2] -= w / w[2]
@@ -181,20 +188,23 @@ def launch_velocity(p: ArrayLike, target: ArrayLike, time_s: ArrayLike, gravity:
     if drag <= 0.0:
         return v
     missed = np.full(p.shape[:-1], np.inf)
+
+    def reached(change: Array) -> Array:
+        return _advance(np.concatenate([p, v + change], axis=-1), t, gravity, drag)[..., :3]
+
     for _ in range(LAUNCH_ITERATIONS):
-        error = target - _advance(np.concatenate([p, v], axis=-1), t, gravity, drag)[..., :3]
+        error = target - reached(np.zeros(3))
         missed = np.abs(error).max(axis=-1)
         if np.all(missed < LAUNCH_TOLERANCE_M):
             break
-        J = _reach_jacobian(p, v, t, gravity, drag)
-        v = v + np.linalg.solve(J, error[..., None])[..., 0]
+        v = v + np.linalg.solve(_derivative(reached, 3), error[..., None])[..., 0]
     return np.where((missed < LAUNCH_TOLERANCE_M)[..., None], v, np.nan)
 
 
-def slowest_time(p: ArrayLike, target: ArrayLike, gravity: float) -> float:
-    """Returns the flight time [s] of the slowest drag-free throw from `p` to `target` (3,): sqrt(2 |d| / g)."""
+def slowest_time(p: ArrayLike, target: ArrayLike, gravity: float) -> Array:
+    """Returns the time (...,) [s] of the slowest drag-free throw from `p` (..., 3) to `target`: sqrt(2 |d| / g)."""
     d = np.asarray(target, float) - np.asarray(p, float)
-    return math.sqrt(2.0 * float(np.linalg.norm(d)) / gravity)
+    return np.sqrt(2.0 * np.linalg.norm(d, axis=-1) / gravity)
 
 
 def least_speed(p: ArrayLike, target: ArrayLike, gravity: float) -> Array:
@@ -264,25 +274,7 @@ def _crossing(state: Array, gravity: float, drag: float, index: int, level: floa
     return 0.5 * (low + high)
 
 
-def _differences(p: Array, v: Array, plane_z: float, gravity: float, drag: float) -> tuple[Array, Array] | None:
-    columns = []
-    for i in range(6):
-        step = np.zeros(6)
-        step[i] = DIFFERENCE
-        ahead = fly(p + step[:3], v + step[3:], plane_z, gravity, drag)
-        behind = fly(p - step[:3], v - step[3:], plane_z, gravity, drag)
-        if ahead is None or behind is None:
-            return None
-        columns.append((ahead.landing_point - behind.landing_point) / (2.0 * DIFFERENCE))
-    both = np.array(columns).T
-    return both[:, :3], both[:, 3:]
-
-
-def _reach_jacobian(p: Array, v: Array, t: Array, gravity: float, drag: float) -> Array:
-    """Returns the derivative (..., 3, 3) of the position after `t` (..., 1) [s] by the release velocity."""
-    columns = []
-    for step in DIFFERENCE * np.eye(3):
-        ahead = _advance(np.concatenate([p, v + step], axis=-1), t, gravity, drag)[..., :3]
-        behind = _advance(np.concatenate([p, v - step], axis=-1), t, gravity, drag)[..., :3]
-        columns.append((ahead - behind) / (2.0 * DIFFERENCE))
-    return np.stack(columns, axis=-1)
+def _derivative(function: Callable[[Array], Array], size: int) -> Array:
+    """Returns the derivative (..., 3, size) of a function (..., 3) of a change (size,) at none: central differences."""
+    steps = DIFFERENCE * np.eye(size)
+    return np.stack([(function(step) - function(-step)) / (2.0 * DIFFERENCE) for step in steps], axis=-1)

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner.arrays import Array
+from planner.arrays import Array, read_only
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +39,7 @@ class Trajectory:
 
     def __post_init__(self) -> None:
         for name in ("q", "qd", "qdd"):
-            array = np.array(getattr(self, name), dtype=np.float64)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, read_only(getattr(self, name)))
         if self.q.ndim != 2 or not self.q.shape == self.qd.shape == self.qdd.shape or len(self.q) < 2:
             raise ValueError(f"q {self.q.shape}, qd {self.qd.shape}, qdd {self.qdd.shape} must be one (N >= 2, n)")
         if not 0 <= self.release_index < len(self.q):

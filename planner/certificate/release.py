@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from planner.arrays import Array, Index
-from planner.certificate.bounds import curvature_bound, joint_rates, point_acceleration, point_jerk, prove_above
+from planner.certificate.bounds import curvature_bound, joint_rates, point_bound, prove_above
 from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
 from planner.flight import Flight, fly, landing_points
@@ -136,11 +136,7 @@ def landing_errors(problem: ThrowProblem, trajectory: Trajectory, delays: Array)
 
 def _landing_points(problem: ThrowProblem, arm: ArmSamples) -> Array:
     """Returns the landing points (k, 3) [m] after a release at each instant; NaN where the object never lands."""
-    p, v = arm.p_WT.T, arm.v_WT.T
-    if problem.drag <= 0.0:
-        return landing_points(p, v, problem.plane_z, problem.gravity)
-    flights = [fly(p[i], v[i], problem.plane_z, problem.gravity, problem.drag) for i in range(len(p))]
-    return np.array([np.full(3, np.nan) if f is None else f.landing_point for f in flights])
+    return landing_points(arm.p_WT.T, arm.v_WT.T, problem.plane_z, problem.gravity, problem.drag)
 
 
 def _nominal_landing(problem: ThrowProblem, trajectory: Trajectory) -> Array:
@@ -166,7 +162,7 @@ def _landing_curvature(motion: MotionSamples, arm: ArmSamples) -> float:
     k = trajectory.release_index
     rates = joint_rates(trajectory, np.array([max(0, k - reach), min(len(trajectory.q) - 1, k + reach)]))
     lever = motion.body.tool_lever
-    a, j = float(point_acceleration(lever, rates)[0]), float(point_jerk(lever, rates)[0])
+    a, j = (float(point_bound(lever, rates, derivative)[0]) for derivative in (2, 3))
     t1 = (speed + a * time) / w
     t2 = (a + j * time + 2.0 * a * t1 + problem.gravity * t1**2) / w
     return a + j * time + 2.0 * a * t1 + speed * t2

@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from planner.arrays import Array, Mask
+from planner.arrays import Array, Mask, read_only
 from planner.geometry import body_model, tool_pose
 from planner.kinematics import inverse_branches, inverse_velocity, jacobian, singularity_distances
 from planner.problem import PointRelease, PoseRelease, ThrowProblem
@@ -107,6 +107,4 @@ def _within_speed(problem: ThrowProblem, qd: Array) -> Mask:
 @cache
 def _offsets() -> Array:
     """Returns random points (POSTURES, 6) in [-1, 1], the same at every call."""
-    offsets = np.random.default_rng(0).uniform(-1.0, 1.0, (POSTURES, 6))
-    offsets.setflags(write=False)
-    return offsets
+    return read_only(np.random.default_rng(0).uniform(-1.0, 1.0, (POSTURES, 6)))

@@ -25,8 +25,7 @@ from planner.kinematics import (
 )
 from planner.problem import JointRelease, PointRelease, PoseRelease, ThrowProblem
 from planner.rotations import invert_pose
-from planner.seeds.lower_bound import least_time
-from planner.seeds.sampling import point_states, target_states
+from planner.seeds.sampling import least_time, point_states, target_states
 
 SPEED_SLACK = 1e-9  # [-] rounding allowed in the comparison with a speed limit
 POSITION_SLACK = 1e-9  # [rad] rounding allowed in the comparison with a position limit
@@ -170,15 +169,17 @@ def _closest_violation(problem: ThrowProblem, q: Array, qd: Array, excess: Array
 
 def _check_joint_positions(problem: ThrowProblem, release: JointRelease) -> None:
     """Raises `Infeasible` with every joint position that is outside its limits."""
-    limits, names = problem.limits, problem.cell.robot.joint_names
-    violations = []
-    for i in range(6):
-        q = float(release.q[i])
-        bound = float(limits.q_lower[i] if q < limits.q_lower[i] else limits.q_upper[i])
-        if not limits.q_lower[i] - POSITION_SLACK <= q <= limits.q_upper[i] + POSITION_SLACK:
-            violations.append(Violation("joint_position", q, bound, "rad", detail=f"{names[i]} at the release"))
-    if violations:
-        raise Infeasible(violations)
+    limits, q = problem.limits, release.q
+    outside = np.flatnonzero((q < limits.q_lower - POSITION_SLACK) | (q > limits.q_upper + POSITION_SLACK))
+    if len(outside):
+        raise Infeasible([_joint_violation(problem, joint, q[joint]) for joint in outside.tolist()])
+
+
+def _joint_violation(problem: ThrowProblem, joint: int, q: float) -> Violation:
+    """Returns the violation by a joint's position `q` [rad] outside its limits."""
+    lower, upper = problem.limits.q_lower[joint], problem.limits.q_upper[joint]
+    detail = f"{problem.cell.robot.joint_names[joint]} at the release"
+    return Violation("joint_position", float(q), float(lower if q < lower else upper), "rad", detail=detail)
 
 
 def _pose_states(problem: ThrowProblem, release: PoseRelease) -> tuple[Array, Array]:
@@ -212,14 +213,11 @@ def _reach_violation(problem: ThrowProblem, p_W: Array, excess_m: float) -> Viol
 
 def _joint_limit_violation(problem: ThrowProblem, X_BT: Array) -> Violation:
     """Returns the joint limit broken by the branch closest to the limits."""
-    cell, limits = problem.cell, problem.limits
-    robot = cell.robot
-    anywhere = inverse(robot, X_BT, cell.tool.X_FT, robot.q_lower, robot.q_upper).q
+    limits = problem.limits
+    anywhere = inverse(problem.cell.robot, X_BT, problem.cell.tool.X_FT).q
     if len(anywhere) == 0:
         return Violation("joint_position", 1.0, 1.0, "1", detail="no posture within the arm's joint limits reaches it")
     over = np.maximum(limits.q_lower - anywhere, anywhere - limits.q_upper)
     best = int(over.max(axis=1).argmin())
     joint = int(over[best].argmax())
-    q = float(anywhere[best, joint])
-    bound = float(limits.q_lower[joint] if q < limits.q_lower[joint] else limits.q_upper[joint])
-    return Violation("joint_position", q, bound, "rad", detail=f"{robot.joint_names[joint]} at the release")
+    return _joint_violation(problem, joint, anywhere[best, joint])

@@ -1,4 +1,4 @@
-"""Joint states for releases that leave something free, drawn from a fixed quasi-random sequence.
+"""Joint states for releases that leave something free, drawn from a fixed quasi-random sequence, soonest first.
 
 A `point` leaves the tool's orientation and angular velocity free; a `target` leaves the release position, the direction
 and the speed free, too.
@@ -10,15 +10,14 @@ from functools import cache
 
 import numpy as np
 
-from planner.arrays import Array, Index, Mask
+from planner.arrays import Array, Index, Mask, read_only
 from planner.cell import Limits
 from planner.errors import Infeasible, Violation
-from planner.flight import launch_velocity, least_speed
+from planner.flight import launch_velocity, least_speed, slowest_time
 from planner.geometry import tool_pose
 from planner.kinematics import inverse_branches, jacobian, singularity_distances
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose, quaternion_to_matrix
-from planner.seeds.lower_bound import least_time
 from planner.seeds.velocity_allocation import allocate_velocity
 
 ORIENTATIONS = 96  # tool orientations tried at a point
@@ -30,6 +29,28 @@ BATCH = 64  # states compared with one another at once
 TOO_FAST_S = 1e3  # [s] penalty per multiple of a speed limit: every state that is too fast comes after all others
 SPREAD_RAD = np.array([np.pi, 1.8, 1.8, 2.2, 2.2, np.pi])  # [rad] farthest joint states from the start
 FLIGHT_TIMES = (1.0, 0.8, 1.25, 0.6)  # [-] flight times tried, relative to that of the slowest throw
+
+
+def least_time(distance: Array, qd: Array, limits: Limits) -> Array:
+    """Returns a lower bound (...,) [s] on the time from rest over `distance` to the velocity `qd`.
+
+    The maximum over the joints of each joint's own least time with unbounded jerk. Source: time-optimal control of a
+    double integrator with bounded acceleration and velocity (Pontryagin; e.g. Biagiotti and Melchiorri, Trajectory
+    Planning for Automatic Machines and Robots, Springer 2008, section 3.2).
+
+    Args:
+        distance: joint distances (..., n) [rad].
+        qd: joint velocities (..., n) at the end [rad/s].
+        limits: of velocity and acceleration.
+    """
+    v_max, a_max = limits.qd_max, limits.qdd_max
+    turn = np.where(distance >= qd * np.abs(qd) / (2.0 * a_max), 1.0, -1.0)
+    d, v = turn * distance, turn * qd
+    peak = np.sqrt(np.maximum(a_max * d + v**2 / 2.0, 0.0))
+    direct = (2.0 * peak - v) / a_max
+    accelerating = (2.0 * v_max**2 - v**2) / (2.0 * a_max)
+    cruising = (2.0 * v_max - v) / a_max + (d - accelerating) / v_max
+    return np.where(peak <= v_max, direct, cruising).max(axis=-1)
 
 
 def point_states(problem: ThrowProblem, release: PointRelease) -> tuple[Array, Array]:
@@ -96,8 +117,7 @@ def _flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array) 
     Raises:
         Infeasible: there are none.
     """
-    slowest_s = np.sqrt(2.0 * np.linalg.norm(release.p_W - p, axis=1) / problem.gravity)
-    t = np.outer(FLIGHT_TIMES, slowest_s)
+    t = np.outer(FLIGHT_TIMES, slowest_time(p, release.p_W, problem.gravity))
     v = launch_velocity(p, release.p_W, t, problem.gravity)
     ok = _allowed_velocity(release, v) & (v[..., 2] < problem.gravity * t)
     if not ok.any():
@@ -134,11 +154,8 @@ def _allowed_velocity(release: TargetRelease, v: Array) -> Mask:
     """Returns the mask of the release velocities (..., 3) within the requested speed and elevations."""
     speed = np.linalg.norm(v, axis=-1)
     elevation = np.arctan2(v[..., 2], np.hypot(v[..., 0], v[..., 1]))
-    return (
-        (speed <= release.max_speed_m_s)
-        & (elevation >= release.min_elevation_rad)
-        & (elevation <= release.max_elevation_rad)
-    )
+    allowed = (elevation >= release.min_elevation_rad) & (elevation <= release.max_elevation_rad)
+    return allowed & (speed <= release.max_speed_m_s)
 
 
 def _soonest(problem: ThrowProblem, q: Array, qd: Array) -> Index:
@@ -234,9 +251,7 @@ def _halton(count: int, dimension: int) -> Array:
             value += scale * (index % prime)
             index, scale = index // prime, scale / prime
         columns.append(value)
-    points = np.stack(columns, axis=1)
-    points.setflags(write=False)
-    return points
+    return read_only(np.stack(columns, axis=1))
 
 
 def _quaternions(count: int) -> Array:
