@@ -15,7 +15,7 @@ import numpy as np
 
 from planner.arrays import Array, Mask
 from planner.cell import Cell
-from planner.certificate import Rates, curvature_bound, point_acceleration, slope_bound
+from planner.certificate import Rates, curvature_bound, point_bound, slope_bound
 from planner.geometry import SELF_CLEARANCE_M, body_model
 
 PATHS_AT_ONCE = 64  # [-] keeps the arrays of many paths in the processor's cache
@@ -84,7 +84,7 @@ def swept_clearances(cell: Cell, paths: SweptPaths) -> Iterator[SweptClearance]:
     body, around, shape = body_model(cell), cell.surroundings, paths.q.shape[:2]
     ends = body.end_points(body.link_poses(paths.q.reshape(-1, 6)))
     turn, bend = (steps.reshape(-1, 6).T for steps in (paths.turn, paths.bend))
-    bends = point_acceleration(body.levers, Rates(turn, bend, np.zeros_like(turn))).reshape(-1, *paths.turn.shape[:2])
+    bends = point_bound(body.levers, Rates(turn, bend, np.zeros_like(turn)), 2).reshape(-1, *paths.turn.shape[:2])
     heights = body.heights(ends).reshape(-1, *shape)
     boxes = body.box_distances(ends).reshape(-1, len(body.moving), *shape)
     for item, capsule in enumerate(body.moving):

@@ -19,6 +19,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -55,12 +56,6 @@ class Rates:
         differences = np.eye(n) - np.eye(n, k=-1)
         return tuple(differences @ total for total in self.totals)  # pyright: ignore[reportReturnType]
 
-    @property
-    def turning(self) -> tuple[Array, Array, Array, Array]:
-        """Bounds (m,) on the first to fourth derivative of any direction fixed in the last link."""
-        one, two, three, four = self.totals
-        return one[-1], two[-1], three[-1], four[-1]
-
 
 def joint_rates(trajectory: Trajectory, knots: Index | None = None) -> Rates:
     """Returns rate bounds of the joints between neighbouring `knots`.
@@ -89,24 +84,18 @@ def jerk_jumps(trajectory: Trajectory, knots: Index) -> Array:
     return np.add.reduceat(jumps, knots[:-1], axis=1)
 
 
-def point_speed(lever: Array, rates: Rates) -> Array:
-    """Returns bounds on the speed over every interval [m/s]: (m,) of a point with lever (6,), (k, m) of k points."""
-    return lever @ rates.by_derivative[0]
+def point_bound(lever: Array, rates: Rates, derivative: int) -> Array:
+    """Returns bounds on a derivative of a point's position over every interval.
 
+    Args:
+        lever: of the point about each joint (6,) [m], or of k points (k, 6).
+        rates: of the joints over m intervals.
+        derivative: 1 for the speed [m/s] to 4 for the fourth derivative [m/s^4].
 
-def point_acceleration(lever: Array, rates: Rates) -> Array:
-    """Returns bounds on the acceleration over every interval [m/s^2], shaped as those of `point_speed`."""
-    return lever @ rates.by_derivative[1]
-
-
-def point_jerk(lever: Array, rates: Rates) -> Array:
-    """Returns bounds on the jerk over every interval [m/s^3], shaped as those of `point_speed`."""
-    return lever @ rates.by_derivative[2]
-
-
-def point_snap(lever: Array, rates: Rates) -> Array:
-    """Returns bounds on the fourth derivative over every interval [m/s^4], shaped as those of `point_speed`."""
-    return lever @ rates.by_derivative[3]
+    Returns:
+        (m,), or (k, m) of k points.
+    """
+    return lever @ rates.by_derivative[derivative - 1]
 
 
 @dataclass(frozen=True)
@@ -126,8 +115,7 @@ class Proof:
     proven: bool
 
 
-@dataclass(frozen=True, eq=False)
-class Intervals:
+class Intervals(NamedTuple):
     """Intervals on which a bound is undecided.
 
     Attributes:
@@ -146,25 +134,12 @@ class Intervals:
 
     def keep(self, chosen: Mask) -> Intervals:
         """Returns the `chosen` intervals (k,)."""
-        return Intervals(
-            self.left[chosen],
-            self.right[chosen],
-            self.f_left[chosen],
-            self.f_right[chosen],
-            self.rate[..., chosen],
-            self.item[chosen],
-        )
+        return Intervals._make(values[..., chosen] for values in self)
 
     def halves(self, middle: Array, f_middle: Array) -> Intervals:
         """Returns both halves of every interval."""
-        return Intervals(
-            np.concatenate([self.left, middle]),
-            np.concatenate([middle, self.right]),
-            np.concatenate([self.f_left, f_middle]),
-            np.concatenate([f_middle, self.f_right]),
-            np.concatenate([self.rate, self.rate], axis=-1),
-            np.tile(self.item, 2),
-        )
+        first, second = self._replace(right=middle, f_right=f_middle), self._replace(left=middle, f_left=f_middle)
+        return Intervals._make(np.concatenate(pair, axis=-1) for pair in zip(first, second, strict=True))
 
 
 LowerBound = Callable[[Array, Array, Array, Array], Array]  # of values at both ends, rate and length of intervals

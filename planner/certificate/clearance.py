@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from planner.arrays import Array, Index
-from planner.certificate.bounds import Proof, curvature_bound, point_acceleration, prove_above, slope_bound
+from planner.certificate.bounds import Proof, curvature_bound, point_bound, prove_above, slope_bound
 from planner.certificate.certificate import Check, at_least
 from planner.certificate.samples import MotionSamples
 from planner.geometry import SELF_CLEARANCE_M, segment_box_distance, segment_segment_distance
@@ -27,7 +27,7 @@ def floor(motion: MotionSamples) -> Check:
     # The lower end of a capsule is the lower of two smooth functions: the curvature bound holds for both.
     heights = body.heights(motion.ends)
     heights[-1, t > motion.released_s] = FAR_M
-    rates = point_acceleration(body.levers[moving], motion.rates)
+    rates = point_bound(body.levers[moving], motion.rates, 2)
     proof = prove_above(evaluate, t, heights, rates, around.clearance_m, curvature_bound)
     return _distance_check("floor", proof, around.clearance_m, body.names[moving[proof.item]])
 
@@ -89,7 +89,7 @@ def keep_in(motion: MotionSamples) -> Check | None:
     def evaluate(t: Array, item: Index) -> Array:
         return inside(motion.at(t).p_WT)[item, np.arange(len(t))]
 
-    arm, rates = motion.at_knots, point_acceleration(motion.body.tool_lever, motion.rates)
+    arm, rates = motion.at_knots, point_bound(motion.body.tool_lever, motion.rates, 2)
     proof = prove_above(evaluate, arm.t, inside(arm.p_WT), rates, 0.0, curvature_bound)
     return _distance_check("keep_in", proof, 0.0, f"{'xyz'[proof.item % 3]} {'lower' if proof.item < 3 else 'upper'}")
 

@@ -36,17 +36,8 @@ def joint_position(motion: MotionSamples) -> Check:
     else:
         piece = int(above[:, joint].argmin())
         value, limit, margin = highest[piece, joint], limits.q_upper[joint], worst_above[joint]
-    ok = bool(margin >= -START_TOLERANCE * 1e-3)
-    return Check(
-        "joint_position",
-        float(value),
-        float(limit),
-        "rad",
-        float(margin),
-        float(times[piece]),
-        ok,
-        _joint(motion, joint),
-    )
+    ok, at_s, detail = bool(margin >= -START_TOLERANCE * 1e-3), float(times[piece]), _joint(motion, joint)
+    return Check("joint_position", float(value), float(limit), "rad", float(margin), at_s, ok, detail)
 
 
 def joint_velocity(motion: MotionSamples) -> Check:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from planner.arrays import Array, Index
-from planner.certificate.bounds import Rates, curvature_bound, joint_rates, point_jerk, prove_above
+from planner.certificate.bounds import Rates, curvature_bound, joint_rates, point_bound, prove_above
 from planner.certificate.certificate import Check, at_least, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
@@ -25,7 +25,7 @@ def tcp_speed(motion: MotionSamples) -> Check:
     def evaluate(t: Array, item: Index) -> Array:
         return room(motion.at(t))
 
-    arm, rates = motion.at_knots, point_jerk(motion.body.tool_lever, motion.rates)
+    arm, rates = motion.at_knots, point_bound(motion.body.tool_lever, motion.rates, 3)
     # |v| is at most that of the chord of v, plus the deviation of v from it: the curvature bound of v serves.
     proof = prove_above(evaluate, arm.t, room(arm)[None], rates, -limit * 1e-7, curvature_bound)
     return at_most("tcp_speed", limit - proof.value, limit, "m/s", proof.at_s).provided(proof.proven)

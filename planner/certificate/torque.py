@@ -9,15 +9,7 @@ import numpy as np
 
 from planner.arrays import Array, Index
 from planner.cell import Cell
-from planner.certificate.bounds import (
-    Rates,
-    jerk_jumps,
-    kinked_bound,
-    point_acceleration,
-    point_jerk,
-    point_snap,
-    prove_above,
-)
+from planner.certificate.bounds import Rates, jerk_jumps, kinked_bound, point_bound, prove_above
 from planner.certificate.certificate import Check, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
 from planner.dynamics import Bodies, bodies, chain_torques, payload_of
@@ -100,8 +92,8 @@ def _torque_curvature(loads: Loads, rates: Rates, gravity: float) -> Array:
     derivatives of any direction in the arm:
     |tau''| <= sum m r [A'' + 4 w1 A' + 2 (w2 + w1^2) A] + 2 I [w4 + 4 w1 w3 + 2 (w2 + w1^2) w2].
     """
-    w1, w2, w3, w4 = rates.turning
+    w1, w2, w3, w4 = (total[-1] for total in rates.totals)
     twice = 2.0 * (w2 + w1 * w1)
-    a = point_acceleration(loads.lever, rates) + gravity
-    force = point_snap(loads.lever, rates) + 4.0 * w1 * point_jerk(loads.lever, rates) + twice * a
+    acceleration, jerk, snap = (point_bound(loads.lever, rates, derivative) for derivative in (2, 3, 4))
+    force = snap + 4.0 * w1 * jerk + twice * (acceleration + gravity)
     return loads.moment_arm.T @ force + np.outer(loads.inertia, 2.0 * (w4 + 4.0 * w1 * w3 + twice * w2))
