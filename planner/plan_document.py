@@ -47,10 +47,7 @@ def plan_document(plan: Plan, request: Mapping[str, Any], plan_id: str, created_
         "release": _release(plan.problem, trajectory),
         "flight": _flight(plan.problem, trajectory),
         "trajectory": _samples(cell, trajectory),
-        "certificate": {
-            "valid": plan.certificate.valid,
-            "checks": [check.__dict__ for check in plan.certificate.checks],
-        },
+        "certificate": {"valid": plan.certificate.valid, "checks": [c.__dict__ for c in plan.certificate.checks]},
         "solver": {
             "solve_time_s": plan.solve_time_s,
             "iterations": plan.iterations,
@@ -97,7 +94,8 @@ def _flight(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any] | N
     flight = release_flight(problem, trajectory)
     if flight is None:
         return None
-    delays = np.array(_window_delays(problem))
+    w, drift = problem.release_window_s, _landing_drift(problem, trajectory)
+    delays = np.array((-w, -w / 2, 0.0, w / 2, w) if w > 0.0 else WINDOW_DELAYS_S)
     delays = delays[(delays >= -trajectory.release_time_s)]
     errors = landing_errors(problem, trajectory, delays)
     return {
@@ -105,17 +103,12 @@ def _flight(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any] | N
         "time_of_flight_s": flight.time_of_flight_s,
         "apex_height_m": flight.apex_height_m,
         "speed_m_s": flight.speed_m_s,
-        "landing_per_release_delay_m_s": _finite(_landing_drift(problem, trajectory)),
+        "landing_per_release_delay_m_s": drift.tolist() if np.isfinite(drift).all() else None,
         "window": [
             {"delay_s": float(d), "landing_error_m": float(e) if np.isfinite(e) else None}
             for d, e in zip(delays, errors, strict=True)
         ],
     }
-
-
-def _window_delays(problem: ThrowProblem) -> tuple[float, ...]:
-    w = problem.release_window_s
-    return (-w, -w / 2, 0.0, w / 2, w) if w > 0.0 else WINDOW_DELAYS_S
 
 
 def _landing_drift(problem: ThrowProblem, trajectory: Trajectory) -> Array:
@@ -124,7 +117,3 @@ def _landing_drift(problem: ThrowProblem, trajectory: Trajectory) -> Array:
     a_BT = tcp_acceleration(cell.robot, trajectory.q[k], trajectory.qd[k], trajectory.qdd[k], cell.tool.X_FT)[:3]
     a_WT = cell.X_WB[:3, :3] @ a_BT
     return landing_per_release_delay(X_WT[:3, 3], V_WT[:3], a_WT, problem.plane_z, problem.gravity, problem.drag)
-
-
-def _finite(vector: Array) -> list[float] | None:
-    return vector.tolist() if np.isfinite(vector).all() else None

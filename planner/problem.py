@@ -98,7 +98,9 @@ class ThrowProblem:
     time_limit_s: float = TIME_LIMIT_S
 
     def __post_init__(self) -> None:
-        errors = list(_start_errors(self)) + list(_release_errors(self))
+        errors, release = _start_errors(self.start, self.limits), self.release
+        if isinstance(release, TargetRelease) and release.min_elevation_rad > release.max_elevation_rad:
+            errors.append(FieldError("release.min_elevation_rad", "is above max_elevation_rad"))
         if self.backend not in BACKENDS:
             errors.append(FieldError("backend", f"{self.backend!r} is not one of {', '.join(BACKENDS)}"))
         if not 0.0 < self.time_limit_s <= TIME_LIMIT_MAX_S:
@@ -150,21 +152,11 @@ class ThrowProblem:
         return self.release_window_s > 0.0 and self.landing_tolerance_m > 0.0 and not self.ends_at_rest
 
 
-def _start_errors(problem: ThrowProblem) -> list[FieldError]:
-    return _outside("start.positions", problem.start, problem.limits)
-
-
-def _release_errors(problem: ThrowProblem) -> list[FieldError]:
-    release = problem.release
-    if isinstance(release, TargetRelease) and release.min_elevation_rad > release.max_elevation_rad:
-        return [FieldError("release.min_elevation_rad", "is above max_elevation_rad")]
-    return []
-
-
-def _outside(field: str, q: Array, limits: Limits) -> list[FieldError]:
+def _start_errors(q: Array, limits: Limits) -> list[FieldError]:
     errors = []
     for i in range(6):
         if not limits.q_lower[i] <= q[i] <= limits.q_upper[i]:
             bounds = f"[{limits.q_lower[i]:.6g}, {limits.q_upper[i]:.6g}]"
-            errors.append(FieldError(f"{field}[{i}]", f"{q[i]:.6g} rad is outside the joint's limits {bounds} rad"))
+            reason = f"{q[i]:.6g} rad is outside the joint's limits {bounds} rad"
+            errors.append(FieldError(f"start.positions[{i}]", reason))
     return errors

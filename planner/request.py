@@ -17,15 +17,7 @@ import numpy as np
 from planner.arrays import Array, read_only
 from planner.cell import Cell, Limits
 from planner.errors import FieldError, InvalidProblem
-from planner.problem import (
-    TIME_LIMIT_S,
-    JointRelease,
-    PointRelease,
-    PoseRelease,
-    Release,
-    TargetRelease,
-    ThrowProblem,
-)
+from planner.problem import TIME_LIMIT_S, JointRelease, PointRelease, PoseRelease, Release, TargetRelease, ThrowProblem
 from planner.rotations import matrix_to_quaternion, pose, quaternion_to_matrix, rotation_vector_to_matrix
 
 __all__ = ["problem_from_request", "release_document", "request_document"]
@@ -232,17 +224,20 @@ def _release(request: _Fields, cell: Cell) -> Release | None:
     if frame not in ("world", "base"):
         request.refuse("frame", f'{frame!r} is not "world" or "base"')
     X_WR = cell.X_WB if frame == "base" else np.eye(4)  # R: the frame of the request
-    readers = {"pose": _pose_release, "point": _point_release, "joint": _joint_release, "target": _target_release}
     release = request.nested("release")
-    kind = release.get("kind")
-    if kind not in readers:
-        release.refuse("kind", f"{kind!r} is not one of {', '.join(readers)}")
-        return None
-    return readers[kind](release, X_WR)
-
-
-def _joint_release(release: _Fields, X_WR: Array) -> JointRelease:
-    return JointRelease(release.vector("positions", 6), release.vector("velocities", 6))
+    match release.get("kind"):
+        case "pose":
+            return _pose_release(release, X_WR)
+        case "point":
+            p_RT, v_RT = release.vector("position", 3), release.vector("velocity", 3)
+            return PointRelease(_move(X_WR, p_RT), _turn(X_WR, v_RT))
+        case "joint":
+            return JointRelease(release.vector("positions", 6), release.vector("velocities", 6))
+        case "target":
+            return _target_release(release, X_WR)
+        case kind:
+            release.refuse("kind", f"{kind!r} is not one of pose, point, joint, target")
+            return None
 
 
 def _pose_release(release: _Fields, X_WR: Array) -> PoseRelease:
@@ -268,21 +263,15 @@ def _rotation(release: _Fields, given: _Fields) -> Array:
     return quaternion_to_matrix(quaternion / length)
 
 
-def _point_release(release: _Fields, X_WR: Array) -> PointRelease:
-    return PointRelease(_move(X_WR, release.vector("position", 3)), _turn(X_WR, release.vector("velocity", 3)))
-
-
 def _target_release(release: _Fields, X_WR: Array) -> TargetRelease:
-    half = np.pi / 2
+    half, free = np.pi / 2, release.get("release_position") is None
     return TargetRelease(
         p_W=_move(X_WR, release.vector("position", 3)),
         max_speed_m_s=release.number("max_release_speed_m_s", np.inf, SPEED_MIN_M_S),
         min_elevation_rad=release.number("min_elevation_rad", -half, -half, half),
         max_elevation_rad=release.number("max_elevation_rad", half, -half, half),
         min_horizontal_distance_m=release.number("min_horizontal_distance_m", 0.0, 0.0),
-        release_position=None
-        if release.get("release_position") is None
-        else _move(X_WR, release.vector("release_position", 3)),
+        release_position=None if free else _move(X_WR, release.vector("release_position", 3)),
     )
 
 

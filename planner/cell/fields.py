@@ -70,10 +70,15 @@ def per_joint(table: Mapping[str, Any], key: str, where: str, own: Array, lower:
     limits = [_checked(entry, f"{where}{key}[{i}]", lower, math.inf) for i, entry in enumerate(entries)]
     for i, (limit, bound) in enumerate(zip(limits, own, strict=True)):
         if limit > bound:
-            raise CellError(f"{where}{key}[{i}]", limit, f"is beyond the arm's own limit of {bound:.6g}")
+            raise beyond_arm(f"{where}{key}[{i}]", limit, bound)
         if limit <= lower:
             raise CellError(f"{where}{key}[{i}]", limit, f"must be above {lower:.6g}")
     return read_only(limits)
+
+
+def beyond_arm(field: str, value: float, own: float) -> CellError:
+    """Returns the refusal of a limit beyond the arm's own."""
+    return CellError(field, value, f"is beyond the arm's own limit of {own:.6g}")
 
 
 def choice(table: Mapping[str, Any], key: str, where: str, allowed: Iterable[str]) -> str:

@@ -10,7 +10,6 @@ Source: Biagiotti and Melchiorri, Trajectory Planning for Automatic Machines and
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -166,18 +165,18 @@ def shortest_ramp(v: Array, limits: Limits, dt: float) -> TrapezoidProfile:
 
 def linear_brake(v: Array, limits: Limits, dt: float) -> Array:
     """Returns velocities at the ticks (M+1, n) [rad/s] of the fastest stop straight along `v`: v (1 - t/T)."""
-    return _brake(v, limits, dt, 1.0, lambda share: 1.0 - share)
+    return _brake(v, limits, dt, 1.0)
 
 
 def cubic_brake(v: Array, limits: Limits, dt: float) -> Array:
     """Returns velocities at the ticks (M+1, n) [rad/s] of a stop along `v` from zero deceleration: v (1 - (t/T)^2)."""
-    return _brake(v, limits, dt, 2.0, lambda share: 1.0 - share**2)
+    return _brake(v, limits, dt, 2.0)
 
 
-def _brake(v: Array, limits: Limits, dt: float, steepest: float, law: Callable[[Array], Array]) -> Array:
-    """Returns `v` times a law that falls from 1 to 0 over [0, 1] with a slope of at most `steepest`."""
-    count = whole_ticks(steepest * float((np.abs(v) / limits.qdd_max).max()), dt)
-    return law(np.arange(count + 1) / count)[:, None] * v
+def _brake(v: Array, limits: Limits, dt: float, power: float) -> Array:
+    """Returns v (1 - (t/T)^power) at the ticks, whose slope is at most `power` times v / T."""
+    count = whole_ticks(power * float((np.abs(v) / limits.qdd_max).max()), dt)
+    return (1.0 - (np.arange(count + 1) / count) ** power)[:, None] * v
 
 
 def whole_ticks(duration: float, dt: float) -> int:
