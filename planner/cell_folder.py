@@ -25,24 +25,6 @@ def open_cell(path: Path | str) -> Cell:
     return cell
 
 
-def open_cells(folder: Path | str) -> dict[str, Cell]:
-    """Returns every cell of a folder by name, sorted.
-
-    Raises:
-        CellError: there is no such folder, or one of its files is refused; `field` then starts with the file's name.
-    """
-    folder = Path(folder)
-    if not folder.is_dir():
-        raise CellError("FLING_CELLS", str(folder), "is not a folder")
-    cells = {}
-    for path in sorted(folder.glob("*.toml")):
-        try:
-            cells[path.stem] = open_cell(path)
-        except CellError as error:
-            raise CellError(f"{path.name}: {error.field}", error.value, error.reason) from error
-    return cells
-
-
 def default_cells_folder() -> Path:
     """Returns the first folder with cell files: `cells` here, in the checkout, or of the installed package."""
     checkout = Path(__file__).parent.parent / "cells"

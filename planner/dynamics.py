@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from planner.arrays import Array
 from planner.cell import Cell
 from planner.kinematics import LinkMotion, accumulate, cross, dot, link_poses
 from planner.robots import Link, Robot
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

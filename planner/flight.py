@@ -7,12 +7,13 @@ a = -g z - k |v| v) the path is integrated by the classical fourth-order Runge-K
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Vector = NDArray[np.float64]
+from planner.arrays import Array
 
 AIR_DENSITY_KG_M3 = 1.204  # source: ISO 2533 standard atmosphere, dry air at 20 degC and 101,325 Pa
 STEP_S = 0.004  # [s] Runge-Kutta step: landing error below 1e-9 m for |v| <= 10 m/s and k <= 1 /m (see the tests)
@@ -34,8 +35,8 @@ class Flight:
         speed_m_s: release speed [m/s].
     """
 
-    landing_point: Vector
-    landing_velocity: Vector
+    landing_point: Array
+    landing_velocity: Array
     time_of_flight_s: float
     apex_height_m: float
     speed_m_s: float
@@ -46,7 +47,7 @@ def drag_constant(mass_kg: float, radius_m: float, drag_coefficient: float) -> f
     return 0.5 * AIR_DENSITY_KG_M3 * drag_coefficient * math.pi * radius_m**2 / mass_kg
 
 
-def time_of_flight(height: ArrayLike, v_z: ArrayLike, gravity: float) -> Vector:
+def time_of_flight(height: ArrayLike, v_z: ArrayLike, gravity: float) -> Array:
     """Returns the time at which a drag-free flight falls through a plane (...,) [s], NaN where it never does.
 
     Args:
@@ -61,16 +62,20 @@ def time_of_flight(height: ArrayLike, v_z: ArrayLike, gravity: float) -> Vector:
     return np.where((square >= 0.0) & (t >= 0.0), t, np.nan)
 
 
-def landing_points(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float) -> Vector:
-    """Returns the landing points (..., 3) [m] of drag-free flights on the plane z = `plane_z`, NaN where they miss it.
+def landing_points(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, drag: float = 0.0) -> Array:
+    """Returns the landing points (..., 3) [m] of flights on the plane z = `plane_z`, NaN where they miss it.
 
     Args:
-        p: release positions (..., 3) [m].
-        v: release velocities (..., 3) [m/s].
+        p: release positions (..., 3) [m]; (n, 3) with drag.
+        v: release velocities of the same shape [m/s].
         plane_z: height of the plane [m].
         gravity: [m/s^2].
+        drag: k of `drag_constant` [1/m].
     """
     p, v = np.asarray(p, float), np.asarray(v, float)
+    if drag > 0.0:
+        flights = [fly(*release, plane_z, gravity, drag) for release in zip(p, v, strict=True)]
+        return np.array([np.full(3, np.nan) if flight is None else flight.landing_point for flight in flights])
     t = time_of_flight(p[..., 2] - plane_z, v[..., 2], gravity)[..., None]
     landed = p + v * t
     landed[..., 2] = np.where(np.isnan(t[..., 0]), np.nan, plane_z)
@@ -101,7 +106,7 @@ def fly(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, drag: float 
     return Flight(landing, v - down * t, t, apex, speed)
 
 
-def path(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float, drag: float = 0.0) -> Vector:
+def path(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float, drag: float = 0.0) -> Array:
     """Returns the object's positions (n, 3) [m] at increasing `times` (n,) [s] after the release."""
     p, v = np.asarray(p, float), np.asarray(v, float)
     times = np.asarray(times, float)
@@ -116,7 +121,7 @@ def path(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float, drag: flo
 
 def landing_sensitivity(
     p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, drag: float = 0.0
-) -> tuple[Vector, Vector] | None:
+) -> tuple[Array, Array] | None:
     """Returns the derivatives of the landing point by release position (3, 3) and by release velocity (3, 3) [s].
 
     The landing point is L = p + v t + g t^2/2, where the plane gives t: dt/dp_z = -1/w_z and dt/dv_z = -t/w_z with the
@@ -136,7 +141,9 @@ def landing_sensitivity(
     if flight is None or flight.landing_velocity[2] >= 0.0:
         return None
     if drag > 0.0:
-        return _differences(np.asarray(p, float), np.asarray(v, float), plane_z, gravity, drag)
+        p, v = np.asarray(p, float), np.asarray(v, float)
+        both = _derivative(lambda s: landing_points([p + s[:3]], [v + s[3:]], plane_z, gravity, drag)[0], 6)
+        return None if np.isnan(both).any() else (both[:, :3], both[:, 3:])
     w = flight.landing_velocity
     by_position = np.eye(3)
     by_position[:, 2] -= w / w[2]
@@ -145,7 +152,7 @@ def landing_sensitivity(
 
 def landing_per_release_delay(
     p: ArrayLike, v: ArrayLike, a: ArrayLike, plane_z: float, gravity: float, drag: float = 0.0
-) -> Vector:
+) -> Array:
     """Returns the landing point's derivative by the release time (3,) [m/s], NaN where the object never lands.
 
     Args:
@@ -163,7 +170,7 @@ def landing_per_release_delay(
     return by_position @ np.asarray(v, float) + by_velocity @ np.asarray(a, float)
 
 
-def launch_velocity(p: ArrayLike, target: ArrayLike, time_s: ArrayLike, gravity: float, drag: float = 0.0) -> Vector:
+def launch_velocity(p: ArrayLike, target: ArrayLike, time_s: ArrayLike, gravity: float, drag: float = 0.0) -> Array:
     """Returns the release velocities (..., 3) [m/s] that take the object from `p` to `target` in `time_s`.
 
     With drag, Newton's method starting from the drag-free velocity; NaN where it does not converge.
@@ -181,23 +188,26 @@ def launch_velocity(p: ArrayLike, target: ArrayLike, time_s: ArrayLike, gravity:
     if drag <= 0.0:
         return v
     missed = np.full(p.shape[:-1], np.inf)
+
+    def reached(change: Array) -> Array:
+        return _advance(np.concatenate([p, v + change], axis=-1), t, gravity, drag)[..., :3]
+
     for _ in range(LAUNCH_ITERATIONS):
-        error = target - _advance(np.concatenate([p, v], axis=-1), t, gravity, drag)[..., :3]
+        error = target - reached(np.zeros(3))
         missed = np.abs(error).max(axis=-1)
         if np.all(missed < LAUNCH_TOLERANCE_M):
             break
-        J = _reach_jacobian(p, v, t, gravity, drag)
-        v = v + np.linalg.solve(J, error[..., None])[..., 0]
+        v = v + np.linalg.solve(_derivative(reached, 3), error[..., None])[..., 0]
     return np.where((missed < LAUNCH_TOLERANCE_M)[..., None], v, np.nan)
 
 
-def slowest_time(p: ArrayLike, target: ArrayLike, gravity: float) -> float:
-    """Returns the flight time [s] of the slowest drag-free throw from `p` to `target` (3,): sqrt(2 |d| / g)."""
+def slowest_time(p: ArrayLike, target: ArrayLike, gravity: float) -> Array:
+    """Returns the time (...,) [s] of the slowest drag-free throw from `p` (..., 3) to `target`: sqrt(2 |d| / g)."""
     d = np.asarray(target, float) - np.asarray(p, float)
-    return math.sqrt(2.0 * float(np.linalg.norm(d)) / gravity)
+    return np.sqrt(2.0 * np.linalg.norm(d, axis=-1) / gravity)
 
 
-def least_speed(p: ArrayLike, target: ArrayLike, gravity: float) -> Vector:
+def least_speed(p: ArrayLike, target: ArrayLike, gravity: float) -> Array:
     """Returns the least speed (...,) [m/s] of a drag-free throw from `p` (..., 3) to `target`: sqrt(g (|d| + d_z))."""
     d = np.asarray(target, float) - np.asarray(p, float)
     return np.sqrt(gravity * np.maximum(np.linalg.norm(d, axis=-1) + d[..., 2], 0.0))
@@ -210,11 +220,11 @@ def time_at_elevation(p: ArrayLike, target: ArrayLike, elevation_rad: float, gra
     return math.sqrt(square) if square > 0.0 else None
 
 
-def _step(state: Vector, h: ArrayLike, gravity: float, drag: float) -> Vector:
+def _step(state: Array, h: ArrayLike, gravity: float, drag: float) -> Array:
     """Returns the states (..., 6) one Runge-Kutta step of `h` (..., 1) later."""
     down = np.array([0.0, 0.0, gravity])
 
-    def rate(x: Vector) -> Vector:
+    def rate(x: Array) -> Array:
         v = x[..., 3:]
         return np.concatenate([v, -drag * np.sqrt((v * v).sum(axis=-1, keepdims=True)) * v - down], axis=-1)
 
@@ -226,7 +236,7 @@ def _step(state: Vector, h: ArrayLike, gravity: float, drag: float) -> Vector:
     return state + h / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
 
-def _advance(state: Vector, duration: ArrayLike, gravity: float, drag: float) -> Vector:
+def _advance(state: Array, duration: ArrayLike, gravity: float, drag: float) -> Array:
     """Returns the states (..., 6) after `duration` (..., 1) [s]."""
     steps = max(1, math.ceil(float(np.max(duration)) / STEP_S))
     h = np.asarray(duration, float) / steps
@@ -235,7 +245,7 @@ def _advance(state: Vector, duration: ArrayLike, gravity: float, drag: float) ->
     return state
 
 
-def _fly_with_drag(p: Vector, v: Vector, plane_z: float, gravity: float, drag: float) -> Flight | None:
+def _fly_with_drag(p: Array, v: Array, plane_z: float, gravity: float, drag: float) -> Flight | None:
     state, t, apex = np.concatenate([p, v]), 0.0, float(p[2])
     while t < FLIGHT_MAX_S:
         following = _step(state, STEP_S, gravity, drag)
@@ -252,7 +262,7 @@ def _fly_with_drag(p: Vector, v: Vector, plane_z: float, gravity: float, drag: f
     return None
 
 
-def _crossing(state: Vector, gravity: float, drag: float, index: int, level: float) -> float:
+def _crossing(state: Array, gravity: float, drag: float, index: int, level: float) -> float:
     """Returns the time [s] within one step at which component `index` falls through `level`, by bisection."""
     low, high = 0.0, STEP_S
     for _ in range(50):
@@ -264,25 +274,7 @@ def _crossing(state: Vector, gravity: float, drag: float, index: int, level: flo
     return 0.5 * (low + high)
 
 
-def _differences(p: Vector, v: Vector, plane_z: float, gravity: float, drag: float) -> tuple[Vector, Vector] | None:
-    columns = []
-    for i in range(6):
-        step = np.zeros(6)
-        step[i] = DIFFERENCE
-        ahead = fly(p + step[:3], v + step[3:], plane_z, gravity, drag)
-        behind = fly(p - step[:3], v - step[3:], plane_z, gravity, drag)
-        if ahead is None or behind is None:
-            return None
-        columns.append((ahead.landing_point - behind.landing_point) / (2.0 * DIFFERENCE))
-    both = np.array(columns).T
-    return both[:, :3], both[:, 3:]
-
-
-def _reach_jacobian(p: Vector, v: Vector, t: Vector, gravity: float, drag: float) -> Vector:
-    """Returns the derivative (..., 3, 3) of the position after `t` (..., 1) [s] by the release velocity."""
-    columns = []
-    for step in DIFFERENCE * np.eye(3):
-        ahead = _advance(np.concatenate([p, v + step], axis=-1), t, gravity, drag)[..., :3]
-        behind = _advance(np.concatenate([p, v - step], axis=-1), t, gravity, drag)[..., :3]
-        columns.append((ahead - behind) / (2.0 * DIFFERENCE))
-    return np.stack(columns, axis=-1)
+def _derivative(function: Callable[[Array], Array], size: int) -> Array:
+    """Returns the derivative (..., 3, size) of a function (..., 3) of a change (size,) at none: central differences."""
+    steps = DIFFERENCE * np.eye(size)
+    return np.stack([(function(step) - function(-step)) / (2.0 * DIFFERENCE) for step in steps], axis=-1)

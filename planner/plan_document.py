@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array
 from planner.cell import Cell
 from planner.certificate import landing_errors, release_flight
 from planner.flight import landing_per_release_delay
@@ -20,7 +20,6 @@ from planner.trajectory import Trajectory
 if TYPE_CHECKING:
     from planner.planning import Plan
 
-Vector = NDArray[np.float64]
 
 WINDOW_DELAYS_S = (-0.02, -0.01, 0.0, 0.01, 0.02)  # [s] release delays listed for a request without a window
 
@@ -48,10 +47,7 @@ def plan_document(plan: Plan, request: Mapping[str, Any], plan_id: str, created_
         "release": _release(plan.problem, trajectory),
         "flight": _flight(plan.problem, trajectory),
         "trajectory": _samples(cell, trajectory),
-        "certificate": {
-            "valid": plan.certificate.valid,
-            "checks": [check.__dict__ for check in plan.certificate.checks],
-        },
+        "certificate": {"valid": plan.certificate.valid, "checks": [c.__dict__ for c in plan.certificate.checks]},
         "solver": {
             "solve_time_s": plan.solve_time_s,
             "iterations": plan.iterations,
@@ -98,7 +94,8 @@ def _flight(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any] | N
     flight = release_flight(problem, trajectory)
     if flight is None:
         return None
-    delays = np.array(_window_delays(problem))
+    w, drift = problem.release_window_s, _landing_drift(problem, trajectory)
+    delays = np.array((-w, -w / 2, 0.0, w / 2, w) if w > 0.0 else WINDOW_DELAYS_S)
     delays = delays[(delays >= -trajectory.release_time_s)]
     errors = landing_errors(problem, trajectory, delays)
     return {
@@ -106,7 +103,7 @@ def _flight(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any] | N
         "time_of_flight_s": flight.time_of_flight_s,
         "apex_height_m": flight.apex_height_m,
         "speed_m_s": flight.speed_m_s,
-        "landing_per_release_delay_m_s": _finite(_landing_drift(problem, trajectory)),
+        "landing_per_release_delay_m_s": drift.tolist() if np.isfinite(drift).all() else None,
         "window": [
             {"delay_s": float(d), "landing_error_m": float(e) if np.isfinite(e) else None}
             for d, e in zip(delays, errors, strict=True)
@@ -114,18 +111,9 @@ def _flight(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any] | N
     }
 
 
-def _window_delays(problem: ThrowProblem) -> tuple[float, ...]:
-    w = problem.release_window_s
-    return (-w, -w / 2, 0.0, w / 2, w) if w > 0.0 else WINDOW_DELAYS_S
-
-
-def _landing_drift(problem: ThrowProblem, trajectory: Trajectory) -> Vector:
+def _landing_drift(problem: ThrowProblem, trajectory: Trajectory) -> Array:
     k, cell = trajectory.release_index, problem.cell
     X_WT, V_WT = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
     a_BT = tcp_acceleration(cell.robot, trajectory.q[k], trajectory.qd[k], trajectory.qdd[k], cell.tool.X_FT)[:3]
     a_WT = cell.X_WB[:3, :3] @ a_BT
     return landing_per_release_delay(X_WT[:3, 3], V_WT[:3], a_WT, problem.plane_z, problem.gravity, problem.drag)
-
-
-def _finite(vector: Vector) -> list[float] | None:
-    return vector.tolist() if np.isfinite(vector).all() else None

@@ -10,14 +10,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array
 from planner.cell import Cell, Limits
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import drag_constant
 from planner.geometry import passable
-
-Vector = NDArray[np.float64]
 
 BACKENDS = ("auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp")
 REST_SPEED = 1e-9  # [rad/s, m/s] a release slower than this is a move that ends at rest
@@ -29,24 +27,24 @@ TIME_LIMIT_MAX_S = 120.0  # [s] longest time that one request may occupy a plann
 class JointRelease:
     """Release at joint positions `q` (6,) [rad] with joint velocities `qd` (6,) [rad/s]."""
 
-    q: Vector
-    qd: Vector
+    q: Array
+    qd: Array
 
 
 @dataclass(frozen=True, eq=False)
 class PoseRelease:
     """Release at the tool pose `X_WT` (4, 4) with the twist `V_WT` (6,): linear [m/s], then angular [rad/s]."""
 
-    X_WT: Vector
-    V_WT: Vector
+    X_WT: Array
+    V_WT: Array
 
 
 @dataclass(frozen=True, eq=False)
 class PointRelease:
     """Release at the point `p_WT` (3,) [m] with the velocity `v_WT` (3,) [m/s]; orientation and spin are free."""
 
-    p_WT: Vector
-    v_WT: Vector
+    p_WT: Array
+    v_WT: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +59,12 @@ class TargetRelease:
         release_position: point of release (3,) [m], None where it is free.
     """
 
-    p_W: Vector
+    p_W: Array
     max_speed_m_s: float = math.inf
     min_elevation_rad: float = -math.pi / 2
     max_elevation_rad: float = math.pi / 2
     min_horizontal_distance_m: float = 0.0
-    release_position: Vector | None = None
+    release_position: Array | None = None
 
 
 Release = JointRelease | PoseRelease | PointRelease | TargetRelease
@@ -91,7 +89,7 @@ class ThrowProblem:
     """
 
     cell: Cell
-    start: Vector
+    start: Array
     release: Release
     limits: Limits
     release_window_s: float = 0.0
@@ -100,7 +98,9 @@ class ThrowProblem:
     time_limit_s: float = TIME_LIMIT_S
 
     def __post_init__(self) -> None:
-        errors = list(_start_errors(self)) + list(_release_errors(self))
+        errors, release = _start_errors(self.start, self.limits), self.release
+        if isinstance(release, TargetRelease) and release.min_elevation_rad > release.max_elevation_rad:
+            errors.append(FieldError("release.min_elevation_rad", "is above max_elevation_rad"))
         if self.backend not in BACKENDS:
             errors.append(FieldError("backend", f"{self.backend!r} is not one of {', '.join(BACKENDS)}"))
         if not 0.0 < self.time_limit_s <= TIME_LIMIT_MAX_S:
@@ -152,21 +152,11 @@ class ThrowProblem:
         return self.release_window_s > 0.0 and self.landing_tolerance_m > 0.0 and not self.ends_at_rest
 
 
-def _start_errors(problem: ThrowProblem) -> list[FieldError]:
-    return _outside("start.positions", problem.start, problem.limits)
-
-
-def _release_errors(problem: ThrowProblem) -> list[FieldError]:
-    release = problem.release
-    if isinstance(release, TargetRelease) and release.min_elevation_rad > release.max_elevation_rad:
-        return [FieldError("release.min_elevation_rad", "is above max_elevation_rad")]
-    return []
-
-
-def _outside(field: str, q: Vector, limits: Limits) -> list[FieldError]:
+def _start_errors(q: Array, limits: Limits) -> list[FieldError]:
     errors = []
     for i in range(6):
         if not limits.q_lower[i] <= q[i] <= limits.q_upper[i]:
             bounds = f"[{limits.q_lower[i]:.6g}, {limits.q_upper[i]:.6g}]"
-            errors.append(FieldError(f"{field}[{i}]", f"{q[i]:.6g} rad is outside the joint's limits {bounds} rad"))
+            reason = f"{q[i]:.6g} rad is outside the joint's limits {bounds} rad"
+            errors.append(FieldError(f"start.positions[{i}]", reason))
     return errors

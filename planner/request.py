@@ -13,25 +13,15 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array, read_only
 from planner.cell import Cell, Limits
 from planner.errors import FieldError, InvalidProblem
-from planner.problem import (
-    TIME_LIMIT_S,
-    JointRelease,
-    PointRelease,
-    PoseRelease,
-    Release,
-    TargetRelease,
-    ThrowProblem,
-)
-from planner.robots import read_only
+from planner.problem import TIME_LIMIT_S, JointRelease, PointRelease, PoseRelease, Release, TargetRelease, ThrowProblem
 from planner.rotations import matrix_to_quaternion, pose, quaternion_to_matrix, rotation_vector_to_matrix
 
 __all__ = ["problem_from_request", "release_document", "request_document"]
 
-Vector = NDArray[np.float64]
 
 UNIT_TOLERANCE = 1e-3  # [-] deviation of a quaternion's length from 1 up to which it is normalised
 WINDOW_MAX_S = 0.2  # [s] longest release window
@@ -142,7 +132,7 @@ class _Fields:
         """Records that a field is refused."""
         self.errors.append(FieldError(self.path + key, reason))
 
-    def vector(self, key: str, size: int) -> Vector:
+    def vector(self, key: str, size: int) -> Array:
         """Returns a list of finite numbers as a read-only array (size,), zeros where it is refused."""
         value = self.get(key)
         array = np.asarray(value) if isinstance(value, list | tuple | np.ndarray) else np.zeros(0)
@@ -167,7 +157,7 @@ class _Fields:
         return float(value)
 
 
-def _start(request: _Fields, cell: Cell) -> Vector:
+def _start(request: _Fields, cell: Cell) -> Array:
     start = request.get("start")
     if start is None:
         return cell.home
@@ -202,7 +192,7 @@ def _limits(request: _Fields, own: Limits) -> Limits:
     return replace(own, **changed)
 
 
-def _tightened(limits: _Fields, key: str, own: Vector, unit: str) -> Vector:
+def _tightened(limits: _Fields, key: str, own: Array, unit: str) -> Array:
     """Returns a limit (6,), given as one number or one per joint, that may only tighten the cell's `own`."""
     value = limits.get(key)
     entries = np.asarray(value if isinstance(value, list | tuple) else [value] * len(own))
@@ -234,20 +224,23 @@ def _release(request: _Fields, cell: Cell) -> Release | None:
     if frame not in ("world", "base"):
         request.refuse("frame", f'{frame!r} is not "world" or "base"')
     X_WR = cell.X_WB if frame == "base" else np.eye(4)  # R: the frame of the request
-    readers = {"pose": _pose_release, "point": _point_release, "joint": _joint_release, "target": _target_release}
     release = request.nested("release")
-    kind = release.get("kind")
-    if kind not in readers:
-        release.refuse("kind", f"{kind!r} is not one of {', '.join(readers)}")
-        return None
-    return readers[kind](release, X_WR)
+    match release.get("kind"):
+        case "pose":
+            return _pose_release(release, X_WR)
+        case "point":
+            p_RT, v_RT = release.vector("position", 3), release.vector("velocity", 3)
+            return PointRelease(_move(X_WR, p_RT), _turn(X_WR, v_RT))
+        case "joint":
+            return JointRelease(release.vector("positions", 6), release.vector("velocities", 6))
+        case "target":
+            return _target_release(release, X_WR)
+        case kind:
+            release.refuse("kind", f"{kind!r} is not one of pose, point, joint, target")
+            return None
 
 
-def _joint_release(release: _Fields, X_WR: Vector) -> JointRelease:
-    return JointRelease(release.vector("positions", 6), release.vector("velocities", 6))
-
-
-def _pose_release(release: _Fields, X_WR: Vector) -> PoseRelease:
+def _pose_release(release: _Fields, X_WR: Array) -> PoseRelease:
     given, twist = release.nested("pose"), release.nested("twist")
     p_RT = given.vector("position", 3)
     v_RT, w_RT = twist.vector("linear", 3), twist.vector("angular", 3)
@@ -255,7 +248,7 @@ def _pose_release(release: _Fields, X_WR: Vector) -> PoseRelease:
     return PoseRelease(X_WR @ X_RT, np.concatenate([_turn(X_WR, v_RT), _turn(X_WR, w_RT)]))
 
 
-def _rotation(release: _Fields, given: _Fields) -> Vector:
+def _rotation(release: _Fields, given: _Fields) -> Array:
     """Returns the rotation matrix of a pose, identity where its orientation is refused."""
     if (given.get("quaternion") is None) == (given.get("rotation_vector") is None):
         release.refuse("pose", "needs either quaternion or rotation_vector")
@@ -270,29 +263,23 @@ def _rotation(release: _Fields, given: _Fields) -> Vector:
     return quaternion_to_matrix(quaternion / length)
 
 
-def _point_release(release: _Fields, X_WR: Vector) -> PointRelease:
-    return PointRelease(_move(X_WR, release.vector("position", 3)), _turn(X_WR, release.vector("velocity", 3)))
-
-
-def _target_release(release: _Fields, X_WR: Vector) -> TargetRelease:
-    half = np.pi / 2
+def _target_release(release: _Fields, X_WR: Array) -> TargetRelease:
+    half, free = np.pi / 2, release.get("release_position") is None
     return TargetRelease(
         p_W=_move(X_WR, release.vector("position", 3)),
         max_speed_m_s=release.number("max_release_speed_m_s", np.inf, SPEED_MIN_M_S),
         min_elevation_rad=release.number("min_elevation_rad", -half, -half, half),
         max_elevation_rad=release.number("max_elevation_rad", half, -half, half),
         min_horizontal_distance_m=release.number("min_horizontal_distance_m", 0.0, 0.0),
-        release_position=None
-        if release.get("release_position") is None
-        else _move(X_WR, release.vector("release_position", 3)),
+        release_position=None if free else _move(X_WR, release.vector("release_position", 3)),
     )
 
 
-def _move(X_WR: Vector, p: Vector) -> Vector:
+def _move(X_WR: Array, p: Array) -> Array:
     """Returns a point of the request's frame in the world frame."""
     return X_WR[:3, :3] @ p + X_WR[:3, 3]
 
 
-def _turn(X_WR: Vector, v: Vector) -> Vector:
+def _turn(X_WR: Array, v: Array) -> Array:
     """Returns a vector of the request's frame in the world frame."""
     return X_WR[:3, :3] @ v

@@ -7,18 +7,16 @@ link i, frame 6 is the flange.
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array, read_only
 from planner.errors import UnknownRobot
-
-Array = NDArray[np.float64]
 
 ROBOT_NAMES = ("ur3", "ur5", "ur10", "ur3e", "ur5e", "ur10e", "ur16e", "ur20", "ur30")
 
@@ -127,13 +125,6 @@ def robot(name: str) -> Robot:
         raise UnknownRobot(name, ROBOT_NAMES)
     text = (files("planner") / "robot_data" / f"{name}.toml").read_text(encoding="utf-8")
     return _from_document(tomllib.loads(text))
-
-
-def read_only(values: Sequence[Any] | Array) -> Array:
-    """Returns a read-only float64 copy of `values`."""
-    array = np.array(values, dtype=np.float64)
-    array.setflags(write=False)
-    return array
 
 
 def _from_document(document: Mapping[str, Any]) -> Robot:

@@ -6,9 +6,9 @@ Every function accepts leading dimensions `...`.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from planner.arrays import Array
 
 SMALL_ANGLE = 1e-2  # [rad] below it a series replaces the closed form, which loses digits to cancellation
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Vector = NDArray[np.float64]
+from planner.arrays import Array, read_only
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,16 +32,14 @@ class Trajectory:
     """
 
     sample_rate_hz: float
-    q: Vector
-    qd: Vector
-    qdd: Vector
+    q: Array
+    qd: Array
+    qdd: Array
     release_index: int
 
     def __post_init__(self) -> None:
         for name in ("q", "qd", "qdd"):
-            array = np.array(getattr(self, name), dtype=np.float64)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+            object.__setattr__(self, name, read_only(getattr(self, name)))
         if self.q.ndim != 2 or not self.q.shape == self.qd.shape == self.qdd.shape or len(self.q) < 2:
             raise ValueError(f"q {self.q.shape}, qd {self.qd.shape}, qdd {self.qdd.shape} must be one (N >= 2, n)")
         if not 0 <= self.release_index < len(self.q):
@@ -53,7 +51,7 @@ class Trajectory:
         return 1.0 / self.sample_rate_hz
 
     @cached_property
-    def t(self) -> Vector:
+    def t(self) -> Array:
         """Times of the samples (N,) [s]."""
         return np.arange(len(self.q)) / self.sample_rate_hz
 
@@ -68,11 +66,11 @@ class Trajectory:
         return self.release_index / self.sample_rate_hz
 
     @cached_property
-    def jerk(self) -> Vector:
+    def jerk(self) -> Array:
         """Constant jerk of every tick (N-1, n) [rad/s^3]."""
         return np.diff(self.qdd, axis=0) * self.sample_rate_hz
 
-    def at(self, t: ArrayLike) -> tuple[Vector, Vector, Vector]:
+    def at(self, t: ArrayLike) -> tuple[Array, Array, Array]:
         """Returns exact q, qd, qdd (..., n) at times `t` (...,) [s]; times outside [0, duration] are clipped to it."""
         t = np.clip(np.asarray(t, float), 0.0, self.duration_s)
         i = np.minimum((t * self.sample_rate_hz).astype(int), len(self.q) - 2)
@@ -82,7 +80,7 @@ class Trajectory:
         return q, qd + s * (qdd + s * jerk / 2.0), qdd + s * jerk
 
 
-def integrate(q0: ArrayLike, qd0: ArrayLike, qdd0: ArrayLike, jerk: Vector, dt: float) -> tuple[Vector, Vector, Vector]:
+def integrate(q0: ArrayLike, qd0: ArrayLike, qdd0: ArrayLike, jerk: Array, dt: float) -> tuple[Array, Array, Array]:
     """Returns q, qd, qdd (N+1, n) of piecewise-constant jerk from an initial state, exactly.
 
     Args:
@@ -101,7 +99,7 @@ def integrate(q0: ArrayLike, qd0: ArrayLike, qdd0: ArrayLike, jerk: Vector, dt: 
     return q, qd, qdd
 
 
-def join(launch: tuple[Vector, Vector, Vector], brake: tuple[Vector, Vector, Vector], rate: float) -> Trajectory:
+def join(launch: tuple[Array, Array, Array], brake: tuple[Array, Array, Array], rate: float) -> Trajectory:
     """Returns the trajectory of a launch followed by a brake.
 
     Args:

@@ -34,7 +34,7 @@ PLANTED = {
     "planner-approach-levels": ("planner/approach/rrt_connect.py", "planner.approach.approach"),
     "planner-timing-levels": ("planner/timing/grid.py", "planner.timing.smoothing"),
     "planner-certificate-levels": ("planner/certificate/joints.py", "planner.certificate.tool"),
-    "planner-seeds-levels": ("planner/seeds/lower_bound.py", "planner.seeds.candidates"),
+    "planner-seeds-levels": ("planner/seeds/velocity_allocation.py", "planner.seeds.candidates"),
     "planner-geometry-levels": ("planner/geometry/distances.py", "planner.geometry.body"),
     "planner-kinematics-levels": ("planner/kinematics/singularities.py", "planner.kinematics.inverse_kinematics"),
     "planner-cell-levels": ("planner/cell/model.py", "planner.cell.file"),

@@ -5,18 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from planner.approach.rest_to_rest import rest_to_rest_motion
 from planner.approach.rrt_connect import find_path, is_clear
 from planner.approach.swept_clearance import SweptPaths, keep_clear
+from planner.arrays import Array
 from planner.cell import Cell, Limits
 from planner.certificate import certify
 from planner.errors import InvalidProblem
 from planner.problem import JointRelease, ThrowProblem
 from planner.trajectory import Trajectory
-
-Vector = NDArray[np.float64]
 
 STEP_RAD = 0.005  # [rad] spacing of evaluated positions on a straight move; swept clearance is bounded in between
 NEAR_RAD = 1e-3  # [rad] distance from the start within which no motion is needed
@@ -36,12 +34,12 @@ class Approach:
         problem, trajectory: planned and certified motion; None for a straight joint move.
     """
 
-    goal: Vector
+    goal: Array
     problem: ThrowProblem | None = None
     trajectory: Trajectory | None = None
 
 
-def find_approach(cell: Cell, now: Vector, start: Vector, pace: float = 1.0) -> tuple[Approach | None, str]:
+def find_approach(cell: Cell, now: Array, start: Array, pace: float = 1.0) -> tuple[Approach | None, str]:
     """Returns the approach from one posture to another.
 
     Args:
@@ -58,7 +56,7 @@ def find_approach(cell: Cell, now: Vector, start: Vector, pace: float = 1.0) -> 
     return (_planned(cell, now, start, pace), obstacle) if obstacle else (Approach(start), "")
 
 
-def _planned(cell: Cell, now: Vector, start: Vector, pace: float) -> Approach | None:
+def _planned(cell: Cell, now: Array, start: Array, pace: float) -> Approach | None:
     """Returns a motion around the obstacle in the straight move; None if none is found."""
     limits = cell.limits
     if any((q < limits.q_lower).any() or (q > limits.q_upper).any() for q in (now, start)):
@@ -70,13 +68,13 @@ def _planned(cell: Cell, now: Vector, start: Vector, pace: float) -> Approach | 
     return None
 
 
-def _timed(cell: Cell, path: Vector, pace: float) -> Approach | None:
+def _timed(cell: Cell, path: Array, pace: float) -> Approach | None:
     """Returns the fastest certified motion along a path (K, 6); None if none is."""
     approaches = (_certified(cell, path, _paced(cell.limits, pace * share)) for share in PACES)
     return next((approach for approach in approaches if approach is not None), None)
 
 
-def _certified(cell: Cell, path: Vector, limits: Limits) -> Approach | None:
+def _certified(cell: Cell, path: Array, limits: Limits) -> Approach | None:
     """Returns the motion along a path within limits, if its certificate is valid."""
     trajectory = rest_to_rest_motion(path, limits, 1.0 / cell.robot.sample_rate_hz)
     try:
@@ -97,7 +95,7 @@ def _paced(limits: Limits, pace: float) -> Limits:
     )
 
 
-def _straight_obstacle(cell: Cell, a: Vector, b: Vector) -> str:
+def _straight_obstacle(cell: Cell, a: Array, b: Array) -> str:
     """Returns what a straight move between two postures (6,) would hit; "" if nothing."""
     count = int(np.ceil(np.abs(b - a).max() / STEP_RAD)) + 1
     q = a + np.linspace(0.0, 1.0, max(count, 2))[:, None] * (b - a)

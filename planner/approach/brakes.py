@@ -14,13 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.approach.swept_clearance import SweptPaths, keep_clear
+from planner.arrays import Array, Mask
 from planner.brake_profile import RAMP, brake_weights
 from planner.cell import Cell
 from planner.dynamics import gravity_in_base, joint_torques, payload_of
 
-Vector = NDArray[np.float64]
 Ticks = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 STRETCHES = (1.0, 1.05, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.2, 4.0)  # [-] durations tried, over the shortest
 INSTANTS = 25  # [-] evaluated along a brake, the corners of its acceleration among them; bounds hold in between
@@ -41,7 +40,7 @@ class Brakes:
     ticks: Ticks
 
 
-def brake_path(q: Vector, qd: Vector, qdd: Vector, T: Vector, u: Vector) -> tuple[Vector, Vector, Vector]:
+def brake_path(q: Array, qd: Array, qdd: Array, T: Array, u: Array) -> tuple[Array, Array, Array]:
     """Returns q, qd, qdd (M, U, n) along brakes.
 
     Args:
@@ -56,7 +55,7 @@ def brake_path(q: Vector, qd: Vector, qdd: Vector, T: Vector, u: Vector) -> tupl
     return position, qd * weights[2] + qdd * T * weights[3], qd * rate * weights[4] + qdd * weights[5]
 
 
-def find_brakes(cell: Cell, q: Vector, qd: Vector, qdd: Vector, dt: float, every: int = 1) -> Brakes:
+def find_brakes(cell: Cell, q: Array, qd: Array, qdd: Array, dt: float, every: int = 1) -> Brakes:
     """Returns the brakes of the rows of a motion, with the object in the tool.
 
     Args:
@@ -73,14 +72,14 @@ def find_brakes(cell: Cell, q: Vector, qd: Vector, qdd: Vector, dt: float, every
     return Brakes(np.minimum.accumulate(index[::-1])[::-1], ticks)
 
 
-def _verified(cell: Cell, q: Vector, qd: Vector, qdd: Vector, dt: float) -> tuple[Ticks, Flags]:
+def _verified(cell: Cell, q: Array, qd: Array, qdd: Array, dt: float) -> tuple[Ticks, Mask]:
     """Returns the duration of every row's brake [ticks], and whether it is verified."""
     ticks, feasible = _durations(cell, q, qd, qdd, dt)
     verified = feasible & _keeps_clear(cell, q, qd, qdd, ticks.astype(np.float64) * dt)
     return ticks, verified | ((np.abs(qd).max(axis=1) < REST_SPEED) & (np.abs(qdd).max(axis=1) < REST_SPEED))
 
 
-def _durations(cell: Cell, q: Vector, qd: Vector, qdd: Vector, dt: float) -> tuple[Ticks, Flags]:
+def _durations(cell: Cell, q: Array, qd: Array, qdd: Array, dt: float) -> tuple[Ticks, Mask]:
     """Returns the shortest feasible duration of every row's brake [ticks], and whether there is one."""
     shortest = _shortest(qd, qdd, cell.robot.qdd_max)
     ticks = np.ceil(shortest / dt - 1e-9).astype(np.int64)
@@ -98,7 +97,7 @@ def _durations(cell: Cell, q: Vector, qd: Vector, qdd: Vector, dt: float) -> tup
     return ticks, done
 
 
-def _shortest(qd: Vector, qdd: Vector, qdd_max: Vector) -> Vector:
+def _shortest(qd: Array, qdd: Array, qdd_max: Array) -> Array:
     """Returns the duration (M,) [s] at which no acceleration exceeds the arm's: |qd / T + qdd r/2| / (1-r).
 
     The magnitude of qdd is taken: one against the speed shortens a brake by no more than one along it lengthens it.
@@ -107,13 +106,13 @@ def _shortest(qd: Vector, qdd: Vector, qdd_max: Vector) -> Vector:
     return (np.abs(qd) / room).max(axis=1) + np.where(np.abs(qdd).max(axis=1) > REST_SPEED, FADE_S, 0.0)
 
 
-def _torques_allowed(cell: Cell, q: Vector, qd: Vector, qdd: Vector) -> Flags:
+def _torques_allowed(cell: Cell, q: Array, qd: Array, qdd: Array) -> Mask:
     """Returns whether each brake (M,) keeps the cell's torques; those of its first instant are the motion's own."""
     tau = joint_torques(cell.robot, q, qd, qdd, gravity_in_base(cell), payload_of(cell, with_object=True))
     return np.asarray((np.abs(tau[:, 1:]) <= cell.limits.tau_max).all(axis=(1, 2)), np.bool_)
 
 
-def _keeps_clear(cell: Cell, q: Vector, qd: Vector, qdd: Vector, T: Vector) -> Flags:
+def _keeps_clear(cell: Cell, q: Array, qd: Array, qdd: Array, T: Array) -> Mask:
     """Returns whether each brake (M,) keeps joint range and clearance, between the instants too."""
     position, speed, acceleration = brake_path(q, qd, qdd, T, np.linspace(0.0, 1.0, INSTANTS))
     step = (T / (INSTANTS - 1))[:, None, None]
@@ -125,6 +124,6 @@ def _keeps_clear(cell: Cell, q: Vector, qd: Vector, qdd: Vector, T: Vector) -> F
     return np.asarray(in_range & clear, np.bool_)
 
 
-def _larger(values: Vector) -> Vector:
+def _larger(values: Array) -> Array:
     """Returns the larger magnitude of each two neighbours along the brakes."""
     return np.maximum(np.abs(values[:, :-1]), np.abs(values[:, 1:]))

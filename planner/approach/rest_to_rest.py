@@ -11,18 +11,16 @@ import math
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array
 from planner.cell import Limits
 from planner.trajectory import Trajectory, integrate
-
-Vector = NDArray[np.float64]
 
 STILL_RAD = 1e-12  # [rad] shorter moves are none: below what an encoder resolves, above where division overflows
 ROUNDING = 1e-9  # [ticks] by which a duration may exceed a whole number
 
 
-def rest_to_rest_motion(points: Vector, limits: Limits, dt: float) -> Trajectory:
+def rest_to_rest_motion(points: Array, limits: Limits, dt: float) -> Trajectory:
     """Returns the motion through postures, at rest in each.
 
     Args:
@@ -38,7 +36,7 @@ def rest_to_rest_motion(points: Vector, limits: Limits, dt: float) -> Trajectory
     return Trajectory(1.0 / dt, q, qd, qdd, release_index=len(q) - 1)
 
 
-def _piece(move: Vector, limits: Limits, dt: float) -> Vector:
+def _piece(move: Array, limits: Limits, dt: float) -> Array:
     """Returns the jerks (N, n) of one move (n,) [rad]; N is 0 where it is none."""
     size = np.abs(move)
     moving = size > STILL_RAD

@@ -13,13 +13,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array
 from planner.cell import Cell
 from planner.geometry import body_model
 
-Vector = NDArray[np.float64]
-Edge = Callable[[Vector, Vector], bool]
+Edge = Callable[[Array, Array], bool]
 
 SPACING_RAD = 0.02  # [rad] between checked postures: 26 mm at a reach of 1.3 m
 STEP_RAD = 0.3  # [rad] by which a tree grows at most in one step
@@ -32,7 +31,7 @@ SEED = 0
 def is_clear(cell: Cell, margin_m: float) -> Edge:
     """Returns a test of whether a straight piece between two postures keeps `margin_m` beyond the cell's clearance."""
 
-    def clear(a: Vector, b: Vector) -> bool:
+    def clear(a: Array, b: Array) -> bool:
         count = int(np.ceil(np.abs(b - a).max() / SPACING_RAD)) + 1
         q = a + np.linspace(0.0, 1.0, max(count, 2))[:, None] * (b - a)
         return bool(body_model(cell).clearances(q).least.min() >= margin_m)
@@ -40,7 +39,7 @@ def is_clear(cell: Cell, margin_m: float) -> Edge:
     return clear
 
 
-def find_path(clear: Edge, start: Vector, goal: Vector, lower: Vector, upper: Vector) -> Vector | None:
+def find_path(clear: Edge, start: Array, goal: Array, lower: Array, upper: Array) -> Array | None:
     """Returns postures (K, n) [rad] from `start` to `goal` with clear straight pieces; None if none are found.
 
     Args:
@@ -68,11 +67,11 @@ def find_path(clear: Edge, start: Vector, goal: Vector, lower: Vector, upper: Ve
 class _Tree:
     """Postures, each with the index of its parent."""
 
-    def __init__(self, root: Vector) -> None:
+    def __init__(self, root: Array) -> None:
         self.q = np.array([root])
         self.parent = [-1]
 
-    def grow(self, towards: Vector, clear: Edge) -> int | None:
+    def grow(self, towards: Array, clear: Edge) -> int | None:
         """Takes one step towards a posture; returns the index of the new one, None if the step is not clear."""
         near = int(np.linalg.norm(self.q - towards, axis=1).argmin())
         step = towards - self.q[near]
@@ -83,14 +82,14 @@ class _Tree:
         self.parent.append(near)
         return len(self.parent) - 1
 
-    def reach(self, goal: Vector, clear: Edge) -> int | None:
+    def reach(self, goal: Array, clear: Edge) -> int | None:
         """Grows towards a posture until it is reached; returns its index, None if a step is not clear."""
         while (new := self.grow(goal, clear)) is not None:
             if np.array_equal(self.q[new], goal) or np.abs(self.q[new] - goal).max() < 1e-12:
                 return new
         return None
 
-    def branch(self, index: int) -> list[Vector]:
+    def branch(self, index: int) -> list[Array]:
         """Returns the postures from `index` back to the root."""
         postures = []
         while index >= 0:
@@ -99,7 +98,7 @@ class _Tree:
         return postures
 
 
-def _shortened(path: list[Vector], clear: Edge, rng: np.random.Generator) -> Vector:
+def _shortened(path: list[Array], clear: Edge, rng: np.random.Generator) -> Array:
     """Returns the path with random shortcuts by clear straight pieces."""
     for _ in range(SHORTCUTS):
         if len(path) == 2:
@@ -114,7 +113,7 @@ def _shortened(path: list[Vector], clear: Edge, rng: np.random.Generator) -> Vec
     return _without_corners(path, clear)
 
 
-def _without_corners(path: list[Vector], clear: Edge) -> Vector:
+def _without_corners(path: list[Array], clear: Edge) -> Array:
     """Returns the path without the postures that can be skipped: the motion stops at each."""
     kept, at = [path[0]], 0
     while at < len(path) - 1:

@@ -12,14 +12,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array, Mask
 from planner.cell import Cell
-from planner.certificate import Rates, curvature_bound, point_acceleration, slope_bound
+from planner.certificate import Rates, curvature_bound, point_bound, slope_bound
 from planner.geometry import SELF_CLEARANCE_M, body_model
-
-Vector = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 PATHS_AT_ONCE = 64  # [-] keeps the arrays of many paths in the processor's cache
 ONE_STEP = np.ones(())  # time between neighbouring positions, in units of itself
@@ -35,12 +32,12 @@ class SweptPaths:
         bend: its acceleration there times the square of the time between (M, U-1, 6) [rad]; 0 on a straight path.
     """
 
-    q: Vector
-    turn: Vector
-    bend: Vector
+    q: Array
+    turn: Array
+    bend: Array
 
     @classmethod
-    def straight(cls, q: Vector) -> SweptPaths:
+    def straight(cls, q: Array) -> SweptPaths:
         """Returns paths that are straight and of constant speed between their positions (M, U, 6)."""
         turn = np.abs(np.diff(q, axis=1))
         return cls(q, turn, np.zeros_like(turn))
@@ -63,18 +60,18 @@ class SweptClearance:
     """
 
     name: str
-    values: Vector
-    between: Vector
+    values: Array
+    between: Array
     required: float
 
     @property
-    def kept(self) -> Flags:
+    def kept(self) -> Mask:
         """Whether the distance is kept on each path (M,)."""
         least = np.minimum(self.between.min(axis=1), self.values.min(axis=1))
         return np.asarray(least >= self.required, np.bool_)
 
 
-def keep_clear(cell: Cell, paths: SweptPaths) -> tuple[Flags, str]:
+def keep_clear(cell: Cell, paths: SweptPaths) -> tuple[Mask, str]:
     """Returns whether each path keeps clear (M,), and the first collision on any of them; "" if there is none."""
     blocks = [[(each.name, each.kept) for each in swept_clearances(cell, block)] for block in paths.blocks()]
     kept = np.concatenate([[kept for _, kept in block] for block in blocks], axis=1)
@@ -87,7 +84,7 @@ def swept_clearances(cell: Cell, paths: SweptPaths) -> Iterator[SweptClearance]:
     body, around, shape = body_model(cell), cell.surroundings, paths.q.shape[:2]
     ends = body.end_points(body.link_poses(paths.q.reshape(-1, 6)))
     turn, bend = (steps.reshape(-1, 6).T for steps in (paths.turn, paths.bend))
-    bends = point_acceleration(body.levers, Rates(turn, bend, np.zeros_like(turn))).reshape(-1, *paths.turn.shape[:2])
+    bends = point_bound(body.levers, Rates(turn, bend, np.zeros_like(turn)), 2).reshape(-1, *paths.turn.shape[:2])
     heights = body.heights(ends).reshape(-1, *shape)
     boxes = body.box_distances(ends).reshape(-1, len(body.moving), *shape)
     for item, capsule in enumerate(body.moving):
@@ -108,15 +105,15 @@ def swept_clearances(cell: Cell, paths: SweptPaths) -> Iterator[SweptClearance]:
         yield SweptClearance(f"{one} and {other}", distances, between, SELF_CLEARANCE_M)
 
 
-def _smooth(name: str, values: Vector, bends: Vector, required: float) -> SweptClearance:
+def _smooth(name: str, values: Array, bends: Array, required: float) -> SweptClearance:
     return SweptClearance(name, values, curvature_bound(*_neighbours(values), bends, ONE_STEP), required)
 
 
-def _neighbours(values: Vector) -> tuple[Vector, Vector]:
+def _neighbours(values: Array) -> tuple[Array, Array]:
     """Returns the values at both ends of every step (M, U-1)."""
     return values[:, :-1], values[:, 1:]
 
 
-def _longest_chords(ends: Vector) -> Vector:
+def _longest_chords(ends: Array) -> Array:
     """Returns how far the farther-moving end (2, 3, M, U) moves in every step (M, U-1) [m]."""
     return np.linalg.norm(np.diff(ends, axis=-1), axis=1).max(axis=0)

@@ -4,32 +4,6 @@ All facts about a site are in its cell file; the arm's own data are in `planner.
 """
 
 from planner.cell.file import load_cell, parse_cell
-from planner.cell.model import (
-    Box,
-    Cell,
-    ControllerAddress,
-    Gripper,
-    Limits,
-    Sim,
-    Surroundings,
-    ThrownObject,
-    Timing,
-    Tool,
-    ToolCapsule,
-)
+from planner.cell.model import Box, Cell, Limits, ToolCapsule
 
-__all__ = [
-    "Box",
-    "Cell",
-    "ControllerAddress",
-    "Gripper",
-    "Limits",
-    "Sim",
-    "Surroundings",
-    "ThrownObject",
-    "Timing",
-    "Tool",
-    "ToolCapsule",
-    "load_cell",
-    "parse_cell",
-]
+__all__ = ["Box", "Cell", "Limits", "ToolCapsule", "load_cell", "parse_cell"]

@@ -10,13 +10,8 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from planner.arrays import Array, read_only
 from planner.errors import CellError
-from planner.robots import read_only
-
-Vector = NDArray[np.float64]
 
 
 def merge_defaults(given: Mapping[str, Any], defaults: Mapping[str, Any], where: str = "") -> dict[str, Any]:
@@ -50,7 +45,7 @@ def number(table: Mapping[str, Any], key: str, where: str, lower: float = -math.
 
 def vector(
     table: Mapping[str, Any], key: str, where: str, size: int, lower: float = -math.inf, upper: float = math.inf
-) -> Vector:
+) -> Array:
     """Returns `table[key]` as a read-only float vector of `size` finite entries inside [lower, upper].
 
     Raises:
@@ -62,7 +57,7 @@ def vector(
     return read_only([_checked(entry, f"{where}{key}[{i}]", lower, upper) for i, entry in enumerate(value)])
 
 
-def per_joint(table: Mapping[str, Any], key: str, where: str, own: Vector, lower: float = 0.0) -> Vector:
+def per_joint(table: Mapping[str, Any], key: str, where: str, own: Array, lower: float = 0.0) -> Array:
     """Returns a limit (n,) given as one number or one per joint, above `lower` and at most the arm's `own` (n,).
 
     Raises:
@@ -75,10 +70,15 @@ def per_joint(table: Mapping[str, Any], key: str, where: str, own: Vector, lower
     limits = [_checked(entry, f"{where}{key}[{i}]", lower, math.inf) for i, entry in enumerate(entries)]
     for i, (limit, bound) in enumerate(zip(limits, own, strict=True)):
         if limit > bound:
-            raise CellError(f"{where}{key}[{i}]", limit, f"is beyond the arm's own limit of {bound:.6g}")
+            raise beyond_arm(f"{where}{key}[{i}]", limit, bound)
         if limit <= lower:
             raise CellError(f"{where}{key}[{i}]", limit, f"must be above {lower:.6g}")
     return read_only(limits)
+
+
+def beyond_arm(field: str, value: float, own: float) -> CellError:
+    """Returns the refusal of a limit beyond the arm's own."""
+    return CellError(field, value, f"is beyond the arm's own limit of {own:.6g}")
 
 
 def choice(table: Mapping[str, Any], key: str, where: str, allowed: Iterable[str]) -> str:

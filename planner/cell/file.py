@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from planner.cell.fields import choice, exactly, merge_defaults, number, per_joint, tables, vector
+from planner.arrays import Array, read_only
+from planner.cell.fields import beyond_arm, choice, exactly, merge_defaults, number, per_joint, tables, vector
 from planner.cell.model import (
     Box,
     Cell,
@@ -28,10 +29,9 @@ from planner.cell.model import (
     Timing,
     Tool,
     ToolCapsule,
-    Vector,
 )
 from planner.errors import CellError, UnknownRobot
-from planner.robots import ROBOT_NAMES, Robot, read_only, robot
+from planner.robots import ROBOT_NAMES, Robot, robot
 from planner.rotations import pose, rotation_vector_to_matrix
 
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")  # a cell's name is part of URLs and file names
@@ -72,11 +72,8 @@ DEFAULTS: dict[str, Any] = {
     },
 }
 
-GRIPPER_OUTPUTS = {
-    "tool_digital": 2,
-    "standard_digital": 8,
-    "configurable_digital": 8,
-}  # number of outputs of each kind on a UR controller
+# Number of outputs of each kind on a UR controller.
+GRIPPER_OUTPUTS = {"tool_digital": 2, "standard_digital": 8, "configurable_digital": 8}
 POLYSCOPE = {"CB3": "3.15", "e-Series": "5.11.1"}  # default versions of the simulated controller
 JERK_MAX = 1e5  # [rad/s^3] far above any arm; catches typing errors
 SPEED_MAX = 20.0  # [m/s] far above any arm; catches typing errors
@@ -147,7 +144,7 @@ def _robot(document: Mapping[str, Any]) -> Robot:
         raise CellError("robot", document["robot"], f"must be one of {', '.join(ROBOT_NAMES)}") from error
 
 
-def _pose(table: Mapping[str, Any], position: str, rotation: str, where: str) -> Vector:
+def _pose(table: Mapping[str, Any], position: str, rotation: str, where: str) -> Array:
     p = vector(table, position, where, 3)
     R = rotation_vector_to_matrix(vector(table, rotation, where, 3))
     return read_only(pose(p, R))
@@ -177,17 +174,9 @@ def _limits(table: dict[str, Any], arm: Robot) -> Limits:
     upper = vector(table, "joint_position_upper_rad", where, 6)
     for i in range(6):
         if lower[i] < arm.q_lower[i]:
-            raise CellError(
-                f"{where}joint_position_lower_rad[{i}]",
-                float(lower[i]),
-                f"is beyond the arm's own limit of {arm.q_lower[i]:.6g}",
-            )
+            raise beyond_arm(f"{where}joint_position_lower_rad[{i}]", float(lower[i]), arm.q_lower[i])
         if upper[i] > arm.q_upper[i]:
-            raise CellError(
-                f"{where}joint_position_upper_rad[{i}]",
-                float(upper[i]),
-                f"is beyond the arm's own limit of {arm.q_upper[i]:.6g}",
-            )
+            raise beyond_arm(f"{where}joint_position_upper_rad[{i}]", float(upper[i]), arm.q_upper[i])
         if lower[i] >= upper[i]:
             raise CellError(f"{where}joint_position_lower_rad[{i}]", float(lower[i]), "must be below the upper limit")
     fraction = number(table, "joint_torque_fraction", where, 0.01, 1.0)

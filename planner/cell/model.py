@@ -6,20 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from planner.arrays import Array
 from planner.robots import Robot
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class ToolCapsule:
     """A capsule of the tool: end points in the flange frame (3,) [m] and radius [m]."""
 
-    from_m: Vector
-    to_m: Vector
+    from_m: Array
+    to_m: Array
     radius_m: float
 
 
@@ -33,7 +29,7 @@ class Tool:
         capsules: its shape, for collision checks.
     """
 
-    X_FT: Vector
+    X_FT: Array
     mass_kg: float
     capsules: tuple[ToolCapsule, ...]
 
@@ -52,12 +48,12 @@ class Limits:
         singularity_distance_min: distance to each singularity [-].
     """
 
-    q_lower: Vector
-    q_upper: Vector
-    qd_max: Vector
-    qdd_max: Vector
-    jerk_max: Vector
-    tau_max: Vector
+    q_lower: Array
+    q_upper: Array
+    qd_max: Array
+    qdd_max: Array
+    jerk_max: Array
+    tau_max: Array
     tcp_speed_max: float
     singularity_distance_min: float
 
@@ -66,8 +62,8 @@ class Limits:
 class Box:
     """An axis-aligned box: lower and upper corner in the world frame (3,) [m]."""
 
-    lower: Vector
-    upper: Vector
+    lower: Array
+    upper: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,8 +165,8 @@ class Cell:
     name: str
     sha256: str
     robot: Robot
-    home: Vector
-    X_WB: Vector
+    home: Array
+    X_WB: Array
     tool: Tool
     limits: Limits
     surroundings: Surroundings

@@ -4,8 +4,8 @@ Every bound holds at every instant, also between samples: joint bounds by closed
 by bisection with proven bounds on the deviation in between. The executor certifies a plan again before it flies it.
 """
 
-from planner.certificate.bounds import Rates, curvature_bound, point_acceleration, slope_bound
-from planner.certificate.certificate import Certificate, Check, at_least, at_most
+from planner.certificate.bounds import Rates, curvature_bound, point_bound, slope_bound
+from planner.certificate.certificate import Certificate, Check
 from planner.certificate.checks import certify
 from planner.certificate.release import landing_errors, release_flight
 
@@ -13,12 +13,10 @@ __all__ = [
     "Certificate",
     "Check",
     "Rates",
-    "at_least",
-    "at_most",
     "certify",
     "curvature_bound",
     "landing_errors",
-    "point_acceleration",
+    "point_bound",
     "release_flight",
     "slope_bound",
 ]

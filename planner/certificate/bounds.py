@@ -19,14 +19,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array, Index, Mask
 from planner.trajectory import Trajectory
-
-Vector = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 ROUNDS = 16  # [-] bisections of an interval: 2^-16 of a coarse one is below a microsecond
 EVALUATIONS_MAX = 40_000  # [-] of one check; a motion this close to a limit for this long is not certified
@@ -40,29 +38,23 @@ class Rates:
         sums: of the three, over all joints up to and including each (3, n, m).
     """
 
-    def __init__(self, qd: Vector, qdd: Vector, jerk: Vector) -> None:
+    def __init__(self, qd: Array, qdd: Array, jerk: Array) -> None:
         self.qd, self.qdd, self.jerk = qd, qdd, jerk
         self.sums = np.tri(len(qd)) @ np.stack([qd, qdd, jerk])
 
     @cached_property
-    def totals(self) -> tuple[Vector, Vector, Vector, Vector]:
+    def totals(self) -> tuple[Array, Array, Array, Array]:
         """Bounds (n, m) on the first to fourth derivative of a direction fixed in the link beyond each joint."""
         s, a, j = self.sums
         s2 = s * s
         return s, a + s2, j + 3 * s * a + s2 * s, 4 * s * j + 3 * a * a + 6 * s2 * a + s2 * s2
 
     @cached_property
-    def by_derivative(self) -> tuple[Vector, Vector, Vector, Vector]:
+    def by_derivative(self) -> tuple[Array, Array, Array, Array]:
         """Weights (n, m) of the levers in the bounds on the first to fourth derivative of a point."""
         n = len(self.qd)
         differences = np.eye(n) - np.eye(n, k=-1)
         return tuple(differences @ total for total in self.totals)  # pyright: ignore[reportReturnType]
-
-    @property
-    def turning(self) -> tuple[Vector, Vector, Vector, Vector]:
-        """Bounds (m,) on the first to fourth derivative of any direction fixed in the last link."""
-        one, two, three, four = self.totals
-        return one[-1], two[-1], three[-1], four[-1]
 
 
 def joint_rates(trajectory: Trajectory, knots: Index | None = None) -> Rates:
@@ -84,7 +76,7 @@ def joint_rates(trajectory: Trajectory, knots: Index | None = None) -> Rates:
     return Rates(most[:n] + jerk_most * trajectory.dt**2 / 8.0, most[n:], jerk_most)
 
 
-def jerk_jumps(trajectory: Trajectory, knots: Index) -> Vector:
+def jerk_jumps(trajectory: Trajectory, knots: Index) -> Array:
     """Returns the sum of all jumps of each joint's jerk inside the intervals between `knots` (n, m) [rad/s^3]."""
     jumps = np.zeros((trajectory.q.shape[1], knots[-1] + 1))
     jumps[:, 1:-1] = np.abs(np.diff(trajectory.jerk[: knots[-1]], axis=0)).T
@@ -92,24 +84,18 @@ def jerk_jumps(trajectory: Trajectory, knots: Index) -> Vector:
     return np.add.reduceat(jumps, knots[:-1], axis=1)
 
 
-def point_speed(lever: Vector, rates: Rates) -> Vector:
-    """Returns bounds on the speed over every interval [m/s]: (m,) of a point with lever (6,), (k, m) of k points."""
-    return lever @ rates.by_derivative[0]
+def point_bound(lever: Array, rates: Rates, derivative: int) -> Array:
+    """Returns bounds on a derivative of a point's position over every interval.
 
+    Args:
+        lever: of the point about each joint (6,) [m], or of k points (k, 6).
+        rates: of the joints over m intervals.
+        derivative: 1 for the speed [m/s] to 4 for the fourth derivative [m/s^4].
 
-def point_acceleration(lever: Vector, rates: Rates) -> Vector:
-    """Returns bounds on the acceleration over every interval [m/s^2], shaped as those of `point_speed`."""
-    return lever @ rates.by_derivative[1]
-
-
-def point_jerk(lever: Vector, rates: Rates) -> Vector:
-    """Returns bounds on the jerk over every interval [m/s^3], shaped as those of `point_speed`."""
-    return lever @ rates.by_derivative[2]
-
-
-def point_snap(lever: Vector, rates: Rates) -> Vector:
-    """Returns bounds on the fourth derivative over every interval [m/s^4], shaped as those of `point_speed`."""
-    return lever @ rates.by_derivative[3]
+    Returns:
+        (m,), or (k, m) of k points.
+    """
+    return lever @ rates.by_derivative[derivative - 1]
 
 
 @dataclass(frozen=True)
@@ -129,8 +115,7 @@ class Proof:
     proven: bool
 
 
-@dataclass(frozen=True, eq=False)
-class Intervals:
+class Intervals(NamedTuple):
     """Intervals on which a bound is undecided.
 
     Attributes:
@@ -140,50 +125,37 @@ class Intervals:
         item: index of the item (k,).
     """
 
-    left: Vector
-    right: Vector
-    f_left: Vector
-    f_right: Vector
-    rate: Vector
+    left: Array
+    right: Array
+    f_left: Array
+    f_right: Array
+    rate: Array
     item: Index
 
-    def keep(self, chosen: NDArray[np.bool_]) -> Intervals:
+    def keep(self, chosen: Mask) -> Intervals:
         """Returns the `chosen` intervals (k,)."""
-        return Intervals(
-            self.left[chosen],
-            self.right[chosen],
-            self.f_left[chosen],
-            self.f_right[chosen],
-            self.rate[..., chosen],
-            self.item[chosen],
-        )
+        return Intervals._make(values[..., chosen] for values in self)
 
-    def halves(self, middle: Vector, f_middle: Vector) -> Intervals:
+    def halves(self, middle: Array, f_middle: Array) -> Intervals:
         """Returns both halves of every interval."""
-        return Intervals(
-            np.concatenate([self.left, middle]),
-            np.concatenate([middle, self.right]),
-            np.concatenate([self.f_left, f_middle]),
-            np.concatenate([f_middle, self.f_right]),
-            np.concatenate([self.rate, self.rate], axis=-1),
-            np.tile(self.item, 2),
-        )
+        first, second = self._replace(right=middle, f_right=f_middle), self._replace(left=middle, f_left=f_middle)
+        return Intervals._make(np.concatenate(pair, axis=-1) for pair in zip(first, second, strict=True))
 
 
-LowerBound = Callable[[Vector, Vector, Vector, Vector], Vector]  # of values at both ends, rate and length of intervals
+LowerBound = Callable[[Array, Array, Array, Array], Array]  # of values at both ends, rate and length of intervals
 
 
-def slope_bound(f_left: Vector, f_right: Vector, rate: Vector, h: Vector) -> Vector:
+def slope_bound(f_left: Array, f_right: Array, rate: Array, h: Array) -> Array:
     """Returns lower bounds on f over intervals of length `h` with |f'| <= `rate`."""
     return (f_left + f_right - rate * h) / 2.0
 
 
-def curvature_bound(f_left: Vector, f_right: Vector, rate: Vector, h: Vector) -> Vector:
+def curvature_bound(f_left: Array, f_right: Array, rate: Array, h: Array) -> Array:
     """Returns lower bounds on f over intervals of length `h` with |f''| <= `rate`."""
     return np.minimum(f_left, f_right) - rate * (h * h / 8.0)
 
 
-def kinked_bound(f_left: Vector, f_right: Vector, rates: Vector, h: Vector) -> Vector:
+def kinked_bound(f_left: Array, f_right: Array, rates: Array, h: Array) -> Array:
     """Returns lower bounds on f over intervals of length `h` in which f' may jump.
 
     Between jumps |f''| <= rates[0]; the jumps add up to at most rates[1]. A jump d at a time s after the left end moves
@@ -193,10 +165,10 @@ def kinked_bound(f_left: Vector, f_right: Vector, rates: Vector, h: Vector) -> V
 
 
 def prove_above(
-    evaluate: Callable[[Vector, Index], Vector],
-    knots: Vector,
-    values: Vector,
-    rates: Vector,
+    evaluate: Callable[[Array, Index], Array],
+    knots: Array,
+    values: Array,
+    rates: Array,
     required: float,
     lower_bound: LowerBound,
 ) -> Proof:
@@ -224,7 +196,7 @@ def prove_above(
 
 
 def _bisect(
-    evaluate: Callable[[Vector, Index], Vector], todo: Intervals, best: Proof, required: float, lower_bound: LowerBound
+    evaluate: Callable[[Array, Index], Array], todo: Intervals, best: Proof, required: float, lower_bound: LowerBound
 ) -> Proof:
     spent = 0
     for _ in range(ROUNDS):

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from planner.certificate.bounds import Proof, curvature_bound, point_acceleration, prove_above, slope_bound
+from planner.arrays import Array, Index
+from planner.certificate.bounds import Proof, curvature_bound, point_bound, prove_above, slope_bound
 from planner.certificate.certificate import Check, at_least
 from planner.certificate.samples import MotionSamples
 from planner.geometry import SELF_CLEARANCE_M, segment_box_distance, segment_segment_distance
-
-Vector = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 FAR_M = 1e3  # [m] distance reported for an object that has been released
 
@@ -21,7 +18,7 @@ def floor(motion: MotionSamples) -> Check:
     around, body, t = motion.problem.cell.surroundings, motion.body, motion.at_knots.t
     moving = body.moving
 
-    def evaluate(t: Vector, item: Index) -> Vector:
+    def evaluate(t: Array, item: Index) -> Array:
         capsule = moving[item]
         ends = body.end_points_of(capsule, motion.poses_at(t))
         height = ends[..., 2].min(axis=-1) - body.radii[capsule] - around.floor_z_m
@@ -30,7 +27,7 @@ def floor(motion: MotionSamples) -> Check:
     # The lower end of a capsule is the lower of two smooth functions: the curvature bound holds for both.
     heights = body.heights(motion.ends)
     heights[-1, t > motion.released_s] = FAR_M
-    rates = point_acceleration(body.levers[moving], motion.rates)
+    rates = point_bound(body.levers[moving], motion.rates, 2)
     proof = prove_above(evaluate, t, heights, rates, around.clearance_m, curvature_bound)
     return _distance_check("floor", proof, around.clearance_m, body.names[moving[proof.item]])
 
@@ -43,11 +40,11 @@ def keep_out(motion: MotionSamples) -> Check | None:
     moving, count = body.moving, len(body.moving)
     lower, upper = (np.array([getattr(box, side) for box in around.keep_out]) for side in ("lower", "upper"))
 
-    def distance(ends: Vector, item: Index) -> Vector:
+    def distance(ends: Array, item: Index) -> Array:
         box, capsule = item // count, moving[item % count]
         return segment_box_distance(ends[:, 0], ends[:, 1], lower[box], upper[box]) - body.radii[capsule]
 
-    def evaluate(t: Vector, item: Index) -> Vector:
+    def evaluate(t: Array, item: Index) -> Array:
         capsule = moving[item % count]
         gap = distance(body.end_points_of(capsule, motion.poses_at(t)), item)
         return np.where((capsule == body.object) & (t > motion.released_s), FAR_M, gap)
@@ -68,7 +65,7 @@ def keep_out(motion: MotionSamples) -> Check | None:
     return _distance_check("keep_out", proof, around.clearance_m, name)
 
 
-def _bounding_box_distances(ends: Vector, lower: Vector, upper: Vector) -> Vector:
+def _bounding_box_distances(ends: Array, lower: Array, upper: Array) -> Array:
     """Returns the distances (b, k, n) of b boxes from the bounding boxes of segments with ends (k, 2, 3, n).
 
     They are lower bounds on the distances of the segments.
@@ -86,13 +83,13 @@ def keep_in(motion: MotionSamples) -> Check | None:
     lower = np.max([box.lower for box in boxes], axis=0)[:, None]
     upper = np.min([box.upper for box in boxes], axis=0)[:, None]
 
-    def inside(p_WT: Vector) -> Vector:
+    def inside(p_WT: Array) -> Array:
         return np.concatenate([p_WT - lower, upper - p_WT])
 
-    def evaluate(t: Vector, item: Index) -> Vector:
+    def evaluate(t: Array, item: Index) -> Array:
         return inside(motion.at(t).p_WT)[item, np.arange(len(t))]
 
-    arm, rates = motion.at_knots, point_acceleration(motion.body.tool_lever, motion.rates)
+    arm, rates = motion.at_knots, point_bound(motion.body.tool_lever, motion.rates, 2)
     proof = prove_above(evaluate, arm.t, inside(arm.p_WT), rates, 0.0, curvature_bound)
     return _distance_check("keep_in", proof, 0.0, f"{'xyz'[proof.item % 3]} {'lower' if proof.item < 3 else 'upper'}")
 
@@ -105,7 +102,7 @@ def self_collision(motion: MotionSamples) -> Check | None:
     first, second = body.pairs.T
     thickness = body.radii[first] + body.radii[second]
 
-    def evaluate(t: Vector, item: Index) -> Vector:
+    def evaluate(t: Array, item: Index) -> Array:
         X_WL = motion.poses_at(t)
         one, other = (body.end_points_of(side[item], X_WL) for side in (first, second))
         return segment_segment_distance(one[:, 0], one[:, 1], other[:, 0], other[:, 1]) - thickness[item]

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array
 from planner.certificate.certificate import Check, at_most
 from planner.certificate.samples import MotionSamples
 from planner.trajectory import Trajectory
-
-Vector = NDArray[np.float64]
 
 START_TOLERANCE = 1e-6  # [rad, rad/s, rad/s^2] rounding only; far below the step of an encoder
 REST_TOLERANCE = 1e-6  # [rad/s, rad/s^2] rounding only
@@ -38,17 +36,8 @@ def joint_position(motion: MotionSamples) -> Check:
     else:
         piece = int(above[:, joint].argmin())
         value, limit, margin = highest[piece, joint], limits.q_upper[joint], worst_above[joint]
-    ok = bool(margin >= -START_TOLERANCE * 1e-3)
-    return Check(
-        "joint_position",
-        float(value),
-        float(limit),
-        "rad",
-        float(margin),
-        float(times[piece]),
-        ok,
-        _joint(motion, joint),
-    )
+    ok, at_s, detail = bool(margin >= -START_TOLERANCE * 1e-3), float(times[piece]), _joint(motion, joint)
+    return Check("joint_position", float(value), float(limit), "rad", float(margin), at_s, ok, detail)
 
 
 def joint_velocity(motion: MotionSamples) -> Check:
@@ -96,7 +85,7 @@ def sample_rate(motion: MotionSamples) -> Check | None:
     return None if check.ok else check
 
 
-def _largest(name: str, motion: MotionSamples, values: Vector, limit: Vector, unit: str) -> Check:
+def _largest(name: str, motion: MotionSamples, values: Array, limit: Array, unit: str) -> Check:
     """Returns the check of the largest share of a limit (n,) in `values` (pieces, n)."""
     share = np.where(np.isfinite(values), values, np.inf) / limit
     piece, joint = np.unravel_index(int(share.argmax()), share.shape)
@@ -104,7 +93,7 @@ def _largest(name: str, motion: MotionSamples, values: Vector, limit: Vector, un
     return at_most(name, float(values[piece, joint]), float(limit[joint]), unit, at_s, detail)
 
 
-def _speed_extrema(trajectory: Trajectory) -> Vector:
+def _speed_extrema(trajectory: Trajectory) -> Array:
     """Returns the largest |qd| of every tick (N-1, n): at its ends, or at the vertex where qdd changes sign."""
     qd, qdd, jerk = trajectory.qd, trajectory.qdd, trajectory.jerk
     ends = np.maximum(np.abs(qd[:-1]), np.abs(qd[1:]))
@@ -113,7 +102,7 @@ def _speed_extrema(trajectory: Trajectory) -> Vector:
     return np.where(qdd[:-1] * qdd[1:] < 0.0, np.maximum(ends, vertex), ends)
 
 
-def _position_extrema(trajectory: Trajectory) -> tuple[Vector, Vector, Vector]:
+def _position_extrema(trajectory: Trajectory) -> tuple[Array, Array, Array]:
     """Returns lowest and highest q of every tick (N-1, n) and the ticks' times (N-1,).
 
     A joint turns back inside a tick only where its velocity changes sign, or its acceleration does.

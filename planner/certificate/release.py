@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from planner.certificate.bounds import curvature_bound, joint_rates, point_acceleration, point_jerk, prove_above
+from planner.arrays import Array, Index
+from planner.certificate.bounds import curvature_bound, joint_rates, point_bound, prove_above
 from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
 from planner.flight import Flight, fly, landing_points
@@ -15,9 +15,6 @@ from planner.geometry import tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.rotations import matrix_to_rotation_vector
 from planner.trajectory import Trajectory
-
-Vector = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 RELEASE_POSITION_TOLERANCE = 1e-5  # [m, rad] less than a third of a UR's repeatability, 0.03 mm
 RELEASE_VELOCITY_TOLERANCE = 1e-4  # [m/s, rad/s] 0.1 mm of landing for a flight of one second
@@ -75,7 +72,7 @@ def release_velocity(motion: MotionSamples) -> Check | None:
     return _bounded_velocity(release, v, at_s)
 
 
-def _bounded_velocity(release: TargetRelease, v: Vector, at_s: float) -> Check | None:
+def _bounded_velocity(release: TargetRelease, v: Array, at_s: float) -> Check | None:
     """Returns the tighter check of a target's bounds on speed and elevation; None where it has none."""
     name, checks = "release_velocity", []
     elevation = math.atan2(float(v[2]), math.hypot(float(v[0]), float(v[1])))
@@ -113,10 +110,10 @@ def landing_window(motion: MotionSamples) -> Check | None:
     window, tolerance = problem.release_window_s, problem.landing_tolerance_m
     goal = _nominal_landing(problem, motion.trajectory)
 
-    def room(arm: ArmSamples) -> Vector:
+    def room(arm: ArmSamples) -> Array:
         return tolerance * (1.0 + ROUNDING) - np.linalg.norm(_landing_points(problem, arm) - goal, axis=1)
 
-    def evaluate(t: Vector, item: Index) -> Vector:
+    def evaluate(t: Array, item: Index) -> Array:
         return room(motion.at(t))
 
     arm = motion.at(released + np.linspace(-window, window, 2 * math.ceil(window / WINDOW_STEP_S) + 1))
@@ -128,7 +125,7 @@ def landing_window(motion: MotionSamples) -> Check | None:
     return at_most("landing_window", error, tolerance, "m", proof.at_s).provided(proof.proven)
 
 
-def landing_errors(problem: ThrowProblem, trajectory: Trajectory, delays: Vector) -> Vector:
+def landing_errors(problem: ThrowProblem, trajectory: Trajectory, delays: Array) -> Array:
     """Returns the landing errors (k,) [m] of releases `delays` (k,) [s] after the nominal one.
 
     They are distances from the target, or without a target from the landing point of the nominal release.
@@ -137,16 +134,12 @@ def landing_errors(problem: ThrowProblem, trajectory: Trajectory, delays: Vector
     return np.linalg.norm(_landing_points(problem, arm) - _nominal_landing(problem, trajectory), axis=1)
 
 
-def _landing_points(problem: ThrowProblem, arm: ArmSamples) -> Vector:
+def _landing_points(problem: ThrowProblem, arm: ArmSamples) -> Array:
     """Returns the landing points (k, 3) [m] after a release at each instant; NaN where the object never lands."""
-    p, v = arm.p_WT.T, arm.v_WT.T
-    if problem.drag <= 0.0:
-        return landing_points(p, v, problem.plane_z, problem.gravity)
-    flights = [fly(p[i], v[i], problem.plane_z, problem.gravity, problem.drag) for i in range(len(p))]
-    return np.array([np.full(3, np.nan) if f is None else f.landing_point for f in flights])
+    return landing_points(arm.p_WT.T, arm.v_WT.T, problem.plane_z, problem.gravity, problem.drag)
 
 
-def _nominal_landing(problem: ThrowProblem, trajectory: Trajectory) -> Vector:
+def _nominal_landing(problem: ThrowProblem, trajectory: Trajectory) -> Array:
     if isinstance(problem.release, TargetRelease):
         return problem.release.p_W
     flight = release_flight(problem, trajectory)
@@ -169,7 +162,7 @@ def _landing_curvature(motion: MotionSamples, arm: ArmSamples) -> float:
     k = trajectory.release_index
     rates = joint_rates(trajectory, np.array([max(0, k - reach), min(len(trajectory.q) - 1, k + reach)]))
     lever = motion.body.tool_lever
-    a, j = float(point_acceleration(lever, rates)[0]), float(point_jerk(lever, rates)[0])
+    a, j = (float(point_bound(lever, rates, derivative)[0]) for derivative in (2, 3))
     t1 = (speed + a * time) / w
     t2 = (a + j * time + 2.0 * a * t1 + problem.gravity * t1**2) / w
     return a + j * time + 2.0 * a * t1 + speed * t2

@@ -6,16 +6,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array, Index
 from planner.certificate.bounds import Rates, joint_rates
 from planner.geometry import BodyModel, body_model
 from planner.kinematics import LinkMotion
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
-
-Vector = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 KNOTS = 64  # [-] instants of a trajectory that are evaluated first; bisection adds others where it must
 SPACING_S = (0.008, 0.016)  # [s] least and largest spacing of these knots
@@ -33,13 +30,13 @@ class ArmSamples:
         p_WT: position of the tool centre point (3, k) [m].
     """
 
-    t: Vector
-    X_WL: Vector
+    t: Array
+    X_WL: Array
     links: LinkMotion
-    p_WT: Vector
+    p_WT: Array
 
     @cached_property
-    def v_WT(self) -> Vector:
+    def v_WT(self) -> Array:
         """Velocity of the tool centre point (3, k) [m/s]."""
         return self.links.velocity(self.p_WT)
 
@@ -88,7 +85,7 @@ class MotionSamples:
         return self._arm(trajectory.t[rows], (trajectory.q[rows], trajectory.qd[rows], trajectory.qdd[rows]))
 
     @cached_property
-    def ends(self) -> Vector:
+    def ends(self) -> Array:
         """Ends of the body's capsules in the world at the knots (c, 2, 3, m) [m]."""
         return self.body.end_points(self.at_knots.X_WL)
 
@@ -98,20 +95,20 @@ class MotionSamples:
         return joint_rates(self.trajectory, self.knots)
 
     @cached_property
-    def sparse_speeds(self) -> Vector:
+    def sparse_speeds(self) -> Array:
         """Largest joint speeds between neighbouring sparse knots (6, k) [rad/s]."""
         return np.maximum.reduceat(self.rates.qd, self.sparse[:-1], axis=1)
 
-    def at(self, t: Vector) -> ArmSamples:
+    def at(self, t: Array) -> ArmSamples:
         """Returns the arm at times (k,) [s]."""
         return self._arm(t, self.trajectory.at(t))
 
-    def poses_at(self, t: Vector) -> Vector:
+    def poses_at(self, t: Array) -> Array:
         """Returns poses of base and links in the world (k, 7, 4, 4) at times (k,) [s]; repeated times cost nothing."""
         distinct, where = np.unique(t, return_inverse=True)
         return self.body.link_poses(self.trajectory.at(distinct)[0])[where]
 
-    def _arm(self, t: Vector, state: tuple[Vector, Vector, Vector]) -> ArmSamples:
+    def _arm(self, t: Array, state: tuple[Array, Array, Array]) -> ArmSamples:
         q, qd, qdd = state
         X_WL = self.body.link_poses(q)
         links = LinkMotion(X_WL, qd, qdd)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from planner.certificate.bounds import Rates, curvature_bound, joint_rates, point_jerk, prove_above
+from planner.arrays import Array, Index
+from planner.certificate.bounds import Rates, curvature_bound, joint_rates, point_bound, prove_above
 from planner.certificate.certificate import Check, at_least, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
 from planner.robots import Robot
-
-Vector = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 SINGULARITY_WINDOW_S = 0.05  # [s] before and after the release, in which Cartesian motion must stay controllable
 
@@ -21,14 +18,14 @@ def tcp_speed(motion: MotionSamples) -> Check:
     """Checks that the tool centre point never exceeds the cell's speed."""
     limit = motion.problem.limits.tcp_speed_max
 
-    def room(arm: ArmSamples) -> Vector:
+    def room(arm: ArmSamples) -> Array:
         v = arm.v_WT
         return limit - np.sqrt((v * v).sum(axis=0))
 
-    def evaluate(t: Vector, item: Index) -> Vector:
+    def evaluate(t: Array, item: Index) -> Array:
         return room(motion.at(t))
 
-    arm, rates = motion.at_knots, point_jerk(motion.body.tool_lever, motion.rates)
+    arm, rates = motion.at_knots, point_bound(motion.body.tool_lever, motion.rates, 3)
     # |v| is at most that of the chord of v, plus the deviation of v from it: the curvature bound of v serves.
     proof = prove_above(evaluate, arm.t, room(arm)[None], rates, -limit * 1e-7, curvature_bound)
     return at_most("tcp_speed", limit - proof.value, limit, "m/s", proof.at_s).provided(proof.proven)
@@ -45,10 +42,10 @@ def singularity_distance(motion: MotionSamples) -> Check | None:
     rows = motion.knots[(motion.knots > first) & (motion.knots < last)]
     rows = np.concatenate([[first], rows, [last]])
 
-    def distances(q: Vector) -> Vector:
+    def distances(q: Array) -> Array:
         return np.abs(signed_singularity_distances(robot, q)).T
 
-    def evaluate(t: Vector, item: Index) -> Vector:
+    def evaluate(t: Array, item: Index) -> Array:
         return distances(trajectory.at(t)[0])[item, np.arange(len(t))]
 
     rates = _singularity_curvature(robot, joint_rates(trajectory, rows))
@@ -57,7 +54,7 @@ def singularity_distance(motion: MotionSamples) -> Check | None:
     return at_least("singularity_distance", proof.value, required, "1", proof.at_s, detail).provided(proof.proven)
 
 
-def _singularity_curvature(robot: Robot, rates: Rates) -> Vector:
+def _singularity_curvature(robot: Robot, rates: Rates) -> Array:
     """Returns sup |f''| of the three distances (3, m): two sines, and a horizontal offset over the arm's length."""
     length = abs(robot.a[1]) + abs(robot.a[2])
     sines = rates.qd[[4, 2]] ** 2 + rates.qdd[[4, 2]]

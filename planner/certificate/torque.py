@@ -6,25 +6,14 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array, Index
 from planner.cell import Cell
-from planner.certificate.bounds import (
-    Rates,
-    jerk_jumps,
-    kinked_bound,
-    point_acceleration,
-    point_jerk,
-    point_snap,
-    prove_above,
-)
+from planner.certificate.bounds import Rates, jerk_jumps, kinked_bound, point_bound, prove_above
 from planner.certificate.certificate import Check, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
 from planner.dynamics import Bodies, bodies, chain_torques, payload_of
 from planner.geometry import levers
-
-Vector = NDArray[np.float64]
-Index = NDArray[np.intp]
 
 CELLS_KEPT = 32  # cells whose loads are cached
 
@@ -44,10 +33,10 @@ class Loads:
 
     empty: Bodies
     object_kg: float
-    lever: Vector
-    moment_arm: Vector
-    inertia: Vector
-    mass_matrix: Vector
+    lever: Array
+    moment_arm: Array
+    inertia: Array
+    mass_matrix: Array
 
 
 @lru_cache(maxsize=CELLS_KEPT)
@@ -76,7 +65,7 @@ def joint_torque(motion: MotionSamples) -> Check:
     limit, p_FT = problem.limits.tau_max, problem.cell.tool.X_FT[:3, 3]
     gravity_W = np.array([0.0, 0.0, -problem.gravity])
 
-    def room(arm: ArmSamples) -> Vector:
+    def room(arm: ArmSamples) -> Array:
         empty, per_kilogram = chain_torques(arm.links, loads.empty, gravity_W, p_FT)
         held = np.abs(empty + loads.object_kg * per_kilogram)
         empty = np.abs(empty)
@@ -84,7 +73,7 @@ def joint_torque(motion: MotionSamples) -> Check:
         tau = np.where(before, held, np.where(after, empty, np.maximum(held, empty)))
         return 1.0 - tau / limit[:, None]
 
-    def evaluate(t: Vector, item: Index) -> Vector:
+    def evaluate(t: Array, item: Index) -> Array:
         return room(motion.at(t))[item, np.arange(len(t))]
 
     # The slope of the torque jumps where the jerk does.
@@ -96,15 +85,15 @@ def joint_torque(motion: MotionSamples) -> Check:
     return at_most("joint_torque", value, bound, "N m", proof.at_s, name).provided(proof.proven)
 
 
-def _torque_curvature(loads: Loads, rates: Rates, gravity: float) -> Vector:
+def _torque_curvature(loads: Loads, rates: Rates, gravity: float) -> Array:
     """Returns sup |tau''| of every joint between the knots (6, m) [N m/s^2], apart from the ends of ticks.
 
     tau_j = z_j . sum over links beyond of [r x m (a - g) + d/dt (I w)]; by the product rule, with w1 to w4 bounding the
     derivatives of any direction in the arm:
     |tau''| <= sum m r [A'' + 4 w1 A' + 2 (w2 + w1^2) A] + 2 I [w4 + 4 w1 w3 + 2 (w2 + w1^2) w2].
     """
-    w1, w2, w3, w4 = rates.turning
+    w1, w2, w3, w4 = (total[-1] for total in rates.totals)
     twice = 2.0 * (w2 + w1 * w1)
-    a = point_acceleration(loads.lever, rates) + gravity
-    force = point_snap(loads.lever, rates) + 4.0 * w1 * point_jerk(loads.lever, rates) + twice * a
+    acceleration, jerk, snap = (point_bound(loads.lever, rates, derivative) for derivative in (2, 3, 4))
+    force = snap + 4.0 * w1 * jerk + twice * (acceleration + gravity)
     return loads.moment_arm.T @ force + np.outer(loads.inertia, 2.0 * (w4 + 4.0 * w1 * w3 + twice * w2))

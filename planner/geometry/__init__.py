@@ -1,18 +1,13 @@
 """Geometry of arm, tool and held object: the tool's state, capsules, their distances, and which can collide."""
 
-from planner.geometry.body import BodyModel, Clearances, body_model
-from planner.geometry.capsules import Capsule, arm_capsules, body_capsules, capsule_endpoints, levers
+from planner.geometry.body import BodyModel, body_model, tool_pose, tool_state
+from planner.geometry.capsules import arm_capsules, body_capsules, capsule_endpoints, levers
 from planner.geometry.distances import segment_box_distance, segment_segment_distance
-from planner.geometry.self_collision import SELF_CLEARANCE_M, Barrier, barriers, passable, self_collision_pairs
-from planner.geometry.tool import ToolState, tool_pose, tool_state
+from planner.geometry.self_collision import SELF_CLEARANCE_M, barriers, passable, self_collision_pairs
 
 __all__ = [
     "SELF_CLEARANCE_M",
-    "Barrier",
     "BodyModel",
-    "Capsule",
-    "Clearances",
-    "ToolState",
     "arm_capsules",
     "barriers",
     "body_capsules",

@@ -1,24 +1,56 @@
-"""Body of a cell's arm, tool and held object as capsules, and its clearance to floor, boxes and itself."""
+"""Tool pose and twist of a cell; its arm, tool and held object as capsules, and their clearance to everything."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array, Index
 from planner.cell import Cell
 from planner.errors import Violation
 from planner.geometry.capsules import Capsule, body_capsules, levers
 from planner.geometry.distances import segment_box_distance, segment_segment_distance
 from planner.geometry.self_collision import SELF_CLEARANCE_M, self_collision_pairs
-from planner.kinematics import link_poses
-
-Array = NDArray[np.float64]
-Index = NDArray[np.intp]
+from planner.kinematics import forward, jacobian, link_poses
 
 CELLS_KEPT = 32  # cells whose models are cached
+
+
+class ToolState(NamedTuple):
+    """Pose and twist of the tool centre point in the world.
+
+    Attributes:
+        X_WT: pose (..., 4, 4).
+        V_WT: twist (..., 6), linear [m/s], then angular [rad/s].
+    """
+
+    X_WT: Array
+    V_WT: Array
+
+    @property
+    def p_WT(self) -> Array:
+        """Position (..., 3) [m]."""
+        return self.X_WT[..., :3, 3]
+
+    @property
+    def v_WT(self) -> Array:
+        """Linear velocity (..., 3) [m/s]."""
+        return self.V_WT[..., :3]
+
+
+def tool_pose(cell: Cell, q: Array) -> Array:
+    """Returns the tool pose X_WT (..., 4, 4) at joint positions `q` (..., 6) [rad]."""
+    return cell.X_WB @ forward(cell.robot, q, cell.tool.X_FT)
+
+
+def tool_state(cell: Cell, q: Array, qd: Array) -> ToolState:
+    """Returns pose and twist of the tool at joint states `q` [rad], `qd` [rad/s], both (..., 6)."""
+    V_BT = np.einsum("...ij,...j->...i", jacobian(cell.robot, q, cell.tool.X_FT), qd)
+    R_BW = cell.X_WB[:3, :3].T
+    return ToolState(tool_pose(cell, q), np.concatenate([V_BT[..., :3] @ R_BW, V_BT[..., 3:] @ R_BW], axis=-1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +118,8 @@ class BodyModel:
 
     def _pair_lever(self, capsules: tuple[Capsule, ...], i: int, j: int) -> Array:
         near, far = sorted((i, j), key=lambda index: capsules[index].frame)
-        first = (
-            capsules[near].frame + capsules[near].is_round_about_z
-        )  # the first joint that moves one against the other
+        # The first joint that moves one against the other.
+        first = capsules[near].frame + capsules[near].is_round_about_z
         return np.where(np.arange(6) >= first, self.levers[far], 0.0)
 
     @property

@@ -10,16 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from planner.arrays import Array, read_only
 from planner.cell import ToolCapsule
 from planner.kinematics import link_poses
 from planner.robots import Robot
-
-Array = NDArray[np.float64]
 
 FOOT_HEIGHT_M = 0.02  # source: base plates of the arms, 10 to 20 mm thick in the manuals' drawings
 AXIS_TOLERANCE_M = 1e-9  # [m] rounding: a capsule this close to an axis is round about it
@@ -73,14 +71,12 @@ def arm_capsules(robot: Robot) -> tuple[Capsule, ...]:
         ("wrist_2", 4, (0, 0, -wrist_cap), (0, 0, d5), s.wrist_radius),
         ("wrist_3", 5, (0, 0, -wrist_cap), (0, 0, d6 - wrist_cap), s.wrist_radius),
     )
-    return tuple(Capsule(frame, _read_only(p0), _read_only(p1), radius, name) for name, frame, p0, p1, radius in rows)
+    return tuple(Capsule(frame, read_only(p0), read_only(p1), radius, name) for name, frame, p0, p1, radius in rows)
 
 
 def body_capsules(robot: Robot, tool: Sequence[ToolCapsule]) -> tuple[Capsule, ...]:
     """Returns the capsules of arm and tool; the tool's come last and are named `tool_0`, `tool_1`, …"""
-    of_tool = (
-        Capsule(6, _read_only(c.from_m), _read_only(c.to_m), c.radius_m, f"tool_{i}") for i, c in enumerate(tool)
-    )
+    of_tool = (Capsule(6, read_only(c.from_m), read_only(c.to_m), c.radius_m, f"tool_{i}") for i, c in enumerate(tool))
     return (*arm_capsules(robot), *of_tool)
 
 
@@ -114,9 +110,3 @@ def levers(robot: Robot, frame: int, reach_m: float) -> Array:
     for j in range(frame):
         lever[j] = own[j] + beyond[j + 1 : frame].sum() + reach_m
     return np.maximum.accumulate(lever[::-1])[::-1]  # rounding alone could make them grow
-
-
-def _read_only(point: Any) -> Array:
-    array = np.array(point, dtype=np.float64)
-    array.setflags(write=False)
-    return array

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from planner.arrays import Array
+from planner.kinematics import dot
 
 POINT_M2 = 1e-18  # [m^2] squared length below which a segment is a point: a capsule shorter than 1e-9 m is a sphere
 
@@ -24,24 +25,19 @@ def segment_segment_distance(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: Ar
     """
     p0, p1, q0, q1 = (np.moveaxis(np.asarray(x, dtype=np.float64), axis, 0) for x in (p0, p1, q0, q1))
     u, v, w = p1 - p0, q1 - q0, q0 - p0
-    uu, uv, vv, uw, vw = _dot_first(u, u), _dot_first(u, v), _dot_first(v, v), _dot_first(u, w), _dot_first(v, w)
+    uu, uv, vv, uw, vw = dot(u, u), dot(u, v), dot(v, v), dot(u, w), dot(v, w)
     determinant = uu * vv - uv * uv
     crossing = determinant > np.finfo(np.float64).eps * uu * vv
     s = _clamped((vv * uw - uv * vw) * crossing / np.where(crossing, determinant, 1.0))
     t = _clamped((s * uv - vw) / np.maximum(vv, POINT_M2))
     s = _clamped((uw + t * uv) / np.maximum(uu, POINT_M2))
     gap = w + t * v - s * u
-    return np.sqrt(_dot_first(gap, gap))
+    return np.sqrt(dot(gap, gap))
 
 
 def _clamped(share: Array) -> Array:
     """Returns the place on a line clamped to its segment, whose ends are at 0 and 1."""
     return np.minimum(np.maximum(share, 0.0), 1.0)
-
-
-def _dot_first(a: Array, b: Array) -> Array:
-    """Returns the dot product (...) of vectors (3, ...)."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def segment_box_distance(p0: ArrayLike, p1: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Array:

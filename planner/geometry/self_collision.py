@@ -17,14 +17,13 @@ from functools import lru_cache
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array
 from planner.cell import ToolCapsule
 from planner.geometry.capsules import Capsule, body_capsules, capsule_endpoints, levers
 from planner.geometry.distances import segment_segment_distance
 from planner.robots import Robot
 
-Array = NDArray[np.float64]
 ToolKey = tuple[tuple[float, ...], ...]
 
 # [m] kept between capsules of arm and tool: the capsules already enclose the links, this is for bending and rounding

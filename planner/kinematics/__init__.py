@@ -9,11 +9,10 @@ from planner.kinematics.forward_kinematics import (
     link_poses,
     tcp_acceleration,
 )
-from planner.kinematics.inverse_kinematics import InverseKinematics, inverse, inverse_branches
+from planner.kinematics.inverse_kinematics import inverse, inverse_branches
 from planner.kinematics.link_motion import LinkMotion, accumulate, cross, dot
 from planner.kinematics.singularities import (
     SINGULARITIES,
-    SingularityDistances,
     manipulability,
     signed_singularity_distances,
     singularity_distances,
@@ -22,9 +21,7 @@ from planner.kinematics.singularities import (
 
 __all__ = [
     "SINGULARITIES",
-    "InverseKinematics",
     "LinkMotion",
-    "SingularityDistances",
     "accumulate",
     "analytical_jacobian",
     "cross",

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from planner.arrays import Array
 
 # [1] share of the largest singular value below which one counts as zero in the undamped pseudo-inverse: far above the
 # rounding of a Jacobian (1e-16), far below any that an arm could use

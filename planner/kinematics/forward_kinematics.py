@@ -9,13 +9,12 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from planner.arrays import Array
 from planner.kinematics.link_motion import LinkMotion, cross
 from planner.robots import Robot
 from planner.rotations import matrix_to_rotation_vector, rotation_vector_rate
-
-Array = NDArray[np.float64]
 
 
 def link_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Array:

@@ -11,13 +11,12 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from planner.arrays import Array, Index, Mask
 from planner.kinematics.singularities import SINGULARITIES, signed_singularity_distances
 from planner.robots import Robot
 from planner.rotations import invert_pose
-
-Array = NDArray[np.float64]
 
 # signs of (shoulder, wrist, elbow) of the eight branches
 _SIGNS = np.array(list(product((1.0, -1.0), repeat=3)))
@@ -120,7 +119,7 @@ def _plane(q1: Array) -> tuple[Array, Array]:
     return np.stack([sin, -cos, nothing], axis=-1), np.stack([cos, sin, nothing], axis=-1)
 
 
-def _wrist(across: Array, x6: Array, y6: Array, z6: Array) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
+def _wrist(across: Array, x6: Array, y6: Array, z6: Array) -> tuple[Array, Array, Array, Mask]:
     """Returns joint 5, cosine and sine of joint 6 (..., 8), and where joint 6 is free.
 
     The axes 2, 3, 4 are (s5 c6, -s5 s6, c5) in the flange.
@@ -193,5 +192,5 @@ def _all_turns(q: Array, lower: Array, upper: Array) -> Array:
     return np.clip(q, lower, upper)
 
 
-def _turns(angle: Array) -> NDArray[np.intp]:
+def _turns(angle: Array) -> Index:
     return np.floor(angle / (2.0 * np.pi)).astype(np.intp)

@@ -8,9 +8,8 @@ from __future__ import annotations
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from planner.arrays import Array, Index
 
 
 class LinkMotion:
@@ -61,7 +60,7 @@ class LinkMotion:
         """Returns velocities (3, N) [m/s] of a point (3, N) that moves with the flange."""
         return cross(self.joint_rotations, point[:, None] - self.origins[:, :6]).sum(axis=1)
 
-    def relative_acceleration(self, points: Array, link: NDArray[np.intp]) -> Array:
+    def relative_acceleration(self, points: Array, link: Index) -> Array:
         """Returns accelerations (3, k, N) [m/s^2] of points relative to the origins of their links.
 
         Args:

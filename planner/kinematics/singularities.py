@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from planner.arrays import Array
 from planner.robots import Robot
-
-Array = NDArray[np.float64]
 
 SINGULARITIES = ("wrist", "elbow", "shoulder")
 

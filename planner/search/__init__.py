@@ -3,7 +3,7 @@
 from planner.search.auto import search_optimised
 from planner.search.incumbent import Attempt, CertifiedSolution, PlanningSearch
 from planner.search.nearest import nearest_release
-from planner.search.policy import POLICY, Stage
+from planner.search.policy import POLICY
 from planner.search.sequential import VARIANTS_BY_BACKEND, search_sequential
 
 __all__ = [
@@ -12,7 +12,6 @@ __all__ = [
     "Attempt",
     "CertifiedSolution",
     "PlanningSearch",
-    "Stage",
     "nearest_release",
     "search_optimised",
     "search_sequential",

@@ -10,16 +10,14 @@ from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array, Mask, read_only
 from planner.geometry import body_model, tool_pose
 from planner.kinematics import inverse_branches, inverse_velocity, jacobian, singularity_distances
 from planner.problem import PointRelease, PoseRelease, ThrowProblem
 from planner.rotations import invert_pose
 from planner.seeds import allocate_velocity, farthest_reach, tool_jacobian
 
-Vector = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 PlacedRelease = PoseRelease | PointRelease
 
 POSTURES = 1536  # drawn for a point
@@ -37,19 +35,19 @@ def feasible_releases(problem: ThrowProblem, release: PlacedRelease) -> Iterator
     q, p = _point_postures(problem, release) if isinstance(release, PointRelease) else _pose_postures(problem, release)
     order = np.argsort(np.linalg.norm(p - position(release), axis=1), kind="stable")[:CHECKED_MAX]
     q, p = q[order], p[order]
-    yielded: list[Vector] = []
+    yielded: list[Array] = []
     for p_WT in p[body_model(problem.cell).clearances(q).least >= CLEARANCE_M]:
         if len(yielded) < RELEASES_MAX and all(np.linalg.norm(p_WT - other) > APART_M for other in yielded):
             yielded.append(p_WT)
             yield moved(release, p_WT)
 
 
-def position(release: PlacedRelease) -> Vector:
+def position(release: PlacedRelease) -> Array:
     """Returns the tool position (3,) [m] of a release."""
     return release.p_WT if isinstance(release, PointRelease) else release.X_WT[:3, 3]
 
 
-def moved(release: PlacedRelease, p_WT: Vector) -> PlacedRelease:
+def moved(release: PlacedRelease, p_WT: Array) -> PlacedRelease:
     """Returns the release at another tool position (3,) [m]."""
     if isinstance(release, PointRelease):
         return PointRelease(p_WT, release.v_WT)
@@ -58,7 +56,7 @@ def moved(release: PlacedRelease, p_WT: Vector) -> PlacedRelease:
     return PoseRelease(X_WT, release.V_WT)
 
 
-def _point_postures(problem: ThrowProblem, release: PointRelease) -> tuple[Vector, Vector]:
+def _point_postures(problem: ThrowProblem, release: PointRelease) -> tuple[Array, Array]:
     """Returns drawn postures (n, 6) that can have the velocity, and their tool positions (n, 3)."""
     cell, limits = problem.cell, problem.reachable
     q = np.clip(problem.start + _offsets() * SPREAD_RAD, limits.q_lower, limits.q_upper)
@@ -68,7 +66,7 @@ def _point_postures(problem: ThrowProblem, release: PointRelease) -> tuple[Vecto
     return q, tool_pose(cell, q)[:, :3, 3]
 
 
-def _pose_postures(problem: ThrowProblem, release: PoseRelease) -> tuple[Vector, Vector]:
+def _pose_postures(problem: ThrowProblem, release: PoseRelease) -> tuple[Array, Array]:
     """Returns postures (n, 6) in the requested orientation that can have the twist, and their tool positions (n, 3)."""
     cell, limits = problem.cell, problem.reachable
     grid = _position_grid(problem, release.X_WT[:3, 3])
@@ -86,7 +84,7 @@ def _pose_postures(problem: ThrowProblem, release: PoseRelease) -> tuple[Vector,
     return q[good], p[good]
 
 
-def _position_grid(problem: ThrowProblem, p_W: Vector) -> Vector:
+def _position_grid(problem: ThrowProblem, p_W: Array) -> Array:
     """Returns positions (n, 3) on a cylindrical grid around the base; one azimuth is that of `p_W` (3,)."""
     reach, base = farthest_reach(problem), problem.cell.X_WB[:3, 3]
     away = p_W - base
@@ -96,19 +94,17 @@ def _position_grid(problem: ThrowProblem, p_W: Vector) -> Vector:
     return base + np.stack([radius * np.cos(angle), radius * np.sin(angle), height], axis=1)
 
 
-def _regular(problem: ThrowProblem, q: Vector) -> Mask:
+def _regular(problem: ThrowProblem, q: Array) -> Mask:
     """Returns the mask of the postures (n, 6) that keep the required distance from singularities."""
     return singularity_distances(problem.cell.robot, q).minimum >= problem.limits.singularity_distance_min
 
 
-def _within_speed(problem: ThrowProblem, qd: Vector) -> Mask:
+def _within_speed(problem: ThrowProblem, qd: Array) -> Mask:
     """Returns the mask of the joint velocities (n, 6) within the speed limits."""
     return np.all(np.abs(qd) <= problem.limits.qd_max, axis=1)
 
 
 @cache
-def _offsets() -> Vector:
+def _offsets() -> Array:
     """Returns random points (POSTURES, 6) in [-1, 1], the same at every call."""
-    offsets = np.random.default_rng(0).uniform(-1.0, 1.0, (POSTURES, 6))
-    offsets.setflags(write=False)
-    return offsets
+    return read_only(np.random.default_rng(0).uniform(-1.0, 1.0, (POSTURES, 6)))

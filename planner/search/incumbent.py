@@ -11,8 +11,6 @@ from planner.problem import ThrowProblem
 from planner.solution import Solution
 from planner.trajectory import Trajectory
 
-OUT_OF_TIME = "out of time"
-
 
 @dataclass(frozen=True)
 class Attempt:
@@ -98,7 +96,7 @@ class PlanningSearch:
         """
         log = [attempt.__dict__ for attempt in self.attempts]
         if self.best_rejected is None:
-            status = self.attempts[-1].result if self.attempts else OUT_OF_TIME
+            status = self.attempts[-1].result if self.attempts else "out of time"
             return SolverFailed(status, attempts=log)
         failures = self.best_rejected.certificate.failures
         violations = [Violation(c.name, c.value, c.limit, c.unit, c.at_s, c.detail) for c in failures]

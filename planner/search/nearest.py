@@ -16,8 +16,8 @@ from functools import partial
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array
 from planner.certificate import certify
 from planner.errors import Infeasible, SolverFailed, Violation
 from planner.geometry import tool_pose
@@ -30,7 +30,6 @@ from planner.search.policy import Stage, no_incumbent
 from planner.search.sequential import VARIANTS_BY_BACKEND, Solve
 from planner.seeds import Candidate, candidates, farthest_reach
 
-Vector = NDArray[np.float64]
 Relaxation = Callable[[float], Release]  # of a share s: 0 fully relaxed, 1 as requested or as close as possible
 
 BISECTIONS = 6  # the share is found to 1/64
@@ -176,7 +175,7 @@ def _elsewhere(problem: ThrowProblem, release: PlacedRelease) -> Iterator[Relaxa
             yield partial(_moved_between, slowed, position(feasible), farthest)
 
 
-def _moved_between(release: PlacedRelease, near: Vector, far: Vector, share: float) -> Release:
+def _moved_between(release: PlacedRelease, near: Array, far: Array, share: float) -> Release:
     return moved(release, _between(near, far, share))
 
 
@@ -207,11 +206,11 @@ def _closer_targets(problem: ThrowProblem, release: TargetRelease) -> Iterator[R
         yield partial(_target_between, requested, under, farthest)
 
 
-def _target_between(release: TargetRelease, near: Vector, far: Vector, share: float) -> Release:
+def _target_between(release: TargetRelease, near: Array, far: Array, share: float) -> Release:
     return replace(release, p_W=_between(near, far, share))
 
 
-def _comfortable_target(problem: ThrowProblem, direction: Vector, height: float) -> Vector:
+def _comfortable_target(problem: ThrowProblem, direction: Array, height: float) -> Array:
     """Returns a target (3,) well within reach, in the direction of a position (3,), at a height [m] if reachable."""
     cell = problem.cell
     base, reach = cell.X_WB[:3, 3], COMFORTABLE_REACH * farthest_reach(problem)
@@ -221,7 +220,7 @@ def _comfortable_target(problem: ThrowProblem, direction: Vector, height: float)
     return np.array([*(base[:2] + along * reach), min(height, base[2] + cell.robot.d[0] + reach)])
 
 
-def _farthest_throw(problem: ThrowProblem, release: TargetRelease) -> Vector:
+def _farthest_throw(problem: ThrowProblem, release: TargetRelease) -> Array:
     """Returns the target (3,), or the farthest position on the way to it that a throw within the speed limits reaches.
 
     Source: range of a throw from height h at speed v, v/g sqrt(v^2 + 2 g h).
@@ -233,11 +232,11 @@ def _farthest_throw(problem: ThrowProblem, release: TargetRelease) -> Vector:
     return _within(near, release.p_W, reach + v / g * np.sqrt(v * v + 2.0 * g * height))
 
 
-def _within(centre: Vector, p: Vector, radius: float) -> Vector:
+def _within(centre: Array, p: Array, radius: float) -> Array:
     """Returns `p`, or the closest position to it within a radius of the centre."""
     distance = float(np.linalg.norm(p - centre))
     return p if distance <= radius else centre + (p - centre) * radius / distance
 
 
-def _between(near: Vector, far: Vector, share: float) -> Vector:
+def _between(near: Array, far: Array, share: float) -> Array:
     return near + share * (far - near)

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array
 from planner.errors import Infeasible, Violation
 from planner.geometry import SELF_CLEARANCE_M, barriers, body_model
 from planner.kinematics import (
@@ -25,10 +25,7 @@ from planner.kinematics import (
 )
 from planner.problem import JointRelease, PointRelease, PoseRelease, ThrowProblem
 from planner.rotations import invert_pose
-from planner.seeds.lower_bound import least_time
-from planner.seeds.sampling import point_states, target_states
-
-Vector = NDArray[np.float64]
+from planner.seeds.sampling import least_time, point_states, target_states
 
 SPEED_SLACK = 1e-9  # [-] rounding allowed in the comparison with a speed limit
 POSITION_SLACK = 1e-9  # [rad] rounding allowed in the comparison with a position limit
@@ -48,8 +45,8 @@ class Candidate:
         label: its origin, for the attempt log.
     """
 
-    q: Vector
-    qd: Vector
+    q: Array
+    qd: Array
     bound_s: float
     label: str
 
@@ -67,7 +64,7 @@ class InitialGuess(Protocol):
         """Time of standstill [s]."""
         ...
 
-    def at(self, t: Vector, /) -> tuple[Vector, Vector, Vector]:
+    def at(self, t: Array, /) -> tuple[Array, Array, Array]:
         """Returns q, qd, qdd (n, 6) at times `t` (n,) [s]."""
         ...
 
@@ -99,7 +96,7 @@ def candidates(problem: ThrowProblem) -> list[Candidate]:
     return _usable(problem, q, qd)
 
 
-def _usable(problem: ThrowProblem, q: Vector, qd: Vector) -> list[Candidate]:
+def _usable(problem: ThrowProblem, q: Array, qd: Array) -> list[Candidate]:
     """Returns the states that keep every limit, by ascending lower bound.
 
     Raises:
@@ -125,7 +122,7 @@ def _usable(problem: ThrowProblem, q: Vector, qd: Vector) -> list[Candidate]:
     return _clear(problem, q[order], qd[order], bound[order])
 
 
-def _clear(problem: ThrowProblem, q: Vector, qd: Vector, bound: Vector) -> list[Candidate]:
+def _clear(problem: ThrowProblem, q: Array, qd: Array, bound: Array) -> list[Candidate]:
     """Returns the sorted states in which the arm is clear of everything; see `BATCHES`."""
     kind, good, least = problem.release.__class__.__name__, [], []
     for rows, enough in BATCHES:
@@ -140,7 +137,7 @@ def _clear(problem: ThrowProblem, q: Vector, qd: Vector, bound: Vector) -> list[
     raise Infeasible(best.violations(int(best.least.argmax()), problem.cell))
 
 
-def _barrier_violation(problem: ThrowProblem, q: Vector) -> Violation:
+def _barrier_violation(problem: ThrowProblem, q: Array) -> Violation:
     """Returns the self-collision that every path from the start to the posture `q` (6,) passes through."""
     cell, names = problem.cell, problem.cell.robot.joint_names
     low, high = np.minimum(problem.start, q), np.maximum(problem.start, q)
@@ -154,7 +151,7 @@ def _barrier_violation(problem: ThrowProblem, q: Vector) -> Violation:
     raise AssertionError("no barrier lies between")
 
 
-def _closest_violation(problem: ThrowProblem, q: Vector, qd: Vector, excess: Vector, distance: Vector) -> Violation:
+def _closest_violation(problem: ThrowProblem, q: Array, qd: Array, excess: Array, distance: Array) -> Violation:
     """Returns the limit broken by the state closest to the limits: a joint's speed or a singularity distance."""
     limits, names = problem.limits, problem.cell.robot.joint_names
     usable = distance >= limits.singularity_distance_min
@@ -172,18 +169,20 @@ def _closest_violation(problem: ThrowProblem, q: Vector, qd: Vector, excess: Vec
 
 def _check_joint_positions(problem: ThrowProblem, release: JointRelease) -> None:
     """Raises `Infeasible` with every joint position that is outside its limits."""
-    limits, names = problem.limits, problem.cell.robot.joint_names
-    violations = []
-    for i in range(6):
-        q = float(release.q[i])
-        bound = float(limits.q_lower[i] if q < limits.q_lower[i] else limits.q_upper[i])
-        if not limits.q_lower[i] - POSITION_SLACK <= q <= limits.q_upper[i] + POSITION_SLACK:
-            violations.append(Violation("joint_position", q, bound, "rad", detail=f"{names[i]} at the release"))
-    if violations:
-        raise Infeasible(violations)
+    limits, q = problem.limits, release.q
+    outside = np.flatnonzero((q < limits.q_lower - POSITION_SLACK) | (q > limits.q_upper + POSITION_SLACK))
+    if len(outside):
+        raise Infeasible([_joint_violation(problem, joint, q[joint]) for joint in outside.tolist()])
 
 
-def _pose_states(problem: ThrowProblem, release: PoseRelease) -> tuple[Vector, Vector]:
+def _joint_violation(problem: ThrowProblem, joint: int, q: float) -> Violation:
+    """Returns the violation by a joint's position `q` [rad] outside its limits."""
+    lower, upper = problem.limits.q_lower[joint], problem.limits.q_upper[joint]
+    detail = f"{problem.cell.robot.joint_names[joint]} at the release"
+    return Violation("joint_position", float(q), float(lower if q < lower else upper), "rad", detail=detail)
+
+
+def _pose_states(problem: ThrowProblem, release: PoseRelease) -> tuple[Array, Array]:
     """Returns the joint states (n, 6) of every branch and turn that have the pose and the twist.
 
     Raises:
@@ -206,22 +205,19 @@ def _pose_states(problem: ThrowProblem, release: PoseRelease) -> tuple[Vector, V
     return q, inverse_velocity(jacobian(cell.robot, q, cell.tool.X_FT), V_BT)
 
 
-def _reach_violation(problem: ThrowProblem, p_W: Vector, excess_m: float) -> Violation:
+def _reach_violation(problem: ThrowProblem, p_W: Array, excess_m: float) -> Violation:
     """Returns the violation by a position (3,) that is `excess_m` beyond the arm's reach."""
     distance = float(np.linalg.norm(p_W - problem.cell.X_WB[:3, 3]))
     return Violation("reach", distance, distance - excess_m, "m", detail="distance from the arm's base")
 
 
-def _joint_limit_violation(problem: ThrowProblem, X_BT: Vector) -> Violation:
+def _joint_limit_violation(problem: ThrowProblem, X_BT: Array) -> Violation:
     """Returns the joint limit broken by the branch closest to the limits."""
-    cell, limits = problem.cell, problem.limits
-    robot = cell.robot
-    anywhere = inverse(robot, X_BT, cell.tool.X_FT, robot.q_lower, robot.q_upper).q
+    limits = problem.limits
+    anywhere = inverse(problem.cell.robot, X_BT, problem.cell.tool.X_FT).q
     if len(anywhere) == 0:
         return Violation("joint_position", 1.0, 1.0, "1", detail="no posture within the arm's joint limits reaches it")
     over = np.maximum(limits.q_lower - anywhere, anywhere - limits.q_upper)
     best = int(over.max(axis=1).argmin())
     joint = int(over[best].argmax())
-    q = float(anywhere[best, joint])
-    bound = float(limits.q_lower[joint] if q < limits.q_lower[joint] else limits.q_upper[joint])
-    return Violation("joint_position", q, bound, "rad", detail=f"{robot.joint_names[joint]} at the release")
+    return _joint_violation(problem, joint, anywhere[best, joint])

@@ -1,4 +1,4 @@
-"""Joint states for releases that leave something free, drawn from a fixed quasi-random sequence.
+"""Joint states for releases that leave something free, drawn from a fixed quasi-random sequence, soonest first.
 
 A `point` leaves the tool's orientation and angular velocity free; a `target` leaves the release position, the direction
 and the speed free, too.
@@ -9,20 +9,16 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array, Index, Mask, read_only
 from planner.cell import Limits
 from planner.errors import Infeasible, Violation
-from planner.flight import launch_velocity, least_speed
+from planner.flight import launch_velocity, least_speed, slowest_time
 from planner.geometry import tool_pose
 from planner.kinematics import inverse_branches, jacobian, singularity_distances
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose, quaternion_to_matrix
-from planner.seeds.lower_bound import least_time
 from planner.seeds.velocity_allocation import allocate_velocity
-
-Vector = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 ORIENTATIONS = 96  # tool orientations tried at a point
 MORE_ORIENTATIONS, FEW_POSTURES = 1024, 24  # tried instead where those give fewer postures: narrow joint limits
@@ -35,7 +31,29 @@ SPREAD_RAD = np.array([np.pi, 1.8, 1.8, 2.2, 2.2, np.pi])  # [rad] farthest join
 FLIGHT_TIMES = (1.0, 0.8, 1.25, 0.6)  # [-] flight times tried, relative to that of the slowest throw
 
 
-def point_states(problem: ThrowProblem, release: PointRelease) -> tuple[Vector, Vector]:
+def least_time(distance: Array, qd: Array, limits: Limits) -> Array:
+    """Returns a lower bound (...,) [s] on the time from rest over `distance` to the velocity `qd`.
+
+    The maximum over the joints of each joint's own least time with unbounded jerk. Source: time-optimal control of a
+    double integrator with bounded acceleration and velocity (Pontryagin; e.g. Biagiotti and Melchiorri, Trajectory
+    Planning for Automatic Machines and Robots, Springer 2008, section 3.2).
+
+    Args:
+        distance: joint distances (..., n) [rad].
+        qd: joint velocities (..., n) at the end [rad/s].
+        limits: of velocity and acceleration.
+    """
+    v_max, a_max = limits.qd_max, limits.qdd_max
+    turn = np.where(distance >= qd * np.abs(qd) / (2.0 * a_max), 1.0, -1.0)
+    d, v = turn * distance, turn * qd
+    peak = np.sqrt(np.maximum(a_max * d + v**2 / 2.0, 0.0))
+    direct = (2.0 * peak - v) / a_max
+    accelerating = (2.0 * v_max**2 - v**2) / (2.0 * a_max)
+    cruising = (2.0 * v_max - v) / a_max + (d - accelerating) / v_max
+    return np.where(peak <= v_max, direct, cruising).max(axis=-1)
+
+
+def point_states(problem: ThrowProblem, release: PointRelease) -> tuple[Array, Array]:
     """Returns joint states (n, 6) that have the point's position and velocity, in evenly spread orientations.
 
     Raises:
@@ -48,7 +66,7 @@ def point_states(problem: ThrowProblem, release: PointRelease) -> tuple[Vector, 
     return q[rows], qd[rows]
 
 
-def _postures(problem: ThrowProblem, p_WT: Vector) -> Vector:
+def _postures(problem: ThrowProblem, p_WT: Array) -> Array:
     """Returns postures (n, 6) with the tool at `p_WT` (3,), in evenly spread orientations.
 
     Raises:
@@ -63,7 +81,7 @@ def _postures(problem: ThrowProblem, p_WT: Vector) -> Vector:
     return q
 
 
-def _postures_in(problem: ThrowProblem, p_WT: Vector, orientations: int) -> Vector:
+def _postures_in(problem: ThrowProblem, p_WT: Array, orientations: int) -> Array:
     X_WT = np.tile(np.eye(4), (orientations, 1, 1))
     X_WT[:, :3, :3] = quaternion_to_matrix(_quaternions(orientations))
     X_WT[:, :3, 3] = p_WT
@@ -73,7 +91,7 @@ def _postures_in(problem: ThrowProblem, p_WT: Vector, orientations: int) -> Vect
     return q[singularity_distances(cell.robot, q).minimum >= problem.limits.singularity_distance_min]
 
 
-def target_states(problem: ThrowProblem, release: TargetRelease) -> tuple[Vector, Vector]:
+def target_states(problem: ThrowProblem, release: TargetRelease) -> tuple[Array, Array]:
     """Returns joint states (n, 6) whose free flight hits the target within the requested bounds.
 
     Raises:
@@ -93,14 +111,13 @@ def target_states(problem: ThrowProblem, release: TargetRelease) -> tuple[Vector
     return _flights(problem, release, q, p)
 
 
-def _flights(problem: ThrowProblem, release: TargetRelease, q: Vector, p: Vector) -> tuple[Vector, Vector]:
+def _flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array) -> tuple[Array, Array]:
     """Returns, for postures q (n, 6) with the tool at p (n, 3), the joint states whose flights keep the bounds.
 
     Raises:
         Infeasible: there are none.
     """
-    slowest_s = np.sqrt(2.0 * np.linalg.norm(release.p_W - p, axis=1) / problem.gravity)
-    t = np.outer(FLIGHT_TIMES, slowest_s)
+    t = np.outer(FLIGHT_TIMES, slowest_time(p, release.p_W, problem.gravity))
     v = launch_velocity(p, release.p_W, t, problem.gravity)
     ok = _allowed_velocity(release, v) & (v[..., 2] < problem.gravity * t)
     if not ok.any():
@@ -120,7 +137,7 @@ def _flights(problem: ThrowProblem, release: TargetRelease, q: Vector, p: Vector
     return q[kept], allocate_velocity(J[kept], v @ R_BW.T, problem.limits.qd_max)
 
 
-def _best_flight(problem: ThrowProblem, q: Vector, qd: Vector, ok: Mask) -> NDArray[np.intp]:
+def _best_flight(problem: ThrowProblem, q: Array, qd: Array, ok: Mask) -> Index:
     """Returns which of the flights qd (k, n, 6) of every posture (n, 6) is soonest, or exceeds its limits least."""
     excess = np.max(np.abs(qd) / problem.limits.qd_max, axis=-1)
     bound = least_time(q - problem.start, qd, problem.limits)
@@ -128,23 +145,20 @@ def _best_flight(problem: ThrowProblem, q: Vector, qd: Vector, ok: Mask) -> NDAr
     return np.where(ok, penalty, np.inf).argmin(axis=0)
 
 
-def tool_jacobian(problem: ThrowProblem, q: Vector) -> Vector:
+def tool_jacobian(problem: ThrowProblem, q: Array) -> Array:
     """Returns the linear Jacobian (n, 3, 6) [m/rad] of the tool centre, in the base frame."""
     return jacobian(problem.cell.robot, q, problem.cell.tool.X_FT)[:, :3, :]
 
 
-def _allowed_velocity(release: TargetRelease, v: Vector) -> Mask:
+def _allowed_velocity(release: TargetRelease, v: Array) -> Mask:
     """Returns the mask of the release velocities (..., 3) within the requested speed and elevations."""
     speed = np.linalg.norm(v, axis=-1)
     elevation = np.arctan2(v[..., 2], np.hypot(v[..., 0], v[..., 1]))
-    return (
-        (speed <= release.max_speed_m_s)
-        & (elevation >= release.min_elevation_rad)
-        & (elevation <= release.max_elevation_rad)
-    )
+    allowed = (elevation >= release.min_elevation_rad) & (elevation <= release.max_elevation_rad)
+    return allowed & (speed <= release.max_speed_m_s)
 
 
-def _soonest(problem: ThrowProblem, q: Vector, qd: Vector) -> NDArray[np.intp]:
+def _soonest(problem: ThrowProblem, q: Array, qd: Array) -> Index:
     """Returns the rows of up to `STATES_MAX` distinct states of least lower bound; if all are too fast, the slowest."""
     excess = np.max(np.abs(qd) / problem.limits.qd_max, axis=1)
     usable = np.flatnonzero(excess <= 1.0)
@@ -155,7 +169,7 @@ def _soonest(problem: ThrowProblem, q: Vector, qd: Vector) -> NDArray[np.intp]:
     return order[_apart(q[order])]
 
 
-def _apart(q: Vector) -> NDArray[np.intp]:
+def _apart(q: Array) -> Index:
     """Returns the first `STATES_MAX` rows of `q` (n, 6) that are apart from every row kept before them."""
     kept: list[int] = []
     for begin in range(0, len(q), BATCH):
@@ -171,12 +185,12 @@ def _apart(q: Vector) -> NDArray[np.intp]:
     return np.array(kept[:STATES_MAX], dtype=np.intp)
 
 
-def _differ(a: Vector, b: Vector) -> Mask:
+def _differ(a: Array, b: Array) -> Mask:
     """Returns the mask (n, m) of rows of `a` (n, 6) and `b` (m, 6) that are apart."""
     return np.asarray((np.abs(a[:, None] - b) > APART_RAD).any(axis=2))
 
 
-def _within_limits(limits: Limits, start: Vector, q: Vector) -> Vector:
+def _within_limits(limits: Limits, start: Array, q: Array) -> Array:
     """Returns the finite postures of `q` (m, 6), each joint turned next to `start`, that are within the limits."""
     turn = 2.0 * np.pi
     q = q[np.isfinite(q).all(axis=1)]
@@ -186,7 +200,7 @@ def _within_limits(limits: Limits, start: Vector, q: Vector) -> Vector:
     return q[np.all((q >= limits.q_lower) & (q <= limits.q_upper), axis=1)]
 
 
-def _inside(problem: ThrowProblem, p: Vector) -> Mask:
+def _inside(problem: ThrowProblem, p: Array) -> Mask:
     """Returns the mask of the positions (n, 3) above the floor, inside every keep-in and outside every keep-out box."""
     around = problem.cell.surroundings
     ok = p[:, 2] > around.floor_z_m + around.clearance_m + problem.cell.object.radius_m
@@ -197,7 +211,7 @@ def _inside(problem: ThrowProblem, p: Vector) -> Mask:
     return ok
 
 
-def _unreachable(problem: ThrowProblem, p_W: Vector) -> Violation:
+def _unreachable(problem: ThrowProblem, p_W: Array) -> Violation:
     """Returns why no posture has the tool at a position (3,): its distance, or the joint limits."""
     distance, reach = float(np.linalg.norm(p_W - problem.cell.X_WB[:3, 3])), farthest_reach(problem)
     if distance > reach:
@@ -212,7 +226,7 @@ def farthest_reach(problem: ThrowProblem) -> float:
     return float(np.hypot(robot.a, robot.d).sum() + np.linalg.norm(problem.cell.tool.X_FT[:3, 3]))
 
 
-def _no_flight(problem: ThrowProblem, release: TargetRelease, p: Vector) -> Violation:
+def _no_flight(problem: ThrowProblem, release: TargetRelease, p: Array) -> Violation:
     """Returns why no flight from the positions (n, 3) hits the target: there is none, or it takes too much speed."""
     if len(p) == 0:
         least = release.min_horizontal_distance_m
@@ -224,7 +238,7 @@ def _no_flight(problem: ThrowProblem, release: TargetRelease, p: Vector) -> Viol
 
 
 @cache
-def _halton(count: int, dimension: int) -> Vector:
+def _halton(count: int, dimension: int) -> Array:
     """Returns a Halton sequence (count, dimension) in (0, 1).
 
     Source: Halton 1960, doi 10.1007/BF01386213.
@@ -237,12 +251,10 @@ def _halton(count: int, dimension: int) -> Vector:
             value += scale * (index % prime)
             index, scale = index // prime, scale / prime
         columns.append(value)
-    points = np.stack(columns, axis=1)
-    points.setflags(write=False)
-    return points
+    return read_only(np.stack(columns, axis=1))
 
 
-def _quaternions(count: int) -> Vector:
+def _quaternions(count: int) -> Array:
     """Returns evenly spread unit quaternions (count, 4). Source: Shoemake, Graphics Gems III (1992), p. 124."""
     u = _halton(count, 3)
     angle_1, angle_2 = 2.0 * np.pi * u[:, 1], 2.0 * np.pi * u[:, 2]
@@ -252,7 +264,7 @@ def _quaternions(count: int) -> Vector:
     )
 
 
-def _offsets(count: int) -> Vector:
+def _offsets(count: int) -> Array:
     """Returns joint offsets (count, 6) [rad], denser near zero: the soonest throws are close to the start."""
     u = 2.0 * _halton(count, 6) - 1.0
     return SPREAD_RAD * np.sign(u) * np.abs(u) ** 1.5

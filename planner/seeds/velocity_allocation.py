@@ -7,9 +7,8 @@ speed limits; where that exceeds a limit, one with a smaller maximum share of th
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Vector = NDArray[np.float64]
+from planner.arrays import Array, Mask
 
 REDUCIBLE_EXCESS = 1.5  # [-] times a limit; the maximum norm seldom reduces the largest share by a greater factor
 REDUCED_MAX = 300  # states whose largest share is reduced
@@ -18,7 +17,7 @@ GRAM_FLOOR = 1e-13  # [-] keeps a singular posture solvable; changes velocities 
 NORMS = (3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 8.0, 8.0)  # p of the p-norms on the way from the 2-norm to the maximum norm
 
 
-def allocate_velocity(J: Vector, v: Vector, qd_max: Vector, wanted: NDArray[np.bool_] | None = None) -> Vector:
+def allocate_velocity(J: Array, v: Array, qd_max: Array, wanted: Mask | None = None) -> Array:
     """Returns joint velocities (..., n, 6) [rad/s] for tool velocities `v` (..., n, 3) [m/s].
 
     Least squares weighted with qd_max^2; where that exceeds a limit by a factor below `REDUCIBLE_EXCESS`, the largest
@@ -41,7 +40,7 @@ def allocate_velocity(J: Vector, v: Vector, qd_max: Vector, wanted: NDArray[np.b
     return qd
 
 
-def _weighted(J: Vector, weight: Vector, v: Vector) -> Vector:
+def _weighted(J: Array, weight: Array, v: Array) -> Array:
     """Returns the weighted least-norm joint velocities (..., 6): W J^T (J W J^T)^-1 v for weights (..., 6).
 
     By Cramer's rule: for three rows as accurate as a general solver, and far faster over thousands of states.
@@ -60,11 +59,11 @@ def _weighted(J: Vector, weight: Vector, v: Vector) -> Vector:
     return first[..., None] * wx + second[..., None] * wy + third[..., None] * wz
 
 
-def _dot(a: Vector, b: Vector) -> Vector:
+def _dot(a: Array, b: Array) -> Array:
     return np.einsum("...j,...j->...", a, b)
 
 
-def _towards_maximum_norm(J: Vector, weight: Vector, v: Vector, qd: Vector, qd_max: Vector) -> Vector:
+def _towards_maximum_norm(J: Array, weight: Array, v: Array, qd: Array, qd_max: Array) -> Array:
     """Returns `qd` after damped iteratively reweighted least squares.
 
     Source: Burrus, Iterative Reweighted Least Squares, 2012.

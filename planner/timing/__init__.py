@@ -11,7 +11,6 @@ from planner.timing.velocity_profiles import (
     shortest_ramp,
     shortest_trapezoid,
     shortest_triangle,
-    trapezoid,
     whole_ticks,
 )
 
@@ -30,6 +29,5 @@ __all__ = [
     "shortest_trapezoid",
     "shortest_triangle",
     "smooth",
-    "trapezoid",
     "whole_ticks",
 ]

@@ -11,12 +11,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from planner.arrays import Array
 from planner.cell import Limits
 from planner.trajectory import integrate
 
-Vector = NDArray[np.float64]
 State = tuple[ArrayLike, ArrayLike, ArrayLike]
 
 ACCELERATION_RESERVE = 75.0  # [1/s^2] share of the acceleration limit by dt^2: 3e-4 at 500 Hz; measured, decision 0002
@@ -46,7 +46,7 @@ def grid_limits(limits: Limits, dt: float, reserve: float = 1.0) -> Limits:
     return replace(limits, qd_max=qd_max, qdd_max=qdd_max, jerk_max=limits.jerk_max * (1.0 - JERK_RESERVE * share))
 
 
-def fits(phase: tuple[Vector, Vector, Vector], limits: Limits, dt: float) -> bool:
+def fits(phase: tuple[Array, Array, Array], limits: Limits, dt: float) -> bool:
     """Returns whether the samples of a phase keep the limits on velocity, acceleration and jerk.
 
     Args:
@@ -60,7 +60,7 @@ def fits(phase: tuple[Vector, Vector, Vector], limits: Limits, dt: float) -> boo
     return all(bool(np.all(np.abs(x) <= bound * (1.0 + FIT_TOLERANCE))) for x, bound in pairs)
 
 
-def onto_grid(start: State, end: State, qdd: Vector, dt: float, jerk_max: Vector) -> tuple[Vector, Vector, Vector]:
+def onto_grid(start: State, end: State, qdd: Array, dt: float, jerk_max: Array) -> tuple[Array, Array, Array]:
     """Returns samples q, qd, qdd (N+1, n) from `start` exactly to `end`, close to the accelerations `qdd`.
 
     Args:
@@ -84,13 +84,13 @@ def onto_grid(start: State, end: State, qdd: Vector, dt: float, jerk_max: Vector
     return q, qd, acc
 
 
-def _end_state_by_jerk(n: int, dt: float) -> Vector:
+def _end_state_by_jerk(n: int, dt: float) -> Array:
     """Returns the derivative (3, n) of the end's acceleration, velocity and position by the jerk of each tick."""
     rest = np.arange(n - 1, -1, -1) * dt
     return np.array([np.full(n, dt), dt * (rest + dt / 2), dt * (rest**2 / 2 + rest * dt / 2 + dt**2 / 6)])
 
 
-def _least_correction(kernel: Vector, error: Vector, jerk: Vector, jerk_max: Vector) -> Vector:
+def _least_correction(kernel: Array, error: Array, jerk: Array, jerk_max: Array) -> Array:
     """Returns the weighted least-norm jerks (N, n) whose effect on the end state is `error` (3, n)."""
     weight = np.maximum(1.0 - np.abs(jerk) / jerk_max, JERK_FLOOR)
     scale = np.abs(kernel).sum(axis=1)

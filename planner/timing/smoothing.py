@@ -15,15 +15,13 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array
 from planner.cell import Limits
 from planner.problem import ThrowProblem
 from planner.seeds import Candidate
 from planner.timing.grid import RESERVES, fits, grid_limits, onto_grid
 from planner.trajectory import Trajectory, integrate, join
-
-Vector = NDArray[np.float64]
 
 # [-] bounds of the window's width, as multiples of acceleration limit / jerk limit: one full step of acceleration needs
 # the first, a step from full acceleration to full deceleration the second.
@@ -41,9 +39,9 @@ class RawMotion:
         brake: from there to rest (M+1, n) [rad/s]; one row for a move that ends at rest.
     """
 
-    launch: Vector
-    passage: Vector
-    brake: Vector
+    launch: Array
+    passage: Array
+    brake: Array
 
 
 MakeRawMotion = Callable[[Limits, int], RawMotion]
@@ -116,6 +114,6 @@ def _averaged(problem: ThrowProblem, candidate: Candidate, raw: RawMotion, width
     return join(head, tail, 1.0 / dt)
 
 
-def _slope(qd: Vector, width: int, dt: float) -> Vector:
+def _slope(qd: Array, width: int, dt: float) -> Array:
     """Returns the averaged motion's accelerations at the ticks that end a full window of velocities."""
     return (qd[width:] - qd[:-width]) / (width * dt)

@@ -10,18 +10,16 @@ Source: Biagiotti and Melchiorri, Trajectory Planning for Automatic Machines and
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from planner.arrays import Array, Mask
 from planner.cell import Limits
 from planner.errors import SolverFailed
 from planner.seeds import least_time
 
-Vector = NDArray[np.float64]
-Samples = tuple[Vector, Vector, Vector]
+Samples = tuple[Array, Array, Array]
 
 DURATION_MAX_S = 20.0  # [s] longest motion offered; throws take about one second
 TICK_TOLERANCE = 1e-9  # [ticks] rounding error of a duration that is a whole number of ticks
@@ -31,23 +29,23 @@ TICK_TOLERANCE = 1e-9  # [ticks] rounding error of a duration that is a whole nu
 class CubicProfile:
     """Cubic position q = c2 t^2 + c3 t^3 from rest over `d` (n,) [rad] to `v` (n,) [rad/s] in `duration_s` [s]."""
 
-    d: Vector
-    v: Vector
+    d: Array
+    v: Array
     duration_s: float
 
-    def at(self, t: Vector) -> Samples:
+    def at(self, t: Array) -> Samples:
         """Returns distance, velocity and acceleration (k, n) at times `t` (k,) in [0, duration] [s]."""
         t = np.asarray(t, float)[:, None]
         c2, c3 = cubic_coefficients(self.d, self.v, self.duration_s)
         return t**2 * (c2 + c3 * t), t * (2.0 * c2 + 3.0 * c3 * t), 2.0 * c2 + 6.0 * c3 * t
 
 
-def cubic_coefficients(d: Vector, v: Vector, duration: Vector | float) -> tuple[Vector, Vector]:
+def cubic_coefficients(d: Array, v: Array, duration: Array | float) -> tuple[Array, Array]:
     """Returns c2 [rad/s^2] and c3 [rad/s^3] of `CubicProfile`."""
     return 3.0 * d / duration**2 - v / duration, v / duration**2 - 2.0 * d / duration**3
 
 
-def shortest_cubic(d: Vector, v: Vector, limits: Limits, dt: float) -> CubicProfile:
+def shortest_cubic(d: Array, v: Array, limits: Limits, dt: float) -> CubicProfile:
     """Returns the shortest cubic, in whole ticks, that keeps the limits on velocity and acceleration.
 
     A longer duration than a feasible one may be infeasible, so every number of ticks is tried.
@@ -69,7 +67,7 @@ def shortest_cubic(d: Vector, v: Vector, limits: Limits, dt: float) -> CubicProf
     raise SolverFailed("no cubic keeps the limits on velocity and acceleration")
 
 
-def _cubics_within(d: Vector, v: Vector, duration: Vector, limits: Limits) -> NDArray[np.bool_]:
+def _cubics_within(d: Array, v: Array, duration: Array, limits: Limits) -> Mask:
     """Returns for each duration (k, 1) [s] whether its cubic keeps the limits on velocity and acceleration (k,)."""
     c2, c3 = cubic_coefficients(d, v, duration)
     start, end = 2.0 * c2, 2.0 * c2 + 6.0 * c3 * duration
@@ -91,14 +89,14 @@ class TrapezoidProfile:
         duration_s: total duration, the same for all joints [s].
     """
 
-    cruise: Vector
-    first: Vector
-    last: Vector
-    up_s: Vector
-    down_s: Vector
+    cruise: Array
+    first: Array
+    last: Array
+    up_s: Array
+    down_s: Array
     duration_s: float
 
-    def at(self, t: Vector) -> Samples:
+    def at(self, t: Array) -> Samples:
         """Returns distance, velocity and acceleration (k, n) at times `t` (k,) in [0, duration] [s]."""
         t = np.asarray(t, float)[:, None]
         begin = self.duration_s - self.down_s
@@ -108,7 +106,7 @@ class TrapezoidProfile:
         return q, qd, np.where(t < self.up_s, self.first, np.where(t >= begin, self.last, 0.0))
 
 
-def shortest_trapezoid(d: Vector, v: Vector, limits: Limits, dt: float) -> TrapezoidProfile:
+def shortest_trapezoid(d: Array, v: Array, limits: Limits, dt: float) -> TrapezoidProfile:
     """Returns the shortest trapezoid, in whole ticks, that keeps the limits on velocity and acceleration.
 
     The slowest joint sets the duration; the others accelerate as hard and cruise more slowly.
@@ -125,7 +123,7 @@ def shortest_trapezoid(d: Vector, v: Vector, limits: Limits, dt: float) -> Trape
     return trapezoid(d, v, whole_ticks(float(least_time(d, v, limits)), dt) * dt, limits.qdd_max)
 
 
-def trapezoid(d: Vector, v: Vector, duration: float, a: Vector) -> TrapezoidProfile:
+def trapezoid(d: Array, v: Array, duration: float, a: Array) -> TrapezoidProfile:
     """Returns the trapezoid that takes exactly `duration`.
 
     With the final velocity counted positive, the distance grows with the cruise velocity c: distances up to v^2/(2a)
@@ -150,7 +148,7 @@ def trapezoid(d: Vector, v: Vector, duration: float, a: Vector) -> TrapezoidProf
     return TrapezoidProfile(sign * cruise, sign * first, sign * last, up, down, duration)
 
 
-def shortest_triangle(d: Vector, limits: Limits, dt: float) -> TrapezoidProfile:
+def shortest_triangle(d: Array, limits: Limits, dt: float) -> TrapezoidProfile:
     """Returns the motion over `d` (n,) [rad] that accelerates evenly over one half and decelerates over the other."""
     needed = np.maximum(2.0 * np.sqrt(np.abs(d) / limits.qdd_max), 2.0 * np.abs(d) / limits.qd_max)
     duration = whole_ticks(float(needed.max()), dt) * dt
@@ -158,27 +156,27 @@ def shortest_triangle(d: Vector, limits: Limits, dt: float) -> TrapezoidProfile:
     return TrapezoidProfile(peak, peak / half, -peak / half, half, half, duration)
 
 
-def shortest_ramp(v: Vector, limits: Limits, dt: float) -> TrapezoidProfile:
+def shortest_ramp(v: Array, limits: Limits, dt: float) -> TrapezoidProfile:
     """Returns constant acceleration from rest to `v` (n,) [rad/s]: over the distance v T/2, straight along `v`."""
     duration = whole_ticks(float((np.abs(v) / limits.qdd_max).max()), dt) * dt
     nothing = np.zeros_like(v)
     return TrapezoidProfile(v, v / duration, nothing, np.full_like(v, duration), nothing, duration)
 
 
-def linear_brake(v: Vector, limits: Limits, dt: float) -> Vector:
+def linear_brake(v: Array, limits: Limits, dt: float) -> Array:
     """Returns velocities at the ticks (M+1, n) [rad/s] of the fastest stop straight along `v`: v (1 - t/T)."""
-    return _brake(v, limits, dt, 1.0, lambda share: 1.0 - share)
+    return _brake(v, limits, dt, 1.0)
 
 
-def cubic_brake(v: Vector, limits: Limits, dt: float) -> Vector:
+def cubic_brake(v: Array, limits: Limits, dt: float) -> Array:
     """Returns velocities at the ticks (M+1, n) [rad/s] of a stop along `v` from zero deceleration: v (1 - (t/T)^2)."""
-    return _brake(v, limits, dt, 2.0, lambda share: 1.0 - share**2)
+    return _brake(v, limits, dt, 2.0)
 
 
-def _brake(v: Vector, limits: Limits, dt: float, steepest: float, law: Callable[[Vector], Vector]) -> Vector:
-    """Returns `v` times a law that falls from 1 to 0 over [0, 1] with a slope of at most `steepest`."""
-    count = whole_ticks(steepest * float((np.abs(v) / limits.qdd_max).max()), dt)
-    return law(np.arange(count + 1) / count)[:, None] * v
+def _brake(v: Array, limits: Limits, dt: float, power: float) -> Array:
+    """Returns v (1 - (t/T)^power) at the ticks, whose slope is at most `power` times v / T."""
+    count = whole_ticks(power * float((np.abs(v) / limits.qdd_max).max()), dt)
+    return (1.0 - (np.arange(count + 1) / count) ** power)[:, None] * v
 
 
 def whole_ticks(duration: float, dt: float) -> int:
@@ -192,5 +190,5 @@ def whole_ticks(duration: float, dt: float) -> int:
     return max(1, math.ceil(duration / dt - TICK_TOLERANCE))
 
 
-def _root(x: Vector) -> Vector:
+def _root(x: Array) -> Array:
     return np.sqrt(np.maximum(x, 0.0))

@@ -72,11 +72,7 @@ REFUSED = {
     ),
     "robust target too far": (
         "ur5e-sim",
-        {
-            "release": TargetRelease(np.array([9.0, 0.0, 0.0])),
-            "release_window_s": 0.02,
-            "landing_tolerance_m": 0.01,
-        },
+        {"release": TargetRelease(9.0 * np.eye(3)[0]), "release_window_s": 0.02, "landing_tolerance_m": 0.01},
     ),
 }
 

@@ -16,6 +16,8 @@ from planner.request import problem_from_request, request_document
 from tests.planner.problems import cell
 
 POINT = {"kind": "point", "position": [0.5, 0.2, 0.6], "velocity": [0.8, 0.3, 0.8]}
+STILL = {"linear": [0, 0, 0], "angular": [0, 0, 0]}
+POSE = {"kind": "pose", "pose": {"position": [0, 0, 1]}, "twist": STILL}  # without an orientation
 
 
 def test_kinds_and_frames():
@@ -96,26 +98,8 @@ def test_limits_tighten():
         ({"release": {"kind": "catch"}}, "release.kind"),
         ({"release": {**POINT, "velocity": [1, 2]}}, "release.velocity"),
         ({"release": {**POINT, "velocity": [1, 2, "3"]}}, "release.velocity"),
-        (
-            {
-                "release": {
-                    "kind": "pose",
-                    "pose": {"position": [0, 0, 1], "quaternion": [1, 1, 0, 0]},
-                    "twist": {"linear": [0, 0, 0], "angular": [0, 0, 0]},
-                }
-            },
-            "release.pose.quaternion",
-        ),
-        (
-            {
-                "release": {
-                    "kind": "pose",
-                    "pose": {"position": [0, 0, 1]},
-                    "twist": {"linear": [0, 0, 0], "angular": [0, 0, 0]},
-                }
-            },
-            "release.pose",
-        ),
+        ({"release": {**POSE, "pose": {"position": [0, 0, 1], "quaternion": [1, 1, 0, 0]}}}, "release.pose.quaternion"),
+        ({"release": POSE}, "release.pose"),
         ({"release": {"kind": "target", "position": [1, 0, 0], "min_elevation_rad": 2.0}}, "release.min_elevation_rad"),
         (
             {"release": {"kind": "target", "position": [1, 0, 0], "min_elevation_rad": 1.0, "max_elevation_rad": 0.5}},
@@ -166,9 +150,8 @@ def test_a_problem_written_as_a_request_is_read_back(release):
     document = json.loads(json.dumps(request_document(problem, problem.release), allow_nan=False))
     again = problem_from_request(document, here)
     for name, value in vars(problem.release).items():
-        np.testing.assert_allclose(
-            np.asarray(getattr(again.release, name), float), np.asarray(value, float), atol=1e-12
-        )
+        read = np.asarray(getattr(again.release, name), float)
+        np.testing.assert_allclose(read, np.asarray(value, float), atol=1e-12)
     for name, value in vars(problem.limits).items():
         np.testing.assert_array_equal(getattr(again.limits, name), value)
     assert (again.backend, again.time_limit_s) == (problem.backend, problem.time_limit_s)

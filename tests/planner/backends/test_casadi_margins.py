@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from planner.backends.casadi_nlp import DEFAULT_MARGINS, too_coarse
-from planner.certificate import Check, at_least, at_most
+from planner.certificate import Check
+from planner.certificate.certificate import at_least, at_most
 from planner.solution import Solution
 from planner.trajectory import Trajectory
 

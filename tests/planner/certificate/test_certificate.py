@@ -8,13 +8,7 @@ import pytest
 from planner.backends import ruckig_otg
 from planner.cell import Box
 from planner.certificate import certify
-from planner.certificate.bounds import (
-    joint_rates,
-    point_acceleration,
-    point_jerk,
-    point_snap,
-    point_speed,
-)
+from planner.certificate.bounds import joint_rates, point_bound
 from planner.geometry import levers, tool_state
 from planner.kinematics import forward
 from planner.planning import plan
@@ -214,11 +208,8 @@ def test_turning_points_between_samples_are_found():
     assert vertex > swing.qd[:, 0].max()
     limits = replace(problem.limits, qd_max=np.full(6, (vertex + swing.qd[:, 0].max()) / 2.0))
     assert not certify(replace(problem, limits=limits), swing).check("joint_velocity").ok
-    assert (
-        certify(replace(problem, limits=replace(limits, qd_max=np.full(6, vertex * 1.0001))), swing)
-        .check("joint_velocity")
-        .ok
-    )
+    wider = replace(limits, qd_max=np.full(6, vertex * 1.0001))
+    assert certify(replace(problem, limits=wider), swing).check("joint_velocity").ok
 
 
 def random_trajectories(count=6, seed=11):
@@ -239,16 +230,14 @@ def test_rates_bound_the_tools_true_derivatives():
         p = forward(robot, trajectory.at(middles)[0], X_FT)[..., :3, 3]
         lever = levers(robot, 6, float(np.linalg.norm(X_FT[:3, 3])))
         rates = joint_rates(trajectory)
-        stencils = {
-            point_speed: (p[:, 3] - p[:, 1]) / (2 * h),
-            point_acceleration: (p[:, 3] - 2 * p[:, 2] + p[:, 1]) / h**2,
-            point_jerk: (p[:, 4] - 2 * p[:, 3] + 2 * p[:, 1] - p[:, 0]) / (2 * h**3),
-            point_snap: (p[:, 4] - 4 * p[:, 3] + 6 * p[:, 2] - 4 * p[:, 1] + p[:, 0]) / h**4,
-        }
-        noise = {point_speed: 1e-9, point_acceleration: 1e-5, point_jerk: 0.5, point_snap: 1e4}
-        for bound, derivative in stencils.items():
-            size = np.linalg.norm(derivative, axis=1)
-            assert np.all(size <= bound(lever, rates) + noise[bound]), bound.__name__
+        stencils = (
+            (p[:, 3] - p[:, 1]) / (2 * h),
+            (p[:, 3] - 2 * p[:, 2] + p[:, 1]) / h**2,
+            (p[:, 4] - 2 * p[:, 3] + 2 * p[:, 1] - p[:, 0]) / (2 * h**3),
+            (p[:, 4] - 4 * p[:, 3] + 6 * p[:, 2] - 4 * p[:, 1] + p[:, 0]) / h**4,
+        )
+        for order, (derivative, noise) in enumerate(zip(stencils, (1e-9, 1e-5, 0.5, 1e4), strict=True), start=1):
+            assert np.all(np.linalg.norm(derivative, axis=1) <= point_bound(lever, rates, order) + noise), order
 
 
 def test_a_certified_bound_holds_at_every_instant_of_a_dense_look():

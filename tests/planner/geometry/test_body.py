@@ -8,7 +8,6 @@ import pytest
 from planner.cell import Box
 from planner.geometry import (
     SELF_CLEARANCE_M,
-    Capsule,
     body_capsules,
     body_model,
     capsule_endpoints,
@@ -16,6 +15,7 @@ from planner.geometry import (
     segment_segment_distance,
     tool_pose,
 )
+from planner.geometry.capsules import Capsule
 from planner.kinematics import link_poses
 from planner.rotations import pose, rotation_vector_to_matrix
 from tests.planner.problems import cell

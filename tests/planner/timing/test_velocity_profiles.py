@@ -14,9 +14,9 @@ from planner.timing import (
     shortest_ramp,
     shortest_trapezoid,
     shortest_triangle,
-    trapezoid,
     whole_ticks,
 )
+from planner.timing.velocity_profiles import trapezoid
 from tests.planner.problems import cell
 
 LIMITS, DT = cell().limits, 0.002
