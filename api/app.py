@@ -17,7 +17,7 @@ from api.http import SecurityMiddleware, StoredToken, install_error_handlers, op
 from api.metrics import Metrics
 from api.planning import PlannerPool, PlanningJob
 from api.routes import ROUTERS
-from api.settings import ServiceSettings
+from api.settings import ServiceSettings, is_loopback_host
 from store import Store, StoreError
 
 DESCRIPTION = (
@@ -41,7 +41,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         ValueError: The tokens file cannot be read.
     """
     tokens = read_tokens(settings.tokens_file)
-    if not tokens and not settings.is_loopback:
+    if not tokens and not is_loopback_host(settings.host):
         raise UnsafeSettings(
             f"{settings.host} can be reached from other machines: create a token ('fling token create') and set "
             "FLING_TOKENS_FILE"

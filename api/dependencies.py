@@ -1,13 +1,13 @@
-"""FastAPI dependencies of the endpoints: the service, the caller and the scopes, idempotency keys."""
+"""FastAPI dependencies of the endpoints: the service, the caller and the scopes, idempotency keys, names in paths."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from fastapi import Depends, Header, Request
+from fastapi import Depends, Header, Path, Request
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
 from api.cell_repository import CellRepository
@@ -87,26 +87,26 @@ PlanCaller = Annotated[Caller, Depends(_with_scope("plan"))]
 OperateCaller = Annotated[Caller, Depends(_with_scope("operate"))]
 
 
-def _key_for(path: str) -> Callable[..., Coroutine[Any, Any, IdempotencyKey | None]]:
-    async def key(
-        request: Request,
-        caller: AnyCaller,
-        idempotency_key: Annotated[str | None, Header(description="Same key and body: same resource.")] = None,
-    ) -> IdempotencyKey | None:
-        if idempotency_key is None:
-            return None
-        if not 0 < len(idempotency_key) <= KEY_LENGTH_MAX:
-            reason = f"must have 1 to {KEY_LENGTH_MAX} characters"
-            errors = [{"field": "Idempotency-Key", "reason": reason}]
-            raise ProblemDetails("invalid-request", f"Idempotency-Key {reason}", errors=errors)
-        body = hashlib.sha256(await request.body()).hexdigest()
-        return IdempotencyKey(f"{caller.name} {path}", idempotency_key, body)
+async def idempotency_key(
+    request: Request,
+    caller: AnyCaller,
+    idempotency_key: Annotated[str | None, Header(description="Same key and body: same resource.")] = None,
+) -> IdempotencyKey | None:
+    """Returns the idempotency key of a request; its scope is the caller and the path.
 
-    return key
+    Raises:
+        ProblemDetails: The key is empty or too long.
+    """
+    if idempotency_key is None:
+        return None
+    if not 0 < len(idempotency_key) <= KEY_LENGTH_MAX:
+        errors = [{"field": "Idempotency-Key", "reason": f"must have 1 to {KEY_LENGTH_MAX} characters"}]
+        raise ProblemDetails("invalid-request", " ".join(errors[0].values()), errors=errors)
+    body = hashlib.sha256(await request.body()).hexdigest()
+    return IdempotencyKey(f"{caller.name} {request.url.path}", idempotency_key, body)
 
 
-PlanKey = Annotated[IdempotencyKey | None, Depends(_key_for("/plan"))]
-ExecuteKey = Annotated[IdempotencyKey | None, Depends(_key_for("/execute"))]
+Key = Annotated[IdempotencyKey | None, Depends(idempotency_key)]
 
 
 def remote_address(request: Request) -> str:
@@ -115,3 +115,8 @@ def remote_address(request: Request) -> str:
 
 
 RemoteAddress = Annotated[str, Depends(remote_address)]
+
+
+def name_in_path(description: str, key: str, value: str, summary: str) -> Any:
+    """Returns a path parameter of at most 64 characters; `key` names its example `value` in OpenAPI."""
+    return Path(description=description, max_length=64, openapi_examples={key: {"summary": summary, "value": value}})

@@ -24,8 +24,8 @@ class Metrics:
     """
 
     def __init__(self, executions: Callable[[], dict[str, int]]) -> None:
-        self._registry = CollectorRegistry()
-        registry = self._registry
+        self._executions = executions
+        self._registry = registry = CollectorRegistry()
         self.plans = Counter("fling_plans", "Planning requests by result.", ["result"], registry=registry)
         self.plan_seconds = Histogram(
             "fling_plan_seconds", "Time to answer a planning request [s].", buckets=PLAN_BUCKETS_S, registry=registry
@@ -34,21 +34,15 @@ class Metrics:
         self.executors = Gauge(
             "fling_executor_alive", "Whether a cell's executor is alive.", ["cell"], registry=registry
         )
-        self._registry.register(_ExecutionCollector(executions))  # type: ignore[arg-type]  # structurally a collector
+        registry.register(self)  # type: ignore[arg-type]  # structurally a collector
 
     def text(self) -> bytes:
         """Returns all metrics in Prometheus' text format."""
         return generate_latest(self._registry)
 
-
-class _ExecutionCollector:
-    """Counts executions in the database at every scrape."""
-
-    def __init__(self, count: Callable[[], dict[str, int]]) -> None:
-        self._count = count
-
     def collect(self) -> Iterable[CounterMetricFamily]:
+        """Counts the executions in the database; called at every scrape."""
         family = CounterMetricFamily("fling_executions", "By outcome; open ones by state.", labels=["outcome"])
-        for outcome, number in self._count().items():
+        for outcome, number in self._executions().items():
             family.add_metric([outcome], number)
         yield family

@@ -38,11 +38,6 @@ class ServiceSettings(BaseSettings):
     planner_workers: int = Field(default_factory=lambda: max(1, (os.cpu_count() or 2) - 1), ge=1)  # one core streams
     planner_queue: int = Field(default=16, ge=0)
 
-    @property
-    def is_loopback(self) -> bool:
-        """Whether only this machine can reach the service."""
-        return is_loopback_host(self.host)
-
 
 def is_loopback_host(host: str) -> bool:
     """Returns whether `host` is a loopback name or address."""

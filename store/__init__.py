@@ -4,8 +4,9 @@
 URL. Times are seconds since the epoch.
 """
 
-from store.database import default_database_url
-from store.errors import CellBusy, KeyTaken, StoreError, StoreUnavailable, UnknownExecution, UnknownPlan
+from store.clients import KeyTaken
+from store.database import StoreError, StoreUnavailable, default_database_url
+from store.executions import CellBusy, UnknownExecution, UnknownPlan
 from store.rows import CellRow, EventRow, ExecutionRow, IdempotencyKey, PlanRow, RecordingRow, new_id
 from store.store import Store
 

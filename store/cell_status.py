@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from typing import Any
 
 from sqlalchemy import insert, select, update
 
-from store.database import Repository, reading, writing
+from store.database import Repository, writing
 from store.rows import CellRow
 from store.tables import cells
 
@@ -25,7 +26,7 @@ class CellStatusRepository(Repository):
         read_only: bool = False,
     ) -> None:
         """Records a heartbeat of the cell's executor with the robot's state and the latched fault, if any."""
-        values = {"executor_id": executor_id, "heartbeat_at": self._now(), "link_kind": link_kind}
+        values = {"executor_id": executor_id, "heartbeat_at": time.time(), "link_kind": link_kind}
         values |= {"robot": dict(robot or {}), "fault": None if fault is None else dict(fault), "read_only": read_only}
         with writing(self._engine) as connection:
             if not connection.execute(update(cells).where(cells.c.cell == cell).values(**values)).rowcount:
@@ -33,27 +34,22 @@ class CellStatusRepository(Repository):
 
     def cell_status(self, cell: str) -> CellRow | None:
         """Returns the last heartbeat of the cell's executor; None if it never had one."""
-        with reading(self._engine) as connection:
-            row = connection.execute(select(cells).where(cells.c.cell == cell)).one_or_none()
-        return None if row is None else CellRow(**row._mapping)
+        return self._row(CellRow, select(cells).where(cells.c.cell == cell))
 
     def cell_statuses(self) -> list[CellRow]:
         """Returns the last heartbeat of every executor, sorted by cell name."""
-        with reading(self._engine) as connection:
-            return [CellRow(**row._mapping) for row in connection.execute(select(cells).order_by(cells.c.cell))]
+        return self._rows(CellRow, select(cells).order_by(cells.c.cell))
 
     def request_acknowledge(self, cell: str, who: str) -> bool:
         """Records that a person acknowledged the fault. Returns False if the cell never had an executor."""
         with writing(self._engine) as connection:
             status = update(cells).where(cells.c.cell == cell)
-            values = {"acknowledge_requested_at": self._now(), "acknowledged_by": who}
+            values = {"acknowledge_requested_at": time.time(), "acknowledged_by": who}
             return bool(connection.execute(status.values(**values)).rowcount)
 
     def acknowledge_requested(self, cell: str) -> bool:
         """Returns whether an acknowledgement waits for the executor."""
-        query = select(cells.c.acknowledge_requested_at, cells.c.acknowledge_handled_at).where(cells.c.cell == cell)
-        with reading(self._engine) as connection:
-            row = connection.execute(query).one_or_none()
+        row = self.cell_status(cell)
         if row is None or row.acknowledge_requested_at is None:
             return False
         return row.acknowledge_handled_at is None or row.acknowledge_requested_at > row.acknowledge_handled_at
@@ -61,4 +57,4 @@ class CellStatusRepository(Repository):
     def clear_acknowledge(self, cell: str) -> None:
         """Records that the executor handled the acknowledgement."""
         with writing(self._engine) as connection:
-            connection.execute(update(cells).where(cells.c.cell == cell).values(acknowledge_handled_at=self._now()))
+            connection.execute(update(cells).where(cells.c.cell == cell).values(acknowledge_handled_at=time.time()))

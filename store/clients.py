@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 from sqlalchemy import Connection, insert, select
 
-from store.database import Repository, reading, writing
-from store.errors import KeyTaken
+from store.database import Repository, StoreError, reading, writing
 from store.rows import IdempotencyKey
 from store.tables import audit, idempotency
+
+
+class KeyTaken(StoreError):
+    """The idempotency key is bound to a resource, which was created from the body with hash `body_sha256`."""
+
+    def __init__(self, resource_id: str, body_sha256: str) -> None:
+        super().__init__(f"this idempotency key is bound to {resource_id}")
+        self.resource_id = resource_id
+        self.body_sha256 = body_sha256
 
 
 def take_key(connection: Connection, key: IdempotencyKey | None, resource_id: str, at: float) -> None:
@@ -44,14 +53,12 @@ class ClientRepository(Repository):
     def add_audit(self, who: str, action: str, resource: str, remote: str) -> None:
         """Appends a line to the audit trail: who did what to which resource, from which address."""
         with writing(self._engine) as connection:
-            line = {"at": self._now(), "who": who, "action": action, "resource": resource, "remote": remote}
+            line = {"at": time.time(), "who": who, "action": action, "resource": resource, "remote": remote}
             connection.execute(insert(audit).values(**line))
 
     def audit_lines(self, limit: int = 100) -> list[dict[str, Any]]:
         """Returns the latest lines of the audit trail, newest first."""
-        with reading(self._engine) as connection:
-            rows = connection.execute(select(audit).order_by(audit.c.id.desc()).limit(limit))
-            return [dict(row._mapping) for row in rows]
+        return self._rows(dict, select(audit).order_by(audit.c.id.desc()).limit(limit))
 
 
 def _find(connection: Connection, key: IdempotencyKey) -> tuple[str, str] | None:

@@ -8,19 +8,28 @@ a busy timeout.
 from __future__ import annotations
 
 import os
-import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from sqlalchemy import Connection, Engine, Row, Select, Table, create_engine, event, make_url
+from sqlalchemy import Connection, Engine, Select, Table, create_engine, event, make_url
 from sqlalchemy.exc import SQLAlchemyError
-
-from store.errors import StoreUnavailable
 
 BUSY_TIMEOUT_MS = 5000  # [ms] how long a writer waits for another; a transaction takes about a millisecond
 READ_ONLY = {"fling_read_only": True}
+RowT = TypeVar("RowT")
+
+
+class StoreError(Exception):
+    """Root of the errors raised by the store."""
+
+
+class StoreUnavailable(StoreError):
+    """The database does not answer, is locked for too long, full or corrupt. The cause is the driver's error."""
+
+    def __init__(self, cause: Exception) -> None:
+        super().__init__(f"the database cannot be used: {getattr(cause, 'orig', None) or cause}")
 
 
 def default_database_url() -> str:
@@ -76,25 +85,34 @@ def writing(engine: Engine) -> Iterator[Connection]:
         raise StoreUnavailable(error) from error
 
 
-def read_page(
-    connection: Connection, query: Select[Any], table: Table, limit: int, cursor: str | None
-) -> tuple[Sequence[Row[Any]], str | None]:
-    """Returns one page of `query`, newest first, and the cursor of the next page (None after the last)."""
-    if cursor is not None:
-        query = query.where(table.c.id < cursor)
-    rows = connection.execute(query.order_by(table.c.id.desc()).limit(limit + 1)).all()
-    return rows[:limit], rows[limit - 1].id if len(rows) > limit else None
-
-
 class Repository:
-    """Shared base of the repositories: the engine and the clock."""
+    """Shared base of the repositories: the engine, and queries by dataclass."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
 
-    @staticmethod
-    def _now() -> float:
-        return time.time()
+    def _row(self, kind: Callable[..., RowT], query: Select[Any]) -> RowT | None:
+        """Returns the only row of `query` as a `kind`; None if there is none."""
+        rows = self._rows(kind, query)
+        return rows[0] if rows else None
+
+    def _rows(self, kind: Callable[..., RowT], query: Select[Any]) -> list[RowT]:
+        with reading(self._engine) as connection:
+            return [kind(**row._mapping) for row in connection.execute(query)]
+
+    def _page(
+        self, kind: Callable[..., RowT], query: Select[Any], table: Table, limit: int, cursor: str | None
+    ) -> tuple[list[RowT], str | None]:
+        """Returns one page of `query`, newest first, and the cursor of the next page (None after the last)."""
+        if cursor is not None:
+            query = query.where(table.c.id < cursor)
+        rows: list[Any] = self._rows(kind, query.order_by(table.c.id.desc()).limit(limit + 1))
+        return rows[:limit], rows[limit - 1].id if len(rows) > limit else None
+
+    def _value(self, query: Select[Any]) -> Any:
+        """Returns the only value of `query`; None if there is none."""
+        with reading(self._engine) as connection:
+            return connection.execute(query).scalar_one_or_none()
 
 
 def _configure(connection: Any, _record: object) -> None:

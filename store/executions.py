@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from typing import Any
 
@@ -9,12 +10,27 @@ from sqlalchemy import Connection, delete, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
 from store.clients import take_key
-from store.database import Repository, read_page, reading, writing
-from store.errors import CellBusy, UnknownExecution, UnknownPlan
+from store.database import Repository, StoreError, reading, writing
 from store.rows import EventRow, ExecutionRow, IdempotencyKey, RecordingRow, new_id
 from store.tables import events, executions, plans, recordings
 
 UNFINISHED = executions.c.state != "finished"
+
+
+class CellBusy(StoreError):
+    """The cell has an unfinished execution; each cell runs one at a time."""
+
+    def __init__(self, cell: str) -> None:
+        super().__init__(f"cell {cell!r} already has an execution that is not finished")
+        self.cell = cell
+
+
+class UnknownPlan(StoreError):
+    """No plan has this id."""
+
+
+class UnknownExecution(StoreError):
+    """No execution has this id."""
 
 
 class ExecutionRepository(Repository):
@@ -39,12 +55,12 @@ class ExecutionRepository(Repository):
             KeyTaken: `key` is bound to another execution.
             UnknownPlan: There is no such plan.
         """
-        id, now = new_id(), self._now()
+        id, now = new_id(), time.time()
         row = {"id": id, "plan_id": plan_id, "cell": cell, "mode": mode, "dry_run": dry_run}
         with writing(self._engine) as connection:
             take_key(connection, key, id, now)
             if connection.execute(select(plans.c.id).where(plans.c.id == plan_id)).one_or_none() is None:
-                raise UnknownPlan(plan_id)
+                raise UnknownPlan(f"no plan {plan_id!r}")
             try:
                 insertion = insert(executions).values(**row, requested_by=requested_by, created_at=now, state="queued")
                 connection.execute(insertion)
@@ -55,21 +71,15 @@ class ExecutionRepository(Repository):
 
     def execution(self, id: str) -> ExecutionRow | None:
         """Returns one execution."""
-        with reading(self._engine) as connection:
-            row = connection.execute(select(executions).where(executions.c.id == id)).one_or_none()
-        return None if row is None else ExecutionRow(**row._mapping)
+        return self._row(ExecutionRow, select(executions).where(executions.c.id == id))
 
     def executions(self, limit: int = 50, cursor: str | None = None) -> tuple[list[ExecutionRow], str | None]:
         """Returns executions, newest first, and the cursor of the next page (None after the last)."""
-        with reading(self._engine) as connection:
-            rows, following = read_page(connection, select(executions), executions, limit, cursor)
-        return [ExecutionRow(**row._mapping) for row in rows], following
+        return self._page(ExecutionRow, select(executions), executions, limit, cursor)
 
     def open_execution(self, cell: str) -> str | None:
         """Returns the id of the cell's unfinished execution, or None."""
-        query = select(executions.c.id).where(executions.c.cell == cell, UNFINISHED)
-        with reading(self._engine) as connection:
-            return connection.execute(query).scalar_one_or_none()
+        return self._value(select(executions.c.id).where(executions.c.cell == cell, UNFINISHED))
 
     def execution_counts(self) -> dict[str, int]:
         """Returns the number of executions by outcome; unfinished ones count under their state."""
@@ -83,7 +93,7 @@ class ExecutionRepository(Repository):
         Raises:
             UnknownExecution: There is no such execution.
         """
-        now = self._now()
+        now = time.time()
         with writing(self._engine) as connection:
             requested = update(executions).where(executions.c.id == id, executions.c.abort_requested_at.is_(None))
             connection.execute(requested.where(UNFINISHED).values(abort_requested_at=now))
@@ -92,21 +102,18 @@ class ExecutionRepository(Repository):
 
     def abort_requested(self, id: str) -> bool:
         """Returns whether an abort was requested."""
-        query = select(executions.c.abort_requested_at).where(executions.c.id == id)
-        with reading(self._engine) as connection:
-            return connection.execute(query).scalar_one_or_none() is not None
+        return self._value(select(executions.c.abort_requested_at).where(executions.c.id == id)) is not None
 
     def claim_execution(self, cell: str, executor_id: str) -> ExecutionRow | None:
         """Claims the cell's queued execution, if any, and sets it to `preparing`.
 
         Compare and set: if two executors try at once, one of them gets it.
         """
-        with reading(self._engine) as connection:  # polling takes no lock
-            queued = select(executions.c.id).where(executions.c.cell == cell, executions.c.state == "queued")
-            id = connection.execute(queued.limit(1)).scalar_one_or_none()
+        queued = select(executions.c.id).where(executions.c.cell == cell, executions.c.state == "queued")
+        id = self._value(queued.limit(1))  # polling takes no lock
         if id is None:
             return None
-        now = self._now()
+        now = time.time()
         with writing(self._engine) as connection:
             claim = update(executions).where(executions.c.id == id, executions.c.state == "queued")
             claim = claim.values(state="preparing", executor_id=executor_id, claimed_at=now)
@@ -121,7 +128,7 @@ class ExecutionRepository(Repository):
             change = update(executions).where(executions.c.id == id, executions.c.state.not_in(("finished", state)))
             if not connection.execute(change.values(state=state)).rowcount:
                 return False
-            _write_event(connection, id, "state", {"state": state, **(data or {})}, self._now())
+            _write_event(connection, id, "state", {"state": state, **(data or {})}, time.time())
             return True
 
     def finish_execution(
@@ -129,12 +136,10 @@ class ExecutionRepository(Repository):
     ) -> bool:
         """Finishes an execution and writes its event. Returns False if it was finished already."""
         with writing(self._engine) as connection:
-            return _finish(connection, id, outcome, reason, metrics, self._now())
+            return _finish(connection, id, outcome, reason, metrics)
 
-    def close_open_executions(
-        self, cell: str, outcome: str = "executor_lost", reason: str = "the executor was lost"
-    ) -> list[str]:
-        """Finishes every open execution of a cell, queued ones included, so that no old one starts unexpectedly.
+    def close_open_executions(self, cell: str, reason: str = "the executor was lost") -> list[str]:
+        """Finishes every open execution of a cell as `executor_lost`, queued ones too, so that no old one starts later.
 
         Returns:
             The ids of the executions it finished.
@@ -143,19 +148,18 @@ class ExecutionRepository(Repository):
         with writing(self._engine) as connection:
             ids = list(connection.execute(query).scalars())
             for id in ids:
-                _finish(connection, id, outcome, reason, None, self._now())
+                _finish(connection, id, "executor_lost", reason, None)
         return ids
 
     def add_event(self, id: str, kind: str, data: Mapping[str, Any]) -> None:
         """Appends an event to an execution."""
         with writing(self._engine) as connection:
-            _write_event(connection, id, kind, data, self._now())
+            _write_event(connection, id, kind, data, time.time())
 
     def events(self, execution_id: str, after_id: int = 0, limit: int = 1000) -> list[EventRow]:
         """Returns the events of an execution that follow event `after_id`, oldest first."""
         query = select(events).where(events.c.execution_id == execution_id, events.c.id > after_id)
-        with reading(self._engine) as connection:
-            return [EventRow(**row._mapping) for row in connection.execute(query.order_by(events.c.id).limit(limit))]
+        return self._rows(EventRow, query.order_by(events.c.id).limit(limit))
 
     def add_recording(self, execution_id: str, mcap: bytes, csv: bytes) -> None:
         """Stores the recording of an execution and replaces an earlier one."""
@@ -165,16 +169,13 @@ class ExecutionRepository(Repository):
 
     def recording(self, execution_id: str) -> RecordingRow | None:
         """Returns the recording of an execution."""
-        query = select(recordings).where(recordings.c.execution_id == execution_id)
-        with reading(self._engine) as connection:
-            row = connection.execute(query).one_or_none()
-        return None if row is None else RecordingRow(**row._mapping)
+        return self._row(RecordingRow, select(recordings).where(recordings.c.execution_id == execution_id))
 
 
 def _read_execution(connection: Connection, id: str) -> ExecutionRow:
     row = connection.execute(select(executions).where(executions.c.id == id)).one_or_none()
     if row is None:
-        raise UnknownExecution(id)
+        raise UnknownExecution(f"no execution {id!r}")
     return ExecutionRow(**row._mapping)
 
 
@@ -191,9 +192,9 @@ def _abort_unclaimed(connection: Connection, id: str, now: float) -> None:
 
 
 def _finish(
-    connection: Connection, id: str, outcome: str, reason: str | None, metrics: Mapping[str, Any] | None, now: float
+    connection: Connection, id: str, outcome: str, reason: str | None, metrics: Mapping[str, Any] | None
 ) -> bool:
-    metrics = None if metrics is None else dict(metrics)
+    now, metrics = time.time(), None if metrics is None else dict(metrics)
     result = {"state": "finished", "outcome": outcome, "reason": reason, "metrics": metrics}
     unfinished = update(executions).where(executions.c.id == id, UNFINISHED)
     if not connection.execute(unfinished.values(**result, finished_at=now)).rowcount:

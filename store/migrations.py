@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from sqlalchemy import Connection, Engine, inspect, text
 
+from store.database import reading, writing
+
 TYPES = {
     "sqlite": {"row_id": "INTEGER PRIMARY KEY AUTOINCREMENT", "bytes": "BLOB", "float": "DOUBLE PRECISION"},
     "postgresql": {
@@ -58,8 +60,9 @@ def upgrade(engine: Engine) -> tuple[int, int]:
 
     Raises:
         RuntimeError: The database was written by a newer version of Fling.
+        StoreUnavailable: The database does not answer or rejects a statement.
     """
-    with engine.begin() as connection:  # on SQLite this holds the write lock
+    with writing(engine) as connection:  # on SQLite this holds the write lock
         if connection.dialect.name == "postgresql":
             connection.execute(text("SELECT pg_advisory_xact_lock(:id)"), {"id": LOCK_ID})
         before = _version(connection)
@@ -74,8 +77,9 @@ def check(engine: Engine) -> None:
 
     Raises:
         RuntimeError: The schema is older or newer than this version of Fling.
+        StoreUnavailable: The database does not answer.
     """
-    with engine.connect() as connection:
+    with reading(engine) as connection:
         version = _version(connection)
     _refuse_newer(version)
     if version < LATEST:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from sqlalchemy import insert, select
 
 from store.clients import take_key
-from store.database import Repository, read_page, reading, writing
+from store.database import Repository, writing
 from store.rows import IdempotencyKey, PlanRow
 from store.tables import plans
 
@@ -48,18 +48,12 @@ class PlanRepository(Repository):
 
     def plan(self, id: str) -> PlanRow | None:
         """Returns one plan with its trajectory."""
-        with reading(self._engine) as connection:
-            row = connection.execute(select(plans).where(plans.c.id == id)).one_or_none()
-        return None if row is None else PlanRow(**row._mapping)
+        return self._row(PlanRow, select(plans).where(plans.c.id == id))
 
     def plan_summary(self, id: str) -> PlanRow | None:
         """Returns one plan without its trajectory."""
-        with reading(self._engine) as connection:
-            row = connection.execute(select(*SUMMARY_COLUMNS).where(plans.c.id == id)).one_or_none()
-        return None if row is None else PlanRow(**row._mapping)
+        return self._row(PlanRow, select(*SUMMARY_COLUMNS).where(plans.c.id == id))
 
     def plans(self, limit: int = 50, cursor: str | None = None) -> tuple[list[PlanRow], str | None]:
         """Returns plans without trajectories, newest first, and the cursor of the next page (None after the last)."""
-        with reading(self._engine) as connection:
-            rows, following = read_page(connection, select(*SUMMARY_COLUMNS), plans, limit, cursor)
-        return [PlanRow(**row._mapping) for row in rows], following
+        return self._page(PlanRow, select(*SUMMARY_COLUMNS), plans, limit, cursor)

@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+HEARTBEAT_FRESH_S = 2.0  # [s] an executor beats several times a second
+
 
 def new_id() -> str:
     """Returns a fresh UUID of version 7, whose text sorts by creation time.
@@ -89,6 +91,11 @@ class CellRow:
     acknowledge_requested_at: float | None = None
     acknowledge_handled_at: float | None = None
     acknowledged_by: str | None = None
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the last heartbeat is younger than `HEARTBEAT_FRESH_S`."""
+        return time.time() - self.heartbeat_at < HEARTBEAT_FRESH_S
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import Self
 
 from sqlalchemy import text
-from sqlalchemy.exc import SQLAlchemyError
 
 from store import migrations
 from store.cell_status import CellStatusRepository
 from store.clients import ClientRepository
-from store.database import open_engine, reading
-from store.errors import StoreUnavailable
+from store.database import StoreError, StoreUnavailable, open_engine, reading
 from store.executions import ExecutionRepository
 from store.plans import PlanRepository
 
@@ -36,10 +34,8 @@ class Store(PlanRepository, ExecutionRepository, CellStatusRepository, ClientRep
                 migrations.upgrade(engine)
             else:
                 migrations.check(engine)
-        except (RuntimeError, SQLAlchemyError) as error:
+        except (RuntimeError, StoreError):
             engine.dispose()
-            if isinstance(error, SQLAlchemyError):
-                raise StoreUnavailable(error) from error
             raise
         return cls(engine)
 
@@ -49,8 +45,6 @@ class Store(PlanRepository, ExecutionRepository, CellStatusRepository, ClientRep
         engine = open_engine(url)
         try:
             return migrations.upgrade(engine)
-        except SQLAlchemyError as error:
-            raise StoreUnavailable(error) from error
         finally:
             engine.dispose()
 

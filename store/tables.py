@@ -5,19 +5,7 @@ The tables are created by `store/migrations.py`; a test compares the two.
 
 from __future__ import annotations
 
-from sqlalchemy import (
-    JSON,
-    Boolean,
-    Column,
-    Double,
-    ForeignKey,
-    Index,
-    LargeBinary,
-    MetaData,
-    Table,
-    Text,
-    text,
-)
+from sqlalchemy import JSON, Boolean, Column, Double, ForeignKey, Index, LargeBinary, MetaData, Table, Text, text
 from sqlalchemy.types import BigInteger, Integer
 
 METADATA = MetaData()

@@ -62,7 +62,7 @@ PLANTED = {
     "api-http": ("api/http/errors.py", "api.http.middleware"),
     "api-planning": ("api/planning/worker.py", "api.planning.pool"),
     "api-report": ("api/report/picture.py", "api.report.page"),
-    "api-schemas": ("api/schemas/plans.py", "api.schemas.requests"),
+    "api-schemas": ("api/schemas/requests.py", "api.schemas.responses"),
     "api-cli": ("api/cli/client.py", "api.cli.processes"),
     "simulator-levels": ("executor/simulator/interfaces/dashboard_server.py", "executor.simulator.controller"),
     "simulator-program-levels": ("executor/simulator/program/control_program.py", "executor.simulator.program.runner"),

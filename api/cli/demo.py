@@ -57,7 +57,7 @@ def _copy_cell(original: Path, folder: Path) -> None:
 def _throw(folder: Path, cell: str) -> float:
     """Starts all processes, throws and stops. Returns the landing error [m]; NaN if nothing landed."""
     from api.cli.client import ServiceClient, ServiceError
-    from api.cli.processes import ChildFailed, ChildProcesses, print_starting, start_all
+    from api.cli.processes import ChildFailed, ChildProcesses, start_all
     from api.cli.throw import landing_text, plan_and_execute
 
     port, log = _free_port(), folder / "log.txt"
@@ -69,11 +69,10 @@ def _throw(folder: Path, cell: str) -> float:
         "FLING_DEFAULT_CELL": cell,
         "FLING_HOST": "127.0.0.1",
         "FLING_PORT": str(port),
-        "FLING_TOKENS_FILE": "",
     }
     try:
-        with ChildProcesses({k: v for k, v in environment.items() if v}, log) as children, ServiceClient(url) as client:
-            start_all(children, folder, cell, url, True, print_starting)
+        with ChildProcesses(environment, log) as children, ServiceClient(url) as client:
+            start_all(children, folder, cell, url, is_simulated=True)
             request = {"cell": cell, "release": {"kind": "target", "position": list(TARGET_M)}}
             plan, execution = plan_and_execute(client, request, "speedj", False)
             for _ in range(THROWS_MAX - 1):

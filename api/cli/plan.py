@@ -26,10 +26,9 @@ def plan(file: Path, cells: Path | None, cell: str | None) -> None:
 
     try:
         click.echo(_plan(_read(file), cells, cell))
-    except ProblemDetails as problem:
-        _fail(problem_document(problem, str(file)))
-    except PlannerError as error:
-        _fail(problem_document(translate(error), str(file)))
+    except (ProblemDetails, PlannerError) as error:
+        click.echo(json.dumps(problem_document(translate(error), str(file)), indent=2), err=True)
+        sys.exit(INFEASIBLE)
 
 
 @click.command()
@@ -72,16 +71,14 @@ def warm() -> None:
 def _read(file: Path) -> Any:
     from pydantic import ValidationError
 
-    from api.http import ProblemDetails, field_errors, invalid_field
+    from api.http import invalid_field, invalid_request
     from api.schemas import PlanRequest
 
-    text = sys.stdin.read() if str(file) == "-" else file.read_text()
     try:
-        return PlanRequest.model_validate_json(text)
+        text = sys.stdin.buffer.read() if str(file) == "-" else file.read_bytes()
+        return PlanRequest.model_validate_json(text.decode())
     except ValidationError as error:
-        errors = field_errors(error.errors(include_input=False))
-        detail = "; ".join(f"{e['field']}: {e['reason']}" for e in errors)
-        raise ProblemDetails("invalid-request", detail, errors=errors) from error
+        raise invalid_request(error.errors(include_input=False)) from error
     except UnicodeDecodeError as error:
         raise invalid_field("file", "is not UTF-8") from error
 
@@ -91,7 +88,7 @@ def _plan(body: Any, cells: Path | None, cell: str | None) -> str:
 
     from api.cell_repository import CellRepository
     from api.http import invalid_field
-    from api.planning import PlanningJob, PlanRefusal, solve
+    from api.planning import PlanningJob, solve
     from api.schemas import iso_time
     from api.settings import ServiceSettings
     from store import new_id
@@ -103,12 +100,5 @@ def _plan(body: Any, cells: Path | None, cell: str | None) -> str:
     if repository.cell(name) is None:
         raise invalid_field("cell", f"no cell {name!r}; there are {', '.join(repository.names())}")
     request = {**body.model_dump(exclude_none=True), "cell": name}
-    answer = solve(PlanningJob(new_id(), iso_time(time.time()) or "", name, repository.text(name) or b"", request))
-    if isinstance(answer, PlanRefusal):
-        raise answer.to_error()
-    return answer.document.decode()
-
-
-def _fail(problem: dict[str, Any]) -> None:
-    click.echo(json.dumps(problem, indent=2), err=True)
-    sys.exit(INFEASIBLE)
+    job = PlanningJob(new_id(), iso_time(time.time()) or "", name, repository.text(name) or b"", request)
+    return solve(job).document.decode()

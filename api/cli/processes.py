@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
@@ -100,10 +100,8 @@ class ChildProcesses:
                 raise ChildFailed(f"the {name} was not ready within {ready_s:g} s")
 
 
-def start_all(
-    children: ChildProcesses, cells: Path, cell: str, url: str, is_simulated: bool, on_start: Callable[[str], None]
-) -> None:
-    """Starts simulator, executor and service of a cell, and waits until the service plans and sees the executor.
+def start_all(children: ChildProcesses, cells: Path, cell: str, url: str, is_simulated: bool) -> None:
+    """Starts simulator, executor and service of a cell; waits until the service plans and sees the executor.
 
     Args:
         children: Receives the processes.
@@ -111,17 +109,16 @@ def start_all(
         cell: Name of the cell.
         url: URL of the service.
         is_simulated: Whether the cell's controller is simulated.
-        on_start: Called with the name of each process before it starts.
 
     Raises:
         ChildFailed: One of them did not start.
     """
     if is_simulated:
-        on_start("simulated controller")
+        click.echo("starting the simulated controller …")
         children.start("simulator", "executor.simulator", ["--cell", str(cells / f"{cell}.toml")], READY_S)
-    on_start("executor")
+    click.echo("starting the executor …")
     children.start("executor", "executor", ["--cell", cell], READY_S)
-    on_start("service")
+    click.echo("starting the service …")
     children.start("service", "api")
     _wait_until_ready(children, url, cell)
 
@@ -137,11 +134,6 @@ def cell_path(folder: Path, name: str) -> Path:
         known = ", ".join(sorted(p.stem for p in folder.glob("*.toml"))) or "none"
         raise click.ClickException(f"no cell {name!r} in {folder}; there are: {known}")
     return path
-
-
-def print_starting(process: str) -> None:
-    """Prints which process is being started."""
-    click.echo(f"starting the {process} …")
 
 
 def catch_signals() -> None:

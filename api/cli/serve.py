@@ -16,7 +16,7 @@ import click
 @click.option("--port", type=int, help="Port of the service; default: FLING_PORT, or 8000.")
 def up(cell: str | None, port: int | None) -> None:
     """Run simulated controller, executor, service, SQLite and web page on this machine until Ctrl-C."""
-    from api.cli.processes import ChildFailed, ChildProcesses, catch_signals, print_starting, start_all
+    from api.cli.processes import ChildFailed, ChildProcesses, catch_signals, start_all
     from api.settings import ServiceSettings
 
     settings = ServiceSettings()
@@ -33,7 +33,7 @@ def up(cell: str | None, port: int | None) -> None:
     catch_signals()
     try:
         with ChildProcesses(environment) as children:
-            start_all(children, settings.cells, name, url, simulated, print_starting)
+            start_all(children, settings.cells, name, url, simulated)
             click.echo(f"\nFling is up: {url}    (OpenAPI: {url}/docs)")
             click.echo("try: fling throw 1.2 0.3 0.0\nCtrl-C stops all.")
             while True:

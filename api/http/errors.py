@@ -1,17 +1,29 @@
-"""Problem types of the service in one table, and the translation of exceptions into them.
+"""Every error as `application/problem+json`: the problem types in one table, and the translation of exceptions.
 
 RFC 9457: `type` is `/problems/<name>`, a page generated from this table. A new error is one line here.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import Response
+from starlette.exceptions import HTTPException
 
 from api.planning import PlanningQueueFull
 from planner.errors import BackendUnavailable, CellError, Infeasible, InvalidProblem, SolverFailed
 from store import CellBusy, KeyTaken, StoreUnavailable, UnknownExecution, UnknownPlan
+
+MEDIA_TYPE = "application/problem+json"
+BODY_LIMIT_BYTES = 1_000_000  # [byte] a request has a few hundred; source: the contract's 1 MB
+BODY_TOO_LARGE = f"the body is larger than {BODY_LIMIT_BYTES} bytes"
+UNION_TAGS = {"float", "int", "pose", "point", "joint", "target", "body"}  # of unions, in pydantic's error locations
 
 
 @dataclass(frozen=True)
@@ -91,21 +103,27 @@ def invalid_field(field: str, reason: str) -> ProblemDetails:
     return ProblemDetails("invalid-request", f"{field}: {reason}", errors=[{"field": field, "reason": reason}])
 
 
-def from_status(status: int, detail: str, headers: Mapping[str, str] | None = None) -> ProblemDetails:
-    """Returns the problem for an error status that the framework raised."""
-    if status == 400:  # a body that is not JSON
-        return invalid_field("body", detail)
-    names = {kind.status: name for name, kind in PROBLEM_TYPES.items() if name not in ("not-ready", "solver-failed")}
-    return ProblemDetails(names.get(status, "internal"), detail, headers=headers)
+def invalid_request(errors: Sequence[Any]) -> ProblemDetails:
+    """Returns the problem of a request that pydantic refused with these errors: one reason per field."""
+    found: dict[str, str] = {}
+    for error in errors:
+        found.setdefault(_field_path(error["loc"]), str(error["msg"]))
+    detail = "; ".join(f"{field}: {reason}" for field, reason in found.items())
+    fields = [{"field": field, "reason": reason} for field, reason in found.items()]
+    return ProblemDetails("invalid-request", detail, errors=fields)
 
 
 def translate(error: Exception) -> ProblemDetails:
-    """Returns the problem for an exception of planner, planner pool or store."""
-    return TRANSLATIONS[type(error)](error)
+    """Returns the problem for any exception of planner, planner pool, store or framework; "internal" for a bug."""
+    kind = next(kind for kind in type(error).__mro__ if kind in TRANSLATIONS)
+    return TRANSLATIONS[kind](error)
 
 
-def _invalid_problem(error: InvalidProblem) -> ProblemDetails:
-    return ProblemDetails("invalid-request", str(error), errors=[vars(e) for e in error.errors])
+def _from_framework(error: HTTPException) -> ProblemDetails:
+    if error.status_code == 400:  # a body that is not JSON
+        return invalid_field("body", str(error.detail))
+    name, detail = FRAMEWORK_ERRORS.get(error.status_code, ("internal", str(error.detail)))
+    return ProblemDetails(name, detail, headers=error.headers)
 
 
 def _infeasible(error: Infeasible) -> ProblemDetails:
@@ -119,44 +137,85 @@ def _solver_failed(error: SolverFailed) -> ProblemDetails:
     return ProblemDetails("solver-failed", f"the solver gave up: {error.status}", **fields)
 
 
-def _backend_unavailable(error: BackendUnavailable) -> ProblemDetails:
-    return invalid_field("backend", str(error))
-
-
-def _cell_refused(error: CellError) -> ProblemDetails:
-    return invalid_field("cell", f"the cell file is refused: {error}")
-
-
-def _queue_full(error: PlanningQueueFull) -> ProblemDetails:
-    return ProblemDetails("overloaded", str(error), headers={"Retry-After": str(error.retry_after_s)})
-
-
-def _cell_busy(error: CellBusy) -> ProblemDetails:
-    return ProblemDetails("robot-busy", str(error), cell=error.cell)
-
-
-def _key_taken(error: KeyTaken) -> ProblemDetails:
-    return ProblemDetails("idempotency-conflict", "this Idempotency-Key was used with another body")
-
-
-def _store_unavailable(error: StoreUnavailable) -> ProblemDetails:
-    return ProblemDetails("not-ready", "the store cannot be reached", headers={"Retry-After": "1"})
-
-
-def _unknown_id(error: Exception) -> ProblemDetails:
-    return ProblemDetails("not-found", str(error))
-
-
+FRAMEWORK_ERRORS = {
+    404: ("not-found", "there is nothing at this address"),
+    405: ("method-not-allowed", "the method is not allowed here"),
+    413: ("too-large", BODY_TOO_LARGE),
+}
 TRANSLATIONS: dict[type[Exception], Callable[[Any], ProblemDetails]] = {
-    InvalidProblem: _invalid_problem,
+    ProblemDetails: lambda e: e,
+    InvalidProblem: lambda e: ProblemDetails("invalid-request", str(e), errors=[vars(field) for field in e.errors]),
     Infeasible: _infeasible,
     SolverFailed: _solver_failed,
-    BackendUnavailable: _backend_unavailable,
-    CellError: _cell_refused,
-    PlanningQueueFull: _queue_full,
-    StoreUnavailable: _store_unavailable,
-    CellBusy: _cell_busy,
-    KeyTaken: _key_taken,
-    UnknownPlan: _unknown_id,
-    UnknownExecution: _unknown_id,
+    BackendUnavailable: lambda e: invalid_field("backend", str(e)),
+    CellError: lambda e: invalid_field("cell", f"the cell file is refused: {e}"),
+    PlanningQueueFull: lambda e: ProblemDetails("overloaded", str(e), headers={"Retry-After": str(e.retry_after_s)}),
+    StoreUnavailable: lambda _: ProblemDetails(
+        "not-ready", "the store cannot be reached", headers={"Retry-After": "1"}
+    ),
+    CellBusy: lambda e: ProblemDetails("robot-busy", str(e), cell=e.cell),
+    KeyTaken: lambda _: ProblemDetails("idempotency-conflict", "this Idempotency-Key was used with another body"),
+    UnknownPlan: lambda e: ProblemDetails("not-found", str(e)),
+    UnknownExecution: lambda e: ProblemDetails("not-found", str(e)),
+    RequestValidationError: lambda e: invalid_request(e.errors()),
+    HTTPException: _from_framework,
+    Exception: lambda _: ProblemDetails("internal", "an internal error; the service's log has the details"),
 }
+
+
+def problem_document(problem: ProblemDetails, instance: str) -> dict[str, Any]:
+    """Returns the JSON document of a problem (RFC 9457).
+
+    Args:
+        problem: The error.
+        instance: Path of the request.
+    """
+    kind = PROBLEM_TYPES[problem.name]
+    head = {"type": f"/problems/{problem.name}", "title": kind.title, "status": kind.status, "detail": problem.detail}
+    return {**head, "instance": instance, **_finite(problem.fields)}
+
+
+def problem_response(problem: ProblemDetails, instance: str) -> Response:
+    """Returns the response of a problem. ASCII only, so that any text of the client can be quoted."""
+    body = json.dumps(problem_document(problem, instance), allow_nan=False).encode()
+    headers = {**problem.headers, "Cache-Control": "no-store"}
+    return Response(body, PROBLEM_TYPES[problem.name].status, headers, media_type=MEDIA_TYPE)
+
+
+def install_error_handlers(app: FastAPI) -> None:
+    """Makes `app` answer every error with a problem document."""
+    for kind in TRANSLATIONS:
+        app.add_exception_handler(kind, _on_error)
+
+
+async def _on_error(request: Request, error: Exception) -> Response:
+    return problem_response(translate(error), request.url.path)
+
+
+def _field_path(location: Sequence[str | int]) -> str:
+    """Returns ("body", "release", "joint", "positions", 3) as "release.positions[3]"."""
+    path = ""
+    for i, part in enumerate(location):
+        if isinstance(part, int):
+            path += f"[{part}]"
+        elif not (part in UNION_TAGS and _is_tag(location, i)) and "[" not in part:
+            path += f".{part}" if path else part
+    return path or "body"
+
+
+def _is_tag(location: Sequence[str | int], i: int) -> bool:
+    part = location[i]
+    if part == "body":
+        return i == 0
+    return part in ("float", "int") or (i > 0 and location[i - 1] == "release")
+
+
+def _finite(value: Any) -> Any:
+    """Returns `value` with null in place of NaN and infinity."""
+    if isinstance(value, dict):
+        return {str(key): _finite(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(entry) for entry in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -11,8 +11,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from api.http.errors import ProblemDetails
-from api.http.problem_json import BODY_LIMIT_BYTES, BODY_TOO_LARGE, problem_response
+from api.http.errors import BODY_LIMIT_BYTES, BODY_TOO_LARGE, ProblemDetails, problem_response
 from api.settings import is_loopback_host
 
 SECURITY_HEADERS = {

@@ -8,21 +8,20 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 from pydantic import BaseModel, Field
 
-from api.http.errors import PROBLEM_TYPES
-from api.schemas import AnswerModel
+from api.http.errors import MEDIA_TYPE, PROBLEM_TYPES
 
 Responses = dict[int | str, dict[str, Any]]
 REF_TEMPLATE = "#/components/schemas/{model}"
 
 
-class FieldReason(AnswerModel):
+class FieldReason(BaseModel):
     """One refused field."""
 
     field: str
     reason: str
 
 
-class ProblemAnswer(AnswerModel):
+class ProblemAnswer(BaseModel):
     """An error (RFC 9457)."""
 
     type: str = Field(description="/problems/<name>, a page that explains it.")
@@ -35,18 +34,18 @@ class ProblemAnswer(AnswerModel):
     nearest: dict[str, Any] | None = Field(None, description="infeasible: the closest feasible request.")
 
 
-def json_answer(status: int, model: type[BaseModel], description: str) -> Responses:
-    """Returns the OpenAPI entry of a successful JSON response."""
-    return {status: {"model": model, "description": description}}
+def json_answer(status: int, model: type[BaseModel], description: str, *problems: str) -> Responses:
+    """Returns the OpenAPI entries of a successful JSON response and of these problem types."""
+    return {status: {"model": model, "description": description}, **problem_answers(*problems)}
 
 
 def problem_answers(*names: str) -> Responses:
     """Returns the OpenAPI entries of these problem types, one per status."""
     entries: Responses = {}
+    schema = {"$ref": REF_TEMPLATE.format(model=ProblemAnswer.__name__)}
     for status in sorted({PROBLEM_TYPES[name].status for name in names}):
-        listed = ", ".join(f"`{name}`" for name in names if PROBLEM_TYPES[name].status == status)
-        schema = {"$ref": REF_TEMPLATE.format(model=ProblemAnswer.__name__)}
-        entries[status] = {"description": listed, "content": {"application/problem+json": {"schema": schema}}}
+        listed = [f"`{name}`" for name, kind in PROBLEM_TYPES.items() if name in names and kind.status == status]
+        entries[status] = {"description": ", ".join(listed), "content": {MEDIA_TYPE: {"schema": schema}}}
     return entries
 
 

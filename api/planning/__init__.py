@@ -1,6 +1,6 @@
 """The planner in processes of its own: a pool of workers behind a bounded queue."""
 
 from api.planning.pool import PlannerPool, PlanningQueueFull
-from api.planning.worker import Planned, PlanningJob, PlanRefusal, solve
+from api.planning.worker import Planned, PlanningJob, solve
 
-__all__ = ["PlanRefusal", "Planned", "PlannerPool", "PlanningJob", "PlanningQueueFull", "solve"]
+__all__ = ["Planned", "PlannerPool", "PlanningJob", "PlanningQueueFull", "solve"]

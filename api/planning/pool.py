@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+import os
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -14,7 +15,7 @@ from multiprocessing import get_context
 from typing import Any
 
 from api.planning import worker
-from api.planning.worker import Planned, PlanningJob, PlanRefusal
+from api.planning.worker import Planned, PlanningJob
 from planner.errors import SolverFailed
 
 GRACE_S = 10.0  # [s] beyond `time_limit_s`: a cold start, the search for the nearest feasible request, a busy machine
@@ -39,6 +40,10 @@ class PlannerPool:
         warm_up: Planned by each process when it starts.
         solve: Work of a process; replaced in tests.
         grace_s: A process that exceeds the time limit of its job by more than this is killed [s].
+
+    Attributes:
+        waiting: Number of requests being planned or queued.
+        is_warm: Whether the processes have planned their warm-up job.
     """
 
     def __init__(
@@ -53,13 +58,13 @@ class PlannerPool:
         self._warm_up_job, self._solve, self._grace_s = warm_up, solve, grace_s
         self._free = asyncio.Semaphore(count)
         self._executor: ProcessPoolExecutor | None = None
-        self._admitted = 0
+        self.waiting = 0
         self.is_warm = False
 
     async def warm_up(self) -> None:
         """Starts the processes and waits until they have planned their warm-up job."""
         loop = asyncio.get_running_loop()
-        await asyncio.gather(*(loop.run_in_executor(self._open(), _do_nothing) for _ in range(self._count)))
+        await asyncio.gather(*(loop.run_in_executor(self._open(), os.getpid) for _ in range(self._count)))
         self.is_warm = True
 
     async def solve(self, job: PlanningJob, time_limit_s: float) -> Planned:
@@ -69,30 +74,21 @@ class PlannerPool:
             PlanningQueueFull: Too many requests wait already.
             PlannerError: The planner refused the request, or its process died or did not answer in time.
         """
-        if self._admitted >= self._capacity:
-            raise PlanningQueueFull(max(1, math.ceil(self._admitted * TYPICAL_PLAN_S / self._count)))
-        self._admitted += 1
+        if self.waiting >= self._capacity:
+            raise PlanningQueueFull(max(1, math.ceil(self.waiting * TYPICAL_PLAN_S / self._count)))
+        self.waiting += 1
         try:
             async with self._free:
-                answer = await self._run(job, time_limit_s + self._grace_s)
+                return await self._run(job, time_limit_s + self._grace_s)
         finally:
-            self._admitted -= 1
-        if isinstance(answer, PlanRefusal):
-            raise answer.to_error()
-        return answer
-
-    @property
-    def waiting(self) -> int:
-        """Number of requests being planned or queued."""
-        return self._admitted
+            self.waiting -= 1
 
     def close(self) -> None:
         """Ends the processes."""
         if self._executor is not None:
-            _kill(self._executor)
-            self._executor = None
+            self._discard(self._executor)
 
-    async def _run(self, job: PlanningJob, timeout_s: float) -> Planned | PlanRefusal:
+    async def _run(self, job: PlanningJob, timeout_s: float) -> Planned:
         for _ in range(TRIES):
             executor = self._open()
             try:
@@ -115,10 +111,6 @@ class PlannerPool:
         if executor is self._executor:
             self._executor = None
         _kill(executor)
-
-
-def _do_nothing() -> None:
-    """A job that returns once a worker has started."""
 
 
 def _kill(executor: ProcessPoolExecutor) -> None:

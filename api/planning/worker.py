@@ -1,7 +1,4 @@
-"""The work of one planner process: a planning job in, the JSON of a plan or a refusal out.
-
-Results are plain data, because exceptions with fields do not survive pickling between processes.
-"""
+"""The work of one planner process: a planning job in, the JSON of a plan or an error of the planner out."""
 
 from __future__ import annotations
 
@@ -9,6 +6,7 @@ import gc
 import os
 import threading
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from multiprocessing import parent_process
@@ -17,7 +15,7 @@ from typing import Any
 import orjson
 
 from planner.cell import Cell, parse_cell
-from planner.errors import BackendUnavailable, CellError, Infeasible, InvalidProblem, PlannerError, SolverFailed
+from planner.errors import PlannerError
 
 NICENESS = 10  # planning can wait for the stream to the arm, which has a deadline every tick
 
@@ -50,72 +48,37 @@ class Planned:
     summary: bytes
 
 
-@dataclass(frozen=True)
-class PlanRefusal:
-    """A planner error as plain data: the name of its class and its arguments."""
-
-    kind: str
-    arguments: tuple[Any, ...]
-
-    def to_error(self) -> PlannerError:
-        """Returns the planner's error."""
-        return ERRORS[self.kind](*self.arguments)
-
-
-ERRORS: dict[str, type[PlannerError]] = {
-    kind.__name__: kind for kind in (InvalidProblem, Infeasible, SolverFailed, BackendUnavailable, CellError)
-}
-
-
 def initialise(warm_up: PlanningJob | None) -> None:
     """Prepares this process for planning: low priority, an end with its parent, solvers built, everything loaded."""
+    from planner.backends.casadi_nlp import build_solvers
+
     os.nice(NICENESS)
     parent = parent_process()
     if parent is not None:
         threading.Thread(target=_exit_with, args=(parent,), daemon=True).start()
-    _build_solvers()
+    build_solvers()  # those compiled by `fling warm`, or interpreted ones; never compiles
     if warm_up is not None:
-        solve(warm_up)
+        with suppress(PlannerError):  # a refused warm-up has loaded everything up to there
+            solve(warm_up)
     gc.collect()
     gc.freeze()  # collections during a plan skip everything loaded so far: saves milliseconds
 
 
-def solve(job: PlanningJob) -> Planned | PlanRefusal:
-    """Plans one request."""
+def solve(job: PlanningJob) -> Planned:
+    """Plans one request.
+
+    Raises:
+        PlannerError: The planner refused the request, found no plan, or gave up.
+    """
     from planner.plan_document import plan_document
     from planner.planning import plan
     from planner.request import problem_from_request
 
-    try:
-        problem = problem_from_request(job.request, _cell(job.cell_text, job.cell_name))
-        answer = plan_document(plan(problem), job.request, job.plan_id, job.created_at)
-    except PlannerError as error:
-        return _refusal(error)
+    problem = problem_from_request(job.request, _cell(job.cell_text, job.cell_name))
+    answer = plan_document(plan(problem), job.request, job.plan_id, job.created_at)
     document = orjson.dumps(answer, option=orjson.OPT_SERIALIZE_NUMPY)
     del answer["trajectory"]
     return Planned(answer["backend"], document, orjson.dumps(answer, option=orjson.OPT_SERIALIZE_NUMPY))
-
-
-def _refusal(error: PlannerError) -> PlanRefusal:
-    match error:
-        case InvalidProblem():
-            return PlanRefusal("InvalidProblem", (error.errors,))
-        case Infeasible():
-            return PlanRefusal("Infeasible", (error.violations, error.nearest, error.attempts))
-        case SolverFailed():
-            return PlanRefusal("SolverFailed", (error.status, error.iterations, error.attempts))
-        case BackendUnavailable():
-            return PlanRefusal("BackendUnavailable", (error.backend, error.extra))
-        case CellError():
-            return PlanRefusal("CellError", (error.field, str(error.value), error.reason))
-    raise error
-
-
-def _build_solvers() -> None:
-    """Loads the solvers compiled by `fling warm`, or interpreted ones; never compiles."""
-    from planner.backends.casadi_nlp import build_solvers
-
-    build_solvers()
 
 
 @lru_cache(maxsize=32)

@@ -9,12 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from api.report.picture import plan_svg
 from planner.cell import Cell
-
-Vector = NDArray[np.float64]
 
 STYLE = Path(__file__).parents[1] / "web" / "style.css"
 WIDTH, HEIGHT, LEFT, RIGHT, EDGE = 900, 220, 60, 110, 22  # [px] of one chart and its margins
@@ -77,16 +74,9 @@ def _facts(plan: Mapping[str, Any]) -> str:
 
 
 def _checks(certificate: Mapping[str, Any]) -> str:
+    columns = ("name", "value", "limit", "unit", "margin", "at_s")
     rows = [
-        (
-            check["name"],
-            _figure(check["value"]),
-            _figure(check["limit"]),
-            check["unit"],
-            _figure(check["margin"]),
-            _figure(check["at_s"]),
-            "ok" if check["ok"] else "VIOLATED",
-        )
+        (*(_cell(check[column]) for column in columns), "ok" if check["ok"] else "VIOLATED")
         for check in certificate["checks"]
     ]
     head = "<tr><th>check</th><th>value</th><th>limit</th><th>unit</th><th>margin</th><th>at [s]</th><th></th></tr>"
@@ -97,8 +87,8 @@ def _rows(rows: Sequence[Sequence[str]]) -> str:
     return "".join("<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
 
 
-def _figure(value: float | None) -> str:
-    return "" if value is None else f"{value:.4g}"
+def _cell(value: str | float | None) -> str:
+    return value if isinstance(value, str) else "" if value is None else f"{value:.4g}"
 
 
 def _chart(times: Sequence[float], values: Sequence[Sequence[float]], names: Sequence[str], release_s: float) -> str:

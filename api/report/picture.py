@@ -18,7 +18,7 @@ Vector = NDArray[np.float64]
 
 WIDTH, HEIGHT, EDGE = 460, 340, 28  # [px] size of one view, and its margin
 FLIGHT_POINTS = 60
-POSES = (("start", "arm start"), ("release", "arm release"), ("end", "arm end"))
+ARM_STYLES = ("arm start", "arm release", "arm end")
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ def _view(name: str, left: float, scene: PlanScene, project: Any, floor: bool) -
     if floor:
         y = to_pixels(np.array([[0.0, scene.floor_z]]))[0, 1]
         parts.append(f'<line class="floor" x1="{left + 8}" x2="{left + WIDTH - 8}" y1="{y:.1f}" y2="{y:.1f}"/>')
-    for (_, style), arm in zip(POSES, scene.arms, strict=True):
+    for style, arm in zip(ARM_STYLES, scene.arms, strict=True):
         parts.append(_line(to_pixels(project(arm)), style))
     path = project(scene.path)
     parts.append(_line(to_pixels(path[: scene.release_index + 1]), "launch"))

@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
+import time
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Path
+from fastapi import APIRouter
 from fastapi.responses import JSONResponse
 
-from api.dependencies import AnyCaller, OperateCaller, RemoteAddress, Service, ServiceDep
+from api.dependencies import AnyCaller, OperateCaller, RemoteAddress, Service, ServiceDep, name_in_path
 from api.http import ProblemDetails, json_answer, problem_answers
-from api.liveness import executor_document, is_alive
 from api.schemas import Acknowledged, CellList, CellState
 from planner.errors import CellError
 from store import CellRow
 
 router = APIRouter(tags=["cells"])
 
-CellName = Annotated[
-    str,
-    Path(
-        description="Name of a cell.",
-        max_length=64,
-        openapi_examples={"default": {"summary": "the default cell", "value": "ur5e-sim"}},
-    ),
-]
+CellName = Annotated[str, name_in_path("Name of a cell.", "default", "ur5e-sim", "the default cell")]
 CELL_FILE_ANSWER = {
     "description": "The keys and numbers of the cell file with defaults filled in, and `name` and `sha256`; units are "
     "part of the names.",
@@ -51,15 +44,14 @@ def read_cell(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONRes
 @router.get(
     "/cells/{name}/state",
     summary="Read a robot's state",
-    responses={**json_answer(200, CellState, "As its executor last reported."), **problem_answers("not-found")},
+    responses=json_answer(200, CellState, "As its executor last reported.", "not-found"),
 )
 def read_state(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
     """Reads the live state of a cell's robot: mode, safety, joint positions; and a latched fault."""
     service.cell(name)
     row = service.store.cell_status(name)
-    document = {"cell": name, "executor": executor_document(row), "execution_id": service.store.open_execution(name)}
-    robot = dict(row.robot) if row is not None and is_alive(row) else None
-    fault = None if row is None or row.fault is None else dict(row.fault)
+    document = {"cell": name, "executor": _executor(row), "execution_id": service.store.open_execution(name)}
+    robot, fault = (row.robot if row.is_alive else None, row.fault) if row is not None else (None, None)
     return JSONResponse({**document, "robot": robot, "fault": fault})
 
 
@@ -67,27 +59,34 @@ def read_state(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONRe
     "/cells/{name}/acknowledge",
     summary="Acknowledge a fault",
     responses={
-        **json_answer(200, Acknowledged, "The executor clears its latched fault."),
-        **problem_answers("not-found", "robot-not-ready", "unauthenticated", "forbidden"),
+        **json_answer(200, Acknowledged, "The executor clears its latched fault.", "not-found"),
+        **problem_answers("robot-not-ready", "unauthenticated", "forbidden"),
     },
 )
 def acknowledge(name: CellName, service: ServiceDep, caller: OperateCaller, remote: RemoteAddress) -> JSONResponse:
     """Clears the fault that the executor latched, once a person has checked the robot."""
     service.cell(name)
     row = service.store.cell_status(name)
-    if row is None or not is_alive(row):
+    if row is None or not row.is_alive:
         raise ProblemDetails("robot-not-ready", f"cell {name!r} has no executor that could clear a fault", cell=name)
     service.store.request_acknowledge(name, caller.name)
     service.store.add_audit(caller.name, "acknowledge", f"/cells/{name}", remote)
-    fault = None if row.fault is None else dict(row.fault)
-    return JSONResponse({"cell": name, "acknowledged_by": caller.name, "fault": fault})
+    return JSONResponse({"cell": name, "acknowledged_by": caller.name, "fault": row.fault})
 
 
 def _summary(service: Service, name: str, row: CellRow | None) -> dict[str, Any]:
     document: dict[str, Any] = {"name": name, "robot": None, "link_kind": None, "sha256": None, "error": None}
-    document |= {"default": name == service.settings.default_cell, "executor": executor_document(row)}
+    document |= {"default": name == service.settings.default_cell, "executor": _executor(row)}
     try:
         cell = service.cell(name)
     except CellError as error:
         return {**document, "error": str(error)}
     return {**document, "robot": cell.robot.name, "link_kind": cell.link.kind, "sha256": cell.sha256}
+
+
+def _executor(row: CellRow | None) -> dict[str, Any] | None:
+    """Returns the executor of a cell as JSON; None if it never had one."""
+    if row is None:
+        return None
+    age = max(0.0, time.time() - row.heartbeat_at)
+    return {"id": row.executor_id, "alive": row.is_alive, "heartbeat_age_s": age, "read_only": row.read_only}

@@ -4,27 +4,21 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Body, Header, Path, Response
+from fastapi import APIRouter, Body, Header, Response
 from fastapi.responses import JSONResponse
 
-from api.dependencies import AnyCaller, ExecuteKey, OperateCaller, RemoteAddress, Service, ServiceDep
+from api.dependencies import AnyCaller, Key, OperateCaller, RemoteAddress, Service, ServiceDep, name_in_path
 from api.http import ProblemDetails, json_answer, preferred_media_type, problem_answers
-from api.liveness import check_ready
-from api.routes.plans import PageCursor, PageLimit, find_plan
+from api.routes.plans import POST_PROBLEMS, PageCursor, PageLimit, find_plan
 from api.schemas import EXECUTE_EXAMPLES, ExecuteRequest, ExecutionAnswer, ExecutionList, iso_time
 from planner.errors import CellError
-from store import ExecutionRow, KeyTaken, PlanRow
+from store import CellRow, ExecutionRow, KeyTaken, PlanRow
 
 router = APIRouter(tags=["executions"])
 
 MCAP = "application/octet-stream"  # MCAP has no registered media type
 ExecutionId = Annotated[
-    str,
-    Path(
-        description="Id of an execution, or `latest`.",
-        max_length=64,
-        openapi_examples={"latest": {"summary": "the newest execution", "value": "latest"}},
-    ),
+    str, name_in_path("Id of an execution, or `latest`.", "latest", "latest", "the newest execution")
 ]
 ExecuteBody = Annotated[ExecuteRequest, Body(openapi_examples=EXECUTE_EXAMPLES)]  # type: ignore[arg-type]
 RECORDING_ANSWER = {
@@ -38,24 +32,11 @@ RECORDING_ANSWER = {
     status_code=202,
     summary="Execute a plan",
     responses={
-        **json_answer(202, ExecutionAnswer, "Queued."),
-        **problem_answers(
-            "robot-busy",
-            "robot-not-ready",
-            "plan-not-executable",
-            "not-found",
-            "invalid-request",
-            "idempotency-conflict",
-            "too-large",
-            "unsupported-media-type",
-            "unauthenticated",
-            "forbidden",
-        ),
+        **json_answer(202, ExecutionAnswer, "Queued.", *POST_PROBLEMS, "not-found"),
+        **problem_answers("robot-busy", "robot-not-ready", "plan-not-executable"),
     },
 )
-def execute(
-    body: ExecuteBody, service: ServiceDep, caller: OperateCaller, key: ExecuteKey, remote: RemoteAddress
-) -> Response:
+def execute(body: ExecuteBody, service: ServiceDep, caller: OperateCaller, key: Key, remote: RemoteAddress) -> Response:
     """Queues one execution of a plan. **This moves the robot**; software stop is not a safety function."""
     existing = None if key is None else service.store.resource_of_key(key)
     if existing is not None:
@@ -84,7 +65,7 @@ def list_executions(
 @router.get(
     "/executions/{id}",
     summary="Read an execution",
-    responses={**json_answer(200, ExecutionAnswer, "State, outcome, metrics."), **problem_answers("not-found")},
+    responses=json_answer(200, ExecutionAnswer, "State, outcome, metrics.", "not-found"),
 )
 def read_execution(id: ExecutionId, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
     """Reads the state of an execution, and after its end the outcome and the metrics."""
@@ -117,7 +98,7 @@ def read_recording(
     "/executions/{id}/abort",
     status_code=202,
     summary="Brake now",
-    responses={**json_answer(202, ExecutionAnswer, "The executor brakes."), **problem_answers("not-found")},
+    responses=json_answer(202, ExecutionAnswer, "The executor brakes.", "not-found"),
 )
 def abort(id: ExecutionId, service: ServiceDep, caller: AnyCaller, remote: RemoteAddress) -> JSONResponse:
     """Requests a brake; any valid token may. **Not a safety function**: use the emergency stop."""
@@ -133,8 +114,7 @@ def find_execution(service: Service, id: str) -> ExecutionRow:
         ProblemDetails: There is no such execution.
     """
     if id == "latest":
-        newest, _ = service.store.executions(limit=1)
-        id = newest[0].id if newest else id
+        id = next((row.id for row in service.store.executions(limit=1)[0]), id)
     row = service.store.execution(id)
     if row is None:
         raise ProblemDetails("not-found", f"no execution {id!r}")
@@ -143,8 +123,7 @@ def find_execution(service: Service, id: str) -> ExecutionRow:
 
 def execution_document(row: ExecutionRow) -> dict[str, Any]:
     """Returns the JSON of an execution."""
-    times = {name: iso_time(value) for name, value in vars(row).items() if name.endswith("_at")}
-    document = {**vars(row), **times, "metrics": None if row.metrics is None else dict(row.metrics)}
+    document = {name: iso_time(value) if name.endswith("_at") else value for name, value in vars(row).items()}
     del document["executor_id"]
     return document
 
@@ -171,4 +150,19 @@ def _check_executable(service: Service, plan: PlanRow, body: ExecuteRequest) -> 
         raise ProblemDetails("forbidden", "a service without tokens executes on simulated cells only")
     if real and body.plan_id == "latest":
         raise ProblemDetails("forbidden", "on a real arm a plan is executed by its own id, not by 'latest'")
-    check_ready(service.store.cell_status(plan.cell), plan.cell)
+    row = service.store.cell_status(plan.cell)
+    reason = _reason_not_ready(row, plan.cell)
+    if reason is not None:
+        raise ProblemDetails("robot-not-ready", reason, cell=plan.cell, fault=None if row is None else row.fault)
+
+
+def _reason_not_ready(row: CellRow | None, cell: str) -> str | None:
+    if row is None:
+        return f"cell {cell!r} has no executor: start one with 'fling executor --cell {cell}'"
+    if not row.is_alive:
+        return f"the executor of cell {cell!r} is gone"
+    if row.read_only:
+        return f"the executor of cell {cell!r} does not move its robot (--read-only)"
+    if row.fault is not None:
+        return f"a fault is latched: {row.fault.get('reason', row.fault)}; check the robot, then acknowledge it"
+    return None

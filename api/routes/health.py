@@ -9,8 +9,7 @@ from starlette.concurrency import run_in_threadpool
 
 from api import fling_version
 from api.dependencies import AnyCaller, Service, ServiceDep
-from api.http import ProblemDetails, json_answer, problem_answers
-from api.liveness import is_alive
+from api.http import ProblemDetails, json_answer
 from api.schemas import Readiness
 
 router = APIRouter(tags=["service"])
@@ -25,7 +24,7 @@ async def healthz() -> dict[str, str]:
 @router.get(
     "/readyz",
     summary="Readiness",
-    responses={**json_answer(200, Readiness, "Able to plan and to reach the store."), **problem_answers("not-ready")},
+    responses=json_answer(200, Readiness, "Able to plan and to reach the store.", "not-ready"),
 )
 async def readyz(service: ServiceDep) -> JSONResponse:
     """Returns whether the service can plan and reach its store, and which cells have an executor. Needs no token."""
@@ -52,5 +51,5 @@ def metrics(service: ServiceDep, caller: AnyCaller) -> Response:
 
 
 def _executors(service: Service) -> dict[str, bool]:
-    rows = {row.cell: row for row in service.store.cell_statuses()}
-    return {name: is_alive(rows.get(name)) for name in service.cells.names()}
+    alive = {row.cell for row in service.store.cell_statuses() if row.is_alive}
+    return {name: name in alive for name in service.cells.names()}

@@ -8,12 +8,11 @@ import time
 from typing import Annotated, Any
 
 import orjson
-from fastapi import APIRouter, Body, Header, Path, Query, Response
+from fastapi import APIRouter, Body, Header, Query, Response
 from starlette.concurrency import run_in_threadpool
 
-from api.dependencies import AnyCaller, PlanCaller, PlanKey, Service, ServiceDep
+from api.dependencies import AnyCaller, Key, PlanCaller, Service, ServiceDep, name_in_path
 from api.http import ProblemDetails, json_answer, preferred_media_type, problem_answers, translate
-from api.liveness import is_alive
 from api.planning import Planned, PlanningJob, PlanningQueueFull
 from api.report import plan_svg
 from api.schemas import PLAN_EXAMPLES, PlanAnswer, PlanList, PlanRequest, TrajectoryAnswer, iso_time
@@ -23,14 +22,9 @@ from store import IdempotencyKey, KeyTaken, PlanRow, new_id
 router = APIRouter(tags=["plans"])
 
 TIME_LIMIT_S = 5.0  # [s] if the request names none; source: the contract
-PlanId = Annotated[
-    str,
-    Path(
-        description="Id of a plan, or `latest`.",
-        max_length=64,
-        openapi_examples={"latest": {"summary": "the newest plan", "value": "latest"}},
-    ),
-]
+TOKEN_PROBLEMS = ("unauthenticated", "forbidden")
+POST_PROBLEMS = (*TOKEN_PROBLEMS, "invalid-request", "idempotency-conflict", "too-large", "unsupported-media-type")
+PlanId = Annotated[str, name_in_path("Id of a plan, or `latest`.", "latest", "latest", "the newest plan")]
 PageLimit = Annotated[int, Query(ge=1, le=200, description="Maximum length of the page.")]
 PageCursor = Annotated[str | None, Query(description="`next_cursor` of the page before.", max_length=64)]
 WithTrajectory = Annotated[bool, Query(description="false leaves the trajectory out.")]
@@ -48,22 +42,11 @@ TRAJECTORY_ANSWER = {
     summary="Plan a throw",
     responses={
         **json_answer(201, PlanAnswer, "Solved, certified and stored."),
-        **problem_answers(
-            "not-found",
-            "invalid-request",
-            "infeasible",
-            "idempotency-conflict",
-            "overloaded",
-            "solver-failed",
-            "too-large",
-            "unsupported-media-type",
-            "unauthenticated",
-            "forbidden",
-        ),
+        **problem_answers(*POST_PROBLEMS, "not-found", "infeasible", "overloaded", "solver-failed"),
     },
 )
 async def make_plan(
-    body: PlanBody, service: ServiceDep, caller: PlanCaller, key: PlanKey, trajectory: WithTrajectory = True
+    body: PlanBody, service: ServiceDep, caller: PlanCaller, key: Key, trajectory: WithTrajectory = True
 ) -> Response:
     """Solves, certifies and stores one plan. A plan that fails its certificate is never stored and never returned."""
     id = None if key is None else await run_in_threadpool(service.store.resource_of_key, key)
@@ -86,7 +69,7 @@ def list_plans(service: ServiceDep, caller: AnyCaller, limit: PageLimit = 50, cu
 @router.get(
     "/plans/{id}",
     summary="Read a plan",
-    responses={**json_answer(200, PlanAnswer, "As it was stored."), **problem_answers("not-found")},
+    responses=json_answer(200, PlanAnswer, "As it was stored.", "not-found"),
 )
 def read_plan(id: PlanId, service: ServiceDep, caller: AnyCaller, trajectory: WithTrajectory = True) -> Response:
     """Reads one plan as it was stored."""
@@ -131,8 +114,7 @@ def find_plan(service: Service, id: str, whole: bool = True) -> PlanRow:
         ProblemDetails: There is no such plan.
     """
     if id == "latest":
-        newest, _ = service.store.plans(limit=1)
-        id = newest[0].id if newest else id
+        id = next((row.id for row in service.store.plans(limit=1)[0]), id)
     row = service.store.plan(id) if whole else service.store.plan_summary(id)
     if row is None:
         raise ProblemDetails("not-found", f"no plan {id!r}")
@@ -165,7 +147,7 @@ def _planning_job(body: PlanRequest, service: Service) -> tuple[PlanningJob, str
 
 def _current_positions(service: Service, cell: str) -> list[float]:
     row = service.store.cell_status(cell)
-    positions: Any = row.robot.get("positions") if row is not None and is_alive(row) else None
+    positions: Any = row.robot.get("positions") if row is not None and row.is_alive else None
     if positions is None:
         detail = f"no executor reports the joint positions of cell {cell!r}"
         raise ProblemDetails("robot-not-ready", detail, cell=cell)

@@ -4,9 +4,18 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from api.schemas.quantities import Joints, PerJoint, Quaternion, RequestModel, Vector3
+Joints = Annotated[list[float], Field(min_length=6, max_length=6)]
+Vector3 = Annotated[list[float], Field(min_length=3, max_length=3)]
+Quaternion = Annotated[list[float], Field(min_length=4, max_length=4)]
+PerJoint = float | Joints
+
+
+class RequestModel(BaseModel):
+    """Base of request bodies: no unknown fields, no conversions, no NaN or infinity."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
 
 class StartRequest(RequestModel):

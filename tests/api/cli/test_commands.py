@@ -75,6 +75,15 @@ def test_plan_gives_the_problem_and_status_2(request_file: Path, root: Path, cha
     assert result.stdout == ""
 
 
+@pytest.mark.parametrize("content", [b"\xff\xfe{}", b'{"cell": "\xe9"}'])
+def test_plan_of_a_file_that_is_not_utf_8_is_one_sentence(request_file: Path, content: bytes):
+    request_file.write_bytes(content)
+    for result in (fling("plan", str(request_file)), CliRunner().invoke(main, ["plan", "-"], input=content)):
+        assert result.exit_code == 2
+        assert json.loads(result.stderr)["detail"] == "file: is not UTF-8"
+        assert result.stdout == ""
+
+
 def test_cell_check(root: Path, tmp_path: Path):
     good = fling("cell", "check", str(root / "cells" / "ur5e-sim.toml"))
     assert (good.exit_code, "good" in good.output) == (0, True)

@@ -1,15 +1,16 @@
-"""Plan responses."""
+"""Response bodies. They document the responses; the JSON itself comes from planner and store."""
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from typing import Any
 
-from pydantic import Field
+from pydantic import BaseModel, Field
 
-from api.schemas.quantities import AnswerModel, Joints, Quaternion, Vector3
+from api.schemas.requests import Joints, Quaternion, Vector3
 
 
-class FullPose(AnswerModel):
+class FullPose(BaseModel):
     """Pose of the tool centre point in the world."""
 
     position: Vector3 = Field(description="Position [m].")
@@ -17,14 +18,14 @@ class FullPose(AnswerModel):
     rotation_vector: Vector3 = Field(description="The same orientation as a rotation vector [rad].")
 
 
-class FullTwist(AnswerModel):
+class FullTwist(BaseModel):
     """Twist of the tool centre point in the world."""
 
     linear: Vector3 = Field(description="[m/s]")
     angular: Vector3 = Field(description="[rad/s]")
 
 
-class ReleaseState(AnswerModel):
+class ReleaseState(BaseModel):
     """The state in which the object leaves the tool."""
 
     index: int = Field(description="Sample of the trajectory; the release is exactly on a tick.")
@@ -38,14 +39,14 @@ class ReleaseState(AnswerModel):
     )
 
 
-class WindowEntry(AnswerModel):
+class WindowEntry(BaseModel):
     """Landing error of an early or late release."""
 
     delay_s: float = Field(description="Delay of the release [s]; negative is early.")
     landing_error_m: float | None = Field(description="Distance from the nominal landing point [m].")
 
 
-class FlightAnswer(AnswerModel):
+class FlightAnswer(BaseModel):
     """The object's path after the release."""
 
     landing_point: Vector3 = Field(description="In the world [m].")
@@ -58,7 +59,7 @@ class FlightAnswer(AnswerModel):
     window: list[WindowEntry]
 
 
-class TrajectoryAnswer(AnswerModel):
+class TrajectoryAnswer(BaseModel):
     """Samples at i / sample_rate_hz with the field names of ROS JointTrajectory; the last one is at rest."""
 
     joint_names: list[str]
@@ -68,7 +69,7 @@ class TrajectoryAnswer(AnswerModel):
     accelerations: list[Joints] = Field(description="[rad/s^2]")
 
 
-class CheckAnswer(AnswerModel):
+class CheckAnswer(BaseModel):
     """One check of the certificate."""
 
     name: str
@@ -80,14 +81,14 @@ class CheckAnswer(AnswerModel):
     ok: bool
 
 
-class CertificateAnswer(AnswerModel):
+class CertificateAnswer(BaseModel):
     """Checks of the trajectory, made without knowing which back end found it."""
 
     valid: bool
     checks: list[CheckAnswer]
 
 
-class SolverAnswer(AnswerModel):
+class SolverAnswer(BaseModel):
     """How the plan was found."""
 
     solve_time_s: float = Field(description="[s]")
@@ -96,7 +97,7 @@ class SolverAnswer(AnswerModel):
     attempts: list[dict[str, Any]] = Field(description="Every attempt: backend, result, duration_s [s].")
 
 
-class PlanSummary(AnswerModel):
+class PlanSummary(BaseModel):
     """A plan without its trajectory."""
 
     id: str
@@ -120,8 +121,98 @@ class PlanAnswer(PlanSummary):
     trajectory: TrajectoryAnswer | None = Field(None, description="Left out by `?trajectory=false`.")
 
 
-class PlanList(AnswerModel):
+class PlanList(BaseModel):
     """A page of plans, newest first."""
 
     plans: list[PlanSummary]
     next_cursor: str | None = Field(description="Pass as `cursor` for the next page; null on the last page.")
+
+
+class ExecutionAnswer(BaseModel):
+    """One run of one plan on one cell."""
+
+    id: str
+    plan_id: str
+    cell: str
+    mode: str = Field(description="speedj or servoj.")
+    dry_run: bool
+    requested_by: str
+    created_at: str = Field(description="UTC, ISO 8601.")
+    claimed_at: str | None = Field(description="When an executor claimed it.")
+    finished_at: str | None
+    abort_requested_at: str | None
+    state: str = Field(description="queued, preparing, approaching, streaming, braking, finished.")
+    outcome: str | None = Field(
+        description="completed, aborted, refused, protective_stop, emergency_stop, link_lost, late, tracking, "
+        "executor_lost; null before the end."
+    )
+    reason: str | None = Field(description="Reason of the outcome, in words.")
+    metrics: dict[str, Any] | None = Field(description="Measured values; each name carries its unit.")
+
+
+class ExecutionList(BaseModel):
+    """A page of executions, newest first."""
+
+    executions: list[ExecutionAnswer]
+    next_cursor: str | None = Field(description="Pass as `cursor` for the next page; null on the last page.")
+
+
+class ExecutorAnswer(BaseModel):
+    """The executor of a cell."""
+
+    id: str
+    alive: bool = Field(description="Whether its last heartbeat is younger than two seconds.")
+    heartbeat_age_s: float = Field(description="Age of its last heartbeat [s].")
+    read_only: bool = Field(description="Whether it only observes and never moves the robot.")
+
+
+class CellSummary(BaseModel):
+    """One cell in the list."""
+
+    name: str
+    robot: str | None
+    link_kind: str | None = Field(description="sim or ur.")
+    default: bool
+    sha256: str | None
+    error: str | None = Field(description="Why the cell file is refused; null if it is valid.")
+    executor: ExecutorAnswer | None = Field(description="null if the cell never had one.")
+
+
+class CellList(BaseModel):
+    """Every cell file of the service."""
+
+    cells: list[CellSummary]
+
+
+class CellState(BaseModel):
+    """The live state of a cell's robot, as its executor last reported it."""
+
+    cell: str
+    executor: ExecutorAnswer | None
+    robot: dict[str, Any] | None = Field(description="Mode, safety, joint positions [rad]; null without an executor.")
+    fault: dict[str, Any] | None = Field(description="Latched until a person acknowledges it.")
+    execution_id: str | None = Field(description="The unfinished execution of the cell.")
+
+
+class Acknowledged(BaseModel):
+    """An acknowledged fault."""
+
+    cell: str
+    acknowledged_by: str
+    fault: dict[str, Any] | None = Field(description="The fault that is being cleared.")
+
+
+class Readiness(BaseModel):
+    """Whether the service can plan and reach its store, and which cells have an executor."""
+
+    ready: bool
+    store: bool
+    planner: bool
+    cells: dict[str, bool] = Field(description="Whether each cell has an executor.")
+
+
+def iso_time(at: float | None) -> str | None:
+    """Returns seconds since the epoch as UTC in ISO 8601 with milliseconds; None stays None."""
+    if at is None:
+        return None
+    return datetime.fromtimestamp(at, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
