@@ -89,8 +89,8 @@ def _slower(problem: ThrowProblem, share: float) -> ThrowProblem:
     return replace(problem, limits=slower)
 
 
-def _solve(problem: ThrowProblem, state: JointRelease, launch: str) -> Trajectory | None:
+def _solve(problem: ThrowProblem, state: JointRelease, variant: ruckig_otg.LaunchVariant) -> Trajectory | None:
     try:
-        return ruckig_otg.solve(problem, Candidate(state.q, state.qd, 0.0, "known"), launch).trajectory
+        return ruckig_otg.solve(problem, Candidate(state.q, state.qd, 0.0, "known"), variant).trajectory
     except SolverFailed:
         return None
