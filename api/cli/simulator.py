@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import sys
+from collections.abc import Callable
+from pathlib import Path
 
 import click
 
@@ -20,31 +22,41 @@ def sim(context: click.Context, cell: str | None, host: str | None) -> None:
     """Run a simulated controller; `fault` causes a fault in a running one, `state` shows its state."""
     from api.cli.processes import cell_path
     from api.settings import ServiceSettings
-    from planner.cell import load_cell
 
     settings = ServiceSettings()
     path = cell_path(settings.cells, cell or settings.default_cell)
     if context.invoked_subcommand is None:
         arguments = ["--cell", str(path), *(["--host", host] if host else [])]
         os.execv(sys.executable, [sys.executable, "-m", "executor.simulator", *arguments])
-    context.obj = host or load_cell(path).link.host
+    context.obj = lambda: host or _host(path)
+
+
+def _host(path: Path) -> str:
+    """Returns the address of a cell's controller."""
+    from planner.cell import load_cell
+    from planner.errors import CellError
+
+    try:
+        return load_cell(path).link.host
+    except CellError as error:
+        raise click.ClickException(f"{path.name}: {error}") from error
 
 
 @sim.command()
 @click.argument("name")
 @click.argument("parameters", nargs=-1, metavar="[KEY=VALUE]...")
 @click.pass_obj
-def fault(host: str, name: str, parameters: tuple[str, ...]) -> None:
+def fault(host: Callable[[], str], name: str, parameters: tuple[str, ...]) -> None:
     """Cause a fault: protective_stop, emergency_stop, safeguard_stop, … (docs/simulator.md lists them)."""
     given = dict(_parameter(parameter) for parameter in parameters)
-    click.echo(json.dumps(_call(host, {"op": "fault", "name": name, **given})))
+    click.echo(json.dumps(_call(host(), {"op": "fault", "name": name, **given})))
 
 
 @sim.command()
 @click.pass_obj
-def state(host: str) -> None:
+def state(host: Callable[[], str]) -> None:
     """Show the true state of the controller and its arm."""
-    click.echo(json.dumps(_call(host, {"op": "state"}), indent=2))
+    click.echo(json.dumps(_call(host(), {"op": "state"}), indent=2))
 
 
 def _parameter(text: str) -> tuple[str, object]:
