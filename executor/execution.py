@@ -13,7 +13,7 @@ from executor.preflight import ExecutionRefused, session_refusals, verify_plan
 from executor.preparation import prepare_job
 from executor.robot import RobotSession
 from executor.stream_job import StreamJob
-from executor.streaming.safety import EMERGENCY_BITS, NORMAL
+from executor.streaming.state_checks import EMERGENCY_BITS, NORMAL
 from executor.supervision import StreamRun
 from planner.approach import find_approach
 from planner.certificate import release_flight

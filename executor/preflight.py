@@ -9,7 +9,7 @@ import orjson
 from numpy.typing import NDArray
 
 from executor.robot import RobotSession, RobotState
-from executor.streaming.safety import NORMAL, SAFETY_WORDS
+from executor.streaming.state_checks import NORMAL, SAFETY_WORDS
 from planner.cell import Cell
 from planner.certificate import certify
 from planner.errors import PlannerError

@@ -7,7 +7,7 @@ from executor.stream_job import StreamJob
 from executor.streaming.clock import ControllerClock
 from executor.streaming.loop import Stream
 from executor.streaming.rtde_connection import RtdeConnection
-from executor.streaming.safety import StopRequests
+from executor.streaming.state_checks import StopRequests
 
 ARRIVED_RAD = 1e-3  # [rad] a controller ends its moves within 1e-4; an encoder resolves 1e-5
 START_RAD = 0.01  # [rad] source: faults.md, C6

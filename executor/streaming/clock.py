@@ -5,7 +5,7 @@ from __future__ import annotations
 from time import monotonic, sleep
 
 from executor.streaming.rtde_connection import RtdeConnection
-from executor.streaming.safety import StreamFault
+from executor.streaming.state_checks import StreamFault
 
 POLL_S = 50e-6  # [s] between two readings of the timestamp
 EARLY_S = 400e-6  # [s] polling begins so long before the next timestamp is due

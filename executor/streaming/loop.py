@@ -11,7 +11,7 @@ from executor import shared_memory as shm
 from executor.stream_job import Row, StreamJob
 from executor.streaming.clock import ControllerClock, LostTicks
 from executor.streaming.rtde_connection import SERVO_CONSTANT_S, RtdeConnection
-from executor.streaming.safety import StopRequests, StreamFault
+from executor.streaming.state_checks import StopRequests, StreamFault
 from planner.brake_profile import brake_weights
 
 WATCHDOG_SHARE = 0.5  # [-] of the watchdog's period: a program that stopped after a gap this long was stopped by it

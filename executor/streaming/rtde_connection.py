@@ -21,8 +21,8 @@ from rtde_receive import RTDEReceiveInterface
 from executor.realtime import RunDelay, sleep_count
 from executor.shared_memory import IN_CALL, REALTIME, SharedMemory
 from executor.stream_job import StreamJob
-from executor.streaming import safety
-from executor.streaming.safety import StreamFault
+from executor.streaming import state_checks
+from executor.streaming.state_checks import StreamFault
 
 CALL_MAX_S = 0.005  # [s] a real-time call takes 30 us, one that reconnects takes 160 ms (rtde.md, section 10)
 WATCHDOG_HZ = 40.0  # [Hz] 25 ms, just above the 20 ms after which the loop itself gives up as late
@@ -121,8 +121,8 @@ class RtdeConnection:
         Raises:
             StreamFault: the controller is not in normal operation.
         """
-        runtime = safety.PLAYING if self.control is None else self.runtime_state
-        safety.check_state(self.safety_bits, runtime, self.scaling)
+        runtime = state_checks.PLAYING if self.control is None else self.runtime_state
+        state_checks.check_state(self.safety_bits, runtime, self.scaling)
 
     def move(self, q: list[float]) -> None:
         """Starts a straight joint move to `q` (6,) [rad] and returns at once."""
@@ -147,13 +147,13 @@ class RtdeConnection:
 
     def speed(self, qd: list[float]) -> None:
         """Sends joint speeds (6,) [rad/s] for the next tick."""
-        safety.check_command(qd, self.job.qd_max)
+        state_checks.check_command(qd, self.job.qd_max)
         if self.control is not None:
             self._command("speedJ", self.control.speedJ, qd, self.job.acceleration, self.job.dt)
 
     def servo(self, q: list[float], limits: list[float]) -> None:
-        """Sends joint positions (6,) [rad] for the next tick; `limits` as for `safety.check_command`."""
-        safety.check_command(q, limits)
+        """Sends joint positions (6,) [rad] for the next tick; `limits` as for `state_checks.check_command`."""
+        state_checks.check_command(q, limits)
         if self.control is not None:
             self._command("servoJ", self.control.servoJ, q, 0.0, 0.0, self.job.dt, SERVO_LOOKAHEAD_S, SERVO_GAIN)
 

@@ -8,7 +8,7 @@ from itertools import chain, repeat
 import pytest
 
 from executor.streaming.clock import ControllerClock, LostTicks
-from executor.streaming.safety import StreamFault
+from executor.streaming.state_checks import StreamFault
 
 DT = 0.002
 

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import pytest
 
 from executor.shared_memory import ABORT, DAEMON_PULSE, SharedMemory
-from executor.streaming.safety import StopRequests, StreamFault, check_command, check_state
+from executor.streaming.state_checks import StopRequests, StreamFault, check_command, check_state
 
 LIMITS = [3.0] * 6
 SILENT_S = 0.1
