@@ -32,7 +32,7 @@ ROBOT_MODES = {
     6: "in backdrive",
     8: "updating its firmware",
 }
-REST_RAD_S = 0.01  # [rad/s] faults.md C6: an arm this slow counts as at rest
+REST_RAD_S = 0.01  # [rad/s] an arm this slow counts as at rest; above the noise of a measured joint speed
 PAYLOAD_KG = 0.05  # [kg] accepted difference of the controller's payload from the tool, or tool and object
 TCP_M, TCP_RAD = 1e-3, 5e-3  # [m, rad] accepted difference of its tool centre point: a millimetre at the object
 SPEED = 1e-3  # [-] accepted difference of the speed slider from 1: rounding only

@@ -9,7 +9,7 @@ from executor.streaming.state_checks import StreamFault
 
 POLL_S = 50e-6  # [s] between two readings of the timestamp
 EARLY_S = 400e-6  # [s] polling begins so long before the next timestamp is due
-STALE_S = 0.040  # [s] without a new timestamp the connection is lost (faults.md, R10)
+STALE_S = 0.040  # [s] without a new timestamp the connection is lost: 20 e-Series ticks; row R10 of docs/executor.md
 REALTIME_BOUNDS = (0.020, 0.10)  # [s] in a row, [-] share of the last hundred ticks; source: libfranka stops there
 ORDINARY_BOUNDS = (0.040, 0.30)  # the same without real-time scheduling, which is for simulated cells
 LINK_SHARE = REALTIME_BOUNDS[1]  # [-] of ticks lost while this thread had its processor, whatever its scheduling
