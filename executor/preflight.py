@@ -48,12 +48,14 @@ def verify_plan(document: bytes, cell: Cell) -> tuple[ThrowProblem, Trajectory]:
     Raises:
         ExecutionRefused: the plan is for another cell file, cannot be read, or fails its certificate.
     """
-    plan = orjson.loads(document)
-    if plan["cell"] != cell.name or plan["cell_sha256"] != cell.sha256:
-        raise ExecutionRefused(f"the plan was made for another version of the cell {plan['cell']!r}: plan again")
     try:
+        plan = orjson.loads(document)
+        if plan["cell"] != cell.name or plan["cell_sha256"] != cell.sha256:
+            raise ExecutionRefused(f"the plan was made for another version of the cell {plan['cell']!r}: plan again")
         problem, trajectory = plan_from_document(plan, cell)
-    except (PlannerError, KeyError) as error:
+    except KeyError as error:
+        raise ExecutionRefused(f"the plan cannot be read: it has no {error}") from error
+    except (PlannerError, TypeError, orjson.JSONDecodeError) as error:
         raise ExecutionRefused(f"the plan cannot be read: {error}") from error
     certificate = certify(problem, trajectory)
     if not certificate.valid:
