@@ -85,6 +85,12 @@ class LostTicks:
         self.most, self.most_by_link = share * MEMORY_TICKS, LINK_SHARE * MEMORY_TICKS
         self.recent = self.by_link = 0.0
 
+    @property
+    def cause(self) -> str:
+        """Whether the link or this machine lost the recent ticks."""
+        by_link = self.by_link > self.most_by_link or self.by_link >= 0.5 * self.recent
+        return "the link lost them" if by_link else "this machine was busy"
+
     def are_too_many(self, missed: int, delayed_s: float) -> bool:
         """Returns whether the run must end.
 
