@@ -56,11 +56,13 @@ class Execution:
             raise ExecutionRefused("; ".join(reasons))
         state = session.monitor.fresh()
         if state is None:
-            raise ExecutionRefused("the controller fell silent")
+            raise ExecutionRefused("the controller stopped sending its state")
         pace = session.settings.approach_pace
         approach, obstacle = find_approach(cell, np.array(state.q), self.trajectory.q[0], pace)
         if approach is None:
-            raise ExecutionRefused(f"no approach to the plan's start keeps clear: {obstacle}")
+            raise ExecutionRefused(
+                f"no collision-free approach to the plan's start was found; a straight move would hit {obstacle}"
+            )
         if approach.trajectory is not None:
             duration_s = approach.trajectory.duration_s
             self.note(f"planned approach of {duration_s:.1f} s: a straight move would hit {obstacle}")

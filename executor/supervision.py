@@ -56,7 +56,7 @@ class ChildProcess(subprocess.Popen[bytes]):
             super().__init__(command, pass_fds=descriptors, stdin=subprocess.DEVNULL, stdout=stream, stderr=stream)
         try:
             self._descriptor = os.pidfd_open(self.pid)
-        except OSError:  # a kernel before 5.3: a child whose end goes unnoticed must not live
+        except OSError:  # a kernel before 5.3: without a notice of its end, the child must not run
             self.kill()
             self.wait()
             raise
