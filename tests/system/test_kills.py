@@ -1,4 +1,4 @@
-"""Processes that die or freeze in mid-launch and at the release: at rest, recorded, no orphan left.
+"""Processes that die or freeze in mid-launch or at the release: the arm stops, the run is recorded, no orphan is left.
 
 H numbers are rows of the table of faults in docs/executor.md.
 """

@@ -61,7 +61,7 @@ def test_a_throw_beside_processes_that_take_every_processor(rig: Rig) -> None:  
 
 
 def test_a_throw_while_the_machine_of_the_simulated_controller_stalls(rig: Rig) -> None:
-    """Its clock slips and makes nothing up: stream and arm notice only a long cycle."""
+    """Its clock slips and lost cycles are not made up for: stream and arm notice only a long cycle."""
     before, id = simulator_client.request(rig.host, "stats")["slips"]["count"], rig.queue(LOB)
     rig.in_launch(id)
     for _ in range(STALLS):
