@@ -17,8 +17,8 @@ from store import ExecutionRow, Store, StoreUnavailable, new_id
 
 POLL_S = 0.02  # [s] between two queries for a queued execution
 TELEMETRY_S = 0.04  # [s] between two telemetry events: 25 Hz
-BEAT_S = 0.25  # [s] the service takes an executor for gone after two seconds
-STORE_PAUSE_S = 1.0  # [s] without queries after a database did not answer: each may take five seconds
+BEAT_S = 0.25  # [s] the service considers an executor gone after two seconds
+STORE_PAUSE_S = 1.0  # [s] without queries after one has failed: each may take five seconds
 STREAM_END_S = 30.0  # [s] longest wait for an aborted streaming process
 HARMLESS = ("completed", "refused")  # outcomes that latch no fault; neither does an abort that ended in order
 
@@ -28,7 +28,7 @@ T = TypeVar("T")
 
 
 class Heartbeat(threading.Thread):
-    """Reports to the store several times a second that this executor lives, with the robot's live state.
+    """Reports to the store several times a second that this executor is alive, with the robot's live state.
 
     A thread with a dashboard connection of its own: verifying a plan takes seconds.
     """

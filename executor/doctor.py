@@ -22,14 +22,14 @@ from planner.cell import Cell
 DURATION_S = 10.0  # [s] of wake-ups
 LINK_S = 5.0  # [s] of packages
 LATE_S = 1e-3  # [s] a wake-up later than half an e-Series tick may miss it
-GOOD_SHARE, BAD_SHARE = 0.95, 0.90  # [-] of ticks in time; source: libfranka, communication_test (faults.md, 1.1)
+GOOD_SHARE, BAD_SHARE = 0.95, 0.90  # [-] of ticks in time; source: libfranka's communication_test
 GAP_MAX_S = 0.020  # [s] a gap after which the stream gives up as late
 STAT = Path("/proc/stat")
 STOLEN = 8  # column of a processor's line; source: proc(5)
 ROOT = Path(__file__).parents[1]
 MARKS = {"ok": "ok     ", "warning": "warning", "bad": "BAD    "}
 CODES = {"ok": 0, "warning": 1, "bad": 2}
-VERDICTS = ("fit to stream", "fit for simulation; for a real arm see to the warnings", "unfit to stream")
+VERDICTS = ("fit to stream", "fit for simulation; resolve the warnings before using a real arm", "unfit to stream")
 
 
 @dataclass(frozen=True)
@@ -111,7 +111,7 @@ def grade_jitter(late: list[float], dt: float) -> DoctorFinding:
     share = sum(x < min(LATE_S, dt / 2.0) for x in late) / len(late)
     p50, p99, most = (ordered[min(len(late) - 1, int(p * len(late)))] * 1e6 for p in (0.5, 0.99, 1.0))
     text = f"wake-ups late by {p50:.0f} us (p50), {p99:.0f} us (p99), {most:.0f} us (max); {share:.2%} in time"
-    advice = "end other programs, wire the network, set the performance governor"
+    advice = "end other programs, use a wired network, set the performance governor"
     if share < BAD_SHARE or most > 2.0 * GAP_MAX_S * 1e6:
         return DoctorFinding("jitter", "bad", text, advice)
     if share < GOOD_SHARE or most > GAP_MAX_S * 1e6:
@@ -136,7 +136,7 @@ def _kernel() -> DoctorFinding:
 
 
 def _link(cell: Cell, duration_s: float) -> DoctorFinding:
-    advice = "is the controller on, its address right, and only one cable in between?"
+    advice = "check that the controller is on, that its address is right, and that one cable connects it directly"
     try:
         stamps = receive_timestamps(cell.link.host, cell.robot.sample_rate_hz, duration_s)
     except (OSError, ValueError) as error:

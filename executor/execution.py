@@ -13,7 +13,7 @@ from executor.preflight import ExecutionRefused, session_refusals, verify_plan
 from executor.preparation import prepare_job
 from executor.robot import RobotSession
 from executor.stream_job import StreamJob
-from executor.streaming.safety import EMERGENCY_BITS, NORMAL
+from executor.streaming.state_checks import EMERGENCY_BITS, NORMAL
 from executor.supervision import StreamRun
 from planner.approach import find_approach
 from planner.certificate import release_flight
@@ -56,11 +56,13 @@ class Execution:
             raise ExecutionRefused("; ".join(reasons))
         state = session.monitor.fresh()
         if state is None:
-            raise ExecutionRefused("the controller fell silent")
+            raise ExecutionRefused("the controller stopped sending its state")
         pace = session.settings.approach_pace
         approach, obstacle = find_approach(cell, np.array(state.q), self.trajectory.q[0], pace)
         if approach is None:
-            raise ExecutionRefused(f"no approach to the plan's start keeps clear: {obstacle}")
+            raise ExecutionRefused(
+                f"no collision-free approach to the plan's start was found; a straight move would hit {obstacle}"
+            )
         if approach.trajectory is not None:
             duration_s = approach.trajectory.duration_s
             self.note(f"planned approach of {duration_s:.1f} s: a straight move would hit {obstacle}")

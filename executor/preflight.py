@@ -9,7 +9,7 @@ import orjson
 from numpy.typing import NDArray
 
 from executor.robot import RobotSession, RobotState
-from executor.streaming.safety import NORMAL, SAFETY_WORDS
+from executor.streaming.state_checks import NORMAL, SAFETY_WORDS
 from planner.cell import Cell
 from planner.certificate import certify
 from planner.errors import PlannerError
@@ -32,7 +32,7 @@ ROBOT_MODES = {
     6: "in backdrive",
     8: "updating its firmware",
 }
-REST_RAD_S = 0.01  # [rad/s] faults.md C6: an arm this slow counts as at rest
+REST_RAD_S = 0.01  # [rad/s] an arm this slow counts as at rest; above the noise of a measured joint speed
 PAYLOAD_KG = 0.05  # [kg] accepted difference of the controller's payload from the tool, or tool and object
 TCP_M, TCP_RAD = 1e-3, 5e-3  # [m, rad] accepted difference of its tool centre point: a millimetre at the object
 SPEED = 1e-3  # [-] accepted difference of the speed slider from 1: rounding only
@@ -48,12 +48,14 @@ def verify_plan(document: bytes, cell: Cell) -> tuple[ThrowProblem, Trajectory]:
     Raises:
         ExecutionRefused: the plan is for another cell file, cannot be read, or fails its certificate.
     """
-    plan = orjson.loads(document)
-    if plan["cell"] != cell.name or plan["cell_sha256"] != cell.sha256:
-        raise ExecutionRefused(f"the plan was made for another version of the cell {plan['cell']!r}: plan again")
     try:
+        plan = orjson.loads(document)
+        if plan["cell"] != cell.name or plan["cell_sha256"] != cell.sha256:
+            raise ExecutionRefused(f"the plan was made for another version of the cell {plan['cell']!r}: plan again")
         problem, trajectory = plan_from_document(plan, cell)
-    except (PlannerError, KeyError) as error:
+    except KeyError as error:
+        raise ExecutionRefused(f"the plan cannot be read: it has no {error}") from error
+    except (PlannerError, TypeError, orjson.JSONDecodeError) as error:
         raise ExecutionRefused(f"the plan cannot be read: {error}") from error
     certificate = certify(problem, trajectory)
     if not certificate.valid:

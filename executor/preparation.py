@@ -21,12 +21,12 @@ Vector = NDArray[np.float64]
 
 LEAD_IN_S = 0.020  # [s] at rest before the plan begins: the stream is running smoothly by then
 SETTLE_S = 0.060  # [s] at rest after it: the measured motion, one lag behind, comes to its end
-FEEDBACK_GAIN = 5.0  # [1/s] with a lag of 20 ms the loop's phase is 0.1 rad: far from ringing (rtde.md, section 11)
+FEEDBACK_GAIN = 5.0  # [1/s] with a lag of 20 ms the loop loses 0.1 rad of phase: far from ringing
 FEEDBACK_MAX = 0.05  # [rad/s] bound of the correction
 TRACKING_MAX_RAD = 0.05  # [rad] 20 times the error of a gap of 10 ms at 15 rad/s^2
 APPROACH_BRAKE_EVERY = 5  # [rows] at 1 rad/s and 500 Hz 1 cm of motion; saves a second of preparation
 SILENT_S = 0.100  # [s] the daemon's pulse comes every 5 ms; this long without one it is frozen or dead
-SILENT_ORDINARY_S = 0.250  # [s] without real-time scheduling a busy machine makes gaps of 100 ms (rtde.md, section 11)
+SILENT_ORDINARY_S = 0.250  # [s] without real-time scheduling gaps of 20 to 100 ms were measured on a busy machine
 
 
 @dataclass(frozen=True)

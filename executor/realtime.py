@@ -36,7 +36,7 @@ PROCESSORS, QUOTA = Path("/proc/cpuinfo"), Path("/sys/fs/cgroup/cpu.max")
 
 
 def default_core(environment: Mapping[str, str]) -> int:
-    """Returns the stream's processor: the one of the environment, by default the highest available one.
+    """Returns the stream's processor: the one set in the environment, by default the highest available one.
 
     Interrupts and planner processes gather on the low ones.
     """
@@ -139,7 +139,7 @@ def _schedule_threads(policy: int, priority: int) -> None:
             os.sched_setscheduler(int(thread), policy, os.sched_param(priority))
 
 
-# Memory, and what a thread did with its time
+# Memory, and the time a thread sleeps or waits for a processor
 
 
 def freeze_memory() -> None:

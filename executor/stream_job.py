@@ -32,7 +32,7 @@ class JobRows:
         first_clock_s: plan time of row 0 [s]; row m is at first_clock_s + m dt.
         q, qd, qdd: rows (M, 6) of the motion [rad, rad/s, rad/s^2].
         reference_q, reference_qd: rows (M, 6) one lag earlier: the expected measurement when row m is sent.
-        brake_row: for every row the first row from which the certified brake may start.
+        brake_row: for every row the first row from which a verified brake starts.
         brake_ticks: for every row the duration of the brake from there [ticks].
     """
 

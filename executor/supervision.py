@@ -1,4 +1,4 @@
-"""Supervision of the streaming process: watched from a thread of its own, and stopped whatever becomes of it.
+"""Supervision of the streaming process, from a thread of its own that stops it whatever happens.
 
 A separate thread, so that a slow database never delays the pulse. Unless the process ends at rest and in order, the
 controller is stopped over the dashboard, and the process is killed and reaped.
@@ -30,10 +30,10 @@ from executor.stream_job import OUTCOMES, StreamJob
 PERIOD_S = 0.005  # [s] of the pulse
 SPARE_ROWS = 1000  # room for a brake that is longer than the rest of the plan
 LIMIT_S = {  # longest silence in each state [s]
-    shm.STARTING: 15.0,  # a refused program takes the library 5 s, a silent dashboard 2.5 s (rtde.md, section 10)
+    shm.STARTING: 15.0,  # a refused program takes the library 5 s, a silent dashboard 2.5 s (ur_rtde 1.6.5)
     shm.CONNECTED: 1.0,
     shm.APPROACHING: 0.25,
-    shm.STREAMING: 0.1,  # the process itself gives up after 40 ms; the controller's watchdog after 50
+    shm.STREAMING: 0.1,  # the process gives up after 40 ms, the controller's watchdog after 25 (50 without real time)
     shm.BRAKING: 0.1,
     shm.STOPPING: 5.0,  # speedStop and stopScript wait for the controller
     shm.DONE: 1.0,
@@ -56,7 +56,7 @@ class ChildProcess(subprocess.Popen[bytes]):
             super().__init__(command, pass_fds=descriptors, stdin=subprocess.DEVNULL, stdout=stream, stderr=stream)
         try:
             self._descriptor = os.pidfd_open(self.pid)
-        except OSError:  # a kernel before 5.3: a child whose end goes unnoticed must not live
+        except OSError:  # a kernel before 5.3: without a notice of its end, the child must not run
             self.kill()
             self.wait()
             raise
@@ -65,7 +65,7 @@ class ChildProcess(subprocess.Popen[bytes]):
 
     @property
     def was_killed(self) -> bool:
-        """Whether a signal ended it that no library raises."""
+        """Whether it was ended by a signal that no library raises."""
         return self.poll() in EXTERNAL_SIGNALS
 
     def ends_within(self, duration_s: float) -> bool:
@@ -168,7 +168,7 @@ class StreamRun:
         os.close(job_fd)
 
     def _watch(self) -> str:
-        """Returns when the process has ended, hangs or is frozen; the text says how, empty if it ended in order."""
+        """Returns a reason once the process has ended, hangs or is frozen; empty if it ended in order."""
         child, fields = self._child, self.memory.fields
         assert child is not None
         since, state = time.monotonic(), shm.STARTING

@@ -44,7 +44,7 @@ PLANTED = {
     "sql-in-store": ("executor/daemon.py", "sqlalchemy"),
     "simulator-alone": ("executor/daemon.py", "executor.simulator.interfaces"),
     "executor-levels": ("executor/realtime.py", "executor.settings"),
-    "executor-streaming-levels": ("executor/streaming/safety.py", "executor.streaming.loop"),
+    "executor-streaming-levels": ("executor/streaming/state_checks.py", "executor.streaming.loop"),
     "executor-robot-levels": ("executor/robot/dashboard.py", "executor.robot.session"),
     "executor-records-levels": ("executor/records/journal.py", "executor.records.metrics"),
     "streaming-alone": ("executor/shared_memory.py", "numpy"),

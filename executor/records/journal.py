@@ -87,7 +87,7 @@ class Journal:
 
     def deliver(self, store: Store) -> int:
         """Delivers every kept result to the store and deletes it; returns the number left."""
-        with contextlib.suppress(StoreUnavailable):  # the database is gone: later
+        with contextlib.suppress(StoreUnavailable):  # the database is unavailable: delivered later
             while self._results:
                 deliver(store, self._results[0])
                 del self._results[0]

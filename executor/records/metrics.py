@@ -19,9 +19,9 @@ from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
 
-RELEASE_SHARE = 0.005  # [-] accepted release error, share of the fastest planned joint speed: issue 5; 1 % was 27 mm
+RELEASE_SHARE = 0.005  # [-] accepted release error, share of the fastest planned joint speed; 1 % was 27 mm off
 RELEASE_NOISE_RAD_S = 0.01  # [rad/s] scatter of a measured joint speed
-LANDING_SHIFT_M = 0.005  # [m] accepted shift of the landing by a late gripper command: issue 5
+LANDING_SHIFT_M = 0.005  # [m] accepted shift of the landing by a late gripper command: `late` in docs/executor.md
 
 
 def metrics(

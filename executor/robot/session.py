@@ -160,7 +160,7 @@ class RtdeReceiver:
             size, found = struct.unpack_from(">HB", self.buffer)
             body, self.buffer = self.buffer[3:size], self.buffer[size:]
             if size < 3:
-                raise ValueError("a package without a header")
+                raise ValueError("the controller sent a package shorter than its header")
             if found == kind:
                 return body
 

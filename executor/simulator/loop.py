@@ -45,7 +45,7 @@ class SimulatorLoop:
             simulation.network.close()
 
     def _serve_until_due(self) -> None:
-        """Serves the sockets until the cycle is due; at least once, so that a late loop still hears its clients."""
+        """Serves the sockets until the cycle is due; at least once, so that a late loop still serves its clients."""
         network, pacing, now = self.simulation.network, self.simulation.pacing, time.monotonic()
         while self.running:
             readable = select.select(network.sockets, (), (), pacing.sleep_s(now))[0]

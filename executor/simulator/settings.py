@@ -46,7 +46,7 @@ class SimulatorSettings:
     first_order_s: float = 0.002  # chosen: first-order part of the lag; the rest of sim.lag_s is a pure delay
     position_noise_rad: float = 5e-6  # chosen: standard deviation of the measured joint position
     velocity_noise_rad_s: float = 5e-4  # chosen: standard deviation of the measured joint speed
-    program_start_s: float = 0.05  # chosen: from the upload to "playing"; rtde.md §3 measured the client with it
+    program_start_s: float = 0.05  # chosen: from the upload to "playing"; ur_rtde waits up to 5 s for it
     protective_stop_lock_s: float = 5.0  # source: UR dashboard manual, "Cannot unlock ... until 5s after occurrence"
     protective_stop_runtime: str = "paused"  # source: UR forum 6634: the program is paused
     joint_speed_tolerance_rad_s: float = 0.192  # source: UR user manual, safety limits: 191 deg/s for a 180 deg/s joint

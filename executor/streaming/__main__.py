@@ -13,7 +13,7 @@ from executor.stream_job import OUTCOMES, StreamJob
 from executor.streaming.approach import approach
 from executor.streaming.loop import Stream
 from executor.streaming.rtde_connection import RtdeConnection
-from executor.streaming.safety import StopRequests, StreamFault
+from executor.streaming.state_checks import StopRequests, StreamFault
 
 
 def run(

@@ -7,10 +7,10 @@ from executor.stream_job import StreamJob
 from executor.streaming.clock import ControllerClock
 from executor.streaming.loop import Stream
 from executor.streaming.rtde_connection import RtdeConnection
-from executor.streaming.safety import StopRequests
+from executor.streaming.state_checks import StopRequests
 
 ARRIVED_RAD = 1e-3  # [rad] a controller ends its moves within 1e-4; an encoder resolves 1e-5
-START_RAD = 0.01  # [rad] source: faults.md, C6
+START_RAD = 0.01  # [rad] accepted distance of a planned approach's end from the plan's start: 1 cm at a reach of 1 m
 STANDS_RAD_S = 5e-3  # [rad/s] measured speed of an arm at rest, noise included
 STANDS_TICKS = 10  # [ticks] in a row at rest at the goal
 GRIP_S = 0.3  # [s] for the fingers to close; a two-finger gripper's stroke takes 0.2 to 0.6 s, and the approach follows
@@ -73,8 +73,8 @@ def _follow(connection: RtdeConnection, requests: StopRequests) -> tuple[str, st
     """Waits until a joint move has arrived; returns outcome and reason where it must end early."""
     job = connection.job
     clock = ControllerClock(connection, job.dt)
-    way = _distance(connection.q, job.start)
-    nominal_s = way / job.approach_speed + job.approach_speed / job.approach_acceleration
+    distance = _distance(connection.q, job.start)
+    nominal_s = distance / job.approach_speed + job.approach_speed / job.approach_acceleration
     standing = 0
     while standing < STANDS_TICKS:
         _tick(connection, clock)

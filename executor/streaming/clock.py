@@ -5,11 +5,11 @@ from __future__ import annotations
 from time import monotonic, sleep
 
 from executor.streaming.rtde_connection import RtdeConnection
-from executor.streaming.safety import StreamFault
+from executor.streaming.state_checks import StreamFault
 
 POLL_S = 50e-6  # [s] between two readings of the timestamp
 EARLY_S = 400e-6  # [s] polling begins so long before the next timestamp is due
-STALE_S = 0.040  # [s] without a new timestamp the connection is lost (faults.md, R10)
+STALE_S = 0.040  # [s] without a new timestamp the connection is lost: 20 e-Series ticks; row R10 of docs/executor.md
 REALTIME_BOUNDS = (0.020, 0.10)  # [s] in a row, [-] share of the last hundred ticks; source: libfranka stops there
 ORDINARY_BOUNDS = (0.040, 0.30)  # the same without real-time scheduling, which is for simulated cells
 LINK_SHARE = REALTIME_BOUNDS[1]  # [-] of ticks lost while this thread had its processor, whatever its scheduling
@@ -84,6 +84,12 @@ class LostTicks:
         self.in_a_row = max(3, round(in_a_row_s / dt))
         self.most, self.most_by_link = share * MEMORY_TICKS, LINK_SHARE * MEMORY_TICKS
         self.recent = self.by_link = 0.0
+
+    @property
+    def cause(self) -> str:
+        """Whether the link or this machine lost the recent ticks."""
+        by_link = self.by_link > self.most_by_link or self.by_link >= 0.5 * self.recent
+        return "the link lost them" if by_link else "this machine was busy"
 
     def are_too_many(self, missed: int, delayed_s: float) -> bool:
         """Returns whether the run must end.

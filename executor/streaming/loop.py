@@ -1,6 +1,6 @@
 """The control loop: one tick, one command. Whatever happens, the next command is a valid one or a stop.
 
-The schedule gives the state to command at each tick: the plan's or, once diverted, the certified brake's.
+The schedule gives the state to command at each tick: the plan's or, once diverted, the verified brake's.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from executor import shared_memory as shm
 from executor.stream_job import Row, StreamJob
 from executor.streaming.clock import ControllerClock, LostTicks
 from executor.streaming.rtde_connection import SERVO_CONSTANT_S, RtdeConnection
-from executor.streaming.safety import StopRequests, StreamFault
+from executor.streaming.state_checks import StopRequests, StreamFault
 from planner.brake_profile import brake_weights
 
-WATCHDOG_SHARE = 0.5  # [-] of the watchdog's period: a program that stopped after a gap this long was stopped by it
-POSITION_LIMITS = [2.0 * math.pi] * 6  # [rad] source: UR joint range; the certificate has checked the cell's
+WATCHDOG_SHARE = 0.5  # [-] of the watchdog's period: it stopped a program that ends after a longer gap
+POSITION_LIMITS = [2.0 * math.pi] * 6  # [rad] source: UR joint range; tighter ones are checked by the certificate
 
 
 class Schedule:
@@ -33,7 +33,7 @@ class Schedule:
         self.brake_s = 0.0
 
     def divert(self, row: int) -> None:
-        """Brakes from the first row not before `row` whose brake is certified; only the first call counts."""
+        """Brakes from the first row at or after `row` whose brake is verified; only the first call counts."""
         if self.diverted is not None:
             return
         job = self.job
@@ -60,10 +60,10 @@ class Schedule:
         """Returns q and qd (6,) at `s` [s] after the start of the brake."""
         start = self.diverted or 0
         T = self.brake_s
-        way, bend, speed, lift, _, _ = brake_weights(s / T if T > 0.0 else 1.0)
+        q_per_qd, q_per_qdd, qd_per_qd, qd_per_qdd, _, _ = brake_weights(s / T if T > 0.0 else 1.0)
         q0, qd0, qdd0 = self.job.q[start], self.job.qd[start], self.job.qdd[start]
-        q = [x + T * (way * v + T * bend * a) for x, v, a in zip(q0, qd0, qdd0, strict=True)]
-        return q, [speed * v + T * lift * a for v, a in zip(qd0, qdd0, strict=True)]
+        q = [x + T * (q_per_qd * v + T * q_per_qdd * a) for x, v, a in zip(q0, qd0, qdd0, strict=True)]
+        return q, [qd_per_qd * v + T * qd_per_qdd * a for v, a in zip(qd0, qdd0, strict=True)]
 
 
 class Stream:
@@ -103,7 +103,7 @@ class Stream:
         return self.verdict
 
     def _check(self) -> None:
-        """Checks the controller's state; a program stopped by the watchdog is this machine's lateness."""
+        """Checks the controller's state; after a stop by the watchdog the outcome is `late`."""
         try:
             self.connection.check()
         except StreamFault as fault:
@@ -118,7 +118,8 @@ class Stream:
         if self.schedule.diverted is not None:
             return None
         if self.lost_ticks.are_too_many(self.clock.missed, self.connection.delayed_s):
-            return "late", f"{self.clock.total_missed} ticks missed, {self.clock.missed} in a row"
+            lost = f"{self.clock.total_missed} ticks lost so far, {self.clock.missed} in a row just now"
+            return "late", f"{lost}: {self.lost_ticks.cause}"
         error = max([abs(a - b) for a, b in zip(reference_q, self.connection.q, strict=True)])
         if error > self.job.tracking_max and not self.job.dry_run:
             return "tracking", f"{error:.3f} rad from the plan"
@@ -148,7 +149,7 @@ class Stream:
         return command
 
     def _open_gripper(self, row: int) -> None:
-        """Sends the gripper's output once its row has come."""
+        """Sends the gripper's output at the tick of its row, or at the next one after lost ticks."""
         job = self.job
         if self.output_sent or job.output_row < 0 or row < job.output_row or self.schedule.diverted is not None:
             return

@@ -1,8 +1,8 @@
 """The connection to the controller: the only module that uses ur_rtde.
 
 Every call is checked: an exception, a False, or a call over 5 ms ends the run for good. After a lost connection the
-library returns True for ever, reconnects by itself and resumes (reference: rtde.md, sections 10 to 12). A long call
-counts only if the library slept in it, as it does to reconnect; otherwise the machine stalled.
+library returns True for ever, reconnects by itself and resumes (measured with ur_rtde 1.6.5). A long call counts only
+if the library slept in it, as it does to reconnect; otherwise the machine stalled.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from rtde_receive import RTDEReceiveInterface
 from executor.realtime import RunDelay, sleep_count
 from executor.shared_memory import IN_CALL, REALTIME, SharedMemory
 from executor.stream_job import StreamJob
-from executor.streaming import safety
-from executor.streaming.safety import StreamFault
+from executor.streaming import state_checks
+from executor.streaming.state_checks import StreamFault
 
-CALL_MAX_S = 0.005  # [s] a real-time call takes 30 us, one that reconnects takes 160 ms (rtde.md, section 10)
+CALL_MAX_S = 0.005  # [s] a real-time call takes 30 us, one that reconnects takes 160 ms (ur_rtde 1.6.5)
 WATCHDOG_HZ = 40.0  # [Hz] 25 ms, just above the 20 ms after which the loop itself gives up as late
 WATCHDOG_ORDINARY_HZ = 20.0  # [Hz] 50 ms, just above the 40 ms accepted without real-time scheduling
 VARIABLES = [
@@ -41,7 +41,7 @@ VARIABLES = [
 SERVO_LOOKAHEAD_S = 0.03  # source: URScript manual, servoj, the smallest lookahead time
 SERVO_GAIN = 500.0  # source: URScript manual, servoj, between its 100 and 2000; the time constant is then two CB3 ticks
 SERVO_CONSTANT_S = SERVO_LOOKAHEAD_S * 300.0 / SERVO_GAIN  # [s] at gain 300 the lookahead time is the time constant
-REST_RAD_S = 0.01  # [rad/s] source: faults.md, C6; above the noise of a measured joint speed
+REST_RAD_S = 0.01  # [rad/s] an arm this slow counts as at rest; above the noise of a measured joint speed
 REST_WITHIN_S = 1.0  # [s] longest wait for the measured rest at the end
 STOP_DECELERATION = 20.0  # [rad/s^2] of the final speedStop, where only rounding is left to stop
 
@@ -121,8 +121,8 @@ class RtdeConnection:
         Raises:
             StreamFault: the controller is not in normal operation.
         """
-        runtime = safety.PLAYING if self.control is None else self.runtime_state
-        safety.check_state(self.safety_bits, runtime, self.scaling)
+        runtime = state_checks.PLAYING if self.control is None else self.runtime_state
+        state_checks.check_state(self.safety_bits, runtime, self.scaling)
 
     def move(self, q: list[float]) -> None:
         """Starts a straight joint move to `q` (6,) [rad] and returns at once."""
@@ -136,7 +136,7 @@ class RtdeConnection:
             self.control.stopJ(self.job.approach_acceleration)
 
     def arm_watchdog(self) -> None:
-        """Makes the controller stop the program once commands stay out; later calls have no effect."""
+        """Makes the controller stop the program once commands stop arriving; later calls have no effect."""
         if self.armed:
             return
         self.armed = True
@@ -147,13 +147,13 @@ class RtdeConnection:
 
     def speed(self, qd: list[float]) -> None:
         """Sends joint speeds (6,) [rad/s] for the next tick."""
-        safety.check_command(qd, self.job.qd_max)
+        state_checks.check_command(qd, self.job.qd_max)
         if self.control is not None:
             self._command("speedJ", self.control.speedJ, qd, self.job.acceleration, self.job.dt)
 
     def servo(self, q: list[float], limits: list[float]) -> None:
-        """Sends joint positions (6,) [rad] for the next tick; `limits` as for `safety.check_command`."""
-        safety.check_command(q, limits)
+        """Sends joint positions (6,) [rad] for the next tick; `limits` as for `state_checks.check_command`."""
+        state_checks.check_command(q, limits)
         if self.control is not None:
             self._command("servoJ", self.control.servoJ, q, 0.0, 0.0, self.job.dt, SERVO_LOOKAHEAD_S, SERVO_GAIN)
 
@@ -215,7 +215,8 @@ class RtdeConnection:
 def set_no_delay() -> int:
     """Sets TCP_NODELAY on every TCP socket of this process; returns their number.
 
-    ur_rtde sets it on a socket that its connect then closes and reopens (reference: rtde.md, section 2).
+    ur_rtde 1.6.5 sets it on a socket that its connect then closes and reopens. Without it, the last of four outputs
+    arrived up to 43 ms late.
     """
     count = 0
     for name in os.listdir("/proc/self/fd"):

@@ -99,3 +99,8 @@ class TestPlan:
     def test_a_plan_without_its_samples_is_refused(self, prepared: Prepared, document: dict) -> None:
         with pytest.raises(ExecutionRefused, match="cannot be read"):
             verify_plan(orjson.dumps({k: v for k, v in document.items() if k != "trajectory"}), prepared.cell)
+
+    @pytest.mark.parametrize(("document", "word"), [(b"{}", "no 'cell'"), (b"[]", "be read"), (b"{", "be read")])
+    def test_a_document_that_is_no_plan_is_refused(self, prepared: Prepared, document: bytes, word: str) -> None:
+        with pytest.raises(ExecutionRefused, match=word):
+            verify_plan(document, prepared.cell)

@@ -1,4 +1,7 @@
-"""Refusals and recoveries of the daemon, with real processes."""
+"""Refusals and recoveries of the daemon, with real processes.
+
+H numbers are rows of the table of faults in docs/executor.md.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The fault matrix of the robot's side: outcome, rest, no unwanted release, and recovery after acknowledgement."""
+"""The fault matrix of the robot's side: outcome, rest, no unwanted release, and recovery after acknowledgement.
+
+R and H numbers are rows of the table of faults in docs/executor.md.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Processes that die or freeze in mid-launch and at the release: at rest, recorded, no orphan left."""
+"""Processes that die or freeze in mid-launch or at the release: the arm stops, the run is recorded, no orphan is left.
+
+H numbers are rows of the table of faults in docs/executor.md.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +18,7 @@ import pytest
 
 from tests.system.rig import FAST_RAD_S, LOB, NUDGE, ROOT, Rig
 
-REST_S = 0.150  # [s] of the controller's time from the kill to rest: issue 5
+REST_S = 0.150  # [s] of the controller's time from the kill to rest: rows H1 and H2 of docs/executor.md
 LANDED_S = 1.5  # [s] after the arm has come to rest: the object has landed, and the result exists
 FULL_AT_BYTES = 1000  # [bytes] limit of every file; written data stays
 ORPHANS_GONE_S = 10.0  # [s] within which planner processes follow their service

@@ -78,7 +78,7 @@ class CyclePacing:
     """Grid of due times of the controller cycles.
 
     Attributes:
-        due: begin of the next cycle [s, monotonic].
+        due: beginning of the next cycle [s, monotonic].
         lost: time lost in this cycle so far, in computing its state and in late wake-ups [s].
         lateness: delays of the beginnings of cycles.
         slips: slips of the grid.
@@ -109,7 +109,7 @@ class CyclePacing:
             self._slip(now + RECOVERY_CYCLES * self.dt if awaits_answer and self.is_real_time else now)
 
     def cycle_begun(self, now: float) -> None:
-        """Registers the begin of a cycle."""
+        """Registers the beginning of a cycle."""
         self.lateness.add(now - self.due)
 
     def state_sent(self, now: float) -> None:

@@ -110,7 +110,7 @@ class Connection:
 
 
 class ConnectionHandler:
-    """Handles the connections of a port; by default the client speaks first and nothing is kept of it."""
+    """Handles the connections of a port; by default nothing happens when one opens or ends."""
 
     def opened(self, connection: Connection) -> None:
         """Handles a new connection."""

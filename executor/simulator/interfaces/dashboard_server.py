@@ -1,6 +1,6 @@
 """The dashboard port: one line in, one line out.
 
-Source: Universal Robots, "Dashboard Server e-Series"; ur_rtde compares the answers word for word (rtde.md §9).
+Source: Universal Robots, "Dashboard Server e-Series"; ur_rtde 1.6.5 compares some answers word for word.
 """
 
 from __future__ import annotations

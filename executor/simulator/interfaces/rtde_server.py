@@ -81,7 +81,7 @@ class RtdeServer(ConnectionHandler):
         self.sessions[connection] = RtdeSession(connection)
 
     def closed(self, connection: Connection) -> None:
-        """Ends the session; its input variables are free."""
+        """Ends the session and frees its input variables."""
         session = self.sessions.pop(connection, None)
         if session:
             self.owners.release(session)

@@ -46,7 +46,7 @@ _INPUTS = {
     "standard_analog_output_type",
     VECTOR6D: "external_force_torque",
 }
-SINCE = {  # variable -> generation -> first version that has it; source: rtde.md §4
+SINCE = {  # variable -> generation -> first version that has it; source: what ur_rtde 1.6.5 requests
     "ft_raw_wrench": {5: (5, 9)},
     "payload": {3: (3, 11), 5: (5, 5)},
     "payload_cog": {3: (3, 11), 5: (5, 5)},

@@ -62,7 +62,7 @@ class Arm:
             self.q, self.qd, self.qdd = self.before  # both commands are void; the arm brakes
             raise MotionConflict
         if not math.isfinite(sum(q) + sum(qd)):
-            raise ValueError("a motion that is not finite")
+            raise ValueError("the commanded motion is not finite")
         self.before = self.q, self.qd, self.qdd
         self._set(q, qd)
 

@@ -66,7 +66,8 @@ class World:
     def release(self, number: int, at_s: float, state: State, now_s: float) -> None:
         """Releases object `number` with `state` at `at_s` [s], and advances its flight to `now_s` [s]."""
         record = {"object": number, "t": at_s, "position_m": list(state[:3]), "velocity_m_s": list(state[3:])}
-        self.releases = [*self.releases[-RECORDS_MAX:], record]
+        self.releases.append(record)
+        del self.releases[:-RECORDS_MAX]
         flight = FlyingObject(number, state)
         self.flights.append(flight)
         self._fly(flight, at_s, now_s - at_s)
@@ -123,7 +124,8 @@ class World:
             "surface": surface.name,
             "bounce": flight.bounces,
         }
-        self.landings = [*self.landings[-RECORDS_MAX:], record]
+        self.landings.append(record)
+        del self.landings[:-RECORDS_MAX]
         up = -self.restitution * vz
         if up < BOUNCE_SPEED_MIN or flight.bounces >= BOUNCES_MAX:
             self.flights.remove(flight)

@@ -159,5 +159,5 @@ def _waypoint(match: tuple[str, ...]) -> Waypoint:
     except ValueError as error:
         raise ProgramError(f"path: {error}") from error
     if len(target) != 6:
-        raise ProgramError(f"path: {len(target)} numbers where six belong")
+        raise ProgramError(f"path: {len(target)} numbers instead of six")
     return point

@@ -86,7 +86,7 @@ def _servo_stop(program: ControlProgram) -> Thread:
 
 
 def _stop_move(program: ControlProgram) -> Thread | None:
-    """stopL and stopJ: the script goes by its stop type, not by the command."""
+    """Stops whichever of stopL and stopJ was sent: by stopj, but by stopl from the first asynchronous stop on."""
     if program.kill("stop"):
         program.progress(-1)
     else:

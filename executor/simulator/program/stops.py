@@ -1,4 +1,4 @@
-"""Stops that no program commands: protective, safeguard and emergency stop, loss of power; and recovery from them."""
+"""Stops from outside the program: protective, safeguard and emergency stop, loss of power; and recovery from them."""
 
 from __future__ import annotations
 
@@ -65,6 +65,6 @@ class Stops:
         return True
 
     def restart_safety(self) -> None:
-        """Restarts the safety system: the power goes, and so does the cause of a stop."""
+        """Restarts the safety system: the arm loses power, and the cause of a stop is removed."""
         self.power_loss()
         self.safety.clear()

@@ -14,7 +14,7 @@ class ProgramError(Exception):
 
 
 class SuddenTargetChange(Exception):
-    """A target so far off that following it would exceed the joint speed limit: a protective stop."""
+    """A target so far away that reaching it would exceed the joint speed limit; causes a protective stop."""
 
 
 class Program:

@@ -1,4 +1,4 @@
-"""Telemetry, recording and metrics of a run made up from its plan."""
+"""Telemetry, recording and metrics of an artificial run, computed from its plan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The real ur_rtde client under faults, in a process of its own: it may hang or crash (rtde.md §10).
+"""The real ur_rtde client under faults, in a process of its own: it may hang or crash.
 
 `python fault_client.py HOST SCENARIO` streams speedJ, causes the fault and prints the client's observations as JSON.
 """

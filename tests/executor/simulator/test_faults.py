@@ -1,4 +1,4 @@
-"""Each fault as the real ur_rtde client sees it (rtde.md §10), and the decelerations inside.
+"""Each fault as the real ur_rtde client sees it, and the arm's decelerations.
 
 Each scenario runs the client in its own process, because it may hang or crash; several run at once.
 """

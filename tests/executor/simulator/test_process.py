@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-from executor.realtime import default_core
+from executor.realtime import default_core, is_permitted
 
 from .conftest import ROOT, Start, cell_text
 
@@ -62,7 +62,7 @@ def test_a_strict_clock_catches_up_after_a_stop(start_simulator: Start):
     assert after["t"] - before["t"] == pytest.approx(passed, abs=READ_WITHIN_S)
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="real-time priority needs permission")
+@pytest.mark.skipif(not is_permitted(), reason="real-time priority needs permission")
 def test_priority_and_processor_are_taken_as_requested(start_simulator: Start):
     core = min(os.sched_getaffinity(0))
     simulator = start_simulator(options=("--priority", "1", "--core", str(core)))

@@ -8,7 +8,7 @@ from itertools import chain, repeat
 import pytest
 
 from executor.streaming.clock import ControllerClock, LostTicks
-from executor.streaming.safety import StreamFault
+from executor.streaming.state_checks import StreamFault
 
 DT = 0.002
 
@@ -93,3 +93,17 @@ def test_ticks_lost_by_the_link_are_judged_alike_with_and_without_real_time() ->
 def test_ticks_lost_for_want_of_a_processor_are_borne_without_real_time() -> None:
     assert lost_until_late(True, 4, DT) is not None
     assert lost_until_late(False, 4, DT) is None
+
+
+@pytest.mark.parametrize(("delayed_s", "cause"), [(0.0, "the link lost them"), (20 * DT, "this machine was busy")])
+def test_who_lost_the_ticks_is_named(delayed_s: float, cause: str) -> None:
+    lost = LostTicks(DT, realtime=True)
+    assert lost.are_too_many(20, delayed_s)
+    assert lost.cause == cause
+
+
+def test_the_link_is_named_where_its_own_bound_ends_the_run() -> None:
+    lost = LostTicks(DT, realtime=False)
+    assert not lost.are_too_many(15, 15 * DT)
+    assert lost.are_too_many(11, 0.0)
+    assert lost.cause == "the link lost them"

@@ -7,7 +7,7 @@ from executor.simulator.physics.dynamics import JointTorques
 from planner.dynamics import Payload, joint_torques
 from planner.robots import ROBOT_NAMES, robot
 
-EXACT = 1e-11  # [N m] two ways to the same sums of products differ by rounding alone
+EXACT = 1e-11  # [N m] two orders of the same sums of products differ by rounding alone
 
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)

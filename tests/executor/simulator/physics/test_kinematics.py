@@ -11,7 +11,7 @@ from planner.robots import ROBOT_NAMES, robot
 from planner.rotations import rotation_vector_to_matrix
 
 TOOL = scalar.transform([0.01, -0.02, 0.17, 0.1, 0.2, -0.3])
-EXACT = 1e-12  # [m, rad, m/s] two ways to the same sums of products differ by rounding alone
+EXACT = 1e-12  # [m, rad, m/s] two orders of the same sums of products differ by rounding alone
 ANGLES = st.lists(st.floats(-3.0, 3.0), min_size=6, max_size=6)
 
 
@@ -56,7 +56,7 @@ def test_newton_finds_the_pose_again(q, step):
     chain = scalar.KinematicChain(robot("ur5e"))
     goal = chain.forward(q, TOOL)
     found = chain.solve(goal, [a + b for a, b in zip(q, step, strict=True)], TOOL)
-    if found is not None:  # next to a singularity Newton may give up; the caller then asks the closed form
+    if found is not None:  # next to a singularity Newton's method may fail; the caller then uses the closed form
         assert max(map(abs, scalar.pose_error(goal, chain.forward(found, TOOL)))) < 1e-9
 
 

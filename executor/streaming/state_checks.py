@@ -69,10 +69,10 @@ def check_command(values: list[float], limits: list[float]) -> None:
         StreamFault: it is not; this is a bug, and nothing more is sent.
     """
     if len(values) != 6:
-        raise StreamFault("aborted", f"a command of {len(values)} numbers")
-    for value, limit in zip(values, limits, strict=True):
+        raise StreamFault("aborted", f"bug in Fling: a command has {len(values)} numbers, not 6")
+    for joint, (value, limit) in enumerate(zip(values, limits, strict=True), 1):
         if not -limit <= value <= limit:  # also false for NaN
-            raise StreamFault("aborted", f"a command of {value!r} exceeds its limit of {limit!r}")
+            raise StreamFault("aborted", f"bug in Fling: joint {joint} was commanded {value:.5g}, limit {limit:.5g}")
 
 
 class StopRequests:

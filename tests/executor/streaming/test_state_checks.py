@@ -13,7 +13,7 @@ from collections.abc import Iterator
 import pytest
 
 from executor.shared_memory import ABORT, DAEMON_PULSE, SharedMemory
-from executor.streaming.safety import StopRequests, StreamFault, check_command, check_state
+from executor.streaming.state_checks import StopRequests, StreamFault, check_command, check_state
 
 LIMITS = [3.0] * 6
 SILENT_S = 0.1
@@ -49,13 +49,13 @@ def test_anything_else_ends_the_run(bits: int, runtime: int, scaling: float, out
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 3.0001, -3.0001])
 def test_a_command_out_of_bounds_is_never_sent(bad: float) -> None:
-    with pytest.raises(StreamFault):
+    with pytest.raises(StreamFault, match=r"bug in Fling: joint 3 was commanded .*, limit 3"):
         check_command([0.0, 0.0, bad, 0.0, 0.0, 0.0], LIMITS)
 
 
 @pytest.mark.parametrize("count", [0, 5, 7])
 def test_a_command_of_another_length_is_never_sent(count: int) -> None:
-    with pytest.raises(StreamFault):
+    with pytest.raises(StreamFault, match=f"bug in Fling: a command has {count} numbers, not 6"):
         check_command([0.0] * count, LIMITS)
 
 
