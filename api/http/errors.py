@@ -21,7 +21,7 @@ from planner.errors import BackendUnavailable, CellError, Infeasible, InvalidPro
 from store import CellBusy, KeyTaken, StoreUnavailable, UnknownExecution, UnknownPlan
 
 MEDIA_TYPE = "application/problem+json"
-BODY_LIMIT_BYTES = 1_000_000  # [byte] a request has a few hundred; source: the contract's 1 MB
+BODY_LIMIT_BYTES = 1_000_000  # [byte] far above the few hundred bytes of a request
 BODY_TOO_LARGE = f"the body is larger than {BODY_LIMIT_BYTES} bytes"
 UNION_TAGS = {"float", "int", "pose", "point", "joint", "target", "body"}  # of unions, in pydantic's error locations
 

@@ -15,7 +15,7 @@ import pytest
 
 from tests.system.rig import FAST_RAD_S, LOB, NUDGE, ROOT, Rig
 
-REST_S = 0.150  # [s] of the controller's time from the kill to rest: issue 5
+REST_S = 0.150  # [s] longest time from the kill to rest, on the controller's clock
 LANDED_S = 1.5  # [s] after the arm has come to rest: the object has landed, and the result exists
 FULL_AT_BYTES = 1000  # [bytes] limit of every file; written data stays
 ORPHANS_GONE_S = 10.0  # [s] within which planner processes follow their service

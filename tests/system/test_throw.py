@@ -18,7 +18,7 @@ from mcap.reader import make_reader
 from executor.robot import simulator_client
 from tests.system.rig import LOB, NUDGE, Rig, rows_of
 
-LANDING_M = 0.005  # [m] issue 5
+LANDING_M = 0.005  # [m] largest landing error in the simulator
 RELEASE_SHARE = 0.005  # [-] of the planned joint speed
 STALLS, STALL_S = 4, 0.015  # [s] each: as a virtual machine's host makes them
 STOPPED = ("late", "link_lost", "tracking")  # ends of a throw on a busy machine without real-time scheduling
