@@ -1,4 +1,4 @@
-"""The structure of the project: import contracts hold and bite, modules stay short, names are unique and current."""
+"""The structure of the project: import contracts hold, and fail when broken; short modules, unique, current names."""
 
 from __future__ import annotations
 
