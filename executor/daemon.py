@@ -57,7 +57,7 @@ class Heartbeat(threading.Thread):
                 self.store.clear_acknowledge(cell.name)
             robot = robot_document(session.monitor.fresh(), self._refusals)
             fault, read_only = self.journal.fault(), session.settings.read_only
-            self.store.beat(cell.name, self.executor_id, cell.link.kind, robot, fault, read_only)
+            self.store.record_heartbeat(cell.name, self.executor_id, cell.link.kind, robot, fault, read_only)
         except StoreUnavailable:
             return
 

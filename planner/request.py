@@ -8,7 +8,7 @@ limit; all refusals are reported together.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -34,6 +34,32 @@ LIMIT_FIELDS = {
     "acceleration": ("qdd_max", "rad/s^2"),
     "jerk": ("jerk_max", "rad/s^3"),
 }
+REQUEST_FIELDS = (
+    "cell",
+    "start",
+    "release",
+    "frame",
+    "backend",
+    "limits",
+    "singularity_distance_min",
+    "release_window_s",
+    "landing_tolerance_m",
+    "time_limit_s",
+)
+RELEASE_FIELDS = {  # by kind
+    "pose": ("kind", "pose", "twist"),
+    "point": ("kind", "position", "velocity"),
+    "joint": ("kind", "positions", "velocities"),
+    "target": (
+        "kind",
+        "position",
+        "max_release_speed_m_s",
+        "min_elevation_rad",
+        "max_elevation_rad",
+        "min_horizontal_distance_m",
+        "release_position",
+    ),
+}
 
 
 def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem:
@@ -47,6 +73,7 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
         InvalidProblem: every refused field with its reason.
     """
     fields = _Fields(request)
+    fields.refuse_unknown(REQUEST_FIELDS)
     start = _start(fields, cell)
     limits = _limits(fields, cell.limits)
     release = _release(fields, cell)
@@ -132,6 +159,12 @@ class _Fields:
         """Records that a field is refused."""
         self.errors.append(FieldError(self.path + key, reason))
 
+    def refuse_unknown(self, known: Collection[str]) -> None:
+        """Records every field that is not one of the `known` ones as refused."""
+        for key in self.values:
+            if key not in known:
+                self.refuse(str(key), f"unknown; known are {', '.join(known)}")
+
     def vector(self, key: str, size: int) -> Array:
         """Returns a list of finite numbers as a read-only array (size,), zeros where it is refused."""
         value = self.get(key)
@@ -164,7 +197,9 @@ def _start(request: _Fields, cell: Cell) -> Array:
     if not isinstance(start, Mapping) or "positions" not in start:
         request.refuse("start", 'must be {"positions": [6]} or {"current": true}')
         return cell.home
-    return request.nested("start").vector("positions", 6)
+    fields = request.nested("start")
+    fields.refuse_unknown(("positions",))
+    return fields.vector("positions", 6)
 
 
 def _window(request: _Fields, release: Release | None, cell: Cell) -> tuple[float, float]:
@@ -179,14 +214,10 @@ def _window(request: _Fields, release: Release | None, cell: Cell) -> tuple[floa
 def _limits(request: _Fields, own: Limits) -> Limits:
     """Returns the cell's `own` limits, tightened by the request."""
     limits, changed = request.nested("limits"), {}
-    for key, value in limits.values.items():
-        if value is None:
-            continue
-        if key not in LIMIT_FIELDS:
-            limits.refuse(key, f"unknown; known are {', '.join(LIMIT_FIELDS)}")
-            continue
-        attribute, unit = LIMIT_FIELDS[key]
-        changed[attribute] = _tightened(limits, key, getattr(own, attribute), unit)
+    limits.refuse_unknown(LIMIT_FIELDS)
+    for key, (attribute, unit) in LIMIT_FIELDS.items():
+        if limits.get(key) is not None:
+            changed[attribute] = _tightened(limits, key, getattr(own, attribute), unit)
     if request.get("singularity_distance_min") is not None:
         changed["singularity_distance_min"] = _singularity_distance(request, own.singularity_distance_min)
     return replace(own, **changed)
@@ -225,7 +256,10 @@ def _release(request: _Fields, cell: Cell) -> Release | None:
         request.refuse("frame", f'{frame!r} is not "world" or "base"')
     X_WR = cell.X_WB if frame == "base" else np.eye(4)  # R: the frame of the request
     release = request.nested("release")
-    match release.get("kind"):
+    kind = release.get("kind")
+    if isinstance(kind, str) and kind in RELEASE_FIELDS:
+        release.refuse_unknown(RELEASE_FIELDS[kind])
+    match kind:
         case "pose":
             return _pose_release(release, X_WR)
         case "point":
@@ -235,13 +269,15 @@ def _release(request: _Fields, cell: Cell) -> Release | None:
             return JointRelease(release.vector("positions", 6), release.vector("velocities", 6))
         case "target":
             return _target_release(release, X_WR)
-        case kind:
-            release.refuse("kind", f"{kind!r} is not one of pose, point, joint, target")
+        case _:
+            release.refuse("kind", f"{kind!r} is not one of {', '.join(RELEASE_FIELDS)}")
             return None
 
 
 def _pose_release(release: _Fields, X_WR: Array) -> PoseRelease:
     given, twist = release.nested("pose"), release.nested("twist")
+    given.refuse_unknown(("position", "quaternion", "rotation_vector"))
+    twist.refuse_unknown(("linear", "angular"))
     p_RT = given.vector("position", 3)
     v_RT, w_RT = twist.vector("linear", 3), twist.vector("angular", 3)
     X_RT = pose(p_RT, _rotation(release, given))

@@ -4,9 +4,9 @@
 URL. Times are seconds since the epoch.
 """
 
-from store.clients import KeyTaken
 from store.database import StoreError, StoreUnavailable, default_database_url
 from store.executions import CellBusy, UnknownExecution, UnknownPlan
+from store.idempotency_and_audit import KeyTaken
 from store.rows import CellRow, EventRow, ExecutionRow, IdempotencyKey, PlanRow, RecordingRow, new_id
 from store.store import Store
 

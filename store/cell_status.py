@@ -16,7 +16,7 @@ from store.tables import cells
 class CellStatusRepository(Repository):
     """Table `cells`."""
 
-    def beat(
+    def record_heartbeat(
         self,
         cell: str,
         executor_id: str,

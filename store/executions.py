@@ -9,8 +9,8 @@ from typing import Any
 from sqlalchemy import Connection, delete, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
-from store.clients import take_key
 from store.database import Repository, StoreError, reading, writing
+from store.idempotency_and_audit import take_key
 from store.rows import EventRow, ExecutionRow, IdempotencyKey, RecordingRow, new_id
 from store.tables import events, executions, plans, recordings
 

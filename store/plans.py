@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from sqlalchemy import insert, select
 
-from store.clients import take_key
 from store.database import Repository, writing
+from store.idempotency_and_audit import take_key
 from store.rows import IdempotencyKey, PlanRow
 from store.tables import plans
 

@@ -8,9 +8,9 @@ from sqlalchemy import text
 
 from store import migrations
 from store.cell_status import CellStatusRepository
-from store.clients import ClientRepository
 from store.database import StoreError, StoreUnavailable, open_engine, reading
 from store.executions import ExecutionRepository
+from store.idempotency_and_audit import ClientRepository
 from store.plans import PlanRepository
 
 

@@ -1,4 +1,7 @@
-"""Table definitions. Every column has one writer: [api] the service, [executor] the executor daemon of the cell.
+"""Table definitions.
+
+A comment names the writer of each table, or of a column where a table has two: `api` is the service, `executor` the
+executor daemon of the cell. Only `executions.state` has both.
 
 The tables are created by `store/migrations.py`; a test compares the two.
 """
@@ -11,7 +14,7 @@ from sqlalchemy.types import BigInteger, Integer
 METADATA = MetaData()
 ROW_ID = BigInteger().with_variant(Integer, "sqlite")
 
-plans = Table(  # [api], immutable
+plans = Table(  # written by api, never changed
     "plans",
     METADATA,
     Column("id", Text, primary_key=True),
@@ -26,21 +29,21 @@ plans = Table(  # [api], immutable
 executions = Table(
     "executions",
     METADATA,
-    Column("id", Text, primary_key=True),  # [api] …
-    Column("plan_id", Text, ForeignKey("plans.id"), nullable=False),
-    Column("cell", Text, nullable=False),
-    Column("mode", Text, nullable=False),
-    Column("dry_run", Boolean, nullable=False),
-    Column("requested_by", Text, nullable=False),
-    Column("created_at", Double, nullable=False),
-    Column("abort_requested_at", Double),  # … [api]
-    Column("claimed_at", Double),  # [executor] …
-    Column("executor_id", Text),
-    Column("state", Text, nullable=False),  # [api] inserts 'queued' and may abort an unclaimed execution
-    Column("outcome", Text),
-    Column("reason", Text),
-    Column("metrics", JSON(none_as_null=True)),
-    Column("finished_at", Double),  # … [executor]
+    Column("id", Text, primary_key=True),  # api
+    Column("plan_id", Text, ForeignKey("plans.id"), nullable=False),  # api
+    Column("cell", Text, nullable=False),  # api
+    Column("mode", Text, nullable=False),  # api
+    Column("dry_run", Boolean, nullable=False),  # api
+    Column("requested_by", Text, nullable=False),  # api
+    Column("created_at", Double, nullable=False),  # api
+    Column("abort_requested_at", Double),  # api
+    Column("claimed_at", Double),  # executor
+    Column("executor_id", Text),  # executor
+    Column("state", Text, nullable=False),  # executor; api inserts 'queued' and may abort an unclaimed execution
+    Column("outcome", Text),  # executor
+    Column("reason", Text),  # executor
+    Column("metrics", JSON(none_as_null=True)),  # executor
+    Column("finished_at", Double),  # executor
 )
 
 # The database itself enforces one unfinished execution per cell.
@@ -52,7 +55,7 @@ one_active = Index(
     postgresql_where=text("state <> 'finished'"),
 )
 
-events = Table(  # [executor]; the first event of an execution: [api]
+events = Table(  # written by executor; the first event of an execution by api
     "events",
     METADATA,
     Column("id", ROW_ID, primary_key=True, autoincrement=True),
@@ -63,7 +66,7 @@ events = Table(  # [executor]; the first event of an execution: [api]
 )
 events_of_execution = Index("events_of_execution", events.c.execution_id, events.c.id)
 
-recordings = Table(  # [executor]
+recordings = Table(  # written by executor
     "recordings",
     METADATA,
     Column("execution_id", Text, ForeignKey("executions.id"), primary_key=True),
@@ -74,19 +77,19 @@ recordings = Table(  # [executor]
 cells = Table(
     "cells",
     METADATA,
-    Column("cell", Text, primary_key=True),  # [executor] …
-    Column("executor_id", Text, nullable=False),
-    Column("heartbeat_at", Double, nullable=False),
-    Column("link_kind", Text, nullable=False),
-    Column("robot", JSON, nullable=False),
-    Column("fault", JSON(none_as_null=True)),
-    Column("read_only", Boolean, nullable=False),
-    Column("acknowledge_handled_at", Double),  # … [executor]
-    Column("acknowledge_requested_at", Double),  # [api] …
-    Column("acknowledged_by", Text),  # … [api]
+    Column("cell", Text, primary_key=True),  # executor
+    Column("executor_id", Text, nullable=False),  # executor
+    Column("heartbeat_at", Double, nullable=False),  # executor
+    Column("link_kind", Text, nullable=False),  # executor
+    Column("robot", JSON, nullable=False),  # executor
+    Column("fault", JSON(none_as_null=True)),  # executor
+    Column("read_only", Boolean, nullable=False),  # executor
+    Column("acknowledge_handled_at", Double),  # executor
+    Column("acknowledge_requested_at", Double),  # api
+    Column("acknowledged_by", Text),  # api
 )
 
-idempotency = Table(  # [api]
+idempotency = Table(  # written by api
     "idempotency",
     METADATA,
     Column("scope", Text, primary_key=True),
@@ -96,7 +99,7 @@ idempotency = Table(  # [api]
     Column("created_at", Double, nullable=False),
 )
 
-audit = Table(  # [api], append only
+audit = Table(  # written by api, append only
     "audit",
     METADATA,
     Column("id", ROW_ID, primary_key=True, autoincrement=True),

@@ -1,4 +1,4 @@
-"""The structure of the project: import contracts hold and bite, modules stay short, names are unique and current."""
+"""The structure of the project: import contracts hold, and fail when broken; short modules, unique, current names."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ PLANTED = {
     "benchmarks-report": ("benchmarks/report/pictures.py", "benchmarks.report.page"),
     "benchmarks-streaming": ("benchmarks/streaming/throws.py", "benchmarks.streaming.report"),
     "benchmarks-layers": ("benchmarks/problem_sets/task.py", "benchmarks.suite"),
-    "store-layers": ("store/clients.py", "store.plans"),
+    "store-layers": ("store/idempotency_and_audit.py", "store.plans"),
     "api-layers": ("api/report/picture.py", "api.http"),
     "api-routes": ("api/routes/plans.py", "api.routes.executions"),
     "api-http": ("api/http/errors.py", "api.http.middleware"),

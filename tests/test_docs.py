@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tokenize
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,11 @@ import pytest
 from api.cli import COMMANDS
 
 ROOT = Path(__file__).parent.parent
+PACKAGES = ("planner", "api", "store", "executor", "benchmarks")
+WRITTEN_BY_COMMANDS = {"streaming.md"}
+NAMES = {file.name for folder in (*PACKAGES, "docs", "tests") for file in (ROOT / folder).rglob("*.*")} | {
+    file.name for file in ROOT.glob("*.*")
+}
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 
 
@@ -34,6 +40,24 @@ def test_links_lead_somewhere(page: Path):
 def test_commands_that_are_named_exist(page: Path):
     for name in re.findall(r"`(?:\.venv/bin/)?fling ([a-z]+)", page.read_text()):
         assert name in COMMANDS, name
+
+
+@pytest.mark.parametrize("folder", ["", "docs", *PACKAGES, "tests"], ids=lambda folder: folder or "top")
+def test_documents_and_tests_that_are_named_exist(folder: str):
+    """In the text of pages, and in the comments and strings of code."""
+    files = [f for f in sorted((ROOT / folder).glob("**/*" if folder else "*")) if f.suffix in (".md", ".py")]
+    for file in files:
+        for name in re.findall(r"(?<![\w*])(?:[\w-]+\.md|test_\w+\.py)\b", _prose(file)):
+            assert name in NAMES | WRITTEN_BY_COMMANDS, f"{file}: {name}"
+
+
+def _prose(file: Path) -> str:
+    """The text of a page; of code its comments and strings, docstrings among them."""
+    if file.suffix == ".md":
+        return file.read_text()
+    with file.open("rb") as code:
+        kinds = (tokenize.COMMENT, tokenize.STRING)
+        return "\n".join(token.string for token in tokenize.tokenize(code.readline) if token.type in kinds)
 
 
 def test_no_file_names_an_index_or_a_place_on_one_machine():

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from api.cli.client import ServiceClient
 
 TARGET_M = (1.2, 0.3, 0.0)  # [m] on the floor, 1.24 m from the base
-MISS_MAX_M = 0.010  # [m] a larger landing error is a failure; source: the contract
+MISS_MAX_M = 0.010  # [m] a larger landing error is a failure
 ACKNOWLEDGE_TIMEOUT_S = 5.0  # [s] the executor acknowledges at its next heartbeat
 THROWS_MAX = 3  # a busy machine may miss ticks; after this many late throws it is unfit for a demo
 

@@ -21,7 +21,7 @@ from planner.errors import BackendUnavailable, CellError, Infeasible, InvalidPro
 from store import CellBusy, KeyTaken, StoreUnavailable, UnknownExecution, UnknownPlan
 
 MEDIA_TYPE = "application/problem+json"
-BODY_LIMIT_BYTES = 1_000_000  # [byte] a request has a few hundred; source: the contract's 1 MB
+BODY_LIMIT_BYTES = 1_000_000  # [byte] far above the few hundred bytes of a request
 BODY_TOO_LARGE = f"the body is larger than {BODY_LIMIT_BYTES} bytes"
 UNION_TAGS = {"float", "int", "pose", "point", "joint", "target", "body"}  # of unions, in pydantic's error locations
 
@@ -74,7 +74,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     ),
     "internal": ProblemType(500, "A bug in Fling", "The service's log has the details. Please report it."),
     "solver-failed": ProblemType(
-        503, "The solver gave up", "It found no answer within 'time_limit_s'. Allow more time or another back end."
+        503, "The solver gave up", "It spent its budget of work, or `time_limit_s`, without an answer. Try another back end, or more time if `detail` says so."
     ),
     "not-ready": ProblemType(503, "Not ready", "The store cannot be reached, or the planner is still starting."),
 }

@@ -17,11 +17,11 @@ from api.planning import Planned, PlanningJob, PlanningQueueFull
 from api.report import plan_svg
 from api.schemas import PLAN_EXAMPLES, PlanAnswer, PlanList, PlanRequest, TrajectoryAnswer, iso_time
 from planner.errors import PlannerError
+from planner.problem import TIME_LIMIT_S
 from store import IdempotencyKey, KeyTaken, PlanRow, new_id
 
 router = APIRouter(tags=["plans"])
 
-TIME_LIMIT_S = 5.0  # [s] if the request names none; source: the contract
 TOKEN_PROBLEMS = ("unauthenticated", "forbidden")
 POST_PROBLEMS = (*TOKEN_PROBLEMS, "invalid-request", "idempotency-conflict", "too-large", "unsupported-media-type")
 PlanId = Annotated[str, name_in_path("Id of a plan, or `latest`.", "latest", "latest", "the newest plan")]

@@ -1,4 +1,4 @@
-"""Brakes: for every row of a motion a verified way to rest, computed before anything moves.
+"""Brakes: for every row of a motion a verified motion to rest, computed before anything moves.
 
 The shape is that of `planner.brake_profile`: position, speed and acceleration are continuous. For each row the
 shortest duration is chosen whose accelerations the arm can follow and whose torques the cell allows; joint range and

@@ -2,5 +2,5 @@
 
 `solve(problem, candidate, variant) -> Solution` returns a motion from rest at the problem's start through the
 candidate's release state to rest, with one constant jerk a tick; `VARIANTS` names what `variant` may be. A back end
-raises `Infeasible`, `SolverFailed` or `BackendUnavailable`. It imports neither the certificate nor another back end.
+raises `SolverFailed` or `BackendUnavailable`. It imports neither the certificate nor another back end.
 """

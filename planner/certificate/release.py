@@ -45,8 +45,8 @@ def release_position(motion: MotionSamples) -> Check | None:
         R_WT = motion.at_knots.X_WL[motion.release_knot, 6, :3, :3] @ problem.cell.tool.X_FT[:3, :3]
         rotation = matrix_to_rotation_vector(R_WT @ release.X_WT[:3, :3].T)
         offset, turn = float(np.linalg.norm(p - release.X_WT[:3, 3])), float(np.linalg.norm(rotation))
-        detail = "position [m]" if offset >= turn else "orientation [rad]"
-        return at_most(name, max(offset, turn), tolerance, "m", at_s, detail)
+        unit, detail = ("m", "position [m]") if offset >= turn else ("rad", "orientation [rad]")
+        return at_most(name, max(offset, turn), tolerance, unit, at_s, detail)
     if release.release_position is not None:
         return at_most(name, float(np.linalg.norm(p - release.release_position)), tolerance, "m", at_s)
     if release.min_horizontal_distance_m > 0.0:
@@ -68,7 +68,8 @@ def release_velocity(motion: MotionSamples) -> Check | None:
         return at_most(name, float(np.linalg.norm(v - release.v_WT)), tolerance, "m/s", at_s)
     if isinstance(release, PoseRelease):
         V_WT = np.concatenate([v, motion.at_knots.links.angular_velocity[:, 5, k]])
-        return at_most(name, float(np.abs(V_WT - release.V_WT).max()), tolerance, "m/s", at_s)
+        off = np.abs(V_WT - release.V_WT)
+        return at_most(name, float(off.max()), tolerance, "m/s" if off.argmax() < 3 else "rad/s", at_s)
     return _bounded_velocity(release, v, at_s)
 
 

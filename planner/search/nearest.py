@@ -33,7 +33,7 @@ from planner.seeds import Candidate, candidates, farthest_reach
 Relaxation = Callable[[float], Release]  # of a share s: 0 fully relaxed, 1 as requested or as close as possible
 
 BISECTIONS = 6  # the share is found to 1/64
-SHARE_MIN = 0.02  # [-] of the requested speed or way; tried first
+SHARE_MIN = 0.02  # [-] of the requested speed or displacement; tried first
 SLOWER = (0.3, 0.05)  # [-] of the requested speed, tried where no other position allows the full speed
 # Constraints on the position, which a slower release breaks, too.
 POSITION_CONSTRAINTS = {"reach", "joint_position", "floor", "keep_in", "keep_out", "self_collision"}
@@ -70,11 +70,11 @@ class Feasibility:
             return True
         return self.iterations >= (LATE_ITERATIONS_MAX if late else ITERATIONS_MAX)
 
-    def shown(self, problem: ThrowProblem, thorough: bool) -> bool:
+    def has_certified_motion(self, problem: ThrowProblem, thorough: bool) -> bool:
         """Returns whether a certified motion was found; a thorough search tries more candidates and variants."""
         if problem.is_robust and problem.backend in OPTIMISING:
             nominal = replace(problem, release_window_s=0.0)
-            return self.shown(nominal, thorough) and self._optimised(problem)
+            return self.has_certified_motion(nominal, thorough) and self._optimised(problem)
         variants = VARIANTS_BY_BACKEND.get(problem.backend, VARIANTS_BY_BACKEND["ruckig"])[::-1]  # the gentlest first
         try:
             found = candidates(problem)[: CANDIDATES_MAX if thorough else FEW_CANDIDATES]
@@ -136,7 +136,7 @@ def _largest_share(
 ) -> Release | None:
     """Returns the feasible release of the largest share, by bisection; None if even the share 0 is infeasible."""
     found = relaxation(0.0)
-    if not feasibility.shown(replace(problem, release=found), thorough):
+    if not feasibility.has_certified_motion(replace(problem, release=found), thorough):
         return None
     feasible, infeasible = 0.0, 1.0
     for _ in range(BISECTIONS):
@@ -144,7 +144,7 @@ def _largest_share(
             break
         share = (feasible + infeasible) / 2.0
         release = relaxation(share)
-        if feasibility.shown(replace(problem, release=release), False):
+        if feasibility.has_certified_motion(replace(problem, release=release), False):
             feasible, found = share, release
         else:
             infeasible = share
@@ -195,7 +195,7 @@ def _towards_start(problem: ThrowProblem, release: Release, share: float) -> Rel
 
 
 def _closer_targets(problem: ThrowProblem, release: TargetRelease) -> Iterator[Relaxation]:
-    """Yields relaxations from easy targets: in the target's direction, in the tool's direction, below the tool."""
+    """Yields relaxations that start from an easy target: towards the requested one, ahead of the tool, or below it."""
     farthest, tool = _farthest_throw(problem, release), tool_pose(problem.cell, problem.start)[:3, 3]
     under = np.array([*_within(tool[:2], release.p_W[:2], UNDER_M), release.p_W[2]])
     releases = [release] if release.release_position is None else [release, replace(release, release_position=None)]

@@ -28,6 +28,8 @@ from planner.rotations import invert_pose
 from planner.seeds.sampling import least_time, point_states, target_states
 
 SPEED_SLACK = 1e-9  # [-] rounding allowed in the comparison with a speed limit
+NO_STATES = "joint states found whose flight hits the target within the requested bounds"
+NO_INVERSE = "joint positions found by the inverse kinematics for this pose, joint limits ignored"
 POSITION_SLACK = 1e-9  # [rad] rounding allowed in the comparison with a position limit
 # (rows, enough): rows checked for clearance in turn, skipped once there are enough candidates; a pose has hundreds of
 # states, most of them full turns away.
@@ -104,7 +106,7 @@ def _usable(problem: ThrowProblem, q: Array, qd: Array) -> list[Candidate]:
     """
     limits = problem.limits
     if len(q) == 0:
-        raise Infeasible([Violation("joint_position", 1.0, 1.0, "1", detail="no posture was found")])
+        raise Infeasible([Violation("joint_position", 0.0, 1.0, "1", detail=NO_STATES)])
     excess = np.max(np.abs(qd) / limits.qd_max, axis=-1)
     distance = singularity_distances(problem.cell.robot, q).minimum
     singular = (distance < limits.singularity_distance_min) & (not problem.ends_at_rest)
@@ -146,7 +148,8 @@ def _barrier_violation(problem: ThrowProblem, q: Array) -> Violation:
         between = barrier.q[(barrier.q > low[i]) & (barrier.q < high[i])]
         if len(between):
             first = between[np.abs(between - problem.start[i]).argmin()]
-            detail = f"{', '.join(barrier.names)}: on every way from the start, {names[i]} at {first:.2f} rad"
+            where = f"every path from the start collides where {names[i]} passes {first:.2f} rad"
+            detail = f"{', '.join(barrier.names)}: {where}"
             return Violation("self_collision", barrier.distance_m, SELF_CLEARANCE_M, "m", detail=detail)
     raise AssertionError("no barrier lies between")
 
@@ -216,7 +219,7 @@ def _joint_limit_violation(problem: ThrowProblem, X_BT: Array) -> Violation:
     limits = problem.limits
     anywhere = inverse(problem.cell.robot, X_BT, problem.cell.tool.X_FT).q
     if len(anywhere) == 0:
-        return Violation("joint_position", 1.0, 1.0, "1", detail="no posture within the arm's joint limits reaches it")
+        return Violation("joint_position", 0.0, 1.0, "1", detail=NO_INVERSE)
     over = np.maximum(limits.q_lower - anywhere, anywhere - limits.q_upper)
     best = int(over.max(axis=1).argmin())
     joint = int(over[best].argmax())

@@ -102,7 +102,7 @@ class FakeExecutor:
         self._thread = threading.Thread(target=self._go_on, daemon=True)
 
     def beat(self) -> None:
-        self.store.beat(self.cell, "fake", "sim", self.robot, self.fault, self.read_only)
+        self.store.record_heartbeat(self.cell, "fake", "sim", self.robot, self.fault, self.read_only)
 
     def start(self) -> FakeExecutor:
         self.beat()
@@ -112,7 +112,7 @@ class FakeExecutor:
     def stop(self) -> None:
         self._ended.set()
         self._thread.join()
-        self.store.beat(self.cell, "fake", "sim", {}, None, False)
+        self.store.record_heartbeat(self.cell, "fake", "sim", {}, None, False)
 
     def _go_on(self) -> None:
         while not self._ended.wait(0.3):

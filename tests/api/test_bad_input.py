@@ -1,4 +1,4 @@
-"""Whatever is posted, the answer is the contract's error: never a 500, never a success."""
+"""Every malformed request is answered with a documented problem: never a 500, never a success."""
 
 from __future__ import annotations
 

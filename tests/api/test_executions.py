@@ -64,7 +64,7 @@ def test_a_cell_without_an_executor_is_not_ready(service: RunningService, plan):
 
 
 def test_an_executor_without_heartbeats_is_not_ready(service: RunningService, plan, monkeypatch: pytest.MonkeyPatch):
-    service.store.beat("ur5e-sim", "fake", "sim")
+    service.store.record_heartbeat("ur5e-sim", "fake", "sim")
     now = time.time
     monkeypatch.setattr(time, "time", lambda: now() + 10.0)
     assert "gone" in problem_of(execute(service, plan["id"]), 409, "robot-not-ready")["detail"]

@@ -102,7 +102,7 @@ def test_with_tokens_a_real_arm_may_move_by_the_plan_s_own_id_alone(guarded: Run
     headers = bearer(tokens[1]["both"])
     plan = guarded.client.post("/plan", json={**REQUEST, "cell": "real"}, headers=headers).json()
     assert "id" in plan, plan
-    guarded.store.beat("real", "fake", "ur")
+    guarded.store.record_heartbeat("real", "fake", "ur")
     problem_of(guarded.client.post("/execute", json={"plan_id": "latest"}, headers=headers), 403, "forbidden")
     response = guarded.client.post("/execute", json={"plan_id": plan["id"]}, headers=headers)
     assert response.status_code == 202

@@ -6,13 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from api.schemas.requests import (
+    JointReleaseRequest,
+    PlanRequest,
+    PointReleaseRequest,
+    PoseReleaseRequest,
+    RequestLimits,
+    TargetReleaseRequest,
+)
 from planner.certificate import certify
 from planner.errors import InvalidProblem
 from planner.plan_document import plan_document
 from planner.plan_reading import plan_from_document
 from planner.planning import plan
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease
-from planner.request import problem_from_request, request_document
+from planner.request import LIMIT_FIELDS, RELEASE_FIELDS, REQUEST_FIELDS, problem_from_request, request_document
 from tests.planner.problems import cell
 
 POINT = {"kind": "point", "position": [0.5, 0.2, 0.6], "velocity": [0.8, 0.3, 0.8]}
@@ -111,6 +119,36 @@ def test_every_refusal_names_its_field(change, field):
     with pytest.raises(InvalidProblem) as refusal:
         problem_from_request({"release": POINT, **change}, cell())
     assert field in [error.field for error in refusal.value.errors]
+
+
+@pytest.mark.parametrize(
+    ("change", "field", "known"),
+    [
+        ({"relase_window_s": 0.01}, "relase_window_s", "release_window_s"),
+        ({"start": {"positions": [0.0] * 6, "velocities": [0.0] * 6}}, "start.velocities", "positions"),
+        ({"limits": {"speed": None}}, "limits.speed", "velocity, acceleration, jerk"),
+        ({"release": {**POINT, "speed": 1.0}}, "release.speed", "kind, position, velocity"),
+        ({"release": {"kind": "joint", "position": [0.0] * 6}}, "release.position", "positions, velocities"),
+        ({"release": {"kind": "target", "max_speed_m_s": 2.0}}, "release.max_speed_m_s", "max_release_speed_m_s"),
+        ({"release": {**POSE, "frame": "base"}}, "release.frame", "kind, pose, twist"),
+        ({"release": {**POSE, "pose": {"rpy": [0, 0, 0]}}}, "release.pose.rpy", "rotation_vector"),
+        ({"release": {**POSE, "twist": {**STILL, "spin": 1.0}}}, "release.twist.spin", "linear, angular"),
+    ],
+)
+def test_unknown_fields_are_refused_with_the_known_ones(change, field, known):
+    with pytest.raises(InvalidProblem) as refusal:
+        problem_from_request({"release": POINT, **change}, cell())
+    reasons = {error.field: error.reason for error in refusal.value.errors}
+    assert reasons[field].startswith("unknown; known are ")
+    assert known in reasons[field]
+
+
+def test_the_planner_knows_the_same_fields_as_the_service():
+    releases = (PoseReleaseRequest, PointReleaseRequest, JointReleaseRequest, TargetReleaseRequest)
+    assert set(REQUEST_FIELDS) == set(PlanRequest.model_fields)
+    assert set(LIMIT_FIELDS) == set(RequestLimits.model_fields)
+    for kind, model in zip(("pose", "point", "joint", "target"), releases, strict=True):
+        assert set(RELEASE_FIELDS[kind]) == set(model.model_fields)
 
 
 def test_all_errors_are_reported_together():

@@ -3,19 +3,19 @@ from __future__ import annotations
 
 def test_the_last_heartbeat_of_an_executor_is_kept(store):
     assert store.cell_status("a") is None
-    store.beat("a", "one", "sim", {"mode": "RUNNING"})
-    store.beat("a", "two", "sim", {"mode": "IDLE"}, fault={"reason": "late"}, read_only=True)
+    store.record_heartbeat("a", "one", "sim", {"mode": "RUNNING"})
+    store.record_heartbeat("a", "two", "sim", {"mode": "IDLE"}, fault={"reason": "late"}, read_only=True)
     row = store.cell_status("a")
     assert (row.executor_id, row.robot, row.fault, row.read_only) == ("two", {"mode": "IDLE"}, {"reason": "late"}, True)
     assert [r.cell for r in store.cell_statuses()] == ["a"]
-    store.beat("a", "two", "sim")
+    store.record_heartbeat("a", "two", "sim")
     assert store.cell_status("a").fault is None
 
 
 def test_an_acknowledgement_is_handled_once(store):
     assert not store.request_acknowledge("a", "me")
     assert not store.acknowledge_requested("a")
-    store.beat("a", "one", "sim")
+    store.record_heartbeat("a", "one", "sim")
     assert not store.acknowledge_requested("a")
     assert store.request_acknowledge("a", "me")
     assert store.acknowledge_requested("a")

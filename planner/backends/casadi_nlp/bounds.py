@@ -104,10 +104,10 @@ class Bounds:
         x[0, -1, NX:], x[1, -1, NX:] = -np.inf, np.inf
 
     def limit_steps(self, steps: Vector) -> None:
-        """Bounds each step around its initial length (N,) [s]; the watched ones have a least duration.
+        """Bounds each step around its initial length (N,) [s]; without a release window the watched ones last longer.
 
-        With a release window its stages are watched, too: the three before it need no least duration in all but few
-        cases, which the certificate finds. Requiring it released up to 3 % later.
+        With a window that least duration is rarely needed, and the certificate finds the cases where it is; requiring
+        it always delayed the release by up to 3 %.
         """
         least, most = (share * steps for share in STEP_SHARES)
         if not self.index.stages.window:

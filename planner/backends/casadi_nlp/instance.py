@@ -126,7 +126,7 @@ class Instance:
         return replace(self, initial=initial, steps=steps, landing_offsets=landing_offsets)
 
     def on_times(self, solution: Vector, release_s: float, end_s: float) -> Instance:
-        """Returns the instance that starts from a solution (N + 1, NZ), with its times fixed."""
+        """Returns this instance with the solution (N + 1, NZ) as initial guess and its times fixed."""
         initial = solution.copy()
         initial[-1, TIME] = end_s / TIME_SCALE
         steps = solution[:-1, STEP] * TIME_SCALE

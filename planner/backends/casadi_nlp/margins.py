@@ -15,7 +15,7 @@ from planner.trajectory import Trajectory
 
 SPARE_M = 0.001  # [m] added to a missing clearance: the next solution passes elsewhere
 SPARE_SHARE = 0.01  # [-] the same for a share of a limit
-PASSED_ON = 1.5  # [-] a clearance missing between knots and midpoints needs more than as much at them
+BETWEEN_KNOTS_FACTOR = 1.5  # [-] margin at knots and midpoints per clearance missing between them
 MOST_SHARE = 0.4  # [-] of a limit; beyond it a margin is no remedy
 MOST_M = 0.1  # [m] the same for a clearance
 MOST_EVERYWHERE_M = 0.01  # [m] the same for a clearance margin along the whole motion
@@ -136,7 +136,7 @@ class Margins:
         if check.name == "singularity_distance":
             return replace(self, singularity=self.singularity + missing / check.limit + SPARE_SHARE)
         if check.name == "joint_position" and missing < MOST_RAD:
-            return replace(self, position_rad=self.position_rad + PASSED_ON * missing)
+            return replace(self, position_rad=self.position_rad + BETWEEN_KNOTS_FACTOR * missing)
         if check.name == "landing_window":
             left = self.window - missing / check.limit / DIAGONAL - SPARE_SHARE
             return replace(self, window=left) if left > 0.0 else None
@@ -146,7 +146,7 @@ class Margins:
         local = LOCAL_CHECKS.get(check.name)
         if local is None or check.at_s is None:
             return None
-        amount = missing / check.limit + SPARE_SHARE if local.is_relative else PASSED_ON * missing + SPARE_M
+        amount = missing / check.limit + SPARE_SHARE if local.is_relative else BETWEEN_KNOTS_FACTOR * missing + SPARE_M
         if amount > (MOST_SHARE if local.is_relative else MOST_M):
             return None
         is_repeated = any(margin.check == check.name for margin in self.local)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import ast
+from pathlib import Path
+
 import casadi as ca
 import numpy as np
 import pytest
 
-from planner.backends.casadi_nlp import functions
+from planner.backends.casadi_nlp import codegen, functions
 from planner.backends.casadi_nlp.transcription import StageLayout, transcription
 
 RNG = np.random.default_rng(5)
@@ -53,3 +56,20 @@ def test_a_solver_is_called_by_names_and_returns_its_statistics() -> None:
     assert stats["iter_count"] > 0
     with pytest.raises(ValueError, match="p has 2 entries"):
         functions.first_result(solver, {**call, "p": np.zeros(2)})
+
+
+def test_every_module_behind_the_compiled_formulas_is_part_of_their_hash() -> None:
+    package, known = "planner.backends.casadi_nlp", set(codegen.FORMULA_MODULES)
+    imported = set()
+    for module in known:
+        source = Path(codegen.__file__).with_name(f"{module}.py").read_text()
+        for node in ast.walk(ast.parse(source)):
+            if isinstance(node, ast.Import):
+                imported |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module == package:
+                imported |= {f"{package}.{alias.name}" for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                assert node.level == 0, f"{module}: relative import"
+                imported.add(node.module or "")
+    fling = {name for name in imported if name.split(".")[0] in ("planner", "api", "store", "executor", "benchmarks")}
+    assert fling <= {f"{package}.{module}" for module in known}

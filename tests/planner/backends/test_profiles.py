@@ -1,4 +1,4 @@
-"""Profiles: each is what its name says, where the averaging leaves it alone."""
+"""Each profile has the shape that its name states, outside the ticks that averaging rounds off."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Records about the service's clients: idempotency keys and the audit trail."""
+"""Idempotency keys and the audit trail."""
 
 from __future__ import annotations
 
