@@ -74,7 +74,9 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     ),
     "internal": ProblemType(500, "A bug in Fling", "The service's log has the details. Please report it."),
     "solver-failed": ProblemType(
-        503, "The solver gave up", "It spent its budget of work, or `time_limit_s`, without an answer. Try another back end, or more time if `detail` says so."
+        503,
+        "The solver gave up",
+        "It spent its budget of work or 'time_limit_s' without an answer: try another back end.",
     ),
     "not-ready": ProblemType(503, "Not ready", "The store cannot be reached, or the planner is still starting."),
 }
