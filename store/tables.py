@@ -1,7 +1,7 @@
 """Table definitions.
 
 A comment names the writer of each table, or of a column where a table has two: `api` is the service, `executor` the
-executor daemon of the cell. Only `executions.state` has both.
+executor daemon of the cell. Of an execution that no executor claimed, api may also write the aborted result.
 
 The tables are created by `store/migrations.py`; a test compares the two.
 """
@@ -39,7 +39,7 @@ executions = Table(
     Column("abort_requested_at", Double),  # api
     Column("claimed_at", Double),  # executor
     Column("executor_id", Text),  # executor
-    Column("state", Text, nullable=False),  # executor; api inserts 'queued' and may abort an unclaimed execution
+    Column("state", Text, nullable=False),  # executor; api inserts 'queued'
     Column("outcome", Text),  # executor
     Column("reason", Text),  # executor
     Column("metrics", JSON(none_as_null=True)),  # executor
