@@ -277,3 +277,20 @@ def test_what_plan_returns_is_certified_and_releases_as_asked(arm, draw):
     else:
         np.testing.assert_allclose(X_WT, problem.release.X_WT, atol=1e-6)
         np.testing.assert_allclose(V_WT, problem.release.V_WT, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["ur5-sim", "ur5e-sim"])
+def test_a_singularity_that_is_passed_between_two_samples_is_found(name: str):
+    """The wrist goes through zero shortly before the release: the distance is large at samples on either side."""
+    here = cell(name)
+    qd = np.array([0.3, 0.2, 0.1, 0.2, 0.95 * here.limits.qd_max[4], 0.2])
+    limits = replace(here.limits, singularity_distance_min=0.01)
+    for beyond in np.linspace(0.02, 0.12, 40):
+        q = np.append(here.home[:4] + np.array([0.3, 0.1, -0.1, 0.1]), [beyond, 0.1])
+        problem = joint_problem(name, release=JointRelease(q, qd), limits=limits)
+        motion = ruckig_otg.solve(problem, candidates(problem)[0]).trajectory
+        before = motion.t >= motion.release_time_s - 0.05
+        assert motion.q[before, 4].min() < 0.0 < motion.q[motion.release_index, 4]
+        (check,) = (c for c in certify(problem, motion).checks if c.name == "singularity_distance")
+        assert not check.ok, beyond
+        assert check.value < 0.01
