@@ -38,7 +38,7 @@ class StreamRows:
         q, qd, qdd: (M, 6) [rad, rad/s, rad/s^2].
         reference_q, reference_qd: (M, 6) one lag earlier [rad, rad/s].
         release_row: row nearest to the release.
-        output_row: row whose tick opens the gripper; -1 for a move that ends at rest.
+        output_row: row with which the gripper's output is switched; -1 for a move that ends at rest.
     """
 
     first_clock_s: float
@@ -52,7 +52,11 @@ class StreamRows:
 
 
 def sample_rows(cell: Cell, trajectory: Trajectory, throws: bool) -> StreamRows:
-    """Samples a motion, at rest before and after, so that the gripper's command falls on a tick exactly."""
+    """Samples a motion, at rest before and after, so that the gripper's command falls on a tick exactly.
+
+    Rows are on the plan's clock, on which the motion is measured; a row is sent one lag earlier, and so is the
+    gripper's command: at release - delay - lag, the plan's `command_time_s` (docs/conventions.md, Time).
+    """
     dt, lag = trajectory.dt, cell.timing.lag_s
     opens = trajectory.release_time_s - cell.gripper.delay_s  # plan time at which the output must physically change
     origin = opens if throws else 0.0

@@ -58,7 +58,10 @@ def plan_document(plan: Plan, request: Mapping[str, Any], plan_id: str, created_
 
 
 def command_time(cell: Cell, release_time_s: float) -> float:
-    """Returns the time [s] of the gripper command, on the plan's clock (docs/conventions.md, Time)."""
+    """Returns the time [s] of the gripper command, on the plan's clock (docs/conventions.md, Time).
+
+    For information: the executor switches the output at a row of its own (`executor.preparation.sample_rows`).
+    """
     return release_time_s - cell.gripper.delay_s - cell.timing.lag_s
 
 

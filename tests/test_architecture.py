@@ -203,6 +203,17 @@ print([name for name in heavy if name in sys.modules])
     assert done.stdout.strip() == "[]"
 
 
+def test_the_streaming_process_runs_without_numpy():
+    """At run time, beside the contract: what its main module has loaded once it is imported."""
+    script = """
+import sys
+import executor.streaming.__main__
+print([name for name in ("numpy", "store", "sqlalchemy", "orjson", "planner.cell") if name in sys.modules])
+"""
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
 def sources(root: Path) -> list[Path]:
     return [file for room in ROOMS for file in sorted((root / room).rglob("*.py"))]
 
