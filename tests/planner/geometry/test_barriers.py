@@ -81,7 +81,7 @@ def test_a_state_beyond_a_barrier_is_refused_by_name() -> None:
     assert violation.constraint == "self_collision"
     assert violation.value < violation.limit == SELF_CLEARANCE_M
     assert "wrist_1, tool_0" in violation.detail
-    assert "wrist_2_joint at -3." in violation.detail
+    assert "wrist_2_joint passes -3." in violation.detail
 
 
 def test_no_candidate_lies_beyond_a_barrier() -> None:
