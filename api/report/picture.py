@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from planner.cell import Cell
 from planner.flight import path as flight_path
-from planner.kinematics import forward, link_poses
+from planner.geometry import tool_pose
+from planner.kinematics import link_poses
 from planner.plan_reading import plan_from_document
 
 Vector = NDArray[np.float64]
@@ -63,7 +64,7 @@ def plan_svg(plan: Mapping[str, Any], cell: Cell) -> str:
 def _scene(plan: Mapping[str, Any], cell: Cell) -> PlanScene:
     problem, trajectory = plan_from_document(plan, cell)
     k = trajectory.release_index
-    X_WT = cell.X_WB @ forward(cell.robot, trajectory.q, cell.tool.X_FT)
+    X_WT = tool_pose(cell, trajectory.q)
     arms = tuple(_arm(cell, trajectory.q[i]) for i in (0, k, -1))
     target = plan["request"]["release"]
     point = problem.release.p_W if target["kind"] == "target" else None  # type: ignore[union-attr]
@@ -74,7 +75,7 @@ def _scene(plan: Mapping[str, Any], cell: Cell) -> PlanScene:
 def _arm(cell: Cell, q: Vector) -> Vector:
     """Returns the points (n, 3) along the arm from base to tool centre point [m]."""
     origins = cell.X_WB @ link_poses(cell.robot, q)
-    tool = cell.X_WB @ forward(cell.robot, q, cell.tool.X_FT)
+    tool = tool_pose(cell, q)
     return np.vstack([origins[:, :3, 3], tool[None, :3, 3]])
 
 
