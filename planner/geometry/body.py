@@ -48,7 +48,7 @@ def tool_pose(cell: Cell, q: Array) -> Array:
 
 def tool_state(cell: Cell, q: Array, qd: Array) -> ToolState:
     """Returns pose and twist of the tool at joint states `q` [rad], `qd` [rad/s], both (..., 6)."""
-    V_BT = np.einsum("...ij,...j->...i", jacobian(cell.robot, q, cell.tool.X_FT), qd)
+    V_BT = (jacobian(cell.robot, q, cell.tool.X_FT) @ qd[..., None])[..., 0]
     R_BW = cell.X_WB[:3, :3].T
     return ToolState(tool_pose(cell, q), np.concatenate([V_BT[..., :3] @ R_BW, V_BT[..., 3:] @ R_BW], axis=-1))
 
