@@ -7,7 +7,7 @@ from collections.abc import Callable
 from functools import partial
 
 from planner.backends import profiles, ruckig_otg, toppra_path
-from planner.errors import Infeasible, SolverFailed
+from planner.errors import SolverFailed
 from planner.problem import ThrowProblem
 from planner.search.incumbent import PlanningSearch
 from planner.seeds import Candidate
@@ -42,7 +42,7 @@ def search_sequential(search: PlanningSearch, backend: str, candidates: list[Can
                 continue
             try:
                 solution = solve(search.problem, candidate)
-            except (SolverFailed, Infeasible) as error:
+            except SolverFailed as error:
                 failure = str(error)
                 continue
             if solution.trajectory.release_time_s < search.release_time_s:
