@@ -1,4 +1,4 @@
-"""Approach to a plan's start: a straight joint move where it is certified, otherwise a planned motion from rest to rest.
+"""Approach to a plan's start: a straight joint move where that is certified, otherwise a planned motion.
 
 One rule decides what is clear: the certificate. It proves the straight move as it proves a plan, bisecting where a
 coarse bound leaves a doubt, so a posture at which a certified plan ends is a start that no approach refuses.
@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planner.approach.posture import obstacle_words, way_clear
+from planner.approach.posture import way_clear
 from planner.approach.rest_to_rest import rest_to_rest_motion
 from planner.approach.rrt_connect import find_path, is_clear
 from planner.arrays import Array
@@ -55,7 +55,7 @@ class Approach:
 
 def find_approach(
     cell: Cell, now: Array, start: Array, pace: float = 1.0, with_object: bool = True
-) -> tuple[Approach | None, str]:
+) -> tuple[Approach | None, tuple[Check, ...]]:
     """Returns the approach from one posture to another.
 
     Args:
@@ -65,20 +65,30 @@ def find_approach(
         with_object: whether the object is in the tool.
 
     Returns:
-        The approach, None if none is found, and what a straight joint move would hit, "" if nothing.
+        The approach, None if none is found, and the checks that a straight joint move fails, empty if none.
     """
     if np.abs(start - now).max() < NEAR_RAD:
-        return Approach(start), ""
-    limits = cell.limits
-    ends = np.array([now, start])
-    if (ends < limits.q_lower - NEAR_RAD).any() or (ends > limits.q_upper + NEAR_RAD).any():
-        return None, "a joint's limit"
+        return Approach(start), ()
+    limits, ends = cell.limits, np.array([now, start])
+    beyond = np.maximum(limits.q_lower - ends, ends - limits.q_upper)
+    if beyond.max() > NEAR_RAD:
+        return None, (_out_of_range(cell, ends, beyond),)
     limits = replace(
         limits,
         q_lower=np.minimum(limits.q_lower, ends.min(axis=0)),
         q_upper=np.maximum(limits.q_upper, ends.max(axis=0)),
     )
     return _Search(cell, limits, pace, with_object).approach(now, start)
+
+
+def _out_of_range(cell: Cell, ends: Array, beyond: Array) -> Check:
+    """Returns the check of the joint that is farthest `beyond` (2, 6) its range [rad]."""
+    end, joint = np.unravel_index(int(beyond.argmax()), beyond.shape)
+    value, names = float(ends[end, joint]), cell.robot.joint_names
+    limit = cell.limits.q_lower[joint] if value < cell.limits.q_lower[joint] else cell.limits.q_upper[joint]
+    return Check(
+        "joint_position", value, float(limit), "rad", -float(beyond[end, joint]), None, False, names[int(joint)]
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,17 +100,16 @@ class _Search:
     pace: float
     with_object: bool
 
-    def approach(self, now: Array, start: Array) -> tuple[Approach | None, str]:
-        """Returns the approach, and what the straight move would hit."""
+    def approach(self, now: Array, start: Array) -> tuple[Approach | None, tuple[Check, ...]]:
+        """Returns the approach, and the checks that the straight move fails."""
         straight, failures = self._timed(np.array([now, start]))
         if straight is not None:
-            return straight, ""
-        obstacle = " and ".join(obstacle_words(check) for check in failures)
+            return straight, ()
         out = way_clear(self.cell, now, self.with_object)
         if out is None:
-            return None, obstacle
+            return None, failures
         motions = (self._timed(path, len(out) - 1)[0] for path in self._paths(out, start))
-        return next((motion for motion in motions if motion is not None), None), obstacle
+        return next((motion for motion in motions if motion is not None), None), failures
 
     def _paths(self, out: Array, start: Array) -> Iterator[Array]:
         """Yields paths (K, 6) that begin with the postures `out` (K, 6) and end at `start`."""

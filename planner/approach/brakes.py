@@ -23,7 +23,7 @@ Ticks = NDArray[np.int64]
 
 STRETCHES = (1.0, 1.05, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.2, 4.0)  # [-] durations tried, over the shortest
 INSTANTS = 25  # [-] evaluated along a brake, the corners of its acceleration among them; bounds hold in between
-REFINEMENTS = 5  # [-] numbers of instants tried, each twice the one before; the last are 0.3 ms apart on a brake of 0.1 s
+REFINEMENTS = 5  # [-] numbers of instants tried, each twice the one before: at last 0.3 ms apart in 0.1 s
 FADE_S = 0.008  # [s] added for an acceleration to fade out: a CB3 tick
 REST_SPEED = 1e-9  # [rad/s, rad/s^2] below which the arm is at rest
 

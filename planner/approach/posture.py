@@ -6,6 +6,8 @@ jogged there. A short way out is then found by the steepest ascent of the smalle
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from planner.approach.rest_to_rest import rest_to_rest_motion
@@ -65,26 +67,33 @@ def jog_advice(cell: Cell, q: Array, with_object: bool = True) -> str:
     joint = int(np.abs(slope).argmax())
     direction = "positive" if slope[joint] > 0.0 else "negative"
     return (
-        f"the arm stands too close ({' and '.join(obstacle_words(check) for check in close)}): jog it by hand; "
+        f"the arm stands too close ({obstacle_words(close)}): jog it by hand; "
         f"{cell.robot.joint_names[joint]} in the {direction} direction increases the distance most"
     )
 
 
-def obstacle_words(check: Check) -> str:
-    """Returns a failed check of an approach in words, with its numbers."""
+def obstacle_words(checks: Sequence[Check]) -> str:
+    """Returns the failed checks of a move from rest to rest in words, with their numbers."""
+    return " and ".join(f"{_where(check)} ({_numbers(check)})" for check in checks)
+
+
+def _where(check: Check) -> str:
+    """Returns what a failed check is about."""
     first, _, second = check.detail.partition(", ")
-    match check.name:
-        case "self_collision":
-            where = f"{first} and {second}"
-        case "floor":
-            where = f"{check.detail} and the floor"
-        case "keep_out":
-            where = f"{first} and keep-out {second}"
-        case "keep_in":
-            where = "the tool and a wall of the keep-in boxes"
-        case _:
-            return f"{check.name} ({check.value:.4g} against {check.limit:.4g} {check.unit})"
-    return f"{where} ({1e3 * check.value:.1f} mm apart, {1e3 * check.limit:.0f} mm required)"
+    words = {
+        "self_collision": f"{first} and {second}",
+        "floor": f"{first} and the floor",
+        "keep_out": f"{first} and keep-out {second}",
+        "keep_in": "the tool and a wall of the keep-in boxes",
+    }
+    return words.get(check.name, f"{check.name} of {check.detail}" if check.detail else check.name)
+
+
+def _numbers(check: Check) -> str:
+    """Returns value and limit of a failed check; distances in millimetres."""
+    if check.unit == "m":
+        return f"{1e3 * check.value:.1f} mm, at least {1e3 * check.limit:.1f} mm"
+    return f"{check.value:.4g} against {check.limit:.4g} {check.unit}"
 
 
 def _slopes(cell: Cell, q: Array, with_object: bool) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planner.approach import APPROACH_SPEED, find_approach, jog_advice
+from planner.approach import APPROACH_SPEED, find_approach, jog_advice, obstacle_words
 from planner.cell import Box, Cell
 from planner.certificate import certify
 from planner.geometry import body_model, tool_pose
@@ -26,10 +26,10 @@ def tool_position(cell: Cell, q: np.ndarray) -> np.ndarray:
 
 def test_an_arm_at_the_start_does_not_move(throw: BrakedThrow) -> None:
     start = throw.trajectory.q[0]
-    approach, obstacle = find_approach(throw.cell, start, start)
+    approach, failures = find_approach(throw.cell, start, start)
     assert approach is not None
     assert approach.trajectory is None
-    assert not obstacle
+    assert not failures
 
 
 def test_a_clear_approach_is_a_straight_move(throw: BrakedThrow) -> None:
@@ -72,9 +72,9 @@ def test_a_start_barely_clear_is_left(throw: BrakedThrow, spare_m: float) -> Non
             ),
         ),
     )
-    around, obstacle = find_approach(walled, q, behind)
+    around, failures = find_approach(walled, q, behind)
     assert around is not None and not around.is_straight
-    assert "keep-out box" in obstacle
+    assert "keep-out box" in obstacle_words(failures)
 
 
 def around_point(p: np.ndarray, half: float) -> tuple[np.ndarray, np.ndarray]:
@@ -85,9 +85,9 @@ def around_point(p: np.ndarray, half: float) -> tuple[np.ndarray, np.ndarray]:
 def test_a_start_measured_a_little_too_close_is_left(throw: BrakedThrow) -> None:
     q = np.array([-0.8, -1.2, 1.6, -1.9, -1.57, 0.0])
     cell = near_a_box(throw.cell, q, -1e-3)
-    lifted, obstacle = find_approach(cell, q, q + np.array([0.3, -0.4, 0, 0, 0, 0]))
+    lifted, failures = find_approach(cell, q, q + np.array([0.3, -0.4, 0, 0, 0, 0]))
     assert lifted is not None and lifted.trajectory is not None
-    assert "required" in obstacle
+    assert "at least" in obstacle_words(failures)
     t = np.linspace(0.0, lifted.trajectory.duration_s, 3000)
     least = body_model(cell).clearances(lifted.trajectory.at(t)[0]).least
     assert least.min() >= -1e-3 - 1e-9
@@ -116,8 +116,8 @@ def test_without_the_object_its_clearance_is_not_asked_for(throw: BrakedThrow) -
     low = body_model(big).clearances(np.array([q, start])).least.max()
     assert low < 0.0 < high
     assert find_approach(big, q, start)[0] is None
-    empty, obstacle = find_approach(big, q, start, with_object=False)
-    assert empty is not None and empty.is_straight and not obstacle
+    empty, failures = find_approach(big, q, start, with_object=False)
+    assert empty is not None and empty.is_straight and not failures
 
 
 def test_an_obstacle_in_the_straight_move_is_avoided(throw: BrakedThrow) -> None:
@@ -125,10 +125,10 @@ def test_an_obstacle_in_the_straight_move_is_avoided(throw: BrakedThrow) -> None
     start = np.array([-0.8, -1.2, 1.6, -1.9, -1.57, 0.0])
     now = start + np.array([1.6, 0, 0, 0, 0, 0])
     blocked = with_box(cell, tool_position(cell, (now + start) / 2.0), 0.12)
-    approach, obstacle = find_approach(blocked, now, start)
+    approach, failures = find_approach(blocked, now, start)
     assert approach is not None and approach.trajectory is not None and approach.problem is not None
     assert not approach.is_straight
-    assert "keep-out box" in obstacle  # in the straight move
+    assert "keep-out box" in obstacle_words(failures)  # in the straight move
     motion = approach.trajectory
     assert motion.q[0] == pytest.approx(now, abs=1e-9)
     assert motion.q[-1] == pytest.approx(start, abs=1e-9)
@@ -141,13 +141,13 @@ def test_where_no_approach_is_found_the_obstacle_is_named(throw: BrakedThrow) ->
     cell = throw.cell
     start = throw.trajectory.q[0]
     blocked = with_box(cell, tool_position(cell, start), 0.1)
-    approach, obstacle = find_approach(blocked, start + np.array([1.0, 0, 0, 0, 0, 0]), start)
+    approach, failures = find_approach(blocked, start + np.array([1.0, 0, 0, 0, 0, 0]), start)
     assert approach is None
-    assert "keep-out box" in obstacle
+    assert "keep-out box" in obstacle_words(failures)
 
 
 def test_an_approach_beyond_a_joints_range_is_refused(throw: BrakedThrow) -> None:
     start = throw.trajectory.q[0]
-    approach, obstacle = find_approach(throw.cell, start, start + np.array([0, 0, 7.0, 0, 0, 0]))
+    approach, failures = find_approach(throw.cell, start, start + np.array([0, 0, 7.0, 0, 0, 0]))
     assert approach is None
-    assert obstacle
+    assert [check.name for check in failures] == ["joint_position"]
