@@ -19,6 +19,7 @@ from planner.search import (
     nearest_release,
     search_optimised,
     search_sequential,
+    search_with_stop,
 )
 from planner.seeds import candidates
 from planner.trajectory import Trajectory
@@ -90,6 +91,8 @@ def _search(problem: ThrowProblem, deadline_s: float) -> tuple[PlanningSearch, C
         search_sequential(search, problem.backend, found)
     else:
         search_optimised(search, found)
+    if search.incumbent is None and problem.backend == "auto":
+        search_with_stop(search, found)
     if search.incumbent is None:
         raise search.failure()
     return search, *best_with_way_home(search)

@@ -18,6 +18,7 @@ from planner.arrays import Array
 from planner.cell import Cell, Limits
 from planner.certificate import Check, certify
 from planner.errors import InvalidProblem
+from planner.geometry import passable
 from planner.problem import JointRelease, ThrowProblem
 from planner.trajectory import Trajectory
 
@@ -54,7 +55,12 @@ class Approach:
 
 
 def find_approach(
-    cell: Cell, now: Array, start: Array, pace: float = 1.0, with_object: bool = True
+    cell: Cell,
+    now: Array,
+    start: Array,
+    pace: float = 1.0,
+    with_object: bool = True,
+    limits: Limits | None = None,
 ) -> tuple[Approach | None, tuple[Check, ...]]:
     """Returns the approach from one posture to another.
 
@@ -63,16 +69,17 @@ def find_approach(
         now, start: present posture and start of the plan (6,) [rad].
         pace: share of the nominal pace [-].
         with_object: whether the object is in the tool.
+        limits: of the motion; the cell's by default.
 
     Returns:
         The approach, None if none is found, and the checks that a straight joint move fails, empty if none.
     """
     if np.abs(start - now).max() < NEAR_RAD:
         return Approach(start), ()
-    limits, ends = cell.limits, np.array([now, start])
+    limits, ends = limits or cell.limits, np.array([now, start])
     beyond = np.maximum(limits.q_lower - ends, ends - limits.q_upper)
     if beyond.max() > NEAR_RAD:
-        return None, (_out_of_range(cell, ends, beyond),)
+        return None, (_out_of_range(cell, limits, ends, beyond),)
     limits = replace(
         limits,
         q_lower=np.minimum(limits.q_lower, ends.min(axis=0)),
@@ -81,11 +88,11 @@ def find_approach(
     return _Search(cell, limits, pace, with_object).approach(now, start)
 
 
-def _out_of_range(cell: Cell, ends: Array, beyond: Array) -> Check:
+def _out_of_range(cell: Cell, limits: Limits, ends: Array, beyond: Array) -> Check:
     """Returns the check of the joint that is farthest `beyond` (2, 6) its range [rad]."""
     end, joint = np.unravel_index(int(beyond.argmax()), beyond.shape)
     value, names = float(ends[end, joint]), cell.robot.joint_names
-    limit = cell.limits.q_lower[joint] if value < cell.limits.q_lower[joint] else cell.limits.q_upper[joint]
+    limit = limits.q_lower[joint] if value < limits.q_lower[joint] else limits.q_upper[joint]
     return Check(
         "joint_position", value, float(limit), "rad", -float(beyond[end, joint]), None, False, names[int(joint)]
     )
@@ -112,11 +119,15 @@ class _Search:
         return next((motion for motion in motions if motion is not None), None), failures
 
     def _paths(self, out: Array, start: Array) -> Iterator[Array]:
-        """Yields paths (K, 6) that begin with the postures `out` (K, 6) and end at `start`."""
-        now = out[-1]
+        """Yields paths (K, 6) that begin with the postures `out` (K, 6) and end at `start`; none past a barrier."""
+        now, limits = out[-1], self.limits
+        lower, upper = passable(self.cell.robot, self.cell.tool.capsules, now)
+        if (start < lower).any() or (start > upper).any():
+            return
+        lower, upper = np.maximum(lower, limits.q_lower), np.minimum(upper, limits.q_upper)
         for margin, seed in SEARCHES:
             clear = is_clear(self.cell, margin, np.array([now, start]), self.with_object)
-            path = find_path(clear, now, start, self.limits.q_lower, self.limits.q_upper, seed)
+            path = find_path(clear, now, start, lower, upper, seed)
             if path is not None:
                 yield np.concatenate([out[:-1], path])
 

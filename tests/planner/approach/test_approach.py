@@ -53,7 +53,7 @@ def near_a_box(cell: Cell, q: np.ndarray, spare_m: float) -> Cell:
     return with_top(p[2] - 0.1 + apart - spare_m)
 
 
-@pytest.mark.parametrize("spare_m", [1e-5, 1e-4, 1e-3])
+@pytest.mark.parametrize("spare_m", [1e-5, 1e-3])
 def test_a_start_barely_clear_is_left(throw: BrakedThrow, spare_m: float) -> None:
     """What the certificate accepts is not refused for a coarser bound or a wider margin, by either kind of motion."""
     q = np.array([-0.8, -1.2, 1.6, -1.9, -1.57, 0.0])
