@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from planner.approach import Brakes, find_brakes
 from planner.backends import ruckig_otg
-from planner.cell import Cell
+from planner.cell import Box, Cell
+from planner.geometry import body_model, tool_pose
 from planner.problem import TargetRelease, ThrowProblem
 from planner.seeds import candidates
 from planner.trajectory import Trajectory
@@ -55,3 +56,21 @@ def braked_throw(name: str) -> BrakedThrow:
 def throw(request: pytest.FixtureRequest) -> BrakedThrow:
     """A throw of an e-Series arm at 500 Hz, and of a CB3 arm at 125 Hz."""
     return braked_throw(request.param)
+
+
+def tool_position(cell: Cell, q: np.ndarray) -> np.ndarray:
+    """Returns the position of the tool centre point (3,) [m]."""
+    return tool_pose(cell, q)[:3, 3]
+
+
+def near_a_box(cell: Cell, q: np.ndarray, spare_m: float) -> Cell:
+    """Returns the cell with a box below the tool at a posture (6,), `spare_m` farther away than the clearance."""
+    p = tool_position(cell, q)
+    half = np.array([0.1, 0.1, 0.1])
+
+    def with_top(z: float) -> Cell:
+        centre = np.array([p[0], p[1], z - half[2]])
+        return replace(cell, surroundings=replace(cell.surroundings, keep_out=(Box(centre - half, centre + half),)))
+
+    apart = float(body_model(with_top(p[2] - 0.1)).clearances(q[None]).keep_out[0])
+    return with_top(p[2] - 0.1 + apart - spare_m)

@@ -10,18 +10,13 @@ import pytest
 from planner.approach import APPROACH_SPEED, find_approach, jog_advice, obstacle_words
 from planner.cell import Box, Cell
 from planner.certificate import certify
-from planner.geometry import body_model, tool_pose
-from tests.planner.approach.conftest import BrakedThrow
+from planner.geometry import body_model
+from tests.planner.approach.conftest import BrakedThrow, near_a_box, tool_position
 
 
 def with_box(cell: Cell, centre: np.ndarray, half: float) -> Cell:
     """Returns the cell with a forbidden cube."""
     return replace(cell, surroundings=replace(cell.surroundings, keep_out=(Box(centre - half, centre + half),)))
-
-
-def tool_position(cell: Cell, q: np.ndarray) -> np.ndarray:
-    """Returns the position of the tool centre point (3,) [m]."""
-    return tool_pose(cell, q)[:3, 3]
 
 
 def test_an_arm_at_the_start_does_not_move(throw: BrakedThrow) -> None:
@@ -38,19 +33,6 @@ def test_a_clear_approach_is_a_straight_move(throw: BrakedThrow) -> None:
     assert approach is not None
     assert approach.goal == pytest.approx(start)
     assert approach.is_straight
-
-
-def near_a_box(cell: Cell, q: np.ndarray, spare_m: float) -> Cell:
-    """Returns the cell with a box below the tool at a posture (6,), `spare_m` farther away than the clearance."""
-    p = tool_position(cell, q)
-    half = np.array([0.1, 0.1, 0.1])
-
-    def with_top(z: float) -> Cell:
-        centre = np.array([p[0], p[1], z - half[2]])
-        return replace(cell, surroundings=replace(cell.surroundings, keep_out=(Box(centre - half, centre + half),)))
-
-    apart = float(body_model(with_top(p[2] - 0.1)).clearances(q[None]).keep_out[0])
-    return with_top(p[2] - 0.1 + apart - spare_m)
 
 
 @pytest.mark.parametrize("spare_m", [1e-5, 1e-3])

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planner.approach import brake_path, find_brakes
+from planner.approach import brake_path, find_approach, find_brakes
 from planner.cell import Box
 from planner.dynamics import joint_torques, payload_of
-from tests.planner.approach.conftest import BrakedThrow
+from tests.planner.approach.conftest import BrakedThrow, near_a_box
 
 
 def test_speed_and_acceleration_are_the_derivatives_of_the_path() -> None:
@@ -66,3 +66,14 @@ def test_at_rest_there_is_nothing_to_brake(throw: BrakedThrow) -> None:
     assert throw.brakes.row[0] == 0
     assert throw.brakes.ticks[0] == 0
     assert throw.brakes.row[-1] == len(throw.q) - 1
+
+
+def test_brakes_barely_clear_are_accepted(throw: BrakedThrow) -> None:
+    """From the first rows that lead away from a box, 0.1 mm beyond the clearance."""
+    q = np.array([-0.8, -1.2, 1.6, -1.9, -1.57, 0.0])
+    cell = near_a_box(throw.cell, q, 1e-4)
+    away, _ = find_approach(cell, q, q + np.array([0, -0.4, 0, 0, 0, 0]))
+    assert away is not None and away.trajectory is not None
+    motion = away.trajectory
+    found = find_brakes(cell, motion.q, motion.qd, motion.qdd, motion.dt, every=10)
+    np.testing.assert_array_equal(found.row[::10], np.arange(len(motion.q))[::10])
