@@ -16,19 +16,33 @@ class LinkMotion:
     """Axes, origins, velocities and accelerations of the six links over N samples.
 
     Attributes:
-        axes: directions of the joint axes (3, 6, N).
-        origins: of the DH frames 0 to 6 (3, 7, N) [m].
-        frames: directions of x, y and z of the DH frames 1 to 6 (3, 3, 6, N); the first index counts x, y, z.
-        joint_rotations: angular velocity that each joint contributes (3, 6, N) [rad/s].
+        X: poses of base and links (N, 7, 4, 4).
+        qd, qdd: joint rates (N, 6) [rad/s, rad/s^2].
     """
 
     def __init__(self, X: Array, qd: Array, qdd: Array) -> None:
         """Takes link poses (N, 7, 4, 4) of `link_poses` and joint rates (N, 6) [rad/s, rad/s^2]."""
-        self.axes = np.ascontiguousarray(X[:, :6, :3, 2].transpose(2, 1, 0))
-        self.origins = np.ascontiguousarray(X[:, :, :3, 3].transpose(2, 1, 0))
-        self.frames = np.ascontiguousarray(X[:, 1:, :3, :3].transpose(3, 2, 1, 0))
-        self.joint_rotations = self.axes * qd.T
-        self._qdd = qdd.T
+        self.X, self.qd, self.qdd = X, qd, qdd
+
+    @cached_property
+    def axes(self) -> Array:
+        """Directions of the joint axes (3, 6, N)."""
+        return np.ascontiguousarray(self.X[:, :6, :3, 2].transpose(2, 1, 0))
+
+    @cached_property
+    def origins(self) -> Array:
+        """Origins of the DH frames 0 to 6 (3, 7, N) [m]."""
+        return np.ascontiguousarray(self.X[:, :, :3, 3].transpose(2, 1, 0))
+
+    @cached_property
+    def frames(self) -> Array:
+        """Directions of x, y and z of the DH frames 1 to 6 (3, 3, 6, N); the first index counts x, y, z."""
+        return np.ascontiguousarray(self.X[:, 1:, :3, :3].transpose(3, 2, 1, 0))
+
+    @cached_property
+    def joint_rotations(self) -> Array:
+        """Angular velocity that each joint contributes (3, 6, N) [rad/s]."""
+        return self.axes * self.qd.T
 
     @cached_property
     def offsets(self) -> Array:
@@ -43,7 +57,7 @@ class LinkMotion:
     @cached_property
     def angular_acceleration(self) -> Array:
         """Angular acceleration of the links (3, 6, N) [rad/s^2]."""
-        return accumulate(self.axes * self._qdd + cross(self.angular_velocity, self.joint_rotations))
+        return accumulate(self.axes * self.qdd.T + cross(self.angular_velocity, self.joint_rotations))
 
     def in_links(self, vectors: Array) -> Array:
         """Returns directions now (3, k, 6, N) of vectors (k, 6, 3), k of them fixed in the frame of each link."""

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from planner import compilation
 from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import SolveOptions, codegen, instance, parameters
 from planner.cell import Box, Cell, ToolCapsule, load_cell
@@ -161,7 +162,7 @@ def test_125_hz() -> None:
 
 def test_without_a_compiler_there_is_no_library(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(codegen, "COMPILERS", ())
+    monkeypatch.setattr(compilation, "COMPILERS", ())
     codegen.library.cache_clear()
     try:
         assert codegen.compile_blocks() is None

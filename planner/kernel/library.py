@@ -1,0 +1,123 @@
+"""The compiled kernel: kernel.c as a library, and its functions on numpy arrays."""
+
+from __future__ import annotations
+
+import ctypes
+import logging
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from planner.arrays import Array, Index
+from planner.compilation import SHARED, compile_once, library_path
+
+SOURCE = Path(__file__).with_name("kernel.c")
+# Multiplications and additions are not fused, and no processor is asked for: every machine rounds alike.
+FLAGS = ("-O2", "-ffp-contract=off", "-fno-math-errno", *SHARED)
+# Arguments of each function, in order: a count, a number, or the address of an array.
+SIGNATURES = {
+    "link_poses": "naaaaa",
+    "end_points": "nanaaa",
+    "chain_torques": "naaaaaaaaaa",
+    "segment_distances": "nnxaaaaa",
+    "box_distances": "naaaaa",
+}
+TYPES = {"n": ctypes.c_ssize_t, "x": ctypes.c_double, "a": ctypes.c_void_p}
+LINKS, JOINTS = 7, 6  # base and links; joints
+
+
+def compile_kernel() -> bool:
+    """Compiles the kernel unless that is done, and returns whether it can be used; takes a quarter of a second.
+
+    Raises:
+        OSError: the cache folder cannot be written.
+        subprocess.CalledProcessError: the compiler rejects the C.
+    """
+    compile_once(path(), FLAGS, SOURCE.read_text)
+    loaded.cache_clear()
+    return loaded() is not None
+
+
+@cache
+def loaded() -> Kernel | None:
+    """Returns the kernel, None if it has not been compiled; compiles nothing."""
+    file = path()
+    if not file.exists():
+        return None
+    try:
+        return Kernel(file)
+    except (OSError, AttributeError) as error:
+        logging.getLogger(__name__).warning("%s is not used, numpy is: %s", file, error)
+        return None
+
+
+def path() -> Path:
+    """Returns the path of the compiled kernel, whether it exists or not."""
+    return library_path("kernel", FLAGS, [SOURCE.read_bytes()])
+
+
+class Kernel:
+    """The functions of kernel.c, on arrays of any layout. Shapes are checked here, because C would not."""
+
+    def __init__(self, path: Path) -> None:
+        """Loads the library.
+
+        Raises:
+            OSError: it cannot be loaded.
+            AttributeError: it lacks a function.
+        """
+        self._library = ctypes.CDLL(str(path))
+        for name, signature in SIGNATURES.items():
+            function = getattr(self._library, name)
+            function.argtypes, function.restype = [TYPES[letter] for letter in signature], None
+
+    def link_poses(self, cosine: Array, sine: Array, dh: Array, base: Array) -> Array:
+        """Returns link poses (n, 7, 4, 4) for cosines and sines (n, 6) of the joints, see `kinematics.link_poses`."""
+        n, X = len(cosine), np.empty((len(cosine), LINKS, 4, 4))
+        rows = (n, JOINTS)
+        _call(self._library.link_poses, n, _in(cosine, rows), _in(sine, rows), _in(dh, (4, 6)), _in(base, (4, 4)), X)
+        return X
+
+    def end_points(self, X: Array, frames: Index, ends: Array) -> Array:
+        """Returns ends (k, 2, 3, n) in the world of segments with `ends` (k, 2, 3) in `frames` (k,) of X."""
+        n, k = len(X), len(frames)
+        frames, out = np.ascontiguousarray(frames, dtype=np.intp), np.empty((k, 2, 3, n))
+        _call(self._library.end_points, n, _in(X, (n, LINKS, 4, 4)), k, frames, _in(ends, (k, 2, 3)), out)
+        return out
+
+    def chain_torques(
+        self, X: Array, rates: tuple[Array, Array], bodies: tuple[Array, Array, Array], upward: Array, p_F: Array
+    ) -> tuple[Array, Array]:
+        """Returns the torques (6, n) of the links, and per kilogram at `p_F` of the flange; see `chain_torques`."""
+        n, (mass, fixed, principal) = len(X), bodies
+        motion = (_in(X, (n, LINKS, 4, 4)), *(_in(rate, (n, JOINTS)) for rate in rates))
+        masses = _in(mass, (JOINTS,)), _in(fixed, (4, JOINTS, 3)), _in(principal, (3, JOINTS))
+        out = np.empty((JOINTS, n)), np.empty((JOINTS, n))
+        _call(self._library.chain_torques, n, *motion, *masses, _in(upward, (3,)), _in(p_F, (3,)), *out)
+        return out
+
+    def segment_distances(self, p0: Array, p1: Array, q0: Array, q1: Array, shortest_m2: float) -> Array:
+        """Returns the distances (g, n) of segments p0-p1 and q0-q1, each (g, 3, n); see `segment_segment_distance`."""
+        g, _, n = p0.shape
+        out = np.empty((g, n))
+        _call(self._library.segment_distances, g, n, shortest_m2, *(_in(x, (g, 3, n)) for x in (p0, p1, q0, q1)), out)
+        return out
+
+    def box_distances(self, p0: Array, p1: Array, lower: Array, upper: Array) -> Array:
+        """Returns the distances (n,) of segments p0-p1 from boxes, each (n, 3)."""
+        n = len(p0)
+        out = np.empty(n)
+        _call(self._library.box_distances, n, *(_in(x, (n, 3)) for x in (p0, p1, lower, upper)), out)
+        return out
+
+
+def _in(values: Array, shape: tuple[int, ...]) -> Array:
+    if values.shape != shape:
+        raise ValueError(f"an array of the kernel is {values.shape} instead of {shape}")
+    return np.ascontiguousarray(values, dtype=np.float64)
+
+
+def _call(function: Any, *arguments: Array | Index | float) -> None:
+    function(*(each.ctypes.data if isinstance(each, np.ndarray) else each for each in arguments))
