@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from planner.arrays import Array, Index
-from planner.compilation import SHARED, compile_once, library_path
+from planner.kernel.compilation import SHARED, compile_once, library_path
 
 SOURCE = Path(__file__).with_name("kernel.c")
 # Multiplications and additions are not fused, and no processor is asked for: every machine rounds alike.
@@ -26,6 +26,7 @@ SIGNATURES = {
 }
 TYPES = {"n": ctypes.c_ssize_t, "x": ctypes.c_double, "a": ctypes.c_void_p}
 LINKS, JOINTS = 7, 6  # base and links; joints
+MEMORY = ctypes.c_char * 0  # of an array: its address
 
 
 def compile_kernel() -> bool:
@@ -77,14 +78,16 @@ class Kernel:
         """Returns link poses (n, 7, 4, 4) for cosines and sines (n, 6) of the joints, see `kinematics.link_poses`."""
         n, X = len(cosine), np.empty((len(cosine), LINKS, 4, 4))
         rows = (n, JOINTS)
-        _call(self._library.link_poses, n, _in(cosine, rows), _in(sine, rows), _in(dh, (4, 6)), _in(base, (4, 4)), X)
+        joints = _in(cosine, rows), _in(sine, rows)
+        self._library.link_poses(n, *joints, _in(dh, (4, JOINTS)), _in(base, (4, 4)), _out(X))
         return X
 
     def end_points(self, X: Array, frames: Index, ends: Array) -> Array:
         """Returns ends (k, 2, 3, n) in the world of segments with `ends` (k, 2, 3) in `frames` (k,) of X."""
         n, k = len(X), len(frames)
-        frames, out = np.ascontiguousarray(frames, dtype=np.intp), np.empty((k, 2, 3, n))
-        _call(self._library.end_points, n, _in(X, (n, LINKS, 4, 4)), k, frames, _in(ends, (k, 2, 3)), out)
+        poses, places = _in(X, (n, LINKS, 4, 4)), np.asarray(frames, dtype=np.intp).tobytes()
+        out = np.empty((k, 2, 3, n))
+        self._library.end_points(n, poses, k, places, _in(ends, (k, 2, 3)), _out(out))
         return out
 
     def chain_torques(
@@ -95,29 +98,35 @@ class Kernel:
         motion = (_in(X, (n, LINKS, 4, 4)), *(_in(rate, (n, JOINTS)) for rate in rates))
         masses = _in(mass, (JOINTS,)), _in(fixed, (4, JOINTS, 3)), _in(principal, (3, JOINTS))
         out = np.empty((JOINTS, n)), np.empty((JOINTS, n))
-        _call(self._library.chain_torques, n, *motion, *masses, _in(upward, (3,)), _in(p_F, (3,)), *out)
+        self._library.chain_torques(n, *motion, *masses, _in(upward, (3,)), _in(p_F, (3,)), *map(_out, out))
         return out
 
     def segment_distances(self, p0: Array, p1: Array, q0: Array, q1: Array, shortest_m2: float) -> Array:
         """Returns the distances (g, n) of segments p0-p1 and q0-q1, each (g, 3, n); see `segment_segment_distance`."""
         g, _, n = p0.shape
         out = np.empty((g, n))
-        _call(self._library.segment_distances, g, n, shortest_m2, *(_in(x, (g, 3, n)) for x in (p0, p1, q0, q1)), out)
+        ends = (_in(x, (g, 3, n)) for x in (p0, p1, q0, q1))
+        self._library.segment_distances(g, n, shortest_m2, *ends, _out(out))
         return out
 
     def box_distances(self, p0: Array, p1: Array, lower: Array, upper: Array) -> Array:
         """Returns the distances (n,) of segments p0-p1 from boxes, each (n, 3)."""
         n = len(p0)
         out = np.empty(n)
-        _call(self._library.box_distances, n, *(_in(x, (n, 3)) for x in (p0, p1, lower, upper)), out)
+        self._library.box_distances(n, *(_in(x, (n, 3)) for x in (p0, p1, lower, upper)), _out(out))
         return out
 
 
-def _in(values: Array, shape: tuple[int, ...]) -> Array:
-    if values.shape != shape:
-        raise ValueError(f"an array of the kernel is {values.shape} instead of {shape}")
-    return np.ascontiguousarray(values, dtype=np.float64)
+def _in(values: Array, shape: tuple[int, ...]) -> bytes:
+    """Returns a copy of an argument, whatever its layout: 2 us where it is large, less than taking its address.
+
+    Raises:
+        ValueError: it has another shape, or does not hold doubles.
+    """
+    if values.shape != shape or values.dtype.char != "d":
+        raise ValueError(f"an array of the kernel is {values.dtype} {values.shape} instead of float64 {shape}")
+    return values.tobytes()
 
 
-def _call(function: Any, *arguments: Array | Index | float) -> None:
-    function(*(each.ctypes.data if isinstance(each, np.ndarray) else each for each in arguments))
+def _out(values: Array) -> ctypes.Array[Any]:
+    return MEMORY.from_buffer(values)

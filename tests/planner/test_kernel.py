@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planner import compilation, kernel
+from planner import kernel
 from planner.backends import ruckig_otg
 from planner.cell import Box, Cell, ToolCapsule
 from planner.certificate import certify
 from planner.dynamics import joint_torques
 from planner.geometry import body_model, segment_box_distance, segment_segment_distance
-from planner.kernel import Kernel, library
+from planner.kernel import Kernel, compilation, library
 from planner.kinematics import link_poses
 from planner.problem import JointRelease, ThrowProblem
 from planner.robots import ROBOT_NAMES, robot

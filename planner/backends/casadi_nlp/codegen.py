@@ -13,7 +13,7 @@ import casadi as ca
 
 from planner.backends.casadi_nlp.functions import KINDS, Block, interpreted_blocks
 from planner.backends.casadi_nlp.symbols import FORMULAS
-from planner.compilation import SHARED, compile_once, library_path
+from planner.kernel import SHARED, compile_once, library_path
 
 FLAGS = ("-O1", "-fno-math-errno", *SHARED)  # -O2 takes twice the compile time without a faster solve
 FORMULA_MODULES = ("arm_symbols", "clearance_symbols", "functions", "layout", "symbols")  # sources of the C

@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planner import compilation
 from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import SolveOptions, codegen, instance, parameters
 from planner.cell import Box, Cell, ToolCapsule, load_cell
 from planner.certificate import certify
 from planner.errors import SolverFailed
+from planner.kernel import compilation
 from planner.problem import JointRelease, PointRelease, TargetRelease, ThrowProblem
 from planner.seeds import Candidate, InitialGuess, Seed, candidates
 from planner.trajectory import Trajectory
