@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planner.arrays import Array, Index, Mask
+from planner.kernel import Kernel, twin_of
 from planner.trajectory import Trajectory
 
 ROUNDS = 16  # [-] bisections of an interval: 2^-16 of a coarse one is below a microsecond
@@ -66,14 +67,16 @@ def joint_rates(trajectory: Trajectory, knots: Index | None = None) -> Rates:
     """
     if knots is None:
         knots = np.arange(len(trajectory.q))
-    first, last = knots[0], knots[-1]
-    rows = np.concatenate([trajectory.qd, trajectory.qdd], axis=1)[first : last + 1]
-    size, jerk = np.abs(rows.T), np.abs(trajectory.jerk[first:last].T)
-    inside = np.maximum.reduceat(size[:, :-1], knots[:-1] - first, axis=1)
-    most = np.maximum(inside, size[:, knots[1:] - first])
-    jerk_most = np.maximum.reduceat(jerk, knots[:-1] - first, axis=1)
-    n = trajectory.q.shape[1]
-    return Rates(most[:n] + jerk_most * trajectory.dt**2 / 8.0, most[n:], jerk_most)
+    jerk = np.maximum.reduceat(np.abs(trajectory.jerk[knots[0] : knots[-1]]), knots[:-1] - knots[0]).T
+    qd, qdd = (_largest_between(values, knots) for values in (trajectory.qd, trajectory.qdd))
+    return Rates(qd + jerk * trajectory.dt**2 / 8.0, qdd, jerk)
+
+
+@twin_of(Kernel.largest_between, lambda: (np.sin(np.arange(40.0)).reshape(10, 4), np.array([1, 2, 5, 9])))
+def _largest_between(values: Array, rows: Index) -> Array:
+    """Returns the largest sizes (c, k-1) of `values` (n, c) from each of `rows` (k,) to the next, both included."""
+    size = np.abs(values[rows[0] : rows[-1] + 1])
+    return np.maximum(np.maximum.reduceat(size[:-1], rows[:-1] - rows[0]), size[rows[1:] - rows[0]]).T
 
 
 def jerk_jumps(trajectory: Trajectory, knots: Index) -> Array:

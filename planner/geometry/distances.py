@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner.arrays import Array
+from planner.arrays import Array, Index
 from planner.kernel import Kernel, twin_of
 from planner.kinematics import dot
 
@@ -30,22 +30,34 @@ def segment_segment_distance(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: Ar
     if any(x.shape != ends[0].shape for x in ends):
         ends = np.broadcast_arrays(*ends)
     before, (_, *after) = ends[0].shape[:axis], ends[0].shape[axis:]
-    grouped = (x.reshape(math.prod(before), 3, math.prod(after)) for x in ends)
-    return _segment_distances(*grouped, POINT_M2).reshape((*before, *after))
+    grouped = np.array([x.reshape(math.prod(before), 3, math.prod(after)) for x in ends])
+    segments = grouped.reshape(2, 2, *grouped.shape[1:]).swapaxes(1, 2).reshape(-1, 2, *grouped.shape[2:])
+    pairs = np.arange(len(segments)).reshape(2, -1).T
+    return pair_distances(segments, pairs).reshape((*before, *after))
 
 
-def _segment_example() -> tuple[Array, Array, Array, Array, float]:
+def pair_distances(ends: Array, pairs: Index) -> Array:
+    """Returns the distances (p, n) [m] of p `pairs` (p, 2) of segments; see `segment_segment_distance`.
+
+    Args:
+        ends: of k segments at n instants (k, 2, 3, n) [m].
+        pairs: indices of two segments each.
+    """
+    return _pair_distances(ends, pairs, POINT_M2)
+
+
+def _pair_example() -> tuple[Array, Index, float]:
     """Returns random segments, parallel ones, points, and segments that touch."""
     p0, p1, q0, q1 = np.random.default_rng(0).uniform(-1.0, 1.0, (4, 8, 3, 3))
     q1[1], p1[2], q1[3], q0[4] = q0[1] + 2.0 * (p1[1] - p0[1]), p0[2], q0[3], p1[4]
     p1[5], q1[5] = p0[5], q0[5]
-    return p0, p1, q0, q1, POINT_M2
+    ends = np.concatenate([np.stack([p0, p1], axis=1), np.stack([q0, q1], axis=1)])
+    return ends, np.array([[i, i + 8] for i in range(8)]), POINT_M2
 
 
-@twin_of(Kernel.segment_distances, _segment_example)
-def _segment_distances(p0: Array, p1: Array, q0: Array, q1: Array, shortest_m2: float) -> Array:
-    """Returns the distances (g, n) of segments with ends (g, 3, n)."""
-    p0, p1, q0, q1 = (np.moveaxis(x, 1, 0) for x in (p0, p1, q0, q1))
+@twin_of(Kernel.pair_distances, _pair_example)
+def _pair_distances(ends: Array, pairs: Index, shortest_m2: float) -> Array:
+    (p0, p1), (q0, q1) = (ends[side].transpose(1, 2, 0, 3) for side in pairs.T)
     u, v, w = p1 - p0, q1 - q0, q0 - p0
     uu, uv, vv, uw, vw = dot(u, u), dot(u, v), dot(v, v), dot(u, w), dot(v, w)
     determinant = uu * vv - uv * uv

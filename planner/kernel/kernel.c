@@ -58,6 +58,40 @@ void end_points(count n, in X, count k, const count *frames, in ends, double *ou
         }
 }
 
+/* Ends (n, 2, 3) in the world of one segment an instant, given in its frame (n, 2, 3). */
+void end_points_of(count n, in X, const count *frames, in ends, double *out) {
+    for (count i = 0; i < 2 * n; i++) in_world(X + 16 * (7 * (i / 2) + frames[i / 2]), ends + 3 * i, 1.0, out + 3 * i);
+}
+
+/* Largest sizes (c, k - 1) of values (n, c) from each of k rows to the next, both among them. */
+void largest_between(count c, in values, count k, const count *rows, double *out) {
+    for (count i = 0; i + 1 < k; i++)
+        for (count j = 0; j < c; j++) {
+            double most = 0.0;
+            for (count row = rows[i]; row <= rows[i + 1]; row++) {
+                double size = fabs(values[c * row + j]);
+                if (size > most || size != size) most = size;
+            }
+            out[j * (k - 1) + i] = most;
+        }
+}
+
+/* Velocities (3, n) of a point (3, n) that moves with the flange. */
+void point_velocity(count n, in X, in qd, in point, double *out) {
+    for (count m = 0; m < n; m++, X += 7 * 16, qd += 6) {
+        double v[3] = {0.0};
+        for (int i = 0; i < 6; i++) {
+            double turn[3], arm[3];
+            for (int row = 0; row < 3; row++) {
+                turn[row] = X[16 * i + 4 * row + 2] * qd[i];
+                arm[row] = point[row * n + m] - X[16 * i + 4 * row + 3];
+            }
+            add_cross(turn, arm, v);
+        }
+        for (int row = 0; row < 3; row++) out[row * n + m] = v[row];
+    }
+}
+
 /* Adds the acceleration of a point r beyond the origin of its link: alpha x r + omega x (omega x r). */
 static void add_relative(in omega, in alpha, in r, double *out) {
     double v[3] = {0.0};
@@ -159,16 +193,16 @@ void chain_torques(count n, in X, in qd, in qdd, in mass, in fixed, in principal
     }
 }
 
-/* Distances (g, n) of segments p0-p1 and q0-q1 with ends (g, 3, n). Source: see segment_segment_distance. */
-void segment_distances(count g, count n, double shortest, in p0, in p1, in q0, in q1, double *out) {
-    for (count i = 0; i < g; i++)
+/* Distances (p, n) of p pairs (p, 2) of segments with ends (k, 2, 3, n). Source: see segment_segment_distance. */
+void pair_distances(count n, in ends, count p, const count *pairs, double shortest, double *out) {
+    for (count i = 0; i < p; i++)
         for (count m = 0; m < n; m++) {
+            in one = ends + 6 * n * pairs[2 * i] + m, other = ends + 6 * n * pairs[2 * i + 1] + m;
             double u[3], v[3], w[3], gap[3];
-            for (int row = 0; row < 3; row++) {
-                count at = (3 * i + row) * n + m;
-                u[row] = p1[at] - p0[at];
-                v[row] = q1[at] - q0[at];
-                w[row] = q0[at] - p0[at];
+            for (int row = 0; row < 3; row++, one += n, other += n) {
+                u[row] = one[3 * n] - one[0];
+                v[row] = other[3 * n] - other[0];
+                w[row] = other[0] - one[0];
             }
             double uu = dot(u, u), uv = dot(u, v), vv = dot(v, v), uw = dot(u, w), vw = dot(v, w);
             double determinant = uu * vv - uv * uv;

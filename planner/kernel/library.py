@@ -20,8 +20,11 @@ FLAGS = ("-O2", "-ffp-contract=off", "-fno-math-errno", *SHARED)
 SIGNATURES = {
     "link_poses": "naaaaa",
     "end_points": "nanaaa",
+    "end_points_of": "naaaa",
+    "point_velocity": "naaaa",
+    "largest_between": "nanaa",
     "chain_torques": "naaaaaaaaaa",
-    "segment_distances": "nnxaaaaa",
+    "pair_distances": "nanaxa",
     "box_distances": "naaaaa",
 }
 TYPES = {"n": ctypes.c_ssize_t, "x": ctypes.c_double, "a": ctypes.c_void_p}
@@ -85,9 +88,31 @@ class Kernel:
     def end_points(self, X: Array, frames: Index, ends: Array) -> Array:
         """Returns ends (k, 2, 3, n) in the world of segments with `ends` (k, 2, 3) in `frames` (k,) of X."""
         n, k = len(X), len(frames)
-        poses, places = _in(X, (n, LINKS, 4, 4)), np.asarray(frames, dtype=np.intp).tobytes()
         out = np.empty((k, 2, 3, n))
+        poses, places = _in(X, (n, LINKS, 4, 4)), _rows(frames, (k,), LINKS)
         self._library.end_points(n, poses, k, places, _in(ends, (k, 2, 3)), _out(out))
+        return out
+
+    def end_points_of(self, X: Array, frames: Index, ends: Array) -> Array:
+        """Returns ends (n, 2, 3) in the world of one segment an instant with `ends` (n, 2, 3) in `frames` (n,) of X."""
+        n = len(X)
+        out = np.empty((n, 2, 3))
+        poses, places = _in(X, (n, LINKS, 4, 4)), _rows(frames, (n,), LINKS)
+        self._library.end_points_of(n, poses, places, _in(ends, (n, 2, 3)), _out(out))
+        return out
+
+    def point_velocity(self, X: Array, qd: Array, point: Array) -> Array:
+        """Returns velocities (3, n) of a point (3, n) that moves with the flange."""
+        n, out = len(X), np.empty((3, len(X)))
+        motion = _in(X, (n, LINKS, 4, 4)), _in(qd, (n, JOINTS))
+        self._library.point_velocity(n, *motion, _in(point, (3, n)), _out(out))
+        return out
+
+    def largest_between(self, values: Array, rows: Index) -> Array:
+        """Returns the largest sizes (c, k-1) of `values` (n, c) from each of `rows` (k,) to the next, both included."""
+        (n, c), k = values.shape, len(rows)
+        out = np.empty((c, k - 1))
+        self._library.largest_between(c, _in(values, (n, c)), k, _rows(rows, (k,), n), _out(out))
         return out
 
     def chain_torques(
@@ -101,12 +126,11 @@ class Kernel:
         self._library.chain_torques(n, *motion, *masses, _in(upward, (3,)), _in(p_F, (3,)), *map(_out, out))
         return out
 
-    def segment_distances(self, p0: Array, p1: Array, q0: Array, q1: Array, shortest_m2: float) -> Array:
-        """Returns the distances (g, n) of segments p0-p1 and q0-q1, each (g, 3, n); see `segment_segment_distance`."""
-        g, _, n = p0.shape
-        out = np.empty((g, n))
-        ends = (_in(x, (g, 3, n)) for x in (p0, p1, q0, q1))
-        self._library.segment_distances(g, n, shortest_m2, *ends, _out(out))
+    def pair_distances(self, ends: Array, pairs: Index, shortest_m2: float) -> Array:
+        """Returns the distances (p, n) of `pairs` (p, 2) of segments with `ends` (k, 2, 3, n)."""
+        k, *_, n = ends.shape
+        out, chosen = np.empty((len(pairs), n)), _rows(pairs, (len(pairs), 2), k)
+        self._library.pair_distances(n, _in(ends, (k, 2, 3, n)), len(pairs), chosen, shortest_m2, _out(out))
         return out
 
     def box_distances(self, p0: Array, p1: Array, lower: Array, upper: Array) -> Array:
@@ -125,6 +149,20 @@ def _in(values: Array, shape: tuple[int, ...]) -> bytes:
     """
     if values.shape != shape or values.dtype.char != "d":
         raise ValueError(f"an array of the kernel is {values.dtype} {values.shape} instead of float64 {shape}")
+    return values.tobytes()
+
+
+def _rows(values: Index, shape: tuple[int, ...], count: int) -> bytes:
+    """Returns a copy of indices of rows.
+
+    Raises:
+        ValueError: they have another shape or type.
+        IndexError: one is not a row of `count`.
+    """
+    if values.shape != shape or values.dtype != np.intp:
+        raise ValueError(f"indices of the kernel are {values.dtype} {values.shape} instead of {shape}")
+    if values.size and not 0 <= values.min() <= values.max() < count:
+        raise IndexError(f"an index of the kernel is outside [0, {count})")
     return values.tobytes()
 
 

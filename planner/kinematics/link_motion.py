@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from planner.arrays import Array, Index
+from planner.kernel import Kernel, twin_of
 
 
 class LinkMotion:
@@ -67,12 +68,12 @@ class LinkMotion:
 
     def on_flange(self, p_F: Array) -> Array:
         """Returns positions (3, N) [m] of a point (3,) of the flange."""
-        x, y, z = self.frames[:, :, 5]
-        return self.origins[:, 6] + x * p_F[0] + y * p_F[1] + z * p_F[2]
+        flange = self.X[:, 6, :3]
+        return (flange[:, :, :3] @ p_F + flange[:, :, 3]).T
 
     def velocity(self, point: Array) -> Array:
         """Returns velocities (3, N) [m/s] of a point (3, N) that moves with the flange."""
-        return cross(self.joint_rotations, point[:, None] - self.origins[:, :6]).sum(axis=1)
+        return _point_velocity(self, point)
 
     def relative_acceleration(self, points: Array, link: Index) -> Array:
         """Returns accelerations (3, k, N) [m/s^2] of points relative to the origins of their links.
@@ -83,6 +84,20 @@ class LinkMotion:
         """
         omega, alpha = self.angular_velocity[:, link], self.angular_acceleration[:, link]
         return cross(alpha, points) + cross(omega, cross(omega, points))
+
+
+def _compiled(kernel: Kernel, links: LinkMotion, point: Array) -> Array:
+    return kernel.point_velocity(links.X, links.qd, point)
+
+
+def _example() -> tuple[LinkMotion, Array]:
+    rng = np.random.default_rng(0)
+    return LinkMotion(rng.uniform(-1.0, 1.0, (4, 7, 4, 4)), *rng.uniform(-1.0, 1.0, (2, 4, 6))), np.ones((3, 4))
+
+
+@twin_of(_compiled, _example)
+def _point_velocity(links: LinkMotion, point: Array) -> Array:
+    return cross(links.joint_rotations, point[:, None] - links.origins[:, :6]).sum(axis=1)
 
 
 def accumulate(v: Array) -> Array:
