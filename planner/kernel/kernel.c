@@ -63,12 +63,12 @@ void end_points_of(count n, in X, const count *frames, in ends, double *out) {
     for (count i = 0; i < 2 * n; i++) in_world(X + 16 * (7 * (i / 2) + frames[i / 2]), ends + 3 * i, 1.0, out + 3 * i);
 }
 
-/* Largest sizes (c, k - 1) of values (n, c) from each of k rows to the next, both among them. */
-void largest_between(count c, in values, count k, const count *rows, double *out) {
+/* Largest sizes (c, k - 1) of values (n, c) from each of k rows to the next, which is among them if `closed` is 1. */
+void largest_between(count c, in values, count k, const count *rows, count closed, double *out) {
     for (count i = 0; i + 1 < k; i++)
         for (count j = 0; j < c; j++) {
             double most = 0.0;
-            for (count row = rows[i]; row <= rows[i + 1]; row++) {
+            for (count row = rows[i]; row < rows[i + 1] + closed; row++) {
                 double size = fabs(values[c * row + j]);
                 if (size > most || size != size) most = size;
             }

@@ -22,7 +22,7 @@ SIGNATURES = {
     "end_points": "nanaaa",
     "end_points_of": "naaaa",
     "point_velocity": "naaaa",
-    "largest_between": "nanaa",
+    "largest_between": "nanana",
     "chain_torques": "naaaaaaaaaa",
     "pair_distances": "nanaxa",
     "box_distances": "naaaaa",
@@ -108,11 +108,12 @@ class Kernel:
         self._library.point_velocity(n, *motion, _in(point, (3, n)), _out(out))
         return out
 
-    def largest_between(self, values: Array, rows: Index) -> Array:
-        """Returns the largest sizes (c, k-1) of `values` (n, c) from each of `rows` (k,) to the next, both included."""
+    def largest_between(self, values: Array, rows: Index, closed: bool) -> Array:
+        """Returns the largest sizes (c, k-1) of `values` (n, c) from each of `rows` (k,) to the next."""
         (n, c), k = values.shape, len(rows)
         out = np.empty((c, k - 1))
-        self._library.largest_between(c, _in(values, (n, c)), k, _rows(rows, (k,), n), _out(out))
+        chosen = _rows(rows, (k,), n if closed else n + 1)
+        self._library.largest_between(c, _in(values, (n, c)), k, chosen, int(closed), _out(out))
         return out
 
     def chain_torques(
