@@ -13,7 +13,7 @@ from planner.certificate.samples import ArmSamples, MotionSamples
 from planner.flight import Flight, fly, landing_points
 from planner.geometry import tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
-from planner.rotations import matrix_to_rotation_vector
+from planner.rotations import angle_between
 from planner.trajectory import Trajectory
 
 RELEASE_POSITION_TOLERANCE = 1e-5  # [m, rad] less than a third of a UR's repeatability, 0.03 mm
@@ -43,8 +43,7 @@ def release_position(motion: MotionSamples) -> Check | None:
         return at_most(name, float(np.linalg.norm(p - release.p_WT)), tolerance, "m", at_s)
     if isinstance(release, PoseRelease):
         R_WT = motion.at_knots.X_WL[motion.release_knot, 6, :3, :3] @ problem.cell.tool.X_FT[:3, :3]
-        rotation = matrix_to_rotation_vector(R_WT @ release.X_WT[:3, :3].T)
-        offset, turn = float(np.linalg.norm(p - release.X_WT[:3, 3])), float(np.linalg.norm(rotation))
+        offset, turn = float(np.linalg.norm(p - release.X_WT[:3, 3])), angle_between(R_WT, release.X_WT[:3, :3])
         unit, detail = ("m", "position [m]") if offset >= turn else ("rad", "orientation [rad]")
         return at_most(name, max(offset, turn), tolerance, unit, at_s, detail)
     if release.release_position is not None:

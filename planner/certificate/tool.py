@@ -46,16 +46,14 @@ def singularity_distance(motion: MotionSamples) -> Check | None:
         least = np.abs(signed_singularity_distances(robot, trajectory.q[rows])).min()
         return at_least("singularity_distance", float(least), required, "1")
     # Signed on the side of the release: a zero between two samples is a change of sign, which |f| would hide.
-    side = np.sign(signed_singularity_distances(robot, trajectory.q[trajectory.release_index]))
-
-    def distances(q: Array) -> Array:
-        return (signed_singularity_distances(robot, q) * side).T
+    signed = signed_singularity_distances(robot, trajectory.q[rows])
+    side = np.sign(signed[np.searchsorted(rows, trajectory.release_index)])
 
     def evaluate(t: Array, item: Index) -> Array:
-        return distances(trajectory.at(t)[0])[item, np.arange(len(t))]
+        return (signed_singularity_distances(robot, trajectory.at(t)[0]) * side)[np.arange(len(t)), item]
 
     rates = _singularity_curvature(robot, joint_rates(trajectory, rows))
-    proof = prove_above(evaluate, trajectory.t[rows], distances(trajectory.q[rows]), rates, required, curvature_bound)
+    proof = prove_above(evaluate, trajectory.t[rows], (signed * side).T, rates, required, curvature_bound)
     name = SINGULARITIES[proof.item]
     value, detail = (proof.value, name) if proof.value > 0.0 else (0.0, f"{name}: passed through")
     return at_least("singularity_distance", value, required, "1", proof.at_s, detail).provided(proof.proven)

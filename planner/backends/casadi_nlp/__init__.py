@@ -12,6 +12,7 @@ from typing import Literal
 
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins, too_coarse
 from planner.errors import BackendUnavailable, SolverFailed
+from planner.kernel import compile_kernel
 from planner.problem import ThrowProblem
 from planner.seeds import Seed
 from planner.solution import Solution
@@ -74,7 +75,7 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
 
 
 def warm(progress: Callable[[str, float], None] = lambda _what, _share: None) -> bool:
-    """Compiles the functions unless that is done, and builds the solvers of this process.
+    """Compiles the functions and the planner's kernel unless that is done, and builds the solvers of this process.
 
     Args:
         progress: called with the current step and the share done so far.
@@ -89,6 +90,7 @@ def warm(progress: Callable[[str, float], None] = lambda _what, _share: None) ->
     from planner.backends.casadi_nlp import codegen
 
     progress("compiling", 0.0)
+    compile_kernel()
     compiled = codegen.compile_blocks() is not None
     build_solvers(lambda share: progress("building solvers", 0.9 + 0.1 * share))
     progress("ready" if compiled else "no compiler: interpreted functions", 1.0)
