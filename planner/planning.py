@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
+from planner.approach import Approach
 from planner.certificate import Certificate
 from planner.errors import Infeasible
 from planner.problem import ThrowProblem
@@ -14,9 +15,11 @@ from planner.search import (
     Attempt,
     CertifiedSolution,
     PlanningSearch,
+    best_with_way_home,
     nearest_release,
     search_optimised,
     search_sequential,
+    search_with_stop,
 )
 from planner.seeds import candidates
 from planner.trajectory import Trajectory
@@ -35,6 +38,7 @@ class Plan:
         iterations: of the back end for this motion.
         solve_time_s: duration of the whole search [s].
         attempts: log of the search.
+        way_home: certified motion from the plan's end to the cell's home.
     """
 
     problem: ThrowProblem
@@ -45,6 +49,7 @@ class Plan:
     iterations: int
     solve_time_s: float
     attempts: tuple[Attempt, ...]
+    way_home: Approach
 
 
 def plan(problem: ThrowProblem) -> Plan:
@@ -59,7 +64,7 @@ def plan(problem: ThrowProblem) -> Plan:
     begun_s = time.perf_counter()
     deadline_s = begun_s + problem.time_limit_s
     try:
-        search, best = _search(problem, deadline_s)
+        search, best, way_home = _search(problem, deadline_s)
     except Infeasible as refusal:
         raise _with_nearest(problem, refusal, deadline_s) from None
     return Plan(
@@ -71,23 +76,26 @@ def plan(problem: ThrowProblem) -> Plan:
         iterations=best.solution.iterations,
         solve_time_s=time.perf_counter() - begun_s,
         attempts=tuple(search.attempts),
+        way_home=way_home,
     )
 
 
-def _search(problem: ThrowProblem, deadline_s: float) -> tuple[PlanningSearch, CertifiedSolution]:
-    """Returns a finished search and its incumbent.
+def _search(problem: ThrowProblem, deadline_s: float) -> tuple[PlanningSearch, CertifiedSolution, Approach]:
+    """Returns a finished search, its best motion from whose end there is a way home, and that way.
 
     Raises:
-        Infeasible, SolverFailed: there is no incumbent.
+        Infeasible, SolverFailed: there is no such motion.
     """
     search, found = PlanningSearch(problem, deadline_s), candidates(problem)
     if problem.backend in VARIANTS_BY_BACKEND:
         search_sequential(search, problem.backend, found)
     else:
         search_optimised(search, found)
+    if search.incumbent is None and problem.backend == "auto":
+        search_with_stop(search, found)
     if search.incumbent is None:
         raise search.failure()
-    return search, search.incumbent
+    return search, *best_with_way_home(search)
 
 
 def _with_nearest(problem: ThrowProblem, refusal: Infeasible, deadline_s: float) -> Infeasible:

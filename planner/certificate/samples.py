@@ -75,7 +75,9 @@ class MotionSamples:
 
     @property
     def released_s(self) -> float:
-        """Time until which the object is held [s]; infinite for a move that ends at rest."""
+        """Time until which the object is held [s]: infinite for a move that ends at rest, -infinite without one."""
+        if not self.problem.holds_object:
+            return -np.inf
         return np.inf if self.problem.ends_at_rest else self.trajectory.release_time_s
 
     @cached_property

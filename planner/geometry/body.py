@@ -162,13 +162,14 @@ class BodyModel:
         inside = [np.minimum(p_WT - box.lower, box.upper - p_WT).min(axis=1) for box in boxes]
         return np.array(inside).reshape(len(boxes), len(p_WT))
 
-    def clearances(self, q: Array) -> Clearances:
-        """Returns the clearances of postures `q` (n, 6) [rad] with the object in the tool."""
+    def clearances(self, q: Array, with_object: bool = True) -> Clearances:
+        """Returns the clearances of postures `q` (n, 6) [rad], with the object in the tool or without."""
         ends, clearance = self.end_points(self.link_poses(q)), self.cell.surroundings.clearance_m
+        bodies = slice(None) if with_object else slice(-1)  # the object is the last of them
         return Clearances(
-            floor=self.heights(ends).min(axis=0) - clearance,
+            floor=self.heights(ends)[bodies].min(axis=0) - clearance,
             keep_in=self.wall_distances(ends).min(axis=0, initial=np.inf),
-            keep_out=self.box_distances(ends).min(axis=(0, 1), initial=np.inf) - clearance,
+            keep_out=self.box_distances(ends)[:, bodies].min(axis=(0, 1), initial=np.inf) - clearance,
             self_collision=self.pair_distances(ends).min(axis=0, initial=np.inf) - SELF_CLEARANCE_M,
         )
 

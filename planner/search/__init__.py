@@ -5,6 +5,8 @@ from planner.search.incumbent import Attempt, CertifiedSolution, PlanningSearch
 from planner.search.nearest import nearest_release
 from planner.search.policy import POLICY
 from planner.search.sequential import VARIANTS_BY_BACKEND, search_sequential
+from planner.search.stops import search_with_stop
+from planner.search.way_home import best_with_way_home
 
 __all__ = [
     "POLICY",
@@ -12,7 +14,9 @@ __all__ = [
     "Attempt",
     "CertifiedSolution",
     "PlanningSearch",
+    "best_with_way_home",
     "nearest_release",
     "search_optimised",
     "search_sequential",
+    "search_with_stop",
 ]

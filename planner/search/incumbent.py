@@ -38,6 +38,7 @@ class PlanningSearch:
         problem: to be solved.
         deadline_s: of the request, on the clock of `time.perf_counter`.
         incumbent: best valid motion so far.
+        certified: every valid motion, in the order in which they were found.
         best_rejected: the rejected motion closest to a valid one, for the refusal.
         attempts: log of what was tried.
         iterations: spent by the optimiser so far.
@@ -47,6 +48,7 @@ class PlanningSearch:
     problem: ThrowProblem
     deadline_s: float
     incumbent: CertifiedSolution | None = None
+    certified: list[CertifiedSolution] = field(default_factory=list)
     best_rejected: CertifiedSolution | None = None
     attempts: list[Attempt] = field(default_factory=list)
     iterations: int = 0
@@ -81,9 +83,14 @@ class PlanningSearch:
                 self.best_rejected = certified
             return certificate
         self._certified_backends.add(backend)
+        self.certified.append(certified)
         if self.incumbent is None or _rank(solution.trajectory) < _rank(self.incumbent.solution.trajectory):
             self.incumbent = certified
         return certificate
+
+    def by_rank(self) -> list[CertifiedSolution]:
+        """Returns the valid motions, the best first."""
+        return sorted(self.certified, key=lambda each: _rank(each.solution.trajectory))
 
     def log_attempt(self, backend: str, result: str, begun_s: float) -> None:
         """Adds an entry to the attempt log for work that began at `begun_s`."""
