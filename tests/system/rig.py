@@ -122,10 +122,11 @@ class Rig:
     # executions
 
     def plan(self, release: Mapping[str, Any], **fields: Any) -> str:
-        """Plans and stores; returns the id. The same request is planned once."""
+        """Plans the soonest release and stores it; returns the id. The same request is planned once."""
         key = repr((release, fields))
         if key not in self._plans:
-            request = {"cell": "rig", "release": dict(release), "backend": "ruckig", "time_limit_s": 30.0, **fields}
+            own = {"backend": "ruckig", "release_window_s": 0.0, "time_limit_s": 30.0}
+            request = {"cell": "rig", "release": dict(release), **own, **fields}
             answer = plan(problem_from_request(request, self.cell))
             document = plan_document(answer, request, new_id(), "2026-01-01T00:00:00Z")
             self.add_plan(document)
