@@ -177,8 +177,12 @@ class Rig:
 
     def quiet_throw(self, release: Mapping[str, Any], mode: str = "speedj") -> ExecutionRow:
         """Throws until a run has missed no tick: assertions about a throw hold on a machine that is not overloaded."""
+        return self.quiet_run(self.plan(release), mode)
+
+    def quiet_run(self, plan_id: str, mode: str = "speedj") -> ExecutionRow:
+        """Executes a stored plan until a run has missed no tick."""
         for _ in range(QUIET_TRIES):
-            row = self.throw(release, mode)
+            row = self.end(self.queue_plan(plan_id, mode))
             if row.outcome == "completed" and row.metrics is not None and row.metrics["missed_ticks"] == 0:
                 return row
             if self.is_latched():
