@@ -88,10 +88,7 @@ def streaming_report(count: int, runs: int) -> str:
         *LOOPS_HEAD,
         *(_loop_row(name, worst) for name, worst in loops.items()),
         "",
-        "## Into bins behind walls",
-        "",
-        _bins_text(bins),
-        "",
+        *_bins_section(bins),
     ]
     return "\n".join(lines)
 
@@ -135,15 +132,15 @@ def _loop_row(name: str, worst: dict[str, float]) -> str:
     )
 
 
-def _bins_text(bins: BinThrows) -> str:
-    """Returns what became of the throws into bins."""
+def _bins_section(bins: BinThrows) -> list[str]:
     landed = ", ".join(f"{count} {surface}" for surface, count in bins.landed_on.most_common())
     error = f"{1e3 * median(bins.errors_m):.1f} / {1e3 * max(bins.errors_m):.1f} mm" if bins.errors_m else "–"
-    return (
+    text = (
         f"**{bins.inside} of {bins.executed} lie inside.** The simulator stops the object at walls and bins, and its "
         f"gripper scatters by a third of the release window. Landed on: {landed}. Distance from the planned landing "
         f"point, p50 / max: {error}. Requests without a plan: {bins.refused}."
     )
+    return ["## Into bins behind walls", "", text, ""]
 
 
 def _percent(values: dict[str, float], key: str) -> str:

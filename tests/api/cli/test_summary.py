@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from api.cli import main
+from api.cli.client import describe
 from api.cli.summary import landing_text, plan_text
 
 
@@ -59,3 +60,19 @@ def test_soonest_and_a_window_contradict_each_other():
     result = CliRunner().invoke(main, ["throw", "1", "0", "0", "--soonest", "--window", "0.01"])
     assert result.exit_code == 2
     assert "--soonest" in result.stderr
+
+
+def test_a_refusal_says_each_constraint_once_and_what_to_try():
+    rows = [
+        {"constraint": "tcp_speed", "value": 5.133770122, "limit": 4.0, "unit": "m/s", "detail": "", "proven": True},
+        {"constraint": "keep_out", "value": -0.01, "limit": 0.02, "unit": "m", "detail": "forearm and keep_out[0]"},
+    ]
+    nearest = {"release": {"kind": "target", "position": [0.8893799999999998, 0.0, -0.1]}}
+    text = describe({"title": "The arm cannot do this", "detail": "long", "violations": rows, "nearest": nearest})
+    assert text.splitlines() == [
+        "The arm cannot do this:",
+        "  tcp_speed: 5.134 m/s against a limit of 4; proven: no motion avoids it",
+        "  keep_out: -0.01 m against a limit of 0.02 (forearm and keep_out[0])",
+        "  the nearest feasible target: 0.88938 0 -0.1",
+    ]
+    assert describe({"title": "Not found", "detail": "no cell"}) == "Not found: no cell"
