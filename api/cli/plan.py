@@ -9,6 +9,8 @@ from typing import Any
 
 import click
 
+from api.cli.summary import plan_text
+
 INFEASIBLE = 2  # exit status of an invalid or infeasible request
 
 
@@ -19,16 +21,18 @@ INFEASIBLE = 2  # exit status of an invalid or infeasible request
 def plan(file: Path, cells: Path | None, cell: str | None) -> None:
     """Plan the request in FILE (JSON as for POST /plan; - reads standard input) and write the plan to standard output.
 
-    Exit status 2 with the problem (JSON) on standard error if the request is invalid or infeasible.
+    Standard error has a summary; or, with exit status 2, the problem (JSON) of an invalid or infeasible request.
     """
     from api.http import ProblemDetails, problem_document, translate
     from planner.errors import PlannerError
 
     try:
-        click.echo(_plan(_read(file), cells, cell))
+        document = _plan(_read(file), cells, cell)
     except (ProblemDetails, PlannerError) as error:
         click.echo(json.dumps(problem_document(translate(error), str(file)), indent=2), err=True)
         sys.exit(INFEASIBLE)
+    click.echo(document)
+    click.echo(plan_text(json.loads(document)), err=True)
 
 
 @click.command()
