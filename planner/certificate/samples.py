@@ -44,7 +44,7 @@ class ArmSamples:
 
 
 class MotionSamples:
-    """A problem and a trajectory, evaluated at knots: first and last sample, release, release window's ends, some between.
+    """A problem and a trajectory, evaluated at knots: first and last sample, the release and its window, some between.
 
     Attributes:
         problem, trajectory: as given.
