@@ -19,6 +19,7 @@ class LinkMotion:
         axes: directions of the joint axes (3, 6, N).
         origins: of the DH frames 0 to 6 (3, 7, N) [m].
         frames: directions of x, y and z of the DH frames 1 to 6 (3, 3, 6, N); the first index counts x, y, z.
+        qd: joint velocities (6, N) [rad/s].
         joint_rotations: angular velocity that each joint contributes (3, 6, N) [rad/s].
     """
 
@@ -27,7 +28,8 @@ class LinkMotion:
         self.axes = np.ascontiguousarray(X[:, :6, :3, 2].transpose(2, 1, 0))
         self.origins = np.ascontiguousarray(X[:, :, :3, 3].transpose(2, 1, 0))
         self.frames = np.ascontiguousarray(X[:, 1:, :3, :3].transpose(3, 2, 1, 0))
-        self.joint_rotations = self.axes * qd.T
+        self.qd = qd.T
+        self.joint_rotations = self.axes * self.qd
         self._qdd = qdd.T
 
     @cached_property

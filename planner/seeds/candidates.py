@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from planner.arrays import Array
+from planner.arrays import Array, Mask
 from planner.errors import Infeasible, Violation
 from planner.geometry import SELF_CLEARANCE_M, barriers, body_model
 from planner.kinematics import (
@@ -25,6 +25,7 @@ from planner.kinematics import (
 )
 from planner.problem import JointRelease, PointRelease, PoseRelease, ThrowProblem
 from planner.rotations import invert_pose
+from planner.safety import safety_use
 from planner.seeds.sampling import least_time, point_states, target_states
 
 SPEED_SLACK = 1e-9  # [-] rounding allowed in the comparison with a speed limit
@@ -118,6 +119,7 @@ def _usable(problem: ThrowProblem, q: Array, qd: Array) -> list[Candidate]:
     if barred[good].all():
         raise Infeasible([_barrier_violation(problem, q[good][0])])
     good &= ~barred
+    good[good] = _safe(problem, q[good], qd[good])
     q, qd = q[good], qd[good]
     bound = least_time(q - problem.start, qd, limits)
     order = np.lexsort([*q.T[::-1], bound])
@@ -137,6 +139,24 @@ def _clear(problem: ThrowProblem, q: Array, qd: Array, bound: Array) -> list[Can
         return [Candidate(q[i], qd[i], float(bound[i]), f"{kind} {i}") for i in good]
     best = max(least, key=lambda free: float(free.least.max()))
     raise Infeasible(best.violations(int(best.least.argmax()), problem.cell))
+
+
+def _safe(problem: ThrowProblem, q: Array, qd: Array) -> Mask:
+    """Returns which states (n,) keep the limits on tool and elbow speed and momentum by themselves.
+
+    Raises:
+        Infeasible: none does; the violations are those of the state closest to the limits.
+    """
+    used = safety_use(problem.cell, problem.limits.tcp_speed_max, q, qd)
+    share = np.max([each.value / each.limit for each in used], axis=0)
+    safe = share <= 1.0 + SPEED_SLACK
+    if not safe.any():
+        best = int(share.argmin())
+        rows = ((each, float(each.value[best])) for each in used)
+        raise Infeasible(
+            [Violation(u.name, v, u.limit, u.unit, detail="at the release") for u, v in rows if v > u.limit]
+        )
+    return safe
 
 
 def _barrier_violation(problem: ThrowProblem, q: Array) -> Violation:
