@@ -26,6 +26,7 @@ from planner.kinematics import (
 )
 from planner.problem import JointRelease, PointRelease, PoseRelease, ThrowProblem
 from planner.rotations import invert_pose
+from planner.safety import safety_use
 from planner.seeds.sampling import least_time, point_states, target_states
 
 SPEED_SLACK = 1e-9  # [-] rounding allowed in the comparison with a speed limit
@@ -148,6 +149,7 @@ def _usable(problem: ThrowProblem, states: _States) -> list[Candidate]:
     if barred[good].all():
         raise Infeasible([_barrier_violation(problem, q[good][0])])
     states = states.at(good & ~barred)
+    states = states.at(_safe(problem, states))
     bound = least_time(states.q - problem.start, states.qd, limits)
     order = np.lexsort([*states.q.T[::-1], bound])
     return _clear(problem, states.at(order), bound[order])
@@ -167,6 +169,24 @@ def _clear(problem: ThrowProblem, states: _States, bound: Array) -> list[Candida
         return [Candidate(states.q[i], states.qd[i], float(bound[i]), f"{kind} {i}") for i in good]
     best = states.q[[int(least.argmax())]]
     raise Infeasible(body.clearances(best).violations(0, problem.cell))
+
+
+def _safe(problem: ThrowProblem, states: _States) -> Mask:
+    """Returns which states (n,) keep the limits on tool and elbow speed and momentum by themselves.
+
+    Raises:
+        Infeasible: none does; the violations are those of the state closest to the limits.
+    """
+    used = safety_use(problem.cell, problem.limits.tcp_speed_max, states.q, states.qd)
+    share = np.max([each.value / each.limit for each in used], axis=0)
+    safe = share <= 1.0 + SPEED_SLACK
+    if not safe.any():
+        best = int(share.argmin())
+        rows = ((each, float(each.value[best])) for each in used)
+        raise Infeasible(
+            [Violation(u.name, v, u.limit, u.unit, detail="at the release") for u, v in rows if v > u.limit]
+        )
+    return safe
 
 
 def _barrier_violation(problem: ThrowProblem, q: Array) -> Violation:
