@@ -104,21 +104,26 @@ class MotionSamples:
         return int(np.searchsorted(self.knots, self.trajectory.release_index))
 
     @property
-    def released_s(self) -> float:
-        """Time until which the object is held [s]: infinite for a move that ends at rest, -infinite without one."""
-        if not self.problem.holds_object:
-            return -np.inf
-        return np.inf if self.problem.ends_at_rest else self.trajectory.release_time_s
-
-    @property
     def gone_from_s(self) -> float:
-        """Time from which the object may have left [s]: the release window's beginning, at a knot; infinite at rest."""
-        return np.inf if self.problem.ends_at_rest else float(self.trajectory.t[self._object_changes[0]])
+        """Time from which the object may have left [s]: the release window's beginning, at a knot.
+
+        Infinite for a move that ends at rest, -infinite for one without the object.
+        """
+        return self._change_s(0)
 
     @property
     def held_until_s(self) -> float:
-        """Time until which the object may still be held [s]: the release window's end, at a knot; infinite at rest."""
-        return np.inf if self.problem.ends_at_rest else float(self.trajectory.t[self._object_changes[1]])
+        """Time until which the object may still be held [s]: the release window's end, at a knot.
+
+        Infinite for a move that ends at rest, -infinite for one without the object.
+        """
+        return self._change_s(1)
+
+    def _change_s(self, end: int) -> float:
+        """Returns the time of one end of the span in which the object may be held or gone [s]."""
+        if not self.problem.holds_object:
+            return -math.inf
+        return math.inf if self.problem.ends_at_rest else float(self.trajectory.t[self._object_changes[end]])
 
     def worse_of(self, t: Array, held: Array, empty: Array) -> Array:
         """Returns values (..., k) at times `t` (k,) with the object while it is held, without it once it is gone.
