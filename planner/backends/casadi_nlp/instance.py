@@ -11,11 +11,11 @@ import numpy as np
 
 from planner.backends.casadi_nlp.bounds import Bounds
 from planner.backends.casadi_nlp.functions import evaluate
-from planner.backends.casadi_nlp.layout import ARM, COST, NZ, RELEASE, STEP, TIME, TIME_SCALE, Vector
+from planner.backends.casadi_nlp.layout import ARM, COST, NZ, QD, RELEASE, STEP, TIME, Vector
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins
-from planner.backends.casadi_nlp.parameters import box_parameters, cell_parameters
+from planner.backends.casadi_nlp.parameters import box_parameters, cell_parameters, scale_parameters, variable_scales
 from planner.backends.casadi_nlp.symbols import FORMULAS
-from planner.backends.casadi_nlp.transcription import LAZY_GROUPS, SCALES, StageLayout, Transcription, transcription
+from planner.backends.casadi_nlp.transcription import LAZY_GROUPS, StageLayout, Transcription, transcription
 from planner.cell import Cell, Limits
 from planner.flight import fly
 from planner.geometry import tool_state
@@ -93,7 +93,7 @@ class Instance:
         stages: the layout, with every group of rows that applies.
         limits: of the joints, less what the tick grid needs.
         aim: landing point of the drag-free flight (3,) [m].
-        initial: initial guess of the variables (N + 1, NZ), scaled.
+        initial: initial guess of the variables (N + 1, NZ), in SI units.
         steps: lengths (N,) [s] that the solution's steps are kept close to.
         fixed_times: times of release and end [s], if they are fixed.
         landing_offsets: added to the landing error at each knot of the window (2 n + 1, 2) [m].
@@ -126,10 +126,10 @@ class Instance:
         return replace(self, initial=initial, steps=steps, landing_offsets=landing_offsets)
 
     def on_times(self, solution: Vector, release_s: float, end_s: float) -> Instance:
-        """Returns this instance with the solution (N + 1, NZ) as initial guess and its times fixed."""
+        """Returns this instance with the solution (N + 1, NZ), in SI units, as initial guess and its times fixed."""
         initial = solution.copy()
-        initial[-1, TIME] = end_s / TIME_SCALE
-        steps = solution[:-1, STEP] * TIME_SCALE
+        initial[-1, TIME] = end_s
+        steps = solution[:-1, STEP]
         return replace(self, initial=initial, steps=steps, fixed_times=(release_s, end_s))
 
     @property
@@ -141,18 +141,24 @@ class Instance:
     def shared_parameters(self) -> dict[str, Vector]:
         """The parameter vectors of `layout.SHARED`."""
         return {
+            "scales": scale_parameters(self.limits),
             "arm": arm_parameters(self.problem.cell, self.limits, self.margins),
             "release": release_parameters(self.problem, self.aim),
             "boxes": box_parameters(self.problem.cell, self.margins.box_m),
         }
 
     @cached_property
+    def scales(self) -> Vector:
+        """Scales of one stage's variables (NZ,): scaled variables times these are in SI units."""
+        return variable_scales(self.shared_parameters["scales"])
+
+    @cached_property
     def arguments(self) -> Arguments:
         """Initial guess, parameters and bounds, by the names of a solver's arguments."""
         bounds, n = self._bounds(), self.transcription.row_index.variables
-        lower, upper = (bounds.x / SCALES).reshape(2, -1)[:, :n]
+        lower, upper = (bounds.x / self.scales).reshape(2, -1)[:, :n]
         return {
-            "x0": self.initial.ravel()[:n],
+            "x0": (self.initial / self.scales).ravel()[:n],
             "p": np.concatenate([*self.shared_parameters.values(), self._costs()]),
             "lbx": lower,
             "ubx": upper,
@@ -161,7 +167,7 @@ class Instance:
         }
 
     def _bounds(self) -> Bounds:
-        problem, margins, bounds = self.problem, self.margins, Bounds(self.transcription.row_index)
+        problem, margins, bounds = self.problem, self.margins, Bounds(self.transcription.row_index, self.scales[QD])
         bounds.limit_joints(self.limits, margins.position_rad, self._given())
         for group, limits in self._group_limits().items():
             bounds.limit_group(group, *limits)
@@ -219,7 +225,7 @@ class Instance:
             "time": time if self.fixed_times is None else np.zeros(n),
             "jerk": np.full(n, JERK_WEIGHT / n / 6),
             "step": np.full(n, STEP_WEIGHT / n),
-            "initial_step": self.steps / TIME_SCALE,
+            "initial_step": self.steps / self.scales[STEP],
         }
         return np.stack([weights[name] for name in COST.sizes]).T.ravel()
 
@@ -288,7 +294,7 @@ def _variables_along(guess: InitialGuess, stages: StageLayout, window_s: float) 
     q, qd, qdd = guess.at(t)
     steps = np.diff(t)
     controls = np.column_stack([np.diff(qdd, axis=0) / steps[:, None], steps])
-    return np.column_stack([q, qd, qdd, t, np.pad(controls, ((0, 1), (0, 0)))]) / SCALES, steps
+    return np.column_stack([q, qd, qdd, t, np.pad(controls, ((0, 1), (0, 0)))]), steps
 
 
 class CubicGuess:
