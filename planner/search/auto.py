@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import islice
 
 from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import SolveOptions
@@ -14,7 +15,7 @@ from planner.errors import SolverFailed
 from planner.problem import JointRelease, PoseRelease, ThrowProblem
 from planner.search.incumbent import PlanningSearch
 from planner.search.policy import POLICY, Stage, release_state_given
-from planner.search.ranking import TIMED_MAX, RankedCandidate, Ranking, rank
+from planner.search.ranking import RankedCandidate, Ranking
 from planner.seeds import Candidate, Seed
 from planner.solution import Solution
 
@@ -30,10 +31,10 @@ def search_optimised(search: PlanningSearch, candidates: list[Candidate], policy
         candidates: by ascending lower bound on the launch time.
         policy: the stages.
     """
-    ranking = rank(search.problem, candidates)
+    ranking = Ranking(search.problem, candidates)
     with_ruckig = search.problem.backend == "auto"
     if with_ruckig and release_state_given(search, ranking):
-        search.lower_bound_s = _least_release_time(ranking)
+        search.lower_bound_s = _least_release_time(search.problem.dt, ranking)
     for stage in policy:
         if stage.backend == "casadi":
             _optimise(search, stage, ranking)
@@ -43,20 +44,25 @@ def search_optimised(search: PlanningSearch, candidates: list[Candidate], policy
             break
 
 
-def _least_release_time(ranking: Ranking) -> float:
+def _least_release_time(dt: float, ranking: Ranking) -> float:
     """Returns the first tick at which the slowest joint alone can be at a candidate [s], with slack for rounding."""
-    dt, arrival_s = ranking[0].problem.dt, min(ranked.arrival_s for ranked in ranking[:TIMED_MAX])
+    arrival_s = next(ranking.by_arrival()).arrival_s
     return dt * (math.ceil(arrival_s / dt - TICK_SLACK) + TICK_SLACK) if math.isfinite(arrival_s) else 0.0
 
 
 def _walk(search: PlanningSearch, stage: Stage, ranking: Ranking) -> Iterator[RankedCandidate]:
     """Yields the candidates of a stage while its condition holds."""
-    if stage.order == "arrival":
-        ranking = sorted(ranking[:TIMED_MAX], key=lambda ranked: ranked.arrival_s)
-    for ranked in ranking[stage.candidates]:
-        if search.out_of_time or not stage.condition(search, ranking):
-            return
+    if not _goes_on(search, stage, ranking):
+        return
+    candidates = ranking.by_arrival() if stage.order == "arrival" else ranking
+    for ranked in islice(candidates, stage.candidates.start, stage.candidates.stop):
         yield ranked
+        if not _goes_on(search, stage, ranking):
+            return
+
+
+def _goes_on(search: PlanningSearch, stage: Stage, ranking: Ranking) -> bool:
+    return not (search.is_optimal or search.out_of_time) and stage.condition(search, ranking)
 
 
 def _certify_ruckig(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
