@@ -132,7 +132,8 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, wi
         if _needs_finer_stages(search.problem, options, certificate.failures):
             seed, options = ranked.seed, replace(first, resolution="fine")
             continue
-        wider = options.margins.widened(certificate.failures, solution)
+        cuts = casadi_nlp.flight_cuts(search.problem, certificate.failures, solution.trajectory)
+        wider = options.margins.widened(certificate.failures, solution, cuts)
         if wider is None:
             return False
         seed, options = Seed(ranked.candidate, solution.trajectory), replace(options, margins=wider)

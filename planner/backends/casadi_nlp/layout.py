@@ -37,12 +37,6 @@ NZ = NX + NU
 Q, QD, QDD, TIME = slice(0, 6), slice(6, 12), slice(12, 18), 18  # positions within z = (state, control)
 JERK, STEP = slice(19, 25), 25
 
-# Scales that bring every variable to about one; they are part of the generated functions.
-QD_SCALE = np.pi  # [rad/s]
-QDD_SCALE = 15.0  # [rad/s^2]
-JERK_SCALE = 500.0  # [rad/s^3]
-TIME_SCALE = 0.1  # [s]
-
 
 @dataclass(frozen=True)
 class VectorLayout:
@@ -77,6 +71,8 @@ class VectorLayout:
         return np.concatenate(rows)
 
 
+# What a scaled variable of one is in SI units; joint positions are not scaled.
+SCALES = VectorLayout({"qd": LINKS, "qdd": LINKS, "jerk": LINKS, "time": 1})  # [rad/s], [rad/s^2], [rad/s^3], [s]
 ARM = VectorLayout(
     {
         "dh": 6,  # d1, a2, a3, d4, d5, d6 [m]
@@ -105,7 +101,13 @@ FLIGHT = VectorLayout(
         "opening": 4,  # of the gripper: direction in the flange frame (3), cosine of the largest angle from it [-]
     }
 )
-SHARED = {"arm": ARM, "release": RELEASE, "boxes": BOXES, "flight": FLIGHT}  # parameters shared by all stages, in this order
+SHARED = {
+    "scales": SCALES,
+    "arm": ARM,
+    "release": RELEASE,
+    "boxes": BOXES,
+    "flight": FLIGHT,
+}  # parameters shared by all stages, in this order
 COST = VectorLayout({"time": 1, "jerk": 1, "step": 1, "initial_step": 1})  # parameters of each stage's cost
 ABSENT_RADIUS = -1.0e3  # [m] radius of an absent capsule: never near anything
 FAR = 1.0e3  # [m] distance added where a pair cannot meet

@@ -111,7 +111,8 @@ class Margins:
         position_rad: distance from a joint's position limits [rad].
         singularity: multiple of the required distance [-].
         grip: usable share of what the grip withstands [-].
-        flight_m: room between the object's flight and what it passes, beyond what is required.
+        flight_m: room between the object's flight and the boxes that it passes.
+        mouth_m: the same at the rim of a bin.
         opening_rad: by which the gripper's opening cone is narrowed [rad].
         cuts: half-spaces that keep the flight clear of the arm; see `flight_rows.arm_cuts`.
         window: usable share of the landing tolerance in the release window, in x and in y [-].
@@ -129,6 +130,7 @@ class Margins:
     singularity: float = 1.03
     grip: float = 0.98
     flight_m: float = 0.015
+    mouth_m: float = 0.0
     opening_rad: float = 0.03
     cuts: tuple[FlightEdge, ...] = ()
     window: float = 0.62
@@ -169,8 +171,9 @@ class Margins:
             return replace(held, opening_rad=self.opening_rad + missing + SPARE_RAD) if missing < MOST_RAD else None
         if is_cut:
             return held
-        room = self.flight_m + BETWEEN_KNOTS_FACTOR * missing + SPARE_M
-        return replace(held, flight_m=room) if room < MOST_M else None
+        more = BETWEEN_KNOTS_FACTOR * missing + SPARE_M
+        wider = replace(held, flight_m=self.flight_m + more, mouth_m=self.mouth_m + more)
+        return wider if wider.flight_m < MOST_M else None
 
     def _widened_locally(self, check: FailedCheck, missing: float, failed: Trajectory) -> Margins | None:
         local = LOCAL_CHECKS.get(check.name)

@@ -8,11 +8,31 @@ import numpy as np
 
 from planner.backends.casadi_nlp import layout
 from planner.backends.casadi_nlp.layout import TOOL_CAPSULES, Vector
-from planner.cell import Cell
+from planner.cell import Cell, Limits
 from planner.geometry import SELF_CLEARANCE_M, arm_capsules, self_collision_pairs
 
 CELLS_KEPT = 32  # cells whose parameters are cached
 UNBOUNDED = 1.0e3  # [m] coordinate of a missing keep-in face
+TIME_SHARE = 0.4  # [-] of the slowest joint's time to full speed: about 0.1 s, the length of two or three stages
+
+
+def scale_parameters(limits: Limits) -> Vector:
+    """Returns the `SCALES` vector: the limits themselves, so that the bounds of every problem are about one."""
+    to_full_speed_s = limits.qd_max / limits.qdd_max + limits.qdd_max / limits.jerk_max
+    return layout.SCALES.pack(
+        {
+            "qd": limits.qd_max,
+            "qdd": limits.qdd_max,
+            "jerk": limits.jerk_max,
+            "time": TIME_SHARE * to_full_speed_s.max(),
+        }
+    )
+
+
+def variable_scales(scales: Vector) -> Vector:
+    """Returns the scales of one stage's variables (NZ,) from a `SCALES` vector: z times these is in SI units."""
+    c = layout.SCALES.split(scales)
+    return np.concatenate([np.ones(6), c["qd"], c["qdd"], c["time"], c["jerk"], c["time"]])
 
 
 @lru_cache(maxsize=CELLS_KEPT)

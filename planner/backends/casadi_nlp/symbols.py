@@ -1,6 +1,7 @@
 """Rows of the optimal control problem as formulas of one stage's variables z and of parameters p.
 
-z = (q, qd / pi, qdd / 15, t / 0.1 | jerk / 500, h / 0.1): constant jerk over a step of length h, integrated exactly.
+z = (q, qd, qdd, t | jerk, h), each over its scale, which is a parameter: constant jerk over a step of length h,
+integrated exactly.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import casadi as ca
 
 from planner.backends.casadi_nlp import arm_symbols, clearance_symbols, layout
 from planner.backends.casadi_nlp.clearance_symbols import FrozenTerms
-from planner.backends.casadi_nlp.layout import ARM, BOXES, COST, FLIGHT, RELEASE, VectorLayout
+from planner.backends.casadi_nlp.layout import ARM, BOXES, COST, FLIGHT, RELEASE, SCALES, VectorLayout
 
 SX = Any
 
@@ -70,25 +71,27 @@ class StageState:
     qdd: SX
 
 
-def state(z: SX) -> StageState:
+def state(z: SX, scales: SX) -> StageState:
     """Returns the state at the beginning of a stage."""
-    return StageState(z[layout.Q], z[layout.QD] * layout.QD_SCALE, z[layout.QDD] * layout.QDD_SCALE)
+    c = SCALES.split(scales)
+    return StageState(z[layout.Q], z[layout.QD] * c["qd"], z[layout.QDD] * c["qdd"])
 
 
-def state_after(z: SX, share: float) -> StageState:
+def state_after(z: SX, scales: SX, share: float) -> StageState:
     """Returns the exact state after a share of the stage's step."""
-    s, h, j = state(z), share * z[layout.STEP] * layout.TIME_SCALE, z[layout.JERK] * layout.JERK_SCALE
+    c = SCALES.split(scales)
+    s, h, j = state(z, scales), share * z[layout.STEP] * c["time"], z[layout.JERK] * c["jerk"]
     q = s.q + h * (s.qd + h * (s.qdd / 2 + h * j / 6))
     return StageState(q, s.qd + h * (s.qdd + h * j / 2), s.qdd + h * j)
 
 
 def motion(z: SX, p: SX) -> StageRows:
     """Next state (NX), the velocity's middle control point (6), the position in the middle of the step (6); scaled."""
-    end, s = state_after(z, 1.0), state(z)
-    step = z[layout.STEP] * layout.TIME_SCALE
-    middle_velocity = (s.qd + s.qdd * step / 2) / layout.QD_SCALE
-    following = ca.vertcat(end.q, end.qd / layout.QD_SCALE, end.qdd / layout.QDD_SCALE, z[layout.TIME] + z[layout.STEP])
-    return StageRows(ca.vertcat(following, middle_velocity, state_after(z, 0.5).q), FrozenTerms())
+    end, s, c = state_after(z, p, 1.0), state(z, p), SCALES.split(p)
+    step = z[layout.STEP] * c["time"]
+    middle_velocity = (s.qd + s.qdd * step / 2) / c["qd"]
+    following = ca.vertcat(end.q, end.qd / c["qd"], end.qdd / c["qdd"], z[layout.TIME] + z[layout.STEP])
+    return StageRows(ca.vertcat(following, middle_velocity, state_after(z, p, 0.5).q), FrozenTerms())
 
 
 def cost(z: SX, p: SX) -> StageRows:
@@ -168,7 +171,7 @@ def release(s: StageState, p: SX) -> StageRows:
 
 
 def grip(s: StageState, p: SX) -> StageRows:
-    """What the grip holds against free fall over what it withstands: along the tool's axes (3), and squared norm (1)."""
+    """What the grip holds against free fall, over what it withstands: along the tool axes (3), squared norm (1)."""
     a = ARM.split(p)
     tool = arm_symbols.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd)
     R_SF = arm_symbols.frames(a["dh"], s.q).rotations[6]
@@ -235,17 +238,19 @@ StateFormula = Callable[[StageState, SX], StageRows]
 
 def _at_knot(rows: StateFormula, *parameters: str) -> BlockFormula:
     """Evaluates rows of a state at the beginning of the stage."""
-    return BlockFormula(lambda z, p: rows(state(z), p), parameters)
+    n = SCALES.size
+    return BlockFormula(lambda z, p: rows(state(z, p[:n]), p[n:]), ("scales", *parameters))
 
 
 def _in_middle(rows: StateFormula, *parameters: str) -> BlockFormula:
     """Evaluates rows of a state in the middle of the step."""
-    return BlockFormula(lambda z, p: rows(state_after(z, 0.5), p), parameters)
+    n = SCALES.size
+    return BlockFormula(lambda z, p: rows(state_after(z, p[:n], 0.5), p[n:]), ("scales", *parameters))
 
 
 # Every block of rows. The order is that of the rows within a stage.
 FORMULAS: dict[str, BlockFormula] = {
-    "motion": BlockFormula(motion, ()),
+    "motion": BlockFormula(motion, ("scales",)),
     "cost": BlockFormula(cost, ()),  # its parameters differ from stage to stage: `layout.COST`
     "effort": _at_knot(effort, "arm"),
     "effort_middle": _in_middle(effort, "arm"),

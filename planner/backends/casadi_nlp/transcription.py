@@ -29,11 +29,6 @@ WATCHED_STAGES = 3  # stages before the release (or its window) on which singula
 LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight")
 # Parameters p: these, then the costs of every stage.
 ALL_SHARED = layout.VectorLayout({name: piece.size for name, piece in layout.SHARED.items()})
-# Scales of the variables (NZ,): z times these is in SI units.
-SCALES = np.repeat(
-    [1.0, layout.QD_SCALE, layout.QDD_SCALE, layout.TIME_SCALE, layout.JERK_SCALE, layout.TIME_SCALE],
-    [6, 6, 6, 1, 6, 1],
-)
 
 
 @dataclass(frozen=True)

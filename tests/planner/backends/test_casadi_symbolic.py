@@ -11,7 +11,7 @@ import pytest
 from planner import flight
 from planner.backends.casadi_nlp import Margins, codegen, functions, layout, transcription
 from planner.backends.casadi_nlp.instance import arm_parameters
-from planner.backends.casadi_nlp.parameters import box_parameters
+from planner.backends.casadi_nlp.parameters import box_parameters, scale_parameters, variable_scales
 from planner.backends.casadi_nlp.symbols import RELEASE_ROWS
 from planner.cell import Cell, load_cell
 from planner.dynamics import Payload, joint_torques
@@ -27,6 +27,7 @@ from planner.robots import ROBOT_NAMES, robot
 
 CELLS = Path(__file__).parents[3] / "cells"
 NO_MARGINS = Margins(torque=1.0, tcp_speed=1.0, floor_m=0.0, self_m=0.0, keep_in_m=0.0, box_m=0.0, singularity=1.0)
+SCALES = scale_parameters(load_cell(CELLS / "ur10e-sim.toml").limits)  # differ from joint to joint
 TURNED = np.array([[0.0, -0.6, 0.8, 0.3], [1.0, 0.0, 0.0, -0.2], [0.0, 0.8, 0.6, 0.5], [0.0, 0.0, 0.0, 1.0]])
 
 
@@ -42,7 +43,7 @@ def cell(request: pytest.FixtureRequest) -> Cell:
 def _state(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
     q, qd, qdd = rng.uniform(-3, 3, 6), rng.uniform(-2, 2, 6), rng.uniform(-10, 10, 6)
-    z = np.concatenate([q, qd / layout.QD_SCALE, qdd / layout.QDD_SCALE, np.zeros(8)])
+    z = np.concatenate([q, qd, qdd, np.zeros(8)]) / variable_scales(SCALES)
     return q, qd, qdd, z
 
 
@@ -52,7 +53,7 @@ def _blocks() -> dict[str, functions.Block]:
 
 
 def _rows(block: str, z: np.ndarray, p: np.ndarray) -> np.ndarray:
-    return np.array(_blocks()[block].value(z, p)).ravel()
+    return np.array(_blocks()[block].value(z, np.concatenate([SCALES, p]))).ravel()
 
 
 def test_torques_of_every_arm(cell: Cell) -> None:
@@ -138,7 +139,7 @@ def test_derivatives_of_the_whole_problem(stages: transcription.StageLayout) -> 
     x = x.ravel()[: index.variables]
     release = layout.RELEASE.pack({"target": [1, 0, -2], "gravity_z": 9.81, "tan_elevation": [0.1, 1.0]})
     costs = np.tile([1.0, 1e-3, 1e-2, 0.4], stages.stages)
-    p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), release, box_parameters(cell), costs])
+    p = np.concatenate([SCALES, arm_parameters(cell, cell.limits, NO_MARGINS), release, box_parameters(cell), costs])
     along, step = rng.normal(size=x.size), 1e-6
 
     def difference(name: str) -> np.ndarray:
