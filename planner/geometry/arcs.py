@@ -85,7 +85,8 @@ class Arcs:
         """Returns the mask (...,) of the flights that enter a round bin through its mouth without touching its wall.
 
         The sphere passes the rim's edge at a distance r if its straight path there, at an angle d below the horizontal,
-        crosses the mouth's plane r / sin d inside the edge. It must not start under the rim closer than r to the wall.
+        crosses the mouth's plane r / sin d inside the edge. It must not start closer than r to rim or wall, nor below
+        the rim inside.
 
         Args:
             centre: of the bin's bottom (3,) [m].
@@ -100,9 +101,11 @@ class Arcs:
         down = np.where(enters, down, 0.0)
         needed = thick / self._sine_of_descent(down)
         enters &= self._from_axis(centre, down) <= radius_m - needed
-        rising = self.v[..., 2] / self.gravity - np.abs(down - self.v[..., 2] / self.gravity)
-        below = height < 0.0
-        return enters & (~below | (self._from_axis(centre, rising) >= radius_m + thick))
+        start = self._from_axis(centre, np.zeros_like(down)) - radius_m
+        enters &= np.hypot(start, np.maximum(height, 0.0)) >= thick
+        rising = 2.0 * self.v[..., 2] / self.gravity - down  # when it passes the rim's height on its way up
+        is_outside = self._from_axis(centre, np.maximum(rising, 0.0)) >= radius_m + thick
+        return enters & ((height >= 0.0) | is_outside)
 
     def _sine_of_descent(self, t: Array) -> Array:
         fall = np.maximum(self.gravity * t - self.v[..., 2], 1e-9)
