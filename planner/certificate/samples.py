@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -16,6 +17,7 @@ from planner.trajectory import Trajectory
 
 KNOTS = 64  # [-] instants of a trajectory that are evaluated first; bisection adds others where it must
 SPACING_S = (0.008, 0.016)  # [s] least and largest spacing of these knots
+TICK_ROUNDING = 1e-6  # [ticks] by which a window of whole ticks may exceed them in floating point
 SPARSE = 2  # [-] distances are evaluated at one of so many knots: most are far from their limit
 
 
@@ -42,7 +44,7 @@ class ArmSamples:
 
 
 class MotionSamples:
-    """A problem and a trajectory, evaluated at knots: the first sample, the release, the last, and some in between.
+    """A problem and a trajectory, evaluated at knots: first and last sample, the release and its window, some between.
 
     Attributes:
         problem, trajectory: as given.
@@ -60,13 +62,14 @@ class MotionSamples:
         trajectory, last = self.trajectory, len(self.trajectory.q) - 1
         spacing = min(max(trajectory.duration_s / KNOTS, SPACING_S[0]), SPACING_S[1])
         stride = max(1, round(spacing * trajectory.sample_rate_hz))
-        return _merged(np.arange(0, last, stride), trajectory.release_index, last)
+        return _merged(np.arange(0, last, stride), trajectory.release_index, *self._object_changes, last)
 
     @cached_property
     def sparse(self) -> Index:
         """Indices of the knots at which distances are evaluated first; first, release and last among them."""
         last = len(self.knots) - 1
-        return _merged(np.arange(0, last, SPARSE), self.release_knot, last)
+        changes = np.searchsorted(self.knots, self._object_changes)
+        return _merged(np.arange(0, last, SPARSE), self.release_knot, *changes, last)
 
     @cached_property
     def release_knot(self) -> int:
@@ -77,6 +80,24 @@ class MotionSamples:
     def released_s(self) -> float:
         """Time until which the object is held [s]; infinite for a move that ends at rest."""
         return np.inf if self.problem.ends_at_rest else self.trajectory.release_time_s
+
+    @property
+    def gone_from_s(self) -> float:
+        """Time from which the object may have left [s]: the release window's beginning, at a knot; infinite at rest."""
+        return np.inf if self.problem.ends_at_rest else float(self.trajectory.t[self._object_changes[0]])
+
+    @property
+    def held_until_s(self) -> float:
+        """Time until which the object may still be held [s]: the release window's end, at a knot; infinite at rest."""
+        return np.inf if self.problem.ends_at_rest else float(self.trajectory.t[self._object_changes[1]])
+
+    @cached_property
+    def _object_changes(self) -> tuple[int, int]:
+        """Samples between which the object may be held or gone: the release window, rounded outwards."""
+        trajectory, window = self.trajectory, self.problem.release_window_s if self.problem.is_robust else 0.0
+        reach = math.ceil(window * trajectory.sample_rate_hz - TICK_ROUNDING)
+        k = trajectory.release_index
+        return max(0, k - reach), min(len(trajectory.q) - 1, k + reach)
 
     @cached_property
     def at_knots(self) -> ArmSamples:

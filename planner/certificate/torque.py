@@ -60,7 +60,10 @@ def loads_of(cell: Cell) -> Loads:
 
 
 def joint_torque(motion: MotionSamples) -> Check:
-    """Checks that no joint needs more torque than allowed, with the tool and, until the release, the object."""
+    """Checks that no joint needs more torque than allowed, with the tool and the object while it may be held.
+
+    Within the release window the object may be held or gone: both are checked.
+    """
     problem, loads = motion.problem, loads_of(motion.problem.cell)
     limit, p_FT = problem.limits.tau_max, problem.cell.tool.X_FT[:3, 3]
     gravity_W = np.array([0.0, 0.0, -problem.gravity])
@@ -69,7 +72,7 @@ def joint_torque(motion: MotionSamples) -> Check:
         empty, per_kilogram = chain_torques(arm.links, loads.empty, gravity_W, p_FT)
         held = np.abs(empty + loads.object_kg * per_kilogram)
         empty = np.abs(empty)
-        before, after = arm.t < motion.released_s, arm.t > motion.released_s
+        before, after = arm.t < motion.gone_from_s, arm.t > motion.held_until_s
         tau = np.where(before, held, np.where(after, empty, np.maximum(held, empty)))
         return 1.0 - tau / limit[:, None]
 
