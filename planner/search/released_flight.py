@@ -63,6 +63,6 @@ def _gaps(problem: ThrowProblem, x: Array) -> dict[str, Array]:
     gaps = {f"box {i}": segment_box_distance(x, x, box.lower, box.upper) - radius for i, box in boxes}
     ends = body.end_points(body.link_poses(problem.start[None]))[..., 0]
     for i in np.flatnonzero(body.frames == 0):
-        apart = segment_segment_distance(x, x, *ends[i])
+        apart = segment_segment_distance(x, x, *ends[i][:, None])
         gaps[body.names[i]] = apart - body.radii[i] - radius
     return gaps

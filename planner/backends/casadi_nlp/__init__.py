@@ -11,13 +11,24 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from planner.backends.casadi_nlp.flight_rows import flight_cuts, starts_with_flight
+from planner.backends.casadi_nlp.layout import FlightEdge
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins, too_coarse
 from planner.errors import BackendUnavailable, SolverFailed
 from planner.problem import ThrowProblem
 from planner.seeds import Seed
 from planner.solution import Solution
 
-__all__ = ["DEFAULT_MARGINS", "Margins", "SolveOptions", "build_solvers", "flight_cuts", "solve", "too_coarse", "warm"]
+__all__ = [
+    "DEFAULT_MARGINS",
+    "FlightEdge",
+    "Margins",
+    "SolveOptions",
+    "build_solvers",
+    "flight_cuts",
+    "solve",
+    "too_coarse",
+    "warm",
+]
 
 ITERATION_BUDGET = 1000  # [-] the most that one solve took in 947 plans of the benchmark is 260
 

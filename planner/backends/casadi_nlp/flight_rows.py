@@ -7,23 +7,21 @@ planes. The optimiser cannot change sides: the candidate's own flight decides.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
 from planner.backends.casadi_nlp.layout import FLIGHT, FLIGHT_EDGES, NO_EDGE, FlightEdge, Vector
-from planner.backends.casadi_nlp.margins import FailedCheck, Margins
+from planner.backends.casadi_nlp.margins import Margins
 from planner.cell import Box
-from planner.flight import path, time_of_flight
-from planner.geometry import Arcs, body_model, tool_state
+from planner.flight import time_of_flight
+from planner.geometry import Arcs, tool_state
 from planner.problem import TargetRelease, ThrowProblem
 from planner.seeds import Candidate
-from planner.trajectory import Trajectory
 
 UNBOUNDED_RADIUS_M = 1.0e3  # [m] usable radius where there is no bin
 LEAST_SPEED_M_S = 1e-3  # [m/s] a flight slower than this along an axis does not cross the planes across it
 LEAST_USABLE = 0.02  # [-] of the mouth's radius: what remains usable however flat the candidate's flight
-CUT_STEP_S = 0.004  # [s] between the instants at which a failed flight is compared with the arm
 CUT_ROOM_M = 0.012  # [m] by which a cut keeps the object off the arm: the arm moves on in the next solution, too
 PASSING_TIME_S = 0.005  # [s] half the roundness of an edge's time, which a fixed time must not be moved by
 
@@ -135,43 +133,13 @@ def _edge(axis: int, face: float, direction: Vector, bound: float) -> FlightEdge
     return FlightEdge((float(axis == 0), float(axis == 1)), float(face), (x, y, z), 0.0, bound)
 
 
-def flight_cuts(problem: ThrowProblem, failures: Iterable[FailedCheck], made: Trajectory) -> tuple[FlightEdge, ...]:
-    """Returns half-spaces that keep the flight of a throw at a target clear of the arm, where it was not.
+def flight_cuts(times: Vector, directions: Vector, offsets: Vector) -> tuple[FlightEdge, ...]:
+    """Returns cuts: half-spaces at fixed times that keep a flight off what an earlier one met.
 
-    They hold at the first, the deepest and the last instant at which the object meets a link. The certificate's own
-    instants are not needed: the motion is sampled here.
+    Args:
+        times: after the release (n,) [s].
+        directions: unit vectors (n, 3) away from the obstacle.
+        offsets: of the half-spaces in which object and obstacle do not overlap (n,) [m].
     """
-    if not isinstance(problem.release, TargetRelease) or all(check.name != "flight_clearance" for check in failures):
-        return ()
-    return _arm_cuts(problem, made)
-
-
-def _arm_cuts(problem: ThrowProblem, made: Trajectory) -> tuple[FlightEdge, ...]:
-    """Returns the cuts of a motion; the tool is left out, which the object starts in."""
-    body, k, radius = body_model(problem.cell), made.release_index, problem.cell.object.radius_m
-    tool = tool_state(problem.cell, made.q[k], made.qd[k])
-    arc = Arcs.onto(tool.p_WT, tool.v_WT, problem.plane_z, problem.gravity, radius)
-    t = np.arange(CUT_STEP_S, float(arc.until_s), CUT_STEP_S)
-    x = path(tool.p_WT, tool.v_WT, t, problem.gravity, problem.drag)
-    arm = np.flatnonzero(body.frames < 6)
-    q = made.at(np.minimum(made.release_time_s + t, made.duration_s))[0]
-    ends = body.end_points(body.link_poses(q))[arm]
-    p0, along = ends[:, 0], ends[:, 1] - ends[:, 0]
-    lengths = np.maximum(np.einsum("kin,kin->kn", along, along), 1e-12)
-    share = np.clip(np.einsum("kin,kin->kn", x.T - p0, along) / lengths, 0.0, 1.0)
-    away = x.T - p0 - share[:, None] * along
-    gap = np.linalg.norm(away, axis=1) - body.radii[arm, None] - radius
-    hit = np.flatnonzero(gap.min(axis=0) < 0.0)
-    if len(hit) == 0:
-        return ()
-    instants = {int(hit[0]), int(gap.min(axis=0).argmin()), int(hit[-1])}
-    return tuple(
-        _cut(t[i], x[i], away[c, :, i], body.radii[arm[c]] + radius) for i in instants for c in [gap[:, i].argmin()]
-    )
-
-
-def _cut(t: float, x: Vector, away: Vector, distance_m: float) -> FlightEdge:
-    """Returns the half-space at `t` [s] beyond a sphere round a link's nearest point, which is `away` from x (3,)."""
-    m = away / max(float(np.linalg.norm(away)), 1e-9)
-    bound = float(m @ (x - away)) + distance_m + CUT_ROOM_M
-    return FlightEdge((0.0, 0.0), 0.0, (float(m[0]), float(m[1]), float(m[2])), float(t) - PASSING_TIME_S, bound)
+    rows = zip(times.tolist(), directions.tolist(), offsets.tolist(), strict=True)
+    return tuple(FlightEdge((0.0, 0.0), 0.0, m, t - PASSING_TIME_S, offset + CUT_ROOM_M) for t, m, offset in rows)

@@ -149,10 +149,10 @@ class Margins:
         """
         wider: Margins | None = replace(self, held=self.held | solution.held, cuts=(*cuts, *self.cuts))
         for check in failures:
-            wider = wider and wider._widened_for(check, solution.trajectory)
+            wider = wider and wider._widened_for(check, solution.trajectory, bool(cuts))
         return wider
 
-    def _widened_for(self, check: FailedCheck, failed: Trajectory) -> Margins | None:
+    def _widened_for(self, check: FailedCheck, failed: Trajectory, is_cut: bool) -> Margins | None:
         missing = abs(check.value - check.limit)
         if check.name == "singularity_distance":
             return replace(self, singularity=self.singularity + missing / check.limit + SPARE_SHARE)
@@ -162,7 +162,7 @@ class Margins:
             left = self.window - missing / check.limit / DIAGONAL - SPARE_SHARE
             return replace(self, window=left) if left > 0.0 else None
         if check.name in ("flight_clearance", "opening_direction"):
-            return self._widened_for_flight(check.name, missing, bool(self.cuts))
+            return self._widened_for_flight(check.name, missing, is_cut)
         return self._widened_locally(check, missing, failed)
 
     def _widened_for_flight(self, check: str, missing: float, is_cut: bool) -> Margins | None:
