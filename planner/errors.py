@@ -97,6 +97,7 @@ class Violation:
         unit: of both.
         at_s: time on the trajectory [s], None where there is no such time.
         detail: joint, pair of links or box concerned, in words.
+        proven: whether no motion can avoid it; otherwise motions without it were searched for in vain.
     """
 
     constraint: str
@@ -105,6 +106,7 @@ class Violation:
     unit: str
     at_s: float | None = None
     detail: str = ""
+    proven: bool = False
 
     def __str__(self) -> str:
         when = "" if self.at_s is None else f" at {self.at_s:.3f} s"

@@ -2,6 +2,7 @@
 
 from benchmarks.problem_sets.far_starts import far_start_tasks
 from benchmarks.problem_sets.named_sets import ANYWHERE, ARMS, IMPOSSIBLE_SETS, build, cell
+from benchmarks.problem_sets.obstructed import obstructed_tasks, open_tasks
 from benchmarks.problem_sets.sdu_table import sdu_facts
 from benchmarks.problem_sets.task import Task
 from benchmarks.problem_sets.varied_cells import varied_tasks
@@ -14,6 +15,8 @@ __all__ = [
     "build",
     "cell",
     "far_start_tasks",
+    "obstructed_tasks",
+    "open_tasks",
     "sdu_facts",
     "varied_tasks",
 ]

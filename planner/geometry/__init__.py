@@ -1,5 +1,6 @@
-"""Geometry of arm, tool and held object: the tool's state, capsules, their distances, and which can collide."""
+"""Geometry of arm, tool and object: the tool's state, capsules, their distances, what can collide, flights."""
 
+from planner.geometry.arcs import Arcs
 from planner.geometry.body import BodyModel, body_model, tool_pose, tool_state
 from planner.geometry.capsules import arm_capsules, body_capsules, capsule_endpoints, levers
 from planner.geometry.distances import segment_box_distance, segment_segment_distance
@@ -7,6 +8,7 @@ from planner.geometry.self_collision import SELF_CLEARANCE_M, barriers, object_p
 
 __all__ = [
     "SELF_CLEARANCE_M",
+    "Arcs",
     "BodyModel",
     "arm_capsules",
     "barriers",

@@ -9,15 +9,16 @@ from dataclasses import replace
 from itertools import islice
 
 from planner.backends import casadi_nlp, ruckig_otg
-from planner.backends.casadi_nlp import SolveOptions
-from planner.certificate import Check
+from planner.backends.casadi_nlp import FlightEdge, SolveOptions
+from planner.certificate import Check, flight_obstruction
 from planner.errors import SolverFailed
-from planner.problem import JointRelease, PoseRelease, ThrowProblem
+from planner.problem import JointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.search.incumbent import PlanningSearch
 from planner.search.policy import POLICY, Stage, release_state_given
 from planner.search.ranking import RankedCandidate, Ranking
 from planner.seeds import Candidate, Seed
 from planner.solution import Solution
+from planner.trajectory import Trajectory
 
 ROUNDS_MAX = 4  # solves from one seed, each after the failed checks of the one before
 TICK_SLACK = 1e-6  # [ticks] for rounding
@@ -132,11 +133,25 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, wi
         if _needs_finer_stages(search.problem, options, certificate.failures):
             seed, options = ranked.seed, replace(first, resolution="fine")
             continue
-        wider = options.margins.widened(certificate.failures, solution)
+        cuts = _flight_cuts(search.problem, certificate.failures, solution.trajectory)
+        wider = options.margins.widened(certificate.failures, solution, cuts)
         if wider is None:
             return False
         seed, options = Seed(ranked.candidate, solution.trajectory), replace(options, margins=wider)
     return False
+
+
+def _flight_cuts(problem: ThrowProblem, failures: Iterable[Check], made: Trajectory) -> tuple[FlightEdge, ...]:
+    """Returns the cuts that keep a throw like a failed one off the arm and the tool, which move with the throw.
+
+    Boxes and a bin's rim have rows of their own. Where the release fixes the flight, cuts would leave no solution.
+    """
+    if not isinstance(problem.release, TargetRelease) or all(check.name != "flight_clearance" for check in failures):
+        return ()
+    met = flight_obstruction(problem, made)
+    if met is None or met.obstacle == "rim" or met.obstacle.startswith("box"):
+        return ()
+    return casadi_nlp.flight_cuts(met.flight_time_s, met.direction, met.offset_m)
 
 
 def _solve(search: PlanningSearch, seed: Seed, options: SolveOptions) -> Solution:

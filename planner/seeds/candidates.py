@@ -24,12 +24,14 @@ from planner.kinematics import (
     signed_singularity_distances,
     singularity_distances,
 )
-from planner.problem import JointRelease, PointRelease, PoseRelease, ThrowProblem
+from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose
 from planner.safety import safety_use
+from planner.seeds.flight_filter import has_flight_obstacles
 from planner.seeds.sampling import least_time, point_states, target_states
 
 SPEED_SLACK = 1e-9  # [-] rounding allowed in the comparison with a speed limit
+FEW_CANDIDATES = 6  # for a target behind obstacles; fewer call for a thorough search of about 0.15 s
 NO_STATES = "joint states found whose flight hits the target within the requested bounds"
 NO_INVERSE = "joint positions found by the inverse kinematics for this pose, joint limits ignored"
 POSITION_SLACK = 1e-9  # [rad] rounding allowed in the comparison with a position limit
@@ -121,8 +123,25 @@ def candidates(problem: ThrowProblem) -> list[Candidate]:
     elif isinstance(release, PointRelease):
         states = _distinct(*point_states(problem, release))
     else:
-        states = _distinct(*target_states(problem, release))
+        return _target_candidates(problem, release)
     return _usable(problem, states)
+
+
+def _target_candidates(problem: ThrowProblem, release: TargetRelease) -> list[Candidate]:
+    """Returns the candidates for a target; where obstacles leave too few, from a thorough search.
+
+    Raises:
+        Infeasible: there are none.
+    """
+    try:
+        found, refusal = _usable(problem, _distinct(*target_states(problem, release))), None
+    except Infeasible as error:
+        found, refusal = [], error
+    if len(found) < FEW_CANDIDATES and release.release_position is None and has_flight_obstacles(problem):
+        return _usable(problem, _distinct(*target_states(problem, release, thorough=True)))
+    if refusal is not None:
+        raise refusal
+    return found
 
 
 def _distinct(q: Array, qd: Array) -> _States:

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from planner.backends.casadi_nlp.flight_rows import flight_cuts, starts_with_flight
+from planner.backends.casadi_nlp.layout import FlightEdge
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins, too_coarse
 from planner.errors import BackendUnavailable, SolverFailed
 from planner.kernel import compile_kernel
@@ -17,7 +19,17 @@ from planner.problem import ThrowProblem
 from planner.seeds import Seed
 from planner.solution import Solution
 
-__all__ = ["DEFAULT_MARGINS", "Margins", "SolveOptions", "build_solvers", "solve", "too_coarse", "warm"]
+__all__ = [
+    "DEFAULT_MARGINS",
+    "FlightEdge",
+    "Margins",
+    "SolveOptions",
+    "build_solvers",
+    "flight_cuts",
+    "solve",
+    "too_coarse",
+    "warm",
+]
 
 ITERATION_BUDGET = 1000  # [-] the most that one solve took in 947 plans of the benchmark is 260
 
@@ -60,6 +72,7 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
 
     instance = Instance.of(problem, seed, options.margins, options.resolution)
     groups = frozenset(instance.stages.groups) if options.resolution == "fine" else options.margins.held
+    groups |= {"flight"} if starts_with_flight(problem) else set()
     solver = Solver(options.iteration_budget, options.deadline_s, groups, options.with_ipopt)
     if problem.is_robust and options.margins == DEFAULT_MARGINS:  # with others, the initial guess is a solution
         # The throw without a window is a better initial guess; now and then only the other one leads to a solution.

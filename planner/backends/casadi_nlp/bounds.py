@@ -64,9 +64,9 @@ class Bounds:
 
     def limit_group(self, group: str, lower: Vector, upper: Vector) -> None:
         """Bounds the rows of a lazy group, at knots and midpoints."""
-        for name in (group, f"{group}_middle"):
-            times = len(self.index.knots[name])
-            self.g[:, self.index.rows_of[name]] = np.tile(lower, times), np.tile(upper, times)
+        rows = self.index.rows_of_group(group)
+        times = len(rows) // len(lower)
+        self.g[:, rows] = np.tile(lower, times), np.tile(upper, times)
 
     def add_local_margins(self, margins: Iterable[LocalMargin], steps: Vector) -> None:
         """Narrows the bounds at the knots and midpoints close to each margin's time; stages last `steps` (N,) [s]."""
