@@ -131,7 +131,9 @@ class PlanRequest(RequestModel):
     landing_tolerance_m: float | None = Field(
         None, ge=0.0, description="Maximum landing error in the release window [m]; 0: only the nominal release."
     )
-    time_limit_s: float | None = Field(None, gt=0.0, description="Time limit of the planner [s]; absent: 5.")
+    time_limit_s: float | None = Field(
+        None, gt=0.0, description="Time limit of the planner, from when it takes the request [s]; absent: 120."
+    )
 
 
 class ExecuteRequest(RequestModel):

@@ -16,7 +16,7 @@ from planner.problem import ThrowProblem
 from planner.seeds import Seed
 from planner.solution import Solution
 
-__all__ = ["DEFAULT_MARGINS", "Margins", "SolveOptions", "build_solvers", "solve", "too_coarse", "warm"]
+__all__ = ["DEFAULT_MARGINS", "Margins", "SolveOptions", "build_solvers", "load", "solve", "too_coarse", "warm"]
 
 ITERATION_BUDGET = 1000  # [-] the most that one solve took in 947 plans of the benchmark is 260
 
@@ -93,6 +93,22 @@ def warm(progress: Callable[[str, float], None] = lambda _what, _share: None) ->
     build_solvers(lambda share: progress("building solvers", 0.9 + 0.1 * share))
     progress("ready" if compiled else "no compiler: interpreted functions", 1.0)
     return compiled
+
+
+def load() -> bool:
+    """Loads casadi and the functions of every formula, once per process; compiles nothing.
+
+    Returns:
+        Whether they are compiled. Otherwise casadi interprets them: the same numbers to the last bit, as the C has the
+        same operations in the same order, and compiles without fusing any.
+
+    Raises:
+        BackendUnavailable: casadi is not installed.
+    """
+    _require_casadi()
+    from planner.backends.casadi_nlp.codegen import loaded_blocks
+
+    return loaded_blocks().compiled
 
 
 def build_solvers(progress: Callable[[float], None] = lambda _share: None) -> None:

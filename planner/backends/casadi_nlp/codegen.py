@@ -12,6 +12,7 @@ import platform
 import shutil
 import subprocess
 import tempfile
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -20,7 +21,8 @@ import casadi as ca
 from planner.backends.casadi_nlp.functions import KINDS, Block, interpreted_blocks
 from planner.backends.casadi_nlp.symbols import FORMULAS
 
-FLAGS = ("-O1", "-fno-math-errno", "-shared", "-fPIC")  # -O2 takes twice the compile time without a faster solve
+# -O2 takes twice the compile time without a faster solve. Fused operations would round otherwise than the interpreter.
+FLAGS = ("-O1", "-fno-math-errno", "-ffp-contract=off", "-shared", "-fPIC")
 FORMULA_MODULES = ("arm_symbols", "clearance_symbols", "functions", "layout", "symbols")  # sources of the C
 COMPILERS = ("cc", "gcc", "clang")
 
@@ -67,6 +69,21 @@ def compile_blocks() -> Path | None:
         subprocess.run([compiler, *FLAGS, "-o", str(made), str(source), "-lm"], check=True, capture_output=True)
         made.replace(target)
     return target
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedBlocks:
+    """Every block by name, and whether their functions are compiled."""
+
+    blocks: dict[str, Block]
+    compiled: bool
+
+
+@cache
+def loaded_blocks() -> LoadedBlocks:
+    """Returns the blocks that this process uses: compiled if they were when it first asked, or else interpreted."""
+    compiled = compiled_blocks()
+    return LoadedBlocks(compiled or interpreted_blocks(), compiled is not None)
 
 
 def compiled_blocks() -> dict[str, Block] | None:
