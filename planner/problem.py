@@ -49,6 +49,19 @@ class PointRelease:
     v_WT: Array
 
 
+@dataclass(frozen=True)
+class Opening:
+    """Mouth of a round bin that is open upwards, above the target as the centre of its bottom.
+
+    Attributes:
+        radius_m: inner radius of the bin [m].
+        rim_height_m: height of the rim above the target [m].
+    """
+
+    radius_m: float
+    rim_height_m: float
+
+
 @dataclass(frozen=True, eq=False)
 class TargetRelease:
     """Hit a point by free flight, on the way down; the release state is free within these bounds.
@@ -59,6 +72,7 @@ class TargetRelease:
         min_elevation_rad, max_elevation_rad: elevation of the release velocity above the horizontal [rad].
         min_horizontal_distance_m: least horizontal distance from release to target [m].
         release_position: point of release (3,) [m], None where it is free.
+        opening: of the bin that stands around the target, None where there is none.
     """
 
     p_W: Array
@@ -67,6 +81,7 @@ class TargetRelease:
     max_elevation_rad: float = math.pi / 2
     min_horizontal_distance_m: float = 0.0
     release_position: Array | None = None
+    opening: Opening | None = None
 
 
 Release = JointRelease | PoseRelease | PointRelease | TargetRelease
@@ -103,6 +118,11 @@ class ThrowProblem:
         errors, release = _start_errors(self.start, self.limits), self.release
         if isinstance(release, TargetRelease) and release.min_elevation_rad > release.max_elevation_rad:
             errors.append(FieldError("release.min_elevation_rad", "is above max_elevation_rad"))
+        if isinstance(release, TargetRelease) and release.opening is not None:
+            inner, thick = release.opening.radius_m, self.cell.object.radius_m
+            if inner <= thick:
+                reason = f"{inner:g} m is not above the object's radius of {thick:g} m: it cannot enter"
+                errors.append(FieldError("release.opening.radius_m", reason))
         if self.backend not in BACKENDS:
             errors.append(FieldError("backend", f"{self.backend!r} is not one of {', '.join(BACKENDS)}"))
         if not 0.0 < self.time_limit_s <= TIME_LIMIT_MAX_S:

@@ -46,6 +46,13 @@ class WindowEntry(BaseModel):
     landing_error_m: float | None = Field(description="Distance from the nominal landing point [m].")
 
 
+class LandingShift(BaseModel):
+    """Shift of the landing point [m] for a release 10 ms early and late; null where the object never lands."""
+
+    early: float | None
+    late: float | None
+
+
 class FlightAnswer(BaseModel):
     """The object's path after the release."""
 
@@ -56,6 +63,10 @@ class FlightAnswer(BaseModel):
     landing_per_release_delay_m_s: Vector3 | None = Field(
         description="Shift of the landing point per delay of the release [m/s]."
     )
+    landing_shift_10ms_m: LandingShift
+    object_path: list[Vector3] = Field(description="Positions every 20 ms from the release to the landing [m].")
+    release_window_s: float = Field(description="Half width of the release window; 0: only the nominal release [s].")
+    landing_tolerance_m: float = Field(description="Landing error allowed in the window [m].")
     window: list[WindowEntry]
 
 
@@ -86,6 +97,9 @@ class CertificateAnswer(BaseModel):
 
     valid: bool
     checks: list[CheckAnswer]
+    not_checked: list[str] = Field(
+        description="Checks and quantities that stay unverified: the cell gives no limit, or the model cannot tell."
+    )
 
 
 class SolverAnswer(BaseModel):

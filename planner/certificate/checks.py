@@ -1,7 +1,8 @@
 """The list of checks, and the function that makes a certificate of them.
 
-To add a check, write a function `(motion: MotionSamples) -> Check | None` in the module of its family and add it to
-`MOTION_CHECKS`. None means that the check does not apply to the problem.
+To add a check, write a function `(motion: MotionSamples) -> Check | NotChecked | None` in the module of its family and
+add it to `MOTION_CHECKS`. None means that the check does not apply to the problem; `NotChecked`, that the cell gives no
+limit for it, or that the model cannot tell.
 """
 
 from __future__ import annotations
@@ -9,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from planner.certificate import clearance, joints, release, tool, torque
-from planner.certificate.certificate import Certificate, Check
+from planner.certificate.certificate import Certificate, Check, NotChecked
 from planner.certificate.samples import MotionSamples
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 
-CheckFunction = Callable[[MotionSamples], Check | None]
+CheckFunction = Callable[[MotionSamples], Check | NotChecked | None]
 
 # Checks of the joints alone, which hold for any samples.
 JOINT_CHECKS: tuple[CheckFunction, ...] = (
@@ -50,12 +51,10 @@ def certify(problem: ThrowProblem, trajectory: Trajectory) -> Certificate:
     only: the bounds of the others rest on that.
     """
     motion = MotionSamples(problem, trajectory)
-    checks = _run(JOINT_CHECKS, motion)
-    if all(check.ok for check in checks if check.name == "continuity"):
-        checks += _run(MOTION_CHECKS, motion)
-    return Certificate(tuple(checks))
-
-
-def _run(functions: tuple[CheckFunction, ...], motion: MotionSamples) -> list[Check]:
-    found = [function(motion) for function in functions]
-    return [check for check in found if check is not None]
+    found = [check(motion) for check in JOINT_CHECKS]
+    if all(check.ok for check in found if isinstance(check, Check) and check.name == "continuity"):
+        found += [check(motion) for check in MOTION_CHECKS]
+    return Certificate(
+        tuple(check for check in found if isinstance(check, Check)),
+        tuple(check.name for check in found if isinstance(check, NotChecked)),
+    )

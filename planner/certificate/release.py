@@ -131,8 +131,13 @@ def landing_errors(problem: ThrowProblem, trajectory: Trajectory, delays: Array)
 
     They are distances from the target, or without a target from the landing point of the nominal release.
     """
-    arm = MotionSamples(problem, trajectory).at(trajectory.release_time_s + delays)
-    return np.linalg.norm(_landing_points(problem, arm) - _nominal_landing(problem, trajectory), axis=1)
+    points = window_landing_points(problem, trajectory, delays)
+    return np.linalg.norm(points - _nominal_landing(problem, trajectory), axis=1)
+
+
+def window_landing_points(problem: ThrowProblem, trajectory: Trajectory, delays: Array) -> Array:
+    """Returns the landing points (k, 3) [m] of releases `delays` (k,) [s] after the nominal one; NaN where none."""
+    return _landing_points(problem, MotionSamples(problem, trajectory).at(trajectory.release_time_s + delays))
 
 
 def _landing_points(problem: ThrowProblem, arm: ArmSamples) -> Array:
