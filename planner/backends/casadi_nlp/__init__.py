@@ -26,6 +26,7 @@ __all__ = [
     "SolveOptions",
     "build_solvers",
     "flight_cuts",
+    "load",
     "solve",
     "too_coarse",
     "warm",
@@ -108,6 +109,22 @@ def warm(progress: Callable[[str, float], None] = lambda _what, _share: None) ->
     build_solvers(lambda share: progress("building solvers", 0.9 + 0.1 * share))
     progress("ready" if compiled else "no compiler: interpreted functions", 1.0)
     return compiled
+
+
+def load() -> bool:
+    """Loads casadi and the functions of every formula, once per process; compiles nothing.
+
+    Returns:
+        Whether they are compiled. Otherwise casadi interprets them: the same numbers to the last bit, as the C has the
+        same operations in the same order, and compiles without fusing any.
+
+    Raises:
+        BackendUnavailable: casadi is not installed.
+    """
+    _require_casadi()
+    from planner.backends.casadi_nlp.codegen import loaded_blocks
+
+    return loaded_blocks().compiled
 
 
 def build_solvers(progress: Callable[[float], None] = lambda _share: None) -> None:

@@ -6,6 +6,7 @@ gives another file. Nothing is compiled while a request waits: without a file, t
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -15,7 +16,8 @@ from planner.backends.casadi_nlp.functions import KINDS, Block, interpreted_bloc
 from planner.backends.casadi_nlp.symbols import FORMULAS
 from planner.kernel import SHARED, compile_once, library_path
 
-FLAGS = ("-O1", "-fno-math-errno", *SHARED)  # -O2 takes twice the compile time without a faster solve
+# -O2 takes twice the compile time without a faster solve. Fused operations would round otherwise than the interpreter.
+FLAGS = ("-O1", "-fno-math-errno", "-ffp-contract=off", *SHARED)
 FORMULA_MODULES = ("arm_symbols", "clearance_symbols", "functions", "layout", "symbols")  # sources of the C
 
 
@@ -43,6 +45,21 @@ def compile_blocks() -> Path | None:
         subprocess.CalledProcessError: the compiler rejects the C.
     """
     return compile_once(library(), FLAGS, c_source)
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedBlocks:
+    """Every block by name, and whether their functions are compiled."""
+
+    blocks: dict[str, Block]
+    compiled: bool
+
+
+@cache
+def loaded_blocks() -> LoadedBlocks:
+    """Returns the blocks that this process uses: compiled if they were when it first asked, or else interpreted."""
+    compiled = compiled_blocks()
+    return LoadedBlocks(compiled or interpreted_blocks(), compiled is not None)
 
 
 def compiled_blocks() -> dict[str, Block] | None:
