@@ -111,7 +111,9 @@ class PlanningSearch:
 
     def by_rank(self) -> list[CertifiedSolution]:
         """Returns the valid motions, the best first; the one in hand among them."""
-        motions = self.certified + [self.in_hand] * (self.in_hand is not None and self.in_hand not in self.certified)
+        motions = list(self.certified)
+        if self.in_hand is not None and self.in_hand not in motions:
+            motions.append(self.in_hand)
         return sorted(motions, key=lambda each: _rank(each.solution.trajectory))
 
     def log_attempt(self, backend: str, result: str, begun_s: float) -> None:
