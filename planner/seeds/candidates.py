@@ -83,21 +83,24 @@ class _States:
         q: positions (n, 6) [rad].
         qd: velocities (n, 6) [rad/s].
         posture: number of the arm's posture in each (n,). States of one posture differ by full turns of joints alone:
-            what follows from posture and velocity is calculated once for all of them.
+            what follows from posture and velocity is calculated once for all of them. None where all are distinct.
     """
 
     q: Array
     qd: Array
-    posture: Index
+    posture: Index | None
 
     def at(self, rows: Mask | Index | slice) -> _States:
         """Returns the states in these rows."""
-        return _States(self.q[rows], self.qd[rows], self.posture[rows])
+        return _States(self.q[rows], self.qd[rows], None if self.posture is None else self.posture[rows])
 
     def of_postures(self, function: Callable[[Array], Array]) -> Array:
         """Returns a function of joint positions (k, 6) for every state (n,), calculated once a posture."""
-        _, first, where = np.unique(self.posture, return_index=True, return_inverse=True)
-        return function(self.q[first])[where]
+        if self.posture is None:
+            return function(self.q)
+        row = np.zeros(self.posture.max() + 1, dtype=np.intp)
+        row[self.posture] = np.arange(len(self.posture))
+        return function(self.q[row])[self.posture]
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +148,7 @@ def _target_candidates(problem: ThrowProblem, release: TargetRelease) -> list[Ca
 
 
 def _distinct(q: Array, qd: Array) -> _States:
-    return _States(q, qd, np.arange(len(q)))
+    return _States(q, qd, None)
 
 
 def _usable(problem: ThrowProblem, states: _States) -> list[Candidate]:

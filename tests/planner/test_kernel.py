@@ -154,3 +154,10 @@ def test_without_a_compiler_or_with_a_broken_library_numpy_does_the_work(monkeyp
     finally:
         monkeypatch.undo()
         library.loaded.cache_clear()
+
+
+@needs_compiler
+@pytest.mark.parametrize("row", [-1, 7])
+def test_indices_of_no_row_are_refused(row):
+    with pytest.raises(IndexError):
+        library.loaded().end_points(np.zeros((2, 7, 4, 4)), np.array([0, row]), np.zeros((2, 2, 3)))
