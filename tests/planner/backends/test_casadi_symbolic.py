@@ -155,7 +155,7 @@ def test_derivatives_of_the_whole_problem(stages: transcription.StageLayout) -> 
     gradient, hessian = assembled["hess_l"](x, p, 1.0, lam)
     assert np.array(gradient).ravel() == pytest.approx(slope + np.array(jac.T @ lam).ravel())
     ends = [np.array(assembled["hess_l"](x + s * along, p, 1.0, lam)[0]).ravel() for s in (step, -step)]
-    assert np.array(hessian @ along).ravel() == pytest.approx((ends[0] - ends[1]) / (2 * step), abs=1e-5)
+    assert np.array(hessian @ along).ravel() == pytest.approx((ends[0] - ends[1]) / (2 * step), abs=1e-5, rel=1e-8)
 
 
 def _flight_parameters() -> np.ndarray:
