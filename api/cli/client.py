@@ -11,22 +11,23 @@ from typing import IO, Any, Self
 import click
 import httpx2
 
+from api.cli.exit_status import exit_status
+
 TIMEOUT_S = 150.0  # [s] a plan may take its whole time limit
 PROBLEM_TYPE = "application/problem+json"
 
 
 class ServiceError(click.ClickException):
-    """The service refused a request or cannot be reached; exit status 2 for a status of 400 to 499."""
+    """The service refused a request or cannot be reached; exit status 2 where it is infeasible, 3 where time ended."""
 
     def __init__(self, problem: dict[str, Any]) -> None:
         super().__init__(describe(problem))
         self.problem = problem
 
     def show(self, file: IO[Any] | None = None) -> None:
-        """Writes the problem to standard error and exits with status 2 if the request can be corrected."""
+        """Writes the problem to standard error and exits with the status of its type."""
         super().show(file)
-        if 400 <= int(self.problem.get("status", 0)) < 500:
-            sys.exit(2)
+        sys.exit(exit_status(str(self.problem.get("type", "")).rpartition("/")[2]))
 
 
 class ServiceClient:

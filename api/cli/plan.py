@@ -11,8 +11,6 @@ import click
 
 from api.cli.summary import plan_text
 
-INFEASIBLE = 2  # exit status of an invalid or infeasible request
-
 
 @click.command()
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, allow_dash=True, path_type=Path))
@@ -21,16 +19,19 @@ INFEASIBLE = 2  # exit status of an invalid or infeasible request
 def plan(file: Path, cells: Path | None, cell: str | None) -> None:
     """Plan the request in FILE (JSON as for POST /plan; - reads standard input) and write the plan to standard output.
 
-    Standard error has a summary; or, with exit status 2, the problem (JSON) of an invalid or infeasible request.
+    Standard error has a summary; or the problem (JSON), with exit status 2 for an infeasible request, 3 where its time
+    limit ended the search, 1 for an invalid one.
     """
+    from api.cli.exit_status import exit_status
     from api.http import ProblemDetails, problem_document, translate
     from planner.errors import PlannerError
 
     try:
         document = _plan(_read(file), cells, cell)
     except (ProblemDetails, PlannerError) as error:
-        click.echo(json.dumps(problem_document(translate(error), str(file)), indent=2), err=True)
-        sys.exit(INFEASIBLE)
+        problem = translate(error)
+        click.echo(json.dumps(problem_document(problem, str(file)), indent=2), err=True)
+        sys.exit(exit_status(problem.name))
     click.echo(document)
     click.echo(plan_text(json.loads(document)), err=True)
 

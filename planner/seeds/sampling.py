@@ -6,29 +6,38 @@ and the speed free, too.
 
 from __future__ import annotations
 
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, lru_cache
 
 import numpy as np
 
 from planner.arrays import Array, Index, Mask, read_only
-from planner.cell import Limits
+from planner.cell import Cell, Limits
 from planner.errors import Infeasible, Violation
-from planner.flight import launch_velocity, least_speed, slowest_time
-from planner.geometry import tool_pose
+from planner.flight import launch_velocity, least_speed, slowest_time, time_of_flight
+from planner.geometry import body_model, tool_pose
 from planner.kinematics import inverse_branches, jacobian, singularity_distances
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose, quaternion_to_matrix
+from planner.seeds.flight_filter import (
+    clear_flights,
+    flight_times,
+    has_flight_obstacles,
+    leave_through_opening,
+)
 from planner.seeds.velocity_allocation import allocate_velocity
 
 ORIENTATIONS = 96  # tool orientations tried at a point
 MORE_ORIENTATIONS, FEW_POSTURES = 1024, 24  # tried instead where those give fewer postures: narrow joint limits
-POSTURES = 1024  # joint states tried for a target
+POSTURES = 1024  # postures tried for a target
+MORE_POSTURES = 9216  # postures tried where those leave too few that are slow enough, or clear of walls
+POSTURES_KEPT = 8  # draws cached: two for each start of late
+CHECKED_MAX = 1536  # soonest of these states whose clearance is checked before they are compared: 40 ms
 STATES_MAX = 48  # states kept, those of the least lower bound that are apart from one another
 APART_RAD = 0.35  # [rad] least difference of two kept states in some joint
 BATCH = 64  # states compared with one another at once
 TOO_FAST_S = 1e3  # [s] penalty per multiple of a speed limit: every state that is too fast comes after all others
 SPREAD_RAD = np.array([np.pi, 1.8, 1.8, 2.2, 2.2, np.pi])  # [rad] farthest joint states from the start
-FLIGHT_TIMES = (1.0, 0.8, 1.25, 0.6)  # [-] flight times tried, relative to that of the slowest throw
 
 
 def least_time(distance: Array, qd: Array, limits: Limits) -> Array:
@@ -62,6 +71,9 @@ def point_states(problem: ThrowProblem, release: PointRelease) -> tuple[Array, A
     q = _postures(problem, release.p_WT)
     R_BW = problem.cell.X_WB[:3, :3].T
     qd = allocate_velocity(tool_jacobian(problem, q), R_BW @ release.v_WT, problem.limits.qd_max)
+    leaves = leave_through_opening(problem, q, qd)
+    if leaves.any():  # otherwise the optimiser's accelerations may turn the tool's way out
+        q, qd = q[leaves], qd[leaves]
     rows = _soonest(problem, q, qd)
     return q[rows], qd[rows]
 
@@ -91,8 +103,27 @@ def _postures_in(problem: ThrowProblem, p_WT: Array, orientations: int) -> Array
     return q[singularity_distances(cell.robot, q).minimum >= problem.limits.singularity_distance_min]
 
 
-def target_states(problem: ThrowProblem, release: TargetRelease) -> tuple[Array, Array]:
-    """Returns joint states (n, 6) whose free flight hits the target within the requested bounds.
+def target_states(problem: ThrowProblem, release: TargetRelease, thorough: bool = False) -> tuple[Array, Array]:
+    """Returns joint states (n, 6) whose free flight hits the target within the requested bounds, clear of obstacles.
+
+    Args:
+        problem: the problem.
+        release: its target.
+        thorough: whether to try nine times as many postures, and leave out those in which the arm is not clear.
+
+    Raises:
+        Infeasible: there are none.
+    """
+    q, qd = _thrown(problem, release, thorough)
+    if thorough:
+        q, qd = _clear_of_obstacles(problem, q, qd)
+    rows = _soonest(problem, q, qd)
+    q, qd = q[rows], qd[rows]
+    return (q, qd) if problem.drag <= 0.0 else _with_drag(problem, release, q, qd)
+
+
+def _thrown(problem: ThrowProblem, release: TargetRelease, thorough: bool) -> tuple[Array, Array]:
+    """Returns joint states (n, 6) whose flights hit the target: of many postures where few have none slow enough.
 
     Raises:
         Infeasible: there are none.
@@ -100,41 +131,112 @@ def target_states(problem: ThrowProblem, release: TargetRelease) -> tuple[Array,
     if release.release_position is not None:
         q = _postures(problem, release.release_position)
         return _flights(problem, release, q, np.broadcast_to(release.release_position, (len(q), 3)))
-    limits = problem.reachable
-    centre = np.clip(problem.start, limits.q_lower, limits.q_upper)
-    q = np.clip(centre + _offsets(POSTURES), limits.q_lower, limits.q_upper)
-    p = tool_pose(problem.cell, q)[:, :3, 3]
-    distance = np.linalg.norm((p - release.p_W)[:, :2], axis=1)
-    allowed = (distance >= release.min_horizontal_distance_m) & _inside(problem, p)
-    allowed &= singularity_distances(problem.cell.robot, q).minimum >= limits.singularity_distance_min
-    q, p = q[allowed], p[allowed]
-    return _flights(problem, release, q, p)
+    if not thorough:
+        try:
+            q, qd = _thrown_from(problem, release, POSTURES)
+            if np.any(np.all(np.abs(qd) <= problem.limits.qd_max, axis=1)):
+                return q, qd
+        except Infeasible:
+            pass
+    return _thrown_from(problem, release, MORE_POSTURES)
 
 
-def _flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array) -> tuple[Array, Array]:
-    """Returns, for postures q (n, 6) with the tool at p (n, 3), the joint states whose flights keep the bounds.
+def _thrown_from(problem: ThrowProblem, release: TargetRelease, postures: int) -> tuple[Array, Array]:
+    """Returns the joint states (n, 6) of `_thrown` among so many postures.
 
     Raises:
         Infeasible: there are none.
     """
-    t = np.outer(FLIGHT_TIMES, slowest_time(p, release.p_W, problem.gravity))
-    v = launch_velocity(p, release.p_W, t, problem.gravity)
-    ok = _allowed_velocity(release, v) & (v[..., 2] < problem.gravity * t)
-    if not ok.any():
+    q, p = _throwing_postures(_PostureKey.of(problem, postures))
+    distance = np.linalg.norm((p - release.p_W)[:, :2], axis=1)
+    allowed = distance >= release.min_horizontal_distance_m
+    q, p = q[allowed], p[allowed]
+    slow = least_speed(p, release.p_W, problem.gravity) <= _speed_limit(problem, release)
+    if not slow.any():
         raise Infeasible([_no_flight(problem, release, p)])
+    return _flights(problem, release, q[slow], p[slow])
+
+
+@dataclass(frozen=True)
+class _PostureKey:
+    """What the postures drawn for targets depend on."""
+
+    cell: Cell
+    start: bytes
+    q_limits: bytes
+    singularity_distance_min: float
+    count: int
+
+    @staticmethod
+    def of(problem: ThrowProblem, count: int) -> _PostureKey:
+        """Returns the key of `count` postures for a problem."""
+        limits = problem.reachable
+        bounds = np.stack([limits.q_lower, limits.q_upper]).tobytes()
+        return _PostureKey(problem.cell, problem.start.tobytes(), bounds, limits.singularity_distance_min, count)
+
+
+@lru_cache(maxsize=POSTURES_KEPT)
+def _throwing_postures(key: _PostureKey) -> tuple[Array, Array]:
+    """Returns postures q (n, 6) clear of singularities, and their tool positions (n, 3) within the surroundings."""
+    lower, upper = np.frombuffer(key.q_limits).reshape(2, 6)
+    q = np.clip(np.clip(np.frombuffer(key.start), lower, upper) + _offsets(key.count), lower, upper)
+    p = tool_pose(key.cell, q)[:, :3, 3]
+    allowed = _inside(key.cell, p)
+    allowed &= singularity_distances(key.cell.robot, q).minimum >= key.singularity_distance_min
+    return read_only(q[allowed]), read_only(p[allowed])
+
+
+def _flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array) -> tuple[Array, Array]:
+    """Returns the soonest joint state of every posture q (n, 6), tool at p (n, 3), that has a flight within the bounds.
+
+    Raises:
+        Infeasible: there are none.
+    """
+    t = np.outer(flight_times(problem), slowest_time(p, release.p_W, problem.gravity))
+    v = launch_velocity(p, release.p_W, t, problem.gravity)
+    ok = _flights_allowed(problem, release, p, v, t)
     J, R_BW = tool_jacobian(problem, q), problem.cell.X_WB[:3, :3].T
     qd = allocate_velocity(J, v @ R_BW.T, problem.limits.qd_max, ok)
     best = _best_flight(problem, q, qd, ok)
     postures = np.flatnonzero(ok.any(axis=0))
-    qd = qd[best[postures], postures]
-    rows = _soonest(problem, q[postures], qd)
-    kept, qd = postures[rows], qd[rows]
-    if problem.drag <= 0.0:
-        return q[kept], qd
-    v = launch_velocity(p[kept], release.p_W, t[best[kept], kept], problem.gravity, problem.drag)
-    hits = np.isfinite(v).all(axis=1) & _allowed_velocity(release, v)
-    kept, v = kept[hits], v[hits]
-    return q[kept], allocate_velocity(J[kept], v @ R_BW.T, problem.limits.qd_max)
+    return q[postures], qd[best[postures], postures]
+
+
+def _flights_allowed(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array, t: Array) -> Mask:
+    """Returns the mask (k, n) of the flights from p (n, 3) with v (k, n, 3) in t (k, n) that keep the bounds.
+
+    Raises:
+        Infeasible: none does.
+    """
+    ok = _allowed_velocity(problem, release, v) & (v[..., 2] < problem.gravity * t)
+    if not ok.any():
+        raise Infeasible([_no_flight(problem, release, p)])
+    if has_flight_obstacles(problem):
+        ok &= clear_flights(problem, release, p, v)
+        if not ok.any():
+            raise Infeasible([_no_clear_flight(problem)])
+    return ok
+
+
+def _clear_of_obstacles(problem: ThrowProblem, q: Array, qd: Array) -> tuple[Array, Array]:
+    """Returns those of the soonest `CHECKED_MAX` joint states (n, 6) in which the arm is clear; all if none is."""
+    excess = np.max(np.abs(qd) / problem.limits.qd_max, axis=1)
+    bound = least_time(q - problem.start, qd, problem.limits)
+    order = np.argsort(np.where(excess <= 1.0, bound, TOO_FAST_S * excess), kind="stable")[:CHECKED_MAX]
+    clear = order[body_model(problem.cell).clearances(q[order]).least >= 0.0]
+    rows = clear if len(clear) else order
+    return q[rows], qd[rows]
+
+
+def _with_drag(problem: ThrowProblem, release: TargetRelease, q: Array, qd: Array) -> tuple[Array, Array]:
+    """Returns the states (n, 6) whose flights with drag hit the target in the same time, as far as there are any."""
+    p, J = tool_pose(problem.cell, q)[:, :3, 3], tool_jacobian(problem, q)
+    R_WB = problem.cell.X_WB[:3, :3]
+    v = (J @ qd[..., None])[..., 0] @ R_WB.T
+    t = time_of_flight(p[:, 2] - release.p_W[2], v[:, 2], problem.gravity)
+    v = launch_velocity(p, release.p_W, t, problem.gravity, problem.drag)
+    hits = np.isfinite(v).all(axis=1) & _allowed_velocity(problem, release, v)
+    return q[hits], allocate_velocity(J[hits], v[hits] @ R_WB, problem.limits.qd_max)
 
 
 def _best_flight(problem: ThrowProblem, q: Array, qd: Array, ok: Mask) -> Index:
@@ -150,12 +252,17 @@ def tool_jacobian(problem: ThrowProblem, q: Array) -> Array:
     return jacobian(problem.cell.robot, q, problem.cell.tool.X_FT)[:, :3, :]
 
 
-def _allowed_velocity(release: TargetRelease, v: Array) -> Mask:
-    """Returns the mask of the release velocities (..., 3) within the requested speed and elevations."""
+def _allowed_velocity(problem: ThrowProblem, release: TargetRelease, v: Array) -> Mask:
+    """Returns the mask of the release velocities (..., 3) within the requested elevations and the limits on speed."""
     speed = np.linalg.norm(v, axis=-1)
     elevation = np.arctan2(v[..., 2], np.hypot(v[..., 0], v[..., 1]))
     allowed = (elevation >= release.min_elevation_rad) & (elevation <= release.max_elevation_rad)
-    return allowed & (speed <= release.max_speed_m_s)
+    return allowed & (speed <= _speed_limit(problem, release))
+
+
+def _speed_limit(problem: ThrowProblem, release: TargetRelease) -> float:
+    """Returns the highest release speed [m/s] that request and cell allow."""
+    return min(release.max_speed_m_s, problem.limits.tcp_speed_max)
 
 
 def _soonest(problem: ThrowProblem, q: Array, qd: Array) -> Index:
@@ -200,10 +307,10 @@ def _within_limits(limits: Limits, start: Array, q: Array) -> Array:
     return q[np.all((q >= limits.q_lower) & (q <= limits.q_upper), axis=1)]
 
 
-def _inside(problem: ThrowProblem, p: Array) -> Mask:
+def _inside(cell: Cell, p: Array) -> Mask:
     """Returns the mask of the positions (n, 3) above the floor, inside every keep-in and outside every keep-out box."""
-    around = problem.cell.surroundings
-    ok = p[:, 2] > around.floor_z_m + around.clearance_m + problem.cell.object.radius_m
+    around = cell.surroundings
+    ok = p[:, 2] > around.floor_z_m + around.clearance_m + cell.object.radius_m
     for box in around.keep_in:
         ok &= np.all((p >= box.lower) & (p <= box.upper), axis=1)
     for box in around.keep_out:
@@ -233,8 +340,15 @@ def _no_flight(problem: ThrowProblem, release: TargetRelease, p: Array) -> Viola
         detail = "no release position obeys keep-in boxes, floor and distance to the target"
         return Violation("release_position", 0.0, least, "m", detail=detail)
     speed = float(least_speed(p, release.p_W, problem.gravity).min())
-    detail = "least speed that hits the target within the requested elevations"
-    return Violation("release_velocity", speed, release.max_speed_m_s, "m/s", detail=detail)
+    name = "release_velocity" if release.max_speed_m_s < problem.limits.tcp_speed_max else "tcp_speed"
+    detail = f"least speed that hits the target within the requested elevations, from {len(p)} postures tried"
+    return Violation(name, speed, _speed_limit(problem, release), "m/s", detail=detail)
+
+
+def _no_clear_flight(problem: ThrowProblem) -> Violation:
+    """Returns the violation of a target that no tried flight hits without meeting an obstacle."""
+    detail = "every flight tried to the target meets a keep-out box or the rim of its bin"
+    return Violation("flight_clearance", 0.0, 0.0, "m", detail=detail)
 
 
 @cache
@@ -264,7 +378,8 @@ def _quaternions(count: int) -> Array:
     )
 
 
+@cache
 def _offsets(count: int) -> Array:
     """Returns joint offsets (count, 6) [rad], denser near zero: the soonest throws are close to the start."""
     u = 2.0 * _halton(count, 6) - 1.0
-    return SPREAD_RAD * np.sign(u) * np.abs(u) ** 1.5
+    return read_only(SPREAD_RAD * np.sign(u) * np.abs(u) ** 1.5)

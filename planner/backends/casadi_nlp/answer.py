@@ -10,10 +10,9 @@ import numpy as np
 
 from planner.backends.casadi_nlp.functions import evaluate
 from planner.backends.casadi_nlp.instance import Instance, drag_free_aim, release_parameters
-from planner.backends.casadi_nlp.layout import NZ, QD, QD_SCALE, QDD, TIME, Q, Vector
+from planner.backends.casadi_nlp.layout import NZ, QD, QDD, TIME, Q, Vector
 from planner.backends.casadi_nlp.solver import Solver
-from planner.backends.casadi_nlp.symbols import RELEASE_ROWS
-from planner.backends.casadi_nlp.transcription import SCALES
+from planner.backends.casadi_nlp.symbols import FORMULAS, RELEASE_ROWS
 from planner.errors import SolverFailed
 from planner.flight import landing_points
 from planner.geometry import tool_state
@@ -59,8 +58,7 @@ class KnotStates:
 
     @staticmethod
     def of(z: Vector, launch: int) -> KnotStates:
-        """Returns the states of the variables (N + 1, NZ)."""
-        z = z * SCALES
+        """Returns the states of the variables (N + 1, NZ), in SI units."""
         return KnotStates(z[:, TIME], z[:, Q], z[:, QD], z[:, QDD], launch)
 
     @property
@@ -90,7 +88,7 @@ def answer(instance: Instance, z: Vector, solver: Solver) -> Solution:
 
     Args:
         instance: as it was solved.
-        z: variables of the solution (N + 1, NZ).
+        z: variables of the solution (N + 1, NZ), in SI units.
         solver: for further solutions.
 
     Raises:
@@ -222,9 +220,10 @@ def refined_release(instance: Instance, state: tuple[Vector, Vector], aim: Vecto
     if isinstance(problem.release, JointRelease | PoseRelease):
         return instance.candidate.q, instance.candidate.qd
     slope = instance.transcription.blocks["release"].slope
-    parameters = np.concatenate([instance.shared_parameters["arm"], release_parameters(problem, aim)])
-    z = np.zeros(NZ)
-    z[Q], z[QD] = state[0], state[1] / QD_SCALE
+    given = {**instance.shared_parameters, "release": release_parameters(problem, aim)}
+    parameters = np.concatenate([given[piece] for piece in FORMULAS["release"].parameters])
+    z, qd_scale = np.zeros(NZ), instance.scales[QD]
+    z[Q], z[QD] = state[0], state[1] / qd_scale
     for _ in range(REFINEMENT_ROUNDS):
         rows, jacobian = evaluate(slope, z, parameters)
         residual, gradient = _release_residual(problem, z, rows.ravel(), jacobian[:, :12])
@@ -233,7 +232,7 @@ def refined_release(instance: Instance, state: tuple[Vector, Vector], aim: Vecto
         if np.abs(residual).max() > MISSED:
             raise SolverFailed("the solution misses its release")
         z[:12] = z[:12] - np.linalg.lstsq(gradient, residual, rcond=None)[0]
-    return z[Q], z[QD] * QD_SCALE
+    return z[Q], z[QD] * qd_scale
 
 
 def _release_residual(problem: ThrowProblem, z: Vector, rows: Vector, jacobian: Vector) -> tuple[Vector, Vector]:

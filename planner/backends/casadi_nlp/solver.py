@@ -63,20 +63,24 @@ class Solver:
         self.status = ""
 
     def solve(self, instance: Instance) -> Vector:
-        """Returns the variables (N + 1, NZ) of the solution.
+        """Returns the variables (N + 1, NZ) of the solution, in SI units.
 
         Raises:
             SolverFailed: the solver gave up, or the budget is spent.
         """
         z = self.try_solve(instance)
         if z is None and self.with_ipopt and not self._is_spent():
-            z = self._call("ipopt", _ipopt(instance.stages), instance.arguments)
+            scaled = self._call("ipopt", _ipopt(instance.stages), instance.arguments)
+            z = None if scaled is None else scaled * instance.scales
         if z is None:
             raise SolverFailed(self.status, self.iterations)
         return z
 
     def try_solve(self, instance: Instance) -> Vector | None:
-        """Returns the solution, None where the solver gives up; groups of rows are included as they are violated."""
+        """Returns the solution, in SI units, None where the solver gives up.
+
+        Groups of rows are included as they are violated.
+        """
         arguments = instance.arguments
         while not self._is_spent():
             z = self._without_other_groups(instance, arguments)
@@ -84,7 +88,7 @@ class Solver:
                 return None
             violated = _violated_groups(instance, z) - self.groups
             if not violated:
-                return z
+                return z * instance.scales
             self.groups |= violated
             arguments = {**arguments, "x0": z.ravel()[: len(arguments["x0"])]}
         return None
@@ -140,7 +144,7 @@ def _rows_kept(part: StageLayout, whole: StageLayout) -> Indices:
 @cache
 def _rows_by_group(whole: StageLayout) -> dict[str, Indices]:
     index = transcription(whole).row_index
-    rows = {group: np.concatenate([index.rows_of[group], index.rows_of[f"{group}_middle"]]) for group in whole.groups}
+    rows = {group: index.rows_of_group(group) for group in whole.groups}
     positions = [index.rows["motion", k][NX + 6 :] for k in index.knots["motion"]]
     return {**rows, POSITIONS: np.concatenate(positions)}
 
