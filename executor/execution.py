@@ -66,23 +66,26 @@ class Execution:
         if not approach.is_straight and approach.trajectory is not None:
             duration_s = approach.trajectory.duration_s
             self.note(f"planned approach of {duration_s:.1f} s; a straight move: {obstacle_words(failures)}")
-        self.released_before = self._prepare_simulator() if cell.link.kind == "sim" else -np.inf
+        self.released_before = records.last_release_s(cell.link.host) if cell.link.kind == "sim" else -np.inf
         return prepare_job(self.problem, self.trajectory, approach, self.row.mode, self.row.dry_run, session.settings)
 
-    def _prepare_simulator(self) -> float:
-        """Puts the plan's bin into the simulated world; returns its time of the newest release [s]."""
-        host = self.session.cell.link.host
-        try:
-            records.place_bin(host, self.problem)
-            return records.last_release_s(host)
-        except ValueError as error:
-            raise ExecutionRefused(f"the simulated controller at {host} refuses the plan's bin: {error}") from error
-
     def start(self, job: StreamJob) -> None:
-        """Starts the streaming process."""
+        """Starts the streaming process; in a simulated cell the plan's bin is put into its place before.
+
+        Raises:
+            ExecutionRefused: the simulated controller refuses the bin.
+        """
+        if self.session.cell.link.kind == "sim":
+            self._place_bin()
         settings = self.session.settings
         self.run = StreamRun(job, settings.data / "streaming.log", settings.keep_awake)
         self.run.start()
+
+    def _place_bin(self) -> None:
+        try:
+            records.place_bin(self.session.cell.link.host, self.problem)
+        except ValueError as error:
+            raise ExecutionRefused(f"the simulated controller refuses the plan's bin: {error}") from error
 
     def state(self) -> str:
         """Returns the public state of the execution."""
