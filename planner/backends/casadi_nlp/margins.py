@@ -107,6 +107,7 @@ class Margins:
         box_m: the same; larger, because a hand can pass a corner between knot and midpoint.
         position_rad: distance from a joint's position limits [rad].
         singularity: multiple of the required distance [-].
+        watched: whether the stages on which that distance is kept last as long as the certificate watches it.
         window: usable share of the landing tolerance in the release window, in x and in y [-].
         local: margins around a time.
         held: groups of rows to include from the beginning.
@@ -120,6 +121,7 @@ class Margins:
     box_m: float = 0.003
     position_rad: float = 0.001
     singularity: float = 1.03
+    watched: bool = False
     window: float = 0.62
     local: tuple[LocalMargin, ...] = ()
     held: frozenset[str] = frozenset()
@@ -134,7 +136,8 @@ class Margins:
     def _widened_for(self, check: FailedCheck, failed: Trajectory) -> Margins | None:
         missing = abs(check.value - check.limit)
         if check.name == "singularity_distance":
-            return replace(self, singularity=self.singularity + missing / check.limit + SPARE_SHARE)
+            more = missing / check.limit + SPARE_SHARE
+            return replace(self, singularity=self.singularity + more, watched=True)
         if check.name == "joint_position" and missing < MOST_RAD:
             return replace(self, position_rad=self.position_rad + BETWEEN_KNOTS_FACTOR * missing)
         if check.name == "landing_window":
