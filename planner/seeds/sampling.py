@@ -6,6 +6,8 @@ and the speed free, too.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -14,7 +16,7 @@ from planner.arrays import Array, Index, Mask, read_only
 from planner.cell import Limits
 from planner.errors import Infeasible, Violation
 from planner.flight import launch_velocity, least_speed, slowest_time
-from planner.geometry import tool_pose
+from planner.geometry import body_model, tool_pose
 from planner.kinematics import inverse_branches, jacobian, singularity_distances
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose, quaternion_to_matrix
@@ -22,7 +24,11 @@ from planner.seeds.velocity_allocation import allocate_velocity
 
 ORIENTATIONS = 96  # tool orientations tried at a point
 MORE_ORIENTATIONS, FEW_POSTURES = 1024, 24  # tried instead where those give fewer postures: narrow joint limits
-POSTURES = 1024  # joint states tried for a target
+POSTURES = 512  # joint states tried for a target
+# [-] of `SPREAD_RAD`: distances from the soonest states at which sooner ones are looked for, in turn. Six dimensions
+# are too many to fill: this brings a target's least lower bound down by a third, twice as many postures by a tenth.
+NEARBY_SHARES = (0.3, 0.12)
+MOVED, NEARBY = 12, 24  # soonest states that this is done for, and postures tried near each
 STATES_MAX = 48  # states kept, those of the least lower bound that are apart from one another
 APART_RAD = 0.35  # [rad] least difference of two kept states in some joint
 BATCH = 64  # states compared with one another at once
@@ -59,11 +65,40 @@ def point_states(problem: ThrowProblem, release: PointRelease) -> tuple[Array, A
     Raises:
         Infeasible: no posture reaches the point.
     """
+
+    def states_near(q: Array) -> tuple[Array, Array]:
+        q = _at_point(problem, release.p_WT, q)
+        return q, _with_velocity(problem, q, release.v_WT)
+
     q = _postures(problem, release.p_WT)
-    R_BW = problem.cell.X_WB[:3, :3].T
-    qd = allocate_velocity(tool_jacobian(problem, q), R_BW @ release.v_WT, problem.limits.qd_max)
+    qd = _with_velocity(problem, q, release.v_WT)
+    rows = _soonest(problem, q, qd)
+    q, qd = _moved_nearby(problem, q[rows], qd[rows], states_near)
     rows = _soonest(problem, q, qd)
     return q[rows], qd[rows]
+
+
+def _with_velocity(problem: ThrowProblem, q: Array, v_WT: Array) -> Array:
+    """Returns the joint velocities (n, 6) with which the tool has the velocity `v_WT` (3,) in postures `q` (n, 6)."""
+    R_BW = problem.cell.X_WB[:3, :3].T
+    return allocate_velocity(tool_jacobian(problem, q), R_BW @ v_WT, problem.limits.qd_max)
+
+
+def _at_point(problem: ThrowProblem, p_WT: Array, q: Array) -> Array:
+    """Returns the postures (n, 6) closest to `q` (n, 6) that have the same orientation, and the tool at `p_WT` (3,).
+
+    NaN where there is none, or it is too near a singularity.
+    """
+    cell, limits, turn = problem.cell, problem.reachable, 2.0 * np.pi
+    X_WT = tool_pose(cell, q)
+    X_WT[:, :3, 3] = p_WT
+    branches, _ = inverse_branches(cell.robot, invert_pose(cell.X_WB) @ X_WT, cell.tool.X_FT)
+    branches = branches - turn * np.round((branches - q[:, None]) / turn)
+    away = np.abs(branches - q[:, None]).max(axis=2)
+    found = branches[np.arange(len(q)), np.where(np.isfinite(away), away, np.inf).argmin(axis=1)]
+    usable = np.all((found >= limits.q_lower) & (found <= limits.q_upper), axis=1)
+    usable &= singularity_distances(cell.robot, found).minimum >= limits.singularity_distance_min
+    return np.where(usable[:, None], found, np.nan)
 
 
 def _postures(problem: ThrowProblem, p_WT: Array) -> Array:
@@ -101,14 +136,84 @@ def target_states(problem: ThrowProblem, release: TargetRelease) -> tuple[Array,
         q = _postures(problem, release.release_position)
         return _flights(problem, release, q, np.broadcast_to(release.release_position, (len(q), 3)))
     limits = problem.reachable
+
+    def states_near(q: Array) -> tuple[Array, Array]:
+        q = np.clip(q, limits.q_lower, limits.q_upper)
+        p, allowed = _release_positions(problem, release, q)
+        return q, np.where(allowed[:, None], _best_flights(problem, release, q, p).qd, np.nan)
+
     centre = np.clip(problem.start, limits.q_lower, limits.q_upper)
     q = np.clip(centre + _offsets(POSTURES), limits.q_lower, limits.q_upper)
+    p, allowed = _release_positions(problem, release, q)
+    q, qd = _flights(problem, release, q[allowed], p[allowed])
+    q, _ = _moved_nearby(problem, q, qd, states_near)
+    return _flights(problem, release, q, tool_pose(problem.cell, q)[:, :3, 3])
+
+
+def _release_positions(problem: ThrowProblem, release: TargetRelease, q: Array) -> tuple[Array, Mask]:
+    """Returns the tool's positions p (n, 3) in postures `q` (n, 6), and the mask of those to release from."""
     p = tool_pose(problem.cell, q)[:, :3, 3]
     distance = np.linalg.norm((p - release.p_W)[:, :2], axis=1)
     allowed = (distance >= release.min_horizontal_distance_m) & _inside(problem, p)
-    allowed &= singularity_distances(problem.cell.robot, q).minimum >= limits.singularity_distance_min
-    q, p = q[allowed], p[allowed]
-    return _flights(problem, release, q, p)
+    least = problem.limits.singularity_distance_min
+    return p, allowed & (singularity_distances(problem.cell.robot, q).minimum >= least)
+
+
+def _moved_nearby(
+    problem: ThrowProblem, q: Array, qd: Array, states_near: Callable[[Array], tuple[Array, Array]]
+) -> tuple[Array, Array]:
+    """Returns the states q, qd (n, 6) with the first `MOVED` moved to sooner ones near them in which the arm is clear.
+
+    Args:
+        problem: the problem.
+        q: postures (n, 6), the soonest first.
+        qd: their joint velocities (n, 6).
+        states_near: returns states q, qd (m, 6) next to postures (m, 6); NaN where there is none.
+    """
+    q, qd, body = q.copy(), qd.copy(), body_model(problem.cell)
+    k = min(MOVED, len(q))
+    bound = _penalised_bound(problem, q[:k], qd[:k])
+    for offsets in _nearby_offsets():
+        near_q, near_qd = states_near((q[:k, None] + offsets[:k]).reshape(-1, 6))
+        near = _penalised_bound(problem, near_q, near_qd).reshape(k, NEARBY)
+        moved = np.flatnonzero(near.min(axis=1) < bound)
+        best = moved * NEARBY + near[moved].argmin(axis=1)
+        clear = body.clearances(near_q[best]).least >= 0.0
+        moved, best = moved[clear], best[clear]
+        q[moved], qd[moved], bound[moved] = near_q[best], near_qd[best], near.ravel()[best]
+    return q, qd
+
+
+def _penalised_bound(problem: ThrowProblem, q: Array, qd: Array) -> Array:
+    """Returns the lower bounds (n,) [s] of states (n, 6), beyond all others where too fast; infinite for NaN."""
+    excess = np.max(np.abs(qd) / problem.limits.qd_max, axis=-1)
+    bound = least_time(q - problem.start, qd, problem.limits)
+    return np.where(np.isnan(excess + bound), np.inf, np.where(excess <= 1.0, bound, TOO_FAST_S * excess))
+
+
+@dataclass(frozen=True, eq=False)
+class _Flights:
+    """The best flight of every posture.
+
+    Attributes:
+        qd: joint velocities (n, 6) [rad/s]; NaN where no flight keeps the bounds.
+        t: flight times (n,) [s].
+    """
+
+    qd: Array
+    t: Array
+
+
+def _best_flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array) -> _Flights:
+    """Returns the best flight, without drag, from postures q (n, 6) with the tool at p (n, 3)."""
+    t = np.outer(FLIGHT_TIMES, slowest_time(p, release.p_W, problem.gravity))
+    v = launch_velocity(p, release.p_W, t, problem.gravity)
+    ok = _allowed_velocity(release, v) & (v[..., 2] < problem.gravity * t)
+    J, R_BW = tool_jacobian(problem, q), problem.cell.X_WB[:3, :3].T
+    qd = allocate_velocity(J, v @ R_BW.T, problem.limits.qd_max, ok)
+    rows = np.arange(len(q))
+    best = np.where(ok, _penalised_bound(problem, q, qd), np.inf).argmin(axis=0)
+    return _Flights(np.where(ok[best, rows, None], qd[best, rows], np.nan), t[best, rows])
 
 
 def _flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array) -> tuple[Array, Array]:
@@ -117,32 +222,18 @@ def _flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array) 
     Raises:
         Infeasible: there are none.
     """
-    t = np.outer(FLIGHT_TIMES, slowest_time(p, release.p_W, problem.gravity))
-    v = launch_velocity(p, release.p_W, t, problem.gravity)
-    ok = _allowed_velocity(release, v) & (v[..., 2] < problem.gravity * t)
-    if not ok.any():
+    found = _best_flights(problem, release, q, p)
+    postures = np.flatnonzero(np.isfinite(found.qd).all(axis=1))
+    if len(postures) == 0:
         raise Infeasible([_no_flight(problem, release, p)])
-    J, R_BW = tool_jacobian(problem, q), problem.cell.X_WB[:3, :3].T
-    qd = allocate_velocity(J, v @ R_BW.T, problem.limits.qd_max, ok)
-    best = _best_flight(problem, q, qd, ok)
-    postures = np.flatnonzero(ok.any(axis=0))
-    qd = qd[best[postures], postures]
-    rows = _soonest(problem, q[postures], qd)
-    kept, qd = postures[rows], qd[rows]
+    kept = postures[_soonest(problem, q[postures], found.qd[postures])]
     if problem.drag <= 0.0:
-        return q[kept], qd
-    v = launch_velocity(p[kept], release.p_W, t[best[kept], kept], problem.gravity, problem.drag)
+        return q[kept], found.qd[kept]
+    v = launch_velocity(p[kept], release.p_W, found.t[kept], problem.gravity, problem.drag)
     hits = np.isfinite(v).all(axis=1) & _allowed_velocity(release, v)
     kept, v = kept[hits], v[hits]
-    return q[kept], allocate_velocity(J[kept], v @ R_BW.T, problem.limits.qd_max)
-
-
-def _best_flight(problem: ThrowProblem, q: Array, qd: Array, ok: Mask) -> Index:
-    """Returns which of the flights qd (k, n, 6) of every posture (n, 6) is soonest, or exceeds its limits least."""
-    excess = np.max(np.abs(qd) / problem.limits.qd_max, axis=-1)
-    bound = least_time(q - problem.start, qd, problem.limits)
-    penalty = np.where(excess <= 1.0, bound, TOO_FAST_S * excess)
-    return np.where(ok, penalty, np.inf).argmin(axis=0)
+    R_BW = problem.cell.X_WB[:3, :3].T
+    return q[kept], allocate_velocity(tool_jacobian(problem, q[kept]), v @ R_BW.T, problem.limits.qd_max)
 
 
 def tool_jacobian(problem: ThrowProblem, q: Array) -> Array:
@@ -262,6 +353,13 @@ def _quaternions(count: int) -> Array:
     return np.stack(
         [low * np.sin(angle_1), low * np.cos(angle_1), high * np.sin(angle_2), high * np.cos(angle_2)], axis=1
     )
+
+
+@cache
+def _nearby_offsets() -> tuple[Array, ...]:
+    """Returns joint offsets (MOVED, NEARBY, 6) [rad] for each of `NEARBY_SHARES`."""
+    offsets = _offsets(len(NEARBY_SHARES) * MOVED * NEARBY).reshape(len(NEARBY_SHARES), MOVED, NEARBY, 6)
+    return tuple(read_only(share * each) for share, each in zip(NEARBY_SHARES, offsets, strict=True))
 
 
 def _offsets(count: int) -> Array:
