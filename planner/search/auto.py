@@ -178,7 +178,9 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, wi
     After failed checks it solves again from that motion, with wider margins; where the checks failed between coarse
     stages, from the start on finer stages.
     """
-    first = SolveOptions(deadline_s=search.deadline_s, with_ipopt=with_ipopt)
+    # Only a motion sooner by a tick is an improvement; before there is an optimised one, any is.
+    latest_s = search.release_time_s - search.problem.dt if search.has_certified("casadi") else math.inf
+    first = SolveOptions(deadline_s=search.deadline_s, with_ipopt=with_ipopt, latest_s=latest_s)
     seed, options = ranked.seed, first
     for _ in range(ROUNDS_MAX):
         solution = _solve(search, seed, replace(options, iteration_budget=end - search.iterations))

@@ -28,7 +28,8 @@ from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelea
 from planner.rotations import invert_pose
 from planner.safety import safety_use
 from planner.seeds.flight_filter import has_flight_obstacles
-from planner.seeds.sampling import least_time, point_states, target_states
+from planner.seeds.sampling import point_states, target_states
+from planner.seeds.soonest_states import least_time
 
 SPEED_SLACK = 1e-9  # [-] rounding allowed in the comparison with a speed limit
 FEW_CANDIDATES = 6  # for a target behind obstacles; fewer call for a thorough search of about 0.15 s
