@@ -168,4 +168,4 @@ def _rows(values: Index, shape: tuple[int, ...], count: int) -> bytes:
 
 
 def _out(values: Array) -> ctypes.Array[Any]:
-    return MEMORY.from_buffer(values)
+    return MEMORY.from_buffer(values.data)
