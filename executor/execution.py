@@ -9,14 +9,14 @@ import numpy as np
 
 from executor import records
 from executor import shared_memory as shm
-from executor.preflight import ExecutionRefused, session_refusals, verify_plan
+from executor.preflight import ExecutionRefused, gripper_is_open, session_refusals, verify_plan
 from executor.preparation import prepare_job
-from executor.robot import RobotSession
+from executor.robot import RobotSession, RobotState
 from executor.stream_job import StreamJob
 from executor.streaming.state_checks import EMERGENCY_BITS, NORMAL
 from executor.supervision import StreamRun
-from planner.approach import find_approach, jog_advice, obstacle_words
-from planner.certificate import release_flight
+from planner.approach import Approach, find_approach, jog_advice, obstacle_words
+from planner.certificate import Check, release_flight
 from store import ExecutionRow
 
 SAFETY_WAIT_S = 0.2  # [s] after a fault, for a state that is newer than the fault
@@ -58,16 +58,29 @@ class Execution:
         if state is None:
             raise ExecutionRefused("the controller stopped sending its state")
         pace = session.settings.approach_pace
-        now = np.array(state.q)
-        approach, failures = find_approach(cell, now, self.trajectory.q[0], pace)
-        if approach is None:
-            reason = f"no certified approach to the plan's start was found; a straight move: {obstacle_words(failures)}"
-            raise ExecutionRefused("; ".join(filter(None, [reason, jog_advice(cell, now)])))
+        approach, failures = self._approach(state, pace)
         if not approach.is_straight and approach.trajectory is not None:
             duration_s = approach.trajectory.duration_s
             self.note(f"planned approach of {duration_s:.1f} s; a straight move: {obstacle_words(failures)}")
         self.released_before = records.last_release_s(cell.link.host) if cell.link.kind == "sim" else -np.inf
         return prepare_job(self.problem, self.trajectory, approach, self.row.mode, self.row.dry_run, session.settings)
+
+    def _approach(self, state: RobotState, pace: float) -> tuple[Approach, tuple[Check, ...]]:
+        """Returns the approach, and the checks that a straight move fails.
+
+        The tool may hold an object. If its gripper is open it is empty, as the plan before left it: then a way without
+        the object's clearance will do.
+
+        Raises:
+            ExecutionRefused: there is none; with what is too close, and how to jog the arm.
+        """
+        cell, now = self.session.cell, np.array(state.q)
+        for with_object in (True, False) if gripper_is_open(cell, state) else (True,):
+            approach, failures = find_approach(cell, now, self.trajectory.q[0], pace, with_object)
+            if approach is not None:
+                return approach, failures
+        reason = f"no certified approach to the plan's start was found; a straight move: {obstacle_words(failures)}"
+        raise ExecutionRefused("; ".join(filter(None, [reason, jog_advice(cell, now, with_object)])))
 
     def start(self, job: StreamJob) -> None:
         """Starts the streaming process; in a simulated cell the plan's bin is put into its place before.
