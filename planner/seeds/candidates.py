@@ -30,7 +30,7 @@ from planner.seeds.flight_filter import has_flight_obstacles
 from planner.seeds.sampling import least_time, point_states, target_states
 
 SPEED_SLACK = 1e-9  # [-] rounding allowed in the comparison with a speed limit
-FEW_CANDIDATES = 6  # for a target behind obstacles; fewer call for a thorough search of about 0.15 s
+FEW_CANDIDATES = 6  # for a target behind obstacles; fewer call for a thorough search of 0.2 to 0.3 s
 NO_STATES = "joint states found whose flight hits the target within the requested bounds"
 NO_INVERSE = "joint positions found by the inverse kinematics for this pose, joint limits ignored"
 POSITION_SLACK = 1e-9  # [rad] rounding allowed in the comparison with a position limit

@@ -30,7 +30,7 @@ from planner.seeds.velocity_allocation import allocate_velocity
 ORIENTATIONS = 96  # tool orientations tried at a point
 MORE_ORIENTATIONS, FEW_POSTURES = 1024, 24  # tried instead where those give fewer postures: narrow joint limits
 POSTURES = 1024  # postures tried for a target
-MORE_POSTURES = 9216  # postures tried where those leave too few that are clear of walls
+MORE_POSTURES = 16384  # postures tried where those leave too few that are clear of walls
 CHECKED_MAX = 1536  # soonest of these states whose clearance is checked before they are compared: 40 ms
 STATES_MAX = 48  # states kept, those of the least lower bound that are apart from one another
 APART_RAD = 0.35  # [rad] least difference of two kept states in some joint
@@ -108,13 +108,13 @@ def target_states(problem: ThrowProblem, release: TargetRelease, thorough: bool 
     Args:
         problem: the problem.
         release: its target.
-        thorough: whether to try nine times as many postures, and leave out those in which the arm is not clear.
+        thorough: whether to try `MORE_POSTURES`, evenly spread, and leave out those in which the arm is not clear.
 
     Raises:
         Infeasible: there are none.
     """
-    q, p = _target_postures(problem, release, MORE_POSTURES if thorough else POSTURES)
-    q, qd = _flights(problem, release, q, p)
+    q, p = _target_postures(problem, release, _even_offsets() if thorough else _offsets(POSTURES))
+    q, qd = _flights(problem, release, q, p, flight_times(problem, thorough))
     if thorough:
         q, qd = _clear_of_obstacles(problem, q, qd)
     rows = _soonest(problem, q, qd)
@@ -122,14 +122,14 @@ def target_states(problem: ThrowProblem, release: TargetRelease, thorough: bool 
     return (q, qd) if problem.drag <= 0.0 else _with_drag(problem, release, q, qd)
 
 
-def _target_postures(problem: ThrowProblem, release: TargetRelease, count: int) -> tuple[Array, Array]:
-    """Returns postures (n, 6) from which the request allows to throw, and their tool positions (n, 3)."""
+def _target_postures(problem: ThrowProblem, release: TargetRelease, offsets: Array) -> tuple[Array, Array]:
+    """Returns postures (n, 6), `offsets` from the start, that the request allows, and their tool positions (n, 3)."""
     if release.release_position is not None:
         q = _postures(problem, release.release_position)
         return q, np.tile(release.release_position, (len(q), 1))
     limits = problem.reachable
     centre = np.clip(problem.start, limits.q_lower, limits.q_upper)
-    q = np.clip(centre + _offsets(count), limits.q_lower, limits.q_upper)
+    q = np.clip(centre + offsets, limits.q_lower, limits.q_upper)
     p = tool_pose(problem.cell, q)[:, :3, 3]
     distance = np.linalg.norm((p - release.p_W)[:, :2], axis=1)
     allowed = (distance >= release.min_horizontal_distance_m) & _inside(problem, p)
@@ -137,13 +137,22 @@ def _target_postures(problem: ThrowProblem, release: TargetRelease, count: int) 
     return q[allowed], p[allowed]
 
 
-def _flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array) -> tuple[Array, Array]:
+def _flights(
+    problem: ThrowProblem, release: TargetRelease, q: Array, p: Array, times: tuple[float, ...]
+) -> tuple[Array, Array]:
     """Returns the soonest joint state of every posture q (n, 6), tool at p (n, 3), that has a flight within the bounds.
+
+    Args:
+        problem: the problem.
+        release: its target.
+        q: postures (n, 6) [rad].
+        p: their tool positions (n, 3) [m].
+        times: of flight, relative to that of the slowest throw [-].
 
     Raises:
         Infeasible: there are none.
     """
-    t = np.outer(flight_times(problem), slowest_time(p, release.p_W, problem.gravity))
+    t = np.outer(times, slowest_time(p, release.p_W, problem.gravity))
     v = launch_velocity(p, release.p_W, t, problem.gravity)
     ok = _flights_allowed(problem, release, p, v, t)
     J, R_BW = tool_jacobian(problem, q), problem.cell.X_WB[:3, :3].T
@@ -329,3 +338,9 @@ def _offsets(count: int) -> Array:
     """Returns joint offsets (count, 6) [rad], denser near zero: the soonest throws are close to the start."""
     u = 2.0 * _halton(count, 6) - 1.0
     return SPREAD_RAD * np.sign(u) * np.abs(u) ** 1.5
+
+
+@cache
+def _even_offsets() -> Array:
+    """Returns evenly spread joint offsets (MORE_POSTURES, 6) [rad]: behind walls few throws are close to the start."""
+    return read_only(SPREAD_RAD * (2.0 * _halton(MORE_POSTURES, 6) - 1.0))
