@@ -15,7 +15,7 @@ from executor.robot import RobotSession
 from executor.stream_job import StreamJob
 from executor.streaming.state_checks import EMERGENCY_BITS, NORMAL
 from executor.supervision import StreamRun
-from planner.approach import find_approach
+from planner.approach import find_approach, jog_advice, obstacle_words
 from planner.certificate import release_flight
 from store import ExecutionRow
 
@@ -58,16 +58,25 @@ class Execution:
         if state is None:
             raise ExecutionRefused("the controller stopped sending its state")
         pace = session.settings.approach_pace
-        approach, obstacle = find_approach(cell, np.array(state.q), self.trajectory.q[0], pace)
+        now = np.array(state.q)
+        approach, failures = find_approach(cell, now, self.trajectory.q[0], pace)
         if approach is None:
-            raise ExecutionRefused(
-                f"no collision-free approach to the plan's start was found; a straight move would hit {obstacle}"
-            )
-        if approach.trajectory is not None:
+            reason = f"no certified approach to the plan's start was found; a straight move: {obstacle_words(failures)}"
+            raise ExecutionRefused("; ".join(filter(None, [reason, jog_advice(cell, now)])))
+        if not approach.is_straight and approach.trajectory is not None:
             duration_s = approach.trajectory.duration_s
-            self.note(f"planned approach of {duration_s:.1f} s: a straight move would hit {obstacle}")
-        self.released_before = records.last_release_s(cell.link.host) if cell.link.kind == "sim" else -np.inf
+            self.note(f"planned approach of {duration_s:.1f} s; a straight move: {obstacle_words(failures)}")
+        self.released_before = self._prepare_simulator() if cell.link.kind == "sim" else -np.inf
         return prepare_job(self.problem, self.trajectory, approach, self.row.mode, self.row.dry_run, session.settings)
+
+    def _prepare_simulator(self) -> float:
+        """Puts the plan's bin into the simulated world; returns its time of the newest release [s]."""
+        host = self.session.cell.link.host
+        try:
+            records.place_bin(host, self.problem)
+            return records.last_release_s(host)
+        except ValueError as error:
+            raise ExecutionRefused(f"the simulated controller at {host} refuses the plan's bin: {error}") from error
 
     def start(self, job: StreamJob) -> None:
         """Starts the streaming process."""

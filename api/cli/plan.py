@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-INFEASIBLE = 2  # exit status of an invalid or infeasible request
+from api.cli.summary import plan_text
 
 
 @click.command()
@@ -19,16 +19,21 @@ INFEASIBLE = 2  # exit status of an invalid or infeasible request
 def plan(file: Path, cells: Path | None, cell: str | None) -> None:
     """Plan the request in FILE (JSON as for POST /plan; - reads standard input) and write the plan to standard output.
 
-    Exit status 2 with the problem (JSON) on standard error if the request is invalid or infeasible.
+    Standard error has a summary; or the problem (JSON), with exit status 2 for an infeasible request, 3 where its time
+    limit ended the search, 1 for an invalid one.
     """
+    from api.cli.exit_status import exit_status
     from api.http import ProblemDetails, problem_document, translate
     from planner.errors import PlannerError
 
     try:
-        click.echo(_plan(_read(file), cells, cell))
+        document = _plan(_read(file), cells, cell)
     except (ProblemDetails, PlannerError) as error:
-        click.echo(json.dumps(problem_document(translate(error), str(file)), indent=2), err=True)
-        sys.exit(INFEASIBLE)
+        problem = translate(error)
+        click.echo(json.dumps(problem_document(problem, str(file)), indent=2), err=True)
+        sys.exit(exit_status(problem.name))
+    click.echo(document)
+    click.echo(plan_text(json.loads(document)), err=True)
 
 
 @click.command()

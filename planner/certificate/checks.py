@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from planner.certificate import clearance, joints, release, tool, torque
+from planner.certificate import clearance, joints, release, safety_limits, stopping, tool, torque
 from planner.certificate.certificate import Certificate, Check, NotChecked
 from planner.certificate.samples import MotionSamples
 from planner.problem import ThrowProblem
@@ -37,6 +37,11 @@ MOTION_CHECKS: tuple[CheckFunction, ...] = (
     clearance.self_collision,
     tool.singularity_distance,
     torque.joint_torque,
+    safety_limits.elbow_speed,
+    safety_limits.linear_momentum,
+    safety_limits.power,
+    stopping.stopping_time,
+    stopping.stopping_distance,
     release.landing_window,
     release.release_position,
     release.release_velocity,

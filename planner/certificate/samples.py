@@ -9,10 +9,13 @@ from functools import cached_property
 import numpy as np
 
 from planner.arrays import Array, Index
+from planner.cell import Cell
 from planner.certificate.bounds import Rates, joint_rates
+from planner.dynamics import chain_torques
 from planner.geometry import BodyModel, body_model
 from planner.kinematics import LinkMotion
 from planner.problem import ThrowProblem
+from planner.safety import empty_bodies
 from planner.trajectory import Trajectory
 
 KNOTS = 64  # [-] instants of a trajectory that are evaluated first; bisection adds others where it must
@@ -26,12 +29,14 @@ class ArmSamples:
     """The arm at k instants.
 
     Attributes:
+        cell: the arm's.
         t: [s] (k,).
         X_WL: poses of base and links in the world (k, 7, 4, 4).
         links: their motion, in the world.
         p_WT: position of the tool centre point (3, k) [m].
     """
 
+    cell: Cell
     t: Array
     X_WL: Array
     links: LinkMotion
@@ -41,6 +46,28 @@ class ArmSamples:
     def v_WT(self) -> Array:
         """Velocity of the tool centre point (3, k) [m/s]."""
         return self.links.velocity(self.p_WT)
+
+    @cached_property
+    def torques(self) -> tuple[Array, Array]:
+        """Joint torques without the object (6, k) [N m], and what each kilogram of it adds (6, k) [N m/kg]."""
+        return self._torques(self.links, self.cell.surroundings.gravity_m_s2)
+
+    @cached_property
+    def drift_torques(self) -> tuple[Array, Array]:
+        """The part of `torques` that no joint acceleration causes: gravity and velocity."""
+        qd = self.links.qd
+        chain = LinkMotion(self.X_WL, qd, np.zeros_like(qd))
+        return self._torques(chain, self.cell.surroundings.gravity_m_s2)
+
+    @cached_property
+    def joint_momenta(self) -> tuple[Array, Array]:
+        """Mass matrix times joint velocity: without the object (6, k) [N m s], and per kilogram of it [N m s/kg]."""
+        qd = self.links.qd
+        return self._torques(LinkMotion(self.X_WL, np.zeros_like(qd), qd), 0.0)
+
+    def _torques(self, chain: LinkMotion, gravity: float) -> tuple[Array, Array]:
+        down = np.array([0.0, 0.0, -gravity])
+        return chain_torques(chain, empty_bodies(self.cell), down, self.cell.tool.X_FT[:3, 3])
 
 
 class MotionSamples:
@@ -77,19 +104,34 @@ class MotionSamples:
         return int(np.searchsorted(self.knots, self.trajectory.release_index))
 
     @property
-    def released_s(self) -> float:
-        """Time until which the object is held [s]; infinite for a move that ends at rest."""
-        return np.inf if self.problem.ends_at_rest else self.trajectory.release_time_s
-
-    @property
     def gone_from_s(self) -> float:
-        """Time from which the object may have left [s]: the release window's beginning, at a knot; infinite at rest."""
-        return np.inf if self.problem.ends_at_rest else float(self.trajectory.t[self._object_changes[0]])
+        """Time from which the object may have left [s]: the release window's beginning, at a knot.
+
+        Infinite for a move that ends at rest, -infinite for one without the object.
+        """
+        return self._change_s(0)
 
     @property
     def held_until_s(self) -> float:
-        """Time until which the object may still be held [s]: the release window's end, at a knot; infinite at rest."""
-        return np.inf if self.problem.ends_at_rest else float(self.trajectory.t[self._object_changes[1]])
+        """Time until which the object may still be held [s]: the release window's end, at a knot.
+
+        Infinite for a move that ends at rest, -infinite for one without the object.
+        """
+        return self._change_s(1)
+
+    def _change_s(self, end: int) -> float:
+        """Returns the time of one end of the span in which the object may be held or gone [s]."""
+        if not self.problem.holds_object:
+            return -math.inf
+        return math.inf if self.problem.ends_at_rest else float(self.trajectory.t[self._object_changes[end]])
+
+    def worse_of(self, t: Array, held: Array, empty: Array) -> Array:
+        """Returns values (..., k) at times `t` (k,) with the object while it is held, without it once it is gone.
+
+        Where it may be either, the larger value.
+        """
+        before, after = t < self.gone_from_s, t > self.held_until_s
+        return np.where(before, held, np.where(after, empty, np.maximum(held, empty)))
 
     @cached_property
     def _object_changes(self) -> tuple[int, int]:
@@ -133,7 +175,8 @@ class MotionSamples:
         q, qd, qdd = state
         X_WL = self.body.link_poses(q)
         links = LinkMotion(X_WL, qd, qdd)
-        return ArmSamples(t, X_WL, links, links.on_flange(self.problem.cell.tool.X_FT[:3, 3]))
+        cell = self.problem.cell
+        return ArmSamples(cell, t, X_WL, links, links.on_flange(cell.tool.X_FT[:3, 3]))
 
 
 def _merged(rows: Index, *more: int) -> Index:

@@ -6,29 +6,37 @@ import numpy as np
 
 from planner.arrays import Array, Index
 from planner.certificate.bounds import Rates, curvature_bound, joint_rates, point_bound, prove_above
-from planner.certificate.certificate import Check, at_least, at_most
+from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
+from planner.geometry import levers
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
 from planner.robots import Robot
+from planner.safety import point_velocity, tool_points
 
 SINGULARITY_WINDOW_S = 0.05  # [s] before and after the release, in which Cartesian motion must stay controllable
 
 
 def tcp_speed(motion: MotionSamples) -> Check:
-    """Checks that the tool centre point never exceeds the cell's speed."""
-    limit = motion.problem.limits.tcp_speed_max
+    """Checks the speed of the tool centre point, and where the arm's own tool speed is limited that of the flange."""
+    cell, limits = motion.problem.cell, np.array([motion.problem.limits.tcp_speed_max])
+    points = tool_points(cell)[:1]
+    if cell.safety.tool_speed_m_s is not None:
+        points, limits = tool_points(cell), np.append(limits, cell.safety.tool_speed_m_s)
 
     def room(arm: ArmSamples) -> Array:
-        v = arm.v_WT
-        return limit - np.sqrt((v * v).sum(axis=0))
+        v = [arm.v_WT, *(point_velocity(arm.links, point) for point in points[1:])]
+        return 1.0 - np.sqrt((np.array(v) ** 2).sum(axis=1)) / limits[:, None]
 
     def evaluate(t: Array, item: Index) -> Array:
-        return room(motion.at(t))
+        return room(motion.at(t))[item, np.arange(len(t))]
 
-    arm, rates = motion.at_knots, point_bound(motion.body.tool_lever, motion.rates, 3)
+    arm = motion.at_knots
+    lever = np.array([levers(cell.robot, point.frame, float(np.linalg.norm(point.place))) for point in points])
     # |v| is at most that of the chord of v, plus the deviation of v from it: the curvature bound of v serves.
-    proof = prove_above(evaluate, arm.t, room(arm)[None], rates, -limit * 1e-7, curvature_bound)
-    return at_most("tcp_speed", limit - proof.value, limit, "m/s", proof.at_s).provided(proof.proven)
+    rates = point_bound(lever, motion.rates, 3) / limits[:, None]
+    proof = prove_above(evaluate, arm.t, room(arm), rates, -ROUNDING, curvature_bound)
+    limit, name = float(limits[proof.item]), points[proof.item].name
+    return at_most("tcp_speed", (1.0 - proof.value) * limit, limit, "m/s", proof.at_s, name).provided(proof.proven)
 
 
 def singularity_distance(motion: MotionSamples) -> Check | None:
@@ -46,16 +54,14 @@ def singularity_distance(motion: MotionSamples) -> Check | None:
         least = np.abs(signed_singularity_distances(robot, trajectory.q[rows])).min()
         return at_least("singularity_distance", float(least), required, "1")
     # Signed on the side of the release: a zero between two samples is a change of sign, which |f| would hide.
-    side = np.sign(signed_singularity_distances(robot, trajectory.q[trajectory.release_index]))
-
-    def distances(q: Array) -> Array:
-        return (signed_singularity_distances(robot, q) * side).T
+    signed = signed_singularity_distances(robot, trajectory.q[rows])
+    side = np.sign(signed[np.searchsorted(rows, trajectory.release_index)])
 
     def evaluate(t: Array, item: Index) -> Array:
-        return distances(trajectory.at(t)[0])[item, np.arange(len(t))]
+        return (signed_singularity_distances(robot, trajectory.at(t)[0]) * side)[np.arange(len(t)), item]
 
     rates = _singularity_curvature(robot, joint_rates(trajectory, rows))
-    proof = prove_above(evaluate, trajectory.t[rows], distances(trajectory.q[rows]), rates, required, curvature_bound)
+    proof = prove_above(evaluate, trajectory.t[rows], (signed * side).T, rates, required, curvature_bound)
     name = SINGULARITIES[proof.item]
     value, detail = (proof.value, name) if proof.value > 0.0 else (0.0, f"{name}: passed through")
     return at_least("singularity_distance", value, required, "1", proof.at_s, detail).provided(proof.proven)

@@ -13,6 +13,7 @@ import numpy as np
 from planner.backends import ruckig_otg
 from planner.geometry import body_model
 from planner.problem import ThrowProblem
+from planner.search.incumbent import CertifiedSolution
 from planner.seeds import Candidate, Seed
 
 RANKED_MAX = 24  # candidates of least lower bound that are considered; a pose's others are full turns away
@@ -23,11 +24,12 @@ OBSTACLE_DEPTH_M = 0.02  # [m] penetration on that path which the optimiser stil
 
 @dataclass(frozen=True, eq=False)
 class RankedCandidate:
-    """A candidate with Ruckig's times to it and a note of what was tried from it."""
+    """A candidate with Ruckig's times to it, and a note of what was tried from it and what was made in advance."""
 
     problem: ThrowProblem
     candidate: Candidate
     tried: set[str] = field(default_factory=set)
+    made: dict[ruckig_otg.LaunchVariant, CertifiedSolution] = field(default_factory=dict)
 
     @cached_property
     def arrival_s(self) -> float:

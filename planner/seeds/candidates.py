@@ -26,6 +26,7 @@ from planner.kinematics import (
 )
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose
+from planner.safety import safety_use
 from planner.seeds.flight_filter import has_flight_obstacles
 from planner.seeds.sampling import least_time, point_states, target_states
 
@@ -82,21 +83,24 @@ class _States:
         q: positions (n, 6) [rad].
         qd: velocities (n, 6) [rad/s].
         posture: number of the arm's posture in each (n,). States of one posture differ by full turns of joints alone:
-            what follows from posture and velocity is calculated once for all of them.
+            what follows from posture and velocity is calculated once for all of them. None where all are distinct.
     """
 
     q: Array
     qd: Array
-    posture: Index
+    posture: Index | None
 
     def at(self, rows: Mask | Index | slice) -> _States:
         """Returns the states in these rows."""
-        return _States(self.q[rows], self.qd[rows], self.posture[rows])
+        return _States(self.q[rows], self.qd[rows], None if self.posture is None else self.posture[rows])
 
     def of_postures(self, function: Callable[[Array], Array]) -> Array:
         """Returns a function of joint positions (k, 6) for every state (n,), calculated once a posture."""
-        _, first, where = np.unique(self.posture, return_index=True, return_inverse=True)
-        return function(self.q[first])[where]
+        if self.posture is None:
+            return function(self.q)
+        row = np.zeros(self.posture.max() + 1, dtype=np.intp)
+        row[self.posture] = np.arange(len(self.posture))
+        return function(self.q[row])[self.posture]
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,7 +148,7 @@ def _target_candidates(problem: ThrowProblem, release: TargetRelease) -> list[Ca
 
 
 def _distinct(q: Array, qd: Array) -> _States:
-    return _States(q, qd, np.arange(len(q)))
+    return _States(q, qd, None)
 
 
 def _usable(problem: ThrowProblem, states: _States) -> list[Candidate]:
@@ -167,6 +171,7 @@ def _usable(problem: ThrowProblem, states: _States) -> list[Candidate]:
     if barred[good].all():
         raise Infeasible([_barrier_violation(problem, q[good][0])])
     states = states.at(good & ~barred)
+    states = states.at(_safe(problem, states))
     bound = least_time(states.q - problem.start, states.qd, limits)
     order = np.lexsort([*states.q.T[::-1], bound])
     return _clear(problem, states.at(order), bound[order])
@@ -186,6 +191,24 @@ def _clear(problem: ThrowProblem, states: _States, bound: Array) -> list[Candida
         return [Candidate(states.q[i], states.qd[i], float(bound[i]), f"{kind} {i}") for i in good]
     best = states.q[[int(least.argmax())]]
     raise Infeasible(body.clearances(best).violations(0, problem.cell))
+
+
+def _safe(problem: ThrowProblem, states: _States) -> Mask:
+    """Returns which states (n,) keep the limits on tool and elbow speed and momentum by themselves.
+
+    Raises:
+        Infeasible: none does; the violations are those of the state closest to the limits.
+    """
+    used = safety_use(problem.cell, problem.limits.tcp_speed_max, states.q, states.qd)
+    share = np.max([each.value / each.limit for each in used], axis=0)
+    safe = share <= 1.0 + SPEED_SLACK
+    if not safe.any():
+        best = int(share.argmin())
+        rows = ((each, float(each.value[best])) for each in used)
+        raise Infeasible(
+            [Violation(u.name, v, u.limit, u.unit, detail="at the release") for u, v in rows if v > u.limit]
+        )
+    return safe
 
 
 def _barrier_violation(problem: ThrowProblem, q: Array) -> Violation:

@@ -56,11 +56,6 @@ def clear_flights(problem: ThrowProblem, release: TargetRelease, p: Array, v: Ar
     return clear
 
 
-def within_tool_speed(problem: ThrowProblem, v: Array) -> Mask:
-    """Returns the mask (...,) of the release velocities (..., 3) [m/s] within the limit on the tool's speed."""
-    return np.linalg.norm(v, axis=-1) <= problem.limits.tcp_speed_max
-
-
 def leave_through_opening(problem: ThrowProblem, q: Array, qd: Array) -> Mask:
     """Returns the mask (n,) of the joint states whose object leaves along the gripper's open side.
 

@@ -6,12 +6,13 @@ and the speed free, too.
 
 from __future__ import annotations
 
-from functools import cache
+from dataclasses import dataclass
+from functools import cache, lru_cache
 
 import numpy as np
 
 from planner.arrays import Array, Index, Mask, read_only
-from planner.cell import Limits
+from planner.cell import Cell, Limits
 from planner.errors import Infeasible, Violation
 from planner.flight import launch_velocity, least_speed, slowest_time, time_of_flight
 from planner.geometry import body_model, tool_pose
@@ -23,14 +24,14 @@ from planner.seeds.flight_filter import (
     flight_times,
     has_flight_obstacles,
     leave_through_opening,
-    within_tool_speed,
 )
 from planner.seeds.velocity_allocation import allocate_velocity
 
 ORIENTATIONS = 96  # tool orientations tried at a point
 MORE_ORIENTATIONS, FEW_POSTURES = 1024, 24  # tried instead where those give fewer postures: narrow joint limits
 POSTURES = 1024  # postures tried for a target
-MORE_POSTURES = 16384  # postures tried where those leave too few that are clear of walls
+MORE_POSTURES = 16384  # postures tried where those leave too few that are slow enough, or clear of walls
+POSTURES_KEPT = 8  # draws cached: two for each start of late
 CHECKED_MAX = 1536  # soonest of these states whose clearance is checked before they are compared: 40 ms
 STATES_MAX = 48  # states kept, those of the least lower bound that are apart from one another
 APART_RAD = 0.35  # [rad] least difference of two kept states in some joint
@@ -108,13 +109,12 @@ def target_states(problem: ThrowProblem, release: TargetRelease, thorough: bool 
     Args:
         problem: the problem.
         release: its target.
-        thorough: whether to try `MORE_POSTURES`, evenly spread, and leave out those in which the arm is not clear.
+        thorough: whether to try `MORE_POSTURES`, and leave out those in which the arm is not clear.
 
     Raises:
         Infeasible: there are none.
     """
-    q, p = _target_postures(problem, release, _even_offsets() if thorough else _offsets(POSTURES))
-    q, qd = _flights(problem, release, q, p, flight_times(problem, thorough))
+    q, qd = _thrown(problem, release, thorough)
     if thorough:
         q, qd = _clear_of_obstacles(problem, q, qd)
     rows = _soonest(problem, q, qd)
@@ -122,37 +122,77 @@ def target_states(problem: ThrowProblem, release: TargetRelease, thorough: bool 
     return (q, qd) if problem.drag <= 0.0 else _with_drag(problem, release, q, qd)
 
 
-def _target_postures(problem: ThrowProblem, release: TargetRelease, offsets: Array) -> tuple[Array, Array]:
-    """Returns postures (n, 6), `offsets` from the start, that the request allows, and their tool positions (n, 3)."""
-    if release.release_position is not None:
-        q = _postures(problem, release.release_position)
-        return q, np.tile(release.release_position, (len(q), 1))
-    limits = problem.reachable
-    centre = np.clip(problem.start, limits.q_lower, limits.q_upper)
-    q = np.clip(centre + offsets, limits.q_lower, limits.q_upper)
-    p = tool_pose(problem.cell, q)[:, :3, 3]
-    distance = np.linalg.norm((p - release.p_W)[:, :2], axis=1)
-    allowed = (distance >= release.min_horizontal_distance_m) & _inside(problem, p)
-    allowed &= singularity_distances(problem.cell.robot, q).minimum >= limits.singularity_distance_min
-    return q[allowed], p[allowed]
-
-
-def _flights(
-    problem: ThrowProblem, release: TargetRelease, q: Array, p: Array, times: tuple[float, ...]
-) -> tuple[Array, Array]:
-    """Returns the soonest joint state of every posture q (n, 6), tool at p (n, 3), that has a flight within the bounds.
-
-    Args:
-        problem: the problem.
-        release: its target.
-        q: postures (n, 6) [rad].
-        p: their tool positions (n, 3) [m].
-        times: of flight, relative to that of the slowest throw [-].
+def _thrown(problem: ThrowProblem, release: TargetRelease, thorough: bool) -> tuple[Array, Array]:
+    """Returns joint states (n, 6) whose flights hit the target: of many postures where few have none slow enough.
 
     Raises:
         Infeasible: there are none.
     """
-    t = np.outer(times, slowest_time(p, release.p_W, problem.gravity))
+    if release.release_position is not None:
+        q = _postures(problem, release.release_position)
+        return _flights(problem, release, q, np.broadcast_to(release.release_position, (len(q), 3)), thorough)
+    if not thorough:
+        try:
+            q, qd = _thrown_from(problem, release, thorough)
+            if np.any(np.all(np.abs(qd) <= problem.limits.qd_max, axis=1)):
+                return q, qd
+        except Infeasible:
+            pass
+    return _thrown_from(problem, release, True)
+
+
+def _thrown_from(problem: ThrowProblem, release: TargetRelease, thorough: bool) -> tuple[Array, Array]:
+    """Returns the joint states (n, 6) of `_thrown` among `POSTURES` or, in a thorough search, `MORE_POSTURES`.
+
+    Raises:
+        Infeasible: there are none.
+    """
+    q, p = _throwing_postures(_PostureKey.of(problem, MORE_POSTURES if thorough else POSTURES))
+    distance = np.linalg.norm((p - release.p_W)[:, :2], axis=1)
+    allowed = distance >= release.min_horizontal_distance_m
+    q, p = q[allowed], p[allowed]
+    slow = least_speed(p, release.p_W, problem.gravity) <= _speed_limit(problem, release)
+    if not slow.any():
+        raise Infeasible([_no_flight(problem, release, p)])
+    return _flights(problem, release, q[slow], p[slow], thorough)
+
+
+@dataclass(frozen=True)
+class _PostureKey:
+    """What the postures drawn for targets depend on."""
+
+    cell: Cell
+    start: bytes
+    q_limits: bytes
+    singularity_distance_min: float
+    count: int
+
+    @staticmethod
+    def of(problem: ThrowProblem, count: int) -> _PostureKey:
+        """Returns the key of `count` postures for a problem."""
+        limits = problem.reachable
+        bounds = np.stack([limits.q_lower, limits.q_upper]).tobytes()
+        return _PostureKey(problem.cell, problem.start.tobytes(), bounds, limits.singularity_distance_min, count)
+
+
+@lru_cache(maxsize=POSTURES_KEPT)
+def _throwing_postures(key: _PostureKey) -> tuple[Array, Array]:
+    """Returns postures q (n, 6) clear of singularities, and their tool positions (n, 3) within the surroundings."""
+    lower, upper = np.frombuffer(key.q_limits).reshape(2, 6)
+    q = np.clip(np.clip(np.frombuffer(key.start), lower, upper) + _offsets(key.count), lower, upper)
+    p = tool_pose(key.cell, q)[:, :3, 3]
+    allowed = _inside(key.cell, p)
+    allowed &= singularity_distances(key.cell.robot, q).minimum >= key.singularity_distance_min
+    return read_only(q[allowed]), read_only(p[allowed])
+
+
+def _flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array, thorough: bool) -> tuple[Array, Array]:
+    """Returns the soonest joint state of every posture q (n, 6), tool at p (n, 3), that has a flight within the bounds.
+
+    Raises:
+        Infeasible: there are none.
+    """
+    t = np.outer(flight_times(problem, thorough), slowest_time(p, release.p_W, problem.gravity))
     v = launch_velocity(p, release.p_W, t, problem.gravity)
     ok = _flights_allowed(problem, release, p, v, t)
     J, R_BW = tool_jacobian(problem, q), problem.cell.X_WB[:3, :3].T
@@ -168,11 +208,9 @@ def _flights_allowed(problem: ThrowProblem, release: TargetRelease, p: Array, v:
     Raises:
         Infeasible: none does.
     """
-    ok = _allowed_velocity(release, v) & (v[..., 2] < problem.gravity * t)
+    ok = _allowed_velocity(problem, release, v) & (v[..., 2] < problem.gravity * t)
     if not ok.any():
         raise Infeasible([_no_flight(problem, release, p)])
-    slow = ok & within_tool_speed(problem, v)
-    ok = slow if slow.any() else ok
     if has_flight_obstacles(problem):
         ok &= clear_flights(problem, release, p, v)
         if not ok.any():
@@ -197,7 +235,7 @@ def _with_drag(problem: ThrowProblem, release: TargetRelease, q: Array, qd: Arra
     v = (J @ qd[..., None])[..., 0] @ R_WB.T
     t = time_of_flight(p[:, 2] - release.p_W[2], v[:, 2], problem.gravity)
     v = launch_velocity(p, release.p_W, t, problem.gravity, problem.drag)
-    hits = np.isfinite(v).all(axis=1) & _allowed_velocity(release, v)
+    hits = np.isfinite(v).all(axis=1) & _allowed_velocity(problem, release, v)
     return q[hits], allocate_velocity(J[hits], v[hits] @ R_WB, problem.limits.qd_max)
 
 
@@ -214,12 +252,17 @@ def tool_jacobian(problem: ThrowProblem, q: Array) -> Array:
     return jacobian(problem.cell.robot, q, problem.cell.tool.X_FT)[:, :3, :]
 
 
-def _allowed_velocity(release: TargetRelease, v: Array) -> Mask:
-    """Returns the mask of the release velocities (..., 3) within the requested speed and elevations."""
+def _allowed_velocity(problem: ThrowProblem, release: TargetRelease, v: Array) -> Mask:
+    """Returns the mask of the release velocities (..., 3) within the requested elevations and the limits on speed."""
     speed = np.linalg.norm(v, axis=-1)
     elevation = np.arctan2(v[..., 2], np.hypot(v[..., 0], v[..., 1]))
     allowed = (elevation >= release.min_elevation_rad) & (elevation <= release.max_elevation_rad)
-    return allowed & (speed <= release.max_speed_m_s)
+    return allowed & (speed <= _speed_limit(problem, release))
+
+
+def _speed_limit(problem: ThrowProblem, release: TargetRelease) -> float:
+    """Returns the highest release speed [m/s] that request and cell allow."""
+    return min(release.max_speed_m_s, problem.limits.tcp_speed_max)
 
 
 def _soonest(problem: ThrowProblem, q: Array, qd: Array) -> Index:
@@ -264,10 +307,10 @@ def _within_limits(limits: Limits, start: Array, q: Array) -> Array:
     return q[np.all((q >= limits.q_lower) & (q <= limits.q_upper), axis=1)]
 
 
-def _inside(problem: ThrowProblem, p: Array) -> Mask:
+def _inside(cell: Cell, p: Array) -> Mask:
     """Returns the mask of the positions (n, 3) above the floor, inside every keep-in and outside every keep-out box."""
-    around = problem.cell.surroundings
-    ok = p[:, 2] > around.floor_z_m + around.clearance_m + problem.cell.object.radius_m
+    around = cell.surroundings
+    ok = p[:, 2] > around.floor_z_m + around.clearance_m + cell.object.radius_m
     for box in around.keep_in:
         ok &= np.all((p >= box.lower) & (p <= box.upper), axis=1)
     for box in around.keep_out:
@@ -297,8 +340,9 @@ def _no_flight(problem: ThrowProblem, release: TargetRelease, p: Array) -> Viola
         detail = "no release position obeys keep-in boxes, floor and distance to the target"
         return Violation("release_position", 0.0, least, "m", detail=detail)
     speed = float(least_speed(p, release.p_W, problem.gravity).min())
-    detail = "least speed that hits the target within the requested elevations"
-    return Violation("release_velocity", speed, release.max_speed_m_s, "m/s", detail=detail)
+    name = "release_velocity" if release.max_speed_m_s < problem.limits.tcp_speed_max else "tcp_speed"
+    detail = f"least speed that hits the target within the requested elevations, from {len(p)} postures tried"
+    return Violation(name, speed, _speed_limit(problem, release), "m/s", detail=detail)
 
 
 def _no_clear_flight(problem: ThrowProblem) -> Violation:
@@ -334,13 +378,11 @@ def _quaternions(count: int) -> Array:
     )
 
 
-def _offsets(count: int) -> Array:
-    """Returns joint offsets (count, 6) [rad], denser near zero: the soonest throws are close to the start."""
-    u = 2.0 * _halton(count, 6) - 1.0
-    return SPREAD_RAD * np.sign(u) * np.abs(u) ** 1.5
-
-
 @cache
-def _even_offsets() -> Array:
-    """Returns evenly spread joint offsets (MORE_POSTURES, 6) [rad]: behind walls few throws are close to the start."""
-    return read_only(SPREAD_RAD * (2.0 * _halton(MORE_POSTURES, 6) - 1.0))
+def _offsets(count: int) -> Array:
+    """Returns joint offsets (count, 6) [rad], denser near zero: the soonest throws are close to the start.
+
+    `MORE_POSTURES` are spread evenly: they are drawn where few throws are close to the start.
+    """
+    u = 2.0 * _halton(count, 6) - 1.0
+    return read_only(SPREAD_RAD * np.sign(u) * np.abs(u) ** (1.5 if count == POSTURES else 1.0))

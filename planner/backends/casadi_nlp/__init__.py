@@ -14,6 +14,7 @@ from planner.backends.casadi_nlp.flight_rows import flight_cuts, starts_with_fli
 from planner.backends.casadi_nlp.layout import FlightEdge
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins, too_coarse
 from planner.errors import BackendUnavailable, SolverFailed
+from planner.kernel import compile_kernel
 from planner.problem import ThrowProblem
 from planner.seeds import Seed
 from planner.solution import Solution
@@ -25,6 +26,7 @@ __all__ = [
     "SolveOptions",
     "build_solvers",
     "flight_cuts",
+    "load",
     "solve",
     "too_coarse",
     "warm",
@@ -87,7 +89,7 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
 
 
 def warm(progress: Callable[[str, float], None] = lambda _what, _share: None) -> bool:
-    """Compiles the functions unless that is done, and builds the solvers of this process.
+    """Compiles the functions and the planner's kernel unless that is done, and builds the solvers of this process.
 
     Args:
         progress: called with the current step and the share done so far.
@@ -102,10 +104,27 @@ def warm(progress: Callable[[str, float], None] = lambda _what, _share: None) ->
     from planner.backends.casadi_nlp import codegen
 
     progress("compiling", 0.0)
+    compile_kernel()
     compiled = codegen.compile_blocks() is not None
     build_solvers(lambda share: progress("building solvers", 0.9 + 0.1 * share))
     progress("ready" if compiled else "no compiler: interpreted functions", 1.0)
     return compiled
+
+
+def load() -> bool:
+    """Loads casadi and the functions of every formula, once per process; compiles nothing.
+
+    Returns:
+        Whether they are compiled. Otherwise casadi interprets them: the same numbers to the last bit, as the C has the
+        same operations in the same order, and compiles without fusing any.
+
+    Raises:
+        BackendUnavailable: casadi is not installed.
+    """
+    _require_casadi()
+    from planner.backends.casadi_nlp.codegen import loaded_blocks
+
+    return loaded_blocks().compiled
 
 
 def build_solvers(progress: Callable[[float], None] = lambda _share: None) -> None:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp import codegen, layout
-from planner.backends.casadi_nlp.functions import Block, interpreted_blocks
+from planner.backends.casadi_nlp.functions import Block
 from planner.backends.casadi_nlp.layout import COST, NX, NZ
 from planner.backends.casadi_nlp.symbols import FORMULAS
 
@@ -157,7 +157,7 @@ class Transcription:
 @cache
 def transcription(stages: StageLayout) -> Transcription:
     """Returns the assembled problem of a layout, built once per process; with compiled functions if there are any."""
-    blocks = codegen.compiled_blocks() or interpreted_blocks()
+    blocks = codegen.loaded_blocks().blocks
     index = RowIndex(stages, blocks)
     return Transcription(index, blocks, assemble(index))
 

@@ -4,6 +4,7 @@ Source: Berscheid and Kroeger, Jerk-limited Real-time Trajectory Generation with
 """
 
 from planner.backends.ruckig_otg.arrival import arrival, launch_time, least_times
+from planner.backends.ruckig_otg.library import ruckig_module
 from planner.backends.ruckig_otg.motions import LAST_RESORT, VARIANTS, LaunchVariant, initial_guess, solve
 
 __all__ = [
@@ -14,5 +15,6 @@ __all__ = [
     "initial_guess",
     "launch_time",
     "least_times",
+    "ruckig_module",
     "solve",
 ]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planner.backends import ruckig_otg
-from planner.cell import Box
+from planner.cell import Box, Safety
 from planner.certificate import certify
 from planner.certificate.bounds import joint_rates, point_bound
 from planner.geometry import levers, tool_state
@@ -30,6 +30,11 @@ EVERY_CHECK = {
     "self_collision",
     "singularity_distance",
     "joint_torque",
+    "elbow_speed",
+    "momentum",
+    "power",
+    "stopping_time",
+    "stopping_distance",
     "release_position",
     "release_velocity",
     "end_at_rest",
@@ -48,7 +53,7 @@ def boxed_problem():
         ),
         keep_out=(Box(np.array([-0.9, 0.25, 0.0]), np.array([0.9, 0.9, 1.2])),),
     )
-    here = replace(plain.cell, surroundings=around)
+    here = replace(plain.cell, surroundings=around, safety=Safety(4.0, 0.5, 10.0, 100.0, 0.15, 0.1))
     return joint_problem(cell=here)
 
 
@@ -113,6 +118,11 @@ SPOILT = {
     "self_collision": lambda p, t: shifted(t, 2, 1.45),
     "singularity_distance": lambda p, t: shifted(t, 4, -t.q[t.release_index, 4]),
     "joint_torque": lambda p, t: beyond(p, t, "joint_torque", share=6.0),
+    "elbow_speed": lambda p, t: beyond(p, t, "elbow_speed", share=1.2),
+    "momentum": lambda p, t: beyond(p, t, "momentum", share=1.2),
+    "power": lambda p, t: beyond(p, t, "power", share=1.2),
+    "stopping_time": lambda p, t: beyond(p, t, "stopping_time", share=1.2),
+    "stopping_distance": lambda p, t: beyond(p, t, "stopping_distance", share=1.2),
     "release_position": lambda p, t: shifted(t, 3, 2e-5),
     "release_velocity": lambda p, t: scaled(t, 1, 1.0005),
     "end_at_rest": lambda p, t: cut(t, 0, -15),

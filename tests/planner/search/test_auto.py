@@ -43,7 +43,7 @@ def test_a_stage_ends_when_its_iterations_are_spent(budgets, iterations):
     search_optimised(search, candidates(problem), stages)
     assert all(0 < budget <= iterations for budget in budgets)
     assert search.iterations <= iterations + CALL_ITERATIONS
-    assert search.attempts[0].result.startswith("soonest seeds")
+    assert any(attempt.result.startswith("soonest seeds") for attempt in search.attempts)
 
 
 def test_a_slow_clock_does_not_change_the_plan(monkeypatch):
