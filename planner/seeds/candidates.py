@@ -32,7 +32,7 @@ from planner.seeds.sampling import point_states, target_states
 from planner.seeds.soonest_states import least_time
 
 SPEED_SLACK = 1e-9  # [-] rounding allowed in the comparison with a speed limit
-FEW_CANDIDATES = 6  # for a target behind obstacles; fewer call for a thorough search of about 0.15 s
+FEW_CANDIDATES = 6  # for a target behind obstacles; fewer call for a thorough search of 0.2 to 0.3 s
 NO_STATES = "joint states found whose flight hits the target within the requested bounds"
 NO_INVERSE = "joint positions found by the inverse kinematics for this pose, joint limits ignored"
 POSITION_SLACK = 1e-9  # [rad] rounding allowed in the comparison with a position limit

@@ -16,6 +16,7 @@ from planner.problem import TargetRelease, ThrowProblem
 
 FLIGHT_TIMES = (1.0, 0.8, 1.25, 0.6)  # [-] flight times tried, relative to that of the slowest throw
 STEEP_TIMES = (1.5, 1.8, 2.2)  # [-] tried too where a box or a rim may have to be cleared; 2.2: 78 degrees on a plane
+STEEPEST_TIMES = (2.6,)  # [-] tried too in a thorough search: 82 degrees
 FLIGHT_GAP_M = 0.005  # [m] between object and obstacle beyond what is required: room for release window and drag
 
 
@@ -26,9 +27,11 @@ def has_flight_obstacles(problem: ThrowProblem) -> bool:
     return has_rim or bool(problem.cell.surroundings.keep_out)
 
 
-def flight_times(problem: ThrowProblem) -> tuple[float, ...]:
+def flight_times(problem: ThrowProblem, thorough: bool = False) -> tuple[float, ...]:
     """Returns the flight times to try, relative to that of the slowest throw [-]."""
-    return FLIGHT_TIMES + STEEP_TIMES if has_flight_obstacles(problem) else FLIGHT_TIMES
+    if not has_flight_obstacles(problem):
+        return FLIGHT_TIMES
+    return FLIGHT_TIMES + STEEP_TIMES + (STEEPEST_TIMES if thorough else ())
 
 
 def clear_flights(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) -> Mask:

@@ -32,7 +32,8 @@ from planner.seeds.velocity_allocation import allocate_velocity
 ORIENTATIONS = 96  # tool orientations tried at a point
 MORE_ORIENTATIONS, FEW_POSTURES = 1024, 24  # tried instead where those give fewer postures: narrow joint limits
 POSTURES = 512  # postures tried for a target
-MORE_POSTURES = 9216  # postures tried where those leave too few that are slow enough, or clear of walls
+MORE_POSTURES = 16384  # postures tried where those leave too few that are slow enough, or clear of walls
+EXPONENTS = {POSTURES: 1.5, MORE_POSTURES: 1.0}  # the soonest throws are close to the start; more are looked for evenly
 POSTURES_KEPT = 8  # draws cached: two for each start of late
 CHECKED_MAX = 1536  # soonest of these states whose clearance is checked before they are compared: 40 ms
 
@@ -112,7 +113,7 @@ def target_states(problem: ThrowProblem, release: TargetRelease, thorough: bool 
     Args:
         problem: the problem.
         release: its target.
-        thorough: whether to try nine times as many postures, and leave out those in which the arm is not clear.
+        thorough: whether to try `MORE_POSTURES`, and leave out those in which the arm is not clear.
 
     Raises:
         Infeasible: there are none.
@@ -154,30 +155,30 @@ def _thrown(problem: ThrowProblem, release: TargetRelease, thorough: bool) -> tu
     """
     if release.release_position is not None:
         q = _postures(problem, release.release_position)
-        return _flights(problem, release, q, np.broadcast_to(release.release_position, (len(q), 3)))
+        return _flights(problem, release, q, np.broadcast_to(release.release_position, (len(q), 3)), thorough)
     if not thorough:
         try:
-            q, qd = _thrown_from(problem, release, POSTURES)
+            q, qd = _thrown_from(problem, release, thorough=False)
             if np.any(np.all(np.abs(qd) <= problem.limits.qd_max, axis=1)):
                 return q, qd
         except Infeasible:
             pass
-    return _thrown_from(problem, release, MORE_POSTURES)
+    return _thrown_from(problem, release, thorough=True)
 
 
-def _thrown_from(problem: ThrowProblem, release: TargetRelease, postures: int) -> tuple[Array, Array]:
-    """Returns the joint states (n, 6) of `_thrown` among so many postures.
+def _thrown_from(problem: ThrowProblem, release: TargetRelease, thorough: bool) -> tuple[Array, Array]:
+    """Returns the joint states (n, 6) of `_thrown` among `POSTURES` or, in a thorough search, `MORE_POSTURES`.
 
     Raises:
         Infeasible: there are none.
     """
-    q, p = _throwing_postures(_PostureKey.of(problem, postures))
+    q, p = _throwing_postures(_PostureKey.of(problem, MORE_POSTURES if thorough else POSTURES))
     allowed = _far_enough(release, p)
     q, p = q[allowed], p[allowed]
     slow = least_speed(p, release.p_W, problem.gravity) <= _speed_limit(problem, release)
     if not slow.any():
         raise Infeasible([_no_flight(problem, release, p)])
-    return _flights(problem, release, q[slow], p[slow])
+    return _flights(problem, release, q[slow], p[slow], thorough)
 
 
 @dataclass(frozen=True)
@@ -202,29 +203,31 @@ class _PostureKey:
 def _throwing_postures(key: _PostureKey) -> tuple[Array, Array]:
     """Returns postures q (n, 6) clear of singularities, and their tool positions (n, 3) within the surroundings."""
     lower, upper = np.frombuffer(key.q_limits).reshape(2, 6)
-    q = np.clip(np.clip(np.frombuffer(key.start), lower, upper) + joint_offsets(key.count), lower, upper)
+    q = np.clip(
+        np.clip(np.frombuffer(key.start), lower, upper) + joint_offsets(key.count, EXPONENTS[key.count]), lower, upper
+    )
     p = tool_pose(key.cell, q)[:, :3, 3]
     allowed = _throwing(key.cell, q, p, key.singularity_distance_min)
     return read_only(q[allowed]), read_only(p[allowed])
 
 
-def _flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array) -> tuple[Array, Array]:
+def _flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array, thorough: bool) -> tuple[Array, Array]:
     """Returns the soonest joint state of every posture q (n, 6), tool at p (n, 3), that has a flight within the bounds.
 
     Raises:
         Infeasible: there are none.
     """
-    qd = _best_flights(problem, release, q, p)
+    qd = _best_flights(problem, release, q, p, thorough)
     rows = np.flatnonzero(np.isfinite(qd).all(axis=1))
     if len(rows):
         return q[rows], qd[rows]
-    _, allowed = _launches(problem, release, p)
+    _, allowed = _launches(problem, release, p, thorough)
     raise Infeasible([_no_clear_flight() if allowed.any() else _no_flight(problem, release, p)])
 
 
-def _best_flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array) -> Array:
+def _best_flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array, thorough: bool = False) -> Array:
     """Returns the joint velocities (n, 6) of every posture's soonest drag-free flight, tool at p (n, 3); NaN: none."""
-    v, ok = _launches(problem, release, p)
+    v, ok = _launches(problem, release, p, thorough)
     if has_flight_obstacles(problem):
         ok &= clear_flights(problem, release, p, v)
     J, R_BW = tool_jacobian(problem, q), problem.cell.X_WB[:3, :3].T
@@ -233,9 +236,9 @@ def _best_flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Ar
     return np.where(ok[best, rows, None], qd[best, rows], np.nan)
 
 
-def _launches(problem: ThrowProblem, release: TargetRelease, p: Array) -> tuple[Array, Mask]:
+def _launches(problem: ThrowProblem, release: TargetRelease, p: Array, thorough: bool) -> tuple[Array, Mask]:
     """Returns release velocities (k, n, 3) from p (n, 3), and which of them (k, n) keep the limits on the velocity."""
-    t = np.outer(flight_times(problem), slowest_time(p, release.p_W, problem.gravity))
+    t = np.outer(flight_times(problem, thorough), slowest_time(p, release.p_W, problem.gravity))
     v = launch_velocity(p, release.p_W, t, problem.gravity)
     return v, _allowed_velocity(problem, release, v) & (v[..., 2] < problem.gravity * t)
 

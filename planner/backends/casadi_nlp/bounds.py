@@ -80,7 +80,7 @@ class Bounds:
     def _add_local_margin(self, margin: LocalMargin, stage: float) -> None:
         check = LOCAL_CHECKS[margin.check]
         for name, offset in ((check.group, 0.0), (f"{check.group}_middle", 0.5)):
-            for k in self.index.knots[name]:
+            for k in self.index.knots.get(name, ()):
                 if abs(k + offset - stage) > LOCAL_STAGES:
                     continue
                 rows = self.index.rows[name, k][check.rows]

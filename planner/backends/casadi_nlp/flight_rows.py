@@ -14,14 +14,12 @@ import numpy as np
 from planner.backends.casadi_nlp.layout import FLIGHT, FLIGHT_EDGES, NO_EDGE, FlightEdge, Vector
 from planner.backends.casadi_nlp.margins import Margins
 from planner.cell import Box
-from planner.flight import time_of_flight
 from planner.geometry import Arcs, tool_state
 from planner.problem import TargetRelease, ThrowProblem
 from planner.seeds import Candidate
 
-UNBOUNDED_RADIUS_M = 1.0e3  # [m] usable radius where there is no bin
+UNBOUNDED_RADIUS_M = 1.0e3  # [m] radius where there is no bin
 LEAST_SPEED_M_S = 1e-3  # [m/s] a flight slower than this along an axis does not cross the planes across it
-LEAST_USABLE = 0.02  # [-] of the mouth's radius: what remains usable however flat the candidate's flight
 CUT_ROOM_M = 0.012  # [m] by which a cut keeps the object off the arm: the arm moves on in the next solution, too
 PASSING_TIME_S = 0.005  # [s] half the roundness of an edge's time, which a fixed time must not be moved by
 
@@ -51,12 +49,13 @@ def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Marg
         aim: landing point of the drag-free flight (3,) [m].
     """
     edges: list[FlightEdge] = []
-    mouth = [*aim, UNBOUNDED_RADIUS_M]
+    mouth = [*aim, UNBOUNDED_RADIUS_M, 0.0]
     if isinstance(problem.release, TargetRelease):
         arcs = _flight(problem, candidate)
         edges = [*_box_edges(problem, arcs, margins.flight_m), *margins.cuts][:FLIGHT_EDGES]
         if problem.release.opening is not None:
-            mouth = _mouth(problem.release, arcs, margins.mouth_m)
+            (x, y, z), bin_ = problem.release.p_W, problem.release.opening
+            mouth = [x, y, z + bin_.rim_height_m, bin_.radius_m, arcs.radius_m + margins.mouth_m]
     edges += [NO_EDGE] * (FLIGHT_EDGES - len(edges))
     opening = _opening(problem, margins.opening_rad)
     return FLIGHT.pack({"edges": np.array([edge.row for edge in edges]), "mouth": mouth, "opening": opening})
@@ -74,22 +73,6 @@ def _opening(problem: ThrowProblem, margin_rad: float) -> list[float]:
         return [0.0, 0.0, 0.0, -1.0]
     direction = problem.cell.tool.X_FT[:3, :3] @ gripper.opening_direction
     return [*direction, math.cos(max(gripper.opening_cone_rad - margin_rad, 0.0))]
-
-
-def _mouth(release: TargetRelease, arcs: Arcs, room_m: float) -> list[float]:
-    """Returns centre, rim height and usable radius of the bin's mouth (4,) [m].
-
-    At an angle d below the horizontal the sphere clears the rim if its centre falls through the mouth's plane r / sin d
-    inside of it. The candidate's angle is taken; a flatter flight needs more and fails the certificate, which adds to
-    the room.
-    """
-    assert release.opening is not None
-    radius, rim = release.opening.radius_m, release.p_W[2] + release.opening.rim_height_m
-    t = float(np.nan_to_num(time_of_flight(arcs.p[2] - rim, arcs.v[2], arcs.gravity)))
-    fall = arcs.v[2] - arcs.gravity * t
-    sine = max(-fall / math.hypot(arcs.v[0], arcs.v[1], fall), LEAST_USABLE)
-    usable = max(radius - arcs.radius_m / sine - room_m, LEAST_USABLE * radius)
-    return [release.p_W[0], release.p_W[1], rim, usable]
 
 
 def _box_edges(problem: ThrowProblem, arcs: Arcs, room_m: float) -> list[FlightEdge]:

@@ -37,7 +37,7 @@ ROOM = {  # [m] added to the clearances at given joint positions: the margins of
     "clearance": [DEFAULT_MARGINS.self_m, DEFAULT_MARGINS.floor_m, DEFAULT_MARGINS.keep_in_m],
     "keep_out": [DEFAULT_MARGINS.box_m],
 }
-ALWAYS_APPLY = ("effort", "clearance")  # of `LAZY_GROUPS`
+USUAL_GROUPS = ("effort", "clearance", "grip", "flight")  # of `LAZY_GROUPS`: without boxes, with a known gripper
 LARGEST_SLOPE_RAD = 1.57  # [rad] elevations beyond have no finite tangent; they are no limits
 
 # Stages in half a release window. One alone releases 2 to 3 % later than four; more than four gain nothing, but in a
@@ -90,13 +90,13 @@ def window_stages(problem: ThrowProblem) -> int:
 
 def common_layouts() -> list[StageLayout]:
     """Returns the layouts whose solvers are built ahead of requests; those with keep-out boxes take a few 10 ms."""
-    groups = ALWAYS_APPLY
+    groups = USUAL_GROUPS
     subsets = [subset for size in range(len(groups) + 1) for subset in combinations(groups, size)]
     (launch, brake), (fine_launch, fine_brake), n = STAGES["coarse"], STAGES["fine"], USUAL_WINDOW_STAGES
     coarse = ((launch, brake, 0), (launch + n, brake + n, n), (launch, 0, 0))
     fine = ((fine_launch, fine_brake), (fine_launch, 0))
     layouts = [StageLayout(*stages, groups=subset) for stages in coarse for subset in subsets]
-    return layouts + [StageLayout(*stages, groups=groups) for stages in fine]
+    return layouts + [StageLayout(*stages, groups=whole) for stages in fine for whole in (groups[:2], groups)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -97,7 +97,7 @@ BOXES = VectorLayout({"boxes": 6 * KEEP_OUT_BOXES, "box_clearance": 1})  # lower
 FLIGHT = VectorLayout(
     {
         "edges": 8 * FLIGHT_EDGES,  # per slot: normal (2), offset, direction (3), time, bound; see `FlightEdge`
-        "mouth": 4,  # of a bin: centre (2), height of the rim, usable radius [m]
+        "mouth": 5,  # of a bin: centre (2), height of the rim, its radius, and the object's radius [m]
         "opening": 4,  # of the gripper: direction in the flange frame (3), cosine of the largest angle from it [-]
     }
 )

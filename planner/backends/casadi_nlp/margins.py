@@ -132,7 +132,7 @@ class Margins:
     watched: bool = False
     grip: float = 0.98
     flight_m: float = 0.015
-    mouth_m: float = 0.0
+    mouth_m: float = 0.002
     opening_rad: float = 0.03
     cuts: tuple[FlightEdge, ...] = ()
     window: float = 0.62

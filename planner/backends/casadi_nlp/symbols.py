@@ -22,6 +22,7 @@ FIRST_MOVING_CAPSULE = 2  # base and shoulder do not move relative to the floor
 GUARD = 0.01  # [m^2/s^2] keeps the discriminant of a flight that never reaches the plane above zero
 TINY = 1e-9  # [m^2/s^2] keeps the horizontal speed away from zero
 PASSING = 0.01  # [m/s], [s] roundness of the time at which a flight passes an edge; the bias is a few millimetres
+CENTRED = 1e-6  # [m^2] keeps the distance from a bin's axis away from zero
 STEADY = 1.0  # [m^2/s^4] keeps the relative acceleration away from zero
 
 RELEASE_ROWS = VectorLayout(
@@ -40,7 +41,7 @@ RELEASE_ROWS = VectorLayout(
 FLIGHT_ROWS = VectorLayout(
     {
         "edges": layout.FLIGHT_EDGES,  # of the flight beyond each edge [m]
-        "mouth": 1,  # 1 - (distance from the axis / usable radius)^2 where the flight falls through the rim's height
+        "mouth": 1,  # between sphere and rim, in the mouth's plane [m]
         "rim": 1,  # discriminant of that time [m^2/s^2]: positive where the flight rises above the rim
         "opening": 1,  # cosine of the object's way out with the gripper's opening, less the least one [-]
     }
@@ -190,8 +191,7 @@ def flight(s: StageState, p: SX) -> StageRows:
     position, velocity = R_WS @ tool.position + a["base"][9:], R_WS @ tool.velocity
     edges = ca.reshape(f["edges"], 8, layout.FLIGHT_EDGES)
     passed = [_beyond(edges[:, i], position, velocity, r["gravity_z"]) for i in range(layout.FLIGHT_EDGES)]
-    point, rim = _landing(position, velocity, {**r, "target": f["mouth"][:3]})
-    mouth = 1 - ca.sumsqr(point - f["mouth"][:2]) / f["mouth"][3] ** 2
+    mouth, rim = _through_mouth(f["mouth"], position, velocity, r)
     leaving = -(R_WS @ tool.acceleration) - ca.vertcat(0, 0, r["gravity_z"])
     out = R_WS @ arm_symbols.frames(a["dh"], s.q).rotations[6] @ f["opening"][:3]
     opening = ca.dot(leaving, out) / ca.sqrt(ca.sumsqr(leaving) + STEADY) - f["opening"][3]
@@ -206,6 +206,17 @@ def _beyond(edge: SX, position: SX, velocity: SX, gravity: SX) -> SX:
     time = (crossing + ca.sqrt(crossing**2 + PASSING**2)) / 2 + after
     fall = ca.vertcat(0, 0, gravity * time**2 / 2)
     return ca.dot(direction, position + velocity * time - fall) - bound
+
+
+def _through_mouth(mouth: SX, position: SX, velocity: SX, r: dict[str, SX]) -> tuple[SX, SX]:
+    """Returns the room between sphere and rim in the mouth's plane [m], and the discriminant of the time there.
+
+    At an angle d below the horizontal the sphere clears the rim if its centre falls through the plane r / sin d inside.
+    """
+    point, rises = _landing(position, velocity, {**r, "target": mouth[:3]})
+    fall_squared = (rises + ca.sqrt(rises**2 + GUARD**2)) / 2
+    thick = mouth[4] * ca.sqrt(1 + ca.sumsqr(velocity[:2]) / fall_squared)
+    return mouth[3] - thick - ca.sqrt(ca.sumsqr(point - mouth[:2]) + CENTRED), rises
 
 
 def _landing(position: SX, velocity: SX, r: dict[str, SX]) -> tuple[SX, SX]:
@@ -259,7 +270,6 @@ FORMULAS: dict[str, BlockFormula] = {
     "keep_out": _at_knot(keep_out, "arm", "boxes"),
     "keep_out_middle": _in_middle(keep_out, "arm", "boxes"),
     "grip": _at_knot(grip, "arm"),
-    "grip_middle": _in_middle(grip, "arm"),
     "singularity": _at_knot(singularity, "arm"),
     "singularity_middle": _in_middle(singularity, "arm"),
     "release": _at_knot(release, "arm", "release"),

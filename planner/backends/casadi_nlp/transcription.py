@@ -25,7 +25,7 @@ MX = Any
 Indices = NDArray[np.intp]
 
 WATCHED_STAGES = 3  # stages before the release (or its window) on which singularities are avoided, as on all after it
-# Groups of rows left out until a solution violates them, each at knots and middles, "flight" at the release alone.
+# Groups of rows left out until a solution violates them, at knots and (but for the last two) at middles.
 LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight")
 # Parameters p: these, then the costs of every stage.
 ALL_SHARED = layout.VectorLayout({name: piece.size for name, piece in layout.SHARED.items()})
@@ -68,7 +68,6 @@ class StageLayout:
             "release": range(self.launch - self.window, self.launch + self.window + 1),
             "flight": range(self.launch - self.window, self.launch + self.window + 1),
             "grip": range(1, self.launch + self.window + 1),
-            "grip_middle": range(self.launch + self.window),
         }
         everywhere = range(self.stages) if block.endswith("_middle") else range(1, self.stages + 1)
         return special.get(block, everywhere)

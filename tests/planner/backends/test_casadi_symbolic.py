@@ -163,14 +163,14 @@ def _flight_parameters() -> np.ndarray:
     edges = np.tile(layout.NO_EDGE.row, (layout.FLIGHT_EDGES, 1))
     edges[0] = layout.FlightEdge((1.0, 0.0), 0.9, (0.0, 0.0, 1.0), 0.0, 0.5).row
     edges[3] = layout.FlightEdge((0.0, 0.0), 0.0, (0.6, 0.0, 0.8), 0.195, 0.2).row
-    mouth, opening = [1.5, 0.5, -1.0, 0.1], [0.0, 1.0, 0.0, 0.3]
+    mouth, opening = [1.5, 0.5, -1.0, 0.1, 0.03], [0.0, 1.0, 0.0, 0.3]
     return layout.FLIGHT.pack({"edges": edges, "mouth": mouth, "opening": opening})
 
 
 def test_flight_rows(cell: Cell) -> None:
     q, qd, qdd, z = _state(6)
     release = layout.RELEASE.pack({"target": [1.0, 0.5, -3.0], "gravity_z": 9.81, "tan_elevation": 0.0})
-    p = np.concatenate([SCALES, arm_parameters(cell, cell.limits, NO_MARGINS), release, _flight_parameters()])
+    p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), release, _flight_parameters()])
     rows = FLIGHT_ROWS.split(_rows("flight", z, p))
     X_WF = cell.X_WB @ forward(cell.robot, q)
     place, R_WB = (X_WF @ cell.tool.X_FT)[:3, 3], cell.X_WB[:3, :3]
@@ -183,8 +183,10 @@ def test_flight_rows(cell: Cell) -> None:
     assert rows["edges"][[1, 2, 4, 5, 6, 7]] == pytest.approx(1.0)
     flown = flight.fly(place, v, -1.0, 9.81)
     assert flown is not None
-    off = flown.landing_point[:2] - [1.5, 0.5]
-    assert rows["mouth"] == pytest.approx(1.0 - off @ off / 0.01, rel=1e-3)
+    w = flown.landing_velocity
+    thick = 0.03 * np.linalg.norm(w) / -w[2]
+    off = float(np.linalg.norm(flown.landing_point[:2] - [1.5, 0.5]))
+    assert rows["mouth"] == pytest.approx(0.1 - thick - off, abs=1e-4)
     leaving = -a - [0.0, 0.0, 9.81]
     assert rows["opening"] == pytest.approx(leaving @ X_WF[:3, 1] / np.linalg.norm(leaving) - 0.3, abs=0.01)
 
@@ -192,14 +194,14 @@ def test_flight_rows(cell: Cell) -> None:
 def test_grip_rows(cell: Cell) -> None:
     held = replace(cell, gripper=replace(cell.gripper, hold_acceleration_m_s2=np.array([40.0, 30.0, 50.0])))
     q, qd, qdd, z = _state(7)
-    rows = _rows("grip", z, np.concatenate([SCALES, arm_parameters(held, held.limits, NO_MARGINS)]))
+    rows = _rows("grip", z, arm_parameters(held, held.limits, NO_MARGINS))
     R_BT = (forward(cell.robot, q) @ cell.tool.X_FT)[:3, :3]
     a_B = tcp_acceleration(cell.robot, q, qd, qdd, cell.tool.X_FT)[:3]
     expected = R_BT.T @ (a_B + cell.X_WB[:3, :3].T @ [0.0, 0.0, 9.81])
     assert rows[:3] * [40.0, 30.0, 50.0] == pytest.approx(expected, abs=1e-9)
     assert rows[3] < 1e-3
     every_way = replace(cell, gripper=replace(cell.gripper, hold_acceleration_m_s2=np.array([40.0])))
-    rows = _rows("grip", z, np.concatenate([SCALES, arm_parameters(every_way, held.limits, NO_MARGINS)]))
+    rows = _rows("grip", z, arm_parameters(every_way, held.limits, NO_MARGINS))
     assert rows[3] * 40.0**2 == pytest.approx(expected @ expected)
 
 
