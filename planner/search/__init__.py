@@ -1,6 +1,6 @@
 """The search for a plan: which back end, from which candidates, and what is feasible instead."""
 
-from planner.search.auto import search_optimised
+from planner.search.auto import NOT_COMPILED, search_optimised
 from planner.search.incumbent import Attempt, CertifiedSolution, PlanningSearch
 from planner.search.nearest import nearest_problem
 from planner.search.policy import POLICY
@@ -8,6 +8,7 @@ from planner.search.proofs import of_candidates, refuse_impossible
 from planner.search.sequential import VARIANTS_BY_BACKEND, load_libraries, search_sequential
 
 __all__ = [
+    "NOT_COMPILED",
     "POLICY",
     "VARIANTS_BY_BACKEND",
     "Attempt",

@@ -11,6 +11,7 @@ import os
 import platform
 import shutil
 import subprocess
+import sys
 import tempfile
 from dataclasses import dataclass
 from functools import cache
@@ -92,3 +93,7 @@ def compiled_blocks() -> dict[str, Block] | None:
         return None
     path = str(library())
     return {name: Block(name, *(ca.external(f"{name}_{kind}", path) for kind in KINDS)) for name in FORMULAS}
+
+
+if __name__ == "__main__":
+    sys.exit(0 if compile_blocks() is not None else "fling: there is no C compiler")
