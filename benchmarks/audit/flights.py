@@ -95,6 +95,11 @@ def flight_faults(problem: ThrowProblem, motion: Trajectory) -> list[str]:
     return found
 
 
+def obstacles_of_path(problem: ThrowProblem, motion: Trajectory, paths: Paths) -> list[str]:
+    """Returns what the first of some paths from the nominal release touches beside the moving arm, in words."""
+    return _obstacles(problem, _Arm(problem, motion), 0.0, paths, 0)
+
+
 def _landings(problem: ThrowProblem, delays: Vector, paths: Paths) -> list[str]:
     release = problem.release
     if not isinstance(release, TargetRelease):
