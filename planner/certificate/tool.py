@@ -8,10 +8,10 @@ from planner.arrays import Array, Index
 from planner.certificate.bounds import Rates, curvature_bound, joint_rates, point_bound, prove_above
 from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
+from planner.dynamics import point_velocity, tool_points
 from planner.geometry import levers
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
 from planner.robots import Robot
-from planner.safety import point_velocity, tool_points
 
 SINGULARITY_WINDOW_S = 0.05  # [s] before and after the release, in which Cartesian motion must stay controllable
 

@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from planner.arrays import Array, Mask
+from planner.dynamics import safety_use
 from planner.errors import Infeasible, Violation
 from planner.geometry import SELF_CLEARANCE_M, barriers, body_model
 from planner.kinematics import (
@@ -25,7 +26,6 @@ from planner.kinematics import (
 )
 from planner.problem import JointRelease, PointRelease, PoseRelease, ThrowProblem
 from planner.rotations import invert_pose
-from planner.safety import safety_use
 from planner.seeds.sampling import least_time, point_states, target_states
 
 SPEED_SLACK = 1e-9  # [-] rounding allowed in the comparison with a speed limit
