@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from benchmarks.audit.distances import shapes
-from benchmarks.audit.pinocchio_arm import arm_model, poses_and_velocity
+from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 
@@ -43,13 +43,18 @@ def safety_faults(problem: ThrowProblem, motion: Trajectory) -> list[str]:
     if all(limit is None for limit in limits.values()):
         return []
     worst = np.zeros(len(limits))
+    tau_max = problem.cell.robot.tau_max
     gone_from, held_until = object_times(problem, motion)
     spline = CubicHermiteSpline(motion.t, motion.q, motion.qd)
     times = np.linspace(0.0, motion.duration_s, max(2, round(motion.duration_s / STEP_S) + 1))
     for with_object, rows in ((True, times <= held_until), (False, times >= gone_from)):
-        watch = _Watch(problem, with_object)
-        for t in times[rows]:
-            worst = np.maximum(worst, watch.values(*(spline(t, order) for order in (0, 1, 2))))
+        watch, states = _Watch(problem, with_object), zip(*(spline(times[rows], k) for k in (0, 1, 2)), strict=True)
+        seen = [watch.values(*state) for state in states]
+        if seen:
+            values, fastest, drift, momentum = (np.array(column) for column in zip(*seen, strict=True))
+            stop = _stopping_times(drift, momentum, tau_max)
+            way = STOP_DISTANCE * 0.5 * fastest * np.where(fastest > 0.0, stop, 0.0)
+            worst = np.maximum(worst, [*values.max(axis=0), STOP_TIME * stop.max(), way.max()])
     pairs = zip(limits.items(), worst, strict=True)
     return [f"{n} {value}" for (n, limit), value in pairs if limit is not None and value > limit * (1.0 + LIMIT_SLACK)]
 
@@ -62,40 +67,44 @@ class _Watch:
         self._data = self._model.createData()
         self._elbow = next(shape for shape in shapes(problem.cell) if shape.name == "elbow")
 
-    def values(self, q: Vector, qd: Vector, qdd: Vector) -> Vector:
-        """Returns the watched quantities, in the order of `safety_faults`."""
+    def values(self, q: Vector, qd: Vector, qdd: Vector) -> tuple[Vector, float, Vector, Vector]:
+        """Returns speeds of flange and elbow, momentum, power; the fastest point; drift; and mass matrix times qd."""
         model, data = self._model, self._data
-        effort = pin.rnea(model, data, q, qd, qdd).copy()
+        power = abs(pin.rnea(model, data, q, qd, qdd) @ qd)
         drift = pin.nonLinearEffects(model, data, q, qd).copy()
-        stop = _stopping_time(drift, np.array(pin.crba(model, data, q)) @ qd, self._cell.robot.tau_max)
+        turning = np.array(pin.crba(model, data, q)) @ qd
         _, tool = poses_and_velocity(self._cell, model, data, q, qd)
-        flange = np.linalg.norm(pin.getVelocity(model, data, 6, pin.LOCAL_WORLD_ALIGNED).linear)
-        later, _ = poses_and_velocity(self._cell, model, data, q + DIFFERENCE_S * qd, qd)
-        before, _ = poses_and_velocity(self._cell, model, data, q - DIFFERENCE_S * qd, qd)
+        flange = float(np.linalg.norm(pin.getVelocity(model, data, 6, pin.LOCAL_WORLD_ALIGNED).linear))
         pin.computeCentroidalMomentum(model, data, q, qd)
-        frame, ends = self._elbow.frame, self._elbow.ends
-        moved = [later[frame].act(end) - before[frame].act(end) for end in ends]
-        elbow = max(float(np.linalg.norm(way)) for way in moved) / (2.0 * DIFFERENCE_S)
-        fastest = max(elbow, float(flange), float(np.linalg.norm(tool)))
         momentum = np.linalg.norm(data.hg.linear)
-        way = STOP_DISTANCE * 0.5 * fastest * stop if fastest > 0.0 else 0.0
-        return np.array([flange, elbow, momentum, abs(effort @ qd), STOP_TIME * stop, way])
+        ends = [self._elbow_ends(q + sign * DIFFERENCE_S * qd) for sign in (1.0, -1.0)]
+        elbow = float(np.linalg.norm(ends[0] - ends[1], axis=1).max()) / (2.0 * DIFFERENCE_S)
+        fastest = max(elbow, flange, float(np.linalg.norm(tool)))
+        return np.array([flange, elbow, momentum, power]), fastest, drift, turning
+
+    def _elbow_ends(self, q: Vector) -> Vector:
+        frame = self._elbow.frame
+        pin.forwardKinematics(self._model, self._data, q)
+        pose = self._data.oMi[frame] * dh_frames_in_urdf(self._cell.robot.name)[frame - 1]
+        return np.array([pose.act(end) for end in self._elbow.ends])
 
 
-def _stopping_time(drift: Vector, momentum: Vector, tau_max: Vector) -> float:
-    """Returns the least time in which the rated torques stop the joints in proportion, found by bisection [s]."""
-    if np.any(np.abs(drift) > tau_max):
-        return np.inf
-    low, high = 0.0, 1e3  # braking rates [1/s] that the torques allow, and that they need not allow
-    if np.all(np.abs(drift - momentum * high) <= tau_max):
-        return 0.0
+def _stopping_times(drift: Vector, momentum: Vector, tau_max: Vector) -> Vector:
+    """Returns the least times (n,) in which the rated torques stop the joints in proportion, by bisection [s].
+
+    The torques drift - momentum / T are tried until they are just within the rated ones.
+    """
+
+    def within(rate: Vector) -> NDArray[np.bool_]:
+        return np.all(np.abs(drift - momentum * rate[:, None]) <= tau_max, axis=1)
+
+    low, high = np.zeros(len(drift)), np.full(len(drift), 1e4)
     for _ in range(50):
         middle = 0.5 * (low + high)
-        if np.all(np.abs(drift - momentum * middle) <= tau_max):
-            low = middle
-        else:
-            high = middle
-    return 1.0 / low if low > 0.0 else np.inf
+        good = within(middle)
+        low, high = np.where(good, middle, low), np.where(good, high, middle)
+    with np.errstate(divide="ignore"):
+        return np.where(within(np.zeros(len(drift))), 1.0 / low, np.inf)
 
 
 def grip_faults(problem: ThrowProblem, motion: Trajectory) -> list[str]:
@@ -109,7 +118,7 @@ def grip_faults(problem: ThrowProblem, motion: Trajectory) -> list[str]:
     model = arm_model(cell, True)
     data, spline = model.createData(), CubicHermiteSpline(motion.t, motion.q, motion.qd)
     until, worst = min(object_times(problem, motion)[1], motion.duration_s), 0.0
-    for t in np.arange(DIFFERENCE_S, until - DIFFERENCE_S, STEP_S / 2.0):
+    for t in np.arange(DIFFERENCE_S, until - DIFFERENCE_S, STEP_S):
         velocities = []
         for time in (t - DIFFERENCE_S, t + DIFFERENCE_S, t):
             poses, v = poses_and_velocity(cell, model, data, spline(time), spline(time, 1))

@@ -18,11 +18,11 @@ from benchmarks.problem_sets.named_sets import ARMS, cell
 from benchmarks.problem_sets.posture import allowed, pose_and_twist, tool_position
 from benchmarks.problem_sets.task import Task
 from planner.cell import Box, Cell, Limits, Safety, ToolCapsule
+from planner.dynamics import safety_use
 from planner.flight import fly, path
 from planner.geometry import body_model
 from planner.problem import JointRelease, Opening, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.rotations import pose, rotation_vector_to_matrix
-from planner.safety import safety_use
 
 Vector = NDArray[np.float64]
 
