@@ -75,12 +75,15 @@ class Execution:
             ExecutionRefused: there is none; with what is too close, and how to jog the arm.
         """
         cell, now = self.session.cell, np.array(state.q)
-        for with_object in (True, False) if gripper_is_open(cell, state) else (True,):
-            approach, failures = find_approach(cell, now, self.trajectory.q[0], pace, with_object)
-            if approach is not None:
-                return approach, failures
+        goal, carried = self.trajectory.q[0], True
+        approach, failures = find_approach(cell, now, goal, pace)
+        if approach is None and gripper_is_open(cell, state):
+            carried = False
+            approach, failures = find_approach(cell, now, goal, pace, carried)
+        if approach is not None:
+            return approach, failures
         reason = f"no certified approach to the plan's start was found; a straight move: {obstacle_words(failures)}"
-        raise ExecutionRefused("; ".join(filter(None, [reason, jog_advice(cell, now, with_object)])))
+        raise ExecutionRefused("; ".join(filter(None, [reason, jog_advice(cell, now, carried)])))
 
     def start(self, job: StreamJob) -> None:
         """Starts the streaming process; in a simulated cell the plan's bin is put into its place before.
