@@ -1,5 +1,6 @@
 """Problems of the benchmark: named sets, varied cells, and the tossing table of a semester project."""
 
+from benchmarks.problem_sets.boxed import boxed_tasks
 from benchmarks.problem_sets.far_starts import far_start_tasks
 from benchmarks.problem_sets.named_sets import ANYWHERE, ARMS, IMPOSSIBLE_SETS, build, cell
 from benchmarks.problem_sets.obstructed import obstructed_tasks, open_tasks
@@ -13,6 +14,7 @@ __all__ = [
     "ARMS",
     "IMPOSSIBLE_SETS",
     "Task",
+    "boxed_tasks",
     "build",
     "cell",
     "far_start_tasks",
