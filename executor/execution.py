@@ -86,10 +86,22 @@ class Execution:
         raise ExecutionRefused("; ".join(filter(None, [reason, jog_advice(cell, now, carried)])))
 
     def start(self, job: StreamJob) -> None:
-        """Starts the streaming process."""
+        """Starts the streaming process; in a simulated cell the plan's bin is put into its place before.
+
+        Raises:
+            ExecutionRefused: the simulated controller refuses the bin.
+        """
+        if self.session.cell.link.kind == "sim":
+            self._place_bin()
         settings = self.session.settings
         self.run = StreamRun(job, settings.data / "streaming.log", settings.keep_awake)
         self.run.start()
+
+    def _place_bin(self) -> None:
+        try:
+            records.place_bin(self.session.cell.link.host, self.problem)
+        except ValueError as error:
+            raise ExecutionRefused(f"the simulated controller refuses the plan's bin: {error}") from error
 
     def state(self) -> str:
         """Returns the public state of the execution."""

@@ -147,7 +147,9 @@ class PlanRequest(RequestModel):
         description="Maximum landing error in the release window [m]; 0: only the nominal release. Absent: for a target"
         " the room in its opening, otherwise the object's radius, at least 0.01.",
     )
-    time_limit_s: float | None = Field(None, gt=0.0, description="Time limit of the planner [s]; absent: 5.")
+    time_limit_s: float | None = Field(
+        None, gt=0.0, description="Time limit of the planner, from when it takes the request [s]; absent: 120."
+    )
 
 
 class ExecuteRequest(RequestModel):

@@ -59,7 +59,7 @@ def test_kinds_and_frames():
 def test_defaults():
     problem = problem_from_request({"release": POINT}, cell())
     np.testing.assert_array_equal(problem.start, cell().home)
-    assert (problem.backend, problem.time_limit_s, problem.release_window_s) == ("auto", 5.0, 0.0)
+    assert (problem.backend, problem.time_limit_s, problem.release_window_s) == ("auto", 120.0, 0.0)
 
 
 def test_targets_are_robust_unless_switched_off():
