@@ -83,7 +83,7 @@ def _from(
     inner = PlanningSearch(problem, search.deadline_s)
     search_optimised(inner, found, policy)
     search.iterations += inner.iterations
-    return inner.incumbent
+    return inner.answer
 
 
 def _way(problem: ThrowProblem, stop: Array) -> Trajectory | None:
