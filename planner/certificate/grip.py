@@ -191,9 +191,7 @@ class Exits:
         end = max(min(last, math.ceil((motion.held_until_s + OUT_S[-1]) * rate)), first + 1)
         rates = joint_rates(trajectory, np.array([first, end]))
         speed, felt, jerk, snap = (float(point_bound(lever, rates, n)[0]) for n in (1, 2, 3, 4))
-        snap += (
-            2.0 * motion.problem.drag * (felt * felt + speed * jerk)
-        )  # the drag's
+        snap += 2.0 * motion.problem.drag * (felt * felt + speed * jerk)  # of the drag
         jumps = np.abs(np.diff(trajectory.jerk[max(first - 1, 0) : end + 1], axis=0)) @ lever
         w, a = rates.sums[:2, -1, 0]
         return jumps, snap, jerk, felt + motion.problem.gravity, float(w), float(a + w * w)
