@@ -87,10 +87,10 @@ def chain_torques(
     Args:
         chain: motion of the links.
         carried: their mass properties.
-        gravity: acceleration of free fall (3,) in the frame of `chain` [m/s^2].
+        gravity: acceleration of free fall in the frame of `chain` [m/s^2], (3,) or one a sample (3, N).
         p_F: place of the point mass on the flange (3,) [m]; its origin by default.
     """
-    upward = -np.asarray(gravity, dtype=np.float64)[:, None]  # gravity acts as an upward acceleration of the base
+    upward = -np.asarray(gravity, dtype=np.float64).reshape(3, -1)  # gravity acts as an upward acceleration of the base
     fixed = chain.in_links(carried.fixed)
     coms, axes = fixed[:, 0], fixed[:, 1:]
     extra = np.zeros((3, 1, coms.shape[2])) if p_F is None else (chain.on_flange(p_F) - chain.origins[:, 6])[:, None]
