@@ -13,7 +13,7 @@ from planner.cell import Cell
 from planner.errors import Violation
 from planner.geometry.capsules import Capsule, body_capsules, levers
 from planner.geometry.distances import segment_box_distance, segment_segment_distance
-from planner.geometry.self_collision import SELF_CLEARANCE_M, self_collision_pairs
+from planner.geometry.self_collision import SELF_CLEARANCE_M, object_pairs, self_collision_pairs
 from planner.kinematics import forward, jacobian, link_poses
 
 CELLS_KEPT = 32  # cells whose models are cached
@@ -95,7 +95,9 @@ class BodyModel:
         radii: (k,) [m].
         levers: of each capsule's points about each joint (k, 6) [m]; see `levers`.
         moving: indices of the j capsules that the first joint moves (j,).
-        pairs: indices of the p pairs of arm and tool that can collide (p, 2).
+        pairs: indices of the p pairs of arm, tool and object that can collide (p, 2); the object's come last.
+        beside_object: indices of the capsules beside which the object is gripped (g,): the tool's, and those of links
+            that are always close to it, or never.
         pair_levers: of the outer capsule of each pair about the joints between the two (p, 6) [m].
         tool_lever: of the tool centre point about each joint (6,) [m].
     """
@@ -111,7 +113,10 @@ class BodyModel:
         self.radii = np.array([c.radius_m for c in capsules])
         self.levers = np.array([levers(cell.robot, c.frame, c.reach_m) for c in capsules])
         self.moving = np.flatnonzero(self.frames > 0)
-        self.pairs = np.array(self_collision_pairs(cell.robot, cell.tool.capsules), dtype=np.intp).reshape(-1, 2)
+        own = self_collision_pairs(cell.robot, cell.tool.capsules)
+        with_object = object_pairs(cell.robot, cell.tool.capsules, p_FT, cell.object.radius_m)
+        self.pairs = np.array([*own, *with_object], dtype=np.intp).reshape(-1, 2)
+        self.beside_object = np.setdiff1d(np.arange(self.object), self.pairs[len(own) :, 0])
         self.pair_levers = np.array([self._pair_lever(capsules, *pair) for pair in self.pairs]).reshape(-1, 6)
         self.tool_lever = self.levers[self.object]
         self._homogeneous = np.concatenate([self.ends, np.ones((len(capsules), 2, 1))], axis=2)
