@@ -163,20 +163,25 @@ class Exits:
 
     def _first_cells(self) -> tuple[Cells, Seen]:
         """Returns the cells up to the first in which the object is out from the beginning on, evaluated."""
-        window, released = self.flights.window_s, self.flights.released_s
-        r = released + np.linspace(-window, window, 1 + math.ceil(2.0 * window / RELEASES_S))
-        for until_s in OUT_S:
-            s = np.linspace(0.0, until_s, 1 + math.ceil(until_s / SPACING_S))
-            begins = np.meshgrid(r[: max(1, len(r) - 1)], s[:-1], indexing="ij")
-            ends = np.meshgrid(r[min(1, len(r) - 1) :], s[1:], indexing="ij")
-            shape = begins[0].shape
-            cells = Cells(begins[0].ravel(), ends[0].ravel(), begins[1].ravel(), ends[1].ravel())
-            seen = self._evaluate(cells)
-            is_out = np.logical_or.accumulate(seen.is_out.reshape(shape), axis=1)
+        for until_s in OUT_S[:-1]:
+            cells, seen, is_out = self._cells_until(until_s)
             if is_out[:, -1].all():
                 break
+        else:
+            cells, seen, is_out = self._cells_until(OUT_S[-1])
         on_way = ~is_out.ravel()
         return Cells._make(values[on_way] for values in cells), Seen._make(values[..., on_way] for values in seen)
+
+    def _cells_until(self, until_s: float) -> tuple[Cells, Seen, Mask]:
+        """Returns the cells up to `until_s` after every release, evaluated, and where it is out (rows, times)."""
+        window, released = self.flights.window_s, self.flights.released_s
+        r = released + np.linspace(-window, window, 1 + math.ceil(2.0 * window / RELEASES_S))
+        s = np.linspace(0.0, until_s, 1 + math.ceil(until_s / SPACING_S))
+        r0, s0 = np.meshgrid(r[: max(1, len(r) - 1)], s[:-1], indexing="ij")
+        r1, s1 = np.meshgrid(r[min(1, len(r) - 1) :], s[1:], indexing="ij")
+        cells = Cells(r0.ravel(), r1.ravel(), s0.ravel(), s1.ravel())
+        seen = self._evaluate(cells)
+        return cells, seen, np.logical_or.accumulate(seen.is_out.reshape(r0.shape), axis=1)
 
     @cached_property
     def _rates(self) -> tuple[Array, float, float, float, float, float]:
@@ -192,7 +197,8 @@ class Exits:
         rates = joint_rates(trajectory, np.array([first, end]))
         speed, felt, jerk, snap = (float(point_bound(lever, rates, n)[0]) for n in (1, 2, 3, 4))
         snap += 2.0 * motion.problem.drag * (felt * felt + speed * jerk)  # of the drag
-        jumps = np.abs(np.diff(trajectory.jerk[max(first - 1, 0) : end + 1], axis=0)) @ lever
+        jerks = np.pad(trajectory.jerk, ((0, 1), (0, 0)))[max(first - 1, 0) : end + 1]  # none after the end
+        jumps = np.abs(np.diff(jerks, axis=0)) @ lever
         w, a = rates.sums[:2, -1, 0]
         return jumps, snap, jerk, felt + motion.problem.gravity, float(w), float(a + w * w)
 

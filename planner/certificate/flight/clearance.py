@@ -221,7 +221,8 @@ def _judged(flights: Flights, lower: Array) -> tuple[Mask, Mask]:
     judged, counted = in_flight.copy(), np.ones(lower.shape, np.bool_)
     clear = np.logical_or.accumulate((lower[gripped] >= 0.0) & in_flight[gripped], axis=2)
     judged[gripped] &= clear
-    counted[gripped] = (clear | ~in_flight[gripped]).all(axis=(1, 2))[:, None, None]
+    at_once = (clear | ~in_flight[gripped]).reshape(len(gripped), -1).all(axis=1)
+    counted[gripped] = np.asarray(at_once)[:, None, None]
     return judged, counted
 
 

@@ -244,7 +244,8 @@ def patch_bounds(flights: Flights, height: float, spacing_s: float, v: Array) ->
         rate = motion.trajectory.sample_rate_hz
         ticks = np.array([round(t * rate) for t in (motion.gone_from_s, motion.held_until_s)])
         rates = joint_rates(motion.trajectory, ticks)
-        tool = tuple(float(point_bound(motion.body.tool_lever, rates, n)[0]) for n in (2, 3))
+        a, j = (float(point_bound(motion.body.tool_lever, rates, n)[0]) for n in (2, 3))
+        tool = a, j
     first = math.sqrt(float(dot(v, v).max())) + tool[1] * spacing_s**2 / 8.0
     return PatchBounds(flights, height, first, tool, spacing_s)
 
