@@ -13,7 +13,7 @@ from planner.certificate.bounds import Rates, point_bound
 from planner.dynamics import payload_of
 from planner.geometry import levers
 
-CELLS_KEPT = 32  # cells whose loads are cached
+CELLS_KEPT = 32  # cells whose loads are cached; bounds are kept for the checks of one motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +57,7 @@ def loads_of(cell: Cell) -> Loads:
     return Loads(mass, inertia, lever, moment_arm, inertia @ turned, mass_matrix)
 
 
+@lru_cache(maxsize=1)
 def torque_curvature(loads: Loads, rates: Rates, gravity: float) -> Array:
     """Returns sup |tau''| of every joint between the knots (6, m) [N m/s^2], apart from the ends of ticks.
 
@@ -72,6 +73,7 @@ def torque_curvature(loads: Loads, rates: Rates, gravity: float) -> Array:
     return loads.moment_arm.T @ force + np.outer(loads.turned_inertia, 2.0 * (w4 + 4.0 * w1 * w3 + twice * w2))
 
 
+@lru_cache(maxsize=1)
 def joint_momentum_bounds(loads: Loads, rates: Rates) -> tuple[Array, Array, Array]:
     """Returns sup of |M qd|, of its first and of its second derivative, for every joint (6, m) [N m s, N m, N m/s].
 
@@ -81,11 +83,11 @@ def joint_momentum_bounds(loads: Loads, rates: Rates) -> tuple[Array, Array, Arr
     """
     w1, w2, w3, _ = (total[-1] for total in rates.totals)
     speed, acceleration, jerk = (point_bound(loads.lever, rates, derivative) for derivative in (1, 2, 3))
-    arms, turned = loads.moment_arm.T, loads.turned_inertia
+    arms, turned = loads.moment_arm.T, loads.turned_inertia[:, None]
     return (
-        arms @ speed + np.outer(turned, w1),
-        arms @ (acceleration + 2.0 * w1 * speed) + np.outer(turned, w2 + w1 * w1),
-        arms @ (jerk + 4.0 * w1 * acceleration + 2.0 * (w2 + w1 * w1) * speed) + np.outer(turned, w3 + 3.0 * w1 * w2),
+        arms @ speed + turned * w1,
+        arms @ (acceleration + 2.0 * w1 * speed) + turned * (w2 + w1 * w1),
+        arms @ (jerk + 4.0 * w1 * acceleration + 2.0 * (w2 + w1 * w1) * speed) + turned * (w3 + 3.0 * w1 * w2),
     )
 
 

@@ -19,7 +19,7 @@ from planner.certificate.bounds import (
 from planner.certificate.certificate import ROUNDING, Check, NotChecked, at_most
 from planner.certificate.loads import loads_of, power_rates
 from planner.certificate.samples import ArmSamples, MotionSamples
-from planner.dynamics import elbow_points, empty_bodies, fastest, momentum
+from planner.dynamics import elbow_points, empty_bodies, momentum
 from planner.geometry import levers
 
 
@@ -28,12 +28,13 @@ def elbow_speed(motion: MotionSamples) -> Check | NotChecked:
     cell, limit = motion.problem.cell, motion.problem.cell.safety.elbow_speed_m_s
     if limit is None:
         return NotChecked("elbow_speed")
-    points = elbow_points(cell)
 
     def room(arm: ArmSamples) -> Array:
-        return 1.0 - fastest(arm.links, points) / limit
+        return 1.0 - arm.elbow_speed / limit
 
-    lever = np.max([levers(cell.robot, point.frame, float(np.linalg.norm(point.place))) for point in points], axis=0)
+    lever = np.max(
+        [levers(cell.robot, point.frame, float(np.linalg.norm(point.place))) for point in elbow_points(cell)], axis=0
+    )
     rates = point_bound(lever, motion.rates, 3) / limit
     return _check("elbow_speed", limit, "m/s", _prove(motion, room, rates))
 

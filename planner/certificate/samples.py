@@ -11,7 +11,7 @@ import numpy as np
 from planner.arrays import Array, Index
 from planner.cell import Cell
 from planner.certificate.bounds import Rates, joint_rates
-from planner.dynamics import chain_torques, empty_bodies
+from planner.dynamics import chain_torques, elbow_points, empty_bodies, fastest, tool_points
 from planner.geometry import BodyModel, body_model
 from planner.kinematics import LinkMotion
 from planner.problem import ThrowProblem
@@ -51,33 +51,43 @@ class ArmSamples:
         return self.links.velocity(self.p_WT)
 
     @cached_property
-    def torques(self) -> tuple[Array, Array]:
-        """Joint torques without the object (6, k) [N m], and what each kilogram of it adds (6, k) [N m/kg]."""
-        return self._torques(self.links, self.cell.surroundings.gravity_m_s2)
-
-    @cached_property
-    def drift_torques(self) -> tuple[Array, Array]:
-        """The part of `torques` that no joint acceleration causes: gravity and velocity."""
-        qd = self.links.qd
-        chain = LinkMotion(self.X_WL, qd, np.zeros_like(qd))
-        return self._torques(chain, self.cell.surroundings.gravity_m_s2)
-
-    @cached_property
-    def joint_momenta(self) -> tuple[Array, Array]:
-        """Mass matrix times joint velocity: without the object (6, k) [N m s], and per kilogram of it [N m s/kg]."""
-        qd = self.links.qd
-        return self._torques(LinkMotion(self.X_WL, np.zeros_like(qd), qd), 0.0)
-
-    def _torques(self, chain: LinkMotion, gravity: float) -> tuple[Array, Array]:
-        down = np.array([0.0, 0.0, -gravity])
-        return chain_torques(chain, empty_bodies(self.cell), down, self.cell.tool.X_FT[:3, 3])
-
-    @cached_property
     def a_WT(self) -> Array:
         """Acceleration of the tool centre point (3, k) [m/s^2]."""
         links = self.links
         points = np.concatenate([links.offsets, (self.p_WT - links.origins[:, 6])[:, None]], axis=1)
         return links.relative_acceleration(points, _CARRIERS).sum(axis=1)
+
+    @cached_property
+    def elbow_speed(self) -> Array:
+        """Speed of the elbow (k,) [m/s]."""
+        return fastest(self.links, elbow_points(self.cell))
+
+    @cached_property
+    def watched_speed(self) -> Array:
+        """Speed of the fastest of tool centre point, flange and elbow (k,) [m/s]."""
+        return np.maximum(self.elbow_speed, fastest(self.links, tool_points(self.cell)))
+
+    @cached_property
+    def torques(self) -> tuple[Array, Array]:
+        """Joint torques without the object (6, k) [N m], and what each kilogram of it adds (6, k) [N m/kg]."""
+        return self._torques(self.links, self._falling)
+
+    @cached_property
+    def braking(self) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Torques h of gravity and velocity, without joint accelerations, and b = M qd; each as in `torques`.
+
+        h (6, k) [N m] and [N m/kg]; b (6, k) [N m s] and [N m s/kg].
+        """
+        qd, still = self.links.qd, np.zeros_like(self.links.qd)
+        h = self._torques(LinkMotion(self.X_WL, qd, still), self._falling)
+        return h, self._torques(LinkMotion(self.X_WL, still, qd), np.zeros(3))
+
+    @property
+    def _falling(self) -> Array:
+        return np.array([0.0, 0.0, -self.cell.surroundings.gravity_m_s2])
+
+    def _torques(self, chain: LinkMotion, gravity_W: Array) -> tuple[Array, Array]:
+        return chain_torques(chain, empty_bodies(self.cell), gravity_W, self.cell.tool.X_FT[:3, 3])
 
 
 class MotionSamples:

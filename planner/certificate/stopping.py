@@ -18,7 +18,7 @@ from planner.certificate.bounds import Proof, curvature_bound, point_bound, prov
 from planner.certificate.certificate import ROUNDING, Check, NotChecked, at_most
 from planner.certificate.loads import joint_momentum_bounds, loads_of, torque_curvature
 from planner.certificate.samples import ArmSamples, MotionSamples
-from planner.dynamics import WatchedPoint, elbow_points, fastest, tool_points
+from planner.dynamics import WatchedPoint, elbow_points, tool_points
 from planner.geometry import levers
 
 # [-] largest ratio of a measured stop to the model's: time 1.84 (UR3, base), distance 1.30 (UR3 and UR5, base)
@@ -53,10 +53,10 @@ def stopping_distance(motion: MotionSamples) -> Check | NotChecked:
     points, half = (*tool_points(cell), *elbow_points(cell)), 0.5 * MEASURED_DISTANCE / limit
 
     def inverse_time(arm: ArmSamples) -> Array:
-        return half * fastest(arm.links, points)
+        return half * arm.watched_speed
 
     def distance(arm: ArmSamples) -> Array:
-        v, times = fastest(arm.links, points), _times(motion, arm)
+        v, times = arm.watched_speed, _times(motion, arm)
         return 0.5 * MEASURED_DISTANCE * v * np.where(v > 0.0, times, 0.0)
 
     b, b1, b2 = joint_momentum_bounds(loads_of(cell), motion.rates)
@@ -104,7 +104,7 @@ def _prove(motion: MotionSamples, inverse_time: Callable[[ArmSamples], Array], b
 
 def _braking_terms(arm: ArmSamples) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Returns h [N m] and b [N m s] (6, k) of the joints, with the object and without it."""
-    (h, h_kg), (b, b_kg), object_kg = arm.drift_torques, arm.joint_momenta, arm.cell.object.mass_kg
+    ((h, h_kg), (b, b_kg)), object_kg = arm.braking, arm.cell.object.mass_kg
     return (h + object_kg * h_kg, b + object_kg * b_kg), (h, b)
 
 
@@ -124,7 +124,9 @@ def _least_time(h: Array, b: Array, tau: Array) -> Array:
 
 def _worst(motion: MotionSamples, value: Callable[[ArmSamples], Array], proof: Proof) -> tuple[float, float]:
     """Returns the largest value at the knots and where the proof found least room, and its time [s]."""
-    arms = (motion.at_knots, motion.at(np.array([proof.at_s])))
+    arms = [motion.at_knots]
+    if not np.any(motion.at_knots.t == proof.at_s):
+        arms.append(motion.at(np.array([proof.at_s])))
     t, values = np.concatenate([arm.t for arm in arms]), np.concatenate([value(arm) for arm in arms])
     worst = int(values.argmax())
     return float(values[worst]), float(t[worst])

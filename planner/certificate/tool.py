@@ -32,7 +32,7 @@ def tcp_speed(motion: MotionSamples) -> Check:
 
 def _speed(motion: MotionSamples, point: WatchedPoint, limit: float) -> Check:
     def room(arm: ArmSamples) -> Array:
-        v = point_velocity(arm.links, point)
+        v = arm.v_WT if point is tool_points(arm.cell)[0] else point_velocity(arm.links, point)
         return limit - np.sqrt((v * v).sum(axis=0))
 
     def evaluate(t: Array, item: Index) -> Array:

@@ -15,7 +15,7 @@ from planner.arrays import Array
 from planner.cell import Cell
 from planner.dynamics.inverse_dynamics import Bodies, bodies, payload_of
 from planner.geometry import arm_capsules
-from planner.kinematics import LinkMotion, accumulate, cross, link_poses
+from planner.kinematics import LinkMotion, cross, link_poses
 
 CELLS_KEPT = 32  # cells whose bodies are cached
 
@@ -52,10 +52,10 @@ def empty_bodies(cell: Cell) -> Bodies:
 
 def point_velocity(chain: LinkMotion, point: WatchedPoint) -> Array:
     """Returns velocities (3, N) [m/s] of a point of the arm."""
-    n = point.frame
-    x, y, z = chain.frames[:, :, n - 1]
-    place = chain.origins[:, n] + x * point.place[0] + y * point.place[1] + z * point.place[2]
-    return cross(chain.joint_rotations[:, :n], place[:, None] - chain.origins[:, :n]).sum(axis=1)
+    link, place = point.frame - 1, point.place
+    x, y, z = chain.frames[:, :, link]
+    turned = cross(chain.angular_velocity[:, link], x * place[0] + y * place[1] + z * place[2])
+    return chain.origin_velocities[:, link] + turned
 
 
 def fastest(chain: LinkMotion, points: tuple[WatchedPoint, ...]) -> Array:
@@ -64,15 +64,10 @@ def fastest(chain: LinkMotion, points: tuple[WatchedPoint, ...]) -> Array:
 
 
 def momentum(chain: LinkMotion, carried: Bodies) -> Array:
-    """Returns the linear momentum (3, N) [kg m/s] of the bodies, the sum of mass times velocity.
-
-    Joint i contributes q'_i z_i x sum over bodies beyond of m (c - o_i).
-    """
-    coms = chain.origins[:, 1:] + chain.in_links(carried.fixed[:1])[:, 0]
-    moments = carried.mass[:, None] * coms
-    accumulate(moments[:, ::-1])
-    beyond = np.cumsum(carried.mass[::-1])[::-1]
-    return cross(chain.joint_rotations, moments - beyond[:, None] * chain.origins[:, :6]).sum(axis=1)
+    """Returns the linear momentum (3, N) [kg m/s] of the bodies: the sum of mass times velocity."""
+    coms = chain.in_links(carried.fixed[:1])[:, 0]
+    velocities = chain.origin_velocities + cross(chain.angular_velocity, coms)
+    return (carried.mass[:, None] * velocities).sum(axis=1)
 
 
 class Use(NamedTuple):

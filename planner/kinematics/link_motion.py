@@ -56,6 +56,11 @@ class LinkMotion:
         return accumulate(self.joint_rotations.copy())
 
     @cached_property
+    def origin_velocities(self) -> Array:
+        """Velocities of the origins of the DH frames 1 to 6 (3, 6, N) [m/s]."""
+        return accumulate(cross(self.angular_velocity, self.offsets))
+
+    @cached_property
     def angular_acceleration(self) -> Array:
         """Angular acceleration of the links (3, 6, N) [rad/s^2]."""
         return accumulate(self.axes * self.qdd.T + cross(self.angular_velocity, self.joint_rotations))

@@ -180,4 +180,5 @@ def test_the_bounds_between_samples_are_never_below_the_truth():
         assert np.all(power <= power_rates(loads, rates, np.zeros((6, rates.qd.shape[1])), 9.81)[0] + noise)
         samples = MotionSamples(problem, motion)
         assert np.all(point_bound(loads.lever, rates, 1) >= 0.0)
-        assert samples.at_knots.joint_momenta[0].shape == (6, len(samples.knots))
+        (h, _), (b, _) = samples.at_knots.braking
+        assert h.shape == b.shape == (6, len(samples.knots))
