@@ -151,6 +151,22 @@ def path(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float, drag: flo
     return np.array(rows).reshape(-1, 3)
 
 
+def positions_after(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float, drag: float = 0.0) -> Array:
+    """Returns the positions (k, 3) [m] of k flights, each at its own time (k,) [s] after its release.
+
+    Args:
+        p: release positions (k, 3) [m].
+        v: release velocities (k, 3) [m/s].
+        times: [s].
+        gravity: [m/s^2].
+        drag: k of `drag_constant` [1/m].
+    """
+    p, v, times = np.asarray(p, float), np.asarray(v, float), np.asarray(times, float)[:, None]
+    if drag <= 0.0 or times.size == 0:
+        return p + v * times - np.array([0.0, 0.0, 0.5 * gravity]) * times**2
+    return _advance(np.concatenate([p, v], axis=1), times, gravity, drag)[:, :3]
+
+
 def landing_sensitivity(
     p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, drag: float = 0.0
 ) -> tuple[Array, Array] | None:

@@ -19,7 +19,6 @@ from planner.trajectory import Trajectory
 RELEASE_POSITION_TOLERANCE = 1e-5  # [m, rad] less than a third of a UR's repeatability, 0.03 mm
 RELEASE_VELOCITY_TOLERANCE = 1e-4  # [m/s, rad/s] 0.1 mm of landing for a flight of one second
 LANDING_TOLERANCE_M = 5e-4  # [m] of the nominal release; far below the scatter of a gripper
-WINDOW_STEP_S = 0.001  # [s] first spacing in the release window; a curvature bound holds in between
 
 
 def release_flight(problem: ThrowProblem, trajectory: Trajectory) -> Flight | None:
@@ -107,7 +106,7 @@ def landing_window(motion: MotionSamples) -> Check | None:
     problem, released = motion.problem, motion.trajectory.release_time_s
     if not problem.is_robust:
         return None
-    window, tolerance = problem.release_window_s, problem.landing_tolerance_m
+    tolerance = problem.landing_tolerance_m
     goal = _nominal_landing(problem, motion.trajectory)
 
     def room(arm: ArmSamples) -> Array:
@@ -116,7 +115,7 @@ def landing_window(motion: MotionSamples) -> Check | None:
     def evaluate(t: Array, item: Index) -> Array:
         return room(motion.at(t))
 
-    arm = motion.at(released + np.linspace(-window, window, 2 * math.ceil(window / WINDOW_STEP_S) + 1))
+    arm = motion.in_window
     rooms, curvature = room(arm), _landing_curvature(motion, arm)
     if not np.isfinite(rooms).all():
         return at_most("landing_window", math.inf, tolerance, "m", released, "never lands")

@@ -21,7 +21,11 @@ from planner.trajectory import Trajectory
 KNOTS = 64  # [-] instants of a trajectory that are evaluated first; bisection adds others where it must
 SPACING_S = (0.008, 0.016)  # [s] least and largest spacing of these knots
 TICK_ROUNDING = 1e-6  # [ticks] by which a window of whole ticks may exceed them in floating point
+WINDOW_STEP_S = 0.001  # [s] largest spacing in the release window; curvature bounds hold in between
 SPARSE = 2  # [-] distances are evaluated at one of so many knots: most are far from their limit
+
+
+_CARRIERS = np.array([*range(6), 5])  # links with which the origins of their frames move, and the tool centre point
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +72,13 @@ class ArmSamples:
     def _torques(self, chain: LinkMotion, gravity: float) -> tuple[Array, Array]:
         down = np.array([0.0, 0.0, -gravity])
         return chain_torques(chain, empty_bodies(self.cell), down, self.cell.tool.X_FT[:3, 3])
+
+    @cached_property
+    def a_WT(self) -> Array:
+        """Acceleration of the tool centre point (3, k) [m/s^2]."""
+        links = self.links
+        points = np.concatenate([links.offsets, (self.p_WT - links.origins[:, 6])[:, None]], axis=1)
+        return links.relative_acceleration(points, _CARRIERS).sum(axis=1)
 
 
 class MotionSamples:
@@ -146,6 +157,12 @@ class MotionSamples:
         """The arm at the knots."""
         rows, trajectory = self.knots, self.trajectory
         return self._arm(trajectory.t[rows], (trajectory.q[rows], trajectory.qd[rows], trajectory.qdd[rows]))
+
+    @cached_property
+    def in_window(self) -> ArmSamples:
+        """The arm at instants of the release window, every millisecond or less."""
+        window, released = self.problem.release_window_s, self.trajectory.release_time_s
+        return self.at(released + np.linspace(-window, window, 2 * math.ceil(window / WINDOW_STEP_S) + 1))
 
     @cached_property
     def ends(self) -> Array:

@@ -97,7 +97,8 @@ class BodyModel:
         levers: of each capsule's points about each joint (k, 6) [m]; see `levers`.
         moving: indices of the j capsules that the first joint moves (j,).
         pairs: indices of the p pairs of arm, tool and object that can collide (p, 2); the object's come last.
-        object_pairs: those of the held object (o, 2).
+        beside_object: indices of the capsules beside which the object is gripped (g,): the tool's, and those of links
+            that are always close to it, or never.
         pair_levers: of the outer capsule of each pair about the joints between the two (p, 6) [m].
         tool_lever: of the tool centre point about each joint (6,) [m].
     """
@@ -116,7 +117,7 @@ class BodyModel:
         own = self_collision_pairs(cell.robot, cell.tool.capsules)
         with_object = object_pairs(cell.robot, cell.tool.capsules, p_FT, cell.object.radius_m)
         self.pairs = np.array([*own, *with_object], dtype=np.intp).reshape(-1, 2)
-        self.object_pairs = self.pairs[len(own) :]
+        self.beside_object = np.setdiff1d(np.arange(self.object), self.pairs[len(own) :, 0])
         self.pair_levers = np.array([self._pair_lever(capsules, *pair) for pair in self.pairs]).reshape(-1, 6)
         self.tool_lever = self.levers[self.object]
 

@@ -39,11 +39,14 @@ EVERY_CHECK = {
     "release_velocity",
     "end_at_rest",
     "continuity",
+    "flight_clearance",
+    "grip_acceleration",
+    "opening_direction",
 }
 
 
 def boxed_problem():
-    """A throw inside a keep-in box and beside a keep-out box, both kept by the unspoilt trajectory."""
+    """A throw inside a keep-in box and beside a keep-out box, with a gripper; the unspoilt trajectory keeps all."""
     plain = joint_problem()
     around = replace(
         plain.cell.surroundings,
@@ -53,8 +56,14 @@ def boxed_problem():
         ),
         keep_out=(Box(np.array([-0.9, 0.25, 0.0]), np.array([0.9, 0.9, 1.2])),),
     )
-    here = replace(plain.cell, surroundings=around, safety=Safety(4.0, 0.5, 10.0, 100.0, 0.15, 0.1))
-    return joint_problem(cell=here)
+    gripper = replace(
+        plain.cell.gripper,
+        opening_direction=np.array([0.0, 0.0, 1.0]),
+        opening_cone_rad=1.5,
+        hold_acceleration_m_s2=np.array([60.0]),
+    )
+    safety = Safety(4.0, 0.5, 10.0, 100.0, 0.15, 0.1)
+    return joint_problem(cell=replace(plain.cell, surroundings=around, gripper=gripper, safety=safety))
 
 
 @pytest.fixture(scope="module")
@@ -126,6 +135,9 @@ SPOILT = {
     "release_position": lambda p, t: shifted(t, 3, 2e-5),
     "release_velocity": lambda p, t: scaled(t, 1, 1.0005),
     "end_at_rest": lambda p, t: cut(t, 0, -15),
+    "flight_clearance": lambda p, t: shifted(t, 0, -1.57),
+    "grip_acceleration": lambda p, t: beyond(p, t, "grip_acceleration", share=6.0),
+    "opening_direction": lambda p, t: shifted(t, 3, np.pi),
     "continuity": lambda p, t: one_sample_off(t, "qd", 1e-5),
     "continuity (position)": lambda p, t: one_sample_off(t, "q", 1e-5),
     "continuity (acceleration)": lambda p, t: one_sample_off(t, "qdd", 1e-2),

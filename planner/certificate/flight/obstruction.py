@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planner.arrays import Array, Index
-from planner.certificate.flights import TINY_M, Flights
+from planner.certificate.flight.flights import TINY_M, Flights
 from planner.certificate.samples import MotionSamples
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory

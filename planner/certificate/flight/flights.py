@@ -14,7 +14,7 @@ import numpy as np
 
 from planner.arrays import Array, Index, Mask
 from planner.certificate.samples import MotionSamples
-from planner.flight import fly, path
+from planner.flight import fly, positions_after
 from planner.kinematics import dot
 from planner.problem import Opening, TargetRelease
 
@@ -55,10 +55,8 @@ class Flights:
 
     @property
     def gripped(self) -> Index:
-        """Obstacles beside which the object is gripped: the tool, and links that it can not move against."""
-        body = self.motion.body
-        apart = {int(i) for i, j in body.object_pairs}
-        return np.array([len(self.boxes[0]) + i for i in range(body.object) if i not in apart], dtype=np.intp)
+        """Obstacles beside which the object is gripped."""
+        return self.motion.body.beside_object + len(self.boxes[0])
 
     @property
     def opening(self) -> Opening | None:
@@ -89,16 +87,22 @@ class Flights:
         return arm.p_WT[:, where], arm.v_WT[:, where]
 
     def positions(self, r: Array, t: Array) -> Array:
-        """Returns the positions (3, k) [m] at times `t` (k,) of flights that began at times `r` (k,) [s].
+        """Returns the positions (3, k) [m] at times `t` (k,) of flights that began at times `r` (k,) [s]."""
+        return self.flown(*self.releases(r), t - r)
+
+    def flown(self, p: Array, v: Array, s: Array) -> Array:
+        """Returns positions (3, ...) [m] `s` (...) [s] after releases at `p` with velocities `v`, both (3, ...).
 
         Before its release a flight is extended by its acceleration at the release.
         """
-        problem = self.motion.problem
-        p, v = self.releases(r)
-        x = parabolas(p, v, t - r, problem.gravity, problem.drag)
-        if problem.drag > 0.0:
-            for i in np.flatnonzero(t > r):
-                x[:, i] = path(p[:, i], v[:, i], [t[i] - r[i]], problem.gravity, problem.drag)[0]
+        gravity, drag = self.motion.problem.gravity, self.motion.problem.drag
+        x = p + v * s
+        x[2] -= 0.5 * gravity * s * s
+        if drag > 0.0:
+            early, late = s <= 0.0, s > 0.0
+            x = np.where(early, x - 0.5 * drag * np.sqrt(dot(v, v)) * s * s * v, x)
+            p, v = (np.broadcast_to(values, x.shape)[:, late].T for values in (p, v))
+            x[:, late] = positions_after(p, v, s[late], gravity, drag).T
         return x
 
     def nearest(self, item: Index, x: Array, t: Array) -> Array:
@@ -114,17 +118,35 @@ class Flights:
             near[:, rest] = nearest_on_segments(x[:, rest], ends[:, 0].T, ends[:, 1].T)
         return near
 
-    def nearest_on_wall(self, x: Array) -> Array:
-        """Returns the points of the bin's wall nearest to `x` (3, ...) [m]."""
-        if self.opening is None:
-            return np.full_like(x, np.inf)
+    @property
+    def axis(self) -> Array:
+        """Horizontal place (2,) of the bin's axis [m]."""
         release = self.motion.problem.release
         assert isinstance(release, TargetRelease)
-        x0, y0, bottom = release.p_W
-        dx, dy = x[0] - x0, x[1] - y0
-        share = self.opening.radius_m / np.maximum(np.hypot(dx, dy), TINY_M)
+        return release.p_W[:2]
+
+    def nearest_on_wall(self, x: Array) -> Array:
+        """Returns the points of the bin's wall nearest to `x` (3, ...) [m]; infinitely far where there is no bin."""
+        if self.opening is None:
+            return np.full_like(x, np.inf)
+        x0, y0, bottom = *self.axis, self.motion.problem.plane_z
+        rho = np.hypot(x[0] - x0, x[1] - y0)
+        off, length = rho > TINY_M, np.maximum(rho, TINY_M)
+        out_x, out_y = np.where(off, (x[0] - x0) / length, 1.0), np.where(off, (x[1] - y0) / length, 0.0)
         height = np.clip(x[2], bottom, bottom + self.opening.rim_height_m)
-        return np.stack([x0 + share * dx, y0 + share * dy, height])
+        return np.stack([x0 + self.opening.radius_m * out_x, y0 + self.opening.radius_m * out_y, height])
+
+    def from_mouth(self, x: Array) -> tuple[Array, Array]:
+        """Returns how far within the bin's wall and how high above its mouth points (3, ...) are [m]."""
+        if self.opening is None:
+            return np.full(x.shape[1:], -np.inf), np.full(x.shape[1:], np.inf)
+        within = self.opening.radius_m - np.hypot(x[0] - self.axis[0], x[1] - self.axis[1])
+        return within, x[2] - self.motion.problem.plane_z - self.opening.rim_height_m
+
+    def in_bin(self, x: Array) -> Mask:
+        """Returns whether points (3, ...) are below the mouth's plane and within the wall."""
+        within, above = self.from_mouth(x)
+        return (within > 0.0) & (above < 0.0)
 
     def gaps(self, item: Index, r: Array, t: Array) -> Array:
         """Returns the distances (k,) [m] of the sphere's surface from obstacle `item[i]` at `t[i]`, released `r[i]`."""
@@ -134,25 +156,6 @@ class Flights:
         """Returns the distances (k,) [m] of a sphere's surface at `x` (3, k) from obstacle `item[i]` at `t[i]`."""
         apart = x - self.nearest(item, x, t)
         return np.sqrt(dot(apart, apart)) - self.thickness[item]
-
-    def in_bin(self, x: Array) -> Mask:
-        """Returns whether points (3, ...) are below the mouth's plane and within the wall."""
-        if self.opening is None:
-            return np.zeros(x.shape[1:], np.bool_)
-        release = self.motion.problem.release
-        assert isinstance(release, TargetRelease)
-        x0, y0, bottom = release.p_W
-        within = np.hypot(x[0] - x0, x[1] - y0) < self.opening.radius_m
-        return within & (x[2] < bottom + self.opening.rim_height_m)
-
-
-def parabolas(p: Array, v: Array, s: Array, gravity: float, drag: float) -> Array:
-    """Returns p + v s + a s^2/2 (3, ...) with the acceleration a at the release."""
-    x = p + v * s
-    x[2] -= 0.5 * gravity * s * s
-    if drag > 0.0:
-        x -= (0.5 * drag * np.sqrt(dot(v, v)) * s * s) * v
-    return x
 
 
 def nearest_on_segments(x: Array, start: Array, end: Array) -> Array:
