@@ -41,6 +41,7 @@ check: $(VENV)/dev.stamp
 
 bench: $(VENV)/bench.stamp $(VENV)/warm.stamp  ## writes docs/benchmarks, about ten minutes; SLOW=1 for hours
 	$(BIN)/python -m benchmarks $(if $(SLOW),--slow)
+	$(BIN)/python -m benchmarks.conditions --count $(if $(SLOW),100,5) --out docs/benchmarks
 
 lock:                           ## pin requirements/*.in anew (needs uv)
 	for name in run dev bench; do \

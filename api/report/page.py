@@ -64,6 +64,8 @@ def _facts(plan: Mapping[str, Any]) -> str:
         ("back end", f"{plan['backend']}, {1000 * solver['solve_time_s']:.1f} ms: {solver['status']}"),
         ("release", f"after {plan['release_time_s']:.3f} s of {plan['duration_s']:.3f} s"),
     ]
+    if plan.get("way_home"):
+        facts.append(("way home", f"{plan['way_home']['duration_s']:.1f} s from the plan's end"))
     if flight is not None:
         point = ", ".join(f"{value:.4f}" for value in flight["landing_point"])
         speed_and_time = f"{flight['speed_m_s']:.2f} m/s, {flight['time_of_flight_s']:.3f} s"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import BaseModel, Field
 
@@ -229,6 +229,9 @@ class Readiness(BaseModel):
     ready: bool
     store: bool
     planner: bool
+    solvers: Literal["compiled", "interpreted"] = Field(
+        description="Functions that the planner solves with; interpreted ones give the same plans, later."
+    )
     cells: dict[str, bool] = Field(description="Whether each cell has an executor.")
 
 

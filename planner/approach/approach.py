@@ -13,7 +13,7 @@ import numpy as np
 
 from planner.approach.posture import way_clear
 from planner.approach.rest_to_rest import rest_to_rest_motion
-from planner.approach.rrt_connect import find_path, is_clear
+from planner.approach.rrt_connect import Effort, find_path, is_clear
 from planner.arrays import Array
 from planner.cell import Cell, Limits
 from planner.certificate import Check, certify
@@ -26,8 +26,9 @@ NEAR_RAD = 1e-3  # [rad] distance from the start within which no motion is neede
 APPROACH_SPEED = 1.0  # [rad/s] just below 1.05, the default of UR's movej
 APPROACH_ACCELERATION = 1.4  # [rad/s^2] source: URScript manual, default of movej
 APPROACH_JERK = 14.0  # [rad/s^3] full acceleration after 0.1 s
-# [m], [-] margin beyond the cell's clearance that path search keeps away from the ends, and its seed; tried in turn
-SEARCHES = ((0.01, 0), (0.002, 0), (0.002, 1), (0.002, 2))
+# [m] margin beyond the cell's clearance that a path search keeps away from the ends, and its effort; tried in turn.
+# Between ends that a full turn of the wrist lies apart, the first found nothing and each of the others a path.
+SEARCHES = ((0.01, Effort()), (0.002, Effort(3000, 3.0, 0)), (0.002, Effort(3000, 3.0, 1)))
 PACES = (1.0, 0.5, 0.25)  # [-] shares of the pace, tried in turn: torques and tool speed may require a slower motion
 # Checks that depend on the path alone: a slower motion along it breaks them, too.
 PATH_CHECKS = {"joint_position", "floor", "keep_in", "keep_out", "self_collision"}
@@ -125,9 +126,9 @@ class _Search:
         if (start < lower).any() or (start > upper).any():
             return
         lower, upper = np.maximum(lower, limits.q_lower), np.minimum(upper, limits.q_upper)
-        for margin, seed in SEARCHES:
+        for margin, effort in SEARCHES:
             clear = is_clear(self.cell, margin, np.array([now, start]), self.with_object)
-            path = find_path(clear, now, start, lower, upper, seed)
+            path = find_path(clear, now, start, lower, upper, effort)
             if path is not None:
                 yield np.concatenate([out[:-1], path])
 

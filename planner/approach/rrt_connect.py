@@ -12,6 +12,7 @@ certificate accepts is never excluded. The certificate proves the motion along t
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,9 +25,25 @@ Edge = Callable[[Array, Array], bool]
 SPACING_RAD = 0.02  # [rad] between checked postures: 26 mm at a reach of 1.3 m
 STEP_RAD = 0.3  # [rad] by which a tree grows at most in one step
 NEAR_END_RAD = 0.2  # [rad] distance from an end within which the margin grows from nothing: 5 cm at a lever of 0.25 m
-AROUND_RAD = 1.5  # [rad] searched beyond both ends in every joint: no approach needs a larger detour
-GROWTHS = 1000  # [-] random postures tried before giving up: a few seconds
 SHORTCUTS = 200  # [-] straight pieces tried
+
+
+@dataclass(frozen=True)
+class Effort:
+    """What one search for a path spends.
+
+    Attributes:
+        growths: random postures tried before giving up; a thousand take up to two seconds.
+        around_rad: how far they lie beyond both ends in every joint [rad].
+        seed: of the random postures.
+    """
+
+    growths: int = 1000
+    around_rad: float = 1.5
+    seed: int = 0
+
+
+FIRST_EFFORT = Effort()
 
 
 def is_clear(cell: Cell, margin_m: float, ends: Array, with_object: bool = True) -> Edge:
@@ -50,7 +67,7 @@ def is_clear(cell: Cell, margin_m: float, ends: Array, with_object: bool = True)
 
 
 def find_path(
-    clear: Edge, start: Array, goal: Array, lower: Array, upper: Array, seed: int = 0, growths: int = GROWTHS
+    clear: Edge, start: Array, goal: Array, lower: Array, upper: Array, effort: Effort = FIRST_EFFORT
 ) -> Array | None:
     """Returns postures (K, n) [rad] from `start` to `goal` with clear straight pieces; None if none are found.
 
@@ -58,18 +75,17 @@ def find_path(
         clear: whether a straight piece is clear.
         start, goal: (n,) [rad].
         lower, upper: joint range (n,) [rad].
-        seed: of the random postures.
-        growths: random postures tried before giving up.
+        effort: where to look, and how long.
     """
     if clear(start, goal):
         return np.array([start, goal])
     if not (clear(start, start) and clear(goal, goal)):
         return None
-    rng = np.random.default_rng(seed)
-    low = np.maximum(np.minimum(start, goal) - AROUND_RAD, lower)
-    high = np.minimum(np.maximum(start, goal) + AROUND_RAD, upper)
+    rng = np.random.default_rng(effort.seed)
+    low = np.maximum(np.minimum(start, goal) - effort.around_rad, lower)
+    high = np.minimum(np.maximum(start, goal) + effort.around_rad, upper)
     here, there = _Tree(start), _Tree(goal)
-    for growth in range(growths):
+    for growth in range(effort.growths):
         new = here.grow(rng.uniform(low, high), clear)
         if new is not None and (met := there.reach(here.q[new], clear)) is not None:
             path = [*here.branch(new)[::-1], *there.branch(met)[1:]]

@@ -19,8 +19,8 @@ from planner.certificate.bounds import (
 from planner.certificate.certificate import ROUNDING, Check, NotChecked, at_most
 from planner.certificate.loads import loads_of, power_rates
 from planner.certificate.samples import ArmSamples, MotionSamples
+from planner.dynamics import elbow_points, empty_bodies, fastest, momentum
 from planner.geometry import levers
-from planner.safety import elbow_points, empty_bodies, fastest, momentum
 
 
 def elbow_speed(motion: MotionSamples) -> Check | NotChecked:

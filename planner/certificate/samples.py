@@ -11,11 +11,10 @@ import numpy as np
 from planner.arrays import Array, Index
 from planner.cell import Cell
 from planner.certificate.bounds import Rates, joint_rates
-from planner.dynamics import chain_torques
+from planner.dynamics import chain_torques, empty_bodies
 from planner.geometry import BodyModel, body_model
 from planner.kinematics import LinkMotion
 from planner.problem import ThrowProblem
-from planner.safety import empty_bodies
 from planner.trajectory import Trajectory
 
 KNOTS = 64  # [-] instants of a trajectory that are evaluated first; bisection adds others where it must

@@ -18,8 +18,8 @@ from planner.certificate.bounds import Proof, curvature_bound, point_bound, prov
 from planner.certificate.certificate import ROUNDING, Check, NotChecked, at_most
 from planner.certificate.loads import joint_momentum_bounds, loads_of, torque_curvature
 from planner.certificate.samples import ArmSamples, MotionSamples
+from planner.dynamics import WatchedPoint, elbow_points, fastest, tool_points
 from planner.geometry import levers
-from planner.safety import WatchedPoint, elbow_points, fastest, tool_points
 
 # [-] largest ratio of a measured stop to the model's: time 1.84 (UR3, base), distance 1.30 (UR3 and UR5, base)
 # source: user manuals of UR3 and UR5 (CB3), appendix "Stopping time and stopping distance": stop category 0 of base,

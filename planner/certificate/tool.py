@@ -8,35 +8,41 @@ from planner.arrays import Array, Index
 from planner.certificate.bounds import Rates, curvature_bound, joint_rates, point_bound, prove_above
 from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
+from planner.dynamics import WatchedPoint, point_velocity, tool_points
 from planner.geometry import levers
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
 from planner.robots import Robot
-from planner.safety import point_velocity, tool_points
 
 SINGULARITY_WINDOW_S = 0.05  # [s] before and after the release, in which Cartesian motion must stay controllable
 
 
 def tcp_speed(motion: MotionSamples) -> Check:
-    """Checks the speed of the tool centre point, and where the arm's own tool speed is limited that of the flange."""
-    cell, limits = motion.problem.cell, np.array([motion.problem.limits.tcp_speed_max])
-    points = tool_points(cell)[:1]
-    if cell.safety.tool_speed_m_s is not None:
-        points, limits = tool_points(cell), np.append(limits, cell.safety.tool_speed_m_s)
+    """Checks the speed of the tool centre point, and that of the flange where the cell gives the arm's own tool speed.
 
+    The flange is reported only where it is too fast.
+    """
+    cell = motion.problem.cell
+    tool, flange = tool_points(cell)
+    check = _speed(motion, tool, motion.problem.limits.tcp_speed_max)
+    if cell.safety.tool_speed_m_s is None or not check.ok:
+        return check
+    of_flange = _speed(motion, flange, cell.safety.tool_speed_m_s)
+    return check if of_flange.ok else of_flange
+
+
+def _speed(motion: MotionSamples, point: WatchedPoint, limit: float) -> Check:
     def room(arm: ArmSamples) -> Array:
-        v = [arm.v_WT, *(point_velocity(arm.links, point) for point in points[1:])]
-        return 1.0 - np.sqrt((np.array(v) ** 2).sum(axis=1)) / limits[:, None]
+        v = point_velocity(arm.links, point)
+        return limit - np.sqrt((v * v).sum(axis=0))
 
     def evaluate(t: Array, item: Index) -> Array:
-        return room(motion.at(t))[item, np.arange(len(t))]
+        return room(motion.at(t))
 
-    arm = motion.at_knots
-    lever = np.array([levers(cell.robot, point.frame, float(np.linalg.norm(point.place))) for point in points])
+    lever = levers(motion.problem.cell.robot, point.frame, float(np.linalg.norm(point.place)))
+    arm, rates = motion.at_knots, point_bound(lever, motion.rates, 3)
     # |v| is at most that of the chord of v, plus the deviation of v from it: the curvature bound of v serves.
-    rates = point_bound(lever, motion.rates, 3) / limits[:, None]
-    proof = prove_above(evaluate, arm.t, room(arm), rates, -ROUNDING, curvature_bound)
-    limit, name = float(limits[proof.item]), points[proof.item].name
-    return at_most("tcp_speed", (1.0 - proof.value) * limit, limit, "m/s", proof.at_s, name).provided(proof.proven)
+    proof = prove_above(evaluate, arm.t, room(arm)[None], rates, -limit * ROUNDING, curvature_bound)
+    return at_most("tcp_speed", limit - proof.value, limit, "m/s", proof.at_s, point.name).provided(proof.proven)
 
 
 def singularity_distance(motion: MotionSamples) -> Check | None:

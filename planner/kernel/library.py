@@ -162,10 +162,10 @@ def _rows(values: Index, shape: tuple[int, ...], count: int) -> bytes:
     """
     if values.shape != shape or values.dtype != np.intp:
         raise ValueError(f"indices of the kernel are {values.dtype} {values.shape} instead of {shape}")
-    if np.maximum.reduce(values.ravel().view(np.uintp), initial=0) >= count:  # a negative one is larger than any
+    if values.size and np.maximum.reduce(values.ravel().view(np.uintp)) >= count:  # a negative one is larger than any
         raise IndexError(f"an index of the kernel is outside [0, {count})")
     return values.tobytes()
 
 
 def _out(values: Array) -> ctypes.Array[Any]:
-    return MEMORY.from_buffer(values)
+    return MEMORY.from_buffer(values.data)

@@ -1,6 +1,6 @@
 """The search for a plan: which back end, from which candidates, and what is feasible instead."""
 
-from planner.search.auto import search_optimised
+from planner.search.auto import NOT_COMPILED, search_optimised
 from planner.search.incumbent import Attempt, CertifiedSolution, PlanningSearch
 from planner.search.nearest import nearest_problem
 from planner.search.policy import POLICY
@@ -10,6 +10,7 @@ from planner.search.stops import search_with_stop
 from planner.search.way_home import best_with_way_home
 
 __all__ = [
+    "NOT_COMPILED",
     "POLICY",
     "VARIANTS_BY_BACKEND",
     "Attempt",

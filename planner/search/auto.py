@@ -152,7 +152,7 @@ def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
         bounded = bound_holds and ranked.candidate.bound_s >= search.release_time_s
         if bounded or not ranked.first_try("ipopt" if stage.with_ipopt else "fatrop"):
             continue
-        load_optimiser(search)
+        begun += load_optimiser(search)
         tried += 1
         try:
             valid += _optimise_from(search, ranked, end, stage.with_ipopt)
@@ -163,13 +163,18 @@ def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
         search.log_attempt("casadi", f"{stage.purpose}: {valid} of {solved} motions certified{failure}", begun)
 
 
-def load_optimiser(search: PlanningSearch) -> None:
-    """Loads the optimiser; the request's clock stands still meanwhile. Uncompiled solvers are noted in the log."""
+def load_optimiser(search: PlanningSearch) -> float:
+    """Loads the optimiser and returns how long that took [s]; the request's clock stands still meanwhile.
+
+    Uncompiled solvers are noted in the log.
+    """
     begun = time.perf_counter()
     compiled = casadi_nlp.load()
-    search.extend_deadline(time.perf_counter() - begun)
+    taken = time.perf_counter() - begun
+    search.extend_deadline(taken)
     if not compiled and all(attempt.result != NOT_COMPILED for attempt in search.attempts):
         search.log_attempt("casadi", NOT_COMPILED, begun)
+    return taken
 
 
 def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, with_ipopt: bool) -> bool:
@@ -178,7 +183,9 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, wi
     After failed checks it solves again from that motion, with wider margins; where the checks failed between coarse
     stages, from the start on finer stages.
     """
-    first = SolveOptions(deadline_s=search.deadline_s, with_ipopt=with_ipopt)
+    # Only a motion sooner by a tick is an improvement; before there is an optimised one, any is.
+    latest_s = search.release_time_s - search.problem.dt if search.has_certified("casadi") else math.inf
+    first = SolveOptions(deadline_s=search.deadline_s, with_ipopt=with_ipopt, latest_s=latest_s)
     seed, options = ranked.seed, first
     for _ in range(ROUNDS_MAX):
         solution = _solve(search, seed, replace(options, iteration_budget=end - search.iterations))

@@ -31,7 +31,7 @@ def proven_violations(problem: ThrowProblem) -> list[Violation]:
     """Returns the violations that no motion avoids, as far as bounds alone tell."""
     match problem.release:
         case JointRelease(q, qd):
-            found = _speed(problem, tool_state(problem.cell, q, qd).v_WT)
+            found = [*_joint_speeds(problem, qd), *_speed(problem, tool_state(problem.cell, q, qd).v_WT)]
         case PoseRelease(X, V):
             found = [*_place(problem, X[:3, 3]), *_speed(problem, V[:3], X[:3, 3]), *_turning(problem, V[3:])]
         case PointRelease(p, v):
@@ -89,6 +89,15 @@ def _place(problem: ThrowProblem, p_WT: Array) -> list[Violation]:
             detail = "object at the release"
             found.append(Violation("keep_out", gap - cell.object.radius_m, around.clearance_m, "m", detail=detail))
     return found
+
+
+def _joint_speeds(problem: ThrowProblem, qd: Array) -> list[Violation]:
+    """Returns the joints whose velocities `qd` (6,) at the release exceed their limits."""
+    limits, names = problem.limits.qd_max, problem.cell.robot.joint_names
+    return [
+        Violation("joint_velocity", float(abs(qd[i])), float(limits[i]), "rad/s", detail=f"{names[i]} at the release")
+        for i in np.flatnonzero(np.abs(qd) > limits + SLACK)
+    ]
 
 
 def _speed(problem: ThrowProblem, v_WT: Array, p_WT: Array | None = None) -> list[Violation]:

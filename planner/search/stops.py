@@ -24,14 +24,11 @@ from planner.solution import Solution
 from planner.trajectory import Trajectory, in_a_row
 
 PACE = 4.0  # [-] of an approach, in turn with its halves: 4 rad/s, 22 rad/s^2, 900 rad/s^3, or less as the request asks
-RUN_UPS_S = (0.2, 0.4)  # [s] of constant acceleration to the release; 3 rad/s at 15 rad/s^2 take 0.2 s
-CANDIDATES_MAX = 6  # [-] candidates with run-up postures
+RUN_UPS_S = (0.2, 0.3, 0.5)  # [s] of constant acceleration to the release; 3 rad/s at 15 rad/s^2 take 0.2 s
+CANDIDATES_MAX = 24  # [-] candidates with run-up postures: as many as are ranked; of a pose, all branches
 WAYS_MAX = 4  # [-] postures to which a way is searched for; a search in vain takes up to a second
-# From a run-up posture to its own candidate: there is one, and it is near.
-RUN_UP_POLICY = (
-    Stage("ruckig", "from a run-up posture", slice(0, 1), no_incumbent),
-    Stage("casadi", "from a run-up posture", slice(0, 1), no_incumbent, iterations=60),
-)
+# From a run-up posture to its own candidate, which is near: Ruckig's motions, in a few milliseconds.
+RUN_UP_POLICY = (Stage("ruckig", "from a run-up posture", slice(0, 1), no_incumbent),)
 
 
 def search_with_stop(search: PlanningSearch, found: Sequence[Candidate]) -> None:

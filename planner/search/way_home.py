@@ -13,7 +13,7 @@ from planner.certificate import Check
 from planner.errors import Infeasible, Violation
 from planner.search.incumbent import CertifiedSolution, PlanningSearch
 
-MOTIONS_MAX = 4  # [-] best motions whose ends are tried: a search for a path takes up to a second where there is none
+MOTIONS_MAX = 3  # [-] best motions whose ends are tried: a search for a path takes some seconds where there is none
 
 
 def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Approach]:
@@ -30,6 +30,8 @@ def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Appro
                 search.log_attempt("approach", f"way home: none from {len(blocked)} sooner motions", begun_s)
             return motion, way
         blocked.append(failures)
+        if search.out_of_time:
+            break
     search.log_attempt("approach", f"way home: none from {len(blocked)} motions", begun_s)
     raise Infeasible([_violation(blocked[0], len(blocked))], attempts=[attempt.__dict__ for attempt in search.attempts])
 

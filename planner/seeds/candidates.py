@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 
 from planner.arrays import Array, Index, Mask
+from planner.dynamics import safety_use
 from planner.errors import Infeasible, Violation
 from planner.geometry import SELF_CLEARANCE_M, barriers, body_model
 from planner.kinematics import (
@@ -26,9 +27,9 @@ from planner.kinematics import (
 )
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose
-from planner.safety import safety_use
 from planner.seeds.flight_filter import has_flight_obstacles
-from planner.seeds.sampling import least_time, point_states, target_states
+from planner.seeds.sampling import point_states, target_states
+from planner.seeds.soonest_states import least_time
 
 SPEED_SLACK = 1e-9  # [-] rounding allowed in the comparison with a speed limit
 FEW_CANDIDATES = 6  # for a target behind obstacles; fewer call for a thorough search of 0.2 to 0.3 s

@@ -114,8 +114,8 @@ class _EndStateByJerk:
     def wanted(self, start: State, end: State) -> Array:
         """Returns what the jerks have to add (3, n), over `scale`: the end less where `start` leads without jerk."""
         (q, qd, qdd), T = (np.asarray(x, dtype=np.float64) for x in start), self.duration_s
-        missing = np.array([end[2] - qdd, end[1] - (qd + T * qdd), end[0] - (q + T * (qd + T * qdd / 2.0))])
-        return missing / self.scale
+        without_jerk = np.array([qdd, qd + T * qdd, q + T * (qd + T * qdd / 2.0)])
+        return (np.array(end[::-1], dtype=np.float64) - without_jerk) / self.scale
 
     def least_correction(self, missing: Array, jerk: Array, jerk_max: Array) -> Array:
         """Returns the weighted least-norm jerks (N, n) that add `missing` (3, n), over `scale`."""

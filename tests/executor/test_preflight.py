@@ -9,7 +9,7 @@ import numpy as np
 import orjson
 import pytest
 
-from executor.preflight import ExecutionRefused, refusals, verify_plan
+from executor.preflight import ExecutionRefused, gripper_is_open, refusals, verify_plan
 from executor.robot import RobotState
 from tests.executor.conftest import Prepared
 
@@ -115,3 +115,11 @@ def test_a_plan_of_version_0_1_is_certified_as_it_was_made(prepared: Prepared) -
     del plan["certificate"]["not_checked"]
     problem, _ = verify_plan(orjson.dumps(plan), prepared.cell)
     assert not problem.is_robust
+
+
+@pytest.mark.parametrize("open_level", [True, False])
+def test_the_gripper_is_open_at_its_own_level(prepared: Prepared, state: RobotState, open_level: bool) -> None:
+    gripper = replace(prepared.cell.gripper, output="tool_digital", index=1, open_level=open_level)
+    cell = replace(prepared.cell, gripper=gripper)
+    assert gripper_is_open(cell, replace(state, outputs=1 << 17)) is open_level
+    assert gripper_is_open(cell, replace(state, outputs=1 << 16)) is not open_level

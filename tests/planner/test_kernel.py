@@ -161,3 +161,11 @@ def test_without_a_compiler_or_with_a_broken_library_numpy_does_the_work(monkeyp
 def test_indices_of_no_row_are_refused(row):
     with pytest.raises(IndexError):
         library.loaded().end_points(np.zeros((2, 7, 4, 4)), np.array([0, row]), np.zeros((2, 2, 3)))
+
+
+@needs_compiler
+def test_nothing_has_no_distances():
+    none = np.zeros((0, 3))
+    assert segment_segment_distance(none, none, none, none).shape == (0,)
+    assert segment_box_distance(none, none, [0.0] * 3, [1.0] * 3).shape == (0,)
+    assert body_model(cell()).clearances(np.zeros((0, 6))).least.shape == (0,)

@@ -6,6 +6,7 @@ solver and answer. casadi is imported with the first use.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -45,6 +46,7 @@ class SolveOptions:
         iteration_budget: no further solver call begins when the iterations of all calls reach it.
         deadline_s: on `time.perf_counter`; no further solver call begins after it. None for no deadline.
         with_ipopt: whether IPOPT is called where fatrop gives up.
+        latest_s: a motion that releases later than this is of no use; infinite for no such time.
     """
 
     margins: Margins = DEFAULT_MARGINS
@@ -52,6 +54,7 @@ class SolveOptions:
     iteration_budget: int = ITERATION_BUDGET
     deadline_s: float | None = None
     with_ipopt: bool = False
+    latest_s: float = math.inf
 
 
 def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOptions()) -> Solution:
@@ -63,18 +66,19 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
         options: margins, resolution and budgets.
 
     Raises:
-        SolverFailed: no motion was found within the budget.
+        SolverFailed: no motion was found within the budget, or none that releases in time.
         BackendUnavailable: casadi is not installed.
     """
     _require_casadi()
-    from planner.backends.casadi_nlp.answer import KnotStates, answer
+    from planner.backends.casadi_nlp.answer import SPARE_TICKS, KnotStates, answer
     from planner.backends.casadi_nlp.instance import Instance
     from planner.backends.casadi_nlp.solver import Solver
 
     instance = Instance.of(problem, seed, options.margins, options.resolution)
     groups = frozenset(instance.stages.groups) if options.resolution == "fine" else options.margins.held
     groups |= {"flight"} if starts_with_flight(problem) else set()
-    solver = Solver(options.iteration_budget, options.deadline_s, groups, options.with_ipopt)
+    latest_s = options.latest_s - SPARE_TICKS * problem.dt
+    solver = Solver(options.iteration_budget, options.deadline_s, groups, options.with_ipopt, latest_s)
     if problem.is_robust and options.margins == DEFAULT_MARGINS:  # with others, the initial guess is a solution
         # The throw without a window is a better initial guess; now and then only the other one leads to a solution.
         nominal = replace(problem, release_window_s=0.0, landing_tolerance_m=0.0)
@@ -84,7 +88,8 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
             close = instance.from_guess(found, landing_offsets=0.0)
             return answer(close, solver.solve(close), solver)
         except SolverFailed:
-            pass
+            if solver.is_late:
+                raise
     return answer(instance, solver.solve(instance), solver)
 
 

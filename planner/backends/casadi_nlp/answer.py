@@ -18,7 +18,7 @@ from planner.flight import landing_points
 from planner.geometry import tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.solution import Solution
-from planner.timing import onto_grid
+from planner.timing import RESERVES, onto_grid
 from planner.trajectory import Trajectory, join
 
 States = Callable[[Vector], tuple[Vector, Vector, Vector]]
@@ -112,12 +112,29 @@ def answer(instance: Instance, z: Vector, solver: Solver) -> Solution:
 
 
 def on_ticks(instance: Instance, z: Vector, solver: Solver) -> Solution:
-    """Returns the motion on whole ticks: as solved with a wait at rest, solved again for these times, or longer.
+    """Returns the motion on whole ticks, solved again with a larger reserve in the joint limits where it breaks them.
 
     Raises:
-        SolverFailed: no tried number of ticks keeps the joint limits.
+        SolverFailed: with no reserve does a tried number of ticks keep the joint limits.
     """
-    problem, found, status = instance.problem, KnotStates.of(z, instance.stages.launch), solver.status
+    status = solver.status
+    for reserve in (*RESERVES[1:], None):
+        made = _on_fitting_ticks(instance, z, solver)
+        if made is not None:
+            return Solution(made, status, solver.iterations, solver.groups)
+        if reserve is None:
+            break
+        instance = instance.with_reserve(KnotStates.of(z, instance.stages.launch), reserve)
+        again = solver.try_solve(instance)
+        if again is None:
+            break
+        z, status = again, solver.status
+    raise SolverFailed("the solution does not fit the ticks", solver.iterations)
+
+
+def _on_fitting_ticks(instance: Instance, z: Vector, solver: Solver) -> Trajectory | None:
+    """Returns the motion as solved with a wait at rest, solved again for these times, or longer; None if none fits."""
+    problem, found = instance.problem, KnotStates.of(z, instance.stages.launch)
     brake = least_ticks(found.duration_s - found.release_time_s, problem.dt) if instance.stages.brake else 0
     launch = least_ticks(found.release_time_s, problem.dt)
     made, instance = _through_release(instance, found, (launch, brake))
@@ -127,9 +144,7 @@ def on_ticks(instance: Instance, z: Vector, solver: Solver) -> Solution:
         if _keeps_joint_limits(problem, made):
             break
         made, _ = _through_release(instance, found, (launch + extra, brake + extra * bool(brake)))
-    if not _keeps_joint_limits(problem, made):
-        raise SolverFailed("the solution does not fit the ticks", solver.iterations)
-    return Solution(made, status, solver.iterations, solver.groups)
+    return made if _keeps_joint_limits(problem, made) else None
 
 
 def least_ticks(duration_s: float, dt: float) -> int:

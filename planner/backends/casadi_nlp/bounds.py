@@ -105,16 +105,20 @@ class Bounds:
         x[0, -1, NX:], x[1, -1, NX:] = -np.inf, np.inf
 
     def limit_steps(self, steps: Vector) -> None:
-        """Bounds each step around its initial length (N,) [s]; without a release window the watched ones last longer.
-
-        With a window that least duration is rarely needed, and the certificate finds the cases where it is; requiring
-        it always delayed the release by up to 3 %.
-        """
+        """Bounds each step around its initial length (N,) [s]."""
         least, most = (share * steps for share in STEP_SHARES)
-        if not self.index.stages.window:
-            watched = slice(self.launch - WATCHED_STAGES, self.launch)
-            least[watched] = np.minimum(np.maximum(least[watched], WATCHED_S / WATCHED_STAGES), 0.5 * most[watched])
         self.x[0, :-1, STEP], self.x[1, :-1, STEP] = least, most
+
+    def watch_long_enough(self, window_s: float) -> None:
+        """Lengthens the watched stages to what the certificate watches; the window, of `window_s`, is part of that.
+
+        That is rarely needed, and the certificate finds the cases where it is; requiring it always delays throws that
+        take little longer themselves by a fifth.
+        """
+        first = self.launch - self.index.stages.window - WATCHED_STAGES
+        least, most = self.x[:, first : first + WATCHED_STAGES, STEP]
+        required = max(WATCHED_S - window_s, 0.0) / WATCHED_STAGES
+        least[:] = np.minimum(np.maximum(least, required), 0.5 * most)
 
     def fix_times(self, release_s: float, end_s: float) -> None:
         """Fixes the times of the release and of the end."""

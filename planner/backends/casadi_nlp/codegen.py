@@ -6,6 +6,7 @@ gives another file. Nothing is compiled while a request waits: without a file, t
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -68,3 +69,7 @@ def compiled_blocks() -> dict[str, Block] | None:
         return None
     path = str(library())
     return {name: Block(name, *(ca.external(f"{name}_{kind}", path) for kind in KINDS)) for name in FORMULAS}
+
+
+if __name__ == "__main__":
+    sys.exit(0 if compile_blocks() is not None else "fling: there is no C compiler")

@@ -142,6 +142,11 @@ class Instance:
         initial, steps = _variables_along(guess, self.stages, self.problem.release_window_s)
         return replace(self, initial=initial, steps=steps, landing_offsets=landing_offsets)
 
+    def with_reserve(self, guess: InitialGuess, reserve: float) -> Instance:
+        """Returns the instance with another reserve for the tick grid, one of `planner.timing.RESERVES`, and guess."""
+        limits = grid_limits(self.problem.reachable, self.problem.dt, reserve)
+        return replace(self.from_guess(guess, self.landing_offsets), limits=limits)
+
     def on_times(self, solution: Vector, release_s: float, end_s: float) -> Instance:
         """Returns this instance with the solution (N + 1, NZ), in SI units, as initial guess and its times fixed."""
         initial = solution.copy()
@@ -192,6 +197,8 @@ class Instance:
         bounds.add_local_margins(margins.local, self.steps)
         bounds.fix_ends(problem.start)
         bounds.limit_steps(self.steps)
+        if margins.watched:
+            bounds.watch_long_enough(problem.release_window_s if self.stages.window else 0.0)
         if not problem.ends_at_rest:
             distance = margins.singularity * self.limits.singularity_distance_min
             bounds.avoid_singularities(self._singularity_sides(), distance)

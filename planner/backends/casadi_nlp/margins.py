@@ -110,6 +110,7 @@ class Margins:
         box_m: the same; larger, because a hand can pass a corner between knot and midpoint.
         position_rad: distance from a joint's position limits [rad].
         singularity: multiple of the required distance [-].
+        watched: whether the stages on which that distance is kept last as long as the certificate watches it.
         grip: usable share of what the grip withstands [-].
         flight_m: room between the object's flight and the boxes that it passes.
         mouth_m: the same at the rim of a bin.
@@ -128,6 +129,7 @@ class Margins:
     box_m: float = 0.003
     position_rad: float = 0.001
     singularity: float = 1.03
+    watched: bool = False
     grip: float = 0.98
     flight_m: float = 0.015
     mouth_m: float = 0.002
@@ -155,7 +157,8 @@ class Margins:
     def _widened_for(self, check: FailedCheck, failed: Trajectory, is_cut: bool) -> Margins | None:
         missing = abs(check.value - check.limit)
         if check.name == "singularity_distance":
-            return replace(self, singularity=self.singularity + missing / check.limit + SPARE_SHARE)
+            more = missing / check.limit + SPARE_SHARE
+            return replace(self, singularity=self.singularity + more, watched=True)
         if check.name == "joint_position" and missing < MOST_RAD:
             return replace(self, position_rad=self.position_rad + BETWEEN_KNOTS_FACTOR * missing)
         if check.name == "landing_window":

@@ -52,6 +52,7 @@ def test_singularities_windows_and_positions_have_margins_of_their_own() -> None
     assert wide is not None
     assert 0.02 < wide.position_rad < 0.04
     assert wide.singularity > DEFAULT_MARGINS.singularity + 0.2
+    assert wide.watched
     assert wide.window < DEFAULT_MARGINS.window * 5.0 / 6.0
     assert wide.held == SOLUTION.held
 

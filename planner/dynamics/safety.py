@@ -13,7 +13,7 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.cell import Cell
-from planner.dynamics import Bodies, bodies, payload_of
+from planner.dynamics.inverse_dynamics import Bodies, bodies, payload_of
 from planner.geometry import arm_capsules
 from planner.kinematics import LinkMotion, accumulate, cross, link_poses
 
