@@ -171,7 +171,7 @@ class BodyModel:
         """Returns the clearances of postures `q` (n, 6) [rad], with the object in the tool or without."""
         ends, clearance = self.end_points(self.link_poses(q)), self.cell.surroundings.clearance_m
         bodies = slice(None) if with_object else slice(-1)  # the object is the last of them
-        pairs = slice(None) if with_object else slice(len(self.pairs) - len(self.object_pairs))  # as are its pairs
+        pairs = slice(None) if with_object else (self.pairs != self.object).all(axis=1)
         return Clearances(
             floor=self.heights(ends)[bodies].min(axis=0) - clearance,
             keep_in=self.wall_distances(ends).min(axis=0, initial=np.inf),

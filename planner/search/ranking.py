@@ -11,14 +11,17 @@ from typing import overload
 import numpy as np
 
 from planner.backends import ruckig_otg
-from planner.geometry import body_model
-from planner.problem import ThrowProblem
+from planner.flight import path
+from planner.geometry import Arcs, body_model, segment_segment_distance
+from planner.problem import PointRelease, ThrowProblem
 from planner.search.incumbent import CertifiedSolution
 from planner.seeds import Candidate, Seed
 
 RANKED_MAX = 24  # candidates of least lower bound that are considered; a pose's others are full turns away
 TIMED_MAX = 8  # of these are ranked by Ruckig's launch time
 PATH_SHARES = np.linspace(0.15, 0.9, 6)  # [-] of the straight joint path to a candidate, checked for obstacles
+FLIGHT_STEP_S = 0.02  # [s] between the instants at which a flight is compared with the arm
+FLANGE = 6  # frame of the flange: the object starts within the tool's shapes
 OBSTACLE_DEPTH_M = 0.02  # [m] penetration on that path which the optimiser still gets around
 
 
@@ -62,7 +65,8 @@ class RankedCandidate:
 class Ranking(Sequence[RankedCandidate]):
     """Candidates in the order in which they are tried: the first `TIMED_MAX` by Ruckig's launch time, then by bound.
 
-    If the straight joint path to the first is obstructed, those with a free path come first. The order is worked out
+    If the straight joint path to the first is obstructed, those with a free path come first; likewise for a point, if
+    the object would meet the arm as it is at the release, as only another posture is a remedy. The order is worked out
     when it is first asked for: a release state whose soonest arrival is certified needs no launch times.
     """
 
@@ -75,6 +79,8 @@ class Ranking(Sequence[RankedCandidate]):
         first = sorted(self._by_bound[:TIMED_MAX], key=lambda ranked: ranked.launch_s)
         if not all(_paths_free(first[:1])):
             first = [first[i] for i in np.argsort(np.logical_not(_paths_free(first)), kind="stable")]
+        if not all(_flights_clear(first[:1])):
+            first = [first[i] for i in np.argsort(np.logical_not(_flights_clear(first)), kind="stable")]
         return [*first, *self._by_bound[TIMED_MAX:]]
 
     def __len__(self) -> int:
@@ -108,3 +114,21 @@ def _paths_free(ranking: Sequence[RankedCandidate]) -> list[bool]:
     q = problem.start + np.multiply.outer(PATH_SHARES, steps)
     least = body_model(problem.cell).clearances(q.reshape(-1, 6)).least.reshape(len(PATH_SHARES), -1)
     return (least.min(axis=0) > -OBSTACLE_DEPTH_M).tolist()
+
+
+def _flights_clear(ranking: Sequence[RankedCandidate]) -> list[bool]:
+    """Returns for every candidate of a point whether the object's flight is clear of the arm at rest in its posture.
+
+    The arm brakes on: that clears more than half of the flights that meet it here, so none is dropped.
+    """
+    problem = ranking[0].problem if ranking else None
+    if problem is None or problem.ends_at_rest or not isinstance(problem.release, PointRelease):
+        return [True] * len(ranking)
+    release, body, radius = problem.release, body_model(problem.cell), problem.cell.object.radius_m
+    arc = Arcs.onto(release.p_WT, release.v_WT, problem.plane_z, problem.gravity, radius)
+    x = path(arc.p, arc.v, np.arange(FLIGHT_STEP_S, float(arc.until_s), FLIGHT_STEP_S), problem.gravity, problem.drag)
+    links = np.flatnonzero(body.frames < FLANGE)
+    ends = body.end_points(body.link_poses(np.array([ranked.candidate.q for ranked in ranking])))[links]
+    p0, p1 = np.moveaxis(ends, (1, 2), (0, -1))[:, :, :, None]
+    gaps = segment_segment_distance(x, x, p0, p1) - body.radii[links, None, None] - radius
+    return (gaps.min(axis=(0, 2), initial=np.inf) >= 0.0).tolist()

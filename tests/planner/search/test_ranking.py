@@ -1,0 +1,42 @@
+"""Order of candidates: postures out of the object's way come before those in it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planner.errors import Infeasible
+from planner.geometry import arm_capsules, capsule_endpoints
+from planner.search.ranking import TIMED_MAX, Ranking
+from planner.seeds import candidates
+from tests.planner.problems import cell, point_problem, random_state
+
+
+def depth(problem, q: np.ndarray) -> float:
+    """How deep the object gets into the arm that stays as it is at the release [m], sampled every 2 ms."""
+    capsules = arm_capsules(problem.cell.robot)
+    ends = capsule_endpoints(problem.cell.robot, capsules, q, problem.cell.X_WB)
+    t = np.arange(0.002, 2.0, 0.002)[:, None]
+    x = problem.release.p_WT + problem.release.v_WT * t - 0.5 * 9.81 * t**2 * np.array([0.0, 0.0, 1.0])
+    x = x[: int(np.argmax((x[:, 2] < problem.cell.object.radius_m) & (np.gradient(x[:, 2]) < 0.0)))]
+    gaps = []
+    for (p0, p1), capsule in zip(ends, capsules, strict=True):
+        share = np.clip((x - p0) @ (p1 - p0) / max((p1 - p0) @ (p1 - p0), 1e-12), 0.0, 1.0)
+        gap = np.linalg.norm(x - p0 - share[:, None] * (p1 - p0), axis=1)
+        gaps.append(gap.min(initial=np.inf) - capsule.radius_m - problem.cell.object.radius_m)
+    return -min(gaps)
+
+
+def test_a_points_postures_out_of_the_flights_way_come_first() -> None:
+    rng, here, moved = np.random.default_rng(8), cell(), 0
+    for _ in range(40):
+        problem = point_problem(here, *random_state(here, rng))
+        try:
+            found = candidates(problem)
+        except Infeasible:
+            continue
+        ranking = Ranking(problem, found)[:TIMED_MAX]
+        depths = [depth(problem, ranked.candidate.q) for ranked in ranking]
+        if depths[0] > 0.01:
+            assert min(depths) > -0.005
+        moved += min(depths) < -0.005 and max(depths) > 0.01
+    assert moved >= 3
