@@ -79,8 +79,12 @@ class Seed:
     initial_guess: InitialGuess | None = None
 
 
-def candidates(problem: ThrowProblem) -> list[Candidate]:
+def candidates(problem: ThrowProblem, wide: bool = True) -> list[Candidate]:
     """Returns the release states that keep every limit themselves, by ascending lower bound on the launch time.
+
+    Args:
+        problem: the problem.
+        wide: whether more postures are drawn for a target that none of the first throws to.
 
     Raises:
         Infeasible: there is none; the violations give the reason.
@@ -94,7 +98,7 @@ def candidates(problem: ThrowProblem) -> list[Candidate]:
     elif isinstance(release, PointRelease):
         q, qd = point_states(problem, release)
     else:
-        q, qd = target_states(problem, release)
+        q, qd = target_states(problem, release, wide)
     return _usable(problem, q, qd)
 
 

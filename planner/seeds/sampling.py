@@ -93,7 +93,7 @@ def _postures_in(problem: ThrowProblem, p_WT: Array, orientations: int) -> Array
     return q[singularity_distances(cell.robot, q).minimum >= problem.limits.singularity_distance_min]
 
 
-def target_states(problem: ThrowProblem, release: TargetRelease) -> tuple[Array, Array]:
+def target_states(problem: ThrowProblem, release: TargetRelease, wide: bool = True) -> tuple[Array, Array]:
     """Returns joint states (n, 6) whose free flight hits the target within the requested bounds.
 
     Raises:
@@ -104,10 +104,11 @@ def target_states(problem: ThrowProblem, release: TargetRelease) -> tuple[Array,
         return _flights(problem, release, q, np.broadcast_to(release.release_position, (len(q), 3)))
     try:
         q, qd = _thrown_from(problem, release, POSTURES)
-        if np.any(np.all(np.abs(qd) <= problem.limits.qd_max, axis=1)):
+        if not wide or np.any(np.all(np.abs(qd) <= problem.limits.qd_max, axis=1)):
             return q, qd
     except Infeasible:
-        pass
+        if not wide:
+            raise
     return _thrown_from(problem, release, MORE_POSTURES)
 
 

@@ -53,6 +53,7 @@ def test_no_random_throw_within_reach_is_slower_than_the_bound():
 
 def test_nothing_that_was_certified_is_called_impossible():
     for known, motion in feasible_states(cell(), 30, seed=8):
+        assert isinstance(known.release, JointRelease)
         X_WT, V_WT = tool_state(cell(), known.release.q, known.release.qd)
         for release in (known.release, PoseRelease(X_WT, V_WT), PointRelease(X_WT[:3, 3], V_WT[:3])):
             assert proven_violations(replace(known, release=release)) == []
