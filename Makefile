@@ -62,7 +62,7 @@ $(VENV)/run.stamp: requirements/run.txt pyproject.toml | $(VENV)/bin/python
 	$(PIP) install --quiet --no-deps --no-build-isolation --editable .
 	touch $@
 
-$(VENV)/warm.stamp: $(VENV)/run.stamp $(wildcard planner/backends/casadi_nlp/*.py)
+$(VENV)/warm.stamp: $(VENV)/run.stamp $(wildcard planner/backends/casadi_nlp/*.py planner/kernel/*.py planner/kernel/*.c)
 	$(BIN)/fling warm
 	touch $@
 

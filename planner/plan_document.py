@@ -48,6 +48,7 @@ def plan_document(plan: Plan, request: Mapping[str, Any], plan_id: str, created_
         "release_time_s": trajectory.release_time_s,
         "release": _release(plan.problem, trajectory),
         "flight": _flight(plan.problem, trajectory),
+        "way_home": {"duration_s": plan.way_home.duration_s},
         "trajectory": _samples(cell, trajectory),
         "certificate": {
             "valid": plan.certificate.valid,

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from planner.approach import Approach
 from planner.certificate import Certificate
-from planner.errors import Infeasible, Violation
+from planner.errors import Infeasible, SolverFailed, Violation
 from planner.problem import ThrowProblem
 from planner.request import request_document
 from planner.search import (
@@ -16,12 +17,14 @@ from planner.search import (
     Attempt,
     CertifiedSolution,
     PlanningSearch,
+    best_with_way_home,
     load_libraries,
     nearest_problem,
     of_candidates,
     refuse_impossible,
     search_optimised,
     search_sequential,
+    search_with_stop,
 )
 from planner.seeds import candidates
 from planner.trajectory import Trajectory
@@ -40,6 +43,7 @@ class Plan:
         iterations: of the back end for this motion.
         solve_time_s: duration of the whole search, loading of libraries and solvers excluded [s].
         attempts: log of the search.
+        way_home: certified motion from the plan's end to the cell's home.
     """
 
     problem: ThrowProblem
@@ -50,6 +54,7 @@ class Plan:
     iterations: int
     solve_time_s: float
     attempts: tuple[Attempt, ...]
+    way_home: Approach
 
 
 def plan(problem: ThrowProblem) -> Plan:
@@ -66,7 +71,7 @@ def plan(problem: ThrowProblem) -> Plan:
     load_libraries(problem.backend)
     begun_s = time.perf_counter()
     search = PlanningSearch(problem, begun_s + problem.time_limit_s)
-    best = _best(search)
+    best, way_home = _best(search)
     return Plan(
         problem=problem,
         backend=best.backend,
@@ -76,32 +81,29 @@ def plan(problem: ThrowProblem) -> Plan:
         iterations=best.solution.iterations,
         solve_time_s=time.perf_counter() - begun_s - search.loading_s,
         attempts=tuple(search.attempts),
+        way_home=way_home,
     )
 
 
-def _best(search: PlanningSearch) -> CertifiedSolution:
-    """Returns the answer of a search.
+def _best(search: PlanningSearch) -> tuple[CertifiedSolution, Approach]:
+    """Returns the answer of a search: its best motion from whose end there is a way home, and that way.
 
     Raises:
         Infeasible, SolverFailed: there is none; with the nearest feasible request.
     """
     try:
         _run(search)
-    except Infeasible as refusal:
+        return best_with_way_home(search)
+    except (Infeasible, SolverFailed) as refusal:
         refusal.nearest = _nearest(search, refusal.violations)
         raise
-    if search.answer is None:
-        failure = search.failure()
-        failure.nearest = _nearest(search, failure.violations)
-        raise failure
-    return search.answer
 
 
 def _run(search: PlanningSearch) -> None:
     """Searches for a motion.
 
     Raises:
-        Infeasible: there is nothing to search from.
+        Infeasible, SolverFailed: there is none.
     """
     problem = search.problem
     refuse_impossible(problem)
@@ -113,6 +115,10 @@ def _run(search: PlanningSearch) -> None:
         search_sequential(search, problem.backend, found)
     else:
         search_optimised(search, found)
+    if search.answer is None and problem.backend == "auto":
+        search_with_stop(search, found)
+    if search.answer is None:
+        raise search.failure()
 
 
 def _nearest(search: PlanningSearch, violations: Sequence[Violation]) -> dict[str, Any] | None:

@@ -100,6 +100,7 @@ class ThrowProblem:
         landing_tolerance_m: landing error allowed in the window [m]; 0: only the nominal release counts.
         backend: one of `BACKENDS`.
         time_limit_s: time limit of the search [s].
+        holds_object: whether the object is in the tool until the release; False for a way home after a throw.
 
     Raises:
         InvalidProblem: every field that contradicts another field or the cell.
@@ -113,6 +114,7 @@ class ThrowProblem:
     landing_tolerance_m: float = 0.0
     backend: str = "auto"
     time_limit_s: float = TIME_LIMIT_S
+    holds_object: bool = True
 
     def __post_init__(self) -> None:
         errors, release = _start_errors(self.start, self.limits), self.release

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from api.cli.summary import plan_text
+
 if TYPE_CHECKING:
     from api.planning import Planned
 
@@ -20,8 +22,8 @@ if TYPE_CHECKING:
 def plan(file: Path, cells: Path | None, cell: str | None) -> None:
     """Plan the request in FILE (JSON as for POST /plan; - reads standard input) and write the plan to standard output.
 
-    With the problem (JSON) on standard error, the exit status is 2 for an infeasible request, 3 where its time limit
-    ended the search, 1 for an invalid one.
+    Standard error has a summary; or the problem (JSON), with exit status 2 for an infeasible request, 3 where its time
+    limit ended the search, 1 for an invalid one.
     """
     from api.cli.exit_status import exit_status
     from api.http import ProblemDetails, problem_document, translate
@@ -29,12 +31,14 @@ def plan(file: Path, cells: Path | None, cell: str | None) -> None:
 
     try:
         planned = _plan(_read(file), cells, cell)
-        click.echo(planned.document.decode())
-        _note_uncompiled(planned.summary)
     except (ProblemDetails, PlannerError) as error:
         problem = translate(error)
         click.echo(json.dumps(problem_document(problem, str(file)), indent=2), err=True)
         sys.exit(exit_status(problem.name))
+    document = planned.document.decode()
+    click.echo(document)
+    click.echo(plan_text(json.loads(document)), err=True)
+    _note_uncompiled(planned.summary)
 
 
 @click.command()

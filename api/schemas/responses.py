@@ -111,6 +111,12 @@ class SolverAnswer(BaseModel):
     attempts: list[dict[str, Any]] = Field(description="Every attempt: backend, result, duration_s [s].")
 
 
+class WayHomeAnswer(BaseModel):
+    """A certified motion from the plan's end to the cell's home, at the pace of an approach."""
+
+    duration_s: float = Field(description="[s]; 0 where the plan ends at home.")
+
+
 class PlanSummary(BaseModel):
     """A plan without its trajectory."""
 
@@ -125,6 +131,7 @@ class PlanSummary(BaseModel):
     release_time_s: float = Field(description="[s]")
     release: ReleaseState
     flight: FlightAnswer | None = Field(description="null for a move that ends at rest.")
+    way_home: WayHomeAnswer | None = Field(None, description="Plans of earlier versions have none.")
     certificate: CertificateAnswer
     solver: SolverAnswer
 

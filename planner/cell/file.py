@@ -11,6 +11,7 @@ import math
 import re
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -133,8 +134,10 @@ def parse_cell(text: bytes | str, name: str) -> Cell:
 
 
 def _cell(document: dict[str, Any], name: str, sha256: str) -> Cell:
-    arm = _robot(document)
+    arm, safety = _robot(document), _safety(document["safety"])
     limits = _limits(document["limits"], arm)
+    if safety.tool_speed_m_s is not None:
+        limits = replace(limits, tcp_speed_max=min(limits.tcp_speed_max, safety.tool_speed_m_s))
     home = vector(document, "home_rad", "", 6)
     for i in range(6):
         if not limits.q_lower[i] <= home[i] <= limits.q_upper[i]:
@@ -151,7 +154,7 @@ def _cell(document: dict[str, Any], name: str, sha256: str) -> Cell:
         surroundings=_surroundings(document["surroundings"]),
         object=_object(document["object"]),
         gripper=_gripper(document["gripper"]),
-        safety=_safety(document["safety"]),
+        safety=safety,
         timing=Timing(number(document["timing"], "lag_s", "timing.", 0.0, 0.5)),
         link=_link(document["link"]),
         sim=_sim(document["sim"], arm),

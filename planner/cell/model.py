@@ -44,7 +44,7 @@ class Limits:
         qdd_max: joint accelerations (6,) [rad/s^2].
         jerk_max: joint jerks (6,) [rad/s^3].
         tau_max: joint torques (6,) [N m].
-        tcp_speed_max: speed of the tool centre point [m/s].
+        tcp_speed_max: speed of the tool centre point [m/s], the arm's own tool speed limit included.
         singularity_distance_min: distance to each singularity [-].
     """
 

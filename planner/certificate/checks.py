@@ -9,8 +9,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from planner.certificate import clearance, joints, release, tool, torque
+from planner.certificate import clearance, grip, joints, release, safety_limits, stopping, tool, torque
 from planner.certificate.certificate import Certificate, Check, NotChecked
+from planner.certificate.flight import flight_clearance
 from planner.certificate.samples import MotionSamples
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
@@ -37,10 +38,18 @@ MOTION_CHECKS: tuple[CheckFunction, ...] = (
     clearance.self_collision,
     tool.singularity_distance,
     torque.joint_torque,
+    safety_limits.elbow_speed,
+    safety_limits.linear_momentum,
+    safety_limits.power,
+    stopping.stopping_time,
+    stopping.stopping_distance,
     release.landing_window,
     release.release_position,
     release.release_velocity,
     release.landing,
+    flight_clearance,
+    grip.grip_acceleration,
+    grip.opening_direction,
 )
 
 

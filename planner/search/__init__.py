@@ -6,6 +6,8 @@ from planner.search.nearest import nearest_problem
 from planner.search.policy import POLICY
 from planner.search.proofs import of_candidates, refuse_impossible
 from planner.search.sequential import VARIANTS_BY_BACKEND, load_libraries, search_sequential
+from planner.search.stops import search_with_stop
+from planner.search.way_home import best_with_way_home
 
 __all__ = [
     "NOT_COMPILED",
@@ -14,10 +16,12 @@ __all__ = [
     "Attempt",
     "CertifiedSolution",
     "PlanningSearch",
+    "best_with_way_home",
     "load_libraries",
     "nearest_problem",
     "of_candidates",
     "refuse_impossible",
     "search_optimised",
     "search_sequential",
+    "search_with_stop",
 ]

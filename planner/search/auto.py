@@ -6,18 +6,19 @@ import math
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from itertools import product
+from itertools import islice, product
 
 from planner.backends import casadi_nlp, ruckig_otg
-from planner.backends.casadi_nlp import SolveOptions
-from planner.certificate import Check
+from planner.backends.casadi_nlp import FlightEdge, SolveOptions
+from planner.certificate import Check, flight_obstruction
 from planner.errors import SolverFailed
-from planner.problem import JointRelease, PoseRelease, ThrowProblem
+from planner.problem import JointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.search.incumbent import CertifiedSolution, PlanningSearch, certified
 from planner.search.policy import POLICY, Stage, release_state_given
-from planner.search.ranking import TIMED_MAX, RankedCandidate, Ranking, rank
+from planner.search.ranking import RankedCandidate, Ranking
 from planner.seeds import Candidate, Seed
 from planner.solution import Solution
+from planner.trajectory import Trajectory
 
 IN_HAND_VARIANTS: tuple[ruckig_otg.LaunchVariant, ...] = ("synchronised", "gentle")
 IN_HAND_CANDIDATES = 4  # [-] the soonest ones that Ruckig's motions in hand lead to
@@ -34,10 +35,10 @@ def search_optimised(search: PlanningSearch, candidates: list[Candidate], policy
         candidates: by ascending lower bound on the launch time.
         policy: the stages.
     """
-    ranking = rank(search.problem, candidates)
+    ranking = Ranking(search.problem, candidates)
     with_ruckig = search.problem.backend == "auto"
     if with_ruckig and release_state_given(search, ranking):
-        search.lower_bound_s = _least_release_time(ranking)
+        search.lower_bound_s = _least_release_time(search.problem.dt, ranking)
     optimising = [stage for stage in policy if stage.backend == "casadi"]
     for stage in policy:
         if with_ruckig and stage in optimising[:1]:
@@ -50,20 +51,25 @@ def search_optimised(search: PlanningSearch, candidates: list[Candidate], policy
             break
 
 
-def _least_release_time(ranking: Ranking) -> float:
+def _least_release_time(dt: float, ranking: Ranking) -> float:
     """Returns the first tick at which the slowest joint alone can be at a candidate [s], with slack for rounding."""
-    dt, arrival_s = ranking[0].problem.dt, min(ranked.arrival_s for ranked in ranking[:TIMED_MAX])
+    arrival_s = next(ranking.by_arrival()).arrival_s
     return dt * (math.ceil(arrival_s / dt - TICK_SLACK) + TICK_SLACK) if math.isfinite(arrival_s) else 0.0
 
 
 def _walk(search: PlanningSearch, stage: Stage, ranking: Ranking) -> Iterator[RankedCandidate]:
     """Yields the candidates of a stage while its condition holds."""
-    if stage.order == "arrival":
-        ranking = sorted(ranking[:TIMED_MAX], key=lambda ranked: ranked.arrival_s)
-    for ranked in ranking[stage.candidates]:
-        if search.out_of_time or not stage.condition(search, ranking):
-            return
+    if not _goes_on(search, stage, ranking):
+        return
+    candidates = ranking.by_arrival() if stage.order == "arrival" else ranking
+    for ranked in islice(candidates, stage.candidates.start, stage.candidates.stop):
         yield ranked
+        if not _goes_on(search, stage, ranking):
+            return
+
+
+def _goes_on(search: PlanningSearch, stage: Stage, ranking: Ranking) -> bool:
+    return not (search.is_optimal or search.out_of_time) and stage.condition(search, ranking)
 
 
 def take_in_hand(search: PlanningSearch, ranking: Ranking) -> None:
@@ -73,7 +79,7 @@ def take_in_hand(search: PlanningSearch, ranking: Ranking) -> None:
     hand keep the search from sooner ones: a stage that comes to one of them takes it as it is.
     """
     begun, tried = time.perf_counter(), 0
-    for variant, ranked in product(IN_HAND_VARIANTS, ranking[:IN_HAND_CANDIDATES]):
+    for variant, ranked in product(IN_HAND_VARIANTS, islice(ranking, IN_HAND_CANDIDATES)):
         if search.answer is not None or search.nominal is not None or search.out_of_time:
             break
         certified = _made(search, ranked, variant, math.inf)
@@ -177,7 +183,9 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, wi
     After failed checks it solves again from that motion, with wider margins; where the checks failed between coarse
     stages, from the start on finer stages.
     """
-    first = SolveOptions(deadline_s=search.deadline_s, with_ipopt=with_ipopt)
+    # Only a motion sooner by a tick is an improvement; before there is an optimised one, any is.
+    latest_s = search.release_time_s - search.problem.dt if search.has_certified("casadi") else math.inf
+    first = SolveOptions(deadline_s=search.deadline_s, with_ipopt=with_ipopt, latest_s=latest_s)
     seed, options = ranked.seed, first
     for _ in range(ROUNDS_MAX):
         solution = _solve(search, seed, replace(options, iteration_budget=end - search.iterations))
@@ -187,11 +195,25 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, wi
         if _needs_finer_stages(search.problem, options, certificate.failures):
             seed, options = ranked.seed, replace(first, resolution="fine")
             continue
-        wider = options.margins.widened(certificate.failures, solution)
+        cuts = _flight_cuts(search.problem, certificate.failures, solution.trajectory)
+        wider = options.margins.widened(certificate.failures, solution, cuts)
         if wider is None:
             return False
         seed, options = Seed(ranked.candidate, solution.trajectory), replace(options, margins=wider)
     return False
+
+
+def _flight_cuts(problem: ThrowProblem, failures: Iterable[Check], made: Trajectory) -> tuple[FlightEdge, ...]:
+    """Returns the cuts that keep a throw like a failed one off the arm and the tool, which move with the throw.
+
+    Boxes and a bin's rim have rows of their own. Where the release fixes the flight, cuts would leave no solution.
+    """
+    if not isinstance(problem.release, TargetRelease) or all(check.name != "flight_clearance" for check in failures):
+        return ()
+    met = flight_obstruction(problem, made)
+    if met is None or met.obstacle == "rim" or met.obstacle.startswith("box"):
+        return ()
+    return casadi_nlp.flight_cuts(met.flight_time_s, met.direction, met.offset_m)
 
 
 def _solve(search: PlanningSearch, seed: Seed, options: SolveOptions) -> Solution:

@@ -38,6 +38,7 @@ class PlanningSearch:
         problem: to be solved.
         deadline_s: of the request, on the clock of `time.perf_counter`.
         incumbent: best valid motion so far.
+        certified: every valid motion, in the order in which they were found.
         in_hand: a valid motion from before the optimiser's part, given where the search finds no better one.
         nominal: the soonest motion that fails for its release window alone.
         best_rejected: the rejected motion closest to a valid one, for the refusal.
@@ -50,6 +51,7 @@ class PlanningSearch:
     problem: ThrowProblem
     deadline_s: float
     incumbent: CertifiedSolution | None = None
+    certified: list[CertifiedSolution] = field(default_factory=list)
     in_hand: CertifiedSolution | None = None
     nominal: CertifiedSolution | None = None
     best_rejected: CertifiedSolution | None = None
@@ -95,6 +97,7 @@ class PlanningSearch:
             self.note_rejected(found)
             return
         self._certified_backends.add(found.backend)
+        self.certified.append(found)
         if _sooner(found, self.incumbent):
             self.incumbent = found
 
@@ -105,6 +108,13 @@ class PlanningSearch:
             self.nominal = found
         if self.best_rejected is None or _excess(found.certificate) < _excess(self.best_rejected.certificate):
             self.best_rejected = found
+
+    def by_rank(self) -> list[CertifiedSolution]:
+        """Returns the valid motions, the best first; the one in hand among them."""
+        motions = list(self.certified)
+        if self.in_hand is not None and self.in_hand not in motions:
+            motions.append(self.in_hand)
+        return sorted(motions, key=lambda each: _rank(each.solution.trajectory))
 
     def log_attempt(self, backend: str, result: str, begun_s: float) -> None:
         """Adds an entry to the attempt log for work that began at `begun_s`."""

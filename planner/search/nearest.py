@@ -36,6 +36,8 @@ SLOWER = (0.3, 0.05)  # [-] of the requested speed, tried where no other positio
 POSITION_CONSTRAINTS = {"reach", "joint_position", "floor", "keep_in", "keep_out", "self_collision"}
 UNDER_M = 0.2  # [m] from below the tool at the start, towards the target: an easy throw
 COMFORTABLE_REACH = 0.6  # [-] of the arm's reach: positions there have many postures
+STEPS_OUT, NEAREST_OUT = 24, 8  # distances tried from the base to there; those from a third of it on are targets
+BESIDE_M = 0.05  # [m] between the object and a box that an easy target is in front of
 MOTIONS_MAX, LATE_MOTIONS_MAX = 60, 20  # motions certified, 10 to 20 ms each; after the request's deadline
 CANDIDATES_MAX, FEW_CANDIDATES = 6, 3  # tried for one release, thoroughly or not
 
@@ -64,7 +66,7 @@ class Feasibility:
         """Returns whether a certified motion was found; a thorough search tries more candidates and variants."""
         variants = VARIANTS_BY_BACKEND.get(problem.backend, VARIANTS_BY_BACKEND["ruckig"])[::-1]  # the gentlest first
         try:
-            found = candidates(problem, wide=False)[: CANDIDATES_MAX if thorough else FEW_CANDIDATES]
+            found = candidates(problem, wide=thorough)[: CANDIDATES_MAX if thorough else FEW_CANDIDATES]
         except Infeasible:
             return False
         for solve, candidate in product(variants if thorough else variants[:1], found):
@@ -224,13 +226,29 @@ def _target_between(release: TargetRelease, near: Array, far: Array, share: floa
 
 
 def _comfortable_target(problem: ThrowProblem, direction: Array, height: float) -> Array:
-    """Returns a target (3,) well within reach, in the direction of a position (3,), at a height [m] if reachable."""
+    """Returns a target (3,) well within reach, in the direction of a position (3,), at a height [m] if reachable.
+
+    It is in front of the first keep-out box on the way, if that leaves room.
+    """
     cell = problem.cell
     base, reach = cell.X_WB[:3, 3], COMFORTABLE_REACH * farthest_reach(problem)
     away = direction[:2] - base[:2]
     length = float(np.linalg.norm(away))
     along = away / length if length > 1e-6 else np.array([1.0, 0.0])
-    return np.array([*(base[:2] + along * reach), min(height, base[2] + cell.robot.d[0] + reach)])
+    z = min(height, base[2] + cell.robot.d[0] + reach)
+    distance = np.linspace(0.0, reach, STEPS_OUT + 1)[:, None]
+    p = np.column_stack([base[:2] + distance * along, np.full(len(distance), z)])
+    return p[_unblocked(problem, p)]
+
+
+def _unblocked(problem: ThrowProblem, p: Array) -> int:
+    """Returns the row of `p` (n, 3) before the first one from `NEAREST_OUT` on that a box blocks, or the last."""
+    room = problem.cell.object.radius_m + BESIDE_M
+    blocked = np.zeros(len(p), dtype=bool)
+    for box in problem.cell.surroundings.keep_out:
+        blocked |= np.all((p >= box.lower - room) & (p <= box.upper + room), axis=1)
+    ahead = np.flatnonzero(blocked[NEAREST_OUT:])
+    return NEAREST_OUT + int(ahead[0]) - 1 if len(ahead) and ahead[0] else len(p) - 1
 
 
 def _farthest_throw(problem: ThrowProblem, release: TargetRelease) -> Array:

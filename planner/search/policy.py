@@ -26,7 +26,8 @@ from planner.search.incumbent import PlanningSearch
 from planner.search.ranking import RANKED_MAX, Ranking
 
 SEEDS_MAX = 5  # candidates that are optimised at most
-SLOW = 0.7  # [-] release time over the candidates' least lower bound; nine of ten optimised throws release before
+COMPARED = 3  # candidates of which the soonest throw is taken where the first leads to a slow one
+SLOW = 0.7  # [-] release time over the candidates' least lower bound; those stuck in a local minimum release after it
 SLOW_ROBUST = 0.85  # [-] the same with a release window
 
 Condition = Callable[[PlanningSearch, Ranking], bool]
@@ -63,7 +64,7 @@ def throw_is_slow(search: PlanningSearch, ranking: Ranking) -> bool:
     if none_optimised(search, ranking) or not isinstance(release, TargetRelease):
         return False
     share = SLOW_ROBUST if search.problem.is_robust else SLOW
-    least_s = min(ranked.candidate.bound_s for ranked in ranking[:SEEDS_MAX])
+    least_s = min(ranked.candidate.bound_s for ranked in ranking[:COMPARED])
     return release.release_position is None and search.release_time_s > share * least_s
 
 
@@ -79,7 +80,7 @@ class Stage:
         iterations: solver iterations after which the stage ends ("casadi").
         with_ipopt: whether IPOPT solves where fatrop gives up ("casadi").
         variants: launch variants that are tried ("ruckig").
-        order: of the ranking; "arrival" sorts its first `TIMED_MAX` by the slowest joint's own time.
+        order: of the ranking; "arrival" takes the `TIMED_MAX` of least bound by the slowest joint's own time.
     """
 
     backend: Literal["casadi", "ruckig"]
@@ -96,7 +97,7 @@ class Stage:
 POLICY: tuple[Stage, ...] = (
     Stage("ruckig", "soonest arrivals", slice(0, 2), release_state_given, variants=("free",), order="arrival"),
     Stage("casadi", "soonest seeds", slice(0, 2), none_optimised, iterations=300),
-    Stage("casadi", "further seeds for a slow throw", slice(0, SEEDS_MAX), throw_is_slow, iterations=300),
+    Stage("casadi", "further seeds for a slow throw", slice(0, COMPARED), throw_is_slow, iterations=300),
     Stage("ruckig", "sooner motions", slice(0, 6), always),
     Stage("casadi", "one more seed", slice(2, 3), none_optimised, iterations=200),
     Stage("casadi", "last seeds", slice(3, SEEDS_MAX), no_incumbent, iterations=100),

@@ -14,6 +14,7 @@ from planner.errors import Infeasible, Violation
 from planner.flight import least_speed
 from planner.geometry import body_model, tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.search.released_flight import released_flight_blocked
 
 SLACK = 1e-3  # [m, m/s, rad/s] beyond the certificate's tolerances on release and landing, all below it
 RIM_POINTS = 2048  # [-] places on the rim of the arm's reach from which a target is aimed at
@@ -40,7 +41,8 @@ def proven_violations(problem: ThrowProblem) -> list[Violation]:
         case TargetRelease(release_position=p) as release:
             assert p is not None
             found = _place(problem, p) or _range(problem, release, p)
-    return [replace(violation, proven=True) for violation in found]
+    blocked = released_flight_blocked(problem)
+    return [replace(violation, proven=True) for violation in [*found, *filter(None, [blocked])]]
 
 
 def of_candidates(problem: ThrowProblem, violations: tuple[Violation, ...]) -> tuple[Violation, ...]:

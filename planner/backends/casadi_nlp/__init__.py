@@ -6,17 +6,32 @@ solver and answer. casadi is imported with the first use.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from planner.backends.casadi_nlp.flight_rows import flight_cuts, starts_with_flight
+from planner.backends.casadi_nlp.layout import FlightEdge
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins, too_coarse
 from planner.errors import BackendUnavailable, SolverFailed
+from planner.kernel import compile_kernel
 from planner.problem import ThrowProblem
 from planner.seeds import Seed
 from planner.solution import Solution
 
-__all__ = ["DEFAULT_MARGINS", "Margins", "SolveOptions", "build_solvers", "load", "solve", "too_coarse", "warm"]
+__all__ = [
+    "DEFAULT_MARGINS",
+    "FlightEdge",
+    "Margins",
+    "SolveOptions",
+    "build_solvers",
+    "flight_cuts",
+    "load",
+    "solve",
+    "too_coarse",
+    "warm",
+]
 
 ITERATION_BUDGET = 1000  # [-] the most that one solve took in 947 plans of the benchmark is 260
 
@@ -31,6 +46,7 @@ class SolveOptions:
         iteration_budget: no further solver call begins when the iterations of all calls reach it.
         deadline_s: on `time.perf_counter`; no further solver call begins after it. None for no deadline.
         with_ipopt: whether IPOPT is called where fatrop gives up.
+        latest_s: a motion that releases later than this is of no use; infinite for no such time.
     """
 
     margins: Margins = DEFAULT_MARGINS
@@ -38,6 +54,7 @@ class SolveOptions:
     iteration_budget: int = ITERATION_BUDGET
     deadline_s: float | None = None
     with_ipopt: bool = False
+    latest_s: float = math.inf
 
 
 def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOptions()) -> Solution:
@@ -49,17 +66,19 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
         options: margins, resolution and budgets.
 
     Raises:
-        SolverFailed: no motion was found within the budget.
+        SolverFailed: no motion was found within the budget, or none that releases in time.
         BackendUnavailable: casadi is not installed.
     """
     _require_casadi()
-    from planner.backends.casadi_nlp.answer import KnotStates, answer
+    from planner.backends.casadi_nlp.answer import SPARE_TICKS, KnotStates, answer
     from planner.backends.casadi_nlp.instance import Instance
     from planner.backends.casadi_nlp.solver import Solver
 
     instance = Instance.of(problem, seed, options.margins, options.resolution)
     groups = frozenset(instance.stages.groups) if options.resolution == "fine" else options.margins.held
-    solver = Solver(options.iteration_budget, options.deadline_s, groups, options.with_ipopt)
+    groups |= {"flight"} if starts_with_flight(problem) else set()
+    latest_s = options.latest_s - SPARE_TICKS * problem.dt
+    solver = Solver(options.iteration_budget, options.deadline_s, groups, options.with_ipopt, latest_s)
     if problem.is_robust and options.margins == DEFAULT_MARGINS:  # with others, the initial guess is a solution
         # The throw without a window is a better initial guess; now and then only the other one leads to a solution.
         nominal = replace(problem, release_window_s=0.0, landing_tolerance_m=0.0)
@@ -69,12 +88,13 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
             close = instance.from_guess(found, landing_offsets=0.0)
             return answer(close, solver.solve(close), solver)
         except SolverFailed:
-            pass
+            if solver.is_late:
+                raise
     return answer(instance, solver.solve(instance), solver)
 
 
 def warm(progress: Callable[[str, float], None] = lambda _what, _share: None) -> bool:
-    """Compiles the functions unless that is done, and builds the solvers of this process.
+    """Compiles the functions and the planner's kernel unless that is done, and builds the solvers of this process.
 
     Args:
         progress: called with the current step and the share done so far.
@@ -89,6 +109,7 @@ def warm(progress: Callable[[str, float], None] = lambda _what, _share: None) ->
     from planner.backends.casadi_nlp import codegen
 
     progress("compiling", 0.0)
+    compile_kernel()
     compiled = codegen.compile_blocks() is not None
     build_solvers(lambda share: progress("building solvers", 0.9 + 0.1 * share))
     progress("ready" if compiled else "no compiler: interpreted functions", 1.0)

@@ -10,16 +10,15 @@ import numpy as np
 
 from planner.backends.casadi_nlp.functions import evaluate
 from planner.backends.casadi_nlp.instance import Instance, drag_free_aim, release_parameters
-from planner.backends.casadi_nlp.layout import NZ, QD, QD_SCALE, QDD, TIME, Q, Vector
+from planner.backends.casadi_nlp.layout import NZ, QD, QDD, TIME, Q, Vector
 from planner.backends.casadi_nlp.solver import Solver
-from planner.backends.casadi_nlp.symbols import RELEASE_ROWS
-from planner.backends.casadi_nlp.transcription import SCALES
+from planner.backends.casadi_nlp.symbols import FORMULAS, RELEASE_ROWS
 from planner.errors import SolverFailed
 from planner.flight import landing_points
 from planner.geometry import tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.solution import Solution
-from planner.timing import onto_grid
+from planner.timing import RESERVES, onto_grid
 from planner.trajectory import Trajectory, join
 
 States = Callable[[Vector], tuple[Vector, Vector, Vector]]
@@ -59,8 +58,7 @@ class KnotStates:
 
     @staticmethod
     def of(z: Vector, launch: int) -> KnotStates:
-        """Returns the states of the variables (N + 1, NZ)."""
-        z = z * SCALES
+        """Returns the states of the variables (N + 1, NZ), in SI units."""
         return KnotStates(z[:, TIME], z[:, Q], z[:, QD], z[:, QDD], launch)
 
     @property
@@ -90,7 +88,7 @@ def answer(instance: Instance, z: Vector, solver: Solver) -> Solution:
 
     Args:
         instance: as it was solved.
-        z: variables of the solution (N + 1, NZ).
+        z: variables of the solution (N + 1, NZ), in SI units.
         solver: for further solutions.
 
     Raises:
@@ -114,12 +112,29 @@ def answer(instance: Instance, z: Vector, solver: Solver) -> Solution:
 
 
 def on_ticks(instance: Instance, z: Vector, solver: Solver) -> Solution:
-    """Returns the motion on whole ticks: as solved with a wait at rest, solved again for these times, or longer.
+    """Returns the motion on whole ticks, solved again with a larger reserve in the joint limits where it breaks them.
 
     Raises:
-        SolverFailed: no tried number of ticks keeps the joint limits.
+        SolverFailed: with no reserve does a tried number of ticks keep the joint limits.
     """
-    problem, found, status = instance.problem, KnotStates.of(z, instance.stages.launch), solver.status
+    status = solver.status
+    for reserve in (*RESERVES[1:], None):
+        made = _on_fitting_ticks(instance, z, solver)
+        if made is not None:
+            return Solution(made, status, solver.iterations, solver.groups)
+        if reserve is None:
+            break
+        instance = instance.with_reserve(KnotStates.of(z, instance.stages.launch), reserve)
+        again = solver.try_solve(instance)
+        if again is None:
+            break
+        z, status = again, solver.status
+    raise SolverFailed("the solution does not fit the ticks", solver.iterations)
+
+
+def _on_fitting_ticks(instance: Instance, z: Vector, solver: Solver) -> Trajectory | None:
+    """Returns the motion as solved with a wait at rest, solved again for these times, or longer; None if none fits."""
+    problem, found = instance.problem, KnotStates.of(z, instance.stages.launch)
     brake = least_ticks(found.duration_s - found.release_time_s, problem.dt) if instance.stages.brake else 0
     launch = least_ticks(found.release_time_s, problem.dt)
     made, instance = _through_release(instance, found, (launch, brake))
@@ -129,9 +144,7 @@ def on_ticks(instance: Instance, z: Vector, solver: Solver) -> Solution:
         if _keeps_joint_limits(problem, made):
             break
         made, _ = _through_release(instance, found, (launch + extra, brake + extra * bool(brake)))
-    if not _keeps_joint_limits(problem, made):
-        raise SolverFailed("the solution does not fit the ticks", solver.iterations)
-    return Solution(made, status, solver.iterations, solver.groups)
+    return made if _keeps_joint_limits(problem, made) else None
 
 
 def least_ticks(duration_s: float, dt: float) -> int:
@@ -222,9 +235,10 @@ def refined_release(instance: Instance, state: tuple[Vector, Vector], aim: Vecto
     if isinstance(problem.release, JointRelease | PoseRelease):
         return instance.candidate.q, instance.candidate.qd
     slope = instance.transcription.blocks["release"].slope
-    parameters = np.concatenate([instance.shared_parameters["arm"], release_parameters(problem, aim)])
-    z = np.zeros(NZ)
-    z[Q], z[QD] = state[0], state[1] / QD_SCALE
+    given = {**instance.shared_parameters, "release": release_parameters(problem, aim)}
+    parameters = np.concatenate([given[piece] for piece in FORMULAS["release"].parameters])
+    z, qd_scale = np.zeros(NZ), instance.scales[QD]
+    z[Q], z[QD] = state[0], state[1] / qd_scale
     for _ in range(REFINEMENT_ROUNDS):
         rows, jacobian = evaluate(slope, z, parameters)
         residual, gradient = _release_residual(problem, z, rows.ravel(), jacobian[:, :12])
@@ -233,7 +247,7 @@ def refined_release(instance: Instance, state: tuple[Vector, Vector], aim: Vecto
         if np.abs(residual).max() > MISSED:
             raise SolverFailed("the solution misses its release")
         z[:12] = z[:12] - np.linalg.lstsq(gradient, residual, rcond=None)[0]
-    return z[Q], z[QD] * QD_SCALE
+    return z[Q], z[QD] * qd_scale
 
 
 def _release_residual(problem: ThrowProblem, z: Vector, rows: Vector, jacobian: Vector) -> tuple[Vector, Vector]:

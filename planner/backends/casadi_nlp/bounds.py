@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from planner.backends.casadi_nlp.layout import JERK, NX, NZ, QD, QD_SCALE, QDD, STEP, TIME, Q, Vector
+from planner.backends.casadi_nlp.layout import JERK, NX, NZ, QD, QDD, STEP, TIME, Q, Vector
 from planner.backends.casadi_nlp.margins import LOCAL_CHECKS, LocalMargin
 from planner.backends.casadi_nlp.symbols import RELEASE_ROWS
 from planner.backends.casadi_nlp.transcription import WATCHED_STAGES, Indices, RowIndex
@@ -32,10 +32,11 @@ class Bounds:
     Attributes:
         x: of the variables (2, N + 1, NZ), in SI units; the last stage is padded with a control.
         g: of the rows (2, rows).
+        qd_scale: of the joint velocities in the rows of block "motion" (6,) [rad/s].
     """
 
-    def __init__(self, index: RowIndex) -> None:
-        self.index, self.launch = index, index.stages.launch
+    def __init__(self, index: RowIndex, qd_scale: Vector) -> None:
+        self.index, self.launch, self.qd_scale = index, index.stages.launch, qd_scale
         infinite = np.array([-np.inf, np.inf])
         self.x = np.tile(infinite[:, None, None], (1, len(index.dynamics) + 1, NZ))
         self.g = np.tile(infinite[:, None], (1, index.size))
@@ -58,14 +59,14 @@ class Bounds:
         for k in self.index.knots["motion"]:
             rows = self.index.rows["motion", k]
             middle, velocity = rows[MIDDLE_POSITION], rows[MIDDLE_VELOCITY]
-            self.g[0, velocity], self.g[1, velocity] = -limits.qd_max / QD_SCALE, limits.qd_max / QD_SCALE
+            self.g[0, velocity], self.g[1, velocity] = -limits.qd_max / self.qd_scale, limits.qd_max / self.qd_scale
             self.g[0, middle], self.g[1, middle] = lower, upper
 
     def limit_group(self, group: str, lower: Vector, upper: Vector) -> None:
         """Bounds the rows of a lazy group, at knots and midpoints."""
-        for name in (group, f"{group}_middle"):
-            times = len(self.index.knots[name])
-            self.g[:, self.index.rows_of[name]] = np.tile(lower, times), np.tile(upper, times)
+        rows = self.index.rows_of_group(group)
+        times = len(rows) // len(lower)
+        self.g[:, rows] = np.tile(lower, times), np.tile(upper, times)
 
     def add_local_margins(self, margins: Iterable[LocalMargin], steps: Vector) -> None:
         """Narrows the bounds at the knots and midpoints close to each margin's time; stages last `steps` (N,) [s]."""
@@ -79,7 +80,7 @@ class Bounds:
     def _add_local_margin(self, margin: LocalMargin, stage: float) -> None:
         check = LOCAL_CHECKS[margin.check]
         for name, offset in ((check.group, 0.0), (f"{check.group}_middle", 0.5)):
-            for k in self.index.knots[name]:
+            for k in self.index.knots.get(name, ()):
                 if abs(k + offset - stage) > LOCAL_STAGES:
                     continue
                 rows = self.index.rows[name, k][check.rows]
@@ -104,16 +105,20 @@ class Bounds:
         x[0, -1, NX:], x[1, -1, NX:] = -np.inf, np.inf
 
     def limit_steps(self, steps: Vector) -> None:
-        """Bounds each step around its initial length (N,) [s]; without a release window the watched ones last longer.
-
-        With a window that least duration is rarely needed, and the certificate finds the cases where it is; requiring
-        it always delayed the release by up to 3 %.
-        """
+        """Bounds each step around its initial length (N,) [s]."""
         least, most = (share * steps for share in STEP_SHARES)
-        if not self.index.stages.window:
-            watched = slice(self.launch - WATCHED_STAGES, self.launch)
-            least[watched] = np.minimum(np.maximum(least[watched], WATCHED_S / WATCHED_STAGES), 0.5 * most[watched])
         self.x[0, :-1, STEP], self.x[1, :-1, STEP] = least, most
+
+    def watch_long_enough(self, window_s: float) -> None:
+        """Lengthens the watched stages to what the certificate watches; the window, of `window_s`, is part of that.
+
+        That is rarely needed, and the certificate finds the cases where it is; requiring it always delays throws that
+        take little longer themselves by a fifth.
+        """
+        first = self.launch - self.index.stages.window - WATCHED_STAGES
+        least, most = self.x[:, first : first + WATCHED_STAGES, STEP]
+        required = max(WATCHED_S - window_s, 0.0) / WATCHED_STAGES
+        least[:] = np.minimum(np.maximum(least, required), 0.5 * most)
 
     def fix_times(self, release_s: float, end_s: float) -> None:
         """Fixes the times of the release and of the end."""
@@ -141,7 +146,7 @@ class Bounds:
         so this is stated as an equality, and the inequalities that it implies are freed.
         """
         k, index = self.launch, self.index
-        limit = self.g[1, index.rows["motion", k - 1][MIDDLE_VELOCITY]] * QD_SCALE
+        limit = self.g[1, index.rows["motion", k - 1][MIDDLE_VELOCITY]] * self.qd_scale
         reached = np.abs(qd) >= (1.0 - TOUCHING) * limit
         for stage in {k - 1, k} & set(index.knots["motion"]):
             self._free(index.rows["motion", stage][MIDDLE_VELOCITY][reached])

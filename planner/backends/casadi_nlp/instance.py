@@ -10,12 +10,13 @@ from itertools import combinations
 import numpy as np
 
 from planner.backends.casadi_nlp.bounds import Bounds
+from planner.backends.casadi_nlp.flight_rows import constrains_flight, flight_parameters
 from planner.backends.casadi_nlp.functions import evaluate
-from planner.backends.casadi_nlp.layout import ARM, COST, NZ, RELEASE, STEP, TIME, TIME_SCALE, Vector
+from planner.backends.casadi_nlp.layout import ARM, COST, NZ, QD, RELEASE, STEP, TIME, Vector
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins
-from planner.backends.casadi_nlp.parameters import box_parameters, cell_parameters
-from planner.backends.casadi_nlp.symbols import FORMULAS
-from planner.backends.casadi_nlp.transcription import LAZY_GROUPS, SCALES, StageLayout, Transcription, transcription
+from planner.backends.casadi_nlp.parameters import box_parameters, cell_parameters, scale_parameters, variable_scales
+from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, FORMULAS
+from planner.backends.casadi_nlp.transcription import LAZY_GROUPS, StageLayout, Transcription, transcription
 from planner.cell import Cell, Limits
 from planner.flight import fly
 from planner.geometry import tool_state
@@ -36,6 +37,7 @@ ROOM = {  # [m] added to the clearances at given joint positions: the margins of
     "clearance": [DEFAULT_MARGINS.self_m, DEFAULT_MARGINS.floor_m, DEFAULT_MARGINS.keep_in_m],
     "keep_out": [DEFAULT_MARGINS.box_m],
 }
+USUAL_GROUPS = ("effort", "clearance", "grip", "flight")  # of `LAZY_GROUPS`: without boxes, with a known gripper
 LARGEST_SLOPE_RAD = 1.57  # [rad] elevations beyond have no finite tangent; they are no limits
 
 # Stages in half a release window. One alone releases 2 to 3 % later than four; more than four gain nothing, but in a
@@ -45,14 +47,29 @@ MOST_WINDOW_STAGES, LONG_WINDOW_STAGE_S = 8, 0.00625  # in longer windows; short
 ROUNDING = 1e-9  # [-] of a number of stages
 
 
-def stage_layout(problem: ThrowProblem, resolution: str = "coarse") -> StageLayout:
-    """Returns the stages that a problem needs, with every lazy group of rows that applies to it."""
-    groups = LAZY_GROUPS if problem.cell.surroundings.keep_out else LAZY_GROUPS[:-1]
+def stage_layout(problem: ThrowProblem, resolution: str = "coarse", is_cut: bool = False) -> StageLayout:
+    """Returns the stages that a problem needs, with every lazy group of rows that applies to it.
+
+    Args:
+        problem: the problem.
+        resolution: key of `STAGES`.
+        is_cut: whether the flight is kept off the arm by cuts.
+    """
+    groups = _applicable_groups(problem, is_cut)
     launch, brake = STAGES[resolution]
     if problem.ends_at_rest:
         return StageLayout(launch, 0, 0, groups)
     window = window_stages(problem)
     return StageLayout(launch + window, brake + window, window, groups)
+
+
+def _applicable_groups(problem: ThrowProblem, is_cut: bool) -> tuple[str, ...]:
+    applies = {
+        "keep_out": bool(problem.cell.surroundings.keep_out),
+        "grip": problem.cell.gripper.hold_acceleration_m_s2 is not None and not problem.ends_at_rest,
+        "flight": is_cut or constrains_flight(problem),
+    }
+    return tuple(group for group in LAZY_GROUPS if applies.get(group, True))
 
 
 def window_stages(problem: ThrowProblem) -> int:
@@ -73,13 +90,13 @@ def window_stages(problem: ThrowProblem) -> int:
 
 def common_layouts() -> list[StageLayout]:
     """Returns the layouts whose solvers are built ahead of requests; those with keep-out boxes take a few 10 ms."""
-    groups = LAZY_GROUPS[:-1]
+    groups = USUAL_GROUPS
     subsets = [subset for size in range(len(groups) + 1) for subset in combinations(groups, size)]
     (launch, brake), (fine_launch, fine_brake), n = STAGES["coarse"], STAGES["fine"], USUAL_WINDOW_STAGES
     coarse = ((launch, brake, 0), (launch + n, brake + n, n), (launch, 0, 0))
     fine = ((fine_launch, fine_brake), (fine_launch, 0))
     layouts = [StageLayout(*stages, groups=subset) for stages in coarse for subset in subsets]
-    return layouts + [StageLayout(*stages, groups=groups) for stages in fine]
+    return layouts + [StageLayout(*stages, groups=whole) for stages in fine for whole in (groups[:2], groups)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +110,7 @@ class Instance:
         stages: the layout, with every group of rows that applies.
         limits: of the joints, less what the tick grid needs.
         aim: landing point of the drag-free flight (3,) [m].
-        initial: initial guess of the variables (N + 1, NZ), scaled.
+        initial: initial guess of the variables (N + 1, NZ), in SI units.
         steps: lengths (N,) [s] that the solution's steps are kept close to.
         fixed_times: times of release and end [s], if they are fixed.
         landing_offsets: added to the landing error at each knot of the window (2 n + 1, 2) [m].
@@ -115,7 +132,7 @@ class Instance:
         """Returns the instance of a seed."""
         candidate = seed.candidate
         guess = seed.initial_guess or CubicGuess(problem, candidate)
-        stages = stage_layout(problem, resolution)
+        stages = stage_layout(problem, resolution, bool(margins.cuts))
         limits, aim = grid_limits(problem.reachable, problem.dt), _initial_aim(problem, candidate)
         initial, steps = _variables_along(guess, stages, problem.release_window_s)
         return Instance(problem, candidate, margins, stages, limits, aim, initial, steps)
@@ -125,11 +142,16 @@ class Instance:
         initial, steps = _variables_along(guess, self.stages, self.problem.release_window_s)
         return replace(self, initial=initial, steps=steps, landing_offsets=landing_offsets)
 
+    def with_reserve(self, guess: InitialGuess, reserve: float) -> Instance:
+        """Returns the instance with another reserve for the tick grid, one of `planner.timing.RESERVES`, and guess."""
+        limits = grid_limits(self.problem.reachable, self.problem.dt, reserve)
+        return replace(self.from_guess(guess, self.landing_offsets), limits=limits)
+
     def on_times(self, solution: Vector, release_s: float, end_s: float) -> Instance:
-        """Returns this instance with the solution (N + 1, NZ) as initial guess and its times fixed."""
+        """Returns this instance with the solution (N + 1, NZ), in SI units, as initial guess and its times fixed."""
         initial = solution.copy()
-        initial[-1, TIME] = end_s / TIME_SCALE
-        steps = solution[:-1, STEP] * TIME_SCALE
+        initial[-1, TIME] = end_s
+        steps = solution[:-1, STEP]
         return replace(self, initial=initial, steps=steps, fixed_times=(release_s, end_s))
 
     @property
@@ -141,18 +163,25 @@ class Instance:
     def shared_parameters(self) -> dict[str, Vector]:
         """The parameter vectors of `layout.SHARED`."""
         return {
+            "scales": scale_parameters(self.limits),
             "arm": arm_parameters(self.problem.cell, self.limits, self.margins),
             "release": release_parameters(self.problem, self.aim),
             "boxes": box_parameters(self.problem.cell, self.margins.box_m),
+            "flight": flight_parameters(self.problem, self.candidate, self.margins, self.aim),
         }
+
+    @cached_property
+    def scales(self) -> Vector:
+        """Scales of one stage's variables (NZ,): scaled variables times these are in SI units."""
+        return variable_scales(self.shared_parameters["scales"])
 
     @cached_property
     def arguments(self) -> Arguments:
         """Initial guess, parameters and bounds, by the names of a solver's arguments."""
         bounds, n = self._bounds(), self.transcription.row_index.variables
-        lower, upper = (bounds.x / SCALES).reshape(2, -1)[:, :n]
+        lower, upper = (bounds.x / self.scales).reshape(2, -1)[:, :n]
         return {
-            "x0": self.initial.ravel()[:n],
+            "x0": (self.initial / self.scales).ravel()[:n],
             "p": np.concatenate([*self.shared_parameters.values(), self._costs()]),
             "lbx": lower,
             "ubx": upper,
@@ -161,13 +190,15 @@ class Instance:
         }
 
     def _bounds(self) -> Bounds:
-        problem, margins, bounds = self.problem, self.margins, Bounds(self.transcription.row_index)
+        problem, margins, bounds = self.problem, self.margins, Bounds(self.transcription.row_index, self.scales[QD])
         bounds.limit_joints(self.limits, margins.position_rad, self._given())
         for group, limits in self._group_limits().items():
             bounds.limit_group(group, *limits)
         bounds.add_local_margins(margins.local, self.steps)
         bounds.fix_ends(problem.start)
         bounds.limit_steps(self.steps)
+        if margins.watched:
+            bounds.watch_long_enough(problem.release_window_s if self.stages.window else 0.0)
         if not problem.ends_at_rest:
             distance = margins.singularity * self.limits.singularity_distance_min
             bounds.avoid_singularities(self._singularity_sides(), distance)
@@ -190,6 +221,11 @@ class Instance:
         margins, inf = self.margins, np.inf
         torque = np.full(6, margins.torque)
         limits = {"effort": (np.append(-torque, -inf), np.append(torque, margins.tcp_speed**2))}
+        if "grip" in self.stages.groups:
+            axes = np.full(3, margins.grip)
+            limits["grip"] = np.append(-axes, -inf), np.append(axes, margins.grip**2)
+        if "flight" in self.stages.groups:
+            limits["flight"] = np.zeros(FLIGHT_ROWS.size), np.full(FLIGHT_ROWS.size, inf)
         for group, room in ROOM.items():
             if group in self.stages.groups:
                 limits[group] = self._least_clearances(group, room), np.full(len(room), inf)
@@ -219,7 +255,7 @@ class Instance:
             "time": time if self.fixed_times is None else np.zeros(n),
             "jerk": np.full(n, JERK_WEIGHT / n / 6),
             "step": np.full(n, STEP_WEIGHT / n),
-            "initial_step": self.steps / TIME_SCALE,
+            "initial_step": self.steps / self.scales[STEP],
         }
         return np.stack([weights[name] for name in COST.sizes]).T.ravel()
 
@@ -288,7 +324,7 @@ def _variables_along(guess: InitialGuess, stages: StageLayout, window_s: float) 
     q, qd, qdd = guess.at(t)
     steps = np.diff(t)
     controls = np.column_stack([np.diff(qdd, axis=0) / steps[:, None], steps])
-    return np.column_stack([q, qd, qdd, t, np.pad(controls, ((0, 1), (0, 0)))]) / SCALES, steps
+    return np.column_stack([q, qd, qdd, t, np.pad(controls, ((0, 1), (0, 0)))]), steps
 
 
 class CubicGuess:

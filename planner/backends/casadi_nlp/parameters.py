@@ -8,11 +8,31 @@ import numpy as np
 
 from planner.backends.casadi_nlp import layout
 from planner.backends.casadi_nlp.layout import TOOL_CAPSULES, Vector
-from planner.cell import Cell
+from planner.cell import Cell, Limits
 from planner.geometry import SELF_CLEARANCE_M, arm_capsules, self_collision_pairs
 
 CELLS_KEPT = 32  # cells whose parameters are cached
 UNBOUNDED = 1.0e3  # [m] coordinate of a missing keep-in face
+TIME_SHARE = 0.4  # [-] of the slowest joint's time to full speed: about 0.1 s, the length of two or three stages
+
+
+def scale_parameters(limits: Limits) -> Vector:
+    """Returns the `SCALES` vector: the limits themselves, so that the bounds of every problem are about one."""
+    to_full_speed_s = limits.qd_max / limits.qdd_max + limits.qdd_max / limits.jerk_max
+    return layout.SCALES.pack(
+        {
+            "qd": limits.qd_max,
+            "qdd": limits.qdd_max,
+            "jerk": limits.jerk_max,
+            "time": TIME_SHARE * to_full_speed_s.max(),
+        }
+    )
+
+
+def variable_scales(scales: Vector) -> Vector:
+    """Returns the scales of one stage's variables (NZ,) from a `SCALES` vector: z times these is in SI units."""
+    c = layout.SCALES.split(scales)
+    return np.concatenate([np.ones(6), c["qd"], c["qdd"], c["time"], c["jerk"], c["time"]])
 
 
 @lru_cache(maxsize=CELLS_KEPT)
@@ -34,6 +54,8 @@ def cell_parameters(cell: Cell) -> Vector:
                 "keep_in": np.concatenate([lower, upper]),
                 "floor": cell.surroundings.floor_z_m + cell.surroundings.clearance_m,
                 "self_clearance": SELF_CLEARANCE_M,
+                "grip": grip_parameters(cell),
+                "tool_rotation": cell.tool.X_FT[:3, :3].T,
                 "torque": 0.0,
                 "speed": 0.0,
             }
@@ -55,6 +77,15 @@ def box_parameters(cell: Cell, margin_m: float = 0.0) -> Vector:
 def _read_only(vector: Vector) -> Vector:
     vector.flags.writeable = False
     return vector
+
+
+def grip_parameters(cell: Cell) -> Vector:
+    """Returns what the grip withstands along the tool's axes, and in any direction (4,) [m/s^2]."""
+    held = cell.gripper.hold_acceleration_m_s2
+    limits = np.full(4, layout.UNLIMITED_GRIP)
+    if held is not None:
+        limits[slice(3) if len(held) == 3 else slice(3, 4)] = held
+    return limits
 
 
 def link_parameters(cell: Cell) -> Vector:

@@ -6,6 +6,7 @@ fails less often. What is left out is evaluated afterwards and, where violated, 
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from functools import cache, lru_cache
@@ -16,7 +17,7 @@ import numpy as np
 
 from planner.backends.casadi_nlp.functions import evaluate, first_result
 from planner.backends.casadi_nlp.instance import Arguments, Instance
-from planner.backends.casadi_nlp.layout import NU, NX, NZ, Q, Vector
+from planner.backends.casadi_nlp.layout import NU, NX, NZ, TIME, Q, Vector
 from planner.backends.casadi_nlp.transcription import Indices, StageLayout, transcription
 from planner.errors import SolverFailed
 
@@ -50,41 +51,56 @@ class Solver:
         deadline_s: on `time.perf_counter`; no further call begins after it. None for no deadline.
         groups: rows included so far: of `LAZY_GROUPS`, or `POSITIONS`.
         with_ipopt: whether IPOPT is called where fatrop gives up.
+        latest_s: no further call begins from a solution that releases later than this; infinite for no such time.
         iterations: spent so far.
         status: outcome of the last call.
+        is_late: whether a solution released too late: with more rows, or a window, it would release later still.
     """
 
     def __init__(
-        self, iteration_budget: int, deadline_s: float | None, groups: frozenset[str], with_ipopt: bool
+        self,
+        iteration_budget: int,
+        deadline_s: float | None,
+        groups: frozenset[str],
+        with_ipopt: bool,
+        latest_s: float = math.inf,
     ) -> None:
         self.iteration_budget, self.deadline_s, self.groups = iteration_budget, deadline_s, groups
-        self.with_ipopt = with_ipopt
+        self.with_ipopt, self.latest_s, self.is_late = with_ipopt, latest_s, False
         self.iterations = 0
         self.status = ""
 
     def solve(self, instance: Instance) -> Vector:
-        """Returns the variables (N + 1, NZ) of the solution.
+        """Returns the variables (N + 1, NZ) of the solution, in SI units.
 
         Raises:
             SolverFailed: the solver gave up, or the budget is spent.
         """
         z = self.try_solve(instance)
-        if z is None and self.with_ipopt and not self._is_spent():
-            z = self._call("ipopt", _ipopt(instance.stages), instance.arguments)
+        if z is None and self.with_ipopt and not self.is_late and not self._is_spent():
+            scaled = self._call("ipopt", _ipopt(instance.stages), instance.arguments)
+            z = None if scaled is None else scaled * instance.scales
         if z is None:
             raise SolverFailed(self.status, self.iterations)
         return z
 
     def try_solve(self, instance: Instance) -> Vector | None:
-        """Returns the solution, None where the solver gives up; groups of rows are included as they are violated."""
+        """Returns the solution, in SI units, None where the solver gives up.
+
+        Groups of rows are included as they are violated.
+        """
         arguments = instance.arguments
         while not self._is_spent():
             z = self._without_other_groups(instance, arguments)
             if z is None:
                 return None
+            release_s = float(z[instance.stages.launch, TIME] * instance.scales[TIME])
+            if release_s > self.latest_s:
+                self.is_late, self.status = True, f"releases after {release_s:.3f} s, no sooner than another"
+                return None
             violated = _violated_groups(instance, z) - self.groups
             if not violated:
-                return z
+                return z * instance.scales
             self.groups |= violated
             arguments = {**arguments, "x0": z.ravel()[: len(arguments["x0"])]}
         return None
@@ -140,7 +156,7 @@ def _rows_kept(part: StageLayout, whole: StageLayout) -> Indices:
 @cache
 def _rows_by_group(whole: StageLayout) -> dict[str, Indices]:
     index = transcription(whole).row_index
-    rows = {group: np.concatenate([index.rows_of[group], index.rows_of[f"{group}_middle"]]) for group in whole.groups}
+    rows = {group: index.rows_of_group(group) for group in whole.groups}
     positions = [index.rows["motion", k][NX + 6 :] for k in index.knots["motion"]]
     return {**rows, POSITIONS: np.concatenate(positions)}
 

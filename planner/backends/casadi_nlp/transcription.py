@@ -25,14 +25,10 @@ MX = Any
 Indices = NDArray[np.intp]
 
 WATCHED_STAGES = 3  # stages before the release (or its window) on which singularities are avoided, as on all after it
-LAZY_GROUPS = ("effort", "clearance", "keep_out")  # left out until a solution violates them; each at knots and middles
+# Groups of rows left out until a solution violates them, at knots and (but for the last two) at middles.
+LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight")
 # Parameters p: these, then the costs of every stage.
 ALL_SHARED = layout.VectorLayout({name: piece.size for name, piece in layout.SHARED.items()})
-# Scales of the variables (NZ,): z times these is in SI units.
-SCALES = np.repeat(
-    [1.0, layout.QD_SCALE, layout.QDD_SCALE, layout.TIME_SCALE, layout.JERK_SCALE, layout.TIME_SCALE],
-    [6, 6, 6, 1, 6, 1],
-)
 
 
 @dataclass(frozen=True)
@@ -70,6 +66,8 @@ class StageLayout:
             "singularity": range(first_watched, self.stages + 1),
             "singularity_middle": range(first_watched, self.stages),
             "release": range(self.launch - self.window, self.launch + self.window + 1),
+            "flight": range(self.launch - self.window, self.launch + self.window + 1),
+            "grip": range(1, self.launch + self.window + 1),
         }
         everywhere = range(self.stages) if block.endswith("_middle") else range(1, self.stages + 1)
         return special.get(block, everywhere)
@@ -116,6 +114,10 @@ class RowIndex:
             self.rows[name, k] = np.concatenate([shared, own])
             self.size += len(own)
         self.per_stage.append(self.size - first)
+
+    def rows_of_group(self, group: str) -> Indices:
+        """Returns the rows of a lazy group, at knots and midpoints."""
+        return np.concatenate([rows for name, rows in self.rows_of.items() if name.removesuffix("_middle") == group])
 
     def _all_rows(self, block: str) -> Indices:
         return np.concatenate([np.zeros(0, np.intp), *(rows for (name, _), rows in self.rows.items() if name == block)])

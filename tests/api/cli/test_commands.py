@@ -56,6 +56,7 @@ def test_plan_writes_the_plan(request_file: Path, root: Path):
     plan = json.loads(result.stdout)
     assert plan["certificate"]["valid"] is True
     assert plan["cell"] == "ur5e-sim"
+    assert "checks passed" in result.stderr
 
 
 @pytest.mark.parametrize(

@@ -110,7 +110,7 @@ def test_a_local_margin_applies_to_the_stages_at_its_time() -> None:
     steps = np.array([0.02, 0.02, 0.02, 0.14, 0.1, 0.1])
 
     def raised(phase: float) -> list[int]:
-        bounds = Bounds(index)
+        bounds = Bounds(index, np.ones(6))
         bounds.g[0, index.rows_of["clearance"]] = 0.0
         bounds.add_local_margins([LocalMargin("self_collision", phase, 0.002)], steps)
         return [k for k in index.knots["clearance"] if bounds.g[0, index.rows["clearance", k][0]] > 0.0]

@@ -1,0 +1,29 @@
+"""`python -m benchmarks.consistency --problems 200 --searched 25 --out docs/benchmarks`: runs this part alone."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from benchmarks.consistency.report import consistency_report
+from planner.backends.casadi_nlp import warm
+
+
+def main() -> None:
+    """Runs the comparison and writes `consistency.md`."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--problems", type=int, default=200, help="problems that are loosened")
+    parser.add_argument("--searched", type=int, default=25, help="problems of each set that are searched from 48 seeds")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path, help="folder of the report; default: standard output")
+    given = parser.parse_args()
+    warm()
+    text = consistency_report(given.problems, given.searched, given.seed)
+    if given.out is None:
+        sys.stdout.write(text)
+    else:
+        (given.out / "consistency.md").write_text(text, encoding="utf-8")
+
+
+main()
