@@ -30,7 +30,7 @@ class ProblemAnswer(BaseModel):
     detail: str
     instance: str
     errors: list[FieldReason] | None = Field(None, description="invalid-request: every refused field.")
-    violations: list[dict[str, Any]] | None = Field(None, description="infeasible: constraint, value, limit, unit.")
+    violations: list[dict[str, Any]] | None = Field(None, description="constraint, value, limit, unit, proven.")
     nearest: dict[str, Any] | None = Field(None, description="infeasible: the closest feasible request.")
 
 

@@ -8,7 +8,6 @@ a certified motion.
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
@@ -23,10 +22,8 @@ from planner.errors import Infeasible, SolverFailed, Violation
 from planner.geometry import tool_pose
 from planner.problem import JointRelease, PointRelease, PoseRelease, Release, TargetRelease, ThrowProblem
 from planner.rotations import matrix_to_rotation_vector, pose, rotation_vector_to_matrix
-from planner.search.auto import search_optimised
 from planner.search.feasible_releases import PlacedRelease, feasible_releases, moved, position
-from planner.search.incumbent import CertifiedSolution, PlanningSearch
-from planner.search.policy import Stage, no_incumbent
+from planner.search.incumbent import CertifiedSolution, PlanningSearch, certified
 from planner.search.sequential import VARIANTS_BY_BACKEND, Solve
 from planner.seeds import Candidate, candidates, farthest_reach
 
@@ -42,42 +39,34 @@ COMFORTABLE_REACH = 0.6  # [-] of the arm's reach: positions there have many pos
 STEPS_OUT, NEAREST_OUT = 24, 8  # distances tried from the base to there; those from a third of it on are targets
 BESIDE_M = 0.05  # [m] between the object and a box that an easy target is in front of
 MOTIONS_MAX, LATE_MOTIONS_MAX = 60, 20  # motions certified, 10 to 20 ms each; after the request's deadline
-ITERATIONS_MAX, LATE_ITERATIONS_MAX = 400, 100  # of the optimiser, 3 to 4 ms each; after the request's deadline
 CANDIDATES_MAX, FEW_CANDIDATES = 6, 3  # tried for one release, thoroughly or not
-OPTIMISING = ("auto", "casadi")
-ROBUST_POLICY = (Stage("casadi", "soonest seed", slice(0, 1), no_incumbent, iterations=100),)
-WINDOW_SHARES = (0.85, 0.4)  # [-] of the largest share of a nominal landing, tried with the release window
 
 
 class Feasibility:
-    """Decides whether relaxed problems have a certified motion, on a budget of work.
-
-    Ruckig's motions stand in for the optimiser's. A landing that must hold for a window of releases is left to the
-    optimiser, which is asked once the nominal one is found.
+    """Decides whether relaxed problems have a certified motion, on a budget of work; Ruckig's stand in for others.
 
     Attributes:
         deadline_s: of the request, on the clock of `time.perf_counter`.
         motions: certified so far.
-        iterations: of the optimiser so far.
+        latest: the last one that was valid.
     """
 
     def __init__(self, deadline_s: float) -> None:
         self.deadline_s = deadline_s
-        self.motions = self.iterations = 0
+        self.motions = 0
+        self.latest: CertifiedSolution | None = None
 
     @property
     def exhausted(self) -> bool:
         """Whether the budget is spent."""
         late = time.perf_counter() > self.deadline_s
-        if self.motions >= (LATE_MOTIONS_MAX if late else MOTIONS_MAX):
-            return True
-        return self.iterations >= (LATE_ITERATIONS_MAX if late else ITERATIONS_MAX)
+        return self.motions >= (LATE_MOTIONS_MAX if late else MOTIONS_MAX)
 
     def has_certified_motion(self, problem: ThrowProblem, thorough: bool) -> bool:
         """Returns whether a certified motion was found; a thorough search tries more candidates and variants."""
         variants = VARIANTS_BY_BACKEND.get(problem.backend, VARIANTS_BY_BACKEND["ruckig"])[::-1]  # the gentlest first
         try:
-            found = candidates(problem)[: CANDIDATES_MAX if thorough else FEW_CANDIDATES]
+            found = candidates(problem, wide=thorough)[: CANDIDATES_MAX if thorough else FEW_CANDIDATES]
         except Infeasible:
             return False
         for solve, candidate in product(variants if thorough else variants[:1], found):
@@ -91,69 +80,53 @@ class Feasibility:
         """Returns whether a back end's motion to a candidate is certified."""
         self.motions += 1
         try:
-            return certify(problem, solve(problem, candidate).trajectory).valid
+            found = certified(problem.backend, problem, solve(problem, candidate))
         except SolverFailed:
             return False
-
-    def optimised(self, problem: ThrowProblem) -> bool:
-        """Returns whether the optimiser's motion from the first seed is certified."""
-        search = PlanningSearch(problem, math.inf)
-        search_optimised(search, candidates(problem), ROBUST_POLICY)
-        self.iterations += search.iterations
-        self.deadline_s += search.loading_s
-        return search.incumbent is not None
+        if found.certificate.valid:
+            self.latest = found
+        return found.certificate.valid
 
 
 def nearest_problem(search: PlanningSearch, violations: Iterable[Violation]) -> ThrowProblem | None:
     """Returns the closest problem that has a certified motion; None if none was found.
 
-    Where a motion was found that lacks nothing but the release window, this is the request with that motion's window.
+    A release window is the last thing to be asked for: the motion that was found without it gives its own.
 
     Args:
         search: without an answer.
         violations: of its refusal.
     """
-    if search.nominal is not None:
-        return _with_own_window(search.problem, search.nominal)
     problem, broken = search.problem, {violation.constraint for violation in violations}
-    feasibility, nominal = Feasibility(search.deadline_s), problem
-    if problem.is_robust and problem.backend in OPTIMISING:
-        nominal = replace(problem, release_window_s=0.0)
+    if search.nominal is not None:
+        return _with_own_window(problem, search.nominal)
+    feasibility = Feasibility(search.deadline_s)
+    nominal = replace(problem, release_window_s=0.0) if problem.is_robust else problem
     for relaxation, thorough in _relaxations(problem, broken):
         share = _largest_share(nominal, relaxation, feasibility, thorough)
-        if share is not None:
-            found = replace(nominal, release=relaxation(share))
-            return found if nominal is problem else _with_window(problem, relaxation, share, feasibility) or found
+        if share is not None and feasibility.latest is not None:
+            return _with_own_window(replace(problem, release=relaxation(share)), feasibility.latest)
         if feasibility.exhausted:
             break
     return None
 
 
-def _with_window(
-    problem: ThrowProblem, relaxation: Relaxation, share: float, feasibility: Feasibility
-) -> ThrowProblem | None:
-    """Returns the problem of a smaller share than a nominal one for which the optimiser keeps the release window."""
-    for less in WINDOW_SHARES:
-        closer = replace(problem, release=relaxation(less * share))
-        if not feasibility.exhausted and feasibility.optimised(closer):
-            return closer
-    return None
-
-
 def _with_own_window(problem: ThrowProblem, nominal: CertifiedSolution) -> ThrowProblem:
-    """Returns the problem with the largest window of a motion that fails for its window alone.
+    """Returns the problem with the largest part of its release window that a motion keeps.
 
-    A motion of the optimiser depends on the window that is asked for, so that only its nominal release is sure.
+    The optimiser's motion depends on the window that is asked for, so that only the nominal release is sure of it.
     """
+    if not problem.is_robust:
+        return problem
     motion, found = nominal.solution.trajectory, replace(problem, release_window_s=0.0)
-    if nominal.backend in OPTIMISING:
+    if "casadi" in (problem.backend, nominal.backend):
         return found
-    certified, failed = 0.0, problem.release_window_s
+    kept, failed = 0.0, problem.release_window_s
     for _ in range(BISECTIONS):
-        window_s = (certified + failed) / 2.0
+        window_s = (kept + failed) / 2.0
         narrower = replace(problem, release_window_s=window_s)
         if certify(narrower, motion).valid:
-            certified, found = window_s, narrower
+            kept, found = window_s, narrower
         else:
             failed = window_s
     return found

@@ -112,8 +112,12 @@ class Seed:
     initial_guess: InitialGuess | None = None
 
 
-def candidates(problem: ThrowProblem) -> list[Candidate]:
+def candidates(problem: ThrowProblem, wide: bool = True) -> list[Candidate]:
     """Returns the release states that keep every limit themselves, by ascending lower bound on the launch time.
+
+    Args:
+        problem: the problem.
+        wide: whether more postures are drawn for a target that few of the first throw to.
 
     Raises:
         Infeasible: there is none; the violations give the reason.
@@ -127,16 +131,18 @@ def candidates(problem: ThrowProblem) -> list[Candidate]:
     elif isinstance(release, PointRelease):
         states = _distinct(*point_states(problem, release))
     else:
-        return _target_candidates(problem, release)
+        return _target_candidates(problem, release, wide)
     return _usable(problem, states)
 
 
-def _target_candidates(problem: ThrowProblem, release: TargetRelease) -> list[Candidate]:
+def _target_candidates(problem: ThrowProblem, release: TargetRelease, wide: bool) -> list[Candidate]:
     """Returns the candidates for a target; where obstacles leave too few, from a thorough search.
 
     Raises:
         Infeasible: there are none.
     """
+    if not wide:
+        return _usable(problem, _distinct(*target_states(problem, release, wide=False)))
     try:
         found, refusal = _usable(problem, _distinct(*target_states(problem, release))), None
     except Infeasible as error:

@@ -107,18 +107,21 @@ def _postures_in(problem: ThrowProblem, p_WT: Array, orientations: int) -> Array
     return q[singularity_distances(cell.robot, q).minimum >= problem.limits.singularity_distance_min]
 
 
-def target_states(problem: ThrowProblem, release: TargetRelease, thorough: bool = False) -> tuple[Array, Array]:
+def target_states(
+    problem: ThrowProblem, release: TargetRelease, thorough: bool = False, wide: bool = True
+) -> tuple[Array, Array]:
     """Returns joint states (n, 6) whose free flight hits the target within the requested bounds, clear of obstacles.
 
     Args:
         problem: the problem.
         release: its target.
         thorough: whether to try `MORE_POSTURES`, and leave out those in which the arm is not clear.
+        wide: whether to try as many where no throw from the first is slow enough.
 
     Raises:
         Infeasible: there are none.
     """
-    q, qd = _thrown(problem, release, thorough)
+    q, qd = _thrown(problem, release, thorough, wide)
     if thorough:
         q, qd = _clear_of_obstacles(problem, q, qd)
     q, qd = soonest_nearby(problem, q, qd, partial(_throws_near, problem, release))
@@ -147,7 +150,7 @@ def _throwing(cell: Cell, q: Array, p: Array, singularity_distance_min: float) -
     return _inside(cell, p) & (singularity_distances(cell.robot, q).minimum >= singularity_distance_min)
 
 
-def _thrown(problem: ThrowProblem, release: TargetRelease, thorough: bool) -> tuple[Array, Array]:
+def _thrown(problem: ThrowProblem, release: TargetRelease, thorough: bool, wide: bool) -> tuple[Array, Array]:
     """Returns joint states (n, 6) whose flights hit the target: of many postures where few have none slow enough.
 
     Raises:
@@ -159,10 +162,11 @@ def _thrown(problem: ThrowProblem, release: TargetRelease, thorough: bool) -> tu
     if not thorough:
         try:
             q, qd = _thrown_from(problem, release, thorough=False)
-            if np.any(np.all(np.abs(qd) <= problem.limits.qd_max, axis=1)):
+            if not wide or np.any(np.all(np.abs(qd) <= problem.limits.qd_max, axis=1)):
                 return q, qd
         except Infeasible:
-            pass
+            if not wide:
+                raise
     return _thrown_from(problem, release, thorough=True)
 
 

@@ -86,7 +86,7 @@ def test_a_refusal_offers_something_that_certifies(case):
     assert refusal.value.violations
     assert refusal.value.nearest is not None
     nearest = problem_from_request(refusal.value.nearest, problem.cell)
-    assert nearest.is_robust == problem.is_robust
+    assert nearest.is_robust or not problem.is_robust
     assert plan(nearest).certificate.valid
 
 
