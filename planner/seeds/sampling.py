@@ -27,8 +27,8 @@ MORE_ORIENTATIONS, FEW_POSTURES = 1024, 24  # tried instead where those give few
 POSTURES = 512  # joint states tried for a target
 # [-] of `SPREAD_RAD`: distances from the soonest states at which sooner ones are looked for, in turn. Six dimensions
 # are too many to fill: this brings a target's least lower bound down by a third, twice as many postures by a tenth.
-NEARBY_SHARES = (0.3, 0.12)
-MOVED, NEARBY = 12, 24  # soonest states that this is done for, and postures tried near each
+NEARBY_SHARES = (0.4, 0.2, 0.1)
+MOVED, NEARBY = 12, 12  # soonest states that this is done for, and postures tried near each
 STATES_MAX = 48  # states kept, those of the least lower bound that are apart from one another
 APART_RAD = 0.35  # [rad] least difference of two kept states in some joint
 BATCH = 64  # states compared with one another at once
