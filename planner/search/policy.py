@@ -26,7 +26,6 @@ from planner.search.incumbent import PlanningSearch
 from planner.search.ranking import RANKED_MAX, Ranking
 
 SEEDS_MAX = 5  # candidates that are optimised at most
-COMPARED = 3  # candidates of which the soonest throw is taken where the first leads to a slow one
 SLOW = 0.7  # [-] release time over the candidates' least lower bound; those stuck in a local minimum release after it
 SLOW_ROBUST = 0.85  # [-] the same with a release window
 
@@ -64,7 +63,7 @@ def throw_is_slow(search: PlanningSearch, ranking: Ranking) -> bool:
     if none_optimised(search, ranking) or not isinstance(release, TargetRelease):
         return False
     share = SLOW_ROBUST if search.problem.is_robust else SLOW
-    least_s = min(ranked.candidate.bound_s for ranked in ranking[:COMPARED])
+    least_s = min(ranked.candidate.bound_s for ranked in ranking[:SEEDS_MAX])
     return release.release_position is None and search.release_time_s > share * least_s
 
 
@@ -97,7 +96,7 @@ class Stage:
 POLICY: tuple[Stage, ...] = (
     Stage("ruckig", "soonest arrivals", slice(0, 2), release_state_given, variants=("free",), order="arrival"),
     Stage("casadi", "soonest seeds", slice(0, 2), none_optimised, iterations=300),
-    Stage("casadi", "further seeds for a slow throw", slice(0, COMPARED), throw_is_slow, iterations=300),
+    Stage("casadi", "further seeds for a slow throw", slice(0, SEEDS_MAX), throw_is_slow, iterations=300),
     Stage("ruckig", "sooner motions", slice(0, 6), always),
     Stage("casadi", "one more seed", slice(2, 3), none_optimised, iterations=200),
     Stage("casadi", "last seeds", slice(3, SEEDS_MAX), no_incumbent, iterations=100),

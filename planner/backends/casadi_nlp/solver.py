@@ -89,9 +89,12 @@ class Solver:
 
         Groups of rows are included as they are violated.
         """
-        arguments = instance.arguments
+        arguments, first = instance.arguments, instance.arguments
         while not self._is_spent():
             z = self._without_other_groups(instance, arguments)
+            if z is None and arguments is not first:
+                arguments = first  # the solution with fewer rows was too far from one with more
+                continue
             if z is None:
                 return None
             release_s = float(z[instance.stages.launch, TIME] * instance.scales[TIME])

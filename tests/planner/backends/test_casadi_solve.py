@@ -217,3 +217,15 @@ def test_a_point_released_close_to_the_tool_speed_limit_is_solved_by_the_first_s
     guess = ruckig_otg.solve(problem, candidate).trajectory
     solution = casadi_nlp.solve(problem, Seed(candidate, guess))
     assert solution.status.startswith("fatrop: solved")
+
+
+def test_a_solve_ends_where_its_release_is_of_no_use(cell: Cell) -> None:
+    problem = _problem(cell, TARGET, release_window_s=0.01, landing_tolerance_m=0.01)
+    candidate = candidates(problem)[0]
+    seed = Seed(candidate, ruckig_otg.initial_guess(problem, candidate))
+    made = casadi_nlp.solve(problem, seed)
+    in_time = casadi_nlp.solve(problem, seed, SolveOptions(latest_s=made.trajectory.release_time_s + problem.dt))
+    assert np.array_equal(in_time.trajectory.q, made.trajectory.q)
+    with pytest.raises(SolverFailed, match="no sooner than another") as late:
+        casadi_nlp.solve(problem, seed, SolveOptions(latest_s=0.5 * made.trajectory.release_time_s))
+    assert late.value.iterations < 0.7 * made.iterations  # the throw without a window was enough to see that

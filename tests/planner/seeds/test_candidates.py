@@ -142,3 +142,14 @@ def test_the_same_problem_has_the_same_candidates():
     problem = ThrowProblem(here, here.home, TargetRelease(np.array([1.4, -0.5, 0.1])), here.limits)
     first, second = candidates(problem), candidates(problem)
     assert [c.q.tolist() for c in first] == [c.q.tolist() for c in second]
+
+
+@pytest.mark.parametrize("kind", ["point", "target"])
+def test_candidates_near_the_soonest_are_sooner_still(kind, monkeypatch):
+    here = cell()
+    problem = point_problem(here, *random_state(here, np.random.default_rng(2), 0.6))
+    if kind == "target":
+        problem = replace(problem, release=TargetRelease(np.array([1.4, -0.5, 0.1])))
+    moved = candidates(problem)[0].bound_s
+    monkeypatch.setattr("planner.seeds.sampling._nearby_offsets", tuple)
+    assert moved < 0.99 * candidates(problem)[0].bound_s
