@@ -28,7 +28,7 @@ test-kernels: $(VENV)/dev.stamp $(VENV)/warm.stamp
 	NPY_DISABLE_CPU_FEATURES="X86_V3 X86_V4" GLIBC_TUNABLES=glibc.cpu.hwcaps=-AVX2,-FMA,-AVX512F OPENBLAS_CORETYPE=Prescott \
 		OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -W "ignore:During parsing:ImportWarning" $(COMPUTES)
 	mkdir -p $(KERNELS)
-	printf '#!/bin/sh\nexec gcc -march=x86-64-v3 "$$@"\n' > $(KERNELS)/cc
+	printf '#!/bin/sh\nexec gcc "$$@" -march=x86-64-v3 -ffp-contract=fast\n' > $(KERNELS)/cc
 	chmod +x $(KERNELS)/cc
 	PATH="$(KERNELS):$$PATH" XDG_CACHE_HOME=$(KERNELS) $(BIN)/fling warm
 	PATH="$(KERNELS):$$PATH" XDG_CACHE_HOME=$(KERNELS) $(BIN)/python -m pytest $(COMPUTES)
@@ -41,6 +41,7 @@ check: $(VENV)/dev.stamp
 
 bench: $(VENV)/bench.stamp $(VENV)/warm.stamp  ## writes docs/benchmarks, about ten minutes; SLOW=1 for hours
 	$(BIN)/python -m benchmarks $(if $(SLOW),--slow)
+	$(BIN)/python -m benchmarks.conditions --count $(if $(SLOW),100,5) --out docs/benchmarks
 
 lock:                           ## pin requirements/*.in anew (needs uv)
 	for name in run dev bench; do \
@@ -61,7 +62,7 @@ $(VENV)/run.stamp: requirements/run.txt pyproject.toml | $(VENV)/bin/python
 	$(PIP) install --quiet --no-deps --no-build-isolation --editable .
 	touch $@
 
-$(VENV)/warm.stamp: $(VENV)/run.stamp $(wildcard planner/backends/casadi_nlp/*.py)
+$(VENV)/warm.stamp: $(VENV)/run.stamp $(wildcard planner/backends/casadi_nlp/*.py planner/kernel/*.py planner/kernel/*.c)
 	$(BIN)/fling warm
 	touch $@
 

@@ -15,7 +15,7 @@ from api.cell_repository import CellRepository
 from api.dependencies import Service
 from api.http import SecurityMiddleware, StoredToken, install_error_handlers, openapi_schema, read_tokens
 from api.metrics import Metrics
-from api.planning import PlannerPool, PlanningJob
+from api.planning import PlannerPool, PlanningJob, compile_when_idle
 from api.routes import ROUTERS
 from api.settings import ServiceSettings, is_loopback_host
 from store import Store, StoreError
@@ -51,11 +51,12 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         service = _service(settings, tokens)
         app.state.service = service
-        warm_up = asyncio.create_task(service.pool.warm_up())
+        warm_up = asyncio.create_task(_warm_up(service))
         try:
             yield
         finally:
             warm_up.cancel()
+            await asyncio.gather(warm_up, return_exceptions=True)
             service.pool.close()
             service.store.close()
 
@@ -105,6 +106,13 @@ def _service(settings: ServiceSettings, tokens: tuple[StoredToken, ...]) -> Serv
         logging.getLogger("fling").warning("cell %s is refused: %s", name, reason)
     pool = PlannerPool(settings.planner_workers, settings.planner_queue, _warm_up_job(settings, cells))
     return Service(settings, store, cells, pool, tokens, Metrics(store.execution_counts))
+
+
+async def _warm_up(service: Service) -> None:
+    """Starts the planner processes; compiles the solvers where that is not done, while nothing is executed."""
+    await service.pool.warm_up()
+    if not service.pool.is_compiled and await compile_when_idle(service.is_idle):
+        await service.pool.renew()
 
 
 def _warm_up_job(settings: ServiceSettings, cells: CellRepository) -> PlanningJob | None:

@@ -16,7 +16,7 @@ from api.metrics import Metrics
 from api.planning import PlannerPool
 from api.settings import ServiceSettings
 from planner.cell import Cell
-from store import IdempotencyKey, Store
+from store import IdempotencyKey, Store, StoreUnavailable
 
 KEY_LENGTH_MAX = 255
 LOCAL_CALLER = Caller("local", frozenset({"plan", "operate"}))  # anyone on this machine, if there are no tokens
@@ -33,6 +33,13 @@ class Service:
     pool: PlannerPool
     tokens: tuple[StoredToken, ...]
     metrics: Metrics
+
+    def is_idle(self) -> bool:
+        """Returns whether no cell has an open execution, as far as the store can be asked."""
+        try:
+            return all(self.store.open_execution(name) is None for name in self.cells.names())
+        except StoreUnavailable:
+            return False
 
     def cell(self, name: str) -> Cell:
         """Returns a cell by name.

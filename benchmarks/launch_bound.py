@@ -8,12 +8,12 @@ limits, torques and all coupling of joints are left out, so the result remains a
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import ruckig
 from numpy.typing import NDArray
 
-from planner.backends.ruckig_otg import golden_section
 from planner.problem import JointRelease, PoseRelease, ThrowProblem
 from planner.seeds import candidates
 
@@ -21,6 +21,7 @@ Vector = NDArray[np.float64]
 
 SCAN = 33  # final accelerations, from -max to max
 REFINED = 3  # best scan points, refined between their neighbours
+SHRINK = (5.0**0.5 - 1.0) / 2.0  # [-] of an interval that is left after a section
 SECTIONS = 22  # per interval: 1/16 of the range * 0.618^22 = 2e-6 of it
 
 
@@ -74,7 +75,18 @@ def joint_bound(distance: float, velocity: float, v_max: float, a_max: float, j_
     best = float(times.min())
     for i in np.argsort(times)[:REFINED]:
         for low, high in ((grid[max(i - 1, 0)], grid[i]), (grid[i], grid[min(i + 1, SCAN - 1)])):
-            best = min(best, golden_section(time_with, float(low), float(high), SECTIONS)[0])
+            best = min(best, _valley(time_with, float(low), float(high)))
+    return best
+
+
+def _valley(function: Callable[[float], float], low: float, high: float) -> float:
+    """Returns the least value found by golden sections between `low` and `high`."""
+    best = math.inf
+    for _ in range(SECTIONS):
+        inner = high - SHRINK * (high - low), low + SHRINK * (high - low)
+        left, right = map(function, inner)
+        best = min(best, left, right)
+        low, high = (low, inner[1]) if left <= right else (inner[0], high)
     return best
 
 

@@ -9,14 +9,14 @@ import numpy as np
 
 from executor import records
 from executor import shared_memory as shm
-from executor.preflight import ExecutionRefused, session_refusals, verify_plan
+from executor.preflight import ExecutionRefused, gripper_is_open, session_refusals, verify_plan
 from executor.preparation import prepare_job
-from executor.robot import RobotSession
+from executor.robot import RobotSession, RobotState
 from executor.stream_job import StreamJob
 from executor.streaming.state_checks import EMERGENCY_BITS, NORMAL
 from executor.supervision import StreamRun
-from planner.approach import find_approach
-from planner.certificate import release_flight
+from planner.approach import Approach, find_approach, jog_advice, obstacle_words
+from planner.certificate import Check, release_flight
 from store import ExecutionRow
 
 SAFETY_WAIT_S = 0.2  # [s] after a fault, for a state that is newer than the fault
@@ -58,22 +58,50 @@ class Execution:
         if state is None:
             raise ExecutionRefused("the controller stopped sending its state")
         pace = session.settings.approach_pace
-        approach, obstacle = find_approach(cell, np.array(state.q), self.trajectory.q[0], pace)
-        if approach is None:
-            raise ExecutionRefused(
-                f"no collision-free approach to the plan's start was found; a straight move would hit {obstacle}"
-            )
-        if approach.trajectory is not None:
+        approach, failures = self._approach(state, pace)
+        if not approach.is_straight and approach.trajectory is not None:
             duration_s = approach.trajectory.duration_s
-            self.note(f"planned approach of {duration_s:.1f} s: a straight move would hit {obstacle}")
+            self.note(f"planned approach of {duration_s:.1f} s; a straight move: {obstacle_words(failures)}")
         self.released_before = records.last_release_s(cell.link.host) if cell.link.kind == "sim" else -np.inf
         return prepare_job(self.problem, self.trajectory, approach, self.row.mode, self.row.dry_run, session.settings)
 
+    def _approach(self, state: RobotState, pace: float) -> tuple[Approach, tuple[Check, ...]]:
+        """Returns the approach, and the checks that a straight move fails.
+
+        The tool may hold an object. If its gripper is open it is empty, as the plan before left it: then a way without
+        the object's clearance will do.
+
+        Raises:
+            ExecutionRefused: there is none; with what is too close, and how to jog the arm.
+        """
+        cell, now = self.session.cell, np.array(state.q)
+        goal, carried = self.trajectory.q[0], True
+        approach, failures = find_approach(cell, now, goal, pace)
+        if approach is None and gripper_is_open(cell, state):
+            carried = False
+            approach, failures = find_approach(cell, now, goal, pace, carried)
+        if approach is not None:
+            return approach, failures
+        reason = f"no certified approach to the plan's start was found; a straight move: {obstacle_words(failures)}"
+        raise ExecutionRefused("; ".join(filter(None, [reason, jog_advice(cell, now, carried)])))
+
     def start(self, job: StreamJob) -> None:
-        """Starts the streaming process."""
+        """Starts the streaming process; in a simulated cell the plan's bin is put into its place before.
+
+        Raises:
+            ExecutionRefused: the simulated controller refuses the bin.
+        """
+        if self.session.cell.link.kind == "sim":
+            self._place_bin()
         settings = self.session.settings
         self.run = StreamRun(job, settings.data / "streaming.log", settings.keep_awake)
         self.run.start()
+
+    def _place_bin(self) -> None:
+        try:
+            records.place_bin(self.session.cell.link.host, self.problem)
+        except ValueError as error:
+            raise ExecutionRefused(f"the simulated controller refuses the plan's bin: {error}") from error
 
     def state(self) -> str:
         """Returns the public state of the execution."""

@@ -9,7 +9,7 @@ import orjson
 from numpy.typing import NDArray
 
 from executor.robot import RobotSession, RobotState
-from executor.streaming.state_checks import NORMAL, SAFETY_WORDS
+from executor.streaming.state_checks import NORMAL, OUTPUT_SHIFT, SAFETY_WORDS
 from planner.cell import Cell
 from planner.certificate import certify
 from planner.errors import PlannerError
@@ -62,6 +62,12 @@ def verify_plan(document: bytes, cell: Cell) -> tuple[ThrowProblem, Trajectory]:
         names = ", ".join(f"{c.name} ({c.value:.4g} against {c.limit:.4g} {c.unit})" for c in certificate.failures)
         raise ExecutionRefused(f"the certificate made again does not hold: {names}")
     return problem, trajectory
+
+
+def gripper_is_open(cell: Cell, state: RobotState) -> bool:
+    """Returns whether the gripper's output is at the level that opens it."""
+    bit = OUTPUT_SHIFT[cell.gripper.output] + cell.gripper.index
+    return bool(state.outputs >> bit & 1) == cell.gripper.open_level
 
 
 def session_refusals(session: RobotSession) -> list[str]:

@@ -84,7 +84,7 @@ def prepare_job(
     cell, dt = problem.cell, 1.0 / problem.cell.robot.sample_rate_hz
     rows, plan_brakes = _sample(problem, trajectory)
     approach_rows = None
-    if approach.problem is not None and approach.trajectory is not None:
+    if approach.problem is not None and approach.trajectory is not None and not approach.is_straight:
         sampled = _sample(approach.problem, approach.trajectory, APPROACH_BRAKE_EVERY)
         approach_rows = JobRows(**_streamed(*sampled))
     return StreamJob(

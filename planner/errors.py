@@ -6,8 +6,8 @@
     ├── UnknownRobot         there is no arm of this name
     ├── CellError            a cell file is refused: field, value, reason
     ├── InvalidProblem       a request is refused: every wrong field with its reason
-    ├── Infeasible           no motion exists: the violated constraints, and the nearest feasible request
-    ├── SolverFailed         no answer within the time limit: status, iterations, attempts
+    ├── Infeasible           no motion was found: the violated constraints, proven or not, and the nearest request
+    ├── SolverFailed         a solver gave up, or the time limit ended the search: status, what was found so far
     └── BackendUnavailable   an optional back end is not installed: the extra to install
 """
 
@@ -16,6 +16,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+TIME_LIMIT = "time_limit"  # status of a search that the request's time limit ended
 
 
 class PlannerError(Exception):
@@ -97,6 +99,7 @@ class Violation:
         unit: of both.
         at_s: time on the trajectory [s], None where there is no such time.
         detail: joint, pair of links or box concerned, in words.
+        proven: whether no motion can avoid it; otherwise motions without it were searched for in vain.
     """
 
     constraint: str
@@ -105,6 +108,7 @@ class Violation:
     unit: str
     at_s: float | None = None
     detail: str = ""
+    proven: bool = False
 
     def __str__(self) -> str:
         when = "" if self.at_s is None else f" at {self.at_s:.3f} s"
@@ -113,10 +117,10 @@ class Violation:
 
 
 class Infeasible(PlannerError):
-    """No motion satisfies the problem.
+    """No motion satisfies the problem, or the search for one ran to its end in vain.
 
     Attributes:
-        violations: the constraints that rule it out.
+        violations: the constraints in the way, each proven or only not avoided by what was tried.
         nearest: the closest request with a certified plan, in the shape of `POST /plan`, or None.
         attempts: log of the search.
     """
@@ -134,19 +138,30 @@ class Infeasible(PlannerError):
 
 
 class SolverFailed(PlannerError):
-    """A solver gave up without deciding whether the problem is feasible.
+    """A solver gave up, or the request's time limit ended the search, before feasibility was decided.
 
     Attributes:
-        status: the solver's own status, in words.
+        status: of the solver, or `TIME_LIMIT`.
         iterations: of the solver.
         attempts: log of the search.
+        violations: those of the best motion so far; none is proven.
+        nearest: the closest request with a certified plan, in the shape of `POST /plan`, or None.
     """
 
-    def __init__(self, status: str, iterations: int = 0, attempts: Sequence[Mapping[str, Any]] = ()) -> None:
-        super().__init__(status)
+    def __init__(
+        self,
+        status: str,
+        iterations: int = 0,
+        attempts: Sequence[Mapping[str, Any]] = (),
+        violations: Sequence[Violation] = (),
+        nearest: Mapping[str, Any] | None = None,
+    ) -> None:
+        super().__init__("; ".join([status, *map(str, violations)]))
         self.status = status
         self.iterations = iterations
         self.attempts = tuple(attempts)
+        self.violations = tuple(violations)
+        self.nearest = nearest
 
 
 class BackendUnavailable(PlannerError):

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -40,6 +41,20 @@ class Flight:
     time_of_flight_s: float
     apex_height_m: float
     speed_m_s: float
+
+
+class LandingStates(NamedTuple):
+    """States of n flights at their landing.
+
+    Attributes:
+        p: positions (n, 3) [m].
+        v: velocities (n, 3) [m/s].
+        time_s: times of flight (n,) [s].
+    """
+
+    p: Array
+    v: Array
+    time_s: Array
 
 
 def drag_constant(mass_kg: float, radius_m: float, drag_coefficient: float) -> float:
@@ -74,12 +89,29 @@ def landing_points(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, d
     """
     p, v = np.asarray(p, float), np.asarray(v, float)
     if drag > 0.0:
-        flights = [fly(*release, plane_z, gravity, drag) for release in zip(p, v, strict=True)]
-        return np.array([np.full(3, np.nan) if flight is None else flight.landing_point for flight in flights])
+        return landing_states(p, v, plane_z, gravity, drag).p
     t = time_of_flight(p[..., 2] - plane_z, v[..., 2], gravity)[..., None]
     landed = p + v * t
     landed[..., 2] = np.where(np.isnan(t[..., 0]), np.nan, plane_z)
     return landed
+
+
+def landing_states(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, drag: float = 0.0) -> LandingStates:
+    """Returns where, how fast and when n flights meet the plane z = `plane_z`; NaN where they miss it.
+
+    Args:
+        p: release positions (n, 3) [m].
+        v: release velocities (n, 3) [m/s].
+        plane_z: height of the plane [m].
+        gravity: [m/s^2].
+        drag: k of `drag_constant` [1/m].
+    """
+    p, v = np.asarray(p, float), np.asarray(v, float)
+    if drag > 0.0:
+        return _landing_states_with_drag(np.concatenate([p, v], axis=1), plane_z, gravity, drag)
+    t = time_of_flight(p[:, 2] - plane_z, v[:, 2], gravity)
+    velocity = v - np.array([0.0, 0.0, gravity]) * t[:, None]
+    return LandingStates(landing_points(p, v, plane_z, gravity), velocity, t)
 
 
 def fly(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, drag: float = 0.0) -> Flight | None:
@@ -117,6 +149,22 @@ def path(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float, drag: flo
         state, now = _advance(state, t - now, gravity, drag), float(t)
         rows.append(state[:3])
     return np.array(rows).reshape(-1, 3)
+
+
+def positions_after(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float, drag: float = 0.0) -> Array:
+    """Returns the positions (k, 3) [m] of k flights, each at its own time (k,) [s] after its release.
+
+    Args:
+        p: release positions (k, 3) [m].
+        v: release velocities (k, 3) [m/s].
+        times: [s].
+        gravity: [m/s^2].
+        drag: k of `drag_constant` [1/m].
+    """
+    p, v, times = np.asarray(p, float), np.asarray(v, float), np.asarray(times, float)[:, None]
+    if drag <= 0.0 or times.size == 0:
+        return p + v * times - np.array([0.0, 0.0, 0.5 * gravity]) * times**2
+    return _advance(np.concatenate([p, v], axis=1), times, gravity, drag)[:, :3]
 
 
 def landing_sensitivity(
@@ -252,7 +300,7 @@ def _fly_with_drag(p: Array, v: Array, plane_z: float, gravity: float, drag: flo
         if state[5] > 0.0 >= following[5]:
             apex = float(_advance(state, _crossing(state, gravity, drag, 5, 0.0), gravity, drag)[2])
         if following[5] < 0.0 and state[2] >= plane_z > following[2]:
-            rest = _crossing(state, gravity, drag, 2, plane_z)
+            rest = float(_crossing(state, gravity, drag, 2, plane_z))
             landed = _advance(state, rest, gravity, drag)
             point = np.array([landed[0], landed[1], plane_z])
             return Flight(point, landed[3:], t + rest, apex, float(np.linalg.norm(v)))
@@ -262,15 +310,29 @@ def _fly_with_drag(p: Array, v: Array, plane_z: float, gravity: float, drag: flo
     return None
 
 
-def _crossing(state: Array, gravity: float, drag: float, index: int, level: float) -> float:
-    """Returns the time [s] within one step at which component `index` falls through `level`, by bisection."""
-    low, high = 0.0, STEP_S
+def _landing_states_with_drag(state: Array, plane_z: float, gravity: float, drag: float) -> LandingStates:
+    """Returns the landing of flights from states (n, 6), as `_fly_with_drag` finds it, all of them step by step."""
+    before, time_s = np.full(state.shape, np.nan), np.full(len(state), np.nan)
+    flying, t = np.arange(len(state)), 0.0
+    while len(flying) and t < FLIGHT_MAX_S:
+        following = _step(state, STEP_S, gravity, drag)
+        below = (following[:, 5] < 0.0) & (following[:, 2] < plane_z)
+        lands = below & (state[:, 2] >= plane_z)
+        before[flying[lands]], time_s[flying[lands]] = state[lands], t
+        state, flying, t = following[~below], flying[~below], t + STEP_S
+    rest = _crossing(before, gravity, drag, 2, plane_z)
+    landed = _step(before, rest[:, None], gravity, drag)
+    landed[:, 2] = np.where(np.isnan(time_s), np.nan, plane_z)
+    return LandingStates(landed[:, :3], landed[:, 3:], time_s + rest)
+
+
+def _crossing(state: Array, gravity: float, drag: float, index: int, level: float) -> Array:
+    """Returns the times (...,) [s] within one step at which component `index` falls through `level`, by bisection."""
+    low, high = np.zeros(state.shape[:-1]), np.full(state.shape[:-1], STEP_S)
     for _ in range(50):
         middle = 0.5 * (low + high)
-        if _step(state, middle, gravity, drag)[index] > level:
-            low = middle
-        else:
-            high = middle
+        above = _step(state, middle[..., None], gravity, drag)[..., index] > level
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
     return 0.5 * (low + high)
 
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.cell import Cell
-from planner.certificate import landing_errors, release_flight
-from planner.flight import landing_per_release_delay
+from planner.certificate import landing_errors, release_flight, window_landing_points
+from planner.flight import Flight, landing_per_release_delay, path
 from planner.geometry import tool_state
 from planner.kinematics import tcp_acceleration
 from planner.problem import ThrowProblem
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from planner.planning import Plan
 
 
+PATH_STEP_S = 0.02  # [s] between the listed positions of the object in flight
+SHIFT_S = 0.01  # [s] early and late, for which every answer gives the shift of the landing point
 WINDOW_DELAYS_S = (-0.02, -0.01, 0.0, 0.01, 0.02)  # [s] release delays listed for a request without a window
 
 
@@ -46,8 +48,13 @@ def plan_document(plan: Plan, request: Mapping[str, Any], plan_id: str, created_
         "release_time_s": trajectory.release_time_s,
         "release": _release(plan.problem, trajectory),
         "flight": _flight(plan.problem, trajectory),
+        "way_home": {"duration_s": plan.way_home.duration_s},
         "trajectory": _samples(cell, trajectory),
-        "certificate": {"valid": plan.certificate.valid, "checks": [c.__dict__ for c in plan.certificate.checks]},
+        "certificate": {
+            "valid": plan.certificate.valid,
+            "checks": [c.__dict__ for c in plan.certificate.checks],
+            "not_checked": list(plan.certificate.not_checked),
+        },
         "solver": {
             "solve_time_s": plan.solve_time_s,
             "iterations": plan.iterations,
@@ -107,11 +114,31 @@ def _flight(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any] | N
         "apex_height_m": flight.apex_height_m,
         "speed_m_s": flight.speed_m_s,
         "landing_per_release_delay_m_s": drift.tolist() if np.isfinite(drift).all() else None,
+        "landing_shift_10ms_m": _landing_shift(problem, trajectory, flight.landing_point),
+        "object_path": _object_path(problem, trajectory, flight),
+        "release_window_s": w,
+        "landing_tolerance_m": problem.landing_tolerance_m,
         "window": [
             {"delay_s": float(d), "landing_error_m": float(e) if np.isfinite(e) else None}
             for d, e in zip(delays, errors, strict=True)
         ],
     }
+
+
+def _landing_shift(problem: ThrowProblem, trajectory: Trajectory, landing_point: Array) -> dict[str, float | None]:
+    """Returns how far the landing point moves for a release 10 ms early and late [m]; null where it never lands."""
+    delays = np.array([-min(SHIFT_S, trajectory.release_time_s), SHIFT_S])
+    shifts = np.linalg.norm(window_landing_points(problem, trajectory, delays) - landing_point, axis=1)
+    early, late = (float(shift) if np.isfinite(shift) else None for shift in shifts)
+    return {"early": early, "late": late}
+
+
+def _object_path(problem: ThrowProblem, trajectory: Trajectory, flight: Flight) -> list[list[float]]:
+    """Returns the object's positions every 20 ms from the release to the landing [m]."""
+    k, T = trajectory.release_index, flight.time_of_flight_s
+    state = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
+    times = np.append(np.arange(0.0, T, PATH_STEP_S), T)
+    return path(state.p_WT, state.v_WT, times, problem.gravity, problem.drag).tolist()
 
 
 def _landing_drift(problem: ThrowProblem, trajectory: Trajectory) -> Array:

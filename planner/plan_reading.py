@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ def plan_from_document(document: Mapping[str, Any], cell: Cell) -> tuple[ThrowPr
     Raises:
         InvalidProblem: the request does not fit this cell, or the trajectory is malformed.
     """
-    problem = problem_from_request(document["request"], cell)
+    problem = replace(problem_from_request(document["request"], cell), **_window(document))
     samples = document["trajectory"]
     arrays = [np.array(samples[name], float) for name in ("positions", "velocities", "accelerations")]
     try:
@@ -32,3 +33,13 @@ def plan_from_document(document: Mapping[str, Any], cell: Cell) -> tuple[ThrowPr
     except (ValueError, TypeError) as error:
         raise InvalidProblem([FieldError("trajectory", str(error))]) from error
     return problem, trajectory
+
+
+def _window(document: Mapping[str, Any]) -> dict[str, float]:
+    """Returns the window that the plan was made for, which the cell's defaults of today do not change.
+
+    Plans of version 0.1 do not state it: those without one in their request had none.
+    """
+    flight, request = document.get("flight") or {}, document["request"]
+    names = ("release_window_s", "landing_tolerance_m")
+    return {name: float(flight.get(name, request.get(name)) or 0.0) for name in names}

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
+from planner.approach import Approach
 from planner.certificate import Certificate
-from planner.errors import Infeasible
+from planner.errors import Infeasible, SolverFailed, Violation
 from planner.problem import ThrowProblem
 from planner.request import request_document
 from planner.search import (
@@ -14,9 +17,14 @@ from planner.search import (
     Attempt,
     CertifiedSolution,
     PlanningSearch,
-    nearest_release,
+    best_with_way_home,
+    load_libraries,
+    nearest_problem,
+    of_candidates,
+    refuse_impossible,
     search_optimised,
     search_sequential,
+    search_with_stop,
 )
 from planner.seeds import candidates
 from planner.trajectory import Trajectory
@@ -33,8 +41,9 @@ class Plan:
         certificate: of the motion, valid.
         status: final status of the back end, in words.
         iterations: of the back end for this motion.
-        solve_time_s: duration of the whole search [s].
+        solve_time_s: duration of the whole search, loading of libraries and solvers excluded [s].
         attempts: log of the search.
+        way_home: certified motion from the plan's end to the cell's home.
     """
 
     problem: ThrowProblem
@@ -45,23 +54,24 @@ class Plan:
     iterations: int
     solve_time_s: float
     attempts: tuple[Attempt, ...]
+    way_home: Approach
 
 
 def plan(problem: ThrowProblem) -> Plan:
     """Returns the best certified motion for the problem.
 
+    The clock of `time_limit_s` starts once the libraries are loaded, and stands still while solvers are.
+
     Raises:
-        Infeasible: no release state or no certified motion exists; carries the violated constraints and the nearest
-            feasible request.
-        SolverFailed: the budget or the time limit was spent, or the back end gave up, before that was decided.
+        Infeasible: the search for a certified motion ran to its end in vain, or none exists; carries the constraints
+            in the way, each proven or not, and the nearest feasible request.
+        SolverFailed: the time limit ended the search before that; carries the same.
         BackendUnavailable: the requested back end is not installed.
     """
+    load_libraries(problem.backend)
     begun_s = time.perf_counter()
-    deadline_s = begun_s + problem.time_limit_s
-    try:
-        search, best = _search(problem, deadline_s)
-    except Infeasible as refusal:
-        raise _with_nearest(problem, refusal, deadline_s) from None
+    search = PlanningSearch(problem, begun_s + problem.time_limit_s)
+    best, way_home = _best(search)
     return Plan(
         problem=problem,
         backend=best.backend,
@@ -69,29 +79,49 @@ def plan(problem: ThrowProblem) -> Plan:
         certificate=best.certificate,
         status=best.solution.status,
         iterations=best.solution.iterations,
-        solve_time_s=time.perf_counter() - begun_s,
+        solve_time_s=time.perf_counter() - begun_s - search.loading_s,
         attempts=tuple(search.attempts),
+        way_home=way_home,
     )
 
 
-def _search(problem: ThrowProblem, deadline_s: float) -> tuple[PlanningSearch, CertifiedSolution]:
-    """Returns a finished search and its incumbent.
+def _best(search: PlanningSearch) -> tuple[CertifiedSolution, Approach]:
+    """Returns the answer of a search: its best motion from whose end there is a way home, and that way.
 
     Raises:
-        Infeasible, SolverFailed: there is no incumbent.
+        Infeasible, SolverFailed: there is none; with the nearest feasible request.
     """
-    search, found = PlanningSearch(problem, deadline_s), candidates(problem)
+    try:
+        _run(search)
+        return best_with_way_home(search)
+    except (Infeasible, SolverFailed) as refusal:
+        refusal.nearest = _nearest(search, refusal.violations)
+        raise
+
+
+def _run(search: PlanningSearch) -> None:
+    """Searches for a motion.
+
+    Raises:
+        Infeasible, SolverFailed: there is none.
+    """
+    problem = search.problem
+    refuse_impossible(problem)
+    try:
+        found = candidates(problem)
+    except Infeasible as refusal:
+        raise Infeasible(of_candidates(problem, refusal.violations)) from None
     if problem.backend in VARIANTS_BY_BACKEND:
         search_sequential(search, problem.backend, found)
     else:
         search_optimised(search, found)
-    if search.incumbent is None:
+    if search.answer is None and problem.backend == "auto":
+        search_with_stop(search, found)
+    if search.answer is None:
         raise search.failure()
-    return search, search.incumbent
 
 
-def _with_nearest(problem: ThrowProblem, refusal: Infeasible, deadline_s: float) -> Infeasible:
-    """Returns the refusal with the nearest feasible request."""
-    release = nearest_release(problem, refusal.violations, deadline_s)
-    nearest = None if release is None else request_document(problem, release)
-    return Infeasible(refusal.violations, nearest, refusal.attempts)
+def _nearest(search: PlanningSearch, violations: Sequence[Violation]) -> dict[str, Any] | None:
+    """Returns the nearest feasible request, None where none was found."""
+    found = nearest_problem(search, violations)
+    return None if found is None else request_document(found, found.release)

@@ -9,7 +9,7 @@ limit; all refusals are reported together.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,16 @@ import numpy as np
 from planner.arrays import Array, read_only
 from planner.cell import Cell, Limits
 from planner.errors import FieldError, InvalidProblem
-from planner.problem import TIME_LIMIT_S, JointRelease, PointRelease, PoseRelease, Release, TargetRelease, ThrowProblem
+from planner.problem import (
+    TIME_LIMIT_S,
+    JointRelease,
+    Opening,
+    PointRelease,
+    PoseRelease,
+    Release,
+    TargetRelease,
+    ThrowProblem,
+)
 from planner.rotations import matrix_to_quaternion, pose, quaternion_to_matrix, rotation_vector_to_matrix
 
 __all__ = ["problem_from_request", "release_document", "request_document"]
@@ -28,7 +37,9 @@ WINDOW_MAX_S = 0.2  # [s] longest release window
 TOLERANCE_MAX_M = 10.0  # [m] largest landing tolerance
 SPEED_MIN_M_S = 1e-3  # [m/s] lowest bound on the release speed
 JITTER_DEVIATIONS = 3.0  # [-] default half width of the window in standard deviations: 99.7 % of normal delays
-ROBUST_TOLERANCE_M = 0.01  # [m] default landing tolerance for a gripper with jitter
+WINDOW_MIN_S = 0.005  # [s] least default half width: the scatter of a pneumatic or electric gripper; source: contract
+ROBUST_TOLERANCE_M = 0.01  # [m] least default landing tolerance of a target without an opening
+OPENING_MAX_M = 10.0  # [m] largest radius and rim height of a bin; catches typing errors
 LIMIT_FIELDS = {
     "velocity": ("qd_max", "rad/s"),
     "acceleration": ("qdd_max", "rad/s^2"),
@@ -58,6 +69,7 @@ RELEASE_FIELDS = {  # by kind
         "max_elevation_rad",
         "min_horizontal_distance_m",
         "release_position",
+        "opening",
     ),
 }
 
@@ -136,6 +148,8 @@ def _target_document(release: TargetRelease) -> dict[str, Any]:
         document["max_release_speed_m_s"] = release.max_speed_m_s
     if release.release_position is not None:
         document["release_position"] = release.release_position.tolist()
+    if release.opening is not None:
+        document["opening"] = asdict(release.opening)
     return document
 
 
@@ -203,12 +217,20 @@ def _start(request: _Fields, cell: Cell) -> Array:
 
 
 def _window(request: _Fields, release: Release | None, cell: Cell) -> tuple[float, float]:
-    """Returns release window [s] and landing tolerance [m]; robust by default for targets and a gripper with jitter."""
-    jitter = cell.gripper.jitter_s if isinstance(release, TargetRelease) else 0.0
-    default_s = min(JITTER_DEVIATIONS * jitter, WINDOW_MAX_S)
-    default_m = ROBUST_TOLERANCE_M if jitter > 0.0 else 0.0
+    """Returns release window [s] and landing tolerance [m]; a target without them gets the gripper's and its own."""
+    default_s = default_m = 0.0
+    if isinstance(release, TargetRelease):
+        default_s = min(max(JITTER_DEVIATIONS * cell.gripper.jitter_s, WINDOW_MIN_S), WINDOW_MAX_S)
+        default_m = _default_tolerance(release, cell)
     window = request.number("release_window_s", default_s, 0.0, WINDOW_MAX_S)
     return window, request.number("landing_tolerance_m", default_m, 0.0, TOLERANCE_MAX_M)
+
+
+def _default_tolerance(release: TargetRelease, cell: Cell) -> float:
+    """Returns the landing tolerance [m]: the room in the bin's mouth, otherwise the object's radius."""
+    if release.opening is not None:
+        return max(release.opening.radius_m - cell.object.radius_m, 0.0)
+    return max(cell.object.radius_m, ROBUST_TOLERANCE_M)
 
 
 def _limits(request: _Fields, own: Limits) -> Limits:
@@ -308,6 +330,24 @@ def _target_release(release: _Fields, X_WR: Array) -> TargetRelease:
         max_elevation_rad=release.number("max_elevation_rad", half, -half, half),
         min_horizontal_distance_m=release.number("min_horizontal_distance_m", 0.0, 0.0),
         release_position=None if free else _move(X_WR, release.vector("release_position", 3)),
+        opening=_opening(release),
+    )
+
+
+def _opening(release: _Fields) -> Opening | None:
+    """Returns the mouth of the bin around a target, None where there is none."""
+    if release.get("opening") is None:
+        return None
+    if not isinstance(release.get("opening"), Mapping):
+        release.refuse("opening", 'must be {"radius_m", "rim_height_m"}')
+        return None
+    opening = release.nested("opening")
+    opening.refuse_unknown(("radius_m", "rim_height_m"))
+    for key in ("radius_m", "rim_height_m"):
+        if opening.get(key) is None:
+            opening.refuse(key, "is missing")
+    return Opening(
+        opening.number("radius_m", np.inf, 0.0, OPENING_MAX_M), opening.number("rim_height_m", 0.0, 0.0, OPENING_MAX_M)
     )
 
 

@@ -5,6 +5,8 @@ Every function accepts leading dimensions `...`.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -37,6 +39,14 @@ def matrix_to_rotation_vector(R: ArrayLike) -> Array:
     angle = 2.0 * np.arctan2(sine, w)
     # 2 is the limit of angle/sine at no rotation
     return vector * np.divide(angle, sine, out=np.full_like(sine, 2.0), where=sine > 0.0)
+
+
+def angle_between(R_1: Array, R_2: Array) -> float:
+    """Returns the angle [rad] between two rotation matrices (3, 3), exact to rounding unless it is nearly pi.
+
+    |R_1 - R_2| = sqrt(8) sin(angle / 2) in Frobenius' norm.
+    """
+    return 2.0 * math.asin(min(1.0, float(np.linalg.norm(R_1 - R_2)) / math.sqrt(8.0)))
 
 
 def quaternion_to_matrix(quaternion: ArrayLike) -> Array:

@@ -109,3 +109,15 @@ def join(launch: tuple[Array, Array, Array], brake: tuple[Array, Array, Array], 
     """
     arrays = [np.concatenate([head, tail[1:]]) for head, tail in zip(launch, brake, strict=True)]
     return Trajectory(rate, *arrays, release_index=len(launch[0]) - 1)
+
+
+def in_a_row(first: Trajectory, second: Trajectory) -> Trajectory:
+    """Returns two motions as one, without a pause: the second begins at rest where the first ends at rest.
+
+    Raises:
+        ValueError: their sample rates differ.
+    """
+    if first.sample_rate_hz != second.sample_rate_hz:
+        raise ValueError(f"{first.sample_rate_hz:g} Hz and {second.sample_rate_hz:g} Hz are not one sample rate")
+    arrays = [np.concatenate([getattr(first, name), getattr(second, name)[1:]]) for name in ("q", "qd", "qdd")]
+    return Trajectory(first.sample_rate_hz, *arrays, release_index=len(first.q) - 1 + second.release_index)

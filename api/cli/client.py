@@ -11,22 +11,23 @@ from typing import IO, Any, Self
 import click
 import httpx2
 
+from api.cli.exit_status import exit_status
+
 TIMEOUT_S = 150.0  # [s] a plan may take its whole time limit
 PROBLEM_TYPE = "application/problem+json"
 
 
 class ServiceError(click.ClickException):
-    """The service refused a request or cannot be reached; exit status 2 for a status of 400 to 499."""
+    """The service refused a request or cannot be reached; exit status 2 where it is infeasible, 3 where time ended."""
 
     def __init__(self, problem: dict[str, Any]) -> None:
         super().__init__(describe(problem))
         self.problem = problem
 
     def show(self, file: IO[Any] | None = None) -> None:
-        """Writes the problem to standard error and exits with status 2 if the request can be corrected."""
+        """Writes the problem to standard error and exits with the status of its type."""
         super().show(file)
-        if 400 <= int(self.problem.get("status", 0)) < 500:
-            sys.exit(2)
+        sys.exit(exit_status(str(self.problem.get("type", "")).rpartition("/")[2]))
 
 
 class ServiceClient:
@@ -83,13 +84,30 @@ class ServiceClient:
 
 
 def describe(problem: dict[str, Any]) -> str:
-    """Returns a problem as text."""
-    lines = [f"{problem.get('title', 'refused')}: {problem.get('detail', '')}"]
-    violations = problem.get("violations") or ()
-    lines += [f"  {v['constraint']}: {v['value']} against {v['limit']} {v['unit']}" for v in violations]
+    """Returns a problem as text: what stands in the way, a line each, and the nearest request that is feasible."""
+    title, violations = problem.get("title", "refused"), problem.get("violations") or ()
+    lines = [f"{title}:" if violations else f"{title}: {problem.get('detail', '')}"]
+    lines += [f"  {_violation_text(violation)}" for violation in violations]
     if problem.get("nearest"):
-        lines.append(f"  the nearest feasible request: {json.dumps(problem['nearest']['release'])}")
+        lines.append(f"  {_nearest_text(problem['nearest']['release'])}")
     return "\n".join(lines)
+
+
+def _violation_text(violation: dict[str, Any]) -> str:
+    value, limit = (_figure(violation[key]) for key in ("value", "limit"))
+    detail = f" ({violation['detail']})" if violation.get("detail") else ""
+    proven = "; proven: no motion avoids it" if violation.get("proven") else ""
+    return f"{violation['constraint']}: {value} {violation['unit']} against a limit of {limit}{detail}{proven}"
+
+
+def _figure(value: Any) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _nearest_text(release: dict[str, Any]) -> str:
+    if release["kind"] != "target":
+        return f"the nearest feasible release: {json.dumps(release)}"
+    return f"the nearest feasible target: {' '.join(f'{x:.6g}' for x in release['position'])}"
 
 
 def _check(response: httpx2.Response) -> None:

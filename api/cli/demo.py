@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from api.cli.summary import landing_text
+
 if TYPE_CHECKING:
     from api.cli.client import ServiceClient
 
@@ -58,7 +60,7 @@ def _throw(folder: Path, cell: str) -> float:
     """Starts all processes, throws and stops. Returns the landing error [m]; NaN if nothing landed."""
     from api.cli.client import ServiceClient, ServiceError
     from api.cli.processes import ChildFailed, ChildProcesses, start_all
-    from api.cli.throw import landing_text, plan_and_execute
+    from api.cli.throw import plan_and_execute
 
     port, log = _free_port(), folder / "log.txt"
     url = f"http://127.0.0.1:{port}"
@@ -74,17 +76,17 @@ def _throw(folder: Path, cell: str) -> float:
         with ChildProcesses(environment, log) as children, ServiceClient(url) as client:
             start_all(children, folder, cell, url, is_simulated=True)
             request = {"cell": cell, "release": {"kind": "target", "position": list(TARGET_M)}}
-            plan, execution = plan_and_execute(client, request, "speedj", False)
+            _, execution = plan_and_execute(client, request, "speedj", False)
             for _ in range(THROWS_MAX - 1):
                 if execution["outcome"] != "late":
                     break
                 _acknowledge_late(client, cell, execution)
-                plan, execution = plan_and_execute(client, request, "speedj", False)
+                _, execution = plan_and_execute(client, request, "speedj", False)
     except (ChildFailed, ServiceError) as error:
         raise click.ClickException(f"{error}\n{_tail(log)}") from error
     if execution["outcome"] != "completed":
         raise click.ClickException(f"{execution['outcome']}: {execution['reason']}\n{_tail(log)}")
-    click.echo(landing_text(plan, execution))
+    click.echo(landing_text(execution))
     return _landing_error(execution)
 
 

@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-INFEASIBLE = 2  # exit status of an invalid or infeasible request
+from api.cli.summary import plan_text
+
+if TYPE_CHECKING:
+    from api.planning import Planned
 
 
 @click.command()
@@ -19,16 +22,23 @@ INFEASIBLE = 2  # exit status of an invalid or infeasible request
 def plan(file: Path, cells: Path | None, cell: str | None) -> None:
     """Plan the request in FILE (JSON as for POST /plan; - reads standard input) and write the plan to standard output.
 
-    Exit status 2 with the problem (JSON) on standard error if the request is invalid or infeasible.
+    Standard error has a summary; or the problem (JSON), with exit status 2 for an infeasible request, 3 where its time
+    limit ended the search, 1 for an invalid one.
     """
+    from api.cli.exit_status import exit_status
     from api.http import ProblemDetails, problem_document, translate
     from planner.errors import PlannerError
 
     try:
-        click.echo(_plan(_read(file), cells, cell))
+        planned = _plan(_read(file), cells, cell)
     except (ProblemDetails, PlannerError) as error:
-        click.echo(json.dumps(problem_document(translate(error), str(file)), indent=2), err=True)
-        sys.exit(INFEASIBLE)
+        problem = translate(error)
+        click.echo(json.dumps(problem_document(problem, str(file)), indent=2), err=True)
+        sys.exit(exit_status(problem.name))
+    document = planned.document.decode()
+    click.echo(document)
+    click.echo(plan_text(json.loads(document)), err=True)
+    _note_uncompiled(planned.summary)
 
 
 @click.command()
@@ -83,7 +93,7 @@ def _read(file: Path) -> Any:
         raise invalid_field("file", "is not UTF-8") from error
 
 
-def _plan(body: Any, cells: Path | None, cell: str | None) -> str:
+def _plan(body: Any, cells: Path | None, cell: str | None) -> Planned:
     import time
 
     from api.cell_repository import CellRepository
@@ -101,4 +111,12 @@ def _plan(body: Any, cells: Path | None, cell: str | None) -> str:
         raise invalid_field("cell", f"no cell {name!r}; there are {', '.join(repository.names())}")
     request = {**body.model_dump(exclude_none=True), "cell": name}
     job = PlanningJob(new_id(), iso_time(time.time()) or "", name, repository.text(name) or b"", request)
-    return solve(job).document.decode()
+    return solve(job)
+
+
+def _note_uncompiled(summary: bytes) -> None:
+    """Says on standard error where the plan took longer for want of compiled solvers."""
+    from planner.search import NOT_COMPILED
+
+    if any(attempt["result"] == NOT_COMPILED for attempt in json.loads(summary)["solver"]["attempts"]):
+        click.echo(f"fling: {NOT_COMPILED}", err=True)

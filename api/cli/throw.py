@@ -7,7 +7,10 @@ from typing import Any
 
 import click
 
+from api.cli.summary import landing_text, plan_text
+
 DEFAULT_URL = "http://127.0.0.1:8000"
+BIN_HELP = "Throw into a round bin: its inner radius, and the height of its rim above X Y Z, the bottom's centre [m]."
 
 
 def _service_options(command: Any) -> Any:
@@ -29,8 +32,10 @@ def service_url(url: str | None) -> str:
 @click.option("--cell", help="Cell; default: the service's.")
 @click.option("--mode", type=click.Choice(["speedj", "servoj"]), default="speedj", show_default=True)
 @click.option("--dry-run", is_flag=True, help="Everything except motion.")
-@click.option("--window", type=float, help="A release early or late by up to this still lands … [s]")
+@click.option("--window", type=float, help="A release early or late by up to this [s] still lands …")
 @click.option("--tolerance", type=float, help="… within this distance of the target [m].")
+@click.option("--soonest", is_flag=True, help="Release as soon as possible, on time: --window 0.")
+@click.option("--bin", nargs=2, type=float, metavar="RADIUS RIM", help=BIN_HELP)
 @_service_options
 def throw(
     x: float,
@@ -41,21 +46,34 @@ def throw(
     dry_run: bool,
     window: float | None,
     tolerance: float | None,
+    soonest: bool,
+    bin: tuple[float, float] | None,
     url: str | None,
     token: str | None,
 ) -> None:
-    """Plan a throw that lands on X Y Z [m, world frame], execute it, and print where it landed."""
+    """Plan a throw that lands on X Y Z [m, world frame], execute it, and print where it landed.
+
+    By default the object lands near the target also if the gripper opens a little early or late.
+    """
     from api.cli.client import ServiceClient
 
-    request: dict[str, Any] = {"release": {"kind": "target", "position": [x, y, z]}}
+    if soonest and window:
+        raise click.UsageError("--soonest is a window of 0: it does not go together with --window")
+    request: dict[str, Any] = {"release": _target((x, y, z), bin)}
     request |= {"cell": cell} if cell else {}
-    request |= {"release_window_s": window} if window is not None else {}
+    request |= {"release_window_s": 0.0 if soonest else window} if soonest or window is not None else {}
     request |= {"landing_tolerance_m": tolerance} if tolerance is not None else {}
     with ServiceClient(service_url(url), token) as client:
-        plan, execution = plan_and_execute(client, request, mode, dry_run)
+        _, execution = plan_and_execute(client, request, mode, dry_run)
     if execution["outcome"] != "completed":
         raise click.ClickException(f"{execution['outcome']}: {execution['reason'] or 'no reason was given'}")
-    click.echo(landing_text(plan, execution))
+    click.echo(landing_text(execution))
+
+
+def _target(position: tuple[float, float, float], bin: tuple[float, float] | None) -> dict[str, Any]:
+    """Returns the release of a request that hits a point, or the bottom of a bin (inner radius, rim height) [m]."""
+    release: dict[str, Any] = {"kind": "target", "position": list(position)}
+    return release | ({} if bin is None else {"opening": {"radius_m": bin[0], "rim_height_m": bin[1]}})
 
 
 @click.command()
@@ -81,30 +99,3 @@ def plan_and_execute(client: Any, request: dict[str, Any], mode: str, dry_run: b
         if kind == "state":
             click.echo(f"  {data['state']}")
     return plan, client.get(f"/executions/{execution['id']}")
-
-
-def plan_text(plan: dict[str, Any]) -> str:
-    """Returns a summary of a plan in one or two lines."""
-    solver = plan["solver"]
-    text = (
-        f"planned by {plan['backend']} in {1000 * solver['solve_time_s']:.0f} ms: release after "
-        f"{plan['release_time_s']:.3f} s of {plan['duration_s']:.3f} s; "
-        f"{len(plan['certificate']['checks'])} checks passed"
-    )
-    if plan["flight"]:
-        flight = plan["flight"]
-        text += f"\n  leaves at {flight['speed_m_s']:.2f} m/s, flies {flight['time_of_flight_s']:.2f} s"
-    return text
-
-
-def landing_text(plan: dict[str, Any], execution: dict[str, Any]) -> str:
-    """Returns the landing point and the missed ticks of an execution."""
-    metrics = execution["metrics"] or {}
-    text = f"{metrics.get('ticks')} ticks, {metrics.get('missed_ticks')} missed"
-    if metrics.get("release_velocity_error_share") is not None:
-        text += f"; joint velocity at the release within {100 * metrics['release_velocity_error_share']:.2f} %"
-    point, error = metrics.get("landing_point"), metrics.get("landing_error_m")
-    if point is None or error is None:
-        return text + "\nthe landing point is not known"
-    place = ", ".join(f"{value:.4f}" for value in point)
-    return f"{text}\nlanded at ({place}) m, {1000 * error:.1f} mm from where the plan said"

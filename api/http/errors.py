@@ -63,8 +63,9 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "infeasible": ProblemType(
         422,
         "The arm cannot do this",
-        "'violations' lists the violated constraints and by how much; 'nearest' is the closest feasible request, or "
-        "null.",
+        "'violations' lists the constraints in the way and by how much: 'proven' where no motion can avoid them, else "
+        "the search ran to its end without one that does; 'attempts' is what was tried, 'nearest' the closest feasible "
+        "request, or null.",
     ),
     "idempotency-conflict": ProblemType(
         422, "The idempotency key is taken", "An Idempotency-Key belongs to one request body. Use a new key."
@@ -75,8 +76,10 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "internal": ProblemType(500, "A bug in Fling", "The service's log has the details. Please report it."),
     "solver-failed": ProblemType(
         503,
-        "The solver gave up",
-        "It spent its budget of work or 'time_limit_s' without an answer: try another back end.",
+        "The search was ended",
+        "'time_limit_s' ended the search before it was decided whether there is a motion ('solver.status' is "
+        "'time_limit'), or a planner process ended: allow more time. 'violations' are those of the best motion so far, "
+        "'nearest' is the closest feasible request found, or null.",
     ),
     "not-ready": ProblemType(503, "Not ready", "The store cannot be reached, or the planner is still starting."),
 }
@@ -129,14 +132,18 @@ def _from_framework(error: HTTPException) -> ProblemDetails:
 
 
 def _infeasible(error: Infeasible) -> ProblemDetails:
-    violations = [vars(violation) for violation in error.violations]
-    fields = {"violations": violations, "nearest": error.nearest, "attempts": list(error.attempts)}
-    return ProblemDetails("infeasible", str(error), **fields)
+    return ProblemDetails("infeasible", str(error), **_refusal(error))
 
 
 def _solver_failed(error: SolverFailed) -> ProblemDetails:
-    fields = {"solver_status": error.status, "iterations": error.iterations, "attempts": list(error.attempts)}
-    return ProblemDetails("solver-failed", f"the solver gave up: {error.status}", **fields)
+    solver = {"status": error.status, "iterations": error.iterations}
+    return ProblemDetails("solver-failed", f"the search was ended: {error}", solver=solver, **_refusal(error))
+
+
+def _refusal(error: Infeasible | SolverFailed) -> dict[str, Any]:
+    """Returns what both refusals of a planning request carry."""
+    violations = [vars(violation) for violation in error.violations]
+    return {"violations": violations, "nearest": error.nearest, "attempts": list(error.attempts)}
 
 
 FRAMEWORK_ERRORS = {

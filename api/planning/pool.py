@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import math
-import os
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
@@ -18,7 +17,7 @@ from api.planning import worker
 from api.planning.worker import Planned, PlanningJob
 from planner.errors import SolverFailed
 
-GRACE_S = 10.0  # [s] beyond `time_limit_s`: a cold start, the search for the nearest feasible request, a busy machine
+GRACE_S = 20.0  # [s] beyond `time_limit_s`: solver calls under way, the search for the nearest request, a busy machine
 TYPICAL_PLAN_S = 0.5  # [s] duration of a usual plan, for the advice in Retry-After
 TRIES = 2  # a job whose worker was killed is tried once more
 
@@ -44,6 +43,7 @@ class PlannerPool:
     Attributes:
         waiting: Number of requests being planned or queued.
         is_warm: Whether the processes have planned their warm-up job.
+        is_compiled: Whether they solve with compiled functions.
     """
 
     def __init__(
@@ -58,14 +58,21 @@ class PlannerPool:
         self._warm_up_job, self._solve, self._grace_s = warm_up, solve, grace_s
         self._free = asyncio.Semaphore(count)
         self._executor: ProcessPoolExecutor | None = None
+        self._starting = asyncio.Lock()
         self.waiting = 0
         self.is_warm = False
+        self.is_compiled = False
 
     async def warm_up(self) -> None:
         """Starts the processes and waits until they have planned their warm-up job."""
-        loop = asyncio.get_running_loop()
-        await asyncio.gather(*(loop.run_in_executor(self._open(), os.getpid) for _ in range(self._count)))
-        self.is_warm = True
+        await self._ready()
+
+    async def renew(self) -> None:
+        """Replaces the processes once new ones are warm, as after compiling; the old ones finish their jobs."""
+        before = self._executor
+        await self._use(self._new())
+        if before is not None:
+            before.shutdown(wait=False)
 
     async def solve(self, job: PlanningJob, time_limit_s: float) -> Planned:
         """Plans one request.
@@ -90,7 +97,7 @@ class PlannerPool:
 
     async def _run(self, job: PlanningJob, timeout_s: float) -> Planned:
         for _ in range(TRIES):
-            executor = self._open()
+            executor = await self._ready()  # loading takes its time, which is none of the job's
             try:
                 future = asyncio.wrap_future(executor.submit(self._solve, job))
                 return await asyncio.wait_for(future, timeout_s)
@@ -101,11 +108,26 @@ class PlannerPool:
                 raise SolverFailed(f"no answer within {timeout_s:g} s; the planner process was killed") from None
         raise SolverFailed("the planner process died")
 
-    def _open(self) -> ProcessPoolExecutor:
-        if self._executor is None:
-            context = get_context("spawn")  # never fork: this process has threads
-            self._executor = ProcessPoolExecutor(self._count, context, worker.initialise, (self._warm_up_job,))
-        return self._executor
+    async def _ready(self) -> ProcessPoolExecutor:
+        """Returns the processes, loaded; starts them where there are none."""
+        async with self._starting:
+            return self._executor or await self._use(self._new())
+
+    def _new(self) -> ProcessPoolExecutor:
+        context = get_context("spawn")  # never fork: this process has threads
+        return ProcessPoolExecutor(self._count, context, worker.initialise, (self._warm_up_job,))
+
+    async def _use(self, executor: ProcessPoolExecutor) -> ProcessPoolExecutor:
+        """Returns these processes once they are loaded; they are used from now on."""
+        loop = asyncio.get_running_loop()
+        try:
+            loading = [loop.run_in_executor(executor, worker.has_compiled_solvers) for _ in range(self._count)]
+            self.is_compiled = all(await asyncio.gather(*loading))
+        except BaseException:
+            _kill(executor)
+            raise
+        self._executor, self.is_warm = executor, True
+        return executor
 
     def _discard(self, executor: ProcessPoolExecutor) -> None:
         if executor is self._executor:

@@ -56,12 +56,19 @@ def initialise(warm_up: PlanningJob | None) -> None:
     parent = parent_process()
     if parent is not None:
         threading.Thread(target=_exit_with, args=(parent,), daemon=True).start()
-    build_solvers()  # those compiled by `fling warm`, or interpreted ones; never compiles
+    build_solvers()  # compiled ones, or interpreted ones; never compiles
     if warm_up is not None:
         with suppress(PlannerError):  # a refused warm-up has loaded everything up to there
             solve(warm_up)
     gc.collect()
     gc.freeze()  # collections during a plan skip everything loaded so far: saves milliseconds
+
+
+def has_compiled_solvers() -> bool:
+    """Returns whether this process solves with compiled functions."""
+    from planner.backends.casadi_nlp import load
+
+    return load()
 
 
 def solve(job: PlanningJob) -> Planned:

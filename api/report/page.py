@@ -64,13 +64,28 @@ def _facts(plan: Mapping[str, Any]) -> str:
         ("back end", f"{plan['backend']}, {1000 * solver['solve_time_s']:.1f} ms: {solver['status']}"),
         ("release", f"after {plan['release_time_s']:.3f} s of {plan['duration_s']:.3f} s"),
     ]
+    if plan.get("way_home"):
+        facts.append(("way home", f"{plan['way_home']['duration_s']:.1f} s from the plan's end"))
     if flight is not None:
         point = ", ".join(f"{value:.4f}" for value in flight["landing_point"])
         speed_and_time = f"{flight['speed_m_s']:.2f} m/s, {flight['time_of_flight_s']:.3f} s"
         facts.append(("flight", f"{speed_and_time}, lands at ({point}) m"))
+        facts += _release_facts(flight)
     for attempt in solver["attempts"]:
         facts.append((f"tried {attempt['backend']}", f"{attempt['result']} ({1000 * attempt['duration_s']:.0f} ms)"))
     return f"<section><table>{_rows(facts)}</table></section>"
+
+
+def _release_facts(flight: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Returns what the plan holds for a release that is not on time; plans of version 0.1 do not state it."""
+    facts = []
+    if flight.get("release_window_s"):
+        window_ms, tolerance_mm = 1000 * flight["release_window_s"], 1000 * flight["landing_tolerance_m"]
+        facts.append(("release window", f"± {window_ms:.3g} ms: lands within {tolerance_mm:.3g} mm"))
+    for when, shift in flight.get("landing_shift_10ms_m", {}).items():
+        moved = "it may never land" if shift is None else f"the landing moves by {1000 * shift:.0f} mm"
+        facts.append((f"release 10 ms {when}", moved))
+    return facts
 
 
 def _checks(certificate: Mapping[str, Any]) -> str:

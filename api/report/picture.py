@@ -14,11 +14,13 @@ from planner.flight import path as flight_path
 from planner.geometry import tool_pose
 from planner.kinematics import link_poses
 from planner.plan_reading import plan_from_document
+from planner.problem import Opening, TargetRelease
 
 Vector = NDArray[np.float64]
 
 WIDTH, HEIGHT, EDGE = 460, 340, 28  # [px] size of one view, and its margin
 FLIGHT_POINTS = 60
+BIN_POINTS = 41
 ARM_STYLES = ("arm start", "arm release", "arm end")
 
 
@@ -32,6 +34,7 @@ class PlanScene:
         release_index: Sample of the release in `path`.
         flight: Positions (n, 3) of the object in flight; empty for a move that ends at rest.
         target: Target (3,) of the throw, None for other releases.
+        opening: Mouth of the bin around the target, None without one.
         floor_z: Height of the floor.
     """
 
@@ -40,6 +43,7 @@ class PlanScene:
     release_index: int
     flight: Vector
     target: Vector | None
+    opening: Opening | None
     floor_z: float
 
 
@@ -52,9 +56,10 @@ def plan_svg(plan: Mapping[str, Any], cell: Cell) -> str:
     """
     scene = _scene(plan, cell)
     side = _direction(scene, cell)
+    bin = _bin_lines(scene, side)
     views = (
-        _view("side", 0, scene, lambda p: np.stack([p[..., :2] @ side, p[..., 2]], -1), floor=True),
-        _view("top", WIDTH, scene, lambda p: p[..., :2], floor=False),
+        _view("side", 0, scene, lambda p: np.stack([p[..., :2] @ side, p[..., 2]], -1), bin, floor=True),
+        _view("top", WIDTH, scene, lambda p: p[..., :2], bin, floor=False),
     )
     size = f'viewBox="0 0 {2 * WIDTH} {HEIGHT}" role="img"'
     title = "<title>Side view and top view of the planned motion and the flight</title>"
@@ -66,10 +71,10 @@ def _scene(plan: Mapping[str, Any], cell: Cell) -> PlanScene:
     k = trajectory.release_index
     X_WT = tool_pose(cell, trajectory.q)
     arms = tuple(_arm(cell, trajectory.q[i]) for i in (0, k, -1))
-    target = plan["request"]["release"]
-    point = problem.release.p_W if target["kind"] == "target" else None  # type: ignore[union-attr]
+    release = problem.release
+    target, opening = (release.p_W, release.opening) if isinstance(release, TargetRelease) else (None, None)
     floor = cell.surroundings.floor_z_m
-    return PlanScene(arms, X_WT[:, :3, 3], k, _flight(plan, problem.drag, problem.gravity), point, floor)
+    return PlanScene(arms, X_WT[:, :3, 3], k, _flight(plan, problem.drag, problem.gravity), target, opening, floor)
 
 
 def _arm(cell: Cell, q: Vector) -> Vector:
@@ -96,8 +101,19 @@ def _direction(scene: PlanScene, cell: Cell) -> Vector:
     return offset / length if length > 1e-9 else np.array([1.0, 0.0])
 
 
-def _view(name: str, left: float, scene: PlanScene, project: Any, floor: bool) -> str:
-    points = [project(p) for p in (*scene.arms, scene.path, scene.flight) if len(p)]
+def _bin_lines(scene: PlanScene, side: Vector) -> list[Vector]:
+    """Returns lines (n, 3) that show the bin from the side and from above [m]: its bottom and two edges of the wall."""
+    if scene.target is None or scene.opening is None:
+        return []
+    angles = np.linspace(0.0, 2.0 * np.pi, BIN_POINTS)
+    around = np.stack([np.cos(angles), np.sin(angles), np.zeros(BIN_POINTS)], axis=1)
+    across, up = scene.opening.radius_m * np.append(side, 0.0), np.array([0.0, 0.0, scene.opening.rim_height_m])
+    walls = [scene.target + np.array([edge, edge + up]) for edge in (across, -across)]
+    return [scene.target + scene.opening.radius_m * around, *walls]
+
+
+def _view(name: str, left: float, scene: PlanScene, project: Any, bin: list[Vector], floor: bool) -> str:
+    points = [project(p) for p in (*scene.arms, scene.path, scene.flight, *bin) if len(p)]
     everything = np.vstack(points)
     if floor:
         everything = np.vstack([everything, [[everything[:, 0].min(), scene.floor_z]]])
@@ -115,6 +131,7 @@ def _view(name: str, left: float, scene: PlanScene, project: Any, floor: bool) -
         parts.append(_line(to_pixels(project(scene.flight)), "flight"))
         parts.append(_dot(to_pixels(project(scene.flight[-1:])), "landing", 4))
     parts.append(_dot(to_pixels(path[scene.release_index][None]), "let-go", 4))
+    parts += [_line(to_pixels(project(line)), "bin") for line in bin]
     if scene.target is not None:
         parts.append(_dot(to_pixels(project(scene.target[None])), "target", 8))
     return "<g>" + "".join(parts) + "</g>"

@@ -30,7 +30,8 @@ async def readyz(service: ServiceDep) -> JSONResponse:
     """Returns whether the service can plan and reach its store, and which cells have an executor. Needs no token."""
     store = await run_in_threadpool(service.store.is_reachable)
     cells = await run_in_threadpool(_executors, service) if store else {}
-    parts = {"store": store, "planner": service.pool.is_warm, "cells": cells}
+    solvers = "compiled" if service.pool.is_compiled else "interpreted"
+    parts = {"store": store, "planner": service.pool.is_warm, "solvers": solvers, "cells": cells}
     if not (store and service.pool.is_warm):
         reason = "the store cannot be reached" if not store else "the planner processes are starting"
         raise ProblemDetails("not-ready", reason, headers={"Retry-After": "1"}, ready=False, **parts)

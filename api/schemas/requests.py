@@ -78,6 +78,13 @@ class JointReleaseRequest(RequestModel):
     velocities: Joints = Field(description="Joint velocities at the release [rad/s].")
 
 
+class OpeningRequest(RequestModel):
+    """Mouth of a round bin that is open upwards; the target is the centre of its bottom."""
+
+    radius_m: float = Field(gt=0.0, le=10.0, description="Inner radius of the bin [m]; above the object's radius.")
+    rim_height_m: float = Field(ge=0.0, le=10.0, description="Height of the rim above the target [m].")
+
+
 class TargetReleaseRequest(RequestModel):
     """Hit a point by free flight; the planner chooses the release."""
 
@@ -96,6 +103,9 @@ class TargetReleaseRequest(RequestModel):
         None, ge=0.0, description="Minimum horizontal distance from the release to the target [m]."
     )
     release_position: Vector3 | None = Field(None, description="Position of the release, in `frame` [m]; absent: free.")
+    opening: OpeningRequest | None = Field(
+        None, description="The bin around the target: the object enters through its mouth, clear of rim and wall."
+    )
 
 
 ReleaseRequest = Annotated[
@@ -126,12 +136,20 @@ class PlanRequest(RequestModel):
         None, ge=0.0, description="Minimum distance to each singularity [-]; may only tighten the cell's."
     )
     release_window_s: float | None = Field(
-        None, ge=0.0, description="A release early or late by up to this [s] still lands within `landing_tolerance_m`."
+        None,
+        ge=0.0,
+        description="A release early or late by up to this [s] still lands within `landing_tolerance_m`. Absent: for a"
+        " target three times the gripper's jitter, at least 0.005, otherwise 0; 0 asks for the soonest release.",
     )
     landing_tolerance_m: float | None = Field(
-        None, ge=0.0, description="Maximum landing error in the release window [m]; 0: only the nominal release."
+        None,
+        ge=0.0,
+        description="Maximum landing error in the release window [m]; 0: only the nominal release. Absent: for a target"
+        " the room in its opening, otherwise the object's radius, at least 0.01.",
     )
-    time_limit_s: float | None = Field(None, gt=0.0, description="Time limit of the planner [s]; absent: 5.")
+    time_limit_s: float | None = Field(
+        None, gt=0.0, description="Time limit of the planner, from when it takes the request [s]; absent: 120."
+    )
 
 
 class ExecuteRequest(RequestModel):
@@ -155,8 +173,19 @@ _JOINT = {
 }
 _POINT = {"release": {"kind": "point", "position": [0.5, 0.2, 0.6], "velocity": [0.8, 0.3, 0.6]}, "backend": "ruckig"}
 
+_SOONEST = {**_TARGET, "release_window_s": 0.0}
+_BIN = {
+    "release": {
+        "kind": "target",
+        "position": [1.1, -0.3, 0.0],
+        "opening": {"radius_m": 0.12, "rim_height_m": 0.2},
+    }
+}
+
 PLAN_EXAMPLES = {
-    "target": {"summary": "Hit a point on the floor", "value": _TARGET},
+    "target": {"summary": "Hit a point on the floor, whenever the gripper opens", "value": _TARGET},
+    "soonest": {"summary": "Hit it as soon as possible", "value": _SOONEST},
+    "bin": {"summary": "Throw into a bin", "value": _BIN},
     "joint": {"summary": "Pass a joint state, with tighter limits", "value": _JOINT},
     "point": {"summary": "Release at a point with a velocity", "value": _POINT},
 }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, Literal
 
 from pydantic import BaseModel, Field
 
@@ -46,6 +46,13 @@ class WindowEntry(BaseModel):
     landing_error_m: float | None = Field(description="Distance from the nominal landing point [m].")
 
 
+class LandingShift(BaseModel):
+    """Shift of the landing point [m] for a release 10 ms early and late; null where the object never lands."""
+
+    early: float | None
+    late: float | None
+
+
 class FlightAnswer(BaseModel):
     """The object's path after the release."""
 
@@ -56,6 +63,10 @@ class FlightAnswer(BaseModel):
     landing_per_release_delay_m_s: Vector3 | None = Field(
         description="Shift of the landing point per delay of the release [m/s]."
     )
+    landing_shift_10ms_m: LandingShift
+    object_path: list[Vector3] = Field(description="Positions every 20 ms from the release to the landing [m].")
+    release_window_s: float = Field(description="Half width of the release window; 0: only the nominal release [s].")
+    landing_tolerance_m: float = Field(description="Landing error allowed in the window [m].")
     window: list[WindowEntry]
 
 
@@ -86,6 +97,9 @@ class CertificateAnswer(BaseModel):
 
     valid: bool
     checks: list[CheckAnswer]
+    not_checked: list[str] = Field(
+        description="Checks and quantities that stay unverified: the cell gives no limit, or the model cannot tell."
+    )
 
 
 class SolverAnswer(BaseModel):
@@ -95,6 +109,12 @@ class SolverAnswer(BaseModel):
     iterations: int
     status: str
     attempts: list[dict[str, Any]] = Field(description="Every attempt: backend, result, duration_s [s].")
+
+
+class WayHomeAnswer(BaseModel):
+    """A certified motion from the plan's end to the cell's home, at the pace of an approach."""
+
+    duration_s: float = Field(description="[s]; 0 where the plan ends at home.")
 
 
 class PlanSummary(BaseModel):
@@ -111,6 +131,7 @@ class PlanSummary(BaseModel):
     release_time_s: float = Field(description="[s]")
     release: ReleaseState
     flight: FlightAnswer | None = Field(description="null for a move that ends at rest.")
+    way_home: WayHomeAnswer | None = Field(None, description="Plans of earlier versions have none.")
     certificate: CertificateAnswer
     solver: SolverAnswer
 
@@ -208,6 +229,9 @@ class Readiness(BaseModel):
     ready: bool
     store: bool
     planner: bool
+    solvers: Literal["compiled", "interpreted"] = Field(
+        description="Functions that the planner solves with; interpreted ones give the same plans, later."
+    )
     cells: dict[str, bool] = Field(description="Whether each cell has an executor.")
 
 

@@ -113,6 +113,8 @@ function request() {
     release: { kind: "target", position: ["x", "y", "z"].map((axis) => Number($(axis).value)) },
   };
   if ($("window").value) body.release_window_s = Number($("window").value);
+  if ($("soonest").checked) body.release_window_s = 0;
+  if ($("radius").value || $("rim").value) body.release.opening = { radius_m: Number($("radius").value), rim_height_m: Number($("rim").value) };
   if ($("tolerance").value) body.landing_tolerance_m = Number($("tolerance").value);
   return body;
 }
@@ -134,12 +136,23 @@ async function makePlan() {
   $("plan").disabled = false;
 }
 
+// What the plan holds for a release that is not on time.
+function timing(flight) {
+  const robust = flight.release_window_s > 0 && flight.landing_tolerance_m > 0;
+  const held = robust
+    ? `a release up to ${figure(1000 * flight.release_window_s)} ms early or late lands within ${figure(1000 * flight.landing_tolerance_m)} mm`
+    : "planned for the release on time alone";
+  const moved = ["early", "late"].map((when) => flight.landing_shift_10ms_m[when])
+    .map((shift) => (shift === null ? "an unknown distance" : `${(1000 * shift).toFixed(0)} mm`));
+  return `${held}; 10 ms early or late moves the landing by ${moved.join(" / ")}`;
+}
+
 async function showPlan(plan) {
   const asked = state.request;
   const flight = plan.flight;
   $("summary").textContent = `${plan.backend}, ${(1000 * plan.solver.solve_time_s).toFixed(0)} ms: release after ` +
     `${plan.release_time_s.toFixed(3)} s of ${plan.duration_s.toFixed(3)} s` +
-    (flight ? `, leaves at ${flight.speed_m_s.toFixed(2)} m/s, flies ${flight.time_of_flight_s.toFixed(2)} s` : "");
+    (flight ? `, leaves at ${flight.speed_m_s.toFixed(2)} m/s, flies ${flight.time_of_flight_s.toFixed(2)} s; ${timing(flight)}` : "");
   const svg = await (await call("GET", `/plans/${plan.id}/picture.svg`)).text();
   const drawn = new DOMParser().parseFromString(svg, "image/svg+xml").documentElement;
   $("picture").replaceChildren(document.importNode(drawn, true));
@@ -221,6 +234,9 @@ function download(id, media, ending) {
   return button;
 }
 
+// What stopped the object on its way, in the words of the metric `landed_on`; empty where nothing did.
+const stopper = (surface) => (/^(keep_out|bin wall)/.test(surface || "") ? `, stopped by ${surface}` : "");
+
 async function showPast() {
   const { executions } = await get("/executions?limit=12");
   rows($("past").tBodies[0], executions.map((run) => {
@@ -231,7 +247,7 @@ async function showPast() {
     return [
       new Date(run.created_at).toLocaleTimeString(), run.cell, `${run.mode}${run.dry_run ? ", dry" : ""}`,
       element("td", run.outcome || run.state, run.outcome === "completed" ? "good" : run.outcome ? "bad" : "soft"),
-      number(typeof error === "number" ? `${(1000 * error).toFixed(1)} mm` : "–"),
+      number(typeof error === "number" ? `${(1000 * error).toFixed(1)} mm${stopper(metrics.landed_on)}` : "–"),
       number(metrics.missed_ticks === undefined ? "–" : String(metrics.missed_ticks)), links];
   }));
 }
@@ -239,7 +255,7 @@ async function showPast() {
 $("throw").addEventListener("submit", (submit) => { submit.preventDefault(); makePlan(); });
 $("execute").addEventListener("click", execute);
 $("abort").addEventListener("click", abort);
-for (const name of ["x", "y", "z", "backend", "window", "tolerance", "cell"]) $(name).addEventListener("input", discardPlan);
+for (const name of ["x", "y", "z", "backend", "soonest", "window", "tolerance", "radius", "rim", "cell"]) $(name).addEventListener("input", discardPlan);
 $("acknowledge").addEventListener("click", () => post(`/cells/${$("cell").value}/acknowledge`).then(showRobot, showProblem));
 $("cell").addEventListener("change", () => {
   state.execution = null;

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from itertools import combinations
+from typing import NamedTuple
 
 import coal
 import numpy as np
@@ -60,7 +61,7 @@ class SpatialExtremes:
         return [f"{name} {value}" for name, value, wrong in rows if wrong]
 
 
-def spatial_faults(problem: ThrowProblem, q: Vector, qd: Vector, t: Vector, release_time_s: float) -> list[str]:
+def spatial_faults(problem: ThrowProblem, q: Vector, qd: Vector, t: Vector, held_until_s: float) -> list[str]:
     """Returns the violated distances, speeds and singularity distances, in words.
 
     Args:
@@ -68,20 +69,22 @@ def spatial_faults(problem: ThrowProblem, q: Vector, qd: Vector, t: Vector, rele
         q: Joint positions (n, 6) [rad].
         qd: Joint velocities (n, 6) [rad/s].
         t: Times (n,) [s].
-        release_time_s: Time of the release [s].
+        held_until_s: Time until which the object may be held, the end of the release window [s].
     """
     cell, worst = problem.cell, SpatialExtremes()
+    release_s = held_until_s - (problem.release_window_s if problem.is_robust else 0.0)
     model = arm_model(cell, False)
     data = model.createData()
     for i in range(len(t)):
         poses, v = poses_and_velocity(cell, model, data, q[i], qd[i])
-        places, held = [_coal(poses[frame] * X) for frame, X, *_ in _shapes(cell)], bool(t[i] <= release_time_s)
+        places, held = [_coal(poses[shape.frame] * shape.placement) for shape in _all(cell)], bool(t[i] <= held_until_s)
         worst.speed = max(worst.speed, float(np.linalg.norm(v)))
         worst.floor = min(worst.floor, _height(cell, poses, held))
-        worst.self_gap = min([worst.self_gap, *(_distance(cell, places, i, j) for i, j in _pairs(cell))])
-        worst.boxes = min(worst.boxes, _box_gap(cell, poses, places, held))
+        pairs = [pair for pair in _pairs(cell) if held or pair[1] < len(shapes(cell))]
+        worst.self_gap = min([worst.self_gap, *(_distance(cell, places, *pair) for pair in pairs)])
+        worst.boxes = min(worst.boxes, _box_gap(cell, places, held))
         worst.outside = max(worst.outside, _outside(cell, poses))
-        if not problem.ends_at_rest and abs(t[i] - release_time_s) <= SINGULARITY_WINDOW_S:
+        if not problem.ends_at_rest and abs(t[i] - release_s) <= SINGULARITY_WINDOW_S:
             worst.singular = min(worst.singular, _singularity_distance(data))
     return worst.faults(problem)
 
@@ -104,17 +107,13 @@ def _singularity_distance(data: pin.Data) -> float:
     return float(min(wrist, elbow, shoulder))
 
 
-def _box_gap(cell: Cell, poses: list[pin.SE3], places: list[coal.Transform3s], held: bool) -> float:
+def _box_gap(cell: Cell, places: list[coal.Transform3s], held: bool) -> float:
     """Returns the smallest distance of arm, tool and held object from the keep-out boxes [m]."""
-    least = np.inf
-    p = poses[6].act(cell.tool.X_FT[:3, 3])
+    least, count = np.inf, len(shapes(cell)) + held
     for box, place in _boxes(cell):
-        for k, (frame, _, capsule, *_) in enumerate(_shapes(cell)):
-            if frame > 0:
-                least = min(least, coal.distance(capsule, places[k], box, place, _REQUEST, coal.DistanceResult()))
-        if held:
-            away = np.maximum(np.abs(p - place.getTranslation()) - box.halfSide, 0.0)
-            least = min(least, float(np.linalg.norm(away)) - cell.object.radius_m)
+        for shape, own in list(zip(_all(cell), places, strict=True))[:count]:
+            if shape.frame > 0:
+                least = min(least, coal.distance(shape.solid, own, box, place, _REQUEST, coal.DistanceResult()))
     return float(least)
 
 
@@ -124,30 +123,52 @@ def _boxes(cell: Cell) -> list[tuple[coal.Box, coal.Transform3s]]:
     return [(coal.Box(*(b.upper - b.lower)), coal.Transform3s(np.eye(3), 0.5 * (b.lower + b.upper))) for b in boxes]
 
 
+class Shape(NamedTuple):
+    """A body: name, frame it is fixed in, placement there, coal's solid, radius [m], ends of its axis (2, 3) [m]."""
+
+    name: str
+    frame: int
+    placement: pin.SE3
+    solid: coal.Capsule | coal.Sphere
+    radius_m: float
+    ends: Vector
+
+
 @cache
-def _shapes(cell: Cell) -> list[tuple[int, pin.SE3, coal.Capsule, float, NDArray[np.float64]]]:
-    """Returns frame, placement, coal capsule, radius and end points (2, 3) of every body."""
+def shapes(cell: Cell) -> list[Shape]:
+    """Returns the bodies of arm and tool."""
     rows = []
     for c in body_capsules(cell.robot, cell.tool.capsules):
         along = c.p1 - c.p0
         length = float(np.linalg.norm(along))
         turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), along / length if length else np.eye(3)[2])
-        placement = pin.SE3(turn.matrix(), 0.5 * (c.p0 + c.p1))
-        rows.append((c.frame, placement, coal.Capsule(c.radius_m, length), c.radius_m, np.array([c.p0, c.p1])))
+        placement, ends = pin.SE3(turn.matrix(), 0.5 * (c.p0 + c.p1)), np.array([c.p0, c.p1])
+        rows.append(Shape(c.name, c.frame, placement, coal.Capsule(c.radius_m, length), c.radius_m, ends))
     return rows
 
 
 @cache
+def _all(cell: Cell) -> list[Shape]:
+    """Returns the bodies of arm and tool, and the held object last."""
+    p_FT, radius = cell.tool.X_FT[:3, 3], cell.object.radius_m
+    held = Shape("object", 6, pin.SE3(np.eye(3), p_FT), coal.Sphere(radius), radius, np.array([p_FT, p_FT]))
+    return [*shapes(cell), held]
+
+
+@cache
 def _pairs(cell: Cell) -> list[tuple[int, int]]:
-    """Returns the pairs of bodies that are apart in some random posture: all except neighbours."""
+    """Returns the pairs of bodies that are apart in some random posture: all except neighbours.
+
+    The object is beside what grips it: the tool, and wrists that it touches in some posture without being apart.
+    """
     rng, robot = np.random.default_rng(0), cell.robot
     model = arm_model(cell, False)
     data, seen = model.createData(), {}
     for _ in range(PAIR_SAMPLES):
         poses, _ = poses_and_velocity(cell, model, data, rng.uniform(robot.q_lower, robot.q_upper), np.zeros(6))
-        places = [_coal(poses[frame] * X) for frame, X, *_ in _shapes(cell)]
-        for i, j in combinations(range(len(_shapes(cell))), 2):
-            if not seen.get((i, j)):
+        places = [_coal(poses[shape.frame] * shape.placement) for shape in _all(cell)]
+        for i, j in combinations(range(len(_all(cell))), 2):
+            if _all(cell)[i].frame < 6 and not seen.get((i, j)):
                 seen[i, j] = _distance(cell, places, i, j) >= SELF_CLEARANCE_M
     return [pair for pair, apart in seen.items() if apart]
 
@@ -157,15 +178,13 @@ def _coal(X: pin.SE3) -> coal.Transform3s:
 
 
 def _distance(cell: Cell, places: list[coal.Transform3s], i: int, j: int) -> float:
-    shapes = _shapes(cell)
-    return coal.distance(shapes[i][2], places[i], shapes[j][2], places[j], _REQUEST, coal.DistanceResult())
+    one, other = _all(cell)[i].solid, _all(cell)[j].solid
+    return coal.distance(one, places[i], other, places[j], _REQUEST, coal.DistanceResult())
 
 
 def _height(cell: Cell, poses: list[pin.SE3], held: bool) -> float:
     lowest = np.inf
-    for frame, _, _, radius, ends in _shapes(cell):
-        if frame > 0:
-            lowest = min(lowest, *(float(poses[frame].act(end)[2]) - radius for end in ends))
-    if held:
-        lowest = min(lowest, float(poses[6].act(cell.tool.X_FT[:3, 3])[2]) - cell.object.radius_m)
+    for shape in _all(cell)[: len(shapes(cell)) + held]:
+        if shape.frame > 0:
+            lowest = min(lowest, *(float(poses[shape.frame].act(end)[2]) - shape.radius_m for end in shape.ends))
     return lowest - cell.surroundings.floor_z_m

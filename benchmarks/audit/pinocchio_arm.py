@@ -44,7 +44,7 @@ def poses_and_velocity(
     poses = [pin.SE3(cell.X_WB), *(data.oMi[i] * dh_frames_in_urdf(cell.robot.name)[i - 1] for i in range(1, 7))]
     flange = pin.getVelocity(model, data, 6, pin.LOCAL_WORLD_ALIGNED)
     arm_W = data.oMi[6].rotation @ cell.tool.X_FT[:3, 3]
-    return poses, flange.linear + np.cross(flange.angular, arm_W)
+    return poses, flange.linear + pin.skew(flange.angular) @ arm_W
 
 
 @cache

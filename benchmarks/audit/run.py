@@ -10,13 +10,14 @@ from dataclasses import dataclass, replace
 from multiprocessing import get_context
 from pathlib import Path
 
-from benchmarks.problem_sets import ARMS, Task, build, cell, varied_tasks
+from benchmarks.problem_sets import ARMS, Task, build, cell, random_cell_tasks, varied_tasks
 from planner.errors import Infeasible, SolverFailed
 from planner.planning import plan
 
 GROUPS = ("pose", "point", "target", "robust", "target-anywhere", "robust-anywhere", "varied")
 SEED_OFFSET = 1000  # other problems than those of the sets
 RUCKIG_EVERY = 4  # one plan in four is Ruckig's, which reaches its limits in another way
+TIME_LIMIT_S = 30.0  # [s] of a plan: on a busy machine, too, work limits the search and not the clock
 SPARE = 1.04  # [-] problems drawn per audited plan: some are refused
 ROWS = Path(__file__).parents[2] / "build" / "benchmarks" / "audit.jsonl"
 
@@ -36,7 +37,9 @@ class AuditResult:
     faulty: tuple[tuple[str, str], ...]
 
 
-def run_audit(count: int, seed: int, processes: int = 1, rows: Path = ROWS, resume: bool = False) -> AuditResult:
+def run_audit(
+    count: int, seed: int, processes: int = 1, rows: Path = ROWS, resume: bool = False, cells: int = 0
+) -> AuditResult:
     """Audits certified plans of random problems.
 
     Args:
@@ -45,11 +48,12 @@ def run_audit(count: int, seed: int, processes: int = 1, rows: Path = ROWS, resu
         processes: Number of processes.
         rows: File of the rows.
         resume: Whether to continue after the rows that the file has.
+        cells: Number of random cells that the problems are spread over; 0 for the problems of the named sets.
     """
     rows.parent.mkdir(parents=True, exist_ok=True)
     if not resume:
         rows.unlink(missing_ok=True)
-    jobs = [(count, seed, part, processes, rows) for part in range(processes)]
+    jobs = [(count, seed, cells, part, processes, rows) for part in range(processes)]
     if processes == 1:
         _run(*jobs[0])
     else:
@@ -66,29 +70,35 @@ def tally(rows: Path) -> AuditResult:
     return AuditResult(len(audited), len(found) - len(audited), faulty)
 
 
-def drawn_tasks(count: int, seed: int) -> list[Task]:
-    """Returns the problems with their back ends; kinds and arms take turns."""
+def drawn_tasks(count: int, seed: int, cells: int = 0) -> list[Task]:
+    """Returns the problems with their back ends; kinds, and arms or `cells` random cells, take turns."""
+    if cells > 0:
+        drawn, turns = random_cell_tasks(count, cells, seed), cells
+    else:
+        drawn, turns = _named_tasks(count, seed), len(GROUPS)
+    return [
+        _with_back_end(task, "ruckig" if i // turns % RUCKIG_EVERY == 0 else "auto") for i, task in enumerate(drawn)
+    ]
+
+
+def _named_tasks(count: int, seed: int) -> list[Task]:
     share = -(-round(SPARE * count) // len(GROUPS))
     groups = [build(name, share, seed + SEED_OFFSET) for name in GROUPS[:-1]]
     each = -(-share // len(ARMS))
     per_arm = [varied_tasks(cell(arm), rank, each, seed + SEED_OFFSET) for rank, arm in enumerate(ARMS)]
     groups.append([task for row in zip(*per_arm, strict=True) for task in row])
-    tasks = [task for row in zip(*(group[:share] for group in groups), strict=True) for task in row]
-    return [
-        _with_back_end(task, "ruckig" if i // len(GROUPS) % RUCKIG_EVERY == 0 else "auto")
-        for i, task in enumerate(tasks)
-    ]
+    return [task for row in zip(*(group[:share] for group in groups), strict=True) for task in row]
 
 
 def _with_back_end(task: Task, backend: str) -> Task:
     if task.problem.is_robust:
         backend = "auto"  # Ruckig's landings vary too much within a release window
-    return replace(task, problem=replace(task.problem, backend=backend))
+    return replace(task, problem=replace(task.problem, backend=backend, time_limit_s=TIME_LIMIT_S))
 
 
-def _run(count: int, seed: int, part: int, of: int, rows: Path) -> None:
+def _run(count: int, seed: int, cells: int, part: int, of: int, rows: Path) -> None:
     done = {name for name, _ in _read(rows)}
-    for task in drawn_tasks(count, seed)[part::of]:
+    for task in drawn_tasks(count, seed, cells)[part::of]:
         if task.name not in done:
             line = json.dumps({"task": task.name, "backend": task.problem.backend, "faults": _faults(task)})
             with rows.open("a", encoding="utf-8") as file:
@@ -120,9 +130,10 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--processes", type=int, default=1)
     parser.add_argument("--rows", type=Path, default=ROWS)
+    parser.add_argument("--cells", type=int, default=0, help="random cells; without them the named problem sets")
     parser.add_argument("--resume", action="store_true", help="continue an interrupted run")
     given = parser.parse_args()
-    found = run_audit(given.count, given.seed, given.processes, given.rows, given.resume)
+    found = run_audit(given.count, given.seed, given.processes, given.rows, given.resume, given.cells)
     print(f"{found.audited} certified plans audited, {found.refused} refused, {len(found.faulty)} faulty")
     for name, fault in found.faulty:
         print(f"{name}: {fault}")

@@ -55,9 +55,9 @@ def build(name: str, count: int, seed: int) -> list[Task]:
         return sdu_table.tasks(name, cell("sdu-table"), count, seed)
     family = name.removesuffix(ANYWHERE)
     makers = {
-        "pose": lambda arm, share: _drawn("pose", arm, share, seed, _pose),
-        "point": lambda arm, share: _drawn("point", arm, share, seed, _point),
-        "target": lambda arm, share: _drawn("target", arm, share, seed, _target),
+        "pose": lambda arm, share: _drawn("pose", arm, share, seed, pose_of),
+        "point": lambda arm, share: _drawn("point", arm, share, seed, point_of),
+        "target": lambda arm, share: _drawn("target", arm, share, seed, target_of),
         "robust": lambda arm, share: _robust("robust", arm, share, seed, WINDOW_S),
         "robust-30": lambda arm, share: _robust("robust-30", arm, share, seed, WIDE_WINDOW_S),
         "hard": lambda arm, share: _hard(arm, share, seed),
@@ -125,18 +125,21 @@ def _moved(family: str, task: Task, start: Vector) -> Task:
     )
 
 
-def _pose(here: Cell, state: JointRelease) -> PoseRelease:
+def pose_of(here: Cell, state: JointRelease) -> PoseRelease:
+    """Returns the release with a joint state's tool pose and twist."""
     X_WT = here.X_WB @ forward(here.robot, state.q, here.tool.X_FT)
     V_BT = jacobian(here.robot, state.q, here.tool.X_FT) @ state.qd
     R_WB = here.X_WB[:3, :3]
     return PoseRelease(X_WT, np.concatenate([R_WB @ V_BT[:3], R_WB @ V_BT[3:]]))
 
 
-def _point(here: Cell, state: JointRelease) -> PointRelease:
+def point_of(here: Cell, state: JointRelease) -> PointRelease:
+    """Returns the release with a joint state's tool position and velocity."""
     return PointRelease(tool_position(here, state.q), tool_velocity(here, state.q, state.qd))
 
 
-def _target(here: Cell, state: JointRelease) -> TargetRelease | None:
+def target_of(here: Cell, state: JointRelease) -> TargetRelease | None:
+    """Returns the target that a release in a joint state hits; None where it is too near."""
     p, v = tool_position(here, state.q), tool_velocity(here, state.q, state.qd)
     flight = fly(p, v, here.surroundings.floor_z_m, here.surroundings.gravity_m_s2)
     if flight is None or np.linalg.norm((flight.landing_point - p)[:2]) < RANGE_MIN:
@@ -147,7 +150,7 @@ def _target(here: Cell, state: JointRelease) -> TargetRelease | None:
 def _robust(group: str, arm: str, count: int, seed: int, window_s: float) -> list[Task]:
     """Returns the problems of `target` with a release window."""
     tasks = []
-    for task in _drawn("target", arm, count, seed, _target):
+    for task in _drawn("target", arm, count, seed, target_of):
         problem = replace(task.problem, release_window_s=window_s, landing_tolerance_m=TOLERANCE_M)
         tasks.append(Task(task.name.replace("target", group, 1), problem, task.state))
     return tasks
@@ -160,7 +163,7 @@ def _hard(arm: str, count: int, seed: int) -> list[Task]:
     tasks = []
     for draw, share in zip(draws, shares, strict=True):
         name = draw.__name__.strip("_")
-        for task in _drawn("hard", arm, share, seed, _pose, draw):
+        for task in _drawn("hard", arm, share, seed, pose_of, draw):
             tasks.append(Task(task.name.replace(arm, f"{arm}-{name}"), task.problem, task.state))
     return tasks
 
@@ -214,7 +217,7 @@ def _unreachable(arm: str, count: int, seed: int) -> list[Task]:
 def _too_fast(arm: str, count: int, seed: int) -> list[Task]:
     """Returns reachable points with twice the cell's maximum tool speed."""
     tasks = []
-    for task in _drawn("too-fast", arm, count, seed + 1, _point):
+    for task in _drawn("too-fast", arm, count, seed + 1, point_of):
         here, release = task.problem.cell, task.problem.release
         assert isinstance(release, PointRelease)
         faster = 2.0 * here.limits.tcp_speed_max * release.v_WT / np.linalg.norm(release.v_WT)

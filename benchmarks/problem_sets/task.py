@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from planner.problem import JointRelease, ThrowProblem
+from planner.trajectory import Trajectory
 
 
 @dataclass(frozen=True, eq=False)
@@ -15,11 +16,13 @@ class Task:
         name: "set/cell/number".
         problem: The problem, with back end "auto".
         state: Joint state it was derived from, None without one.
+        motion: Certified motion that shows the problem to be feasible, None without one.
     """
 
     name: str
     problem: ThrowProblem
     state: JointRelease | None = None
+    motion: Trajectory | None = None
 
     @property
     def group(self) -> str:

@@ -89,7 +89,7 @@ def main() -> None:
 def compare_loops(folder: Path, count: int) -> dict[str, Any]:
     """Returns the worst values of each loop over the `count` runs with the least slip."""
     rig = Rig(folder)
-    request = {"cell": "rig", "release": LOB, "backend": "ruckig", "time_limit_s": 30.0}
+    request = {"cell": "rig", "release": LOB, "backend": "ruckig", "release_window_s": 0.0, "time_limit_s": 30.0}
     problem = problem_from_request(request, rig.cell)
     trajectory = plan(problem).trajectory
     rig.start()

@@ -10,13 +10,16 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from benchmarks.results import machine
+from benchmarks.streaming.bins import BinThrows, throw_into_bins
 from benchmarks.streaming.loops import TRIES, compare_loops
 from benchmarks.streaming.throws import throw_series
 
 ROOT = Path(__file__).parents[2]
+INTO_BINS = 30  # throws into bins behind walls
 BUSY = 2  # busy processes beside the second series of throws: one per core
 
 THROWS_HEAD = (
@@ -61,6 +64,7 @@ def streaming_report(count: int, runs: int) -> str:
         quiet = throw_series(Path(folder) / "quiet", count, "speedj", 0)
         loops = compare_loops(Path(folder) / "loops", runs)
         busy = _beside_busy_processes(Path(folder) / "busy", count)
+        bins = throw_into_bins(Path(folder) / "bins", INTO_BINS)
     lines = [
         "# Streaming",
         "",
@@ -84,6 +88,7 @@ def streaming_report(count: int, runs: int) -> str:
         *LOOPS_HEAD,
         *(_loop_row(name, worst) for name, worst in loops.items()),
         "",
+        *_bins_section(bins),
     ]
     return "\n".join(lines)
 
@@ -125,6 +130,17 @@ def _loop_row(name: str, worst: dict[str, float]) -> str:
         f"| {worst['release_velocity_error_rad_s']:.4f} | {worst['landing_error_m']:.4f} "
         f"| {1e3 * worst['slipped_s']:.1f} |"
     )
+
+
+def _bins_section(bins: BinThrows) -> list[str]:
+    landed = ", ".join(f"{count} {surface}" for surface, count in bins.landed_on.most_common())
+    error = f"{1e3 * median(bins.errors_m):.1f} / {1e3 * max(bins.errors_m):.1f} mm" if bins.errors_m else "–"
+    text = (
+        f"**{bins.inside} of {bins.executed} lie inside.** The simulator stops the object at walls and bins, and its "
+        f"gripper scatters by a third of the release window. Landed on: {landed}. Distance from the planned landing "
+        f"point, p50 / max: {error}. Requests without a plan: {bins.refused}."
+    )
+    return ["## Into bins behind walls", "", text, ""]
 
 
 def _percent(values: dict[str, float], key: str) -> str:

@@ -1,9 +1,9 @@
-"""The observed landing, as a simulated controller reports it after the release."""
+"""The bin given to a simulated controller before a throw, and the landing that it reports afterwards."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from executor.robot import simulator_client
 from planner.flight import fly
-from planner.problem import ThrowProblem
+from planner.problem import TargetRelease, ThrowProblem
 
 Vector = NDArray[np.float64]
 Record = dict[str, Any]
@@ -19,6 +19,8 @@ Record = dict[str, Any]
 POLL_S = 0.02  # [s] between two requests
 SLACK_S = 1.0  # [s] of the controller's time, beyond the planned flight
 SAME_PLANE_M = 1e-6  # [m] distance below which two planes are one
+SAME_TIME_S = 1e-6  # [s] difference below which two instants are one
+ENDLESS = ("floor", "landing plane")  # surfaces that the plan's plane may replace; anything else is in the way
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,10 +30,26 @@ class Landing:
     Attributes:
         released_at: the controller's time of the release [s].
         point: landing point (3,) [m]; None where it has not landed.
+        surface: what it landed on or was stopped by, in the simulator's words; None where it has not landed.
     """
 
     released_at: float
     point: Vector | None
+    surface: str | None = None
+
+
+def place_bin(host: str, problem: ThrowProblem) -> None:
+    """Puts the target's bin into the simulated world, or takes the bin of an earlier throw away.
+
+    Raises:
+        OSError, ValueError: the simulator does not answer, or refuses.
+    """
+    release = problem.release
+    if isinstance(release, TargetRelease) and release.opening is not None:
+        bin = {"bottom_m": release.p_W.tolist(), **asdict(release.opening)}
+        simulator_client.request(host, "place_bin", **bin)
+    else:
+        simulator_client.request(host, "remove_bin")
 
 
 def last_release_s(host: str) -> float:
@@ -46,7 +64,8 @@ def last_release_s(host: str) -> float:
 def wait_for_landing(host: str, problem: ThrowProblem, after: float, flight_s: float) -> Landing | None:
     """Waits for the landing of the object released after `after`; returns None without such a release.
 
-    Where the object fell on another surface than the plan's plane, the observed release is flown on to that plane.
+    Where the object fell on the floor or the landing plane and the plan's plane is another one, the observed release is
+    flown to that one. A box or bin in the way stopped it: then the landing point is where it did.
 
     Args:
         host: address of the simulated controller.
@@ -67,13 +86,19 @@ def wait_for_landing(host: str, problem: ThrowProblem, after: float, flight_s: f
         release = releases[0]
         landings = [x for x in world["landings"] if x["object"] == release["object"] and x["bounce"] == 0]
         if landings or world["t"] > end:
-            return Landing(release["t"], _point_on_plane(problem, release, landings))
+            surface = landings[0]["surface"] if landings else None
+            return Landing(release["t"], _point(problem, release, landings), surface)
         time.sleep(POLL_S)
 
 
-def _point_on_plane(problem: ThrowProblem, release: Record, landings: list[Record]) -> Vector | None:
-    """Returns the landing point (3,) on the plan's plane [m]."""
-    if landings and abs(landings[0]["position_m"][2] - problem.plane_z) < SAME_PLANE_M:
-        return np.array(landings[0]["position_m"])
+def _point(problem: ThrowProblem, release: Record, landings: list[Record]) -> Vector | None:
+    """Returns the landing point (3,) [m]: on the plan's plane, or where something stopped the object before it."""
     flight = fly(release["position_m"], release["velocity_m_s"], problem.plane_z, problem.gravity, problem.drag)
+    landed = landings[0] if landings else None
+    if landed is not None:
+        point = np.array(landed["position_m"])
+        stopped = landed["surface"] not in ENDLESS
+        came_through = flight is not None and landed["t"] - release["t"] > flight.time_of_flight_s + SAME_TIME_S
+        if abs(point[2] - problem.plane_z) < SAME_PLANE_M or (stopped and not came_through):
+            return point
     return None if flight is None else flight.landing_point

@@ -49,7 +49,8 @@ def release_verdict(problem: ThrowProblem, trajectory: Trajectory, numbers: dict
         numbers[name] or 0.0
         for name in ("release_velocity_error_rad_s", "release_velocity_error_share", "gripper_command_late_s")
     )
-    shift, most = _landing_shift(problem, trajectory, late), max(problem.landing_tolerance_m, LANDING_SHIFT_M)
+    shift = _landing_shift(problem, trajectory, late)
+    most = max(problem.landing_tolerance_m if problem.is_robust else 0.0, LANDING_SHIFT_M)
     if shift > most:
         moved = "" if math.isinf(shift) else f": the landing moves by {1e3 * shift:.0f} mm"
         return "late", f"the gripper command was {1e3 * late:.0f} ms late{moved}"
@@ -122,6 +123,6 @@ def _gripper(trajectory: Trajectory, result: RunResult, landing: Landing | None)
 def _landing(problem: ThrowProblem, trajectory: Trajectory, landing: Landing | None) -> dict[str, Any]:
     flight = release_flight(problem, trajectory)
     if landing is None or landing.point is None or flight is None:
-        return {"landing_point": None, "landing_error_m": None}
+        return {"landing_point": None, "landing_error_m": None, "landed_on": None}
     error = float(np.linalg.norm(landing.point - flight.landing_point))
-    return {"landing_point": landing.point.tolist(), "landing_error_m": error}
+    return {"landing_point": landing.point.tolist(), "landing_error_m": error, "landed_on": landing.surface}

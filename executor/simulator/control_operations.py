@@ -1,11 +1,13 @@
-"""Operations of the control port: true state, releases and landings, counts, events, faults."""
+"""Operations of the control port: true state, the bin, releases and landings, counts, events, faults."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 from executor.simulator.faults import cause_fault
-from executor.simulator.interfaces import Document
+from executor.simulator.interfaces import BadRequest, Document
+from executor.simulator.physics import RoundBin
 from executor.simulator.simulation import Simulation
 
 OUTPUT_CHANGES_MAX = 20  # latest changes in an answer
@@ -18,6 +20,8 @@ def control_operations(
     return {
         "state": lambda request: true_state(simulation),
         "world": lambda request: objects_after(simulation, int(request.get("after", 0))),
+        "place_bin": lambda request: place_bin(simulation, request),
+        "remove_bin": lambda request: place_bin(simulation, None),
         "stats": lambda request: simulation.stats(),
         "reset_stats": lambda request: simulation.reset_stats(),
         "events": lambda request: {"events": list(simulation.controller.timeline.events)},
@@ -77,3 +81,25 @@ def objects_after(simulation: Simulation, after: int) -> Document:
         ],
         "gripper_holds": workcell.gripper.holds,
     }
+
+
+def place_bin(simulation: Simulation, request: Document | None) -> None:
+    """Puts a bin into the world, in place of the one that stands there; None only takes that one away.
+
+    Raises:
+        BadRequest: a number is missing, not finite or negative.
+    """
+    world = simulation.controller.workcell.world
+    if request is None:
+        world.bin = None
+        return
+    try:
+        x, y, z = map(float, request["bottom_m"])
+        placed = RoundBin((x, y, z), float(request["radius_m"]), float(request["rim_height_m"]))
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise BadRequest("a bin needs bottom_m [x, y, z], radius_m and rim_height_m [m]") from error
+    if not all(map(math.isfinite, (x, y, z, placed.radius_m, placed.rim_height_m))):
+        raise BadRequest("the numbers of a bin must be finite")
+    if placed.radius_m <= 0.0 or placed.rim_height_m < 0.0:
+        raise BadRequest("a bin's radius_m must be above 0, its rim_height_m not below 0")
+    world.bin = placed

@@ -7,14 +7,14 @@ from executor.stream_job import StreamJob
 from executor.streaming.clock import ControllerClock
 from executor.streaming.loop import Stream
 from executor.streaming.rtde_connection import RtdeConnection
-from executor.streaming.state_checks import StopRequests
+from executor.streaming.state_checks import OUTPUT_SHIFT, StopRequests
 
 ARRIVED_RAD = 1e-3  # [rad] a controller ends its moves within 1e-4; an encoder resolves 1e-5
 START_RAD = 0.01  # [rad] accepted distance of a planned approach's end from the plan's start: 1 cm at a reach of 1 m
 STANDS_RAD_S = 5e-3  # [rad/s] measured speed of an arm at rest, noise included
 STANDS_TICKS = 10  # [ticks] in a row at rest at the goal
 GRIP_S = 0.3  # [s] for the fingers to close; a two-finger gripper's stroke takes 0.2 to 0.6 s, and the approach follows
-OUTPUT_SHIFT = {"standard_digital": 0, "configurable_digital": 8, "tool_digital": 16}  # source: RTDE guide, output bits
+
 SLACK_S = 5.0  # [s] beyond twice the nominal duration of a move
 
 

@@ -28,6 +28,7 @@ SAFETY_WORDS = {
     10: "stopped for safety",
 }
 PROGRAM_WORDS = {0: "stopping", 1: "stopped", 3: "pausing", 4: "paused", 5: "resuming"}
+OUTPUT_SHIFT = {"standard_digital": 0, "configurable_digital": 8, "tool_digital": 16}  # source: RTDE guide, output bits
 SCALING_TOLERANCE = 1e-6  # [-] of the speed scaling around 1; rounding only
 FROZEN = b"tTZXx"  # thread states stopped, traced, dead; source: proc_pid_stat(5)
 STAT_BYTES = 256  # the state follows the name, of 16 bytes at most

@@ -2,6 +2,7 @@
 
 from planner.approach.approach import APPROACH_ACCELERATION, APPROACH_SPEED, Approach, find_approach
 from planner.approach.brakes import Brakes, brake_path, find_brakes
+from planner.approach.posture import jog_advice, obstacle_words
 
 __all__ = [
     "APPROACH_ACCELERATION",
@@ -9,6 +10,8 @@ __all__ = [
     "Approach",
     "Brakes",
     "brake_path",
-    "find_brakes",
     "find_approach",
+    "find_brakes",
+    "jog_advice",
+    "obstacle_words",
 ]

@@ -1,28 +1,37 @@
-"""Approach to a plan's start: a straight joint move where it is clear, otherwise a planned motion from rest to rest."""
+"""Approach to a plan's start: a straight joint move where that is certified, otherwise a planned motion.
+
+One rule decides what is clear: the certificate. It proves the straight move as it proves a plan, bisecting where a
+coarse bound leaves a doubt, so a posture at which a certified plan ends is a start that no approach refuses.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from planner.approach.posture import way_clear
 from planner.approach.rest_to_rest import rest_to_rest_motion
-from planner.approach.rrt_connect import find_path, is_clear
-from planner.approach.swept_clearance import SweptPaths, keep_clear
+from planner.approach.rrt_connect import Effort, find_path, is_clear
 from planner.arrays import Array
 from planner.cell import Cell, Limits
-from planner.certificate import certify
+from planner.certificate import Check, certify
 from planner.errors import InvalidProblem
+from planner.geometry import passable
 from planner.problem import JointRelease, ThrowProblem
 from planner.trajectory import Trajectory
 
-STEP_RAD = 0.005  # [rad] spacing of evaluated positions on a straight move; swept clearance is bounded in between
-NEAR_RAD = 1e-3  # [rad] distance from the start within which no motion is needed
+NEAR_RAD = 1e-3  # [rad] distance from the start within which no motion is needed; accepted beyond a joint's limit
 APPROACH_SPEED = 1.0  # [rad/s] just below 1.05, the default of UR's movej
 APPROACH_ACCELERATION = 1.4  # [rad/s^2] source: URScript manual, default of movej
 APPROACH_JERK = 14.0  # [rad/s^3] full acceleration after 0.1 s
-MARGINS_M = (0.01, 0.002)  # [m] beyond the cell's clearance that path search keeps, tried in turn
+# [m] margin beyond the cell's clearance that a path search keeps away from the ends, and its effort; tried in turn.
+# Between ends that a full turn of the wrist lies apart, the first found nothing and each of the others a path.
+SEARCHES = ((0.01, Effort()), (0.002, Effort(3000, 3.0, 0)), (0.002, Effort(3000, 3.0, 1)))
 PACES = (1.0, 0.5, 0.25)  # [-] shares of the pace, tried in turn: torques and tool speed may require a slower motion
+# Checks that depend on the path alone: a slower motion along it breaks them, too.
+PATH_CHECKS = {"joint_position", "floor", "keep_in", "keep_out", "self_collision"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,60 +40,129 @@ class Approach:
 
     Attributes:
         goal: start of the plan (6,) [rad].
-        problem, trajectory: planned and certified motion; None for a straight joint move.
+        problem, trajectory: planned and certified motion; None where the arm is at the goal.
+        is_straight: whether the controller's own joint move at the given pace follows the same line as fast.
     """
 
     goal: Array
     problem: ThrowProblem | None = None
     trajectory: Trajectory | None = None
+    is_straight: bool = False
+
+    @property
+    def duration_s(self) -> float:
+        """Duration of the motion [s]."""
+        return 0.0 if self.trajectory is None else self.trajectory.duration_s
 
 
-def find_approach(cell: Cell, now: Array, start: Array, pace: float = 1.0) -> tuple[Approach | None, str]:
+def find_approach(
+    cell: Cell,
+    now: Array,
+    start: Array,
+    pace: float = 1.0,
+    with_object: bool = True,
+    limits: Limits | None = None,
+) -> tuple[Approach | None, tuple[Check, ...]]:
     """Returns the approach from one posture to another.
 
     Args:
         cell: the robot station.
         now, start: present posture and start of the plan (6,) [rad].
         pace: share of the nominal pace [-].
+        with_object: whether the object is in the tool.
+        limits: of the motion; the cell's by default.
 
     Returns:
-        The approach, None if none is found, and what a straight joint move would hit, "" if nothing.
+        The approach, None if none is found, and the checks that a straight joint move fails, empty if none.
     """
     if np.abs(start - now).max() < NEAR_RAD:
-        return Approach(start), ""
-    obstacle = _straight_obstacle(cell, now, start)
-    return (_planned(cell, now, start, pace), obstacle) if obstacle else (Approach(start), "")
+        return Approach(start), ()
+    limits, ends = limits or cell.limits, np.array([now, start])
+    beyond = np.maximum(limits.q_lower - ends, ends - limits.q_upper)
+    if beyond.max() > NEAR_RAD:
+        return None, (_out_of_range(cell, limits, ends, beyond),)
+    limits = replace(
+        limits,
+        q_lower=np.minimum(limits.q_lower, ends.min(axis=0)),
+        q_upper=np.maximum(limits.q_upper, ends.max(axis=0)),
+    )
+    return _Search(cell, limits, pace, with_object).approach(now, start)
 
 
-def _planned(cell: Cell, now: Array, start: Array, pace: float) -> Approach | None:
-    """Returns a motion around the obstacle in the straight move; None if none is found."""
-    limits = cell.limits
-    if any((q < limits.q_lower).any() or (q > limits.q_upper).any() for q in (now, start)):
-        return None
-    for margin in MARGINS_M:
-        path = find_path(is_clear(cell, margin), now, start, limits.q_lower, limits.q_upper)
-        if path is not None and (approach := _timed(cell, path, pace)) is not None:
-            return approach
-    return None
+def _out_of_range(cell: Cell, limits: Limits, ends: Array, beyond: Array) -> Check:
+    """Returns the check of the joint that is farthest `beyond` (2, 6) its range [rad]."""
+    end, joint = np.unravel_index(int(beyond.argmax()), beyond.shape)
+    value, names = float(ends[end, joint]), cell.robot.joint_names
+    limit = limits.q_lower[joint] if value < limits.q_lower[joint] else limits.q_upper[joint]
+    return Check(
+        "joint_position", value, float(limit), "rad", -float(beyond[end, joint]), None, False, names[int(joint)]
+    )
 
 
-def _timed(cell: Cell, path: Array, pace: float) -> Approach | None:
-    """Returns the fastest certified motion along a path (K, 6); None if none is."""
-    approaches = (_certified(cell, path, _paced(cell.limits, pace * share)) for share in PACES)
-    return next((approach for approach in approaches if approach is not None), None)
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """What all motions of one search for an approach have in common; the arguments of `find_approach`."""
+
+    cell: Cell
+    limits: Limits
+    pace: float
+    with_object: bool
+
+    def approach(self, now: Array, start: Array) -> tuple[Approach | None, tuple[Check, ...]]:
+        """Returns the approach, and the checks that the straight move fails."""
+        straight, failures = self._timed(np.array([now, start]))
+        if straight is not None:
+            return straight, ()
+        out = way_clear(self.cell, now, self.with_object)
+        if out is None:
+            return None, failures
+        motions = (self._timed(path, len(out) - 1)[0] for path in self._paths(out, start))
+        return next((motion for motion in motions if motion is not None), None), failures
+
+    def _paths(self, out: Array, start: Array) -> Iterator[Array]:
+        """Yields paths (K, 6) that begin with the postures `out` (K, 6) and end at `start`; none past a barrier."""
+        now, limits = out[-1], self.limits
+        lower, upper = passable(self.cell.robot, self.cell.tool.capsules, now)
+        if (start < lower).any() or (start > upper).any():
+            return
+        lower, upper = np.maximum(lower, limits.q_lower), np.minimum(upper, limits.q_upper)
+        for margin, effort in SEARCHES:
+            clear = is_clear(self.cell, margin, np.array([now, start]), self.with_object)
+            path = find_path(clear, now, start, lower, upper, effort)
+            if path is not None:
+                yield np.concatenate([out[:-1], path])
+
+    def _timed(self, path: Array, leaving: int = 0) -> tuple[Approach | None, tuple[Check, ...]]:
+        """Returns the fastest certified motion along a path (K, 6), None if none is, and the failed checks then.
+
+        The first `leaving` pieces of the path lead an arm clear that stands too close; they are not certified.
+        """
+        failures: tuple[Check, ...] = ()
+        for share in PACES:
+            limits = paced(self.limits, self.pace * share)
+            try:
+                problem = self._problem(path[leaving], path[-1], limits)
+            except InvalidProblem:
+                return None, failures
+            motion = rest_to_rest_motion(path[leaving:], limits, problem.dt)
+            failures = certify(problem, motion).failures
+            if not failures:
+                if leaving:
+                    problem, motion = (
+                        self._problem(path[0], path[-1], limits),
+                        rest_to_rest_motion(path, limits, problem.dt),
+                    )
+                return Approach(path[-1], problem, motion, len(path) == 2 and share == 1.0), ()
+            if any(check.name in PATH_CHECKS for check in failures):
+                break
+        return None, failures
+
+    def _problem(self, now: Array, start: Array, limits: Limits) -> ThrowProblem:
+        """Returns the problem of a move from rest to rest."""
+        return ThrowProblem(self.cell, now, JointRelease(start, np.zeros(6)), limits, holds_object=self.with_object)
 
 
-def _certified(cell: Cell, path: Array, limits: Limits) -> Approach | None:
-    """Returns the motion along a path within limits, if its certificate is valid."""
-    trajectory = rest_to_rest_motion(path, limits, 1.0 / cell.robot.sample_rate_hz)
-    try:
-        problem = ThrowProblem(cell, path[0], JointRelease(path[-1], np.zeros(6)), limits)
-    except InvalidProblem:
-        return None
-    return Approach(path[-1], problem, trajectory) if certify(problem, trajectory).valid else None
-
-
-def _paced(limits: Limits, pace: float) -> Limits:
+def paced(limits: Limits, pace: float) -> Limits:
     """Returns the limits of an approach at a pace; like a joint move it may pass a singularity."""
     return replace(
         limits,
@@ -93,13 +171,3 @@ def _paced(limits: Limits, pace: float) -> Limits:
         jerk_max=np.minimum(limits.jerk_max, pace**3 * APPROACH_JERK),
         singularity_distance_min=0.0,
     )
-
-
-def _straight_obstacle(cell: Cell, a: Array, b: Array) -> str:
-    """Returns what a straight move between two postures (6,) would hit; "" if nothing."""
-    count = int(np.ceil(np.abs(b - a).max() / STEP_RAD)) + 1
-    q = a + np.linspace(0.0, 1.0, max(count, 2))[:, None] * (b - a)
-    limits = cell.limits
-    if (q < limits.q_lower - NEAR_RAD).any() or (q > limits.q_upper + NEAR_RAD).any():
-        return "a joint's limit"
-    return keep_clear(cell, SweptPaths.straight(q[None]))[1]

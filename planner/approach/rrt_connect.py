@@ -3,14 +3,16 @@
 Two trees, one from each end, grow towards random postures and towards each other until they meet; the path is then
 shortened wherever a straight piece is clear. Sources: Kuffner and LaValle, RRT-Connect: an efficient approach to
 single-query path planning, ICRA 2000; Geraerts and Overmars, Creating high-quality paths for motion planning, IJRR 2007
-(shortcuts). The random numbers have a fixed seed, so the same problem has the same path.
+(shortcuts). The random numbers have a given seed, so the same problem has the same path.
 
-Pieces are checked at postures `SPACING_RAD` apart, with a margin; the certificate proves the motion along the path.
+Pieces are checked at postures `SPACING_RAD` apart, with a margin that falls to nothing at both ends: an end which the
+certificate accepts is never excluded. The certificate proves the motion along the path.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,40 +24,68 @@ Edge = Callable[[Array, Array], bool]
 
 SPACING_RAD = 0.02  # [rad] between checked postures: 26 mm at a reach of 1.3 m
 STEP_RAD = 0.3  # [rad] by which a tree grows at most in one step
-AROUND_RAD = 1.5  # [rad] searched beyond both ends in every joint: no approach needs a larger detour
-GROWTHS = 1000  # [-] random postures tried before giving up: a few seconds
+NEAR_END_RAD = 0.2  # [rad] distance from an end within which the margin grows from nothing: 5 cm at a lever of 0.25 m
 SHORTCUTS = 200  # [-] straight pieces tried
-SEED = 0
 
 
-def is_clear(cell: Cell, margin_m: float) -> Edge:
-    """Returns a test of whether a straight piece between two postures keeps `margin_m` beyond the cell's clearance."""
+@dataclass(frozen=True)
+class Effort:
+    """What one search for a path spends.
+
+    Attributes:
+        growths: random postures tried before giving up; a thousand take up to two seconds.
+        around_rad: how far they lie beyond both ends in every joint [rad].
+        seed: of the random postures.
+    """
+
+    growths: int = 1000
+    around_rad: float = 1.5
+    seed: int = 0
+
+
+FIRST_EFFORT = Effort()
+
+
+def is_clear(cell: Cell, margin_m: float, ends: Array, with_object: bool = True) -> Edge:
+    """Returns a test of whether a straight piece between two postures keeps `margin_m` beyond the cell's clearance.
+
+    Args:
+        cell: the robot station.
+        margin_m: kept beyond the clearance [m], less within `NEAR_END_RAD` of the ends.
+        ends: start and goal of the path (2, 6) [rad].
+        with_object: whether the object is in the tool.
+    """
+    body = body_model(cell)
 
     def clear(a: Array, b: Array) -> bool:
         count = int(np.ceil(np.abs(b - a).max() / SPACING_RAD)) + 1
         q = a + np.linspace(0.0, 1.0, max(count, 2))[:, None] * (b - a)
-        return bool(body_model(cell).clearances(q).least.min() >= margin_m)
+        away = np.abs(q[:, None] - ends).max(axis=2).min(axis=1)
+        return bool((body.clearances(q, with_object).least >= margin_m * np.minimum(away / NEAR_END_RAD, 1.0)).all())
 
     return clear
 
 
-def find_path(clear: Edge, start: Array, goal: Array, lower: Array, upper: Array) -> Array | None:
+def find_path(
+    clear: Edge, start: Array, goal: Array, lower: Array, upper: Array, effort: Effort = FIRST_EFFORT
+) -> Array | None:
     """Returns postures (K, n) [rad] from `start` to `goal` with clear straight pieces; None if none are found.
 
     Args:
         clear: whether a straight piece is clear.
         start, goal: (n,) [rad].
         lower, upper: joint range (n,) [rad].
+        effort: where to look, and how long.
     """
     if clear(start, goal):
         return np.array([start, goal])
     if not (clear(start, start) and clear(goal, goal)):
         return None
-    rng = np.random.default_rng(SEED)
-    low = np.maximum(np.minimum(start, goal) - AROUND_RAD, lower)
-    high = np.minimum(np.maximum(start, goal) + AROUND_RAD, upper)
+    rng = np.random.default_rng(effort.seed)
+    low = np.maximum(np.minimum(start, goal) - effort.around_rad, lower)
+    high = np.minimum(np.maximum(start, goal) + effort.around_rad, upper)
     here, there = _Tree(start), _Tree(goal)
-    for growth in range(GROWTHS):
+    for growth in range(effort.growths):
         new = here.grow(rng.uniform(low, high), clear)
         if new is not None and (met := there.reach(here.q[new], clear)) is not None:
             path = [*here.branch(new)[::-1], *there.branch(met)[1:]]

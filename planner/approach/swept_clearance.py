@@ -3,7 +3,8 @@
 Between two positions a point deviates from its chord by at most sup|p''| h^2 / 8, bounded by the rotations of the
 joints as in the certificate. A height is then at least the lower end less that; a distance d from a box at least
 (d0 + d1 - |p1 - p0|) / 2 less that; and the distance of two links at least (d0 + d1 - L) / 2, where L sums the
-rotations of the joints between them times their levers. This is coarser than the certificate, never more permissive.
+rotations of the joints between them times their levers. The rule is that of the certificate: what these bounds leave
+open, positions closer together decide.
 """
 
 from __future__ import annotations
@@ -67,16 +68,23 @@ class SweptClearance:
     @property
     def kept(self) -> Mask:
         """Whether the distance is kept on each path (M,)."""
-        least = np.minimum(self.between.min(axis=1), self.values.min(axis=1))
-        return np.asarray(least >= self.required, np.bool_)
+        return np.asarray(self.between.min(axis=1) >= self.required, np.bool_) & ~self.broken
+
+    @property
+    def broken(self) -> Mask:
+        """Whether one of the positions on each path is too close (M,)."""
+        return np.asarray(self.values.min(axis=1) < self.required, np.bool_)
 
 
-def keep_clear(cell: Cell, paths: SweptPaths) -> tuple[Mask, str]:
-    """Returns whether each path keeps clear (M,), and the first collision on any of them; "" if there is none."""
-    blocks = [[(each.name, each.kept) for each in swept_clearances(cell, block)] for block in paths.blocks()]
-    kept = np.concatenate([[kept for _, kept in block] for block in blocks], axis=1)
-    broken = ~kept.all(axis=1)
-    return np.asarray(kept.all(axis=0), np.bool_), blocks[0][int(broken.argmax())][0] if broken.any() else ""
+def keep_clear(cell: Cell, paths: SweptPaths) -> tuple[Mask, Mask]:
+    """Returns whether each path is proven to keep clear (M,), and whether one of its positions does not (M,).
+
+    Where neither holds the bounds leave a doubt, which positions closer together settle.
+    """
+    blocks = [list(swept_clearances(cell, block)) for block in paths.blocks()]
+    kept = [np.all([each.kept for each in block], axis=0) for block in blocks]
+    broken = [np.any([each.broken for each in block], axis=0) for block in blocks]
+    return np.concatenate(kept), np.concatenate(broken)
 
 
 def swept_clearances(cell: Cell, paths: SweptPaths) -> Iterator[SweptClearance]:

@@ -4,6 +4,6 @@ All facts about a site are in its cell file; the arm's own data are in `planner.
 """
 
 from planner.cell.file import load_cell, parse_cell
-from planner.cell.model import Box, Cell, Limits, ToolCapsule
+from planner.cell.model import Box, Cell, Limits, Safety, ToolCapsule
 
-__all__ = ["Box", "Cell", "Limits", "ToolCapsule", "load_cell", "parse_cell"]
+__all__ = ["Box", "Cell", "Limits", "Safety", "ToolCapsule", "load_cell", "parse_cell"]

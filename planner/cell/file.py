@@ -7,9 +7,11 @@ unchanged, with the defaults filled in.
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +25,7 @@ from planner.cell.model import (
     ControllerAddress,
     Gripper,
     Limits,
+    Safety,
     Sim,
     Surroundings,
     ThrownObject,
@@ -36,7 +39,7 @@ from planner.rotations import pose, rotation_vector_to_matrix
 
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")  # a cell's name is part of URLs and file names
 
-# Values of the keys that a cell file leaves out; None: required, or taken from the arm.
+# Values of the keys that a cell file leaves out; None: required, taken from the arm, or not limited.
 DEFAULTS: dict[str, Any] = {
     "robot": None,
     "home_rad": [0.0, -1.57, 1.57, -1.57, -1.57, 0.0],
@@ -59,7 +62,24 @@ DEFAULTS: dict[str, Any] = {
     },
     "surroundings": {"floor_z_m": 0.0, "clearance_m": 0.02, "gravity_m_s2": 9.81, "keep_in": [], "keep_out": []},
     "object": {"mass_kg": 0.05, "radius_m": 0.02, "drag_coefficient": 0.0},
-    "gripper": {"output": "tool_digital", "index": 0, "open_level": True, "delay_s": 0.040, "jitter_s": 0.0},
+    "gripper": {
+        "output": "tool_digital",
+        "index": 0,
+        "open_level": True,
+        "delay_s": 0.040,
+        "jitter_s": 0.0,
+        "opening_direction": None,
+        "opening_cone_rad": None,
+        "hold_acceleration_m_s2": None,
+    },
+    "safety": {
+        "tool_speed_m_s": None,
+        "elbow_speed_m_s": None,
+        "momentum_kg_m_s": None,
+        "power_w": None,
+        "stopping_time_s": None,
+        "stopping_distance_m": None,
+    },
     "timing": {"lag_s": 0.0},
     "link": {"kind": None, "host": "127.0.0.1"},
     "sim": {
@@ -76,6 +96,8 @@ DEFAULTS: dict[str, Any] = {
 GRIPPER_OUTPUTS = {"tool_digital": 2, "standard_digital": 8, "configurable_digital": 8}
 POLYSCOPE = {"CB3": "3.15", "e-Series": "5.11.1"}  # default versions of the simulated controller
 JERK_MAX = 1e5  # [rad/s^3] far above any arm; catches typing errors
+LIMIT_MIN = 1e-6  # [any unit] smallest limit that is accepted: a limit of zero forbids every motion
+HOLD_ACCELERATION_MIN = 1e-3  # [m/s^2] a grip that withstands less holds nothing
 SPEED_MAX = 20.0  # [m/s] far above any arm; catches typing errors
 
 
@@ -112,8 +134,10 @@ def parse_cell(text: bytes | str, name: str) -> Cell:
 
 
 def _cell(document: dict[str, Any], name: str, sha256: str) -> Cell:
-    arm = _robot(document)
+    arm, safety = _robot(document), _safety(document["safety"])
     limits = _limits(document["limits"], arm)
+    if safety.tool_speed_m_s is not None:
+        limits = replace(limits, tcp_speed_max=min(limits.tcp_speed_max, safety.tool_speed_m_s))
     home = vector(document, "home_rad", "", 6)
     for i in range(6):
         if not limits.q_lower[i] <= home[i] <= limits.q_upper[i]:
@@ -130,6 +154,7 @@ def _cell(document: dict[str, Any], name: str, sha256: str) -> Cell:
         surroundings=_surroundings(document["surroundings"]),
         object=_object(document["object"]),
         gripper=_gripper(document["gripper"]),
+        safety=safety,
         timing=Timing(number(document["timing"], "lag_s", "timing.", 0.0, 0.5)),
         link=_link(document["link"]),
         sim=_sim(document["sim"], arm),
@@ -236,7 +261,40 @@ def _gripper(table: Mapping[str, Any]) -> Gripper:
         table["open_level"],
         delay_s=number(table, "delay_s", "gripper.", 0.0, 2.0),
         jitter_s=number(table, "jitter_s", "gripper.", 0.0, 0.5),
+        opening_direction=_direction(table, "opening_direction", "gripper."),
+        opening_cone_rad=_optional(table, "opening_cone_rad", "gripper.", math.pi),
+        hold_acceleration_m_s2=_hold_acceleration(table),
     )
+
+
+def _direction(table: Mapping[str, Any], key: str, where: str) -> Array | None:
+    """Returns a direction (3,) as a unit vector; None where it is absent."""
+    if table[key] is None:
+        return None
+    direction = vector(table, key, where, 3)
+    length = float(np.linalg.norm(direction))
+    if length < 1e-9:
+        raise CellError(where + key, direction.tolist(), "must not be zero")
+    return read_only(direction / length)
+
+
+def _hold_acceleration(table: Mapping[str, Any]) -> Array | None:
+    """Returns what the grip withstands: one number for any direction (1,), or one for each axis (3,) [m/s^2]."""
+    key, where = "hold_acceleration_m_s2", "gripper."
+    if table[key] is None:
+        return None
+    if isinstance(table[key], list | tuple):
+        return vector(table, key, where, 3, HOLD_ACCELERATION_MIN, math.inf)
+    return read_only([number(table, key, where, HOLD_ACCELERATION_MIN)])
+
+
+def _safety(table: Mapping[str, Any]) -> Safety:
+    return Safety(**{key: _optional(table, key, "safety.") for key in DEFAULTS["safety"]})
+
+
+def _optional(table: Mapping[str, Any], key: str, where: str, upper: float = math.inf) -> float | None:
+    """Returns a number above 0 and up to `upper`; None where it is absent."""
+    return None if table[key] is None else number(table, key, where, LIMIT_MIN, upper)
 
 
 def _link(table: Mapping[str, Any]) -> ControllerAddress:

@@ -44,7 +44,7 @@ class Limits:
         qdd_max: joint accelerations (6,) [rad/s^2].
         jerk_max: joint jerks (6,) [rad/s^3].
         tau_max: joint torques (6,) [N m].
-        tcp_speed_max: speed of the tool centre point [m/s].
+        tcp_speed_max: speed of the tool centre point [m/s], the arm's own tool speed limit included.
         singularity_distance_min: distance to each singularity [-].
     """
 
@@ -94,9 +94,9 @@ class ThrownObject:
     drag_coefficient: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Gripper:
-    """The gripper's digital output and its delay.
+    """The gripper: its digital output, its delay, and how it holds the object.
 
     Attributes:
         output: kind of output: tool_digital, standard_digital or configurable_digital.
@@ -104,6 +104,10 @@ class Gripper:
         open_level: level of the output that opens the gripper.
         delay_s: time from the change of the output to the object leaving [s].
         jitter_s: standard deviation of that time [s].
+        opening_direction: unit vector (3,) in the tool frame along which the object can leave; None: any.
+        opening_cone_rad: largest angle between the object's way out and that direction [rad]; None: any.
+        hold_acceleration_m_s2: largest acceleration against free fall that the grip withstands [m/s^2], (1,) in any
+            direction or (3,) along the axes of the tool frame; None: not limited.
     """
 
     output: str
@@ -111,6 +115,29 @@ class Gripper:
     open_level: bool
     delay_s: float
     jitter_s: float
+    opening_direction: Array | None = None
+    opening_cone_rad: float | None = None
+    hold_acceleration_m_s2: Array | None = None
+
+
+@dataclass(frozen=True)
+class Safety:
+    """The arm's own safety limits, as its pendant shows them; None: not limited.
+
+    Attributes:
+        tool_speed_m_s, elbow_speed_m_s: speeds [m/s].
+        momentum_kg_m_s: [kg m/s].
+        power_w: [W].
+        stopping_time_s: [s].
+        stopping_distance_m: [m].
+    """
+
+    tool_speed_m_s: float | None = None
+    elbow_speed_m_s: float | None = None
+    momentum_kg_m_s: float | None = None
+    power_w: float | None = None
+    stopping_time_s: float | None = None
+    stopping_distance_m: float | None = None
 
 
 @dataclass(frozen=True)
@@ -158,7 +185,7 @@ class Cell:
         robot: the arm.
         home: joint positions (6,) [rad] where a throw starts by default.
         X_WB: pose (4, 4) of the arm's base in the world.
-        tool, limits, surroundings, object, gripper, timing, link, sim: the tables of the cell file.
+        tool, limits, surroundings, object, gripper, safety, timing, link, sim: the tables of the cell file.
         document: keys and numbers of the cell file as written, with defaults filled in.
     """
 
@@ -172,6 +199,7 @@ class Cell:
     surroundings: Surroundings
     object: ThrownObject
     gripper: Gripper
+    safety: Safety
     timing: Timing
     link: ControllerAddress
     sim: Sim

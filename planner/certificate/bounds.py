@@ -18,12 +18,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from planner.arrays import Array, Index, Mask
+from planner.arrays import Array, Index, Mask, read_only
+from planner.kernel import Kernel, twin_of
 from planner.trajectory import Trajectory
 
 ROUNDS = 16  # [-] bisections of an interval: 2^-16 of a coarse one is below a microsecond
@@ -40,7 +41,7 @@ class Rates:
 
     def __init__(self, qd: Array, qdd: Array, jerk: Array) -> None:
         self.qd, self.qdd, self.jerk = qd, qdd, jerk
-        self.sums = np.tri(len(qd)) @ np.stack([qd, qdd, jerk])
+        self.sums = _sums(len(qd)) @ np.array([qd, qdd, jerk])
 
     @cached_property
     def totals(self) -> tuple[Array, Array, Array, Array]:
@@ -52,9 +53,20 @@ class Rates:
     @cached_property
     def by_derivative(self) -> tuple[Array, Array, Array, Array]:
         """Weights (n, m) of the levers in the bounds on the first to fourth derivative of a point."""
-        n = len(self.qd)
-        differences = np.eye(n) - np.eye(n, k=-1)
+        differences = _differences(len(self.qd))
         return tuple(differences @ total for total in self.totals)  # pyright: ignore[reportReturnType]
+
+
+@cache
+def _sums(n: int) -> Array:
+    """Returns the matrix (n, n) of sums up to and including each entry."""
+    return read_only(np.tri(n))
+
+
+@cache
+def _differences(n: int) -> Array:
+    """Returns its inverse: the matrix (n, n) of differences from the entry before."""
+    return read_only(np.eye(n) - np.eye(n, k=-1))
 
 
 def joint_rates(trajectory: Trajectory, knots: Index | None = None) -> Rates:
@@ -66,14 +78,20 @@ def joint_rates(trajectory: Trajectory, knots: Index | None = None) -> Rates:
     """
     if knots is None:
         knots = np.arange(len(trajectory.q))
-    first, last = knots[0], knots[-1]
-    rows = np.concatenate([trajectory.qd, trajectory.qdd], axis=1)[first : last + 1]
-    size, jerk = np.abs(rows.T), np.abs(trajectory.jerk[first:last].T)
-    inside = np.maximum.reduceat(size[:, :-1], knots[:-1] - first, axis=1)
-    most = np.maximum(inside, size[:, knots[1:] - first])
-    jerk_most = np.maximum.reduceat(jerk, knots[:-1] - first, axis=1)
-    n = trajectory.q.shape[1]
-    return Rates(most[:n] + jerk_most * trajectory.dt**2 / 8.0, most[n:], jerk_most)
+    qd, qdd = (_largest_between(values, knots, True) for values in (trajectory.qd, trajectory.qdd))
+    jerk = _largest_between(trajectory.jerk, knots, False)  # of a tick, which ends at the next sample
+    return Rates(qd + jerk * trajectory.dt**2 / 8.0, qdd, jerk)
+
+
+@twin_of(Kernel.largest_between, lambda: (np.sin(np.arange(40.0)).reshape(10, 4), np.array([1, 2, 5, 9]), True))
+def _largest_between(values: Array, rows: Index, closed: bool) -> Array:
+    """Returns the largest sizes (c, k-1) of `values` (n, c) from each of `rows` (k,) to the next.
+
+    The next row is among them if `closed`.
+    """
+    size = np.abs(values[rows[0] : rows[-1] + 1])
+    inside = np.maximum.reduceat(size[: rows[-1] - rows[0]], rows[:-1] - rows[0])
+    return (np.maximum(inside, size[rows[1:] - rows[0]]) if closed else inside).T
 
 
 def jerk_jumps(trajectory: Trajectory, knots: Index) -> Array:

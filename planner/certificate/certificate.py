@@ -38,10 +38,27 @@ class Check:
 
 
 @dataclass(frozen=True)
+class NotChecked:
+    """A check that the cell gives no limit for, or that cannot be computed from the model.
+
+    Attributes:
+        name: of the check, or of the quantity.
+    """
+
+    name: str
+
+
+@dataclass(frozen=True)
 class Certificate:
-    """Independent verification of a trajectory. Valid if every check is ok."""
+    """Independent verification of a trajectory. Valid if every check is ok.
+
+    Attributes:
+        checks: the checks that apply to the problem.
+        not_checked: names of the checks and quantities that stay unverified, for want of a limit or of a model.
+    """
 
     checks: tuple[Check, ...]
+    not_checked: tuple[str, ...] = ()
 
     @property
     def valid(self) -> bool:

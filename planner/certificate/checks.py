@@ -1,20 +1,22 @@
 """The list of checks, and the function that makes a certificate of them.
 
-To add a check, write a function `(motion: MotionSamples) -> Check | None` in the module of its family and add it to
-`MOTION_CHECKS`. None means that the check does not apply to the problem.
+To add a check, write a function `(motion: MotionSamples) -> Check | NotChecked | None` in the module of its family and
+add it to `MOTION_CHECKS`. None means that the check does not apply to the problem; `NotChecked`, that the cell gives no
+limit for it, or that the model cannot tell.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from planner.certificate import clearance, joints, release, tool, torque
-from planner.certificate.certificate import Certificate, Check
+from planner.certificate import clearance, grip, joints, release, safety_limits, stopping, tool, torque
+from planner.certificate.certificate import Certificate, Check, NotChecked
+from planner.certificate.flight import flight_clearance
 from planner.certificate.samples import MotionSamples
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 
-CheckFunction = Callable[[MotionSamples], Check | None]
+CheckFunction = Callable[[MotionSamples], Check | NotChecked | None]
 
 # Checks of the joints alone, which hold for any samples.
 JOINT_CHECKS: tuple[CheckFunction, ...] = (
@@ -36,10 +38,18 @@ MOTION_CHECKS: tuple[CheckFunction, ...] = (
     clearance.self_collision,
     tool.singularity_distance,
     torque.joint_torque,
+    safety_limits.elbow_speed,
+    safety_limits.linear_momentum,
+    safety_limits.power,
+    stopping.stopping_time,
+    stopping.stopping_distance,
     release.landing_window,
     release.release_position,
     release.release_velocity,
     release.landing,
+    flight_clearance,
+    grip.grip_acceleration,
+    grip.opening_direction,
 )
 
 
@@ -50,12 +60,10 @@ def certify(problem: ThrowProblem, trajectory: Trajectory) -> Certificate:
     only: the bounds of the others rest on that.
     """
     motion = MotionSamples(problem, trajectory)
-    checks = _run(JOINT_CHECKS, motion)
-    if all(check.ok for check in checks if check.name == "continuity"):
-        checks += _run(MOTION_CHECKS, motion)
-    return Certificate(tuple(checks))
-
-
-def _run(functions: tuple[CheckFunction, ...], motion: MotionSamples) -> list[Check]:
-    found = [function(motion) for function in functions]
-    return [check for check in found if check is not None]
+    found = [check(motion) for check in JOINT_CHECKS]
+    if all(check.ok for check in found if isinstance(check, Check) and check.name == "continuity"):
+        found += [check(motion) for check in MOTION_CHECKS]
+    return Certificate(
+        tuple(check for check in found if isinstance(check, Check)),
+        tuple(check.name for check in found if isinstance(check, NotChecked)),
+    )

@@ -22,11 +22,11 @@ def floor(motion: MotionSamples) -> Check:
         capsule = moving[item]
         ends = body.end_points_of(capsule, motion.poses_at(t))
         height = ends[..., 2].min(axis=-1) - body.radii[capsule] - around.floor_z_m
-        return np.where((capsule == body.object) & (t > motion.released_s), FAR_M, height)
+        return np.where((capsule == body.object) & (t > motion.held_until_s), FAR_M, height)
 
     # The lower end of a capsule is the lower of two smooth functions: the curvature bound holds for both.
     heights = body.heights(motion.ends)
-    heights[-1, t > motion.released_s] = FAR_M
+    heights[-1, t > motion.held_until_s] = FAR_M
     rates = point_bound(body.levers[moving], motion.rates, 2)
     proof = prove_above(evaluate, t, heights, rates, around.clearance_m, curvature_bound)
     return _distance_check("floor", proof, around.clearance_m, body.names[moving[proof.item]])
@@ -47,11 +47,11 @@ def keep_out(motion: MotionSamples) -> Check | None:
     def evaluate(t: Array, item: Index) -> Array:
         capsule = moving[item % count]
         gap = distance(body.end_points_of(capsule, motion.poses_at(t)), item)
-        return np.where((capsule == body.object) & (t > motion.released_s), FAR_M, gap)
+        return np.where((capsule == body.object) & (t > motion.held_until_s), FAR_M, gap)
 
     ends = motion.ends[moving][..., motion.sparse]
     gaps = _bounding_box_distances(ends, lower, upper) - body.radii[moving, None]
-    gaps[:, -1, t > motion.released_s] = FAR_M
+    gaps[:, -1, t > motion.held_until_s] = FAR_M
     gaps = gaps.reshape(-1, len(t))
     rates = np.tile(body.levers[moving] @ motion.sparse_speeds, (len(lower), 1))
     # The distance of bounding boxes decides most; only what it leaves open, or may be closest, is evaluated exactly.
@@ -96,7 +96,7 @@ def keep_in(motion: MotionSamples) -> Check | None:
 
 def self_collision(motion: MotionSamples) -> Check | None:
     """Checks that no two capsules that can collide come closer than the self clearance; None where none can."""
-    body = motion.body
+    body, t = motion.body, motion.at_knots.t[motion.sparse]
     if len(body.pairs) == 0:
         return None
     first, second = body.pairs.T
@@ -105,11 +105,13 @@ def self_collision(motion: MotionSamples) -> Check | None:
     def evaluate(t: Array, item: Index) -> Array:
         X_WL = motion.poses_at(t)
         one, other = (body.end_points_of(side[item], X_WL) for side in (first, second))
-        return segment_segment_distance(one[:, 0], one[:, 1], other[:, 0], other[:, 1]) - thickness[item]
+        gap = segment_segment_distance(one[:, 0], one[:, 1], other[:, 0], other[:, 1]) - thickness[item]
+        return np.where((second[item] == body.object) & (t > motion.held_until_s), FAR_M, gap)
 
     gaps = body.pair_distances(motion.ends[..., motion.sparse])
+    gaps[np.ix_(second == body.object, t > motion.held_until_s)] = FAR_M
     rates = body.pair_levers @ motion.sparse_speeds
-    proof = prove_above(evaluate, motion.at_knots.t[motion.sparse], gaps, rates, SELF_CLEARANCE_M, slope_bound)
+    proof = prove_above(evaluate, t, gaps, rates, SELF_CLEARANCE_M, slope_bound)
     names = body.names[first[proof.item]], body.names[second[proof.item]]
     return _distance_check("self_collision", proof, SELF_CLEARANCE_M, ", ".join(names))
 

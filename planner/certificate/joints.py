@@ -113,11 +113,11 @@ def _position_extrema(trajectory: Trajectory) -> tuple[Array, Array, Array]:
     start, v, a, jerk = q[:-1][turns], qd[:-1][turns], qdd[:-1][turns], trajectory.jerk[turns]
     with np.errstate(divide="ignore", invalid="ignore"):
         root = np.sqrt(a * a - 2.0 * jerk * v)
-        for s in ((-a + root) / jerk, (-a - root) / jerk, -v / a):
-            s = np.where(np.isfinite(s), np.clip(s, 0.0, dt), 0.0)
-            turn = start + s * (v + s * (a / 2.0 + s * jerk / 6.0))
-            lowest[turns] = np.minimum(lowest[turns], turn)
-            highest[turns] = np.maximum(highest[turns], turn)
+        s = np.array([(-a + root) / jerk, (-a - root) / jerk, -v / a])
+    s = np.where(np.isfinite(s), np.clip(s, 0.0, dt), 0.0)
+    turn = start + s * (v + s * (a / 2.0 + s * jerk / 6.0))
+    lowest[turns] = np.minimum(lowest[turns], turn.min(axis=0))
+    highest[turns] = np.maximum(highest[turns], turn.max(axis=0))
     return lowest, highest, trajectory.t[:-1]
 
 

@@ -10,16 +10,15 @@ from planner.arrays import Array, Index
 from planner.certificate.bounds import curvature_bound, joint_rates, point_bound, prove_above
 from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
-from planner.flight import Flight, fly, landing_points
+from planner.flight import Flight, LandingStates, fly, landing_points, landing_states
 from planner.geometry import tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
-from planner.rotations import matrix_to_rotation_vector
+from planner.rotations import angle_between
 from planner.trajectory import Trajectory
 
 RELEASE_POSITION_TOLERANCE = 1e-5  # [m, rad] less than a third of a UR's repeatability, 0.03 mm
 RELEASE_VELOCITY_TOLERANCE = 1e-4  # [m/s, rad/s] 0.1 mm of landing for a flight of one second
 LANDING_TOLERANCE_M = 5e-4  # [m] of the nominal release; far below the scatter of a gripper
-WINDOW_STEP_S = 0.001  # [s] first spacing in the release window; a curvature bound holds in between
 
 
 def release_flight(problem: ThrowProblem, trajectory: Trajectory) -> Flight | None:
@@ -43,8 +42,7 @@ def release_position(motion: MotionSamples) -> Check | None:
         return at_most(name, float(np.linalg.norm(p - release.p_WT)), tolerance, "m", at_s)
     if isinstance(release, PoseRelease):
         R_WT = motion.at_knots.X_WL[motion.release_knot, 6, :3, :3] @ problem.cell.tool.X_FT[:3, :3]
-        rotation = matrix_to_rotation_vector(R_WT @ release.X_WT[:3, :3].T)
-        offset, turn = float(np.linalg.norm(p - release.X_WT[:3, 3])), float(np.linalg.norm(rotation))
+        offset, turn = float(np.linalg.norm(p - release.X_WT[:3, 3])), angle_between(R_WT, release.X_WT[:3, :3])
         unit, detail = ("m", "position [m]") if offset >= turn else ("rad", "orientation [rad]")
         return at_most(name, max(offset, turn), tolerance, unit, at_s, detail)
     if release.release_position is not None:
@@ -108,7 +106,7 @@ def landing_window(motion: MotionSamples) -> Check | None:
     problem, released = motion.problem, motion.trajectory.release_time_s
     if not problem.is_robust:
         return None
-    window, tolerance = problem.release_window_s, problem.landing_tolerance_m
+    tolerance = problem.landing_tolerance_m
     goal = _nominal_landing(problem, motion.trajectory)
 
     def room(arm: ArmSamples) -> Array:
@@ -117,11 +115,14 @@ def landing_window(motion: MotionSamples) -> Check | None:
     def evaluate(t: Array, item: Index) -> Array:
         return room(motion.at(t))
 
-    arm = motion.at(released + np.linspace(-window, window, 2 * math.ceil(window / WINDOW_STEP_S) + 1))
-    rates = np.array([_landing_curvature(motion, arm)])
-    proof = prove_above(evaluate, arm.t, room(arm)[None], rates, 0.0, curvature_bound)
-    if not math.isfinite(proof.value):
+    arm = motion.in_window
+    rooms, curvature = room(arm), _landing_curvature(motion, arm)
+    if not np.isfinite(rooms).all():
         return at_most("landing_window", math.inf, tolerance, "m", released, "never lands")
+    if not math.isfinite(curvature):
+        error, at_s = tolerance * (1.0 + ROUNDING) - rooms.min(), float(arm.t[rooms.argmin()])
+        return at_most("landing_window", error, tolerance, "m", at_s, "grazes the plane").provided(False)
+    proof = prove_above(evaluate, arm.t, rooms[None], np.array([curvature]), 0.0, curvature_bound)
     error = tolerance * (1.0 + ROUNDING) - proof.value
     return at_most("landing_window", error, tolerance, "m", proof.at_s).provided(proof.proven)
 
@@ -131,8 +132,13 @@ def landing_errors(problem: ThrowProblem, trajectory: Trajectory, delays: Array)
 
     They are distances from the target, or without a target from the landing point of the nominal release.
     """
-    arm = MotionSamples(problem, trajectory).at(trajectory.release_time_s + delays)
-    return np.linalg.norm(_landing_points(problem, arm) - _nominal_landing(problem, trajectory), axis=1)
+    points = window_landing_points(problem, trajectory, delays)
+    return np.linalg.norm(points - _nominal_landing(problem, trajectory), axis=1)
+
+
+def window_landing_points(problem: ThrowProblem, trajectory: Trajectory, delays: Array) -> Array:
+    """Returns the landing points (k, 3) [m] of releases `delays` (k,) [s] after the nominal one; NaN where none."""
+    return _landing_points(problem, MotionSamples(problem, trajectory).at(trajectory.release_time_s + delays))
 
 
 def _landing_points(problem: ThrowProblem, arm: ArmSamples) -> Array:
@@ -148,22 +154,54 @@ def _nominal_landing(problem: ThrowProblem, trajectory: Trajectory) -> Array:
 
 
 def _landing_curvature(motion: MotionSamples, arm: ArmSamples) -> float:
-    """Returns sup |L''| [m/s^2] of the drag-free landing point over the window sampled by `arm`.
+    """Returns sup |L''| [m/s^2] of the landing point by the time of the release, over the window sampled by `arm`.
 
-    L = p + v t with the flight time t(p_z, v_z) to the plane. With bounds A, J on acceleration and jerk, T on the
-    flight time, V on the speed and w on the (downward) speed at landing: |t'| <= (V + A T) / w =: t1,
-    |t''| <= (A + J T + 2 A t1 + G t1^2) / w =: t2, and |L''| <= A + J T + 2 A t1 + V t2.
+    The flight x(t) from a release at p with velocity v obeys x'' = F(x') with F(w) = -k |w| w - g, so that it is
+    p + xi(t; v). F' is symmetric with eigenvalues -k|w| and -2k|w|, none above 0: velocities approach each other, and
+    |dw/dv| <= 1, |d xi/dv| <= t. |F''| <= 2k: |d^2 w/dv^2| <= 2 k t, |d^2 xi/dv^2| <= k t^2. With bounds A, J on the
+    acceleration and jerk of the tool, V on its speed, T on the time of flight, and at the landing W on the speed, w
+    on the downward speed (from below) and G = max(g, k W^2) on the vertical acceleration, differentiation of
+    z(t, v) = plane by the time of the release gives
+        |t'|  <= (V + A T) / w =: t1
+        |t''| <= (X + 2 A t1 + G t1^2) / w =: t2   with X = A + J T + k (A T)^2 >= |d^2 x|
+        |L''| <= X + 2 A t1 + k W^2 t1^2 + V t2,
+    because drag only slows the horizontal motion. T and w between samples: see `_between_landings`.
     """
     problem, trajectory = motion.problem, motion.trajectory
-    height, v_z = arm.p_WT[2] - problem.plane_z, arm.v_WT[2]
-    landing_speed = np.sqrt(np.maximum(v_z**2 + 2.0 * problem.gravity * height, 1e-12))
-    time = float(((v_z + landing_speed) / problem.gravity).max())
-    w, speed = float(landing_speed.min()), float(np.sqrt((arm.v_WT**2).sum(axis=0).max()))
+    gravity, drag = problem.gravity, problem.drag
+    landed = landing_states(arm.p_WT.T, arm.v_WT.T, problem.plane_z, gravity, drag)
+    if np.isnan(landed.time_s).any():
+        return math.inf
     reach = math.ceil(problem.release_window_s * trajectory.sample_rate_hz) + 1
     k = trajectory.release_index
     rates = joint_rates(trajectory, np.array([max(0, k - reach), min(len(trajectory.q) - 1, k + reach)]))
-    lever = motion.body.tool_lever
-    a, j = (float(point_bound(lever, rates, derivative)[0]) for derivative in (2, 3))
-    t1 = (speed + a * time) / w
-    t2 = (a + j * time + 2.0 * a * t1 + problem.gravity * t1**2) / w
-    return a + j * time + 2.0 * a * t1 + speed * t2
+    a, j = (float(point_bound(motion.body.tool_lever, rates, derivative)[0]) for derivative in (2, 3))
+    half = float(np.diff(arm.t).max()) / 2.0
+    speed = float(np.sqrt((arm.v_WT**2).sum(axis=0).max())) + a * half
+    height = max(0.0, float(arm.p_WT[2].max()) + speed * half - problem.plane_z)
+    fastest = speed**2 + 2.0 * gravity * height  # square of the landing speed without drag, which only slows
+    g = max(gravity, drag * fastest)
+    time, w = _between_landings(landed, (a, speed, g), half)
+    if not w > 0.0:
+        return math.inf
+    t1, x = (speed + a * time) / w, a + j * time + drag * (a * time) ** 2
+    t2 = (x + 2.0 * a * t1 + g * t1**2) / w
+    return x + 2.0 * a * t1 + drag * fastest * t1**2 + speed * t2
+
+
+def _between_landings(landed: LandingStates, bounds: tuple[float, float, float], half: float) -> tuple[float, float]:
+    """Returns bounds on flight time [s] and downward landing speed [m/s] also between samples; a speed of 0: none.
+
+    Over `half` [s] they change by at most |t'| half and (A + G |t'|) half, where |t'| depends on them again: twice the
+    change by the sampled values is assumed, and then must suffice.
+    """
+    (a, speed, g), time, w = bounds, float(landed.time_s.max()), float((-landed.v[:, 2]).min())
+    if not w > 0.0:
+        return time, 0.0
+    later = 2.0 * half * (speed + a * time) / w
+    slower = 2.0 * half * a + g * later
+    if not w > slower:
+        return time, 0.0
+    t1 = (speed + a * (time + later)) / (w - slower)
+    holds = half * t1 <= later and half * (a + g * t1) <= slower
+    return time + later, w - slower if holds else 0.0

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from planner.arrays import Array, Index
+from planner.cell import Cell
 from planner.certificate.bounds import Rates, joint_rates
+from planner.dynamics import chain_torques, empty_bodies
 from planner.geometry import BodyModel, body_model
 from planner.kinematics import LinkMotion
 from planner.problem import ThrowProblem
@@ -16,7 +19,12 @@ from planner.trajectory import Trajectory
 
 KNOTS = 64  # [-] instants of a trajectory that are evaluated first; bisection adds others where it must
 SPACING_S = (0.008, 0.016)  # [s] least and largest spacing of these knots
+TICK_ROUNDING = 1e-6  # [ticks] by which a window of whole ticks may exceed them in floating point
+WINDOW_STEP_S = 0.001  # [s] largest spacing in the release window; curvature bounds hold in between
 SPARSE = 2  # [-] distances are evaluated at one of so many knots: most are far from their limit
+
+
+_CARRIERS = np.array([*range(6), 5])  # links with which the origins of their frames move, and the tool centre point
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,12 +32,14 @@ class ArmSamples:
     """The arm at k instants.
 
     Attributes:
+        cell: the arm's.
         t: [s] (k,).
         X_WL: poses of base and links in the world (k, 7, 4, 4).
         links: their motion, in the world.
         p_WT: position of the tool centre point (3, k) [m].
     """
 
+    cell: Cell
     t: Array
     X_WL: Array
     links: LinkMotion
@@ -40,9 +50,38 @@ class ArmSamples:
         """Velocity of the tool centre point (3, k) [m/s]."""
         return self.links.velocity(self.p_WT)
 
+    @cached_property
+    def torques(self) -> tuple[Array, Array]:
+        """Joint torques without the object (6, k) [N m], and what each kilogram of it adds (6, k) [N m/kg]."""
+        return self._torques(self.links, self.cell.surroundings.gravity_m_s2)
+
+    @cached_property
+    def drift_torques(self) -> tuple[Array, Array]:
+        """The part of `torques` that no joint acceleration causes: gravity and velocity."""
+        qd = self.links.qd
+        chain = LinkMotion(self.X_WL, qd, np.zeros_like(qd))
+        return self._torques(chain, self.cell.surroundings.gravity_m_s2)
+
+    @cached_property
+    def joint_momenta(self) -> tuple[Array, Array]:
+        """Mass matrix times joint velocity: without the object (6, k) [N m s], and per kilogram of it [N m s/kg]."""
+        qd = self.links.qd
+        return self._torques(LinkMotion(self.X_WL, np.zeros_like(qd), qd), 0.0)
+
+    def _torques(self, chain: LinkMotion, gravity: float) -> tuple[Array, Array]:
+        down = np.array([0.0, 0.0, -gravity])
+        return chain_torques(chain, empty_bodies(self.cell), down, self.cell.tool.X_FT[:3, 3])
+
+    @cached_property
+    def a_WT(self) -> Array:
+        """Acceleration of the tool centre point (3, k) [m/s^2]."""
+        links = self.links
+        points = np.concatenate([links.offsets, (self.p_WT - links.origins[:, 6])[:, None]], axis=1)
+        return links.relative_acceleration(points, _CARRIERS).sum(axis=1)
+
 
 class MotionSamples:
-    """A problem and a trajectory, evaluated at knots: the first sample, the release, the last, and some in between.
+    """A problem and a trajectory, evaluated at knots: first and last sample, the release and its window, some between.
 
     Attributes:
         problem, trajectory: as given.
@@ -60,13 +99,14 @@ class MotionSamples:
         trajectory, last = self.trajectory, len(self.trajectory.q) - 1
         spacing = min(max(trajectory.duration_s / KNOTS, SPACING_S[0]), SPACING_S[1])
         stride = max(1, round(spacing * trajectory.sample_rate_hz))
-        return _merged(np.arange(0, last, stride), trajectory.release_index, last)
+        return _merged(np.arange(0, last, stride), trajectory.release_index, *self._object_changes, last)
 
     @cached_property
     def sparse(self) -> Index:
         """Indices of the knots at which distances are evaluated first; first, release and last among them."""
         last = len(self.knots) - 1
-        return _merged(np.arange(0, last, SPARSE), self.release_knot, last)
+        changes = np.searchsorted(self.knots, self._object_changes)
+        return _merged(np.arange(0, last, SPARSE), self.release_knot, *changes, last)
 
     @cached_property
     def release_knot(self) -> int:
@@ -74,15 +114,54 @@ class MotionSamples:
         return int(np.searchsorted(self.knots, self.trajectory.release_index))
 
     @property
-    def released_s(self) -> float:
-        """Time until which the object is held [s]; infinite for a move that ends at rest."""
-        return np.inf if self.problem.ends_at_rest else self.trajectory.release_time_s
+    def gone_from_s(self) -> float:
+        """Time from which the object may have left [s]: the release window's beginning, at a knot.
+
+        Infinite for a move that ends at rest, -infinite for one without the object.
+        """
+        return self._change_s(0)
+
+    @property
+    def held_until_s(self) -> float:
+        """Time until which the object may still be held [s]: the release window's end, at a knot.
+
+        Infinite for a move that ends at rest, -infinite for one without the object.
+        """
+        return self._change_s(1)
+
+    def _change_s(self, end: int) -> float:
+        """Returns the time of one end of the span in which the object may be held or gone [s]."""
+        if not self.problem.holds_object:
+            return -math.inf
+        return math.inf if self.problem.ends_at_rest else float(self.trajectory.t[self._object_changes[end]])
+
+    def worse_of(self, t: Array, held: Array, empty: Array) -> Array:
+        """Returns values (..., k) at times `t` (k,) with the object while it is held, without it once it is gone.
+
+        Where it may be either, the larger value.
+        """
+        before, after = t < self.gone_from_s, t > self.held_until_s
+        return np.where(before, held, np.where(after, empty, np.maximum(held, empty)))
+
+    @cached_property
+    def _object_changes(self) -> tuple[int, int]:
+        """Samples between which the object may be held or gone: the release window, rounded outwards."""
+        trajectory, window = self.trajectory, self.problem.release_window_s if self.problem.is_robust else 0.0
+        reach = math.ceil(window * trajectory.sample_rate_hz - TICK_ROUNDING)
+        k = trajectory.release_index
+        return max(0, k - reach), min(len(trajectory.q) - 1, k + reach)
 
     @cached_property
     def at_knots(self) -> ArmSamples:
         """The arm at the knots."""
         rows, trajectory = self.knots, self.trajectory
         return self._arm(trajectory.t[rows], (trajectory.q[rows], trajectory.qd[rows], trajectory.qdd[rows]))
+
+    @cached_property
+    def in_window(self) -> ArmSamples:
+        """The arm at instants of the release window, every millisecond or less."""
+        window, released = self.problem.release_window_s, self.trajectory.release_time_s
+        return self.at(released + np.linspace(-window, window, 2 * math.ceil(window / WINDOW_STEP_S) + 1))
 
     @cached_property
     def ends(self) -> Array:
@@ -112,7 +191,8 @@ class MotionSamples:
         q, qd, qdd = state
         X_WL = self.body.link_poses(q)
         links = LinkMotion(X_WL, qd, qdd)
-        return ArmSamples(t, X_WL, links, links.on_flange(self.problem.cell.tool.X_FT[:3, 3]))
+        cell = self.problem.cell
+        return ArmSamples(cell, t, X_WL, links, links.on_flange(cell.tool.X_FT[:3, 3]))
 
 
 def _merged(rows: Index, *more: int) -> Index:

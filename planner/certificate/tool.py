@@ -6,8 +6,10 @@ import numpy as np
 
 from planner.arrays import Array, Index
 from planner.certificate.bounds import Rates, curvature_bound, joint_rates, point_bound, prove_above
-from planner.certificate.certificate import Check, at_least, at_most
+from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
+from planner.dynamics import WatchedPoint, point_velocity, tool_points
+from planner.geometry import levers
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
 from planner.robots import Robot
 
@@ -15,20 +17,32 @@ SINGULARITY_WINDOW_S = 0.05  # [s] before and after the release, in which Cartes
 
 
 def tcp_speed(motion: MotionSamples) -> Check:
-    """Checks that the tool centre point never exceeds the cell's speed."""
-    limit = motion.problem.limits.tcp_speed_max
+    """Checks the speed of the tool centre point, and that of the flange where the cell gives the arm's own tool speed.
 
+    The flange is reported only where it is too fast.
+    """
+    cell = motion.problem.cell
+    tool, flange = tool_points(cell)
+    check = _speed(motion, tool, motion.problem.limits.tcp_speed_max)
+    if cell.safety.tool_speed_m_s is None or not check.ok:
+        return check
+    of_flange = _speed(motion, flange, cell.safety.tool_speed_m_s)
+    return check if of_flange.ok else of_flange
+
+
+def _speed(motion: MotionSamples, point: WatchedPoint, limit: float) -> Check:
     def room(arm: ArmSamples) -> Array:
-        v = arm.v_WT
+        v = point_velocity(arm.links, point)
         return limit - np.sqrt((v * v).sum(axis=0))
 
     def evaluate(t: Array, item: Index) -> Array:
         return room(motion.at(t))
 
-    arm, rates = motion.at_knots, point_bound(motion.body.tool_lever, motion.rates, 3)
+    lever = levers(motion.problem.cell.robot, point.frame, float(np.linalg.norm(point.place)))
+    arm, rates = motion.at_knots, point_bound(lever, motion.rates, 3)
     # |v| is at most that of the chord of v, plus the deviation of v from it: the curvature bound of v serves.
-    proof = prove_above(evaluate, arm.t, room(arm)[None], rates, -limit * 1e-7, curvature_bound)
-    return at_most("tcp_speed", limit - proof.value, limit, "m/s", proof.at_s).provided(proof.proven)
+    proof = prove_above(evaluate, arm.t, room(arm)[None], rates, -limit * ROUNDING, curvature_bound)
+    return at_most("tcp_speed", limit - proof.value, limit, "m/s", proof.at_s, point.name).provided(proof.proven)
 
 
 def singularity_distance(motion: MotionSamples) -> Check | None:
@@ -46,16 +60,14 @@ def singularity_distance(motion: MotionSamples) -> Check | None:
         least = np.abs(signed_singularity_distances(robot, trajectory.q[rows])).min()
         return at_least("singularity_distance", float(least), required, "1")
     # Signed on the side of the release: a zero between two samples is a change of sign, which |f| would hide.
-    side = np.sign(signed_singularity_distances(robot, trajectory.q[trajectory.release_index]))
-
-    def distances(q: Array) -> Array:
-        return (signed_singularity_distances(robot, q) * side).T
+    signed = signed_singularity_distances(robot, trajectory.q[rows])
+    side = np.sign(signed[np.searchsorted(rows, trajectory.release_index)])
 
     def evaluate(t: Array, item: Index) -> Array:
-        return distances(trajectory.at(t)[0])[item, np.arange(len(t))]
+        return (signed_singularity_distances(robot, trajectory.at(t)[0]) * side)[np.arange(len(t)), item]
 
     rates = _singularity_curvature(robot, joint_rates(trajectory, rows))
-    proof = prove_above(evaluate, trajectory.t[rows], distances(trajectory.q[rows]), rates, required, curvature_bound)
+    proof = prove_above(evaluate, trajectory.t[rows], (signed * side).T, rates, required, curvature_bound)
     name = SINGULARITIES[proof.item]
     value, detail = (proof.value, name) if proof.value > 0.0 else (0.0, f"{name}: passed through")
     return at_least("singularity_distance", value, required, "1", proof.at_s, detail).provided(proof.proven)

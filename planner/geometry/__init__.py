@@ -1,12 +1,14 @@
-"""Geometry of arm, tool and held object: the tool's state, capsules, their distances, and which can collide."""
+"""Geometry of arm, tool and object: the tool's state, capsules, their distances, what can collide, flights."""
 
+from planner.geometry.arcs import Arcs
 from planner.geometry.body import BodyModel, body_model, tool_pose, tool_state
 from planner.geometry.capsules import arm_capsules, body_capsules, capsule_endpoints, levers
 from planner.geometry.distances import segment_box_distance, segment_segment_distance
-from planner.geometry.self_collision import SELF_CLEARANCE_M, barriers, passable, self_collision_pairs
+from planner.geometry.self_collision import SELF_CLEARANCE_M, barriers, object_pairs, passable, self_collision_pairs
 
 __all__ = [
     "SELF_CLEARANCE_M",
+    "Arcs",
     "BodyModel",
     "arm_capsules",
     "barriers",
@@ -14,6 +16,7 @@ __all__ = [
     "body_model",
     "capsule_endpoints",
     "levers",
+    "object_pairs",
     "passable",
     "segment_box_distance",
     "segment_segment_distance",

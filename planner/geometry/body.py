@@ -12,8 +12,9 @@ from planner.arrays import Array, Index
 from planner.cell import Cell
 from planner.errors import Violation
 from planner.geometry.capsules import Capsule, body_capsules, levers
-from planner.geometry.distances import segment_box_distance, segment_segment_distance
-from planner.geometry.self_collision import SELF_CLEARANCE_M, self_collision_pairs
+from planner.geometry.distances import pair_distances, segment_box_distance
+from planner.geometry.self_collision import SELF_CLEARANCE_M, object_pairs, self_collision_pairs
+from planner.kernel import Kernel, twin_of
 from planner.kinematics import forward, jacobian, link_poses
 
 CELLS_KEPT = 32  # cells whose models are cached
@@ -95,7 +96,9 @@ class BodyModel:
         radii: (k,) [m].
         levers: of each capsule's points about each joint (k, 6) [m]; see `levers`.
         moving: indices of the j capsules that the first joint moves (j,).
-        pairs: indices of the p pairs of arm and tool that can collide (p, 2).
+        pairs: indices of the p pairs of arm, tool and object that can collide (p, 2); the object's come last.
+        beside_object: indices of the capsules beside which the object is gripped (g,): the tool's, and those of links
+            that are always close to it, or never.
         pair_levers: of the outer capsule of each pair about the joints between the two (p, 6) [m].
         tool_lever: of the tool centre point about each joint (6,) [m].
     """
@@ -111,10 +114,12 @@ class BodyModel:
         self.radii = np.array([c.radius_m for c in capsules])
         self.levers = np.array([levers(cell.robot, c.frame, c.reach_m) for c in capsules])
         self.moving = np.flatnonzero(self.frames > 0)
-        self.pairs = np.array(self_collision_pairs(cell.robot, cell.tool.capsules), dtype=np.intp).reshape(-1, 2)
+        own = self_collision_pairs(cell.robot, cell.tool.capsules)
+        with_object = object_pairs(cell.robot, cell.tool.capsules, p_FT, cell.object.radius_m)
+        self.pairs = np.array([*own, *with_object], dtype=np.intp).reshape(-1, 2)
+        self.beside_object = np.setdiff1d(np.arange(self.object), self.pairs[len(own) :, 0])
         self.pair_levers = np.array([self._pair_lever(capsules, *pair) for pair in self.pairs]).reshape(-1, 6)
         self.tool_lever = self.levers[self.object]
-        self._homogeneous = np.concatenate([self.ends, np.ones((len(capsules), 2, 1))], axis=2)
 
     def _pair_lever(self, capsules: tuple[Capsule, ...], i: int, j: int) -> Array:
         near, far = sorted((i, j), key=lambda index: capsules[index].frame)
@@ -133,14 +138,11 @@ class BodyModel:
 
     def end_points(self, X_WL: Array) -> Array:
         """Returns the ends of all capsules in the world (k, 2, 3, n) [m] for link poses (n, 7, 4, 4)."""
-        k = len(self.frames)
-        X = X_WL[:, self.frames, :3].transpose(1, 3, 2, 0).reshape(k, 4, -1)
-        return (self._homogeneous @ X).reshape(k, 2, 3, -1)
+        return _end_points(X_WL, self.frames, self.ends)
 
     def end_points_of(self, item: Index, X_WL: Array) -> Array:
         """Returns the ends of one capsule a sample: (n, 2, 3) [m] of capsule `item[i]` for `X_WL[i]` (4, 4)."""
-        X = X_WL[np.arange(len(item)), self.frames[item]]
-        return np.matmul(self.ends[item], np.swapaxes(X[:, :3, :3], -1, -2)) + X[:, None, :3, 3]
+        return _end_points_of(X_WL, self.frames[item], self.ends[item])
 
     def heights(self, ends: Array) -> Array:
         """Returns the heights above the floor (j, n) [m] of the moving capsules with `ends` (k, 2, 3, n)."""
@@ -157,9 +159,7 @@ class BodyModel:
     def pair_distances(self, ends: Array) -> Array:
         """Returns the distances (p, n) [m] of the pairs."""
         first, second = self.pairs.T
-        one, other = ends[first], ends[second]
-        gaps = segment_segment_distance(one[:, 0], one[:, 1], other[:, 0], other[:, 1], axis=1)
-        return gaps - (self.radii[first] + self.radii[second])[:, None]
+        return pair_distances(ends, self.pairs) - (self.radii[first] + self.radii[second])[:, None]
 
     def wall_distances(self, ends: Array) -> Array:
         """Returns how far inside each keep-in box the tool centre point is (b, n) [m]."""
@@ -167,15 +167,37 @@ class BodyModel:
         inside = [np.minimum(p_WT - box.lower, box.upper - p_WT).min(axis=1) for box in boxes]
         return np.array(inside).reshape(len(boxes), len(p_WT))
 
-    def clearances(self, q: Array) -> Clearances:
-        """Returns the clearances of postures `q` (n, 6) [rad] with the object in the tool."""
+    def clearances(self, q: Array, with_object: bool = True) -> Clearances:
+        """Returns the clearances of postures `q` (n, 6) [rad], with the object in the tool or without."""
         ends, clearance = self.end_points(self.link_poses(q)), self.cell.surroundings.clearance_m
+        bodies = slice(None) if with_object else slice(-1)  # the object is the last of them
+        pairs = slice(None) if with_object else slice(len(self.pairs) - len(self.object_pairs))  # as are its pairs
         return Clearances(
-            floor=self.heights(ends).min(axis=0) - clearance,
+            floor=self.heights(ends)[bodies].min(axis=0) - clearance,
             keep_in=self.wall_distances(ends).min(axis=0, initial=np.inf),
-            keep_out=self.box_distances(ends).min(axis=(0, 1), initial=np.inf) - clearance,
-            self_collision=self.pair_distances(ends).min(axis=0, initial=np.inf) - SELF_CLEARANCE_M,
+            keep_out=self.box_distances(ends)[:, bodies].min(axis=(0, 1), initial=np.inf) - clearance,
+            self_collision=self.pair_distances(ends)[pairs].min(axis=0, initial=np.inf) - SELF_CLEARANCE_M,
         )
+
+
+def _example() -> tuple[Array, Index, Array]:
+    X = np.random.default_rng(0).uniform(-1.0, 1.0, (4, 7, 4, 4))
+    return X, np.array([0, 3, 6]), np.arange(18.0).reshape(3, 2, 3)
+
+
+@twin_of(Kernel.end_points, _example)
+def _end_points(X_WL: Array, frames: Index, ends: Array) -> Array:
+    """Returns the ends in the world (k, 2, 3, n) of segments with `ends` (k, 2, 3) in `frames` (k,) of the poses."""
+    X = X_WL[:, frames, :3].transpose(1, 3, 2, 0)
+    rotated = ends @ X[:, :3].reshape(len(frames), 3, -1)
+    return (rotated + X[:, 3].reshape(len(frames), 1, -1)).reshape(len(frames), 2, 3, -1)
+
+
+@twin_of(Kernel.end_points_of, lambda: (np.random.default_rng(0).uniform(-1.0, 1.0, (3, 7, 4, 4)), *_example()[1:]))
+def _end_points_of(X_WL: Array, frames: Index, ends: Array) -> Array:
+    """Returns the ends in the world (n, 2, 3) of one segment a sample, with `ends` (n, 2, 3) in `frames` (n,)."""
+    X = X_WL[np.arange(len(frames)), frames]
+    return np.matmul(ends, np.swapaxes(X[:, :3, :3], -1, -2)) + X[:, None, :3, 3]
 
 
 @lru_cache(maxsize=CELLS_KEPT)

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner.arrays import Array
+from planner.arrays import Array, Index
+from planner.kernel import Kernel, twin_of
 from planner.kinematics import dot
 
 POINT_M2 = 1e-18  # [m^2] squared length below which a segment is a point: a capsule shorter than 1e-9 m is a sphere
@@ -23,14 +26,45 @@ def segment_segment_distance(p0: ArrayLike, p1: ArrayLike, q0: ArrayLike, q1: Ar
         p0, p1, q0, q1: ends (..., 3) [m].
         axis: axis of the coordinates in each of them.
     """
-    p0, p1, q0, q1 = (np.moveaxis(np.asarray(x, dtype=np.float64), axis, 0) for x in (p0, p1, q0, q1))
+    ends = [np.asarray(x, dtype=np.float64) for x in (p0, p1, q0, q1)]
+    if any(x.shape != ends[0].shape for x in ends):
+        ends = np.broadcast_arrays(*ends)
+    before, (_, *after) = ends[0].shape[:axis], ends[0].shape[axis:]
+    grouped = np.array([x.reshape(math.prod(before), 3, math.prod(after)) for x in ends])
+    segments = grouped.reshape(2, 2, *grouped.shape[1:]).swapaxes(1, 2).reshape(-1, 2, *grouped.shape[2:])
+    pairs = np.arange(len(segments)).reshape(2, -1).T
+    return pair_distances(segments, pairs).reshape((*before, *after))
+
+
+def pair_distances(ends: Array, pairs: Index) -> Array:
+    """Returns the distances (p, n) [m] of p `pairs` (p, 2) of segments; see `segment_segment_distance`.
+
+    Args:
+        ends: of k segments at n instants (k, 2, 3, n) [m].
+        pairs: indices of two segments each.
+    """
+    return _pair_distances(ends, pairs, POINT_M2)
+
+
+def _pair_example() -> tuple[Array, Index, float]:
+    """Returns random segments, parallel ones, points, and segments that touch."""
+    p0, p1, q0, q1 = np.random.default_rng(0).uniform(-1.0, 1.0, (4, 8, 3, 3))
+    q1[1], p1[2], q1[3], q0[4] = q0[1] + 2.0 * (p1[1] - p0[1]), p0[2], q0[3], p1[4]
+    p1[5], q1[5] = p0[5], q0[5]
+    ends = np.concatenate([np.stack([p0, p1], axis=1), np.stack([q0, q1], axis=1)])
+    return ends, np.array([[i, i + 8] for i in range(8)]), POINT_M2
+
+
+@twin_of(Kernel.pair_distances, _pair_example)
+def _pair_distances(ends: Array, pairs: Index, shortest_m2: float) -> Array:
+    (p0, p1), (q0, q1) = (ends[side].transpose(1, 2, 0, 3) for side in pairs.T)
     u, v, w = p1 - p0, q1 - q0, q0 - p0
     uu, uv, vv, uw, vw = dot(u, u), dot(u, v), dot(v, v), dot(u, w), dot(v, w)
     determinant = uu * vv - uv * uv
     crossing = determinant > np.finfo(np.float64).eps * uu * vv
     s = _clamped((vv * uw - uv * vw) * crossing / np.where(crossing, determinant, 1.0))
-    t = _clamped((s * uv - vw) / np.maximum(vv, POINT_M2))
-    s = _clamped((uw + t * uv) / np.maximum(uu, POINT_M2))
+    t = _clamped((s * uv - vw) / np.maximum(vv, shortest_m2))
+    s = _clamped((uw + t * uv) / np.maximum(uu, shortest_m2))
     gap = w + t * v - s * u
     return np.sqrt(dot(gap, gap))
 
@@ -50,7 +84,21 @@ def segment_box_distance(p0: ArrayLike, p1: ArrayLike, lower: ArrayLike, upper: 
         p0, p1: ends (..., 3) [m].
         lower, upper: corners of the box (..., 3) [m].
     """
-    p0, p1, lower, upper = (np.asarray(x, dtype=np.float64) for x in (p0, p1, lower, upper))
+    arrays = np.broadcast_arrays(*(np.asarray(x, dtype=np.float64) for x in (p0, p1, lower, upper)))
+    return _box_distances(*(x.reshape(-1, 3) for x in arrays)).reshape(arrays[0].shape[:-1])
+
+
+def _box_example() -> tuple[Array, Array, Array, Array]:
+    """Returns random segments, some along a face, points, and one through the box."""
+    p0, p1, low, size = np.random.default_rng(0).uniform(-1.0, 1.0, (4, 12, 3))
+    p1[1, 0], p1[2, 1:], p1[3] = p0[1, 0], p0[2, 1:], p0[3]
+    p0[4], p1[4] = low[4] - 0.1, low[4] + np.abs(size[4]) + 0.1
+    return p0, p1, low, low + np.abs(size)
+
+
+@twin_of(Kernel.box_distances, _box_example)
+def _box_distances(p0: Array, p1: Array, lower: Array, upper: Array) -> Array:
+    """Returns the distances (n,) of segments from boxes, each (n, 3)."""
     along = p1 - p0
     moving = np.where(np.abs(along) > 0.0, along, np.inf)
     crossings = np.concatenate([(lower - p0) / moving, (upper - p0) / moving], axis=-1)

@@ -20,7 +20,7 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.cell import ToolCapsule
-from planner.geometry.capsules import Capsule, body_capsules, capsule_endpoints, levers
+from planner.geometry.capsules import Capsule, arm_capsules, body_capsules, capsule_endpoints, levers
 from planner.geometry.distances import segment_segment_distance
 from planner.robots import Robot
 
@@ -55,6 +55,24 @@ class Barrier:
 def self_collision_pairs(robot: Robot, tool: Sequence[ToolCapsule]) -> tuple[tuple[int, int], ...]:
     """Returns pairs of indices into `body_capsules(robot, tool)` that can collide, but do not always overlap."""
     return _pairs(robot, _tool_key(tool))
+
+
+def object_pairs(
+    robot: Robot, tool: Sequence[ToolCapsule], p_FT: Array, radius_m: float
+) -> tuple[tuple[int, int], ...]:
+    """Returns pairs of indices of the links that the held object can meet, and of the object behind the tool.
+
+    Left out are the tool, and the links beside which it is gripped: they are always close to it, or never.
+
+    Args:
+        robot: the arm.
+        tool: its capsules.
+        p_FT: centre of the object in the flange frame (3,) [m].
+        radius_m: of the object [m].
+    """
+    held = Capsule(frame=6, p0=p_FT, p1=p_FT, radius_m=radius_m, name="object")
+    last = len(body_capsules(robot, tool))
+    return tuple((i, last) for i, link in enumerate(arm_capsules(robot)) if _can_collide(robot, link, held))
 
 
 def barriers(robot: Robot, tool: Sequence[ToolCapsule]) -> tuple[Barrier, ...]:

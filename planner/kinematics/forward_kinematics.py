@@ -12,9 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner.arrays import Array
+from planner.kernel import Kernel, twin_of
 from planner.kinematics.link_motion import LinkMotion, cross
 from planner.robots import Robot
-from planner.rotations import matrix_to_rotation_vector, rotation_vector_rate
+from planner.robots import robot as robot_named
+from planner.rotations import matrix_to_rotation_vector, pose, rotation_vector_rate, rotation_vector_to_matrix
 
 
 def link_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Array:
@@ -28,32 +30,43 @@ def link_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Arr
         X_WB: pose of the base (4, 4); the poses are in the base where it is None.
     """
     q = np.asarray(q, dtype=np.float64)
-    cos, sin = (np.ascontiguousarray(f(q).reshape(-1, 6).T) for f in (np.cos, np.sin))
-    base = np.eye(4) if X_WB is None else np.asarray(X_WB, dtype=np.float64)
+    rows, base = q.reshape(-1, 6), np.eye(4) if X_WB is None else np.asarray(X_WB, dtype=np.float64)
+    return _chained(np.cos(rows), np.sin(rows), _dh(robot), base).reshape(*q.shape[:-1], 7, 4, 4)
+
+
+@cache
+def _dh(robot: Robot) -> Array:
+    """Returns a, d, and cosine and sine of the DH twists (4, 6), exact at quarter turns, where floats leave 6e-17."""
+    twists = np.array([np.cos(robot.alpha), np.sin(robot.alpha)])
+    return np.array([robot.a, robot.d, *np.where(np.abs(twists) < np.finfo(np.float64).eps, 0.0, twists)])
+
+
+def _example() -> tuple[Array, ...]:
+    q = np.random.default_rng(0).uniform(-np.pi, np.pi, (8, 6))
+    base = pose([0.3, -0.2, 0.1], rotation_vector_to_matrix([0.4, -0.5, 0.6]))
+    return np.cos(q), np.sin(q), _dh(robot_named("ur5e")), base
+
+
+@twin_of(Kernel.link_poses, _example)
+def _chained(cosine: Array, sine: Array, dh: Array, base: Array) -> Array:
+    """Returns link poses (n, 7, 4, 4) for cosines and sines (n, 6) of the joint positions."""
+    cos, sin = np.ascontiguousarray(cosine.T), np.ascontiguousarray(sine.T)
     x, y, z, p = (np.repeat(base[:3, k, None], cos.shape[1], axis=1) for k in range(4))
     X = np.zeros((cos.shape[1], 7, 4, 4))
     X[:, 0], X[:, 1:, 3, 3] = base, 1.0
-    for i, (c_alpha, s_alpha) in enumerate(zip(*_twists(robot), strict=True)):
+    for i, (a, d, c_alpha, s_alpha) in enumerate(dh.T):
         x, turned = cos[i] * x + sin[i] * y, cos[i] * y - sin[i] * x
-        if robot.d[i] != 0.0:
-            p = p + robot.d[i] * z
-        if robot.a[i] != 0.0:
-            p = p + robot.a[i] * x
+        if d != 0.0:
+            p = p + d * z
+        if a != 0.0:
+            p = p + a * x
         if c_alpha == 1.0:
             y = turned
         else:
             y, z = c_alpha * turned + s_alpha * z, c_alpha * z - s_alpha * turned
         for column, vector in enumerate((x, y, z, p)):
             X[:, i + 1, :3, column] = vector.T
-    return X.reshape(*q.shape[:-1], 7, 4, 4)
-
-
-@cache
-def _twists(robot: Robot) -> tuple[Array, Array]:
-    """Returns cosines and sines (6,) of the DH twists, exactly 0 for quarter turns, where floats leave 6e-17."""
-    values = np.cos(robot.alpha), np.sin(robot.alpha)
-    cos, sin = (np.where(np.abs(v) < np.finfo(np.float64).eps, 0.0, v) for v in values)
-    return cos, sin
+    return X
 
 
 def forward(robot: Robot, q: ArrayLike, X_FT: ArrayLike | None = None) -> Array:

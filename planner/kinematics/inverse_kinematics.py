@@ -34,6 +34,7 @@ class InverseKinematics:
 
     Attributes:
         q: solutions (n, 6) [rad], each branch at every turn within the limits; n may be 0.
+        branch: number of the branch of each (n,): solutions of one branch differ by full turns.
         singular: names of the singularities on which branches of this pose lie, within the limits or not. With
             "wrist" among them, joints 4 and 6 are one choice of a continuum: that with the elbow closest to a right
             angle.
@@ -42,6 +43,7 @@ class InverseKinematics:
     """
 
     q: Array
+    branch: Index
     singular: tuple[str, ...]
     reach_excess_m: float
 
@@ -69,13 +71,13 @@ def inverse(
     branches, excess = inverse_branches(robot, X_BT, X_FT)
     within = np.isfinite(branches[:, 0])
     if not within.any():
-        return InverseKinematics(np.empty((0, 6)), (), float(excess.min()))
+        return InverseKinematics(np.empty((0, 6)), np.empty(0, dtype=np.intp), (), float(excess.min()))
     near = np.abs(signed_singularity_distances(robot, branches[within])).min(axis=0) < SINGULAR_DISTANCE
     singular = tuple(name for name, is_near in zip(SINGULARITIES, near, strict=True) if is_near)
     distinct = _distinct(branches[within]) if singular else branches[within]
     lower = robot.q_lower if q_lower is None else np.asarray(q_lower, dtype=np.float64)
     upper = robot.q_upper if q_upper is None else np.asarray(q_upper, dtype=np.float64)
-    return InverseKinematics(_all_turns(distinct, lower, upper), singular, 0.0)
+    return InverseKinematics(*_all_turns(distinct, lower, upper), singular, 0.0)
 
 
 def inverse_branches(robot: Robot, X_BT: ArrayLike, X_FT: ArrayLike | None = None) -> tuple[Array, Array]:
@@ -179,17 +181,21 @@ def _distinct(q: Array) -> Array:
     return q[first]
 
 
-def _all_turns(q: Array, lower: Array, upper: Array) -> Array:
-    """Returns every row of q (k, 6) at every turn within the limits (6,), moved onto a limit that rounding exceeds."""
+def _all_turns(q: Array, lower: Array, upper: Array) -> tuple[Array, Index]:
+    """Returns every row of q (k, 6) at every turn within the limits (6,), and which row it is.
+
+    A turn that exceeds a limit by rounding is moved onto it.
+    """
+    origin = np.arange(len(q))
     low, high = lower - LIMIT_SLACK_RAD, upper + LIMIT_SLACK_RAD
     first, last = _turns(low - q.max(axis=0)), _turns(high - q.min(axis=0)) + 1
     for joint in range(6):
         turns = 2.0 * np.pi * np.arange(first[joint], last[joint] + 1)
         angles = q[:, joint, None] + turns
         row, column = np.nonzero((angles >= low[joint]) & (angles <= high[joint]))
-        q = q[row]
+        q, origin = q[row], origin[row]
         q[:, joint] = angles[row, column]
-    return np.clip(q, lower, upper)
+    return np.clip(q, lower, upper), origin
 
 
 def _turns(angle: Array) -> Index:

@@ -10,25 +10,40 @@ from functools import cached_property
 import numpy as np
 
 from planner.arrays import Array, Index
+from planner.kernel import Kernel, twin_of
 
 
 class LinkMotion:
     """Axes, origins, velocities and accelerations of the six links over N samples.
 
     Attributes:
-        axes: directions of the joint axes (3, 6, N).
-        origins: of the DH frames 0 to 6 (3, 7, N) [m].
-        frames: directions of x, y and z of the DH frames 1 to 6 (3, 3, 6, N); the first index counts x, y, z.
-        joint_rotations: angular velocity that each joint contributes (3, 6, N) [rad/s].
+        X: poses of base and links (N, 7, 4, 4).
+        qd, qdd: joint rates (N, 6) [rad/s, rad/s^2].
     """
 
     def __init__(self, X: Array, qd: Array, qdd: Array) -> None:
         """Takes link poses (N, 7, 4, 4) of `link_poses` and joint rates (N, 6) [rad/s, rad/s^2]."""
-        self.axes = np.ascontiguousarray(X[:, :6, :3, 2].transpose(2, 1, 0))
-        self.origins = np.ascontiguousarray(X[:, :, :3, 3].transpose(2, 1, 0))
-        self.frames = np.ascontiguousarray(X[:, 1:, :3, :3].transpose(3, 2, 1, 0))
-        self.joint_rotations = self.axes * qd.T
-        self._qdd = qdd.T
+        self.X, self.qd, self.qdd = X, qd, qdd
+
+    @cached_property
+    def axes(self) -> Array:
+        """Directions of the joint axes (3, 6, N)."""
+        return np.ascontiguousarray(self.X[:, :6, :3, 2].transpose(2, 1, 0))
+
+    @cached_property
+    def origins(self) -> Array:
+        """Origins of the DH frames 0 to 6 (3, 7, N) [m]."""
+        return np.ascontiguousarray(self.X[:, :, :3, 3].transpose(2, 1, 0))
+
+    @cached_property
+    def frames(self) -> Array:
+        """Directions of x, y and z of the DH frames 1 to 6 (3, 3, 6, N); the first index counts x, y, z."""
+        return np.ascontiguousarray(self.X[:, 1:, :3, :3].transpose(3, 2, 1, 0))
+
+    @cached_property
+    def joint_rotations(self) -> Array:
+        """Angular velocity that each joint contributes (3, 6, N) [rad/s]."""
+        return self.axes * self.qd.T
 
     @cached_property
     def offsets(self) -> Array:
@@ -43,7 +58,7 @@ class LinkMotion:
     @cached_property
     def angular_acceleration(self) -> Array:
         """Angular acceleration of the links (3, 6, N) [rad/s^2]."""
-        return accumulate(self.axes * self._qdd + cross(self.angular_velocity, self.joint_rotations))
+        return accumulate(self.axes * self.qdd.T + cross(self.angular_velocity, self.joint_rotations))
 
     def in_links(self, vectors: Array) -> Array:
         """Returns directions now (3, k, 6, N) of vectors (k, 6, 3), k of them fixed in the frame of each link."""
@@ -53,12 +68,12 @@ class LinkMotion:
 
     def on_flange(self, p_F: Array) -> Array:
         """Returns positions (3, N) [m] of a point (3,) of the flange."""
-        x, y, z = self.frames[:, :, 5]
-        return self.origins[:, 6] + x * p_F[0] + y * p_F[1] + z * p_F[2]
+        flange = self.X[:, 6, :3]
+        return (flange[:, :, :3] @ p_F + flange[:, :, 3]).T
 
     def velocity(self, point: Array) -> Array:
         """Returns velocities (3, N) [m/s] of a point (3, N) that moves with the flange."""
-        return cross(self.joint_rotations, point[:, None] - self.origins[:, :6]).sum(axis=1)
+        return _point_velocity(self, point)
 
     def relative_acceleration(self, points: Array, link: Index) -> Array:
         """Returns accelerations (3, k, N) [m/s^2] of points relative to the origins of their links.
@@ -69,6 +84,20 @@ class LinkMotion:
         """
         omega, alpha = self.angular_velocity[:, link], self.angular_acceleration[:, link]
         return cross(alpha, points) + cross(omega, cross(omega, points))
+
+
+def _compiled(kernel: Kernel, links: LinkMotion, point: Array) -> Array:
+    return kernel.point_velocity(links.X, links.qd, point)
+
+
+def _example() -> tuple[LinkMotion, Array]:
+    rng = np.random.default_rng(0)
+    return LinkMotion(rng.uniform(-1.0, 1.0, (4, 7, 4, 4)), *rng.uniform(-1.0, 1.0, (2, 4, 6))), np.ones((3, 4))
+
+
+@twin_of(_compiled, _example)
+def _point_velocity(links: LinkMotion, point: Array) -> Array:
+    return cross(links.joint_rotations, point[:, None] - links.origins[:, :6]).sum(axis=1)
 
 
 def accumulate(v: Array) -> Array:

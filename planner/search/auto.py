@@ -6,20 +6,25 @@ import math
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import islice, product
 
 from planner.backends import casadi_nlp, ruckig_otg
-from planner.backends.casadi_nlp import SolveOptions
-from planner.certificate import Check
+from planner.backends.casadi_nlp import FlightEdge, SolveOptions
+from planner.certificate import Check, flight_obstruction
 from planner.errors import SolverFailed
-from planner.problem import JointRelease, PoseRelease, ThrowProblem
-from planner.search.incumbent import PlanningSearch
+from planner.problem import JointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.search.incumbent import CertifiedSolution, PlanningSearch, certified
 from planner.search.policy import POLICY, Stage, release_state_given
-from planner.search.ranking import TIMED_MAX, RankedCandidate, Ranking, rank
+from planner.search.ranking import RankedCandidate, Ranking
 from planner.seeds import Candidate, Seed
 from planner.solution import Solution
+from planner.trajectory import Trajectory
 
+IN_HAND_VARIANTS: tuple[ruckig_otg.LaunchVariant, ...] = ("synchronised", "gentle")
+IN_HAND_CANDIDATES = 4  # [-] the soonest ones that Ruckig's motions in hand lead to
 ROUNDS_MAX = 4  # solves from one seed, each after the failed checks of the one before
 TICK_SLACK = 1e-6  # [ticks] for rounding
+NOT_COMPILED = "the solvers are not compiled: the same answer, later; `fling warm` compiles them"
 
 
 def search_optimised(search: PlanningSearch, candidates: list[Candidate], policy: Sequence[Stage] = POLICY) -> None:
@@ -30,11 +35,14 @@ def search_optimised(search: PlanningSearch, candidates: list[Candidate], policy
         candidates: by ascending lower bound on the launch time.
         policy: the stages.
     """
-    ranking = rank(search.problem, candidates)
+    ranking = Ranking(search.problem, candidates)
     with_ruckig = search.problem.backend == "auto"
     if with_ruckig and release_state_given(search, ranking):
-        search.lower_bound_s = _least_release_time(ranking)
+        search.lower_bound_s = _least_release_time(search.problem.dt, ranking)
+    optimising = [stage for stage in policy if stage.backend == "casadi"]
     for stage in policy:
+        if with_ruckig and stage in optimising[:1]:
+            take_in_hand(search, ranking)
         if stage.backend == "casadi":
             _optimise(search, stage, ranking)
         elif with_ruckig:
@@ -43,20 +51,67 @@ def search_optimised(search: PlanningSearch, candidates: list[Candidate], policy
             break
 
 
-def _least_release_time(ranking: Ranking) -> float:
+def _least_release_time(dt: float, ranking: Ranking) -> float:
     """Returns the first tick at which the slowest joint alone can be at a candidate [s], with slack for rounding."""
-    dt, arrival_s = ranking[0].problem.dt, min(ranked.arrival_s for ranked in ranking[:TIMED_MAX])
+    arrival_s = next(ranking.by_arrival()).arrival_s
     return dt * (math.ceil(arrival_s / dt - TICK_SLACK) + TICK_SLACK) if math.isfinite(arrival_s) else 0.0
 
 
 def _walk(search: PlanningSearch, stage: Stage, ranking: Ranking) -> Iterator[RankedCandidate]:
     """Yields the candidates of a stage while its condition holds."""
-    if stage.order == "arrival":
-        ranking = sorted(ranking[:TIMED_MAX], key=lambda ranked: ranked.arrival_s)
-    for ranked in ranking[stage.candidates]:
-        if search.out_of_time or not stage.condition(search, ranking):
-            return
+    if not _goes_on(search, stage, ranking):
+        return
+    candidates = ranking.by_arrival() if stage.order == "arrival" else ranking
+    for ranked in islice(candidates, stage.candidates.start, stage.candidates.stop):
         yield ranked
+        if not _goes_on(search, stage, ranking):
+            return
+
+
+def _goes_on(search: PlanningSearch, stage: Stage, ranking: Ranking) -> bool:
+    return not (search.is_optimal or search.out_of_time) and stage.condition(search, ranking)
+
+
+def take_in_hand(search: PlanningSearch, ranking: Ranking) -> None:
+    """Certifies a few of Ruckig's motions until the search has a valid one in hand.
+
+    One that lacks nothing but the release window ends this, too. They are no incumbents yet, lest a late motion in
+    hand keep the search from sooner ones: a stage that comes to one of them takes it as it is.
+    """
+    begun, tried = time.perf_counter(), 0
+    for variant, ranked in product(IN_HAND_VARIANTS, islice(ranking, IN_HAND_CANDIDATES)):
+        if search.answer is not None or search.nominal is not None or search.out_of_time:
+            break
+        certified = _made(search, ranked, variant, math.inf)
+        if certified is None:
+            continue
+        tried += 1
+        if certified.certificate.valid:
+            search.in_hand = certified
+        else:
+            search.note_rejected(certified)
+    if tried:
+        valid = int(search.in_hand is not None)
+        search.log_attempt("ruckig", f"in hand before optimising: {valid} of {tried} motions certified", begun)
+
+
+def _made(
+    search: PlanningSearch, ranked: RankedCandidate, variant: ruckig_otg.LaunchVariant, latest_s: float
+) -> CertifiedSolution | None:
+    """Returns Ruckig's motion to a candidate with its certificate, made once; None without one sooner than `latest_s`.
+
+    Ruckig has none where a phase does not fit the tick grid; only its duration was known.
+    """
+    if variant not in ranked.made:
+        try:
+            solution = ruckig_otg.solve(search.problem, ranked.candidate, variant)
+        except SolverFailed:
+            return None
+        if solution.trajectory.release_time_s >= latest_s:
+            return None
+        ranked.made[variant] = certified("ruckig", search.problem, solution)
+    made = ranked.made[variant]
+    return made if made.solution.trajectory.release_time_s < latest_s else None
 
 
 def _certify_ruckig(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
@@ -64,10 +119,11 @@ def _certify_ruckig(search: PlanningSearch, stage: Stage, ranking: Ranking) -> N
     begun, tried, valid = time.perf_counter(), 0, 0
     for ranked in _walk(search, stage, ranking):
         for variant in stage.variants:
-            solution = _ruckig_motion(search, ranked, variant)
-            if solution is not None:
+            found = _ruckig_motion(search, ranked, variant)
+            if found is not None:
                 tried += 1
-                valid += search.certify("ruckig", solution).valid
+                valid += found.certificate.valid
+                search.consider(found)
     if tried:
         result = f"{stage.purpose}: {valid} of {tried} motions certified"
         search.log_attempt("ruckig", result + ("; none can be sooner" if search.is_optimal else ""), begun)
@@ -75,18 +131,14 @@ def _certify_ruckig(search: PlanningSearch, stage: Stage, ranking: Ranking) -> N
 
 def _ruckig_motion(
     search: PlanningSearch, ranked: RankedCandidate, variant: ruckig_otg.LaunchVariant
-) -> Solution | None:
-    """Returns an untried motion that is sooner than the incumbent; None if there is none."""
+) -> CertifiedSolution | None:
+    """Returns an untried motion that is sooner than the incumbent, with its certificate; None if there is none."""
     latest_s = search.release_time_s
     if ranked.candidate.bound_s >= latest_s or ranked.bound_s(variant) >= latest_s:
         return None
     if (variant == ruckig_otg.LAST_RESORT and search.incumbent is not None) or not ranked.first_try(variant):
         return None
-    try:
-        solution = ruckig_otg.solve(search.problem, ranked.candidate, variant)
-    except SolverFailed:
-        return None  # a phase does not fit the tick grid; only its duration was known
-    return solution if solution.trajectory.release_time_s < latest_s else None
+    return _made(search, ranked, variant, latest_s)
 
 
 def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
@@ -100,6 +152,7 @@ def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
         bounded = bound_holds and ranked.candidate.bound_s >= search.release_time_s
         if bounded or not ranked.first_try("ipopt" if stage.with_ipopt else "fatrop"):
             continue
+        begun += load_optimiser(search)
         tried += 1
         try:
             valid += _optimise_from(search, ranked, end, stage.with_ipopt)
@@ -108,6 +161,20 @@ def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
             failure = f"; {error}"
     if tried:
         search.log_attempt("casadi", f"{stage.purpose}: {valid} of {solved} motions certified{failure}", begun)
+
+
+def load_optimiser(search: PlanningSearch) -> float:
+    """Loads the optimiser and returns how long that took [s]; the request's clock stands still meanwhile.
+
+    Uncompiled solvers are noted in the log.
+    """
+    begun = time.perf_counter()
+    compiled = casadi_nlp.load()
+    taken = time.perf_counter() - begun
+    search.extend_deadline(taken)
+    if not compiled and all(attempt.result != NOT_COMPILED for attempt in search.attempts):
+        search.log_attempt("casadi", NOT_COMPILED, begun)
+    return taken
 
 
 def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, with_ipopt: bool) -> bool:
@@ -128,11 +195,25 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, wi
         if _needs_finer_stages(search.problem, options, certificate.failures):
             seed, options = ranked.seed, replace(first, resolution="fine")
             continue
-        wider = options.margins.widened(certificate.failures, solution)
+        cuts = _flight_cuts(search.problem, certificate.failures, solution.trajectory)
+        wider = options.margins.widened(certificate.failures, solution, cuts)
         if wider is None:
             return False
         seed, options = Seed(ranked.candidate, solution.trajectory), replace(options, margins=wider)
     return False
+
+
+def _flight_cuts(problem: ThrowProblem, failures: Iterable[Check], made: Trajectory) -> tuple[FlightEdge, ...]:
+    """Returns the cuts that keep a throw like a failed one off the arm and the tool, which move with the throw.
+
+    Boxes and a bin's rim have rows of their own. Where the release fixes the flight, cuts would leave no solution.
+    """
+    if not isinstance(problem.release, TargetRelease) or all(check.name != "flight_clearance" for check in failures):
+        return ()
+    met = flight_obstruction(problem, made)
+    if met is None or met.obstacle == "rim" or met.obstacle.startswith("box"):
+        return ()
+    return casadi_nlp.flight_cuts(met.flight_time_s, met.direction, met.offset_m)
 
 
 def _solve(search: PlanningSearch, seed: Seed, options: SolveOptions) -> Solution:

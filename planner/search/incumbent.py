@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass, field
 
 from planner.certificate import Certificate, certify
-from planner.errors import Infeasible, SolverFailed, Violation
+from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation
 from planner.problem import ThrowProblem
 from planner.solution import Solution
 from planner.trajectory import Trajectory
@@ -38,19 +38,27 @@ class PlanningSearch:
         problem: to be solved.
         deadline_s: of the request, on the clock of `time.perf_counter`.
         incumbent: best valid motion so far.
+        certified: every valid motion, in the order in which they were found.
+        in_hand: a valid motion from before the optimiser's part, given where the search finds no better one.
+        nominal: the soonest motion that fails for its release window alone.
         best_rejected: the rejected motion closest to a valid one, for the refusal.
         attempts: log of what was tried.
         iterations: spent by the optimiser so far.
         lower_bound_s: no motion releases earlier [s], as far as is known.
+        loading_s: spent on loading solvers [s]; the deadline is later by as much.
     """
 
     problem: ThrowProblem
     deadline_s: float
     incumbent: CertifiedSolution | None = None
+    certified: list[CertifiedSolution] = field(default_factory=list)
+    in_hand: CertifiedSolution | None = None
+    nominal: CertifiedSolution | None = None
     best_rejected: CertifiedSolution | None = None
     attempts: list[Attempt] = field(default_factory=list)
     iterations: int = 0
     lower_bound_s: float = 0.0
+    loading_s: float = 0.0
     _certified_backends: set[str] = field(default_factory=set)
 
     @property
@@ -72,35 +80,75 @@ class PlanningSearch:
         """Returns whether a motion of the back end was valid."""
         return backend in self._certified_backends
 
+    @property
+    def answer(self) -> CertifiedSolution | None:
+        """The soonest valid motion: the incumbent, or else the one in hand."""
+        return self.incumbent or self.in_hand
+
     def certify(self, backend: str, solution: Solution) -> Certificate:
-        """Returns the certificate of a motion; keeps the motion if it is the best valid or the best rejected one."""
-        certified = CertifiedSolution(backend, solution, certify(self.problem, solution.trajectory))
-        certificate = certified.certificate
-        if not certificate.valid:
-            if self.best_rejected is None or _excess(certificate) < _excess(self.best_rejected.certificate):
-                self.best_rejected = certified
-            return certificate
-        self._certified_backends.add(backend)
-        if self.incumbent is None or _rank(solution.trajectory) < _rank(self.incumbent.solution.trajectory):
-            self.incumbent = certified
-        return certificate
+        """Returns the certificate of a motion, which is considered as an answer."""
+        found = certified(backend, self.problem, solution)
+        self.consider(found)
+        return found.certificate
+
+    def consider(self, found: CertifiedSolution) -> None:
+        """Keeps a motion if it is the best valid or the best rejected one."""
+        if not found.certificate.valid:
+            self.note_rejected(found)
+            return
+        self._certified_backends.add(found.backend)
+        self.certified.append(found)
+        if _sooner(found, self.incumbent):
+            self.incumbent = found
+
+    def note_rejected(self, found: CertifiedSolution) -> None:
+        """Keeps a rejected motion if it is the closest to a valid one, or the soonest that lacks its window alone."""
+        failures = found.certificate.failures
+        if [check.name for check in failures] == ["landing_window"] and _sooner(found, self.nominal):
+            self.nominal = found
+        if self.best_rejected is None or _excess(found.certificate) < _excess(self.best_rejected.certificate):
+            self.best_rejected = found
+
+    def by_rank(self) -> list[CertifiedSolution]:
+        """Returns the valid motions, the best first; the one in hand among them."""
+        motions = list(self.certified)
+        if self.in_hand is not None and self.in_hand not in motions:
+            motions.append(self.in_hand)
+        return sorted(motions, key=lambda each: _rank(each.solution.trajectory))
 
     def log_attempt(self, backend: str, result: str, begun_s: float) -> None:
         """Adds an entry to the attempt log for work that began at `begun_s`."""
         self.attempts.append(Attempt(backend, result, time.perf_counter() - begun_s))
 
-    def failure(self) -> Infeasible | SolverFailed:
-        """Returns the error of a search without incumbent: the best rejected motion's failed checks, if there is one.
+    def extend_deadline(self, seconds: float) -> None:
+        """Moves the deadline by what was no work on the request: loading a solver [s]."""
+        self.deadline_s += seconds
+        self.loading_s += seconds
 
-        Otherwise the last entry of the attempt log.
-        """
-        log = [attempt.__dict__ for attempt in self.attempts]
-        if self.best_rejected is None:
-            status = self.attempts[-1].result if self.attempts else "out of time"
-            return SolverFailed(status, attempts=log)
-        failures = self.best_rejected.certificate.failures
-        violations = [Violation(c.name, c.value, c.limit, c.unit, c.at_s, c.detail) for c in failures]
+    def failure(self) -> Infeasible | SolverFailed:
+        """Returns the error of a search without an answer: what ended it, and what stood in the way of every motion."""
+        log, violations = [attempt.__dict__ for attempt in self.attempts], self.violations()
+        if self.out_of_time:
+            return SolverFailed(TIME_LIMIT, self.iterations, log, violations)
         return Infeasible(violations, attempts=log)
+
+    def violations(self) -> list[Violation]:
+        """Returns the failed checks of the best rejected motion; without one, that no motion was made, and why."""
+        if self.best_rejected is None:
+            said = "; ".join(f"{attempt.backend}: {attempt.result}" for attempt in self.attempts)
+            return [Violation("motion", 0.0, 1.0, "1", detail=said or "none was tried")]
+        failures = self.best_rejected.certificate.failures
+        return [Violation(c.name, c.value, c.limit, c.unit, c.at_s, c.detail) for c in failures]
+
+
+def certified(backend: str, problem: ThrowProblem, solution: Solution) -> CertifiedSolution:
+    """Returns a back end's motion with its certificate."""
+    return CertifiedSolution(backend, solution, certify(problem, solution.trajectory))
+
+
+def _sooner(found: CertifiedSolution, other: CertifiedSolution | None) -> bool:
+    """Returns whether a motion ranks before another one, which may be missing."""
+    return other is None or _rank(found.solution.trajectory) < _rank(other.solution.trajectory)
 
 
 def _excess(certificate: Certificate) -> tuple[int, float]:

@@ -25,7 +25,7 @@ from planner.problem import JointRelease, PointRelease, PoseRelease, Release, Ta
 from planner.rotations import matrix_to_rotation_vector, pose, rotation_vector_to_matrix
 from planner.search.auto import search_optimised
 from planner.search.feasible_releases import PlacedRelease, feasible_releases, moved, position
-from planner.search.incumbent import PlanningSearch
+from planner.search.incumbent import CertifiedSolution, PlanningSearch
 from planner.search.policy import Stage, no_incumbent
 from planner.search.sequential import VARIANTS_BY_BACKEND, Solve
 from planner.seeds import Candidate, candidates, farthest_reach
@@ -39,18 +39,21 @@ SLOWER = (0.3, 0.05)  # [-] of the requested speed, tried where no other positio
 POSITION_CONSTRAINTS = {"reach", "joint_position", "floor", "keep_in", "keep_out", "self_collision"}
 UNDER_M = 0.2  # [m] from below the tool at the start, towards the target: an easy throw
 COMFORTABLE_REACH = 0.6  # [-] of the arm's reach: positions there have many postures
+STEPS_OUT, NEAREST_OUT = 24, 8  # distances tried from the base to there; those from a third of it on are targets
+BESIDE_M = 0.05  # [m] between the object and a box that an easy target is in front of
 MOTIONS_MAX, LATE_MOTIONS_MAX = 60, 20  # motions certified, 10 to 20 ms each; after the request's deadline
 ITERATIONS_MAX, LATE_ITERATIONS_MAX = 400, 100  # of the optimiser, 3 to 4 ms each; after the request's deadline
 CANDIDATES_MAX, FEW_CANDIDATES = 6, 3  # tried for one release, thoroughly or not
 OPTIMISING = ("auto", "casadi")
-ROBUST_POLICY = (Stage("casadi", "soonest seed", slice(0, 1), no_incumbent, iterations=200),)
+ROBUST_POLICY = (Stage("casadi", "soonest seed", slice(0, 1), no_incumbent, iterations=100),)
+WINDOW_SHARES = (0.85, 0.4)  # [-] of the largest share of a nominal landing, tried with the release window
 
 
 class Feasibility:
     """Decides whether relaxed problems have a certified motion, on a budget of work.
 
     Ruckig's motions stand in for the optimiser's. A landing that must hold for a window of releases is left to the
-    optimiser, which is asked if Ruckig hits the target at all.
+    optimiser, which is asked once the nominal one is found.
 
     Attributes:
         deadline_s: of the request, on the clock of `time.perf_counter`.
@@ -72,16 +75,17 @@ class Feasibility:
 
     def has_certified_motion(self, problem: ThrowProblem, thorough: bool) -> bool:
         """Returns whether a certified motion was found; a thorough search tries more candidates and variants."""
-        if problem.is_robust and problem.backend in OPTIMISING:
-            nominal = replace(problem, release_window_s=0.0)
-            return self.has_certified_motion(nominal, thorough) and self._optimised(problem)
         variants = VARIANTS_BY_BACKEND.get(problem.backend, VARIANTS_BY_BACKEND["ruckig"])[::-1]  # the gentlest first
         try:
             found = candidates(problem)[: CANDIDATES_MAX if thorough else FEW_CANDIDATES]
         except Infeasible:
             return False
-        pairs = product(variants if thorough else variants[:1], found)
-        return any(self._certified(problem, solve, candidate) for solve, candidate in pairs)
+        for solve, candidate in product(variants if thorough else variants[:1], found):
+            if self.exhausted:
+                return False
+            if self._certified(problem, solve, candidate):
+                return True
+        return False
 
     def _certified(self, problem: ThrowProblem, solve: Solve, candidate: Candidate) -> bool:
         """Returns whether a back end's motion to a candidate is certified."""
@@ -91,28 +95,68 @@ class Feasibility:
         except SolverFailed:
             return False
 
-    def _optimised(self, problem: ThrowProblem) -> bool:
+    def optimised(self, problem: ThrowProblem) -> bool:
         """Returns whether the optimiser's motion from the first seed is certified."""
         search = PlanningSearch(problem, math.inf)
         search_optimised(search, candidates(problem), ROBUST_POLICY)
         self.iterations += search.iterations
+        self.deadline_s += search.loading_s
         return search.incumbent is not None
 
 
-def nearest_release(problem: ThrowProblem, violations: Iterable[Violation], deadline_s: float) -> Release | None:
-    """Returns the release closest to the requested one that has a certified motion; None if none was found.
+def nearest_problem(search: PlanningSearch, violations: Iterable[Violation]) -> ThrowProblem | None:
+    """Returns the closest problem that has a certified motion; None if none was found.
+
+    Where a motion was found that lacks nothing but the release window, this is the request with that motion's window.
 
     Args:
-        problem: infeasible as requested.
+        search: without an answer.
         violations: of its refusal.
-        deadline_s: of the request, on the clock of `time.perf_counter`.
     """
-    feasibility, broken = Feasibility(deadline_s), {violation.constraint for violation in violations}
+    if search.nominal is not None:
+        return _with_own_window(search.problem, search.nominal)
+    problem, broken = search.problem, {violation.constraint for violation in violations}
+    feasibility, nominal = Feasibility(search.deadline_s), problem
+    if problem.is_robust and problem.backend in OPTIMISING:
+        nominal = replace(problem, release_window_s=0.0)
     for relaxation, thorough in _relaxations(problem, broken):
-        release = _largest_share(problem, relaxation, feasibility, thorough)
-        if release is not None or feasibility.exhausted:
-            return release
+        share = _largest_share(nominal, relaxation, feasibility, thorough)
+        if share is not None:
+            found = replace(nominal, release=relaxation(share))
+            return found if nominal is problem else _with_window(problem, relaxation, share, feasibility) or found
+        if feasibility.exhausted:
+            break
     return None
+
+
+def _with_window(
+    problem: ThrowProblem, relaxation: Relaxation, share: float, feasibility: Feasibility
+) -> ThrowProblem | None:
+    """Returns the problem of a smaller share than a nominal one for which the optimiser keeps the release window."""
+    for less in WINDOW_SHARES:
+        closer = replace(problem, release=relaxation(less * share))
+        if not feasibility.exhausted and feasibility.optimised(closer):
+            return closer
+    return None
+
+
+def _with_own_window(problem: ThrowProblem, nominal: CertifiedSolution) -> ThrowProblem:
+    """Returns the problem with the largest window of a motion that fails for its window alone.
+
+    A motion of the optimiser depends on the window that is asked for, so that only its nominal release is sure.
+    """
+    motion, found = nominal.solution.trajectory, replace(problem, release_window_s=0.0)
+    if nominal.backend in OPTIMISING:
+        return found
+    certified, failed = 0.0, problem.release_window_s
+    for _ in range(BISECTIONS):
+        window_s = (certified + failed) / 2.0
+        narrower = replace(problem, release_window_s=window_s)
+        if certify(narrower, motion).valid:
+            certified, found = window_s, narrower
+        else:
+            failed = window_s
+    return found
 
 
 def _relaxations(problem: ThrowProblem, broken: set[str]) -> Iterator[tuple[Relaxation, bool]]:
@@ -133,22 +177,20 @@ def _relaxations(problem: ThrowProblem, broken: set[str]) -> Iterator[tuple[Rela
 
 def _largest_share(
     problem: ThrowProblem, relaxation: Relaxation, feasibility: Feasibility, thorough: bool
-) -> Release | None:
-    """Returns the feasible release of the largest share, by bisection; None if even the share 0 is infeasible."""
-    found = relaxation(0.0)
-    if not feasibility.has_certified_motion(replace(problem, release=found), thorough):
+) -> float | None:
+    """Returns the largest feasible share, by bisection; None if even the share 0 is infeasible."""
+    if not feasibility.has_certified_motion(replace(problem, release=relaxation(0.0)), thorough):
         return None
     feasible, infeasible = 0.0, 1.0
     for _ in range(BISECTIONS):
         if feasibility.exhausted:
             break
         share = (feasible + infeasible) / 2.0
-        release = relaxation(share)
-        if feasibility.has_certified_motion(replace(problem, release=release), False):
-            feasible, found = share, release
+        if feasibility.has_certified_motion(replace(problem, release=relaxation(share)), False):
+            feasible = share
         else:
             infeasible = share
-    return found
+    return feasible
 
 
 def _slower(release: Release, share: float) -> Release:
@@ -211,13 +253,29 @@ def _target_between(release: TargetRelease, near: Array, far: Array, share: floa
 
 
 def _comfortable_target(problem: ThrowProblem, direction: Array, height: float) -> Array:
-    """Returns a target (3,) well within reach, in the direction of a position (3,), at a height [m] if reachable."""
+    """Returns a target (3,) well within reach, in the direction of a position (3,), at a height [m] if reachable.
+
+    It is in front of the first keep-out box on the way, if that leaves room.
+    """
     cell = problem.cell
     base, reach = cell.X_WB[:3, 3], COMFORTABLE_REACH * farthest_reach(problem)
     away = direction[:2] - base[:2]
     length = float(np.linalg.norm(away))
     along = away / length if length > 1e-6 else np.array([1.0, 0.0])
-    return np.array([*(base[:2] + along * reach), min(height, base[2] + cell.robot.d[0] + reach)])
+    z = min(height, base[2] + cell.robot.d[0] + reach)
+    distance = np.linspace(0.0, reach, STEPS_OUT + 1)[:, None]
+    p = np.column_stack([base[:2] + distance * along, np.full(len(distance), z)])
+    return p[_unblocked(problem, p)]
+
+
+def _unblocked(problem: ThrowProblem, p: Array) -> int:
+    """Returns the row of `p` (n, 3) before the first one from `NEAREST_OUT` on that a box blocks, or the last."""
+    room = problem.cell.object.radius_m + BESIDE_M
+    blocked = np.zeros(len(p), dtype=bool)
+    for box in problem.cell.surroundings.keep_out:
+        blocked |= np.all((p >= box.lower - room) & (p <= box.upper + room), axis=1)
+    ahead = np.flatnonzero(blocked[NEAREST_OUT:])
+    return NEAREST_OUT + int(ahead[0]) - 1 if len(ahead) and ahead[0] else len(p) - 1
 
 
 def _farthest_throw(problem: ThrowProblem, release: TargetRelease) -> Array:

@@ -79,7 +79,7 @@ class Stage:
         iterations: solver iterations after which the stage ends ("casadi").
         with_ipopt: whether IPOPT solves where fatrop gives up ("casadi").
         variants: launch variants that are tried ("ruckig").
-        order: of the ranking; "arrival" sorts its first `TIMED_MAX` by the slowest joint's own time.
+        order: of the ranking; "arrival" takes the `TIMED_MAX` of least bound by the slowest joint's own time.
     """
 
     backend: Literal["casadi", "ruckig"]

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from bisect import insort
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import overload
 
 import numpy as np
 
 from planner.backends import ruckig_otg
 from planner.geometry import body_model
 from planner.problem import ThrowProblem
+from planner.search.incumbent import CertifiedSolution
 from planner.seeds import Candidate, Seed
 
 RANKED_MAX = 24  # candidates of least lower bound that are considered; a pose's others are full turns away
@@ -21,11 +24,12 @@ OBSTACLE_DEPTH_M = 0.02  # [m] penetration on that path which the optimiser stil
 
 @dataclass(frozen=True, eq=False)
 class RankedCandidate:
-    """A candidate with Ruckig's times to it and a note of what was tried from it."""
+    """A candidate with Ruckig's times to it, and a note of what was tried from it and what was made in advance."""
 
     problem: ThrowProblem
     candidate: Candidate
     tried: set[str] = field(default_factory=set)
+    made: dict[ruckig_otg.LaunchVariant, CertifiedSolution] = field(default_factory=dict)
 
     @cached_property
     def arrival_s(self) -> float:
@@ -55,22 +59,49 @@ class RankedCandidate:
         return untried
 
 
-Ranking = Sequence[RankedCandidate]
+class Ranking(Sequence[RankedCandidate]):
+    """Candidates in the order in which they are tried: the first `TIMED_MAX` by Ruckig's launch time, then by bound.
 
-
-def rank(problem: ThrowProblem, candidates: list[Candidate]) -> list[RankedCandidate]:
-    """Returns the candidates, the first `TIMED_MAX` by Ruckig's launch time, the others by their lower bound.
-
-    If the straight joint path to the first is obstructed, those with a free path come first.
+    If the straight joint path to the first is obstructed, those with a free path come first. The order is worked out
+    when it is first asked for: a release state whose soonest arrival is certified needs no launch times.
     """
-    ranking = [RankedCandidate(problem, candidate) for candidate in candidates[:RANKED_MAX]]
-    first = sorted(ranking[:TIMED_MAX], key=lambda ranked: ranked.launch_s)
-    if not all(_paths_free(first[:1])):
-        first = [first[i] for i in np.argsort(np.logical_not(_paths_free(first)), kind="stable")]
-    return [*first, *ranking[TIMED_MAX:]]
+
+    def __init__(self, problem: ThrowProblem, candidates: list[Candidate]) -> None:
+        """Takes candidates by ascending lower bound on the launch time."""
+        self._by_bound = [RankedCandidate(problem, candidate) for candidate in candidates[:RANKED_MAX]]
+
+    @cached_property
+    def _ordered(self) -> list[RankedCandidate]:
+        first = sorted(self._by_bound[:TIMED_MAX], key=lambda ranked: ranked.launch_s)
+        if not all(_paths_free(first[:1])):
+            first = [first[i] for i in np.argsort(np.logical_not(_paths_free(first)), kind="stable")]
+        return [*first, *self._by_bound[TIMED_MAX:]]
+
+    def __len__(self) -> int:
+        return len(self._by_bound)
+
+    @overload
+    def __getitem__(self, index: int) -> RankedCandidate: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[RankedCandidate]: ...
+
+    def __getitem__(self, index: int | slice) -> RankedCandidate | list[RankedCandidate]:
+        return self._ordered[index]
+
+    def by_arrival(self) -> Iterator[RankedCandidate]:
+        """Yields the `TIMED_MAX` of least bound by the slowest joint's own time, and times no more than it has to.
+
+        A candidate can only arrive after its bound, so the soonest timed one comes before all with a later bound.
+        """
+        waiting, timed = self._by_bound[:TIMED_MAX], []
+        while waiting or timed:
+            while waiting and (not timed or waiting[0].candidate.bound_s < timed[0].arrival_s):
+                insort(timed, waiting.pop(0), key=lambda ranked: ranked.arrival_s)
+            yield timed.pop(0)
 
 
-def _paths_free(ranking: Ranking) -> list[bool]:
+def _paths_free(ranking: Sequence[RankedCandidate]) -> list[bool]:
     """Returns for every candidate whether its straight joint path is free, up to `OBSTACLE_DEPTH_M`."""
     problem = ranking[0].problem
     steps = np.array([ranked.candidate.q for ranked in ranking]) - problem.start

@@ -24,6 +24,24 @@ VARIANTS_BY_BACKEND: dict[str, tuple[Solve, ...]] = {
     **{variant: (partial(profiles.solve, variant=variant),) for variant in profiles.VARIANTS},
 }
 
+# What each back end imports when it is used first; "auto" and "casadi" load the optimiser only where they come to it.
+LIBRARIES: dict[str, Callable[[], object]] = {
+    "auto": ruckig_otg.ruckig_module,
+    "casadi": ruckig_otg.ruckig_module,
+    "ruckig": ruckig_otg.ruckig_module,
+    "toppra": toppra_path.toppra_module,
+}
+
+
+def load_libraries(backend: str) -> None:
+    """Imports the libraries of a back end.
+
+    Raises:
+        BackendUnavailable: one is not installed.
+    """
+    if backend in LIBRARIES:
+        LIBRARIES[backend]()
+
 
 def search_sequential(search: PlanningSearch, backend: str, candidates: list[Candidate]) -> None:
     """Tries every variant of a back end on every candidate that could release sooner than the incumbent.
@@ -48,5 +66,6 @@ def search_sequential(search: PlanningSearch, backend: str, candidates: list[Can
             if solution.trajectory.release_time_s < search.release_time_s:
                 tried += 1
                 valid += search.certify(backend, solution).valid
-    result = f"{valid} of {tried} motions certified" + (f"; {failure}" if failure else "")
+    made = f"{valid} of {tried} motions certified from {len(candidates)} candidates"
+    result = made + (f"; {failure}" if failure else "")
     search.log_attempt(backend, result, begun)

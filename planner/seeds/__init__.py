@@ -1,7 +1,8 @@
 """Release states that the search starts from, ranked by a lower bound on their launch time."""
 
 from planner.seeds.candidates import POSITION_SLACK, Candidate, InitialGuess, Seed, candidates
-from planner.seeds.sampling import farthest_reach, least_time, tool_jacobian
+from planner.seeds.sampling import farthest_reach, tool_jacobian
+from planner.seeds.soonest_states import least_time
 from planner.seeds.velocity_allocation import allocate_velocity
 
 __all__ = [

@@ -7,12 +7,14 @@ quasi-random sequence, so the same request always has the same candidates.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from planner.arrays import Array
+from planner.arrays import Array, Index, Mask
+from planner.dynamics import safety_use
 from planner.errors import Infeasible, Violation
 from planner.geometry import SELF_CLEARANCE_M, barriers, body_model
 from planner.kinematics import (
@@ -23,11 +25,14 @@ from planner.kinematics import (
     signed_singularity_distances,
     singularity_distances,
 )
-from planner.problem import JointRelease, PointRelease, PoseRelease, ThrowProblem
+from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose
-from planner.seeds.sampling import least_time, point_states, target_states
+from planner.seeds.flight_filter import has_flight_obstacles
+from planner.seeds.sampling import point_states, target_states
+from planner.seeds.soonest_states import least_time
 
 SPEED_SLACK = 1e-9  # [-] rounding allowed in the comparison with a speed limit
+FEW_CANDIDATES = 6  # for a target behind obstacles; fewer call for a thorough search of 0.2 to 0.3 s
 NO_STATES = "joint states found whose flight hits the target within the requested bounds"
 NO_INVERSE = "joint positions found by the inverse kinematics for this pose, joint limits ignored"
 POSITION_SLACK = 1e-9  # [rad] rounding allowed in the comparison with a position limit
@@ -72,6 +77,34 @@ class InitialGuess(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
+class _States:
+    """Joint states at the release.
+
+    Attributes:
+        q: positions (n, 6) [rad].
+        qd: velocities (n, 6) [rad/s].
+        posture: number of the arm's posture in each (n,). States of one posture differ by full turns of joints alone:
+            what follows from posture and velocity is calculated once for all of them. None where all are distinct.
+    """
+
+    q: Array
+    qd: Array
+    posture: Index | None
+
+    def at(self, rows: Mask | Index | slice) -> _States:
+        """Returns the states in these rows."""
+        return _States(self.q[rows], self.qd[rows], None if self.posture is None else self.posture[rows])
+
+    def of_postures(self, function: Callable[[Array], Array]) -> Array:
+        """Returns a function of joint positions (k, 6) for every state (n,), calculated once a posture."""
+        if self.posture is None:
+            return function(self.q)
+        row = np.zeros(self.posture.max() + 1, dtype=np.intp)
+        row[self.posture] = np.arange(len(self.posture))
+        return function(self.q[row])[self.posture]
+
+
+@dataclass(frozen=True, eq=False)
 class Seed:
     """A candidate with the motion that a solver starts from; None leaves the motion to the solver."""
 
@@ -87,28 +120,49 @@ def candidates(problem: ThrowProblem) -> list[Candidate]:
     """
     release = problem.release
     if isinstance(release, JointRelease):
-        q, qd = release.q[None], release.qd[None]
+        states = _distinct(release.q[None], release.qd[None])
         _check_joint_positions(problem, release)
     elif isinstance(release, PoseRelease):
-        q, qd = _pose_states(problem, release)
+        states = _pose_states(problem, release)
     elif isinstance(release, PointRelease):
-        q, qd = point_states(problem, release)
+        states = _distinct(*point_states(problem, release))
     else:
-        q, qd = target_states(problem, release)
-    return _usable(problem, q, qd)
+        return _target_candidates(problem, release)
+    return _usable(problem, states)
 
 
-def _usable(problem: ThrowProblem, q: Array, qd: Array) -> list[Candidate]:
+def _target_candidates(problem: ThrowProblem, release: TargetRelease) -> list[Candidate]:
+    """Returns the candidates for a target; where obstacles leave too few, from a thorough search.
+
+    Raises:
+        Infeasible: there are none.
+    """
+    try:
+        found, refusal = _usable(problem, _distinct(*target_states(problem, release))), None
+    except Infeasible as error:
+        found, refusal = [], error
+    if len(found) < FEW_CANDIDATES and release.release_position is None and has_flight_obstacles(problem):
+        return _usable(problem, _distinct(*target_states(problem, release, thorough=True)))
+    if refusal is not None:
+        raise refusal
+    return found
+
+
+def _distinct(q: Array, qd: Array) -> _States:
+    return _States(q, qd, None)
+
+
+def _usable(problem: ThrowProblem, states: _States) -> list[Candidate]:
     """Returns the states that keep every limit, by ascending lower bound.
 
     Raises:
         Infeasible: none does; the violations are those of the state closest to the limits.
     """
-    limits = problem.limits
+    limits, q, qd = problem.limits, states.q, states.qd
     if len(q) == 0:
         raise Infeasible([Violation("joint_position", 0.0, 1.0, "1", detail=NO_STATES)])
     excess = np.max(np.abs(qd) / limits.qd_max, axis=-1)
-    distance = singularity_distances(problem.cell.robot, q).minimum
+    distance = states.of_postures(lambda q: singularity_distances(problem.cell.robot, q).minimum)
     singular = (distance < limits.singularity_distance_min) & (not problem.ends_at_rest)
     good = (excess <= 1.0 + SPEED_SLACK) & ~singular
     if not good.any():
@@ -117,26 +171,45 @@ def _usable(problem: ThrowProblem, q: Array, qd: Array) -> list[Candidate]:
     barred = np.any((q < lower - POSITION_SLACK) | (q > upper + POSITION_SLACK), axis=1)
     if barred[good].all():
         raise Infeasible([_barrier_violation(problem, q[good][0])])
-    good &= ~barred
-    q, qd = q[good], qd[good]
-    bound = least_time(q - problem.start, qd, limits)
-    order = np.lexsort([*q.T[::-1], bound])
-    return _clear(problem, q[order], qd[order], bound[order])
+    states = states.at(good & ~barred)
+    states = states.at(_safe(problem, states))
+    bound = least_time(states.q - problem.start, states.qd, limits)
+    order = np.lexsort([*states.q.T[::-1], bound])
+    return _clear(problem, states.at(order), bound[order])
 
 
-def _clear(problem: ThrowProblem, q: Array, qd: Array, bound: Array) -> list[Candidate]:
+def _clear(problem: ThrowProblem, states: _States, bound: Array) -> list[Candidate]:
     """Returns the sorted states in which the arm is clear of everything; see `BATCHES`."""
-    kind, good, least = problem.release.__class__.__name__, [], []
+    kind, good, least = problem.release.__class__.__name__, [], np.empty(0)
+    body = body_model(problem.cell)
     for rows, enough in BATCHES:
-        if len(good) >= enough or rows.start >= len(q):
+        if len(good) >= enough or rows.start >= len(bound):
             break
-        free = body_model(problem.cell).clearances(q[rows])
-        good += (np.flatnonzero(free.least >= 0.0) + rows.start).tolist()
-        least.append(free)
+        free = states.at(rows).of_postures(lambda q: body.clearances(q).least)
+        good += (np.flatnonzero(free >= 0.0) + rows.start).tolist()
+        least = np.concatenate([least, free])
     if good:
-        return [Candidate(q[i], qd[i], float(bound[i]), f"{kind} {i}") for i in good]
-    best = max(least, key=lambda free: float(free.least.max()))
-    raise Infeasible(best.violations(int(best.least.argmax()), problem.cell))
+        return [Candidate(states.q[i], states.qd[i], float(bound[i]), f"{kind} {i}") for i in good]
+    best = states.q[[int(least.argmax())]]
+    raise Infeasible(body.clearances(best).violations(0, problem.cell))
+
+
+def _safe(problem: ThrowProblem, states: _States) -> Mask:
+    """Returns which states (n,) keep the limits on tool and elbow speed and momentum by themselves.
+
+    Raises:
+        Infeasible: none does; the violations are those of the state closest to the limits.
+    """
+    used = safety_use(problem.cell, problem.limits.tcp_speed_max, states.q, states.qd)
+    share = np.max([each.value / each.limit for each in used], axis=0)
+    safe = share <= 1.0 + SPEED_SLACK
+    if not safe.any():
+        best = int(share.argmin())
+        rows = ((each, float(each.value[best])) for each in used)
+        raise Infeasible(
+            [Violation(u.name, v, u.limit, u.unit, detail="at the release") for u, v in rows if v > u.limit]
+        )
+    return safe
 
 
 def _barrier_violation(problem: ThrowProblem, q: Array) -> Violation:
@@ -185,8 +258,8 @@ def _joint_violation(problem: ThrowProblem, joint: int, q: float) -> Violation:
     return Violation("joint_position", float(q), float(lower if q < lower else upper), "rad", detail=detail)
 
 
-def _pose_states(problem: ThrowProblem, release: PoseRelease) -> tuple[Array, Array]:
-    """Returns the joint states (n, 6) of every branch and turn that have the pose and the twist.
+def _pose_states(problem: ThrowProblem, release: PoseRelease) -> _States:
+    """Returns the joint states of every branch and turn that have the pose and the twist.
 
     Raises:
         Infeasible: the pose is out of reach, or no branch is inside the joint limits.
@@ -200,12 +273,13 @@ def _pose_states(problem: ThrowProblem, release: PoseRelease) -> tuple[Array, Ar
         raise Infeasible([_joint_limit_violation(problem, X_BT)])
     R_BW = cell.X_WB[:3, :3].T
     V_BT = np.concatenate([R_BW @ release.V_WT[:3], R_BW @ release.V_WT[3:]])
-    distance = singularity_distances(cell.robot, found.q).minimum
-    usable = distance > 1e-6
+    states = _States(found.q, np.zeros_like(found.q), found.branch)
+    usable = states.of_postures(lambda q: singularity_distances(cell.robot, q).minimum) > 1e-6
     if not usable.any():
-        return found.q, np.zeros_like(found.q)
-    q = found.q[usable]
-    return q, inverse_velocity(jacobian(cell.robot, q, cell.tool.X_FT), V_BT)
+        return states
+    states = states.at(usable)
+    qd = states.of_postures(lambda q: inverse_velocity(jacobian(cell.robot, q, cell.tool.X_FT), V_BT))
+    return replace(states, qd=qd)
 
 
 def _reach_violation(problem: ThrowProblem, p_W: Array, excess_m: float) -> Violation:

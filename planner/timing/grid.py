@@ -8,7 +8,8 @@ below its bound. `grid_limits` gives the tighter limits that a solver has to kee
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +29,7 @@ RESERVES = (1.0, 30.0, 1000.0)  # [-] factors tried in turn: a phase of few tick
 FIT_TOLERANCE = 5e-8  # [-] share of a limit by which a phase may exceed it; above the rounding of the projection
 JERK_FLOOR = 1e-3  # [-] least weight of a tick, so that a phase with saturated jerk throughout can still be corrected
 PASSES = 2  # the second pass removes the rounding error of the first
+LENGTHS_KEPT = 256  # numbers of ticks whose derivatives are cached, up to 13 kB each for the second that a phase takes
 
 
 def grid_limits(limits: Limits, dt: float, reserve: float = 1.0) -> Limits:
@@ -73,29 +75,51 @@ def onto_grid(start: State, end: State, qdd: Array, dt: float, jerk_max: Array) 
     a = np.array(qdd, float)
     a[0], a[-1] = start[2], end[2]
     jerk = np.diff(a, axis=0) / dt
-    kernel = _end_state_by_jerk(len(jerk), dt)
+    by_jerk = _EndStateByJerk.over(len(jerk), dt)
+    wanted = by_jerk.wanted(start, end)
     for _ in range(PASSES):
-        q, qd, acc = integrate(*start, jerk, dt)
-        error = np.array([end[2] - acc[-1], end[1] - qd[-1], end[0] - q[-1]])
-        jerk = jerk + _least_correction(kernel, error, jerk, jerk_max)
+        jerk = jerk + by_jerk.least_correction(wanted - by_jerk.rows @ jerk, jerk, jerk_max)
     q, qd, acc = integrate(*start, jerk, dt)
     for samples, target in zip((q, qd, acc), end, strict=True):
         samples[-1] = target
     return q, qd, acc
 
 
-def _end_state_by_jerk(n: int, dt: float) -> Array:
-    """Returns the derivative (3, n) of the end's acceleration, velocity and position by the jerk of each tick."""
-    rest = np.arange(n - 1, -1, -1) * dt
-    return np.array([np.full(n, dt), dt * (rest + dt / 2), dt * (rest**2 / 2 + rest * dt / 2 + dt**2 / 6)])
+@dataclass(frozen=True, eq=False)
+class _EndStateByJerk:
+    """What the jerks of N ticks add to the end's acceleration, velocity and position: linear, so no pass integrates.
 
+    Attributes:
+        duration_s: of the ticks [s].
+        scale: sum of each derivative over the ticks (3, 1).
+        rows: the derivatives (3, N) by the jerk of each tick, over `scale`.
+        pairs: products of each two rows (9, N).
+    """
 
-def _least_correction(kernel: Array, error: Array, jerk: Array, jerk_max: Array) -> Array:
-    """Returns the weighted least-norm jerks (N, n) whose effect on the end state is `error` (3, n)."""
-    weight = np.maximum(1.0 - np.abs(jerk) / jerk_max, JERK_FLOOR)
-    scale = np.abs(kernel).sum(axis=1)
-    rows = kernel / scale[:, None]
-    pairs = (rows[:, None] * rows[None]).reshape(-1, rows.shape[1])
-    gram = (pairs @ weight).T.reshape(-1, len(rows), len(rows))
-    multipliers = np.linalg.solve(gram, (error / scale[:, None]).T[..., None])[..., 0]
-    return weight * (rows.T @ multipliers.T)
+    duration_s: float
+    scale: Array
+    rows: Array
+    pairs: Array
+
+    @staticmethod
+    @lru_cache(maxsize=LENGTHS_KEPT)
+    def over(n: int, dt: float) -> _EndStateByJerk:
+        """Returns the derivatives over `n` ticks of `dt` [s]."""
+        rest = np.arange(n - 1, -1, -1) * dt
+        rows = np.array([np.full(n, dt), dt * (rest + dt / 2), dt * (rest**2 / 2 + rest * dt / 2 + dt**2 / 6)])
+        scale = rows.sum(axis=1, keepdims=True)
+        rows = rows / scale
+        return _EndStateByJerk(n * dt, scale, rows, (rows[:, None] * rows[None]).reshape(-1, n))
+
+    def wanted(self, start: State, end: State) -> Array:
+        """Returns what the jerks have to add (3, n), over `scale`: the end less where `start` leads without jerk."""
+        (q, qd, qdd), T = (np.asarray(x, dtype=np.float64) for x in start), self.duration_s
+        without_jerk = np.array([qdd, qd + T * qdd, q + T * (qd + T * qdd / 2.0)])
+        return (np.array(end[::-1], dtype=np.float64) - without_jerk) / self.scale
+
+    def least_correction(self, missing: Array, jerk: Array, jerk_max: Array) -> Array:
+        """Returns the weighted least-norm jerks (N, n) that add `missing` (3, n), over `scale`."""
+        weight = np.maximum(1.0 - np.abs(jerk) / jerk_max, JERK_FLOOR)
+        gram = (self.pairs @ weight).T.reshape(-1, 3, 3)
+        multipliers = np.linalg.solve(gram, missing.T[..., None])[..., 0]
+        return weight * (self.rows.T @ multipliers.T)

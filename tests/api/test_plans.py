@@ -35,6 +35,7 @@ def test_the_document_is_the_contract_s(plan):
         "release_time_s",
         "release",
         "flight",
+        "way_home",
         "trajectory",
         "certificate",
         "solver",
@@ -42,6 +43,8 @@ def test_the_document_is_the_contract_s(plan):
     assert plan["certificate"]["valid"] is True
     assert plan["release_time_s"] == plan["release"]["index"] / plan["sample_rate_hz"]
     assert plan["request"]["cell"] == "ur5e-sim"
+    assert list(plan["way_home"]) == ["duration_s"]
+    assert plan["way_home"]["duration_s"] > 0.0
     trajectory = plan["trajectory"]
     rows = len(trajectory["time_from_start"])
     assert {len(trajectory[k]) for k in ("positions", "velocities", "accelerations")} == {rows}

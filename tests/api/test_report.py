@@ -11,6 +11,9 @@ from click.testing import CliRunner
 from api.cli import main
 from api.report import plan_svg, report_html
 from planner.cell import load_cell
+from planner.plan_document import plan_document
+from planner.planning import plan as plan_request
+from planner.request import problem_from_request
 from tests.api.conftest import RunningService
 from tests.api.test_bad_input import problem_of
 
@@ -42,6 +45,31 @@ def test_the_top_view_is_the_plan_to_scale(throw, root: Path):
     assert np.allclose(lines["launch"][-1], lines["brake"][0], atol=0.11)
     assert {"landing", "let-go", "target"} == set(dots)
     assert abs(float(dots["target"].attrib["cx"]) - float(dots["landing"].attrib["cx"])) < 0.5
+
+
+def test_a_bin_is_drawn_to_scale_from_the_side_and_from_above(root: Path):
+    opening = {"radius_m": 0.12, "rim_height_m": 0.2}
+    here = load_cell(root / "cells" / "ur5e-sim.toml")
+    request = {"release": {**TARGET["release"], "opening": opening}, "backend": "ruckig"}
+    plan = plan_document(plan_request(problem_from_request(request, here)), request, "id", "2026-01-01T00:00:00Z")
+    side, top = ElementTree.fromstring(plan_svg(plan, here)).findall(f"{SVG}g")
+    ruler = next(line for line in side.findall(f"{SVG}line") if line.attrib["class"] == "ruler")
+    scale = (float(ruler.attrib["x2"]) - float(ruler.attrib["x1"])) / 0.5
+    bottom, wall, _ = (points(line) for line in side.findall(f"{SVG}polyline[@class='bin']"))
+    assert np.allclose(np.ptp(bottom, axis=0) / scale, [0.24, 0.0], atol=3e-3)
+    assert np.allclose(np.ptp(wall, axis=0) / scale, [0.0, 0.2], atol=3e-3)
+    target = next(dot for dot in top.findall(f"{SVG}circle") if dot.attrib["class"] == "target")
+    around = points(top.find(f"{SVG}polyline[@class='bin']"))[:-1]
+    assert np.allclose(around.mean(0), [float(target.attrib["cx"]), float(target.attrib["cy"])], atol=0.1)
+
+
+def test_the_report_says_what_a_release_10_ms_off_does(throw, root: Path):
+    text, shift = report_html(throw, None), throw["flight"]["landing_shift_10ms_m"]
+    for when in ("early", "late"):
+        assert f"<td>release 10 ms {when}</td><td>the landing moves by {1000 * shift[when]:.0f} mm</td>" in text
+    assert "lands within 20 mm" in text
+    old = {**throw, "flight": {k: v for k, v in throw["flight"].items() if not k.startswith(("release", "landing_s"))}}
+    assert "release 10 ms" not in report_html(old, None)
 
 
 def test_the_picture_is_served_while_the_cell_is_the_same(service: RunningService, throw, cells: Path):

@@ -4,11 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 from benchmarks.audit import find_faults
-from benchmarks.problem_sets import build, varied_tasks
-from planner.cell import Box
+from benchmarks.audit.flights import drag_constant, flight_faults, integrate, obstacles_of_path
+from benchmarks.audit.safety import grip_faults, object_times, safety_faults
+from benchmarks.problem_sets import build, random_cell_tasks, varied_tasks
+from planner.cell import Box, Safety
+from planner.flight import fly, path
+from planner.geometry import tool_state
 from planner.planning import plan
+from planner.problem import JointRelease, Opening
 from tests.planner.problems import cell
 
 
@@ -33,6 +39,35 @@ def around(problem, **changes):
     return replace(problem, cell=replace(problem.cell, surroundings=replace(problem.cell.surroundings, **changes)))
 
 
+def watched(problem, **limits):
+    return replace(problem, cell=replace(problem.cell, safety=Safety(**limits)))
+
+
+def held(problem, **changes):
+    return replace(problem, cell=replace(problem.cell, gripper=replace(problem.cell.gripper, **changes)))
+
+
+def middle(problem, motion):
+    """Point of the flight half way in time."""
+    state = tool_state(problem.cell, *(x[motion.release_index] for x in (motion.q, motion.qd)))
+    flight = fly(state.p_WT, state.v_WT, problem.plane_z, problem.gravity)
+    return path(state.p_WT, state.v_WT, [0.5 * flight.time_of_flight_s], problem.gravity)[0]
+
+
+def screen(problem, motion):
+    """A small box in the way of the flight."""
+    x = middle(problem, motion)
+    return Box(x - 0.01, x + 0.01)
+
+
+def with_bin(problem, motion):
+    """A bin around the target whose wall stands where the flight is half way."""
+    x = middle(problem, motion)
+    off = problem.release.p_W - x
+    opening = Opening(float(np.linalg.norm(off[:2])), float(-off[2] + 0.05))
+    return replace(problem, release=replace(problem.release, opening=opening))
+
+
 def all_space(half):
     return (Box(np.full(3, -half), np.full(3, half)),)
 
@@ -54,10 +89,37 @@ SPOILT = {
 }
 
 
+SAFETY_SPOILT = {
+    "flange speed": lambda p, t: (watched(p, tool_speed_m_s=0.3), t),
+    "elbow speed": lambda p, t: (watched(p, elbow_speed_m_s=0.1), t),
+    "momentum": lambda p, t: (watched(p, momentum_kg_m_s=1.0), t),
+    "power": lambda p, t: (watched(p, power_w=10.0), t),
+    "stopping time": lambda p, t: (watched(p, stopping_time_s=0.01), t),
+    "stopping distance": lambda p, t: (watched(p, stopping_distance_m=0.005), t),
+    "grip acceleration": lambda p, t: (held(p, hold_acceleration_m_s2=np.full(3, 5.0)), t),
+}
+FLIGHT_SPOILT = {
+    "flight through box": lambda p, t: (around(p, keep_out=(screen(p, t),)), t),
+    "flight through the bin's wall": lambda p, t: (with_bin(p, t), t),
+}
+
+
 @pytest.mark.parametrize("fault", SPOILT)
 def test_what_is_spoilt_is_named(good, fault):
     problem, motion = SPOILT[fault](*good)
     assert any(fault in text for text in find_faults(problem, motion))
+
+
+@pytest.mark.parametrize("fault", SAFETY_SPOILT)
+def test_a_safety_limit_or_grip_that_is_broken_is_named(good, fault):
+    problem, motion = SAFETY_SPOILT[fault](*good)
+    assert any(fault in text for text in [*safety_faults(problem, motion), *grip_faults(problem, motion)])
+
+
+@pytest.mark.parametrize("fault", FLIGHT_SPOILT)
+def test_what_is_in_the_way_of_the_flight_is_named(good, fault):
+    problem, motion = FLIGHT_SPOILT[fault](*good)
+    assert any(fault in text for text in flight_faults(problem, motion))
 
 
 def test_certified_plans_are_right(good):
@@ -76,3 +138,53 @@ def test_varied_problems_are_of_every_kind_and_their_plans_right():
     assert any(task.problem.ends_at_rest for task in tasks)
     rest = next(task.problem for task in tasks if task.problem.ends_at_rest)
     assert find_faults(rest, plan(rest).trajectory) == []
+
+
+@pytest.mark.parametrize("drag", [0.0, 0.5])
+def test_the_audits_flight_agrees_with_an_integrator(drag):
+    p, v = np.array([0.1, -0.2, 0.9]), np.array([2.5, -1.0, 2.0])
+
+    def rate(_, s):
+        return np.concatenate([s[3:], -drag * np.linalg.norm(s[3:]) * s[3:] - [0.0, 0.0, 9.81]])
+
+    def falls(_, s):
+        return s[2] - 0.2 if s[5] < 0.0 else 1.0
+
+    falls.terminal = True
+    exact = solve_ivp(rate, (0.0, 3.0), np.concatenate([p, v]), events=falls, rtol=1e-10, atol=1e-12)
+    paths = integrate(p[None], v[None], 0.2, 0.03, 9.81, drag)
+    np.testing.assert_allclose(paths.landed[0], exact.y_events[0][0][:3], atol=5e-6)
+    assert paths.steps[0] < 1000.0 * exact.t_events[0][0]
+    assert paths.x[paths.steps[0] - 1, 0, 2] >= 0.23
+
+
+def test_a_flight_through_the_arm_is_named(good):
+    """Thrown straight up and back, the object comes down on the arm, which rests by then."""
+    problem, motion = good
+    k, q = motion.release_index, np.array(motion.q)
+    here = problem.cell
+    q[:] = here.home + np.array([0.0, 0.2, -0.4, 0.2, 0.0, 0.0])
+    still = replace(motion, q=q, qd=np.zeros_like(q), qdd=np.zeros_like(q))
+    p = tool_state(here, q[k], np.zeros(6)).p_WT
+    shoulder = here.X_WB[:3, 3] + [0.0, 0.0, 0.16]
+    time = 0.6
+    v = (shoulder - p) / time + np.array([0.0, 0.0, 0.5 * problem.gravity * time])
+    paths = integrate(p[None], v[None], problem.plane_z, here.object.radius_m, problem.gravity, drag_constant(problem))
+    found = obstacles_of_path(replace(problem, release=JointRelease(q[k], np.ones(6))), still, paths)
+    assert any("flight through" in text for text in found)
+
+
+def test_the_object_counts_for_the_whole_window(good):
+    problem, motion = good
+    robust = replace(problem, release_window_s=0.02, landing_tolerance_m=1.0)
+    assert object_times(robust, motion) == (motion.release_time_s - 0.02, motion.release_time_s + 0.02)
+    assert object_times(problem, motion) == (motion.release_time_s, motion.release_time_s)
+    strict = replace(robust, landing_tolerance_m=1e-5)
+    assert any("lands at" in text for text in flight_faults(strict, motion))
+
+
+def test_random_cells_are_repeatable_and_of_every_mounting():
+    tasks = random_cell_tasks(4, 4, 3)
+    assert [task.name for task in tasks] == [task.name for task in random_cell_tasks(4, 4, 3)]
+    assert len(tasks) == 4
+    assert all(task.problem.cell.safety.power_w for task in tasks)

@@ -45,9 +45,9 @@ def settings(cell: str = "ur5e-sim", **changes: object) -> ExecutorSettings:
 
 
 def prepare(name: str) -> Prepared:
-    """Returns a throw in a shipped cell."""
+    """Returns the soonest throw in a shipped cell."""
     cell = load_cell(CELLS / f"{name}.toml")
-    request = {"cell": name, "release": LOB, "backend": "ruckig", "time_limit_s": 30.0}
+    request = {"cell": name, "release": LOB, "release_window_s": 0.0, "backend": "ruckig", "time_limit_s": 30.0}
     answer = plan(problem_from_request(request, cell))
     problem, trajectory = answer.problem, answer.trajectory
     rows = sample_rows(cell, trajectory, throws=True)

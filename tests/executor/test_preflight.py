@@ -9,7 +9,7 @@ import numpy as np
 import orjson
 import pytest
 
-from executor.preflight import ExecutionRefused, refusals, verify_plan
+from executor.preflight import ExecutionRefused, gripper_is_open, refusals, verify_plan
 from executor.robot import RobotState
 from tests.executor.conftest import Prepared
 
@@ -104,3 +104,22 @@ class TestPlan:
     def test_a_document_that_is_no_plan_is_refused(self, prepared: Prepared, document: bytes, word: str) -> None:
         with pytest.raises(ExecutionRefused, match=word):
             verify_plan(document, prepared.cell)
+
+
+def test_a_plan_of_version_0_1_is_certified_as_it_was_made(prepared: Prepared) -> None:
+    """It states no window, and its request had none: the robust default of today does not hold for it."""
+    plan = orjson.loads(prepared.document)
+    del plan["request"]["release_window_s"]
+    for name in ("release_window_s", "landing_tolerance_m", "landing_shift_10ms_m", "object_path"):
+        del plan["flight"][name]
+    del plan["certificate"]["not_checked"]
+    problem, _ = verify_plan(orjson.dumps(plan), prepared.cell)
+    assert not problem.is_robust
+
+
+@pytest.mark.parametrize("open_level", [True, False])
+def test_the_gripper_is_open_at_its_own_level(prepared: Prepared, state: RobotState, open_level: bool) -> None:
+    gripper = replace(prepared.cell.gripper, output="tool_digital", index=1, open_level=open_level)
+    cell = replace(prepared.cell, gripper=gripper)
+    assert gripper_is_open(cell, replace(state, outputs=1 << 17)) is open_level
+    assert gripper_is_open(cell, replace(state, outputs=1 << 16)) is not open_level

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planner.cell import load_cell, parse_cell
+from planner.cell import Safety, load_cell, parse_cell
 from planner.errors import CellError
 
 CELLS = Path(__file__).parents[2] / "cells"
@@ -78,6 +78,12 @@ def test_the_table_of_the_project_is_its_published_frame():
         (LEAST.replace("[link]", "home_rad = [0, 0, 3.5, 0, 0, 0]\n[link]"), "home_rad"),
         (LEAST + '[gripper]\noutput = "pneumatic"\n', "gripper.output"),
         (LEAST + "[gripper]\nindex = 2\n", "gripper.index"),
+        (LEAST + "[gripper]\nopening_direction = [0.0, 0.0, 0.0]\n", "gripper.opening_direction"),
+        (LEAST + "[gripper]\nopening_cone_rad = 4.0\n", "gripper.opening_cone_rad"),
+        (LEAST + "[gripper]\nhold_acceleration_m_s2 = [40.0, 40.0]\n", "gripper.hold_acceleration_m_s2"),
+        (LEAST + "[gripper]\nhold_acceleration_m_s2 = 0.0\n", "gripper.hold_acceleration_m_s2"),
+        (LEAST + "[safety]\npower_w = -1.0\n", "safety.power_w"),
+        (LEAST + "[safety]\nspeed = 1.0\n", "safety.speed"),
         (LEAST + '[sim]\npolyscope = "3.15"\n', "sim.polyscope"),
         (LEAST + "[surroundings]\nkeep_out = [{ lower_m = [0, 0, 0], upper_m = [1, 1, 0] }]\n", "keep_out"),
         (LEAST + "[surroundings]\nkeep_out = [{ lower_m = [0, 0, 0] }]\n", "keep_out"),
@@ -89,6 +95,21 @@ def test_refusals_name_the_field(text, field):
     with pytest.raises(CellError) as refusal:
         parse_cell(text, "c")
     assert field in refusal.value.field
+
+
+def test_grip_and_safety_are_read():
+    here = parse_cell(
+        LEAST
+        + "[gripper]\nopening_direction = [0, 0, 2]\nopening_cone_rad = 1.2\nhold_acceleration_m_s2 = [40, 30, 20]\n"
+        "[safety]\ntool_speed_m_s = 1.5\n",
+        "c",
+    )
+    np.testing.assert_array_equal(here.gripper.opening_direction, [0.0, 0.0, 1.0])
+    np.testing.assert_array_equal(here.gripper.hold_acceleration_m_s2, [40.0, 30.0, 20.0])
+    assert (here.gripper.opening_cone_rad, here.safety.tool_speed_m_s, here.safety.power_w) == (1.2, 1.5, None)
+    least = parse_cell(LEAST, "c")
+    assert least.gripper.hold_acceleration_m_s2 is None
+    assert least.safety == Safety()
 
 
 def test_a_missing_file_and_a_bad_name_are_refused():

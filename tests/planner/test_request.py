@@ -19,10 +19,11 @@ from planner.errors import InvalidProblem
 from planner.plan_document import plan_document
 from planner.plan_reading import plan_from_document
 from planner.planning import plan
-from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease
+from planner.problem import JointRelease, Opening, PointRelease, PoseRelease, TargetRelease
 from planner.request import LIMIT_FIELDS, RELEASE_FIELDS, REQUEST_FIELDS, problem_from_request, request_document
 from tests.planner.problems import cell
 
+IN_BIN = {"kind": "target", "position": [1.2, 0.2, 0.0]}
 POINT = {"kind": "point", "position": [0.5, 0.2, 0.6], "velocity": [0.8, 0.3, 0.8]}
 STILL = {"linear": [0, 0, 0], "angular": [0, 0, 0]}
 POSE = {"kind": "pose", "pose": {"position": [0, 0, 1]}, "twist": STILL}  # without an orientation
@@ -58,19 +59,31 @@ def test_kinds_and_frames():
 def test_defaults():
     problem = problem_from_request({"release": POINT}, cell())
     np.testing.assert_array_equal(problem.start, cell().home)
-    assert (problem.backend, problem.time_limit_s, problem.release_window_s) == ("auto", 5.0, 0.0)
+    assert (problem.backend, problem.time_limit_s, problem.release_window_s) == ("auto", 120.0, 0.0)
 
 
-def test_a_gripper_that_scatters_makes_targets_robust_unless_switched_off():
+def test_targets_are_robust_unless_switched_off():
     here = cell()
+    steady = replace(here, gripper=replace(here.gripper, jitter_s=0.0))
     shaky = replace(here, gripper=replace(here.gripper, jitter_s=0.004))
     target = {"release": {"kind": "target", "position": [1.2, 0.2, 0.0]}}
     robust = problem_from_request(target, shaky)
-    assert (robust.release_window_s, robust.landing_tolerance_m) == (pytest.approx(0.012), 0.01)
+    assert (robust.release_window_s, robust.landing_tolerance_m) == (pytest.approx(0.012), 0.02)
     assert robust.is_robust
+    assert problem_from_request(target, steady).release_window_s == 0.005
     assert not problem_from_request({**target, "release_window_s": 0.0}, shaky).is_robust
-    assert not problem_from_request(target, here).is_robust
     assert not problem_from_request({"release": POINT}, shaky).is_robust
+
+
+def test_the_tolerance_follows_the_bin_and_the_object():
+    here = cell()
+    marble = replace(here, object=replace(here.object, radius_m=0.004))
+    target = {"kind": "target", "position": [1.2, 0.2, 0.0]}
+    opening = {"radius_m": 0.1, "rim_height_m": 0.2}
+    assert problem_from_request({"release": target}, marble).landing_tolerance_m == 0.01
+    into_bin = problem_from_request({"release": {**target, "opening": opening}}, marble)
+    assert into_bin.landing_tolerance_m == pytest.approx(0.096)
+    assert into_bin.release.opening == Opening(0.1, 0.2)
 
 
 def test_limits_tighten():
@@ -109,6 +122,9 @@ def test_limits_tighten():
         ({"release": {**POSE, "pose": {"position": [0, 0, 1], "quaternion": [1, 1, 0, 0]}}}, "release.pose.quaternion"),
         ({"release": POSE}, "release.pose"),
         ({"release": {"kind": "target", "position": [1, 0, 0], "min_elevation_rad": 2.0}}, "release.min_elevation_rad"),
+        ({"release": {**IN_BIN, "opening": {"radius_m": 0.01, "rim_height_m": 0.2}}}, "release.opening.radius_m"),
+        ({"release": {**IN_BIN, "opening": {"radius_m": 0.1}}}, "release.opening.rim_height_m"),
+        ({"release": {**IN_BIN, "opening": 0.1}}, "release.opening"),
         (
             {"release": {"kind": "target", "position": [1, 0, 0], "min_elevation_rad": 1.0, "max_elevation_rad": 0.5}},
             "release.min_elevation_rad",
@@ -169,6 +185,7 @@ def test_all_errors_are_reported_together():
             "twist": {"linear": [0.1, 0.2, 0.3], "angular": [0.4, 0.5, 0.6]},
         },
         {"kind": "target", "position": [1.2, 0.2, 0.0]},
+        {"kind": "target", "position": [1.2, 0.2, 0.0], "opening": {"radius_m": 0.1, "rim_height_m": 0.2}},
         {
             "kind": "target",
             "position": [1.2, 0.2, 0.0],
@@ -179,15 +196,19 @@ def test_all_errors_are_reported_together():
             "release_position": [0.4, 0.1, 0.6],
         },
     ],
-    ids=["point", "joint", "pose", "free target", "bound target"],
+    ids=["point", "joint", "pose", "free target", "bin", "bound target"],
 )
 def test_a_problem_written_as_a_request_is_read_back(release):
     here = cell("sdu-table")
     request = {"release": release, "frame": "base", "limits": {"jerk": 150.0}, "landing_tolerance_m": 0.02}
+    request["release_window_s"] = 0.0
     problem = problem_from_request(request, here)
     document = json.loads(json.dumps(request_document(problem, problem.release), allow_nan=False))
     again = problem_from_request(document, here)
+    assert getattr(again.release, "opening", None) == getattr(problem.release, "opening", None)
     for name, value in vars(problem.release).items():
+        if name == "opening":
+            continue
         read = np.asarray(getattr(again.release, name), float)
         np.testing.assert_allclose(read, np.asarray(value, float), atol=1e-12)
     for name, value in vars(problem.limits).items():

@@ -122,10 +122,11 @@ class Rig:
     # executions
 
     def plan(self, release: Mapping[str, Any], **fields: Any) -> str:
-        """Plans and stores; returns the id. The same request is planned once."""
+        """Plans the soonest release and stores it; returns the id. The same request is planned once."""
         key = repr((release, fields))
         if key not in self._plans:
-            request = {"cell": "rig", "release": dict(release), "backend": "ruckig", "time_limit_s": 30.0, **fields}
+            own = {"backend": "ruckig", "release_window_s": 0.0, "time_limit_s": 30.0}
+            request = {"cell": "rig", "release": dict(release), **own, **fields}
             answer = plan(problem_from_request(request, self.cell))
             document = plan_document(answer, request, new_id(), "2026-01-01T00:00:00Z")
             self.add_plan(document)
@@ -176,8 +177,12 @@ class Rig:
 
     def quiet_throw(self, release: Mapping[str, Any], mode: str = "speedj") -> ExecutionRow:
         """Throws until a run has missed no tick: assertions about a throw hold on a machine that is not overloaded."""
+        return self.quiet_run(self.plan(release), mode)
+
+    def quiet_run(self, plan_id: str, mode: str = "speedj") -> ExecutionRow:
+        """Executes a stored plan until a run has missed no tick."""
         for _ in range(QUIET_TRIES):
-            row = self.throw(release, mode)
+            row = self.end(self.queue_plan(plan_id, mode))
             if row.outcome == "completed" and row.metrics is not None and row.metrics["missed_ticks"] == 0:
                 return row
             if self.is_latched():

@@ -35,6 +35,7 @@ def test_a_throw_lands_where_it_was_planned(rig: Rig, mode: str) -> None:
     assert row.metrics["landing_error_m"] < LANDING_M
     assert row.metrics["release_velocity_error_share"] < RELEASE_SHARE
     assert row.metrics["landing_point"] == pytest.approx(LOB["position"], abs=2 * LANDING_M)
+    assert row.metrics["landed_on"] == "floor"
     plan = orjson.loads(rig.store.plan(row.plan_id).document)
     commanded = plan["release"]["command_time_s"] + row.metrics["gripper_command_late_s"]
     assert row.metrics["gripper_commanded_s"] == pytest.approx(commanded, abs=1e-9)
@@ -101,6 +102,30 @@ def test_a_throw_that_lost_commands_is_reported(rig: Rig) -> None:
     assert row.metrics["release_velocity_error_share"] > RELEASE_SHARE
     assert row.metrics["landing_error_m"] > LANDING_M
     rig.acknowledge()
+
+
+def test_a_throw_into_a_bin_ends_on_its_bottom(rig: Rig) -> None:
+    """Planned and certified with its window, certified again, and executed with the bin in the simulated world."""
+    opening = {"radius_m": 0.12, "rim_height_m": 0.2}
+    into_bin = {**LOB, "opening": opening}
+    plan = rig.plan(into_bin, backend="auto", release_window_s=0.005)
+    row = rig.quiet_run(plan)
+    assert row.outcome == "completed", row.reason
+    assert row.metrics["landed_on"] == "bin"
+    assert row.metrics["landing_point"] == pytest.approx(LOB["position"], abs=2 * LANDING_M)
+
+
+def test_the_wall_of_a_bin_stops_what_flies_against_it(rig: Rig) -> None:
+    """The same throw as to the floor, which a bin that only the simulator knows now stands in front of."""
+    id = rig.queue(LOB)
+    rig.in_launch(id)
+    near = {"bottom_m": [0.9 * x for x in LOB["position"]], "radius_m": 0.05, "rim_height_m": 1.0}
+    simulator_client.request(rig.host, "place_bin", **near)
+    row = rig.end(id)
+    assert row.outcome == "completed", row.reason
+    assert row.metrics["landed_on"] in ("bin", "bin wall")
+    assert row.metrics["landing_error_m"] > 0.05
+    assert rig.throw(LOB).metrics["landed_on"] == "floor"  # the executor took the bin away
 
 
 def test_a_move_that_ends_at_rest_releases_nothing(rig: Rig) -> None:

@@ -1,16 +1,17 @@
 """The world around the arm: objects in flight and their landings; all releases and landings are recorded.
 
-An object is a point, its centre. It lands where its centre comes down through a surface: the plane of
-`sim.landing_height_m`, the top of a keep-out box (a table, a bin), or the floor.
+An object is a sphere. It lands where its centre comes down through a plane: that of `sim.landing_height_m`, the floor,
+the bottom of a bin, or the top of a keep-out box that it touched. The sides of boxes and bins stop it (`obstacles`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from executor.simulator.physics.obstacles import BIN, Contact, Obstacle, Point, RoundBin, SolidBox
+from planner.arrays import Array
 from planner.cell import Cell
 from planner.flight import drag_constant
 
@@ -19,46 +20,48 @@ BOUNCE_SPEED_MIN = 0.1  # [m/s] vertical speed below which an object does not bo
 RECORDS_MAX = 10000  # releases kept, and landings kept
 FALL_MAX_M = 50.0  # [m] an object this far below every surface is forgotten
 BISECTIONS = 40  # of the contact time; a cycle divided by 2^40 is far below rounding
-CLEAR_OF_SURFACE_M = 1e-9  # [m] height above the surface at which a bouncing object starts again
+CLEAR_OF_PLANE_M = 1e-9  # [m] height above the plane at which a bouncing object starts again
+CONTACT_M = 1e-4  # [m] gap that counts as contact; far below any landing error, and bounds the steps past an obstacle
 
 State = tuple[float, ...]  # x y z vx vy vz in the world [m, m/s]
 
 
 @dataclass(frozen=True)
-class Surface:
-    """A horizontal surface: height and, for the top of a box, extent [m]."""
+class Plane:
+    """A horizontal plane on which objects land."""
 
     name: str
     z_m: float
-    lower: Sequence[float] = (-math.inf, -math.inf)
-    upper: Sequence[float] = (math.inf, math.inf)
-
-    def meets(self, x: float, y: float) -> bool:
-        """Whether the point (x, y) lies above or below this surface."""
-        return self.lower[0] <= x <= self.upper[0] and self.lower[1] <= y <= self.upper[1]
 
 
 @dataclass
 class FlyingObject:
-    """One object in the air, with the number of its bounces so far."""
+    """One object in the air, with the number of its bounces so far, and what it touched if it was caught."""
 
     number: int
     state: State
     bounces: int = 0
+    caught: Contact | None = None
 
 
 class World:
-    """Objects, surfaces and gravity: everything that is not the robot."""
+    """Objects, obstacles and gravity: everything that is not the robot.
+
+    Attributes:
+        bin: the bin that stands in the world, None without one.
+    """
 
     def __init__(self, cell: Cell, restitution: float) -> None:
         self.gravity = cell.surroundings.gravity_m_s2
         thrown = cell.object
         self.drag = drag_constant(thrown.mass_kg, thrown.radius_m, thrown.drag_coefficient)
+        self.radius_m = thrown.radius_m
         self.restitution = restitution
         self.floor_z_m = cell.surroundings.floor_z_m
-        self.boxes = [(box.lower.tolist(), box.upper.tolist()) for box in cell.surroundings.keep_out]
-        self.surfaces = [Surface("landing plane", cell.sim.landing_height_m), Surface("floor", self.floor_z_m)]
-        self.surfaces += [Surface(f"keep_out[{i}]", up[2], low, up) for i, (low, up) in enumerate(self.boxes)]
+        boxes = enumerate(cell.surroundings.keep_out)
+        self.boxes = [SolidBox(f"keep_out[{i}]", _point(box.lower), _point(box.upper)) for i, box in boxes]
+        self.bin: RoundBin | None = None
+        self.planes = [Plane("floor", self.floor_z_m), Plane("landing plane", cell.sim.landing_height_m)]
         self.flights: list[FlyingObject] = []
         self.releases: list[dict[str, Any]] = []
         self.landings: list[dict[str, Any]] = []
@@ -77,61 +80,117 @@ class World:
         for flight in list(self.flights):
             self._fly(flight, t - dt, dt)
 
-    def solid_at(self, point: tuple[float, float, float]) -> bool:
+    def solid_at(self, point: Point) -> bool:
         """Whether a point in the world lies in the floor or in a keep-out box."""
-        inside = [all(a <= p <= b for a, p, b in zip(lo, point, up, strict=True)) for lo, up in self.boxes]
-        return point[2] <= self.floor_z_m or any(inside)
+        return point[2] <= self.floor_z_m or any(box.holds(point) for box in self.boxes)
 
     def _fly(self, flight: FlyingObject, start: float, duration: float) -> None:
         """Advances a flight by `duration` [s], contact by contact."""
         end = start + duration
         while flight in self.flights and start < end:
-            after = step(flight.state, end - start, self.gravity, self.drag)
-            surface = self._hit(flight.state, after)
-            if surface is None:
-                flight.state = after
-                if after[2] < min(s.z_m for s in self.surfaces) - FALL_MAX_M:
-                    self.flights.remove(flight)
-                return
-            passed = self._crossing(flight.state, end - start, surface)
+            reached = self._reached(flight, end - start)
+            until = end - start if reached is None else reached[0]
+            touched = self._first_contact(flight, until)
+            passed = until if touched is None else touched[0]
             start += passed
-            flight.state = step(flight.state, passed, self.gravity, self.drag)
-            self._touch(flight, surface, start)
+            flight.state = self._after(flight, passed)
+            if touched is not None:
+                self._touch(flight, touched[1].contact(flight.state[:3]), start)
+            elif reached is not None:
+                self._land(flight, reached[1], start)
+            elif flight.state[2] < min(p.z_m for p in self.planes) - FALL_MAX_M:
+                self.flights.remove(flight)
 
-    def _hit(self, before: State, after: State) -> Surface | None:
-        """Returns the highest surface that the centre came down through."""
-        met = [s for s in self.surfaces if before[2] > s.z_m >= after[2] and s.meets(after[0], after[1])]
-        return max(met, key=lambda s: s.z_m, default=None)
+    def _after(self, flight: FlyingObject, duration: float) -> State:
+        return step(flight.state, duration, self.gravity, self.drag)
 
-    def _crossing(self, state: State, duration: float, surface: Surface) -> float:
-        """Returns the time until the centre comes down through the surface [s], by bisection."""
+    def _reached(self, flight: FlyingObject, duration: float) -> tuple[float, Plane] | None:
+        """Returns time [s] and plane of the first plane that the centre comes down through within `duration`."""
+        highest, lowest = flight.state[2], self._after(flight, duration)[2]
+        met = [plane for plane in self._planes(flight) if highest >= plane.z_m >= lowest]
+        for plane in sorted(met, key=lambda plane: -plane.z_m):
+            passed = self._crossing(flight, duration, plane)
+            if self.bin is None or plane.name != BIN or self.bin.spans(self._after(flight, passed)):
+                return passed, plane
+        return None
+
+    def _planes(self, flight: FlyingObject) -> list[Plane]:
+        """Returns the planes on which an object can land; a caught one has only its own, one in a bin the bottom."""
+        if flight.caught is not None and flight.caught.lies_at_z_m is not None:
+            return [Plane(flight.caught.name, flight.caught.lies_at_z_m)]
+        if self.bin is None:
+            return self.planes
+        bottom = Plane(BIN, self.bin.bottom[2])
+        return [bottom] if self.bin.encloses(flight.state) else [bottom, *self.planes]
+
+    def _crossing(self, flight: FlyingObject, duration: float, plane: Plane) -> float:
+        """Returns the time until the centre comes down through the plane [s], by bisection."""
         low, high = 0.0, duration
         for _ in range(BISECTIONS):
             middle = 0.5 * (low + high)
-            if step(state, middle, self.gravity, self.drag)[2] > surface.z_m:
+            if self._after(flight, middle)[2] > plane.z_m:
                 low = middle
             else:
                 high = middle
         return high
 
-    def _touch(self, flight: FlyingObject, surface: Surface, t: float) -> None:
+    def _first_contact(self, flight: FlyingObject, duration: float) -> tuple[float, Obstacle] | None:
+        """Returns time [s] and obstacle of the first contact within `duration`, None where the way is free.
+
+        The flight advances by what the nearest gap leaves free at its greatest speed, until the gap is closed.
+        """
+        obstacles: list[Obstacle] = [*self.boxes, *([] if self.bin is None else [self.bin])]
+        if flight.caught is not None or not obstacles:
+            return None
+        fastest = math.hypot(*flight.state[3:]) + self.gravity * duration
+        passed = 0.0
+        while True:
+            p = self._after(flight, passed)[:3]
+            gap, nearest = min(((o.gap(p, self.radius_m), o) for o in obstacles), key=lambda pair: pair[0])
+            if gap < CONTACT_M:
+                return passed, nearest
+            passed += gap / fastest
+            if passed >= duration:
+                return None
+
+    def _touch(self, flight: FlyingObject, contact: Contact, t: float) -> None:
+        """Lets an object that touches an obstacle stop there, or fall to where it comes to lie."""
+        if contact.lies_at_z_m is None:
+            self._record(flight, contact.name, t)
+            self.flights.remove(flight)
+            return
+        flight.caught = contact
+        if not contact.slides:
+            x, y, z, _, _, vz = flight.state
+            flight.state = (x, y, z, 0.0, 0.0, vz)
+
+    def _land(self, flight: FlyingObject, plane: Plane, t: float) -> None:
         x, y, _, vx, vy, vz = flight.state
-        record = {
-            "object": flight.number,
-            "t": t,
-            "position_m": [x, y, surface.z_m],
-            "velocity_m_s": [vx, vy, vz],
-            "surface": surface.name,
-            "bounce": flight.bounces,
-        }
-        self.landings.append(record)
-        del self.landings[:-RECORDS_MAX]
+        flight.state = (x, y, plane.z_m, vx, vy, vz)
+        self._record(flight, plane.name, t)
         up = -self.restitution * vz
         if up < BOUNCE_SPEED_MIN or flight.bounces >= BOUNCES_MAX:
             self.flights.remove(flight)
             return
         flight.bounces += 1
-        flight.state = (x, y, surface.z_m + CLEAR_OF_SURFACE_M, vx, vy, up)
+        flight.state = (x, y, plane.z_m + CLEAR_OF_PLANE_M, vx, vy, up)
+
+    def _record(self, flight: FlyingObject, surface: str, t: float) -> None:
+        record = {
+            "object": flight.number,
+            "t": t,
+            "position_m": list(flight.state[:3]),
+            "velocity_m_s": list(flight.state[3:]),
+            "surface": surface,
+            "bounce": flight.bounces,
+        }
+        self.landings.append(record)
+        del self.landings[:-RECORDS_MAX]
+
+
+def _point(values: Array) -> Point:
+    x, y, z = map(float, values)
+    return (x, y, z)
 
 
 def step(state: State, h: float, gravity: float, drag: float) -> State:

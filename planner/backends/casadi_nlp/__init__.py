@@ -11,13 +11,27 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from planner.backends.casadi_nlp.flight_rows import flight_cuts, starts_with_flight
+from planner.backends.casadi_nlp.layout import FlightEdge
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins, too_coarse
 from planner.errors import BackendUnavailable, SolverFailed
+from planner.kernel import compile_kernel
 from planner.problem import ThrowProblem
 from planner.seeds import Seed
 from planner.solution import Solution
 
-__all__ = ["DEFAULT_MARGINS", "Margins", "SolveOptions", "build_solvers", "solve", "too_coarse", "warm"]
+__all__ = [
+    "DEFAULT_MARGINS",
+    "FlightEdge",
+    "Margins",
+    "SolveOptions",
+    "build_solvers",
+    "flight_cuts",
+    "load",
+    "solve",
+    "too_coarse",
+    "warm",
+]
 
 ITERATION_BUDGET = 1000  # [-] the most that one solve took in 947 plans of the benchmark is 260
 
@@ -62,6 +76,7 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
 
     instance = Instance.of(problem, seed, options.margins, options.resolution)
     groups = frozenset(instance.stages.groups) if options.resolution == "fine" else options.margins.held
+    groups |= {"flight"} if starts_with_flight(problem) else set()
     latest_s = options.latest_s - SPARE_TICKS * problem.dt
     solver = Solver(options.iteration_budget, options.deadline_s, groups, options.with_ipopt, latest_s)
     if problem.is_robust and options.margins == DEFAULT_MARGINS:  # with others, the initial guess is a solution
@@ -79,7 +94,7 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
 
 
 def warm(progress: Callable[[str, float], None] = lambda _what, _share: None) -> bool:
-    """Compiles the functions unless that is done, and builds the solvers of this process.
+    """Compiles the functions and the planner's kernel unless that is done, and builds the solvers of this process.
 
     Args:
         progress: called with the current step and the share done so far.
@@ -94,10 +109,27 @@ def warm(progress: Callable[[str, float], None] = lambda _what, _share: None) ->
     from planner.backends.casadi_nlp import codegen
 
     progress("compiling", 0.0)
+    compile_kernel()
     compiled = codegen.compile_blocks() is not None
     build_solvers(lambda share: progress("building solvers", 0.9 + 0.1 * share))
     progress("ready" if compiled else "no compiler: interpreted functions", 1.0)
     return compiled
+
+
+def load() -> bool:
+    """Loads casadi and the functions of every formula, once per process; compiles nothing.
+
+    Returns:
+        Whether they are compiled. Otherwise casadi interprets them: the same numbers to the last bit, as the C has the
+        same operations in the same order, and compiles without fusing any.
+
+    Raises:
+        BackendUnavailable: casadi is not installed.
+    """
+    _require_casadi()
+    from planner.backends.casadi_nlp.codegen import loaded_blocks
+
+    return loaded_blocks().compiled
 
 
 def build_solvers(progress: Callable[[float], None] = lambda _share: None) -> None:

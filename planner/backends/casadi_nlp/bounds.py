@@ -64,9 +64,9 @@ class Bounds:
 
     def limit_group(self, group: str, lower: Vector, upper: Vector) -> None:
         """Bounds the rows of a lazy group, at knots and midpoints."""
-        for name in (group, f"{group}_middle"):
-            times = len(self.index.knots[name])
-            self.g[:, self.index.rows_of[name]] = np.tile(lower, times), np.tile(upper, times)
+        rows = self.index.rows_of_group(group)
+        times = len(rows) // len(lower)
+        self.g[:, rows] = np.tile(lower, times), np.tile(upper, times)
 
     def add_local_margins(self, margins: Iterable[LocalMargin], steps: Vector) -> None:
         """Narrows the bounds at the knots and midpoints close to each margin's time; stages last `steps` (N,) [s]."""
@@ -80,7 +80,7 @@ class Bounds:
     def _add_local_margin(self, margin: LocalMargin, stage: float) -> None:
         check = LOCAL_CHECKS[margin.check]
         for name, offset in ((check.group, 0.0), (f"{check.group}_middle", 0.5)):
-            for k in self.index.knots[name]:
+            for k in self.index.knots.get(name, ()):
                 if abs(k + offset - stage) > LOCAL_STAGES:
                     continue
                 rows = self.index.rows[name, k][check.rows]

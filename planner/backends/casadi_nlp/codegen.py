@@ -6,12 +6,8 @@ gives another file. Nothing is compiled while a request waits: without a file, t
 
 from __future__ import annotations
 
-import hashlib
-import os
-import platform
-import shutil
-import subprocess
-import tempfile
+import sys
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -19,16 +15,11 @@ import casadi as ca
 
 from planner.backends.casadi_nlp.functions import KINDS, Block, interpreted_blocks
 from planner.backends.casadi_nlp.symbols import FORMULAS
+from planner.kernel import SHARED, compile_once, library_path
 
-FLAGS = ("-O1", "-fno-math-errno", "-shared", "-fPIC")  # -O2 takes twice the compile time without a faster solve
+# -O2 takes twice the compile time without a faster solve. Fused operations would round otherwise than the interpreter.
+FLAGS = ("-O1", "-fno-math-errno", "-ffp-contract=off", *SHARED)
 FORMULA_MODULES = ("arm_symbols", "clearance_symbols", "functions", "layout", "symbols")  # sources of the C
-COMPILERS = ("cc", "gcc", "clang")
-
-
-def cache_folder() -> Path:
-    """Returns the folder of the compiled functions, under XDG_CACHE_HOME or ~/.cache."""
-    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(root) / "fling" / "solvers"
 
 
 def c_source() -> str:
@@ -43,10 +34,8 @@ def c_source() -> str:
 @cache
 def library() -> Path:
     """Returns the path of the compiled functions, whether they exist or not."""
-    digest = hashlib.sha256(f"{ca.CasadiMeta.version()} {platform.machine()} {FLAGS}".encode())
-    for module in FORMULA_MODULES:
-        digest.update(Path(__file__).with_name(f"{module}.py").read_bytes())
-    return cache_folder() / f"blocks-{digest.hexdigest()[:24]}.so"
+    modules = (Path(__file__).with_name(f"{module}.py").read_bytes() for module in FORMULA_MODULES)
+    return library_path("blocks", FLAGS, modules, writer=ca.CasadiMeta.version())
 
 
 def compile_blocks() -> Path | None:
@@ -56,17 +45,22 @@ def compile_blocks() -> Path | None:
         OSError: the cache folder cannot be written.
         subprocess.CalledProcessError: the compiler rejects the C.
     """
-    target = library()
-    compiler = next((path for name in COMPILERS if (path := shutil.which(name))), None)
-    if target.exists() or compiler is None:
-        return target if target.exists() else None
-    target.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=target.parent) as folder:
-        source, made = Path(folder) / "blocks.c", Path(folder) / "blocks.so"
-        source.write_text(c_source())
-        subprocess.run([compiler, *FLAGS, "-o", str(made), str(source), "-lm"], check=True, capture_output=True)
-        made.replace(target)
-    return target
+    return compile_once(library(), FLAGS, c_source)
+
+
+@dataclass(frozen=True, eq=False)
+class LoadedBlocks:
+    """Every block by name, and whether their functions are compiled."""
+
+    blocks: dict[str, Block]
+    compiled: bool
+
+
+@cache
+def loaded_blocks() -> LoadedBlocks:
+    """Returns the blocks that this process uses: compiled if they were when it first asked, or else interpreted."""
+    compiled = compiled_blocks()
+    return LoadedBlocks(compiled or interpreted_blocks(), compiled is not None)
 
 
 def compiled_blocks() -> dict[str, Block] | None:
@@ -75,3 +69,7 @@ def compiled_blocks() -> dict[str, Block] | None:
         return None
     path = str(library())
     return {name: Block(name, *(ca.external(f"{name}_{kind}", path) for kind in KINDS)) for name in FORMULAS}
+
+
+if __name__ == "__main__":
+    sys.exit(0 if compile_blocks() is not None else "fling: there is no C compiler")

@@ -10,11 +10,12 @@ from itertools import combinations
 import numpy as np
 
 from planner.backends.casadi_nlp.bounds import Bounds
+from planner.backends.casadi_nlp.flight_rows import constrains_flight, flight_parameters
 from planner.backends.casadi_nlp.functions import evaluate
 from planner.backends.casadi_nlp.layout import ARM, COST, NZ, QD, RELEASE, STEP, TIME, Vector
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins
 from planner.backends.casadi_nlp.parameters import box_parameters, cell_parameters, scale_parameters, variable_scales
-from planner.backends.casadi_nlp.symbols import FORMULAS
+from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, FORMULAS
 from planner.backends.casadi_nlp.transcription import LAZY_GROUPS, StageLayout, Transcription, transcription
 from planner.cell import Cell, Limits
 from planner.flight import fly
@@ -36,6 +37,7 @@ ROOM = {  # [m] added to the clearances at given joint positions: the margins of
     "clearance": [DEFAULT_MARGINS.self_m, DEFAULT_MARGINS.floor_m, DEFAULT_MARGINS.keep_in_m],
     "keep_out": [DEFAULT_MARGINS.box_m],
 }
+USUAL_GROUPS = ("effort", "clearance", "grip", "flight")  # of `LAZY_GROUPS`: without boxes, with a known gripper
 LARGEST_SLOPE_RAD = 1.57  # [rad] elevations beyond have no finite tangent; they are no limits
 
 # Stages in half a release window. One alone releases 2 to 3 % later than four; more than four gain nothing, but in a
@@ -45,14 +47,29 @@ MOST_WINDOW_STAGES, LONG_WINDOW_STAGE_S = 8, 0.00625  # in longer windows; short
 ROUNDING = 1e-9  # [-] of a number of stages
 
 
-def stage_layout(problem: ThrowProblem, resolution: str = "coarse") -> StageLayout:
-    """Returns the stages that a problem needs, with every lazy group of rows that applies to it."""
-    groups = LAZY_GROUPS if problem.cell.surroundings.keep_out else LAZY_GROUPS[:-1]
+def stage_layout(problem: ThrowProblem, resolution: str = "coarse", is_cut: bool = False) -> StageLayout:
+    """Returns the stages that a problem needs, with every lazy group of rows that applies to it.
+
+    Args:
+        problem: the problem.
+        resolution: key of `STAGES`.
+        is_cut: whether the flight is kept off the arm by cuts.
+    """
+    groups = _applicable_groups(problem, is_cut)
     launch, brake = STAGES[resolution]
     if problem.ends_at_rest:
         return StageLayout(launch, 0, 0, groups)
     window = window_stages(problem)
     return StageLayout(launch + window, brake + window, window, groups)
+
+
+def _applicable_groups(problem: ThrowProblem, is_cut: bool) -> tuple[str, ...]:
+    applies = {
+        "keep_out": bool(problem.cell.surroundings.keep_out),
+        "grip": problem.cell.gripper.hold_acceleration_m_s2 is not None and not problem.ends_at_rest,
+        "flight": is_cut or constrains_flight(problem),
+    }
+    return tuple(group for group in LAZY_GROUPS if applies.get(group, True))
 
 
 def window_stages(problem: ThrowProblem) -> int:
@@ -73,13 +90,13 @@ def window_stages(problem: ThrowProblem) -> int:
 
 def common_layouts() -> list[StageLayout]:
     """Returns the layouts whose solvers are built ahead of requests; those with keep-out boxes take a few 10 ms."""
-    groups = LAZY_GROUPS[:-1]
+    groups = USUAL_GROUPS
     subsets = [subset for size in range(len(groups) + 1) for subset in combinations(groups, size)]
     (launch, brake), (fine_launch, fine_brake), n = STAGES["coarse"], STAGES["fine"], USUAL_WINDOW_STAGES
     coarse = ((launch, brake, 0), (launch + n, brake + n, n), (launch, 0, 0))
     fine = ((fine_launch, fine_brake), (fine_launch, 0))
     layouts = [StageLayout(*stages, groups=subset) for stages in coarse for subset in subsets]
-    return layouts + [StageLayout(*stages, groups=groups) for stages in fine]
+    return layouts + [StageLayout(*stages, groups=whole) for stages in fine for whole in (groups[:2], groups)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +132,7 @@ class Instance:
         """Returns the instance of a seed."""
         candidate = seed.candidate
         guess = seed.initial_guess or CubicGuess(problem, candidate)
-        stages = stage_layout(problem, resolution)
+        stages = stage_layout(problem, resolution, bool(margins.cuts))
         limits, aim = grid_limits(problem.reachable, problem.dt), _initial_aim(problem, candidate)
         initial, steps = _variables_along(guess, stages, problem.release_window_s)
         return Instance(problem, candidate, margins, stages, limits, aim, initial, steps)
@@ -150,6 +167,7 @@ class Instance:
             "arm": arm_parameters(self.problem.cell, self.limits, self.margins),
             "release": release_parameters(self.problem, self.aim),
             "boxes": box_parameters(self.problem.cell, self.margins.box_m),
+            "flight": flight_parameters(self.problem, self.candidate, self.margins, self.aim),
         }
 
     @cached_property
@@ -203,6 +221,11 @@ class Instance:
         margins, inf = self.margins, np.inf
         torque = np.full(6, margins.torque)
         limits = {"effort": (np.append(-torque, -inf), np.append(torque, margins.tcp_speed**2))}
+        if "grip" in self.stages.groups:
+            axes = np.full(3, margins.grip)
+            limits["grip"] = np.append(-axes, -inf), np.append(axes, margins.grip**2)
+        if "flight" in self.stages.groups:
+            limits["flight"] = np.zeros(FLIGHT_ROWS.size), np.full(FLIGHT_ROWS.size, inf)
         for group, room in ROOM.items():
             if group in self.stages.groups:
                 limits[group] = self._least_clearances(group, room), np.full(len(room), inf)

@@ -18,6 +18,7 @@ Vector = NDArray[np.float64]
 LINKS = 6
 TOOL_CAPSULES = 2  # [-] slots for a tool's capsules; a tool with more has the last ones wrapped into one
 KEEP_OUT_BOXES = 4  # [-] slots for keep-out boxes; further boxes are left to the certificate
+FLIGHT_EDGES = 8  # [-] slots for edges that the object's flight passes: two for each of four boxes
 # DH frame of each capsule slot: `geometry.arm_capsules` without the foot, which the floor covers; the tool; the object.
 ARM_CAPSULE_FRAMES = (0, 1, 2, 2, 3, 3, 4, 5)  # base, shoulder, upper arm, elbow, forearm, wrists 1, 2, 3
 CAPSULE_FRAMES = ARM_CAPSULE_FRAMES + (6,) * (TOOL_CAPSULES + 1)
@@ -87,17 +88,58 @@ ARM = VectorLayout(
         "floor": 1,  # least height of a capsule's surface [m]
         "self_clearance": 1,  # least distance between capsules of arm and tool [m]
         "keep_in": 6,  # lower (3) and upper (3) corner of the box that the tool centre point stays in [m]
+        "grip": 4,  # what the grip withstands along the tool's axes (3), and in any direction (1) [m/s^2]
+        "tool_rotation": 9,  # of the tool frame in the flange, by columns
     }
 )
 RELEASE = VectorLayout({"target": 3, "gravity_z": 1, "tan_elevation": 2})
 BOXES = VectorLayout({"boxes": 6 * KEEP_OUT_BOXES, "box_clearance": 1})  # lower (3) and upper (3) corner of each [m]
+FLIGHT = VectorLayout(
+    {
+        "edges": 8 * FLIGHT_EDGES,  # per slot: normal (2), offset, direction (3), time, bound; see `FlightEdge`
+        "mouth": 5,  # of a bin: centre (2), height of the rim, its radius, and the object's radius [m]
+        "opening": 4,  # of the gripper: direction in the flange frame (3), cosine of the largest angle from it [-]
+    }
+)
 SHARED = {
     "scales": SCALES,
     "arm": ARM,
     "release": RELEASE,
     "boxes": BOXES,
+    "flight": FLIGHT,
 }  # parameters shared by all stages, in this order
 COST = VectorLayout({"time": 1, "jerk": 1, "step": 1, "initial_step": 1})  # parameters of each stage's cost
 ABSENT_RADIUS = -1.0e3  # [m] radius of an absent capsule: never near anything
 FAR = 1.0e3  # [m] distance added where a pair cannot meet
 ABSENT_BOX = 1.0e3  # [m] coordinates of an absent keep-out box
+UNLIMITED_GRIP = 1.0e4  # [m/s^2] stands for a grip without limit
+
+
+@dataclass(frozen=True)
+class FlightEdge:
+    """A half-space that the object's flight x(t) must be in at one time: direction @ x(t) >= bound.
+
+    The time is that at which the flight passes the vertical plane normal @ (x, y) = offset, the release at the
+    earliest, and `after_s` later.
+
+    Attributes:
+        normal: of the plane (2,); zero for a time that is fixed.
+        offset: of the plane [m].
+        direction: unit vector (3,).
+        after_s: [s].
+        bound: [m].
+    """
+
+    normal: tuple[float, float]
+    offset: float
+    direction: tuple[float, float, float]
+    after_s: float
+    bound: float
+
+    @property
+    def row(self) -> list[float]:
+        """The slot's parameters (8,)."""
+        return [*self.normal, self.offset, *self.direction, self.after_s, self.bound]
+
+
+NO_EDGE = FlightEdge((0.0, 0.0), 0.0, (0.0, 0.0, 0.0), 0.0, -1.0)  # holds with 1 m to spare

@@ -10,10 +10,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+from planner.backends.casadi_nlp.layout import FlightEdge
 from planner.solution import Solution
 from planner.trajectory import Trajectory
 
 SPARE_M = 0.001  # [m] added to a missing clearance: the next solution passes elsewhere
+SPARE_RAD = 0.02  # [rad] the same for an angle
 SPARE_SHARE = 0.01  # [-] the same for a share of a limit
 BETWEEN_KNOTS_FACTOR = 1.5  # [-] margin at knots and midpoints per clearance missing between them
 MOST_SHARE = 0.4  # [-] of a limit; beyond it a margin is no remedy
@@ -52,6 +54,7 @@ LOCAL_CHECKS = {
     "floor": LocalCheck("clearance", slice(1, 2), everywhere="floor_m"),
     "keep_in": LocalCheck("clearance", slice(2, 3), everywhere="keep_in_m"),
     "keep_out": LocalCheck("keep_out", slice(0, 1), everywhere="box_m"),
+    "grip_acceleration": LocalCheck("grip", slice(0, 4), is_relative=True, upper=True),
 }
 
 
@@ -108,6 +111,11 @@ class Margins:
         position_rad: distance from a joint's position limits [rad].
         singularity: multiple of the required distance [-].
         watched: whether the stages on which that distance is kept last as long as the certificate watches it.
+        grip: usable share of what the grip withstands [-].
+        flight_m: room between the object's flight and the boxes that it passes.
+        mouth_m: the same at the rim of a bin.
+        opening_rad: by which the gripper's opening cone is narrowed [rad].
+        cuts: half-spaces that keep the flight clear of the arm; see `flight_rows.arm_cuts`.
         window: usable share of the landing tolerance in the release window, in x and in y [-].
         local: margins around a time.
         held: groups of rows to include from the beginning.
@@ -122,18 +130,31 @@ class Margins:
     position_rad: float = 0.001
     singularity: float = 1.03
     watched: bool = False
+    grip: float = 0.98
+    flight_m: float = 0.015
+    mouth_m: float = 0.002
+    opening_rad: float = 0.03
+    cuts: tuple[FlightEdge, ...] = ()
     window: float = 0.62
     local: tuple[LocalMargin, ...] = ()
     held: frozenset[str] = frozenset()
 
-    def widened(self, failures: Iterable[FailedCheck], solution: Solution) -> Margins | None:
-        """Returns the margins after a solution's failed checks, None if a margin is no remedy for one of them."""
-        wider: Margins | None = replace(self, held=self.held | solution.held)
+    def widened(
+        self, failures: Iterable[FailedCheck], solution: Solution, cuts: tuple[FlightEdge, ...] = ()
+    ) -> Margins | None:
+        """Returns the margins after a solution's failed checks, None if a margin is no remedy for one of them.
+
+        Args:
+            failures: the failed checks.
+            solution: that failed them.
+            cuts: that keep a flight like the solution's clear of the arm; none where it was.
+        """
+        wider: Margins | None = replace(self, held=self.held | solution.held, cuts=(*cuts, *self.cuts))
         for check in failures:
-            wider = wider and wider._widened_for(check, solution.trajectory)
+            wider = wider and wider._widened_for(check, solution.trajectory, bool(cuts))
         return wider
 
-    def _widened_for(self, check: FailedCheck, failed: Trajectory) -> Margins | None:
+    def _widened_for(self, check: FailedCheck, failed: Trajectory, is_cut: bool) -> Margins | None:
         missing = abs(check.value - check.limit)
         if check.name == "singularity_distance":
             more = missing / check.limit + SPARE_SHARE
@@ -143,7 +164,19 @@ class Margins:
         if check.name == "landing_window":
             left = self.window - missing / check.limit / DIAGONAL - SPARE_SHARE
             return replace(self, window=left) if left > 0.0 else None
+        if check.name in ("flight_clearance", "opening_direction"):
+            return self._widened_for_flight(check.name, missing, is_cut)
         return self._widened_locally(check, missing, failed)
+
+    def _widened_for_flight(self, check: str, missing: float, is_cut: bool) -> Margins | None:
+        held = replace(self, held=self.held | {"flight"})
+        if check == "opening_direction":
+            return replace(held, opening_rad=self.opening_rad + missing + SPARE_RAD) if missing < MOST_RAD else None
+        if is_cut:
+            return held
+        more = BETWEEN_KNOTS_FACTOR * missing + SPARE_M
+        wider = replace(held, flight_m=self.flight_m + more, mouth_m=self.mouth_m + more)
+        return wider if wider.flight_m < MOST_M else None
 
     def _widened_locally(self, check: FailedCheck, missing: float, failed: Trajectory) -> Margins | None:
         local = LOCAL_CHECKS.get(check.name)

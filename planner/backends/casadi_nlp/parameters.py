@@ -54,6 +54,8 @@ def cell_parameters(cell: Cell) -> Vector:
                 "keep_in": np.concatenate([lower, upper]),
                 "floor": cell.surroundings.floor_z_m + cell.surroundings.clearance_m,
                 "self_clearance": SELF_CLEARANCE_M,
+                "grip": grip_parameters(cell),
+                "tool_rotation": cell.tool.X_FT[:3, :3].T,
                 "torque": 0.0,
                 "speed": 0.0,
             }
@@ -75,6 +77,15 @@ def box_parameters(cell: Cell, margin_m: float = 0.0) -> Vector:
 def _read_only(vector: Vector) -> Vector:
     vector.flags.writeable = False
     return vector
+
+
+def grip_parameters(cell: Cell) -> Vector:
+    """Returns what the grip withstands along the tool's axes, and in any direction (4,) [m/s^2]."""
+    held = cell.gripper.hold_acceleration_m_s2
+    limits = np.full(4, layout.UNLIMITED_GRIP)
+    if held is not None:
+        limits[slice(3) if len(held) == 3 else slice(3, 4)] = held
+    return limits
 
 
 def link_parameters(cell: Cell) -> Vector:

@@ -159,7 +159,7 @@ def _rows_kept(part: StageLayout, whole: StageLayout) -> Indices:
 @cache
 def _rows_by_group(whole: StageLayout) -> dict[str, Indices]:
     index = transcription(whole).row_index
-    rows = {group: np.concatenate([index.rows_of[group], index.rows_of[f"{group}_middle"]]) for group in whole.groups}
+    rows = {group: index.rows_of_group(group) for group in whole.groups}
     positions = [index.rows["motion", k][NX + 6 :] for k in index.knots["motion"]]
     return {**rows, POSITIONS: np.concatenate(positions)}
 

@@ -14,13 +14,16 @@ import casadi as ca
 
 from planner.backends.casadi_nlp import arm_symbols, clearance_symbols, layout
 from planner.backends.casadi_nlp.clearance_symbols import FrozenTerms
-from planner.backends.casadi_nlp.layout import ARM, BOXES, COST, RELEASE, SCALES, VectorLayout
+from planner.backends.casadi_nlp.layout import ARM, BOXES, COST, FLIGHT, RELEASE, SCALES, VectorLayout
 
 SX = Any
 
 FIRST_MOVING_CAPSULE = 2  # base and shoulder do not move relative to the floor
 GUARD = 0.01  # [m^2/s^2] keeps the discriminant of a flight that never reaches the plane above zero
 TINY = 1e-9  # [m^2/s^2] keeps the horizontal speed away from zero
+PASSING = 0.01  # [m/s], [s] roundness of the time at which a flight passes an edge; the bias is a few millimetres
+CENTRED = 1e-6  # [m^2] keeps the distance from a bin's axis away from zero
+STEADY = 1.0  # [m^2/s^4] keeps the relative acceleration away from zero
 
 RELEASE_ROWS = VectorLayout(
     {
@@ -32,6 +35,15 @@ RELEASE_ROWS = VectorLayout(
         "elevation": 2,  # vertical speed less tan(elevation) times the horizontal [m/s], for both elevation limits
         "speed": 1,  # squared [m^2/s^2]
         "distance": 1,  # squared horizontal distance from the target [m^2]
+    }
+)
+
+FLIGHT_ROWS = VectorLayout(
+    {
+        "edges": layout.FLIGHT_EDGES,  # of the flight beyond each edge [m]
+        "mouth": 1,  # between sphere and rim, in the mouth's plane [m]
+        "rim": 1,  # discriminant of that time [m^2/s^2]: positive where the flight rises above the rim
+        "opening": 1,  # cosine of the object's way out with the gripper's opening, less the least one [-]
     }
 )
 
@@ -159,6 +171,54 @@ def release(s: StageState, p: SX) -> StageRows:
     return StageRows(rows, FrozenTerms())
 
 
+def grip(s: StageState, p: SX) -> StageRows:
+    """What the grip holds against free fall, over what it withstands: along the tool axes (3), squared norm (1)."""
+    a = ARM.split(p)
+    tool = arm_symbols.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd)
+    R_SF = arm_symbols.frames(a["dh"], s.q).rotations[6]
+    up_S = arm_symbols.turn(s.q[0]).T @ a["gravity"]
+    held = ca.reshape(a["tool_rotation"], 3, 3).T @ (R_SF.T @ (tool.acceleration + up_S))
+    return StageRows(ca.vertcat(held / a["grip"][:3], ca.sumsqr(held) / a["grip"][3] ** 2), FrozenTerms())
+
+
+def flight(s: StageState, p: SX) -> StageRows:
+    """The rows of `FLIGHT_ROWS`, all positive for a flight that is clear."""
+    size = ARM.size + RELEASE.size
+    a, r, f = ARM.split(p[: ARM.size]), RELEASE.split(p[ARM.size : size]), FLIGHT.split(p[size:])
+    R_WB = ca.reshape(a["base"][:9], 3, 3)
+    R_WS = R_WB @ arm_symbols.turn(s.q[0])
+    tool = arm_symbols.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd)
+    position, velocity = R_WS @ tool.position + a["base"][9:], R_WS @ tool.velocity
+    edges = ca.reshape(f["edges"], 8, layout.FLIGHT_EDGES)
+    passed = [_beyond(edges[:, i], position, velocity, r["gravity_z"]) for i in range(layout.FLIGHT_EDGES)]
+    mouth, rim = _through_mouth(f["mouth"], position, velocity, r)
+    leaving = -(R_WS @ tool.acceleration) - ca.vertcat(0, 0, r["gravity_z"])
+    out = R_WS @ arm_symbols.frames(a["dh"], s.q).rotations[6] @ f["opening"][:3]
+    opening = ca.dot(leaving, out) / ca.sqrt(ca.sumsqr(leaving) + STEADY) - f["opening"][3]
+    return StageRows(ca.vertcat(*passed, mouth, rim, opening), FrozenTerms())
+
+
+def _beyond(edge: SX, position: SX, velocity: SX, gravity: SX) -> SX:
+    """Returns how far beyond the bound of a `FlightEdge` the flight is at the edge's time [m]."""
+    normal, offset, direction, after, bound = edge[:2], edge[2], edge[3:6], edge[6], edge[7]
+    speed = ca.dot(normal, velocity[:2])
+    crossing = (offset - ca.dot(normal, position[:2])) * speed / (speed**2 + PASSING**2)
+    time = (crossing + ca.sqrt(crossing**2 + PASSING**2)) / 2 + after
+    fall = ca.vertcat(0, 0, gravity * time**2 / 2)
+    return ca.dot(direction, position + velocity * time - fall) - bound
+
+
+def _through_mouth(mouth: SX, position: SX, velocity: SX, r: dict[str, SX]) -> tuple[SX, SX]:
+    """Returns the room between sphere and rim in the mouth's plane [m], and the discriminant of the time there.
+
+    At an angle d below the horizontal the sphere clears the rim if its centre falls through the plane r / sin d inside.
+    """
+    point, rises = _landing(position, velocity, {**r, "target": mouth[:3]})
+    fall_squared = (rises + ca.sqrt(rises**2 + GUARD**2)) / 2
+    thick = mouth[4] * ca.sqrt(1 + ca.sumsqr(velocity[:2]) / fall_squared)
+    return mouth[3] - thick - ca.sqrt(ca.sumsqr(point - mouth[:2]) + CENTRED), rises
+
+
 def _landing(position: SX, velocity: SX, r: dict[str, SX]) -> tuple[SX, SX]:
     """Returns the drag-free landing point (2,) on the target's plane [m], and the discriminant [m^2/s^2]."""
     g = r["gravity_z"]
@@ -209,7 +269,9 @@ FORMULAS: dict[str, BlockFormula] = {
     "clearance_middle": _in_middle(clearance, "arm"),
     "keep_out": _at_knot(keep_out, "arm", "boxes"),
     "keep_out_middle": _in_middle(keep_out, "arm", "boxes"),
+    "grip": _at_knot(grip, "arm"),
     "singularity": _at_knot(singularity, "arm"),
     "singularity_middle": _in_middle(singularity, "arm"),
     "release": _at_knot(release, "arm", "release"),
+    "flight": _at_knot(flight, "arm", "release", "flight"),
 }

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp import codegen, layout
-from planner.backends.casadi_nlp.functions import Block, interpreted_blocks
+from planner.backends.casadi_nlp.functions import Block
 from planner.backends.casadi_nlp.layout import COST, NX, NZ
 from planner.backends.casadi_nlp.symbols import FORMULAS
 
@@ -25,7 +25,8 @@ MX = Any
 Indices = NDArray[np.intp]
 
 WATCHED_STAGES = 3  # stages before the release (or its window) on which singularities are avoided, as on all after it
-LAZY_GROUPS = ("effort", "clearance", "keep_out")  # left out until a solution violates them; each at knots and middles
+# Groups of rows left out until a solution violates them, at knots and (but for the last two) at middles.
+LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight")
 # Parameters p: these, then the costs of every stage.
 ALL_SHARED = layout.VectorLayout({name: piece.size for name, piece in layout.SHARED.items()})
 
@@ -65,6 +66,8 @@ class StageLayout:
             "singularity": range(first_watched, self.stages + 1),
             "singularity_middle": range(first_watched, self.stages),
             "release": range(self.launch - self.window, self.launch + self.window + 1),
+            "flight": range(self.launch - self.window, self.launch + self.window + 1),
+            "grip": range(1, self.launch + self.window + 1),
         }
         everywhere = range(self.stages) if block.endswith("_middle") else range(1, self.stages + 1)
         return special.get(block, everywhere)
@@ -112,6 +115,10 @@ class RowIndex:
             self.size += len(own)
         self.per_stage.append(self.size - first)
 
+    def rows_of_group(self, group: str) -> Indices:
+        """Returns the rows of a lazy group, at knots and midpoints."""
+        return np.concatenate([rows for name, rows in self.rows_of.items() if name.removesuffix("_middle") == group])
+
     def _all_rows(self, block: str) -> Indices:
         return np.concatenate([np.zeros(0, np.intp), *(rows for (name, _), rows in self.rows.items() if name == block)])
 
@@ -150,7 +157,7 @@ class Transcription:
 @cache
 def transcription(stages: StageLayout) -> Transcription:
     """Returns the assembled problem of a layout, built once per process; with compiled functions if there are any."""
-    blocks = codegen.compiled_blocks() or interpreted_blocks()
+    blocks = codegen.loaded_blocks().blocks
     index = RowIndex(stages, blocks)
     return Transcription(index, blocks, assemble(index))
 

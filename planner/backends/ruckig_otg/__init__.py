@@ -3,7 +3,8 @@
 Source: Berscheid and Kroeger, Jerk-limited Real-time Trajectory Generation with Arbitrary Target States, RSS 2021.
 """
 
-from planner.backends.ruckig_otg.arrival import arrival, golden_section, launch_time, least_times
+from planner.backends.ruckig_otg.arrival import arrival, launch_time, least_times
+from planner.backends.ruckig_otg.library import ruckig_module
 from planner.backends.ruckig_otg.motions import LAST_RESORT, VARIANTS, LaunchVariant, initial_guess, solve
 
 __all__ = [
@@ -11,9 +12,9 @@ __all__ = [
     "VARIANTS",
     "LaunchVariant",
     "arrival",
-    "golden_section",
     "initial_guess",
     "launch_time",
     "least_times",
+    "ruckig_module",
     "solve",
 ]

@@ -10,10 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
+from planner.arrays import read_only
 from planner.backends.ruckig_otg import library
 from planner.backends.ruckig_otg.library import Vector
 from planner.errors import SolverFailed
@@ -24,6 +26,7 @@ from planner.timing import grid_limits
 SCAN = 9  # final accelerations scanned, from the lowest to the highest allowed
 SECTIONS = 14  # golden sections beside the best of them: 1/4 of the range * 0.618^14 = 3e-4 of the range
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+ARRIVALS_KEPT = 64  # arrivals that are cached: the ranking asks for those that launches and initial guesses then use
 INSIDE = 0.999  # [-] of the final acceleration from which the velocity just keeps its limit after the release
 
 
@@ -77,6 +80,7 @@ def least_times(problem: ThrowProblem, candidate: Candidate) -> Vector:
     return np.array(motion.independent_min_durations)
 
 
+@lru_cache(maxsize=ARRIVALS_KEPT)
 def earliest_arrival(problem: ThrowProblem, candidate: Candidate) -> Arrival:
     """Returns the earliest arrival at a candidate; its release acceleration is zero for a move that ends at rest.
 
@@ -87,7 +91,7 @@ def earliest_arrival(problem: ThrowProblem, candidate: Candidate) -> Arrival:
     times = least_times(problem, candidate)
     qdd = np.zeros(6)
     if problem.ends_at_rest:
-        return Arrival(float(times.max()), qdd)
+        return Arrival(float(times.max()), read_only(qdd))
     limits, time_s = grid_limits(problem.limits, problem.dt), 0.0
     joint = _Joint()
     for i in np.argsort(-times):
@@ -98,7 +102,7 @@ def earliest_arrival(problem: ThrowProblem, candidate: Candidate) -> Arrival:
         if own < times[i]:
             qdd[i] = a
         time_s = max(time_s, min(own, float(times[i])))
-    return Arrival(time_s, qdd)
+    return Arrival(time_s, read_only(qdd))
 
 
 class _Joint:

@@ -73,10 +73,27 @@ def fastest_motion(
 def accelerations(motion: Any, dt: float) -> Vector:
     """Returns the accelerations (N+1, n) [rad/s^2] of a trajectory at its ticks of `dt` [s], at least `TICKS_MIN`.
 
+    Between the knots of its profiles a joint's acceleration is linear: one interpolation a joint instead of one call of
+    the library a tick.
+
     Raises:
         SolverFailed: it takes more than `TICKS_MAX`.
     """
     count = max(TICKS_MIN, round(motion.duration / dt))
     if count > TICKS_MAX:
         raise SolverFailed(f"the motion would take {motion.duration:.1f} s")
-    return np.array([motion.at_time(i * dt)[2] for i in range(count + 1)])
+    (profiles,), t = motion.profiles, dt * np.arange(count + 1)
+    return np.stack([np.interp(t, *_acceleration_knots(profile)) for profile in profiles], axis=1)
+
+
+def _acceleration_knots(profile: Any) -> tuple[Vector, list[float]]:
+    """Returns times (k,) [s] and accelerations [rad/s^2] of a joint's profile where its jerk changes.
+
+    Seven phases of constant jerk, after up to two that bring the joint within its limits.
+    """
+    lengths, values, before = profile.t, profile.a, profile.brake
+    if before.duration > 0.0:
+        phases = [(length, a) for length, a in zip(before.t, before.a, strict=True) if length > 0.0]
+        lengths = [length for length, _ in phases] + lengths
+        values = [a for _, a in phases] + values
+    return np.cumsum([0.0, *lengths]), values

@@ -6,5 +6,6 @@ window of constant speed on each side of the release.
 """
 
 from planner.backends.toppra_path.motions import VARIANTS, solve
+from planner.backends.toppra_path.parameterization import toppra_module
 
-__all__ = ["VARIANTS", "solve"]
+__all__ = ["VARIANTS", "solve", "toppra_module"]

@@ -74,7 +74,7 @@ def fastest_timing(
         SolverFailed: no timing keeps the limits with these end speeds.
         BackendUnavailable: toppra is not installed.
     """
-    toppra = _toppra()
+    toppra = toppra_module()
     s = np.linspace(path.begin, path.end, GRID + 1)
     algorithm = _algorithm(toppra, _constraint(toppra, path.at(s), cell, limits, ends, carrying), s)
     _, speed, _ = algorithm.compute_parameterization(*ends)
@@ -87,7 +87,12 @@ def fastest_timing(
     return PathTiming(path, s, speed, np.concatenate([[0.0], np.cumsum(steps)]))
 
 
-def _toppra() -> ModuleType:
+def toppra_module() -> ModuleType:
+    """Returns the imported library.
+
+    Raises:
+        BackendUnavailable: toppra is not installed.
+    """
     try:
         import toppra
         import toppra.algorithm

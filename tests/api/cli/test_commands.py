@@ -56,21 +56,23 @@ def test_plan_writes_the_plan(request_file: Path, root: Path):
     plan = json.loads(result.stdout)
     assert plan["certificate"]["valid"] is True
     assert plan["cell"] == "ur5e-sim"
+    assert "checks passed" in result.stderr
 
 
 @pytest.mark.parametrize(
-    ("change", "name"),
+    ("change", "name", "status"),
     [
-        ({"release": {**JOINT, "velocities": [9.0, 0, 0, 0, 0, 0]}}, "infeasible"),
-        ({"frame": "moon"}, "invalid-request"),
-        ({"cell": "nowhere"}, "invalid-request"),
-        ({"start": {"current": True}}, "invalid-request"),
+        ({"release": {**JOINT, "velocities": [9.0, 0, 0, 0, 0, 0]}}, "infeasible", 2),
+        ({"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}, "time_limit_s": 1e-9}, "solver-failed", 3),
+        ({"frame": "moon"}, "invalid-request", 1),
+        ({"cell": "nowhere"}, "invalid-request", 1),
+        ({"start": {"current": True}}, "invalid-request", 1),
     ],
 )
-def test_plan_gives_the_problem_and_status_2(request_file: Path, root: Path, change: dict, name: str):
+def test_plan_gives_the_problem_and_its_status(request_file: Path, root: Path, change: dict, name: str, status: int):
     request_file.write_text(json.dumps({**REQUEST, **change}))
     result = fling("plan", str(request_file), "--cells", str(root / "cells"))
-    assert result.exit_code == 2
+    assert result.exit_code == status
     assert json.loads(result.stderr)["type"] == f"/problems/{name}"
     assert result.stdout == ""
 
@@ -79,7 +81,7 @@ def test_plan_gives_the_problem_and_status_2(request_file: Path, root: Path, cha
 def test_plan_of_a_file_that_is_not_utf_8_is_one_sentence(request_file: Path, content: bytes):
     request_file.write_bytes(content)
     for result in (fling("plan", str(request_file)), CliRunner().invoke(main, ["plan", "-"], input=content)):
-        assert result.exit_code == 2
+        assert result.exit_code == 1
         assert json.loads(result.stderr)["detail"] == "file: is not UTF-8"
         assert result.stdout == ""
 

@@ -42,7 +42,7 @@ def test_a_perfect_run_has_perfect_metrics(prepared: Prepared) -> None:
     trajectory, problem = prepared.trajectory, prepared.problem
     telemetry = perfect(prepared)
     flight = release_flight(problem, trajectory)
-    landing = Landing(100.0 + trajectory.release_time_s, flight.landing_point)
+    landing = Landing(100.0 + trajectory.release_time_s, flight.landing_point, "bin")
     found = metrics(problem, trajectory, ended(telemetry, prepared), landing)
     assert found["ticks"] == len(telemetry)
     assert found["period_p50_s"] == pytest.approx(trajectory.dt)
@@ -50,7 +50,7 @@ def test_a_perfect_run_has_perfect_metrics(prepared: Prepared) -> None:
     assert found["release_velocity_error_rad_s"] == pytest.approx(0.0, abs=1e-9)
     assert found["gripper_opened_s"] == pytest.approx(trajectory.release_time_s)
     assert found["gripper_opened_late_s"] == pytest.approx(0.0)
-    assert found["landing_error_m"] == 0.0
+    assert (found["landing_error_m"], found["landed_on"]) == (0.0, "bin")
     assert orjson.dumps(found)
 
 

@@ -47,6 +47,8 @@ LINES = st.one_of(
             b'{"op": []}\n',
             b"[" * 3000,
             b'{"op": "fault", "name": "speed_slider", "fraction": null}\n',
+            b'{"op": "place_bin", "bottom_m": [1e999, 0, 0], "radius_m": "x", "rim_height_m": 1}\n',
+            b'{"op": "place_bin", "bottom_m": [1, 0, 0], "radius_m": 1%s, "rim_height_m": 1}\n' % (b"0" * 400),
             b"\n",
             b"\xff\n",
         ]

@@ -32,6 +32,16 @@ def test_quit_ends_it_cleanly(start_simulator: Start):
     assert simulator.process.wait(5.0) == 0
 
 
+def test_a_bin_is_placed_and_removed_on_request(start_simulator: Start):
+    simulator = start_simulator()
+    simulator.ask("place_bin", bottom_m=[1.0, 0.2, 0.0], radius_m=0.1, rim_height_m=0.2)
+    simulator.ask("remove_bin")
+    for numbers in ({"radius_m": 0.1}, {"bottom_m": [1.0, 0.2], "radius_m": 0.1, "rim_height_m": 0.2},
+                    {"bottom_m": [1.0, 0.2, 0.0], "radius_m": 0.0, "rim_height_m": 0.2}):  # fmt: skip
+        with pytest.raises(AssertionError, match="a bin"):
+            simulator.ask("place_bin", **numbers)
+
+
 def test_a_stopped_process_loses_controller_time_and_no_cycle(start_simulator: Start):
     """Wall-clock time is controller time plus slips; nothing is caught up."""
     simulator = start_simulator()

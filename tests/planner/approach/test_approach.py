@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planner.approach import APPROACH_SPEED, find_approach
+from planner.approach import APPROACH_SPEED, find_approach, jog_advice, obstacle_words
 from planner.cell import Box, Cell
 from planner.certificate import certify
 from planner.geometry import body_model, tool_pose
@@ -26,18 +26,98 @@ def tool_position(cell: Cell, q: np.ndarray) -> np.ndarray:
 
 def test_an_arm_at_the_start_does_not_move(throw: BrakedThrow) -> None:
     start = throw.trajectory.q[0]
-    approach, obstacle = find_approach(throw.cell, start, start)
+    approach, failures = find_approach(throw.cell, start, start)
     assert approach is not None
     assert approach.trajectory is None
-    assert not obstacle
+    assert not failures
 
 
 def test_a_clear_approach_is_a_straight_move(throw: BrakedThrow) -> None:
     start = throw.trajectory.q[0]
     approach, _ = find_approach(throw.cell, start + np.array([0.5, 0, 0, 0, 0, 0]), start)
     assert approach is not None
-    assert approach.goal is start
-    assert approach.trajectory is None
+    assert approach.goal == pytest.approx(start)
+    assert approach.is_straight
+
+
+def near_a_box(cell: Cell, q: np.ndarray, spare_m: float) -> Cell:
+    """Returns the cell with a box below the tool at a posture (6,), `spare_m` farther away than the clearance."""
+    p = tool_position(cell, q)
+    half = np.array([0.1, 0.1, 0.1])
+
+    def with_top(z: float) -> Cell:
+        centre = np.array([p[0], p[1], z - half[2]])
+        return replace(cell, surroundings=replace(cell.surroundings, keep_out=(Box(centre - half, centre + half),)))
+
+    apart = float(body_model(with_top(p[2] - 0.1)).clearances(q[None]).keep_out[0])
+    return with_top(p[2] - 0.1 + apart - spare_m)
+
+
+@pytest.mark.parametrize("spare_m", [1e-5, 1e-3])
+def test_a_start_barely_clear_is_left(throw: BrakedThrow, spare_m: float) -> None:
+    """What the certificate accepts is not refused for a coarser bound or a wider margin, by either kind of motion."""
+    q = np.array([-0.8, -1.2, 1.6, -1.9, -1.57, 0.0])
+    cell = near_a_box(throw.cell, q, spare_m)
+    assert body_model(cell).clearances(q[None]).least[0] == pytest.approx(spare_m, rel=1e-6)
+    lifted, _ = find_approach(cell, q, q + np.array([0, -0.4, 0, 0, 0, 0]))
+    assert lifted is not None and lifted.is_straight
+    behind = q + np.array([0.5, 0.0, 0.0, 0, 0, 0])
+    walled = replace(
+        cell,
+        surroundings=replace(
+            cell.surroundings,
+            keep_out=(
+                *cell.surroundings.keep_out,
+                Box(*around_point(tool_position(cell, q + 0.5 * (behind - q)), 0.05)),
+            ),
+        ),
+    )
+    around, failures = find_approach(walled, q, behind)
+    assert around is not None and not around.is_straight
+    assert "keep-out box" in obstacle_words(failures)
+
+
+def around_point(p: np.ndarray, half: float) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the corners of a cube."""
+    return p - half, p + half
+
+
+def test_a_start_measured_a_little_too_close_is_left(throw: BrakedThrow) -> None:
+    q = np.array([-0.8, -1.2, 1.6, -1.9, -1.57, 0.0])
+    cell = near_a_box(throw.cell, q, -1e-3)
+    lifted, failures = find_approach(cell, q, q + np.array([0.3, -0.4, 0, 0, 0, 0]))
+    assert lifted is not None and lifted.trajectory is not None
+    assert "at least" in obstacle_words(failures)
+    t = np.linspace(0.0, lifted.trajectory.duration_s, 3000)
+    least = body_model(cell).clearances(lifted.trajectory.at(t)[0]).least
+    assert least.min() >= -1e-3 - 1e-9
+    assert (least[len(least) // 2 :] > 0.0).all()
+
+
+def test_a_start_much_too_close_is_refused_with_the_way_to_jog(throw: BrakedThrow) -> None:
+    q = np.array([-0.8, -1.2, 1.6, -1.9, -1.57, 0.0])
+    cell = near_a_box(throw.cell, q, -5e-3)
+    assert find_approach(cell, q, cell.home)[0] is None
+    advice = jog_advice(cell, q)
+    name, _, direction = advice.partition("by hand; ")[2].partition(" in the ")
+    assert "keep-out box 0" in advice
+    turn = np.zeros(6)
+    turn[cell.robot.joint_names.index(name)] = 0.01 if direction.startswith("positive") else -0.01
+    least = body_model(cell).clearances(np.array([q, q + turn])).least
+    assert least[1] > least[0] + 1e-3
+    assert not jog_advice(throw.cell, q)
+
+
+def test_without_the_object_its_clearance_is_not_asked_for(throw: BrakedThrow) -> None:
+    q = np.array([-0.8, -1.2, 1.6, -1.9, -1.57, 0.0])
+    big = replace(throw.cell, object=replace(throw.cell.object, radius_m=0.25))
+    start = q + np.array([0.3, 0, 0, 0, 0, 0])
+    high = body_model(throw.cell).clearances(np.array([q, start])).least.min()
+    low = body_model(big).clearances(np.array([q, start])).least.max()
+    assert low < 0.0 < high
+    assert find_approach(big, q, start)[0] is None
+    empty, failures = find_approach(big, q, start, with_object=False)
+    assert empty is not None and empty.is_straight and not failures
 
 
 def test_an_obstacle_in_the_straight_move_is_avoided(throw: BrakedThrow) -> None:
@@ -45,9 +125,10 @@ def test_an_obstacle_in_the_straight_move_is_avoided(throw: BrakedThrow) -> None
     start = np.array([-0.8, -1.2, 1.6, -1.9, -1.57, 0.0])
     now = start + np.array([1.6, 0, 0, 0, 0, 0])
     blocked = with_box(cell, tool_position(cell, (now + start) / 2.0), 0.12)
-    approach, obstacle = find_approach(blocked, now, start)
+    approach, failures = find_approach(blocked, now, start)
     assert approach is not None and approach.trajectory is not None and approach.problem is not None
-    assert "keep-out box" in obstacle  # in the straight move
+    assert not approach.is_straight
+    assert "keep-out box" in obstacle_words(failures)  # in the straight move
     motion = approach.trajectory
     assert motion.q[0] == pytest.approx(now, abs=1e-9)
     assert motion.q[-1] == pytest.approx(start, abs=1e-9)
@@ -60,13 +141,13 @@ def test_where_no_approach_is_found_the_obstacle_is_named(throw: BrakedThrow) ->
     cell = throw.cell
     start = throw.trajectory.q[0]
     blocked = with_box(cell, tool_position(cell, start), 0.1)
-    approach, obstacle = find_approach(blocked, start + np.array([1.0, 0, 0, 0, 0, 0]), start)
+    approach, failures = find_approach(blocked, start + np.array([1.0, 0, 0, 0, 0, 0]), start)
     assert approach is None
-    assert "keep-out box" in obstacle
+    assert "keep-out box" in obstacle_words(failures)
 
 
 def test_an_approach_beyond_a_joints_range_is_refused(throw: BrakedThrow) -> None:
     start = throw.trajectory.q[0]
-    approach, obstacle = find_approach(throw.cell, start, start + np.array([0, 0, 7.0, 0, 0, 0]))
+    approach, failures = find_approach(throw.cell, start, start + np.array([0, 0, 7.0, 0, 0, 0]))
     assert approach is None
-    assert obstacle
+    assert [check.name for check in failures] == ["joint_position"]

@@ -33,8 +33,9 @@ def test_many_paths_are_those_of_each_alone(throw: BrakedThrow) -> None:
     rng = np.random.default_rng(9)
     starts = throw.cell.home + rng.uniform(-0.8, 0.8, (PATHS_AT_ONCE + 7, 6))
     q = np.linspace(starts, throw.cell.home, 9, axis=1)
-    clear, obstacle = keep_clear(throw.cell, SweptPaths.straight(q))
+    clear, broken = keep_clear(throw.cell, SweptPaths.straight(q))
     alone = [keep_clear(throw.cell, SweptPaths.straight(path[None])) for path in q]
     assert clear.tolist() == [bool(one[0]) for one, _ in alone]
+    assert broken.tolist() == [bool(other[0]) for _, other in alone]
     assert 0 < clear.sum() < len(q)
-    assert obstacle in {name for _, name in alone}
+    assert not (clear & broken).any()

@@ -73,3 +73,18 @@ def test_every_module_behind_the_compiled_formulas_is_part_of_their_hash() -> No
                 imported.add(node.module or "")
     fling = {name for name in imported if name.split(".")[0] in ("planner", "api", "store", "executor", "benchmarks")}
     assert fling <= {f"{package}.{module}" for module in known}
+
+
+@pytest.mark.parametrize("kind", functions.KINDS)
+def test_compiled_functions_give_the_numbers_of_the_interpreted_ones(kind: str) -> None:
+    compiled = codegen.compiled_blocks()
+    if compiled is None:
+        pytest.skip("nothing is compiled")
+    for name in ("release", "singularity", "cost"):  # quick to build
+        interpreted = getattr(functions.build_block(name, functions.FORMULAS[name]), kind)
+        function = getattr(compiled[name], kind)
+        arguments = [RNG.uniform(0.1, 1.0, function.numel_in(i)) for i in range(function.n_in())]
+        for a, b in zip(
+            functions.evaluate(function, *arguments), functions.evaluate(interpreted, *arguments), strict=True
+        ):
+            np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)  # the same bits where no operation is fused

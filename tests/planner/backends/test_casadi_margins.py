@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planner.backends.casadi_nlp import DEFAULT_MARGINS, too_coarse
+from planner.backends.casadi_nlp import DEFAULT_MARGINS, FlightEdge, too_coarse
 from planner.certificate import Check
 from planner.certificate.certificate import at_least, at_most
 from planner.solution import Solution
@@ -73,3 +73,27 @@ def test_some_failures_have_no_remedy(failure: Check) -> None:
 def test_a_clearance_violated_by_much_calls_for_more_stages() -> None:
     assert too_coarse([at_most("joint_torque", 165.0, 150.0, "Nm", 0.18), at_least("floor", 0.014, 0.02, "m", 0.12)])
     assert not too_coarse([at_least("floor", 0.0155, 0.02, "m", 0.12), at_most("tcp_speed", 5.0, 4.0, "m/s", 0.1)])
+
+
+def test_a_flight_that_meets_a_box_passes_it_with_more_room() -> None:
+    wide = DEFAULT_MARGINS.widened([at_least("flight_clearance", -0.01, 0.0, "m", 0.2)], SOLUTION)
+    assert wide is not None
+    assert wide.flight_m > DEFAULT_MARGINS.flight_m + 0.01
+    assert "flight" in wide.held
+
+
+def test_a_flight_that_meets_the_arm_is_cut() -> None:
+    cut = FlightEdge((0.0, 0.0), 0.0, (0.0, 0.0, 1.0), 0.3, 0.5)
+    failure = at_least("flight_clearance", -0.01, 0.0, "m", 0.2)
+    once = DEFAULT_MARGINS.widened([failure], SOLUTION, (cut,))
+    assert once is not None
+    assert (once.cuts, once.flight_m) == ((cut,), DEFAULT_MARGINS.flight_m)
+    twice = once.widened([failure], SOLUTION, (cut,))
+    assert twice is not None
+    assert len(twice.cuts) == 2
+
+
+def test_an_object_that_leaves_into_the_palm_narrows_the_cone() -> None:
+    wide = DEFAULT_MARGINS.widened([at_most("opening_direction", 1.3, 1.2, "rad", 0.1)], SOLUTION)
+    assert wide is not None
+    assert 0.1 < wide.opening_rad - DEFAULT_MARGINS.opening_rad < 0.15

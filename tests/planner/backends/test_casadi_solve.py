@@ -17,6 +17,7 @@ from planner.backends.casadi_nlp import SolveOptions, codegen, instance, paramet
 from planner.cell import Box, Cell, ToolCapsule, load_cell
 from planner.certificate import certify
 from planner.errors import SolverFailed
+from planner.kernel import compilation
 from planner.problem import JointRelease, PointRelease, TargetRelease, ThrowProblem
 from planner.seeds import Candidate, InitialGuess, Seed, candidates
 from planner.trajectory import Trajectory
@@ -161,7 +162,7 @@ def test_125_hz() -> None:
 
 def test_without_a_compiler_there_is_no_library(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(codegen, "COMPILERS", ())
+    monkeypatch.setattr(compilation, "COMPILERS", ())
     codegen.library.cache_clear()
     try:
         assert codegen.compile_blocks() is None

@@ -12,7 +12,7 @@ from planner import flight
 from planner.backends.casadi_nlp import Margins, codegen, functions, layout, transcription
 from planner.backends.casadi_nlp.instance import arm_parameters
 from planner.backends.casadi_nlp.parameters import box_parameters, scale_parameters, variable_scales
-from planner.backends.casadi_nlp.symbols import RELEASE_ROWS
+from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, RELEASE_ROWS
 from planner.cell import Cell, load_cell
 from planner.dynamics import Payload, joint_torques
 from planner.geometry import (
@@ -139,7 +139,8 @@ def test_derivatives_of_the_whole_problem(stages: transcription.StageLayout) -> 
     x = x.ravel()[: index.variables]
     release = layout.RELEASE.pack({"target": [1, 0, -2], "gravity_z": 9.81, "tan_elevation": [0.1, 1.0]})
     costs = np.tile([1.0, 1e-3, 1e-2, 0.4], stages.stages)
-    p = np.concatenate([SCALES, arm_parameters(cell, cell.limits, NO_MARGINS), release, box_parameters(cell), costs])
+    arm = arm_parameters(cell, cell.limits, NO_MARGINS)
+    p = np.concatenate([SCALES, arm, release, box_parameters(cell), _flight_parameters(), costs])
     along, step = rng.normal(size=x.size), 1e-6
 
     def difference(name: str) -> np.ndarray:
@@ -154,13 +155,60 @@ def test_derivatives_of_the_whole_problem(stages: transcription.StageLayout) -> 
     gradient, hessian = assembled["hess_l"](x, p, 1.0, lam)
     assert np.array(gradient).ravel() == pytest.approx(slope + np.array(jac.T @ lam).ravel())
     ends = [np.array(assembled["hess_l"](x + s * along, p, 1.0, lam)[0]).ravel() for s in (step, -step)]
-    assert np.array(hessian @ along).ravel() == pytest.approx((ends[0] - ends[1]) / (2 * step), abs=1e-5)
+    assert np.array(hessian @ along).ravel() == pytest.approx((ends[0] - ends[1]) / (2 * step), abs=1e-5, rel=1e-8)
+
+
+def _flight_parameters() -> np.ndarray:
+    """An edge that crosses x = 0.9 above 0.5, one at a fixed time, a bin's mouth and an opening along y."""
+    edges = np.tile(layout.NO_EDGE.row, (layout.FLIGHT_EDGES, 1))
+    edges[0] = layout.FlightEdge((1.0, 0.0), 0.9, (0.0, 0.0, 1.0), 0.0, 0.5).row
+    edges[3] = layout.FlightEdge((0.0, 0.0), 0.0, (0.6, 0.0, 0.8), 0.195, 0.2).row
+    mouth, opening = [1.5, 0.5, -1.0, 0.1, 0.03], [0.0, 1.0, 0.0, 0.3]
+    return layout.FLIGHT.pack({"edges": edges, "mouth": mouth, "opening": opening})
+
+
+def test_flight_rows(cell: Cell) -> None:
+    q, qd, qdd, z = _state(6)
+    release = layout.RELEASE.pack({"target": [1.0, 0.5, -3.0], "gravity_z": 9.81, "tan_elevation": 0.0})
+    p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), release, _flight_parameters()])
+    rows = FLIGHT_ROWS.split(_rows("flight", z, p))
+    X_WF = cell.X_WB @ forward(cell.robot, q)
+    place, R_WB = (X_WF @ cell.tool.X_FT)[:3, 3], cell.X_WB[:3, :3]
+    v = R_WB @ (jacobian(cell.robot, q, cell.tool.X_FT) @ qd)[:3]
+    a = R_WB @ tcp_acceleration(cell.robot, q, qd, qdd, cell.tool.X_FT)[:3]
+    crossing = max((0.9 - place[0]) / v[0], 0.0)
+    over, later = flight.path(place, v, sorted([crossing, 0.2]), 9.81)[[int(crossing > 0.2), int(crossing <= 0.2)]]
+    assert rows["edges"][0] == pytest.approx(over[2] - 0.5, abs=0.03)  # its time is rounded by 5 ms near the release
+    assert rows["edges"][3] == pytest.approx(later @ [0.6, 0.0, 0.8] - 0.2, abs=1e-9)
+    assert rows["edges"][[1, 2, 4, 5, 6, 7]] == pytest.approx(1.0)
+    flown = flight.fly(place, v, -1.0, 9.81)
+    assert flown is not None
+    w = flown.landing_velocity
+    thick = 0.03 * np.linalg.norm(w) / -w[2]
+    off = float(np.linalg.norm(flown.landing_point[:2] - [1.5, 0.5]))
+    assert rows["mouth"] == pytest.approx(0.1 - thick - off, abs=1e-4)
+    leaving = -a - [0.0, 0.0, 9.81]
+    assert rows["opening"] == pytest.approx(leaving @ X_WF[:3, 1] / np.linalg.norm(leaving) - 0.3, abs=0.01)
+
+
+def test_grip_rows(cell: Cell) -> None:
+    held = replace(cell, gripper=replace(cell.gripper, hold_acceleration_m_s2=np.array([40.0, 30.0, 50.0])))
+    q, qd, qdd, z = _state(7)
+    rows = _rows("grip", z, arm_parameters(held, held.limits, NO_MARGINS))
+    R_BT = (forward(cell.robot, q) @ cell.tool.X_FT)[:3, :3]
+    a_B = tcp_acceleration(cell.robot, q, qd, qdd, cell.tool.X_FT)[:3]
+    expected = R_BT.T @ (a_B + cell.X_WB[:3, :3].T @ [0.0, 0.0, 9.81])
+    assert rows[:3] * [40.0, 30.0, 50.0] == pytest.approx(expected, abs=1e-9)
+    assert rows[3] < 1e-3
+    every_way = replace(cell, gripper=replace(cell.gripper, hold_acceleration_m_s2=np.array([40.0])))
+    rows = _rows("grip", z, arm_parameters(every_way, held.limits, NO_MARGINS))
+    assert rows[3] * 40.0**2 == pytest.approx(expected @ expected)
 
 
 def _smooth_multipliers(index: transcription.RowIndex, rng: np.random.Generator) -> np.ndarray:
     """Multipliers that leave out the rows whose curvature is left out."""
     lam = rng.normal(size=index.size)
     for (name, _), rows in index.rows.items():
-        if name.removesuffix("_middle") in transcription.LAZY_GROUPS or name == "singularity_middle":
+        if name.removesuffix("_middle") in ("effort", "clearance", "keep_out") or name == "singularity_middle":
             lam[rows] = 0.0
     return lam

@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.launch_bound import state_bound
 from planner.backends import ruckig_otg
+from planner.backends.ruckig_otg import library
 from planner.certificate import certify
 from planner.planning import plan
 from planner.problem import JointRelease
@@ -92,3 +93,15 @@ def test_auto_optimises_only_where_the_slowest_joint_alone_is_sooner():
 
 def _released(trajectory):
     return trajectory.q[trajectory.release_index], trajectory.qd[trajectory.release_index]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.9, 1.1])
+def test_accelerations_are_those_that_ruckig_gives_tick_by_tick(share):
+    """A state outside its limits makes Ruckig brake before its seven phases."""
+    for problem, _ in feasible_states(cell(), STATES, seed=8):
+        limits, dt, signs = problem.limits, problem.dt, np.where(np.arange(6) % 2, 1.0, -1.0)
+        start = (problem.start, np.zeros(6), share * signs * limits.qdd_max)
+        end = (problem.release.q, problem.release.qd, -0.5 * signs * limits.qdd_max)
+        for motion in (library.fastest_motion(start, end, limits, dt), library.fastest_motion(end, None, limits, dt)):
+            found = library.accelerations(motion, dt)
+            np.testing.assert_allclose(found, [motion.at_time(i * dt)[2] for i in range(len(found))], atol=1e-9)

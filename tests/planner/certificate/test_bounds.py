@@ -9,10 +9,10 @@ import pytest
 from planner.cell import Box
 from planner.certificate import certify
 from planner.certificate.bounds import joint_rates
+from planner.certificate.loads import loads_of, torque_curvature
 from planner.certificate.release import _landing_curvature
 from planner.certificate.samples import MotionSamples
 from planner.certificate.tool import _singularity_curvature
-from planner.certificate.torque import _torque_curvature, loads_of
 from planner.dynamics import joint_torques, payload_of
 from planner.flight import landing_points
 from planner.geometry import body_capsules, capsule_endpoints, segment_box_distance, tool_state
@@ -37,7 +37,7 @@ def test_the_curvature_of_torques_is_within_its_bound():
     for problem, trajectory in random_trajectories(3, seed=15):
         robot, held = problem.cell.robot, payload_of(problem.cell, with_object=True)
         curvature = second_differences(lambda *s: joint_torques(robot, *s, DOWN, held), trajectory)  # noqa: B023
-        bound = _torque_curvature(loads_of(problem.cell), joint_rates(trajectory), problem.gravity)
+        bound = torque_curvature(loads_of(problem.cell), joint_rates(trajectory), problem.gravity)
         assert np.all(np.abs(curvature) <= bound.T + 1e-2)
 
 

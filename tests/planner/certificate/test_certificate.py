@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planner.backends import ruckig_otg
-from planner.cell import Box
+from planner.cell import Box, Safety
 from planner.certificate import certify
 from planner.certificate.bounds import joint_rates, point_bound
 from planner.geometry import levers, tool_state
@@ -30,15 +30,23 @@ EVERY_CHECK = {
     "self_collision",
     "singularity_distance",
     "joint_torque",
+    "elbow_speed",
+    "momentum",
+    "power",
+    "stopping_time",
+    "stopping_distance",
     "release_position",
     "release_velocity",
     "end_at_rest",
     "continuity",
+    "flight_clearance",
+    "grip_acceleration",
+    "opening_direction",
 }
 
 
 def boxed_problem():
-    """A throw inside a keep-in box and beside a keep-out box, both kept by the unspoilt trajectory."""
+    """A throw inside a keep-in box and beside a keep-out box, with a gripper; the unspoilt trajectory keeps all."""
     plain = joint_problem()
     around = replace(
         plain.cell.surroundings,
@@ -48,8 +56,14 @@ def boxed_problem():
         ),
         keep_out=(Box(np.array([-0.9, 0.25, 0.0]), np.array([0.9, 0.9, 1.2])),),
     )
-    here = replace(plain.cell, surroundings=around)
-    return joint_problem(cell=here)
+    gripper = replace(
+        plain.cell.gripper,
+        opening_direction=np.array([0.0, 0.0, 1.0]),
+        opening_cone_rad=1.5,
+        hold_acceleration_m_s2=np.array([60.0]),
+    )
+    safety = Safety(4.0, 0.5, 10.0, 100.0, 0.15, 0.1)
+    return joint_problem(cell=replace(plain.cell, surroundings=around, gripper=gripper, safety=safety))
 
 
 @pytest.fixture(scope="module")
@@ -113,9 +127,17 @@ SPOILT = {
     "self_collision": lambda p, t: shifted(t, 2, 1.45),
     "singularity_distance": lambda p, t: shifted(t, 4, -t.q[t.release_index, 4]),
     "joint_torque": lambda p, t: beyond(p, t, "joint_torque", share=6.0),
+    "elbow_speed": lambda p, t: beyond(p, t, "elbow_speed", share=1.2),
+    "momentum": lambda p, t: beyond(p, t, "momentum", share=1.2),
+    "power": lambda p, t: beyond(p, t, "power", share=1.2),
+    "stopping_time": lambda p, t: beyond(p, t, "stopping_time", share=1.2),
+    "stopping_distance": lambda p, t: beyond(p, t, "stopping_distance", share=1.2),
     "release_position": lambda p, t: shifted(t, 3, 2e-5),
     "release_velocity": lambda p, t: scaled(t, 1, 1.0005),
     "end_at_rest": lambda p, t: cut(t, 0, -15),
+    "flight_clearance": lambda p, t: shifted(t, 0, -1.57),
+    "grip_acceleration": lambda p, t: beyond(p, t, "grip_acceleration", share=6.0),
+    "opening_direction": lambda p, t: shifted(t, 3, np.pi),
     "continuity": lambda p, t: one_sample_off(t, "qd", 1e-5),
     "continuity (position)": lambda p, t: one_sample_off(t, "q", 1e-5),
     "continuity (acceleration)": lambda p, t: one_sample_off(t, "qdd", 1e-2),

@@ -9,8 +9,10 @@ from numpy.typing import ArrayLike
 
 from planner.arrays import Array
 from planner.cell import Cell
+from planner.kernel import Kernel, twin_of
 from planner.kinematics import LinkMotion, accumulate, cross, dot, link_poses
 from planner.robots import Link, Robot
+from planner.robots import robot as robot_named
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,12 +92,30 @@ def chain_torques(
         gravity: acceleration of free fall (3,) in the frame of `chain` [m/s^2].
         p_F: place of the point mass on the flange (3,) [m]; its origin by default.
     """
-    upward = -np.asarray(gravity, dtype=np.float64)[:, None]  # gravity acts as an upward acceleration of the base
+    upward = -np.asarray(gravity, dtype=np.float64)  # gravity acts as an upward acceleration of the base
+    return _newton_euler(chain, carried, upward, np.zeros(3) if p_F is None else p_F)
+
+
+def _compiled(kernel: Kernel, chain: LinkMotion, carried: Bodies, upward: Array, p_F: Array) -> tuple[Array, Array]:
+    masses = carried.mass, carried.fixed, carried.principal
+    return kernel.chain_torques(chain.X, (chain.qd, chain.qdd), masses, upward, p_F)
+
+
+def _example() -> tuple[LinkMotion, Bodies, Array, Array]:
+    q, qd, qdd = np.random.default_rng(0).uniform(-3.0, 3.0, (3, 8, 6))
+    arm, load = robot_named("ur5e"), Payload(1.5, np.array([0.01, -0.02, 0.1]), np.diag([0.01, 0.02, 0.03]))
+    p_F = np.array([0.03, -0.02, 0.15])
+    return LinkMotion(link_poses(arm, q), qd, qdd), bodies(arm, load), np.array([0.1, -0.2, 9.8]), p_F
+
+
+@twin_of(_compiled, _example)
+def _newton_euler(chain: LinkMotion, carried: Bodies, upward: Array, p_F: Array) -> tuple[Array, Array]:
+    """Returns the results of `chain_torques` for a base with the acceleration `upward` (3,) [m/s^2]."""
     fixed = chain.in_links(carried.fixed)
     coms, axes = fixed[:, 0], fixed[:, 1:]
-    extra = np.zeros((3, 1, coms.shape[2])) if p_F is None else (chain.on_flange(p_F) - chain.origins[:, 6])[:, None]
+    extra = (chain.on_flange(p_F) - chain.origins[:, 6])[:, None]
     relative = chain.relative_acceleration(np.concatenate([chain.offsets, coms, extra], axis=1), _CARRIERS)
-    origins = accumulate(relative[:, :6]) + upward[:, None]
+    origins = accumulate(relative[:, :6]) + upward[:, None, None]
     force = carried.mass[:, None] * (origins + relative[:, 6:12])
     moment = _turning_moments(chain, axes, carried.principal) + cross(chain.origins[:, 1:] + coms, force)
     for v in (force, moment):

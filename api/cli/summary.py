@@ -1,0 +1,58 @@
+"""Plans and executions in a few lines of text, for the terminal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+IN_THE_WAY = ("keep_out", "bin wall")  # beginnings of `landed_on` where something stopped the object in flight
+
+
+def plan_text(plan: dict[str, Any]) -> str:
+    """Returns a summary of a plan in a few lines."""
+    solver, flight = plan["solver"], plan["flight"]
+    lines = [
+        f"planned by {plan['backend']} in {1000 * solver['solve_time_s']:.0f} ms: release after "
+        f"{plan['release_time_s']:.3f} s of {plan['duration_s']:.3f} s; "
+        f"{len(plan['certificate']['checks'])} checks passed"
+    ]
+    if flight:
+        lines.append(f"leaves at {flight['speed_m_s']:.2f} m/s, flies {flight['time_of_flight_s']:.2f} s")
+        lines.append(f"{_window_text(flight)}; 10 ms early or late moves the landing by {_shift_text(flight)}")
+    return "\n  ".join(lines)
+
+
+def landing_text(execution: dict[str, Any]) -> str:
+    """Returns missed ticks, landing point and what the object landed on, of an execution that was completed."""
+    metrics = execution["metrics"] or {}
+    text = f"{metrics.get('ticks')} ticks, {metrics.get('missed_ticks')} missed"
+    if metrics.get("release_velocity_error_share") is not None:
+        text += f"; joint velocity at the release within {100 * metrics['release_velocity_error_share']:.2f} %"
+    point, error = metrics.get("landing_point"), metrics.get("landing_error_m")
+    if point is None or error is None:
+        return text + "\nthe landing point is not known"
+    place = ", ".join(f"{value:.4f}" for value in point)
+    return f"{text}\n{_landed_text(metrics.get('landed_on'))} at ({place}) m, {_length(error)} from where the plan said"
+
+
+def _window_text(flight: dict[str, Any]) -> str:
+    """Returns what the plan holds for a release that is not on time."""
+    if flight["release_window_s"] <= 0.0 or flight["landing_tolerance_m"] <= 0.0:
+        return "planned for the release on time alone"
+    window_ms, tolerance_mm = 1000 * flight["release_window_s"], 1000 * flight["landing_tolerance_m"]
+    return f"a release up to {window_ms:.3g} ms early or late lands within {tolerance_mm:.3g} mm"
+
+
+def _shift_text(flight: dict[str, Any]) -> str:
+    shifts = flight["landing_shift_10ms_m"]
+    return " / ".join("an unknown distance" if s is None else _length(s) for s in (shifts["early"], shifts["late"]))
+
+
+def _landed_text(surface: str | None) -> str:
+    if surface is not None and surface.startswith(IN_THE_WAY):
+        return f"stopped by {surface}"
+    return "landed in the bin" if surface == "bin" else "landed"
+
+
+def _length(value_m: float) -> str:
+    """Returns a length in millimetres, with a decimal below a centimetre."""
+    return f"{1000 * value_m:.{1 if value_m < 0.01 else 0}f} mm"

@@ -1,0 +1,198 @@
+"""The object's flight by the audit's own means: Runge-Kutta with drag, distances of a sphere to what it can meet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
+
+from benchmarks.audit.distances import LENGTH_SLACK_M, shapes
+from benchmarks.audit.pinocchio_arm import arm_model, poses_and_velocity
+from planner.problem import TargetRelease, ThrowProblem
+from planner.trajectory import Trajectory
+
+Vector = NDArray[np.float64]
+
+STEP_S = 0.001  # [s] of the integration and of the distances: at 5 m/s the object moves by 5 mm
+FLIGHT_MAX_S = 10.0  # [s]
+AIR_KG_M3 = 1.204  # source: ISO 2533, dry air at 20 degC and 101,325 Pa
+LANDING_SLACK_M = 6e-4  # [m] the certificate's 0.5 mm, and the chord at the end
+DELAYS = 21  # releases of a window that are looked at
+CLEAR_S = 0.01  # [s] for which the object must have been clear of what gripped it before that counts as an obstacle
+GRIPPED_FRAMES = (4, 5, 6)  # wrist 2, wrist 3 and tool: the object may begin inside their capsules
+
+
+@dataclass(frozen=True, eq=False)
+class Paths:
+    """Flights of m releases on one clock, that of the trajectory shifted to each release.
+
+    Attributes:
+        x: positions (n, m, 3) [m], a step apart from the release on.
+        landed: where the centres fall through the plane (m, 3) [m]; NaN where they do not.
+        steps: number of instants of each until the sphere touches the plane (m,).
+    """
+
+    x: Vector
+    landed: Vector
+    steps: NDArray[np.intp]
+
+
+def drag_constant(problem: ThrowProblem) -> float:
+    """Returns k [1/m] of a sphere's deceleration k v^2."""
+    thing = problem.cell.object
+    return AIR_KG_M3 * thing.drag_coefficient * np.pi * thing.radius_m**2 / (2.0 * thing.mass_kg)
+
+
+def integrate(p: Vector, v: Vector, plane_z: float, radius: float, gravity: float, drag: float) -> Paths:
+    """Returns the flights from positions and velocities (m, 3) until every one is below the plane z = `plane_z`."""
+    state, rows = np.concatenate([p, v], axis=1), [p]
+
+    def rate(s: Vector) -> Vector:
+        w = s[:, 3:]
+        return np.concatenate([w, -drag * np.linalg.norm(w, axis=1)[:, None] * w - [0.0, 0.0, gravity]], axis=1)
+
+    while len(rows) * STEP_S < FLIGHT_MAX_S and np.any((state[:, 2] >= plane_z) | (state[:, 5] > 0.0)):
+        k1 = rate(state)
+        k2 = rate(state + STEP_S / 2.0 * k1)
+        k3 = rate(state + STEP_S / 2.0 * k2)
+        k4 = rate(state + STEP_S * k3)
+        state = state + STEP_S / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        rows.append(state[:, :3])
+    x = np.array(rows)
+    ends = [_landing(x[:, i], plane_z, radius) for i in range(len(p))]
+    return Paths(x, np.array([end[0] for end in ends]), np.array([end[1] for end in ends]))
+
+
+def _landing(x: Vector, plane_z: float, radius: float) -> tuple[Vector, int]:
+    """Returns the landing point of one path (n, 3), and the number of instants before its sphere touches the plane."""
+    z = x[:, 2]
+    falls = np.flatnonzero((z[:-1] >= plane_z) & (z[1:] < plane_z))
+    if len(falls) == 0:
+        return np.full(3, np.nan), len(x)
+    i = int(falls[-1])
+    landed = x[i] + (z[i] - plane_z) / (z[i] - z[i + 1]) * (x[i + 1] - x[i])
+    touches = np.flatnonzero((z[:-1] >= plane_z + radius) & (z[1:] < plane_z + radius))
+    return landed, int(touches[-1]) + 1 if len(touches) else i + 1
+
+
+def flight_faults(problem: ThrowProblem, motion: Trajectory) -> list[str]:
+    """Returns what is wrong with landing and flight of every release in the window, in words."""
+    if problem.ends_at_rest:
+        return []
+    window = problem.release_window_s if problem.is_robust else 0.0
+    delays = np.linspace(-window, window, DELAYS) if window > 0.0 else np.zeros(1)
+    arm = _Arm(problem, motion)
+    p, v = arm.tool(motion.release_time_s + delays)
+    paths = integrate(p, v, problem.plane_z, problem.cell.object.radius_m, problem.gravity, drag_constant(problem))
+    found = _landings(problem, delays, paths)
+    for i, delay in enumerate(delays):
+        found += [f"released {delay:+.4f} s late: {text}" for text in _obstacles(problem, arm, delay, paths, i)]
+        if found:
+            break
+    return found
+
+
+def obstacles_of_path(problem: ThrowProblem, motion: Trajectory, paths: Paths) -> list[str]:
+    """Returns what the first of some paths from the nominal release touches beside the moving arm, in words."""
+    return _obstacles(problem, _Arm(problem, motion), 0.0, paths, 0)
+
+
+def _landings(problem: ThrowProblem, delays: Vector, paths: Paths) -> list[str]:
+    release = problem.release
+    if not isinstance(release, TargetRelease):
+        return []
+    missed = np.linalg.norm(paths.landed - release.p_W, axis=1)
+    allowed = np.where(delays == 0.0, 0.0, problem.landing_tolerance_m) + LANDING_SLACK_M
+    wrong = ~(missed <= allowed)
+    return [f"lands at {paths.landed[i]}, released {delays[i]} s late" for i in np.flatnonzero(wrong)[:1]]
+
+
+def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: int) -> list[str]:
+    """Returns what the sphere of one path touches before it touches the plane."""
+    around, radius = problem.cell.surroundings, problem.cell.object.radius_m
+    x = paths.x[: paths.steps[i], i]
+    slack = LENGTH_SLACK_M
+    found = []
+    if (x[:, 2] - radius).min() < around.floor_z_m - slack:
+        found.append("flight through the floor")
+    for k, box in enumerate(around.keep_out):
+        gap = np.linalg.norm(x - np.clip(x, box.lower, box.upper), axis=1).min() - radius
+        if gap < -slack:
+            found.append(f"flight through box {k}: {gap} m")
+    found += _bin(problem, x, slack)
+    for name, frame, gaps in arm.gaps(x, delay):
+        counted = _since_clear(gaps - radius) if frame in GRIPPED_FRAMES else np.ones(len(gaps), bool)
+        if np.any(gaps[counted] - radius < -slack):
+            found.append(f"flight through {name}: {float((gaps[counted] - radius).min())} m")
+    return found
+
+
+def _since_clear(gaps: Vector) -> NDArray[np.bool_]:
+    """Returns which instants (n,) count for a body that held the object: those after it was clear for `CLEAR_S`."""
+    steps = round(CLEAR_S / STEP_S)
+    clear = np.convolve(gaps > 0.0, np.ones(steps), "full")[: len(gaps)] >= steps
+    return np.maximum.accumulate(clear) if len(gaps) else clear
+
+
+def _bin(problem: ThrowProblem, x: Vector, slack: float) -> list[str]:
+    """Returns whether the sphere touches a bin's wall before its centre passes the mouth, or passes outside it."""
+    release, radius = problem.release, problem.cell.object.radius_m
+    if not isinstance(release, TargetRelease) or release.opening is None:
+        return []
+    inner, rim = release.opening.radius_m, release.p_W[2] + release.opening.rim_height_m
+    falls = np.flatnonzero((x[:-1, 2] >= rim) & (x[1:, 2] < rim))
+    last = int(falls[-1]) + 1 if len(falls) else len(x) - 1
+    before, off = x[: last + 1], np.linalg.norm(x[: last + 1, :2] - release.p_W[:2], axis=1)
+    gap = np.hypot(off - inner, np.maximum(before[:, 2] - rim, 0.0))
+    inside = (before[:, 2] < release.p_W[2]) & (off > inner)  # below the bottom's height, outside: no wall there
+    gap = np.where(inside, np.inf, gap).min() - radius
+    found = [] if gap >= -slack else [f"flight through the bin's wall: {gap} m"]
+    if len(falls):
+        share = (x[last - 1, 2] - rim) / (x[last - 1, 2] - x[last, 2])
+        entry = np.linalg.norm((x[last - 1] + share * (x[last] - x[last - 1]))[:2] - release.p_W[:2])
+        if entry > inner - radius + slack:
+            found.append(f"enters the bin {entry} m from its axis")
+    elif release.opening.rim_height_m > radius:
+        found.append("never passes the bin's mouth")
+    return found
+
+
+class _Arm:
+    """Pinocchio's arm along a motion; after its end it rests."""
+
+    def __init__(self, problem: ThrowProblem, motion: Trajectory) -> None:
+        self._cell, self._motion = problem.cell, motion
+        self._spline = CubicHermiteSpline(motion.t, motion.q, motion.qd)
+        self._model = arm_model(problem.cell, False)
+        self._data = self._model.createData()
+
+    def at(self, t: float) -> tuple[list[pin.SE3], Vector]:
+        """Returns the poses of base and DH frames, and the tool's velocity (3,) [m/s], at a time [s]."""
+        inside = min(max(float(t), 0.0), self._motion.duration_s)
+        q, qd = self._spline(inside), self._spline(inside, 1)
+        return poses_and_velocity(self._cell, self._model, self._data, q, qd)
+
+    def tool(self, t: Vector) -> tuple[Vector, Vector]:
+        """Returns positions and velocities (m, 3) of the tool centre point at times (m,) [s]."""
+        states = [self.at(time) for time in t]
+        p_FT = self._cell.tool.X_FT[:3, 3]
+        return np.array([poses[6].act(p_FT) for poses, _ in states]), np.array([v for _, v in states])
+
+    def gaps(self, x: Vector, delay: float) -> list[tuple[str, int, Vector]]:
+        """Returns name, frame and distance (n,) [m] of each body from the path's points `x` (n, 3)."""
+        times = self._motion.release_time_s + delay + STEP_S * np.arange(len(x))
+        moving = int(np.searchsorted(times, self._motion.duration_s)) + 1
+        poses = [self.at(t)[0] for t in times[:moving]]
+        rows = []
+        for shape in shapes(self._cell):
+            ends = np.array([[pose[shape.frame].act(end) for end in shape.ends] for pose in poses])
+            ends = np.concatenate([ends, np.repeat(ends[-1:], len(x) - len(ends), axis=0)])
+            along = ends[:, 1] - ends[:, 0]
+            square = np.maximum((along**2).sum(axis=1), 1e-30)
+            share = np.clip(((x - ends[:, 0]) * along).sum(axis=1) / square, 0.0, 1.0)
+            nearest = ends[:, 0] + share[:, None] * along
+            rows.append((shape.name, shape.frame, np.linalg.norm(x - nearest, axis=1) - shape.radius_m))
+        return rows

@@ -1,0 +1,131 @@
+"""The arm's own safety limits and the grip, by Pinocchio and finite differences."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
+
+from benchmarks.audit.distances import shapes
+from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
+from planner.problem import ThrowProblem
+from planner.trajectory import Trajectory
+
+Vector = NDArray[np.float64]
+
+STEP_S = 0.002  # [s] grid of speeds, momentum, power and stops
+DIFFERENCE_S = 1e-4  # [s] of the finite differences
+LIMIT_SLACK = 1e-4  # [-] of a limit: finite differences, and quarter turns rounded in the URDF
+# [-] by which the stop of the model is lengthened; source: docs/safety-limits.md
+STOP_TIME, STOP_DISTANCE = 1.85, 1.31
+
+
+def object_times(problem: ThrowProblem, motion: Trajectory) -> tuple[float, float]:
+    """Returns from when the object may be gone, and until when it may be held [s]."""
+    if problem.ends_at_rest:
+        return np.inf, np.inf
+    window = problem.release_window_s if problem.is_robust else 0.0
+    return motion.release_time_s - window, motion.release_time_s + window
+
+
+def safety_faults(problem: ThrowProblem, motion: Trajectory) -> list[str]:
+    """Returns the safety limits of the cell that a motion violates, in words."""
+    safety = problem.cell.safety
+    limits = {
+        "flange speed": safety.tool_speed_m_s,
+        "elbow speed": safety.elbow_speed_m_s,
+        "momentum": safety.momentum_kg_m_s,
+        "power": safety.power_w,
+        "stopping time": safety.stopping_time_s,
+        "stopping distance": safety.stopping_distance_m,
+    }
+    if all(limit is None for limit in limits.values()):
+        return []
+    worst = np.zeros(len(limits))
+    tau_max = problem.cell.robot.tau_max
+    gone_from, held_until = object_times(problem, motion)
+    spline = CubicHermiteSpline(motion.t, motion.q, motion.qd)
+    times = np.linspace(0.0, motion.duration_s, max(2, round(motion.duration_s / STEP_S) + 1))
+    for with_object, rows in ((True, times <= held_until), (False, times >= gone_from)):
+        watch, states = _Watch(problem, with_object), zip(*(spline(times[rows], k) for k in (0, 1, 2)), strict=True)
+        seen = [watch.values(*state) for state in states]
+        if seen:
+            values, fastest, drift, momentum = (np.array(column) for column in zip(*seen, strict=True))
+            stop = _stopping_times(drift, momentum, tau_max)
+            way = STOP_DISTANCE * 0.5 * fastest * np.where(fastest > 0.0, stop, 0.0)
+            worst = np.maximum(worst, [*values.max(axis=0), STOP_TIME * stop.max(), way.max()])
+    pairs = zip(limits.items(), worst, strict=True)
+    return [f"{n} {value}" for (n, limit), value in pairs if limit is not None and value > limit * (1.0 + LIMIT_SLACK)]
+
+
+class _Watch:
+    """Pinocchio's arm of a problem, with the object or without it."""
+
+    def __init__(self, problem: ThrowProblem, with_object: bool) -> None:
+        self._cell, self._model = problem.cell, arm_model(problem.cell, with_object)
+        self._data = self._model.createData()
+        self._elbow = next(shape for shape in shapes(problem.cell) if shape.name == "elbow")
+
+    def values(self, q: Vector, qd: Vector, qdd: Vector) -> tuple[Vector, float, Vector, Vector]:
+        """Returns speeds of flange and elbow, momentum, power; the fastest point; drift; and mass matrix times qd."""
+        model, data = self._model, self._data
+        power = abs(pin.rnea(model, data, q, qd, qdd) @ qd)
+        drift = pin.nonLinearEffects(model, data, q, qd).copy()
+        turning = np.array(pin.crba(model, data, q)) @ qd
+        _, tool = poses_and_velocity(self._cell, model, data, q, qd)
+        flange = float(np.linalg.norm(pin.getVelocity(model, data, 6, pin.LOCAL_WORLD_ALIGNED).linear))
+        pin.computeCentroidalMomentum(model, data, q, qd)
+        momentum = np.linalg.norm(data.hg.linear)
+        ends = [self._elbow_ends(q + sign * DIFFERENCE_S * qd) for sign in (1.0, -1.0)]
+        elbow = float(np.linalg.norm(ends[0] - ends[1], axis=1).max()) / (2.0 * DIFFERENCE_S)
+        fastest = max(elbow, flange, float(np.linalg.norm(tool)))
+        return np.array([flange, elbow, momentum, power]), fastest, drift, turning
+
+    def _elbow_ends(self, q: Vector) -> Vector:
+        frame = self._elbow.frame
+        pin.forwardKinematics(self._model, self._data, q)
+        pose = self._data.oMi[frame] * dh_frames_in_urdf(self._cell.robot.name)[frame - 1]
+        return np.array([pose.act(end) for end in self._elbow.ends])
+
+
+def _stopping_times(drift: Vector, momentum: Vector, tau_max: Vector) -> Vector:
+    """Returns the least times (n,) in which the rated torques stop the joints in proportion, by bisection [s].
+
+    The torques drift - momentum / T are tried until they are just within the rated ones.
+    """
+
+    def within(rate: Vector) -> NDArray[np.bool_]:
+        return np.all(np.abs(drift - momentum * rate[:, None]) <= tau_max, axis=1)
+
+    low, high = np.zeros(len(drift)), np.full(len(drift), 1e4)
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        good = within(middle)
+        low, high = np.where(good, middle, low), np.where(good, high, middle)
+    with np.errstate(divide="ignore"):
+        return np.where(within(np.zeros(len(drift))), 1.0 / low, np.inf)
+
+
+def grip_faults(problem: ThrowProblem, motion: Trajectory) -> list[str]:
+    """Returns whether the object accelerates against free fall by more than the grip withstands, in words.
+
+    The acceleration is the second difference of the tool centre point, in the axes of the tool.
+    """
+    limit, cell = problem.cell.gripper.hold_acceleration_m_s2, problem.cell
+    if limit is None:
+        return []
+    model = arm_model(cell, True)
+    data, spline = model.createData(), CubicHermiteSpline(motion.t, motion.q, motion.qd)
+    until, worst = min(object_times(problem, motion)[1], motion.duration_s), 0.0
+    for t in np.arange(DIFFERENCE_S, until - DIFFERENCE_S, STEP_S):
+        velocities = []
+        for time in (t - DIFFERENCE_S, t + DIFFERENCE_S, t):
+            poses, v = poses_and_velocity(cell, model, data, spline(time), spline(time, 1))
+            velocities.append(v)
+        felt = (velocities[1] - velocities[0]) / (2.0 * DIFFERENCE_S) + [0.0, 0.0, problem.gravity]
+        along = (poses[6].rotation @ cell.tool.X_FT[:3, :3]).T @ felt
+        share = np.linalg.norm(felt) / limit[0] if len(limit) == 1 else np.max(np.abs(along) / limit)
+        worst = max(worst, float(share))
+    slack = LIMIT_SLACK + 0.01  # the jerk within two differences of an instant
+    return [f"grip acceleration: {worst} of what it withstands"] if worst > 1.0 + slack else []

@@ -1,0 +1,128 @@
+"""Parameters of block "flight": the edges, the bin's mouth and the gripper's opening that the object passes.
+
+A box is passed over its top or by one of its sides, between the times at which the flight crosses two of its vertical
+planes. The optimiser cannot change sides: the candidate's own flight decides.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from planner.backends.casadi_nlp.layout import FLIGHT, FLIGHT_EDGES, NO_EDGE, FlightEdge, Vector
+from planner.backends.casadi_nlp.margins import Margins
+from planner.cell import Box
+from planner.geometry import Arcs, tool_state
+from planner.problem import TargetRelease, ThrowProblem
+from planner.seeds import Candidate
+
+UNBOUNDED_RADIUS_M = 1.0e3  # [m] radius where there is no bin
+LEAST_SPEED_M_S = 1e-3  # [m/s] a flight slower than this along an axis does not cross the planes across it
+CUT_ROOM_M = 0.012  # [m] by which a cut keeps the object off the arm: the arm moves on in the next solution, too
+PASSING_TIME_S = 0.005  # [s] half the roundness of an edge's time, which a fixed time must not be moved by
+
+
+def constrains_flight(problem: ThrowProblem) -> bool:
+    """Returns whether block "flight" says anything about a problem: an edge, a mouth or an opening direction."""
+    return not problem.ends_at_rest and (
+        starts_with_flight(problem) or problem.cell.gripper.opening_direction is not None
+    )
+
+
+def starts_with_flight(problem: ThrowProblem) -> bool:
+    """Returns whether the flight is constrained from the first solve: a solution without would be far from one with."""
+    release = problem.release
+    if not isinstance(release, TargetRelease):
+        return False
+    return bool(problem.cell.surroundings.keep_out) or release.opening is not None
+
+
+def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Margins, aim: Vector) -> Vector:
+    """Returns the `FLIGHT` vector.
+
+    Args:
+        problem: the problem.
+        candidate: whose flight decides how boxes are passed.
+        margins: room beside edges, within the opening's cone, and cuts.
+        aim: landing point of the drag-free flight (3,) [m].
+    """
+    edges: list[FlightEdge] = []
+    mouth = [*aim, UNBOUNDED_RADIUS_M, 0.0]
+    if isinstance(problem.release, TargetRelease):
+        arcs = _flight(problem, candidate)
+        edges = [*_box_edges(problem, arcs, margins.flight_m), *margins.cuts][:FLIGHT_EDGES]
+        if problem.release.opening is not None:
+            (x, y, z), bin_ = problem.release.p_W, problem.release.opening
+            mouth = [x, y, z + bin_.rim_height_m, bin_.radius_m, arcs.radius_m + margins.mouth_m]
+    edges += [NO_EDGE] * (FLIGHT_EDGES - len(edges))
+    opening = _opening(problem, margins.opening_rad)
+    return FLIGHT.pack({"edges": np.array([edge.row for edge in edges]), "mouth": mouth, "opening": opening})
+
+
+def _flight(problem: ThrowProblem, candidate: Candidate) -> Arcs:
+    tool = tool_state(problem.cell, candidate.q, candidate.qd)
+    return Arcs.onto(tool.p_WT, tool.v_WT, problem.plane_z, problem.gravity, problem.cell.object.radius_m)
+
+
+def _opening(problem: ThrowProblem, margin_rad: float) -> list[float]:
+    """Returns the opening direction in the flange frame, and the cosine of the largest angle from it (4,)."""
+    gripper = problem.cell.gripper
+    if gripper.opening_direction is None or gripper.opening_cone_rad is None:
+        return [0.0, 0.0, 0.0, -1.0]
+    direction = problem.cell.tool.X_FT[:3, :3] @ gripper.opening_direction
+    return [*direction, math.cos(max(gripper.opening_cone_rad - margin_rad, 0.0))]
+
+
+def _box_edges(problem: ThrowProblem, arcs: Arcs, room_m: float) -> list[FlightEdge]:
+    """Returns two edges a box at most, the boxes that the flight passes most closely first."""
+    passed = []
+    for box in problem.cell.surroundings.keep_out:
+        if box.upper[2] > problem.plane_z:  # the object comes down on the others
+            passed += [max(_ways_past(box, arcs, room_m), key=lambda way: way[0], default=(math.inf, []))]
+    return [edge for _, edges in sorted(passed, key=lambda way: way[0]) for edge in edges]
+
+
+def _ways_past(box: Box, arcs: Arcs, room_m: float) -> Iterator[tuple[float, list[FlightEdge]]]:
+    """Yields the ways over or beside a box: the flight's room [m] and the edges; none where it never comes close."""
+    grown = arcs.radius_m + room_m
+    lower, upper = box.lower - grown, box.upper + grown
+    for axis in (0, 1):
+        speed = float(arcs.v[axis])
+        if abs(speed) < LEAST_SPEED_M_S:
+            continue
+        faces = sorted((lower[axis], upper[axis]), key=lambda face: (face - arcs.p[axis]) / speed)
+        times = [float(face - arcs.p[axis]) / speed for face in faces]
+        if times[1] < 0.0 or times[0] > arcs.until_s:
+            continue
+        ends = np.clip(times, 0.0, arcs.until_s)
+        crossed = [face for face, t in zip(faces, times, strict=True) if t < arcs.until_s]
+        for direction, bound in _sides(axis, lower, upper):
+            room = min(float(arcs.at(np.asarray(t)) @ direction) for t in ends) - bound
+            yield room, [_edge(axis, face, direction, bound) for face in crossed]
+
+
+def _sides(axis: int, lower: Vector, upper: Vector) -> Iterator[tuple[Vector, float]]:
+    """Yields the half-spaces above and on either side of a grown box that is crossed along `axis`."""
+    other = np.eye(3)[1 - axis]
+    yield np.array([0.0, 0.0, 1.0]), float(upper[2])
+    yield other, float(upper[1 - axis])
+    yield -other, -float(lower[1 - axis])
+
+
+def _edge(axis: int, face: float, direction: Vector, bound: float) -> FlightEdge:
+    x, y, z = direction.tolist()
+    return FlightEdge((float(axis == 0), float(axis == 1)), float(face), (x, y, z), 0.0, bound)
+
+
+def flight_cuts(times: Vector, directions: Vector, offsets: Vector) -> tuple[FlightEdge, ...]:
+    """Returns cuts: half-spaces at fixed times that keep a flight off what an earlier one met.
+
+    Args:
+        times: after the release (n,) [s].
+        directions: unit vectors (n, 3) away from the obstacle.
+        offsets: of the half-spaces in which object and obstacle do not overlap (n,) [m].
+    """
+    rows = zip(times.tolist(), directions.tolist(), offsets.tolist(), strict=True)
+    return tuple(FlightEdge((0.0, 0.0), 0.0, m, t - PASSING_TIME_S, offset + CUT_ROOM_M) for t, m, offset in rows)

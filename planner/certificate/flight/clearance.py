@@ -1,0 +1,266 @@
+"""Check of the object's flight: it meets neither the arm, which still moves, nor a box, the floor or a bin's wall.
+
+The tool, and links beside which the object is gripped, count from the first step of the grid below in which the object
+is proven clear of them: it starts within their capsules, so that these cannot judge how it leaves (`opening_direction`
+does). A box that ends at the landing plane may carry the target: the flight ends when the sphere touches the plane.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import reduce
+
+import numpy as np
+
+from planner.arrays import Array, Mask
+from planner.certificate.bounds import EVALUATIONS_MAX, ROUNDS
+from planner.certificate.certificate import Check, at_least
+from planner.certificate.flight.flights import CONTACT_M, Flights
+from planner.certificate.flight.patches import (
+    PatchBounds,
+    Patches,
+    box_bound,
+    patch_bounds,
+    segment_bound,
+)
+from planner.certificate.samples import MotionSamples
+from planner.flight import time_of_flight
+from planner.kinematics import dot
+
+CLOSE_M = 0.03  # [m] a bound below it is refined until it is within `ACCURACY_M` of the least gap found there
+ACCURACY_M = 0.01  # [m]
+RESTING_S = 0.02  # [s] step of the grid when the arm rests: then the path alone bends, by 0.5 mm
+RELEASES_S = 0.005  # [s] step of the grid in the release window
+BEYOND_S = (0.02, 0.1, 0.5)  # [s] by which the grid passes the end of the latest flight known, until all have ended
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Grid of m + 1 releases and n + 1 instants, or of a single release and n + 1 instants: then m is 1.
+
+    Attributes:
+        r0, r1: begins and ends of the intervals of releases (m,) [s].
+        t: the instants (n + 1,) [s].
+        x: positions (3, m + 1, n + 1) or (3, 1, n + 1) [m].
+        X_WL: poses of base and links at the instants (n + 1, 7, 4, 4).
+        rates: sums of joint speeds and accelerations that move each frame (2, 7, n).
+        bounds: on what is between the corners.
+        apexes: times from which the flights of each interval fall (m,) [s].
+    """
+
+    r0: Array
+    r1: Array
+    t: Array
+    x: Array
+    X_WL: Array
+    rates: Array
+    bounds: PatchBounds
+    apexes: Array
+
+    def corners(self, x: Array) -> list[Array]:
+        """Returns the corners of the patches, (..., m, n) each, of values (..., m + 1, n + 1) on the grid."""
+        if x.shape[-2] == 1:
+            return [x[..., :-1], x[..., 1:]]
+        return [x[..., :-1, :-1], x[..., :-1, 1:], x[..., 1:, :-1], x[..., 1:, 1:]]
+
+
+def flight_clearance(motion: MotionSamples) -> Check | None:
+    """Checks that the object meets nothing from any release in the window until it touches the landing plane.
+
+    The value is a proven lower bound on the distance of the object's surface; below 3 cm it is at most 1 cm too small.
+    The landing plane, what lies below it, and what does not let go of the object at once do not count in it. None for
+    a move that ends at rest.
+    """
+    name, problem = "flight_clearance", motion.problem
+    if problem.ends_at_rest:
+        return None
+    flights = Flights(motion)
+    if flights.end is None:
+        return at_least(name, math.nan, 0.0, "m", flights.released_s, "never lands")
+    below = problem.plane_z - problem.cell.surroundings.floor_z_m
+    if below < -CONTACT_M:
+        return at_least(name, below, 0.0, "m", flights.end[1], "floor")
+    found = _least_gap(flights)
+    value = max(found.value, 0.0) if found.proven else found.value
+    return at_least(name, value, 0.0, "m", found.at_s, found.obstacle).provided(found.proven)
+
+
+@dataclass(frozen=True)
+class LeastGap:
+    """The least gap: a proven lower bound or a violation [m], its time [s], its obstacle, and whether it is proven."""
+
+    value: float
+    at_s: float
+    obstacle: str
+    proven: bool
+
+
+def _least_gap(flights: Flights) -> LeastGap:
+    """Returns the least gap of the flights."""
+    grid = next((grid for beyond in BEYOND_S if _covers(grid := _grid(flights, beyond))), None)
+    if grid is None:
+        return LeastGap(math.nan, flights.released_s, "never lands", False)
+    lower = _lower_bounds(flights, grid)
+    judged, counted = _judged(flights, lower)
+    undecided = judged & (lower < np.where(_is_gripped(flights, len(lower)), -CONTACT_M, CLOSE_M)[:, None, None])
+    counted &= judged & ~undecided
+    least = np.where(counted, lower, np.inf)
+    item, _, column = np.unravel_index(int(least.argmin()), lower.shape)
+    found = LeastGap(float(least.min()), float(grid.t[column]), flights.names[item], True)
+    return _refined(found, flights, grid.bounds, _patches(grid, undecided)) if undecided.any() else found
+
+
+def _grid(flights: Flights, beyond_s: float) -> Grid:
+    """Returns the grid on which a proof starts; it ends `beyond_s` after the latest flight known [s].
+
+    Its instants are the motion's knots, then others while the arm rests.
+    """
+    motion, end, (r, p, v) = flights.motion, flights.end, _releases(flights)
+    assert end is not None
+    first = int(np.searchsorted(motion.at_knots.t, motion.gone_from_s - CONTACT_M))
+    t, last = motion.at_knots.t[first:], _latest_end(flights, r, p, v) + beyond_s
+    moving = 1 + min(int(np.searchsorted(t, last)), len(t) - 1)  # instants while the arm moves
+    resting = math.ceil(max(0.0, last - t[moving - 1]) / RESTING_S)
+    t = np.concatenate([t[:moving], t[moving - 1] + RESTING_S * np.arange(1, resting + 1)])
+    poses = motion.at_knots.X_WL[first : first + moving]
+    rates = np.zeros((2, 7, len(t) - 1))
+    rates[:, 1:, : moving - 1] = motion.rates.sums[:2, :, first : first + moving - 1]
+    spacing, several = float(np.diff(r).max(initial=0.0)), slice(min(1, len(r) - 1), None)
+    bounds = patch_bounds(flights, end[0], spacing, v)
+    apexes = bounds.apexes(r, v)
+    return Grid(
+        r0=r[: max(1, len(r) - 1)],
+        r1=r[several],
+        t=t,
+        x=flights.flown(p[:, :, None], v[:, :, None], t - r[:, None]),
+        X_WL=np.concatenate([poses, np.repeat(poses[-1:], resting, axis=0)]),
+        rates=rates,
+        bounds=bounds,
+        apexes=np.maximum(apexes[: max(1, len(r) - 1)], apexes[several]),
+    )
+
+
+def _releases(flights: Flights) -> tuple[Array, Array, Array]:
+    """Returns times (m,) [s], positions and velocities (3, m) of the releases of the grid."""
+    if flights.window_s == 0.0:
+        p, v = flights.nominal
+        return np.array([flights.released_s]), p[:, None], v[:, None]
+    arm = flights.motion.in_window
+    count = 1 + math.ceil(2.0 * flights.window_s / RELEASES_S)
+    rows = np.unique(np.linspace(0, len(arm.t) - 1, count).round().astype(int))
+    return arm.t[rows], arm.p_WT[:, rows], arm.v_WT[:, rows]
+
+
+def _latest_end(flights: Flights, r: Array, p: Array, v: Array) -> float:
+    """Returns when the last flight released at one of `r` ends [s]; with drag, when the nominal one does."""
+    assert flights.end is not None
+    (height, nominal), problem = flights.end, flights.motion.problem
+    if flights.window_s == 0.0 or problem.drag > 0.0:
+        return nominal + flights.window_s
+    times = time_of_flight(p[2] - height, v[2], problem.gravity)
+    return max(nominal, float(np.nan_to_num(r + times).max()))
+
+
+def _covers(grid: Grid) -> bool:
+    """Returns whether all flights have ended at the last instant of a grid."""
+    last = grid.t[-1]
+    across = grid.bounds.release_bend(np.maximum(last - grid.r0, 0.0), grid.r1 - grid.r0)
+    heights = grid.x[2, :, -1]
+    highest = np.maximum(heights[: len(grid.r0)], heights[-len(grid.r1) :]) + across
+    return bool(((last >= grid.apexes) & (highest < grid.bounds.height)).all())
+
+
+def _lower_bounds(flights: Flights, grid: Grid) -> Array:
+    """Returns lower bounds on the gaps to obstacles over the patches of a grid (items, m, n) [m]; infinite without one.
+
+    The bin's wall is among the obstacles only where there is one.
+    """
+    bounds, x = grid.bounds, grid.corners(grid.x)
+    h, s = np.diff(grid.t), np.maximum(grid.t[1:] - grid.r0[:, None], grid.r1[:, None] - grid.t[:-1])
+    across = bounds.release_bend(s, (grid.r1 - grid.r0)[:, None])
+    bend = across + bounds.time_bend(s, h)
+    falling = grid.t[:-1] >= grid.apexes[:, None]
+    gaps = []
+    if len(flights.boxes[0]):
+        lower, upper = (side.T[:, :, None, None] for side in flights.boxes)
+        lowest = np.min([corner[2] for corner in x], axis=0) - bend
+        lowest = np.where(falling, np.maximum(lowest, bounds.height), lowest)
+        gaps.append(np.maximum(box_bound([corner[:, None] for corner in x], lower, upper) - bend, lowest - upper[2]))
+    gaps.append(_capsule_distances(flights, grid, s, h) - bend)
+    if flights.opening is not None:
+        rim = bounds.wall_bound(x) - bend
+        gaps.append(np.where(falling & bounds.all_in_bin(x, bend), np.inf, rim)[None])
+    found = np.concatenate(gaps)
+    over = falling & (np.max([corner[2] for corner in x[::2]], axis=0) + across < bounds.height)
+    over |= grid.t[1:] <= grid.r0[:, None]
+    return np.where(over, np.inf, found - flights.thickness[: len(found), None, None])
+
+
+def _capsule_distances(flights: Flights, grid: Grid, s: Array, h: Array) -> Array:
+    """Returns lower bounds on the distances of the capsules (c, m, n) [m], but for the bend of the flights."""
+    body, bounds = flights.motion.body, grid.bounds
+    frames, ends = body.frames[: body.object], body.ends[: body.object]
+    R, origins = grid.X_WL[:, :, :3, :3].transpose(2, 3, 1, 0), grid.X_WL[:, :, :3, 3].transpose(2, 1, 0)
+    apart = grid.x[:, None] - origins[:, :, None]
+    local = np.stack([dot(R[:, c, :, None], apart) for c in range(3)])  # (3, 7, m + 1, n + 1)
+    distances = np.sqrt(dot(apart[:, 0], apart[:, 0]))
+    far = reduce(np.maximum, grid.corners(distances)) + bounds.time_bend(s, h)
+    bend = bounds.turn_bend(far, s, np.arange(7)[:, None, None], (grid.rates[0, :, None], grid.rates[1, :, None]), h)
+    start, end = (ends[:, i].T[:, :, None, None] for i in (0, 1))
+    return segment_bound(grid.corners(local[:, frames]), start, end) - bend[frames]
+
+
+def _judged(flights: Flights, lower: Array) -> tuple[Mask, Mask]:
+    """Returns which patches are judged, and which count in the value, both (items, m, n).
+
+    For what the object is gripped by, the patches up to the first one in which it is clear are not judged. If it was
+    not clear from the beginning, the others do not count in the value: the distance begins at 0.
+    """
+    in_flight, gripped = np.isfinite(lower), flights.gripped
+    judged, counted = in_flight.copy(), np.ones(lower.shape, np.bool_)
+    clear = np.logical_or.accumulate((lower[gripped] >= 0.0) & in_flight[gripped], axis=2)
+    judged[gripped] &= clear
+    counted[gripped] = (clear | ~in_flight[gripped]).all(axis=(1, 2))[:, None, None]
+    return judged, counted
+
+
+def _patches(grid: Grid, chosen: Mask) -> Patches:
+    """Returns the patches of a grid (items, m, n) that are `chosen`."""
+    item, row, column = np.nonzero(chosen)
+    frames = grid.bounds.frames(item)
+    w, a = grid.rates[:, frames, column]
+    return Patches(item, grid.r0[row], grid.r1[row], grid.t[column], grid.t[column + 1], w, a)
+
+
+def _is_gripped(flights: Flights, count: int) -> Mask:
+    """Returns for the first `count` obstacles whether the object is gripped beside them."""
+    gripped = np.zeros(count, np.bool_)
+    gripped[flights.gripped] = True
+    return gripped
+
+
+def _refined(found: LeastGap, flights: Flights, bounds: PatchBounds, patches: Patches) -> LeastGap:
+    """Returns the least gap with undecided `patches`: their parts are looked at until all are clear, or one is not."""
+    spent, nearest, gripped = 0, math.inf, _is_gripped(flights, len(flights.names))
+    for _ in range(ROUNDS):
+        patches = patches.parts(flights.window_s > 0.0)
+        spent += len(patches.item)
+        if spent > EVALUATIONS_MAX:
+            break
+        seen, free = bounds.evaluate(patches), ~gripped[patches.item]
+        corner, patch = np.unravel_index(int(seen.sampled.argmin()), seen.sampled.shape)
+        if seen.sampled[corner, patch] < -CONTACT_M:
+            value, at_s = float(seen.sampled[corner, patch]), float(seen.t[corner, patch])
+            return LeastGap(value, at_s, flights.names[patches.item[patch]], False)
+        nearest = min(nearest, float(seen.sampled[:, free].min(initial=math.inf)))
+        close = max(-CONTACT_M, min(CLOSE_M, nearest - ACCURACY_M))
+        undecided = seen.lower < np.where(free, close, -CONTACT_M)
+        decided = np.where(free & ~undecided, seen.lower, math.inf)
+        least = int(decided.argmin())
+        if decided[least] < found.value:
+            found = LeastGap(float(decided[least]), float(patches.t0[least]), flights.names[patches.item[least]], True)
+        if not undecided.any():
+            return found
+        patches = patches.keep(undecided)
+    return replace(found, proven=False)

@@ -1,0 +1,165 @@
+"""The object's flights, one for each instant of the release window, and what they can meet.
+
+A flight that begins at the time r is at x(r, t) at the time t, both on the trajectory's clock: p(r) + v(r) s + g s^2/2
+with s = t - r. The object is a sphere: it keeps clear of a box, of a capsule's axis or of a bin's wall by its radius
+(and the capsule's). Its flight ends where the sphere first touches the landing plane on its way down; a flight that
+never rises a radius above the plane ends where its centre passes it.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from planner.arrays import Array, Index, Mask
+from planner.certificate.samples import MotionSamples
+from planner.flight import fly, positions_after
+from planner.kinematics import dot
+from planner.problem import Opening, TargetRelease
+
+CONTACT_M = 1e-6  # [m] rounding: a box up to this much above the landing plane carries the target
+TINY_M = 1e-12  # [m] a distance below which there is no direction
+
+
+class Flights:
+    """The flights of a motion, and the obstacles around them.
+
+    Obstacles are numbered: first the keep-out boxes, then the capsules of arm and tool, then a bin's wall. Arrays over
+    k points have the coordinates on their first axis and the points on their last.
+
+    Attributes:
+        motion: the motion.
+        window_s: largest deviation of the release time [s].
+        released_s: time of the nominal release [s].
+        boxes: lower and upper corners of the b boxes (b, 3) [m].
+        names: of the obstacles.
+        thickness: distance of the object's centre from each obstacle's core at which the two touch [m].
+    """
+
+    def __init__(self, motion: MotionSamples) -> None:
+        problem, body = motion.problem, motion.body
+        self.motion = motion
+        self.window_s = problem.release_window_s if problem.is_robust else 0.0
+        self.released_s = motion.trajectory.release_time_s
+        around, radius = problem.cell.surroundings.keep_out, problem.cell.object.radius_m
+        self.boxes = tuple(np.array([getattr(b, side) for b in around]).reshape(-1, 3) for side in ("lower", "upper"))
+        capsules = slice(0, body.object)
+        self.names = (*(f"box {i}" for i in range(len(around))), *body.names[capsules], "rim")
+        self.thickness = radius + np.concatenate([np.zeros(len(around)), body.radii[capsules], [0.0]])
+
+    @property
+    def rim(self) -> int:
+        """Number of the bin's wall among the obstacles."""
+        return len(self.names) - 1
+
+    @property
+    def gripped(self) -> Index:
+        """Obstacles beside which the object is gripped."""
+        return self.motion.body.beside_object + len(self.boxes[0])
+
+    @property
+    def opening(self) -> Opening | None:
+        """The bin's mouth; None where there is no bin."""
+        release = self.motion.problem.release
+        return release.opening if isinstance(release, TargetRelease) else None
+
+    @cached_property
+    def nominal(self) -> tuple[Array, Array]:
+        """Position (3,) [m] and velocity (3,) [m/s] of the object at the nominal release."""
+        arm, k = self.motion.at_knots, self.motion.release_knot
+        return arm.p_WT[:, k], arm.v_WT[:, k]
+
+    @cached_property
+    def end(self) -> tuple[float, float] | None:
+        """Height of the centre at which the flights end [m], and time of the nominal end [s]; None: it never lands."""
+        problem = self.motion.problem
+        for height in (problem.plane_z + problem.cell.object.radius_m, problem.plane_z):
+            flight = fly(*self.nominal, height, problem.gravity, problem.drag)
+            if flight is not None:
+                return height, self.released_s + flight.time_of_flight_s
+        return None
+
+    def releases(self, r: Array) -> tuple[Array, Array]:
+        """Returns positions and velocities (3, k) of the object at release times `r` (k,) [s]."""
+        distinct, where = np.unique(r, return_inverse=True)
+        arm = self.motion.at(distinct)
+        return arm.p_WT[:, where], arm.v_WT[:, where]
+
+    def positions(self, r: Array, t: Array) -> Array:
+        """Returns the positions (3, k) [m] at times `t` (k,) of flights that began at times `r` (k,) [s]."""
+        return self.flown(*self.releases(r), t - r)
+
+    def flown(self, p: Array, v: Array, s: Array) -> Array:
+        """Returns positions (3, ...) [m] `s` (...) [s] after releases at `p` with velocities `v`, both (3, ...).
+
+        Before its release a flight is extended by its acceleration at the release.
+        """
+        gravity, drag = self.motion.problem.gravity, self.motion.problem.drag
+        x = p + v * s
+        x[2] -= 0.5 * gravity * s * s
+        if drag > 0.0:
+            early, late = s <= 0.0, s > 0.0
+            x = np.where(early, x - 0.5 * drag * np.sqrt(dot(v, v)) * s * s * v, x)
+            p, v = (np.broadcast_to(values, x.shape)[:, late].T for values in (p, v))
+            x[:, late] = positions_after(p, v, s[late], gravity, drag).T
+        return x
+
+    def nearest(self, item: Index, x: Array, t: Array) -> Array:
+        """Returns the point (3, k) [m] of obstacle `item[i]` at the time `t[i]` that is nearest to `x[:, i]`."""
+        count, near = len(self.boxes[0]), np.empty_like(x)
+        is_box, is_rim = item < count, item == self.rim
+        lower, upper = (side[item[is_box]].T for side in self.boxes)
+        near[:, is_box] = np.clip(x[:, is_box], lower, upper)
+        near[:, is_rim] = self.nearest_on_wall(x[:, is_rim])
+        rest = ~is_box & ~is_rim
+        if rest.any():
+            ends = self.motion.body.end_points_of(item[rest] - count, self.motion.poses_at(t[rest]))
+            near[:, rest] = nearest_on_segments(x[:, rest], ends[:, 0].T, ends[:, 1].T)
+        return near
+
+    @property
+    def axis(self) -> Array:
+        """Horizontal place (2,) of the bin's axis [m]."""
+        release = self.motion.problem.release
+        assert isinstance(release, TargetRelease)
+        return release.p_W[:2]
+
+    def nearest_on_wall(self, x: Array) -> Array:
+        """Returns the points of the bin's wall nearest to `x` (3, ...) [m]; infinitely far where there is no bin."""
+        if self.opening is None:
+            return np.full_like(x, np.inf)
+        x0, y0, bottom = *self.axis, self.motion.problem.plane_z
+        rho = np.hypot(x[0] - x0, x[1] - y0)
+        off, length = rho > TINY_M, np.maximum(rho, TINY_M)
+        out_x, out_y = np.where(off, (x[0] - x0) / length, 1.0), np.where(off, (x[1] - y0) / length, 0.0)
+        height = np.clip(x[2], bottom, bottom + self.opening.rim_height_m)
+        return np.stack([x0 + self.opening.radius_m * out_x, y0 + self.opening.radius_m * out_y, height])
+
+    def from_mouth(self, x: Array) -> tuple[Array, Array]:
+        """Returns how far within the bin's wall and how high above its mouth points (3, ...) are [m]."""
+        if self.opening is None:
+            return np.full(x.shape[1:], -np.inf), np.full(x.shape[1:], np.inf)
+        within = self.opening.radius_m - np.hypot(x[0] - self.axis[0], x[1] - self.axis[1])
+        return within, x[2] - self.motion.problem.plane_z - self.opening.rim_height_m
+
+    def in_bin(self, x: Array) -> Mask:
+        """Returns whether points (3, ...) are below the mouth's plane and within the wall."""
+        within, above = self.from_mouth(x)
+        return (within > 0.0) & (above < 0.0)
+
+    def gaps(self, item: Index, r: Array, t: Array) -> Array:
+        """Returns the distances (k,) [m] of the sphere's surface from obstacle `item[i]` at `t[i]`, released `r[i]`."""
+        return self.gaps_at(item, self.positions(r, t), t)
+
+    def gaps_at(self, item: Index, x: Array, t: Array) -> Array:
+        """Returns the distances (k,) [m] of a sphere's surface at `x` (3, k) from obstacle `item[i]` at `t[i]`."""
+        apart = x - self.nearest(item, x, t)
+        return np.sqrt(dot(apart, apart)) - self.thickness[item]
+
+
+def nearest_on_segments(x: Array, start: Array, end: Array) -> Array:
+    """Returns the points (3, ...) of segments that are nearest to `x` (3, ...)."""
+    along = end - start
+    share = dot(x - start, along) / np.maximum(dot(along, along), TINY_M**2)
+    return start + np.minimum(np.maximum(share, 0.0), 1.0) * along

@@ -1,0 +1,295 @@
+"""Lower bounds on the object's distance from what it can meet, over patches of flights.
+
+A patch is an interval of release times and an interval of times. The surface x(r, t) deviates from the bilinear
+interpolation of its four corners by at most sup|x_rr| dr^2/8 + sup|x_tt| dt^2/8. From the nearest point of a convex
+obstacle to the patch's centre, in the direction n to the centre, the distance of a point is at least n . (x - nearest):
+linear, so its least value over the interpolation is at a corner. For a link of the moving arm, x is taken in the frame
+of the link.
+
+With s = t - r, bounds A and J on the tool's acceleration and jerk over the release window, and V on the object's speed,
+
+    x_tt = -g - k |x_t| x_t,  |x_tt| <= g + k V^2
+    x_rr = j s - (a - x_tt)                                              without drag,
+    |x_rr| <= 3 A + g + k V^2 + J s + k A^2 s^2                          with drag: the flight's velocity depends on the
+                                                                         release's without growth, d|w|/dt <= 0
+    |y_tt| <= |x_tt| + 2 W V + (A_L + W^2) l                             in the frame of a link
+
+where W and A_L are sums of |qd| and |qdd| of the joints that move the link, and l bounds the distance of the object
+from their axes. Source: repeated differentiation, as in `bounds`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property, reduce
+from typing import NamedTuple
+
+import numpy as np
+
+from planner.arrays import Array, Index, Mask
+from planner.certificate.bounds import joint_rates, point_bound
+from planner.certificate.flight.flights import TINY_M, Flights, nearest_on_segments
+from planner.kinematics import dot
+
+
+class Patches(NamedTuple):
+    """k patches, each with the obstacle it is compared with.
+
+    Attributes:
+        item: number of the obstacle (k,).
+        r0, r1: interval of release times (k,) [s].
+        t0, t1: interval of times (k,) [s].
+        w, a: sums of the joint speeds and accelerations that move the obstacle, at most (k,) [rad/s, rad/s^2].
+    """
+
+    item: Index
+    r0: Array
+    r1: Array
+    t0: Array
+    t1: Array
+    w: Array
+    a: Array
+
+    def keep(self, chosen: Mask | Index) -> Patches:
+        """Returns the `chosen` patches."""
+        return Patches._make(values[chosen] for values in self)
+
+    def parts(self, with_window: bool) -> Patches:
+        """Returns the parts of every patch: both halves in time, and with a window both halves of each of them."""
+        middle = 0.5 * (self.t0 + self.t1)
+        parts = [self._replace(t1=middle), self._replace(t0=middle)]
+        if with_window:
+            middle = 0.5 * (self.r0 + self.r1)
+            parts = [half for part in parts for half in (part._replace(r1=middle), part._replace(r0=middle))]
+        return Patches._make(np.concatenate(values) for values in zip(*parts, strict=True))
+
+
+class Evaluated(NamedTuple):
+    """Patches evaluated.
+
+    Attributes:
+        lower: lower bounds on the gap (k,) [m]; infinite where no flight is in the patch.
+        sampled: gaps at the corners (4, k) [m]; infinite where the object is not in flight.
+        r, t: of the corners (4, k) [s].
+    """
+
+    lower: Array
+    sampled: Array
+    r: Array
+    t: Array
+
+
+@dataclass(frozen=True, eq=False)
+class PatchBounds:
+    """Bounds on the derivatives of the flights, and the lower bounds that follow from them.
+
+    Attributes:
+        flights: the flights.
+        height: of the centre at which the flights end [m].
+        first_speed: bound on the object's speed at the release [m/s].
+        tool: bounds on acceleration and jerk of the tool over the release window [m/s^2, m/s^3].
+        spacing_s: largest interval of release times [s].
+    """
+
+    flights: Flights
+    height: float
+    first_speed: float
+    tool: tuple[float, float]
+    spacing_s: float
+
+    @property
+    def gravity(self) -> float:
+        """Gravity [m/s^2]."""
+        return self.flights.motion.problem.gravity
+
+    @property
+    def drag(self) -> float:
+        """Drag constant of the object [1/m]."""
+        return self.flights.motion.problem.drag
+
+    def speed(self, s: Array) -> Array:
+        """Returns bounds [m/s] on the object's speed up to `s` [s] before or after the release."""
+        return self.first_speed + (self.gravity + self.drag * self.first_speed**2) * s
+
+    def time_bend(self, s: Array, h: Array) -> Array:
+        """Returns bounds [m] on the deviation of a flight within `h` [s], up to `s` [s] from the release."""
+        return (self.gravity + self.drag * self.speed(s) ** 2) * (h * h / 8.0)
+
+    def release_bend(self, s: Array, h: Array) -> Array:
+        """Returns bounds [m] on the deviation of flights between releases `h` [s] apart, up to `s` [s] from them."""
+        (a, j), drag = self.tool, self.drag
+        most = a + self.gravity + j * s
+        if drag > 0.0:
+            # Before the release a flight is a parabola whose acceleration depends on the release's velocity.
+            v = self.speed(s)
+            most = most + 2.0 * a + drag * (v * v + a * a * s * s + 4.0 * v * a * s + (a * a + v * j) * s * s)
+        return most * (h * h / 8.0)
+
+    def apexes(self, r: Array, v: Array) -> Array:
+        """Returns times [s] from which flights released at `r` with velocities `v` (3, ...) surely fall."""
+        slack = self.tool[1] * self.spacing_s**2 / 8.0
+        return r + np.maximum(v[2] + slack, 0.0) / self.gravity
+
+    @cached_property
+    def reach(self) -> Array:
+        """Largest distance of the origins of the joints before each frame from that of the base (7,) [m]."""
+        robot = self.flights.motion.problem.cell.robot
+        steps = np.cumsum(np.hypot(robot.a, robot.d))
+        return np.concatenate([[0.0, 0.0], steps[:-1]])
+
+    def turn_bend(self, far: Array, s: Array, frame: Index, rates: tuple[Array, Array], h: Array) -> Array:
+        """Returns what the turning of a link adds to the deviation [m] of a flight in the link's frame.
+
+        Args:
+            far: distance of the object from the origin of the base, at most [m].
+            s: time from the release, at most [s].
+            frame: of the link.
+            rates: sums of the joint speeds and accelerations that move it.
+            h: interval of time [s].
+        """
+        w, a = rates
+        return (2.0 * w * self.speed(s) + (a + w * w) * (far + self.reach[frame])) * (h * h / 8.0)
+
+    def evaluate(self, patches: Patches) -> Evaluated:
+        """Returns bounds and samples of patches."""
+        flights, (item, r0, r1, t0, t1, *rates) = self.flights, patches
+        r, t = np.stack([r0, r0, r1, r1]), np.stack([t0, t1, t0, t1])
+        p, v = flights.releases(r.ravel())
+        x = flights.flown(p, v, (t - r).ravel())
+        corners, apexes = x.reshape(3, 4, -1), self.apexes(r.ravel(), v).reshape(4, -1)
+        falling, s, h = t0 >= apexes.max(axis=0), np.maximum(t1 - r0, r1 - t0), t1 - t0
+        across = self.release_bend(s, r1 - r0)
+        bend = across + self.time_bend(s, h)
+        far = self.distance_from_base(corners).max(axis=0) + bend
+        turned = self.turn_bend(far, s, self.frames(item), (rates[0], rates[1]), h)
+        lower = self._distances(item, corners, t) - bend - np.where(self.is_capsule(item), turned, 0.0)
+        lowest = corners[2].min(axis=0) - bend
+        lower = np.maximum(lower, self.above(item, np.where(falling, np.maximum(lowest, self.height), lowest)))
+        lower -= flights.thickness[item]
+        over = falling & (corners[2, ::2].max(axis=0) + across < self.height)
+        over |= (item == flights.rim) & falling & self.all_in_bin(_corners(corners), bend)
+        ended = (t >= apexes) & ((corners[2] < self.height) | ((item == flights.rim) & flights.in_bin(corners)))
+        sampled = flights.gaps_at(np.tile(item, 4), x, t.ravel()).reshape(4, -1)
+        return Evaluated(np.where(over | (t1 <= r0), np.inf, lower), np.where(ended | (t < r), np.inf, sampled), r, t)
+
+    def is_capsule(self, item: Index) -> Mask:
+        """Returns whether obstacles are capsules of arm or tool."""
+        return (item >= len(self.flights.boxes[0])) & (item < self.flights.rim)
+
+    def frames(self, item: Index) -> Index:
+        """Returns the frames in which the obstacles are at rest; 0 for boxes and bins."""
+        capsule = np.where(self.is_capsule(item), item - len(self.flights.boxes[0]), 0)
+        return np.where(self.is_capsule(item), self.flights.motion.body.frames[capsule], 0)
+
+    def _distances(self, item: Index, corners: Array, t: Array) -> Array:
+        """Returns lower bounds (k,) on the distance of `corners` (3, 4, k) at times `t` (4, k) from the obstacles."""
+        flights, count = self.flights, len(self.flights.boxes[0])
+        is_box, is_rim, is_capsule = item < count, item == flights.rim, self.is_capsule(item)
+        distance = np.empty(len(item))
+        if is_box.any():
+            lower, upper = (side[item[is_box]].T for side in flights.boxes)
+            distance[is_box] = box_bound(_corners(corners[:, :, is_box]), lower, upper)
+        if is_rim.any():
+            distance[is_rim] = self.wall_bound(_corners(corners[:, :, is_rim]))
+        if is_capsule.any():
+            body, capsule = flights.motion.body, item[is_capsule] - count
+            X = flights.motion.poses_at(t[:, is_capsule].ravel()).reshape(4, len(capsule), 7, 4, 4)
+            local = _in_frames(X[:, np.arange(len(capsule)), body.frames[capsule]], corners[:, :, is_capsule])
+            distance[is_capsule] = segment_bound(_corners(local), body.ends[capsule, 0].T, body.ends[capsule, 1].T)
+        return distance
+
+    def distance_from_base(self, x: Array) -> Array:
+        """Returns the distances (...) [m] of points (3, ...) from the origin of the base."""
+        origin = self.flights.motion.problem.cell.X_WB[:3, 3]
+        apart = x - origin.reshape(3, *[1] * (x.ndim - 1))
+        return np.sqrt(dot(apart, apart))
+
+    def above(self, item: Index, lowest: Array) -> Array:
+        """Returns the heights (k,) [m] of `lowest` centres above the tops of boxes; -inf for other obstacles."""
+        tops = np.append(self.flights.boxes[1][:, 2], np.inf)
+        return lowest - tops[np.minimum(item, len(tops) - 1)]
+
+    def all_in_bin(self, corners: list[Array], bend: Array) -> Mask:
+        """Returns whether patches with `corners` (3, ...) are within the bin's wall and below its mouth."""
+        within, above = zip(*(self.flights.from_mouth(corner) for corner in corners), strict=True)
+        return (np.min(within, axis=0) > bend) & (np.max(above, axis=0) + bend < 0.0)
+
+    def wall_bound(self, corners: list[Array]) -> Array:
+        """Returns lower bounds (...) [m] on the distance of patches with `corners` (3, ...) from the bin's wall.
+
+        In the half plane of the distance rho from the axis and the height, the wall is a segment. In an outward
+        direction rho is at least the horizontal coordinate in the centre's direction, which is linear; in an inward
+        one -rho is concave: either is least at a corner.
+        """
+        centre = _mean(corners)
+        near, axis = self.flights.nearest_on_wall(centre), self.flights.axis.reshape(2, *[1] * (centre.ndim - 1))
+        out = near[:2] - axis
+        radius = np.hypot(*out)
+        out = out / radius
+        along, height = (out * (centre - near)[:2]).sum(axis=0), centre[2] - near[2]
+        length = np.maximum(np.hypot(along, height), TINY_M)
+        least = []
+        for corner in corners:
+            from_axis = corner[:2] - axis
+            rho = np.where(along > 0.0, (out * from_axis).sum(axis=0), np.hypot(*from_axis))
+            least.append(along * (rho - radius) + height * (corner[2] - near[2]))
+        return np.min(least, axis=0) / length
+
+
+def patch_bounds(flights: Flights, height: float, spacing_s: float, v: Array) -> PatchBounds:
+    """Returns the bounds of flights with release velocities `v` (3, m) at releases at most `spacing_s` apart."""
+    motion, tool = flights.motion, (0.0, 0.0)
+    if flights.window_s > 0.0:
+        rate = motion.trajectory.sample_rate_hz
+        ticks = np.array([round(t * rate) for t in (motion.gone_from_s, motion.held_until_s)])
+        rates = joint_rates(motion.trajectory, ticks)
+        tool = tuple(float(point_bound(motion.body.tool_lever, rates, n)[0]) for n in (2, 3))
+    first = math.sqrt(float(dot(v, v).max())) + tool[1] * spacing_s**2 / 8.0
+    return PatchBounds(flights, height, first, tool, spacing_s)
+
+
+def box_bound(corners: list[Array], lower: Array, upper: Array) -> Array:
+    """Returns lower bounds (...) [m] on the distance of patches from boxes.
+
+    Args:
+        corners: of the patches, each (3, ...) [m].
+        lower, upper: corners of the boxes (3, ...) [m].
+    """
+    centre = _mean(corners)
+    return _separation(corners, centre, np.minimum(np.maximum(centre, lower), upper))
+
+
+def segment_bound(corners: list[Array], start: Array, end: Array) -> Array:
+    """Returns lower bounds (...) [m] on the distance of patches from segments.
+
+    Args:
+        corners: of the patches, each (3, ...) [m].
+        start, end: of the segments (3, ...) [m].
+    """
+    centre = _mean(corners)
+    return _separation(corners, centre, nearest_on_segments(centre, start, end))
+
+
+def _separation(corners: list[Array], centre: Array, near: Array) -> Array:
+    """Returns min n . (corner - near) over the corners (...), with n the direction from `near` to `centre`."""
+    apart = centre - near
+    length = np.maximum(np.sqrt(dot(apart, apart)), TINY_M)
+    least = reduce(np.minimum, [dot(apart, corner) for corner in corners])
+    return (least - dot(apart, near)) / length
+
+
+def _mean(corners: list[Array]) -> Array:
+    return reduce(np.add, corners) / len(corners)
+
+
+def _corners(stacked: Array) -> list[Array]:
+    """Returns the corners (3, k) of an array (3, c, k)."""
+    return list(stacked.swapaxes(0, 1))
+
+
+def _in_frames(X: Array, points: Array) -> Array:
+    """Returns points (3, 4, k) of the world in the frames with poses `X` (4, k, 4, 4)."""
+    apart = points - X[..., :3, 3].transpose(2, 0, 1)
+    R = X[..., :3, :3].transpose(2, 3, 0, 1)
+    return np.stack([dot(R[:, c], apart) for c in range(3)])

@@ -1,0 +1,108 @@
+"""Masses that the joints move, and bounds on torque, momentum and power between samples that follow from them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from planner.arrays import Array
+from planner.cell import Cell
+from planner.certificate.bounds import Rates, point_bound
+from planner.dynamics import payload_of
+from planner.geometry import levers
+
+CELLS_KEPT = 32  # cells whose loads are cached
+
+
+@dataclass(frozen=True, eq=False)
+class Loads:
+    """Masses that the joints of a cell move, and bounds on their levers: eight bodies, the links, tool and object.
+
+    Attributes:
+        mass: of each body (8,) [kg]; the object's is the last.
+        inertia: bound on the moments of inertia of each body about its centre of mass (8,) [kg m^2].
+        lever: of each body's centre of mass about each joint (8, 6) [m].
+        moment_arm: mass times the arm at which its weight can act on each joint (8, 6) [kg m].
+        turned_inertia: of everything that each joint turns, at most (6,) [kg m^2].
+        mass_matrix: bounds on the torque of each joint per acceleration of each joint (6, 6) [kg m^2].
+    """
+
+    mass: Array
+    inertia: Array
+    lever: Array
+    moment_arm: Array
+    turned_inertia: Array
+    mass_matrix: Array
+
+
+@lru_cache(maxsize=CELLS_KEPT)
+def loads_of(cell: Cell) -> Loads:
+    """Returns the loads of a cell."""
+    robot, tool = cell.robot, payload_of(cell, with_object=False)
+    reach, object_kg = float(np.linalg.norm(cell.tool.X_FT[:3, 3])), cell.object.mass_kg
+    rows = [
+        (link.mass, float(np.linalg.norm(link.com)), i, float(np.trace(link.inertia)))
+        for i, link in enumerate(robot.links, start=1)
+    ]
+    rows += [(tool.mass_kg, 0.5 * reach, 6, 0.0), (object_kg, reach, 6, 0.0)]
+    lever = np.array([levers(robot, frame, com) for _, com, frame, _ in rows])
+    turned = np.array([np.arange(6) < frame for _, _, frame, _ in rows])
+    mass, inertia = np.array([row[0] for row in rows]), np.array([row[3] for row in rows])
+    along = np.where(turned, np.abs(robot.d), 0.0)  # offsets along each joint's own axis, which `levers` leaves out
+    moment_arm = mass[:, None] * (lever + along)
+    both_turned = turned[:, :, None] & turned[:, None, :]
+    mass_matrix = moment_arm.T @ lever + np.tensordot(inertia, both_turned, axes=1)
+    return Loads(mass, inertia, lever, moment_arm, inertia @ turned, mass_matrix)
+
+
+def torque_curvature(loads: Loads, rates: Rates, gravity: float) -> Array:
+    """Returns sup |tau''| of every joint between the knots (6, m) [N m/s^2], apart from the ends of ticks.
+
+    tau_j = z_j . sum over links beyond of [r x m (a - g) + d/dt (I w)]; by the product rule, with w1 to w4 bounding the
+    derivatives of any direction in the arm:
+    |tau''| <= sum m r [A'' + 4 w1 A' + 2 (w2 + w1^2) A] + 2 I [w4 + 4 w1 w3 + 2 (w2 + w1^2) w2].
+    Without joint accelerations every term is smaller: the bound holds for gravity and velocity terms alone, too.
+    """
+    w1, w2, w3, w4 = (total[-1] for total in rates.totals)
+    twice = 2.0 * (w2 + w1 * w1)
+    acceleration, jerk, snap = (point_bound(loads.lever, rates, derivative) for derivative in (2, 3, 4))
+    force = snap + 4.0 * w1 * jerk + twice * (acceleration + gravity)
+    return loads.moment_arm.T @ force + np.outer(loads.turned_inertia, 2.0 * (w4 + 4.0 * w1 * w3 + twice * w2))
+
+
+def joint_momentum_bounds(loads: Loads, rates: Rates) -> tuple[Array, Array, Array]:
+    """Returns sup of |M qd|, of its first and of its second derivative, for every joint (6, m) [N m s, N m, N m/s].
+
+    M is the mass matrix; (M qd)_j = z_j . sum over links beyond of [r x m v + I w], the angular momentum about the
+    axis of joint j. The product rule gives, with the same bounds as in `torque_curvature`,
+    |.|'' <= sum m r [V'' + 4 w1 V' + 2 (w2 + w1^2) V] + I [w3 + 3 w1 w2].
+    """
+    w1, w2, w3, _ = (total[-1] for total in rates.totals)
+    speed, acceleration, jerk = (point_bound(loads.lever, rates, derivative) for derivative in (1, 2, 3))
+    arms, turned = loads.moment_arm.T, loads.turned_inertia
+    return (
+        arms @ speed + np.outer(turned, w1),
+        arms @ (acceleration + 2.0 * w1 * speed) + np.outer(turned, w2 + w1 * w1),
+        arms @ (jerk + 4.0 * w1 * acceleration + 2.0 * (w2 + w1 * w1) * speed) + np.outer(turned, w3 + 3.0 * w1 * w2),
+    )
+
+
+def power_rates(loads: Loads, rates: Rates, jumps: Array, gravity: float) -> Array:
+    """Returns bounds on the power P of all joints between the knots as `kinked_bound` takes them (2, m).
+
+    P = sum of m v . (a - g) + w . I dw/dt over the bodies, the rate of their energy. With bounds V, A, A', A'' on the
+    derivatives of each centre of mass:  |P''| <= sum m [A' (A + g) + 2 A A' + V A''] + I [3 w2 w3 + w1 w4].
+    P' jumps with the jerk by qd . M (jump).
+
+    Args:
+        loads: of the cell.
+        rates: of the joints over m intervals.
+        jumps: of the joints' jerks inside each interval (6, m) [rad/s^3].
+        gravity: [m/s^2].
+    """
+    v, a, j, s = (point_bound(loads.lever, rates, derivative) for derivative in (1, 2, 3, 4))
+    w1, w2, w3, w4 = (total[-1] for total in rates.totals)
+    smooth = loads.mass @ (j * (3.0 * a + gravity) + v * s) + loads.inertia.sum() * (3.0 * w2 * w3 + w1 * w4)
+    return np.stack([smooth, (rates.qd * (loads.mass_matrix @ jumps)).sum(axis=0)])

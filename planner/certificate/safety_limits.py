@@ -1,0 +1,87 @@
+"""Checks of the limits that the arm's own safety system watches: speed of the elbow, momentum, power."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from planner.arrays import Array, Index
+from planner.certificate.bounds import (
+    LowerBound,
+    Proof,
+    curvature_bound,
+    jerk_jumps,
+    kinked_bound,
+    point_bound,
+    prove_above,
+)
+from planner.certificate.certificate import ROUNDING, Check, NotChecked, at_most
+from planner.certificate.loads import loads_of, power_rates
+from planner.certificate.samples import ArmSamples, MotionSamples
+from planner.dynamics import elbow_points, empty_bodies, fastest, momentum
+from planner.geometry import levers
+
+
+def elbow_speed(motion: MotionSamples) -> Check | NotChecked:
+    """Checks that no point of the elbow joint's axis inside its housing exceeds the elbow speed."""
+    cell, limit = motion.problem.cell, motion.problem.cell.safety.elbow_speed_m_s
+    if limit is None:
+        return NotChecked("elbow_speed")
+    points = elbow_points(cell)
+
+    def room(arm: ArmSamples) -> Array:
+        return 1.0 - fastest(arm.links, points) / limit
+
+    lever = np.max([levers(cell.robot, point.frame, float(np.linalg.norm(point.place))) for point in points], axis=0)
+    rates = point_bound(lever, motion.rates, 3) / limit
+    return _check("elbow_speed", limit, "m/s", _prove(motion, room, rates))
+
+
+def linear_momentum(motion: MotionSamples) -> Check | NotChecked:
+    """Checks the linear momentum of arm, tool, and the object while it may be held."""
+    cell, limit = motion.problem.cell, motion.problem.cell.safety.momentum_kg_m_s
+    if limit is None:
+        return NotChecked("momentum")
+    carried, object_kg = empty_bodies(cell), cell.object.mass_kg
+
+    def room(arm: ArmSamples) -> Array:
+        empty = momentum(arm.links, carried)
+        held = empty + object_kg * arm.v_WT
+        return 1.0 - motion.worse_of(arm.t, *(np.sqrt((p * p).sum(axis=0)) for p in (held, empty))) / limit
+
+    loads = loads_of(cell)
+    rates = loads.mass @ point_bound(loads.lever, motion.rates, 3) / limit
+    return _check("momentum", limit, "kg m/s", _prove(motion, room, rates))
+
+
+def power(motion: MotionSamples) -> Check | NotChecked:
+    """Checks the mechanical power of all joints together, tau . qd, that drives or brakes arm, tool and object."""
+    problem, limit = motion.problem, motion.problem.cell.safety.power_w
+    if limit is None:
+        return NotChecked("power")
+    loads, object_kg = loads_of(problem.cell), problem.cell.object.mass_kg
+
+    def room(arm: ArmSamples) -> Array:
+        empty, per_kilogram = ((tau * arm.links.qd.T).sum(axis=0) for tau in arm.torques)
+        return 1.0 - motion.worse_of(arm.t, np.abs(empty + object_kg * per_kilogram), np.abs(empty)) / limit
+
+    jumps = jerk_jumps(motion.trajectory, motion.knots)
+    rates = power_rates(loads, motion.rates, jumps, problem.gravity)[:, None] / limit
+    return _check("power", limit, "W", _prove(motion, room, rates, kinked_bound))
+
+
+def _prove(
+    motion: MotionSamples, room: Callable[[ArmSamples], Array], rates: Array, bound: LowerBound = curvature_bound
+) -> Proof:
+    """Returns the proof that the share of a limit which a motion leaves is not negative."""
+
+    def evaluate(t: Array, item: Index) -> Array:
+        return room(motion.at(t))
+
+    arm = motion.at_knots
+    return prove_above(evaluate, arm.t, room(arm)[None], rates, -ROUNDING, bound)
+
+
+def _check(name: str, limit: float, unit: str, proof: Proof) -> Check:
+    return at_most(name, (1.0 - proof.value) * limit, limit, unit, proof.at_s).provided(proof.proven)

@@ -1,0 +1,130 @@
+"""Checks of stopping time and stopping distance from every state of the motion, by a model of the stop.
+
+How the controller estimates its stop is not published. Here a stop slows all joints down together, in proportion, so
+that the arm stays on its path, at a constant rate, as fast as the rated joint torques allow in the posture where it
+begins: qd(s) = (1 - s/T) qd needs the torques h - b/T with h, those of gravity and velocity, and b = M qd. So T is the
+least time for which |h - b/T| <= tau in every joint, and a point at speed v travels v T/2. Both are multiplied so that
+no stop that Universal Robots has published for an arm of known masses is longer: see `MEASURED_TIME`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from planner.arrays import Array, Index
+from planner.certificate.bounds import Proof, curvature_bound, point_bound, prove_above
+from planner.certificate.certificate import ROUNDING, Check, NotChecked, at_most
+from planner.certificate.loads import joint_momentum_bounds, loads_of, torque_curvature
+from planner.certificate.samples import ArmSamples, MotionSamples
+from planner.dynamics import WatchedPoint, elbow_points, fastest, tool_points
+from planner.geometry import levers
+
+# [-] largest ratio of a measured stop to the model's: time 1.84 (UR3, base), distance 1.30 (UR3 and UR5, base)
+# source: user manuals of UR3 and UR5 (CB3), appendix "Stopping time and stopping distance": stop category 0 of base,
+# shoulder and elbow from 183 deg/s, stretched out, with the largest payload; compared in the tests
+MEASURED_TIME, MEASURED_DISTANCE = 1.85, 1.31
+
+
+def stopping_time(motion: MotionSamples) -> Check | NotChecked:
+    """Checks the time that a stop takes from any state of the motion."""
+    limit = motion.problem.cell.safety.stopping_time_s
+    if limit is None:
+        return NotChecked("stopping_time")
+    rate = MEASURED_TIME / limit
+    bending = rate * joint_momentum_bounds(loads_of(motion.problem.cell), motion.rates)[2]
+    proof = _prove(motion, lambda arm: np.full(len(arm.t), rate), bending)
+    value, at_s = _worst(motion, lambda arm: MEASURED_TIME * _times(motion, arm), proof)
+    return at_most("stopping_time", value, limit, "s", at_s).provided(proof.proven)
+
+
+def stopping_distance(motion: MotionSamples) -> Check | NotChecked:
+    """Checks how far tool centre point, flange and elbow travel in a stop from any state of the motion.
+
+    v T/2 <= D where braking in T = 2 D / v needs no more than the rated torques. Between two instants s apart the speed
+    v is at most c s^2/8 above its chord, c = sup |p'''|; |h - b v / (2 D)|, convex in v, exceeds its values there by at
+    most (|h''| + (2 A |b'| + V |b''| + c |b|) / (2 D)) s^2/8, with V and A bounds on the points' speed and
+    acceleration. What it needs at v = 0, the torque |h|, must be there too.
+    """
+    cell, limit = motion.problem.cell, motion.problem.cell.safety.stopping_distance_m
+    if limit is None:
+        return NotChecked("stopping_distance")
+    points, half = (*tool_points(cell), *elbow_points(cell)), 0.5 * MEASURED_DISTANCE / limit
+
+    def inverse_time(arm: ArmSamples) -> Array:
+        return half * fastest(arm.links, points)
+
+    def distance(arm: ArmSamples) -> Array:
+        v, times = fastest(arm.links, points), _times(motion, arm)
+        return 0.5 * MEASURED_DISTANCE * v * np.where(v > 0.0, times, 0.0)
+
+    b, b1, b2 = joint_momentum_bounds(loads_of(cell), motion.rates)
+    v, a, c = _point_bounds(motion, points)
+    v = v + c * np.diff(motion.at_knots.t) ** 2 / 8.0
+    proof = _prove(motion, inverse_time, half * (2.0 * a * b1 + v * b2 + c * b))
+    value, at_s = _worst(motion, distance, proof)
+    return at_most("stopping_distance", value, limit, "m", at_s).provided(proof.proven)
+
+
+def _point_bounds(motion: MotionSamples, points: tuple[WatchedPoint, ...]) -> tuple[Array, Array, Array]:
+    """Returns bounds (m,) on the first three derivatives of the points between the knots."""
+    reaches = [levers(motion.problem.cell.robot, p.frame, float(np.linalg.norm(p.place))) for p in points]
+    lever = np.max(reaches, axis=0)
+    first, second, third = (point_bound(lever, motion.rates, derivative) for derivative in (1, 2, 3))
+    return first, second, third
+
+
+def _prove(motion: MotionSamples, inverse_time: Callable[[ArmSamples], Array], bending: Array) -> Proof:
+    """Returns the proof that no joint exceeds its rated torque while braking in the time given; of the share left.
+
+    Args:
+        motion: the motion.
+        inverse_time: function of the arm that returns 1/T (k,) [1/s].
+        bending: bounds on the second derivative of b/T between the knots (6, m) [N m/s^2].
+    """
+    tau = motion.problem.cell.robot.tau_max[:, None]
+
+    def room(arm: ArmSamples) -> Array:
+        inverse = inverse_time(arm)
+
+        def share(h: Array, b: Array) -> Array:
+            return np.maximum(np.abs(h), np.abs(h - b * inverse)) / tau
+
+        held, empty = _braking_terms(arm)
+        return 1.0 - motion.worse_of(arm.t, share(*held), share(*empty))
+
+    def evaluate(t: Array, item: Index) -> Array:
+        return room(motion.at(t))[item, np.arange(len(t))]
+
+    loads, arm = loads_of(motion.problem.cell), motion.at_knots
+    rates = (torque_curvature(loads, motion.rates, motion.problem.gravity) + bending) / tau
+    return prove_above(evaluate, arm.t, room(arm), rates, -ROUNDING, curvature_bound)
+
+
+def _braking_terms(arm: ArmSamples) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    """Returns h [N m] and b [N m s] (6, k) of the joints, with the object and without it."""
+    (h, h_kg), (b, b_kg), object_kg = arm.drift_torques, arm.joint_momenta, arm.cell.object.mass_kg
+    return (h + object_kg * h_kg, b + object_kg * b_kg), (h, b)
+
+
+def _times(motion: MotionSamples, arm: ArmSamples) -> Array:
+    """Returns the model's stopping times (k,) [s]; infinite where the rated torques do not hold the arm up."""
+    held, empty = (_least_time(*terms, arm.cell.robot.tau_max[:, None]) for terms in _braking_terms(arm))
+    return motion.worse_of(arm.t, held, empty)
+
+
+def _least_time(h: Array, b: Array, tau: Array) -> Array:
+    """Returns the least T (k,) [s] for which |h - b/T| <= tau in every joint (6, k)."""
+    spare = tau + np.where(b < 0.0, -h, h)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        times = np.where(np.abs(h) > tau, np.inf, np.where(b == 0.0, 0.0, np.abs(b) / np.maximum(spare, 0.0)))
+    return times.max(axis=0)
+
+
+def _worst(motion: MotionSamples, value: Callable[[ArmSamples], Array], proof: Proof) -> tuple[float, float]:
+    """Returns the largest value at the knots and where the proof found least room, and its time [s]."""
+    arms = (motion.at_knots, motion.at(np.array([proof.at_s])))
+    t, values = np.concatenate([arm.t for arm in arms]), np.concatenate([value(arm) for arm in arms])
+    worst = int(values.argmax())
+    return float(values[worst]), float(t[worst])

@@ -1,0 +1,115 @@
+"""The arm's own safety limits: the quantities that its controller watches, at joint states.
+
+Source of the definitions: Universal Robots, user manuals of the e-Series ("Configurable safety functions") and of CB3
+("General limits"); docs/safety-limits.md has them with what is not published.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from planner.arrays import Array
+from planner.cell import Cell
+from planner.dynamics.inverse_dynamics import Bodies, bodies, payload_of
+from planner.geometry import arm_capsules
+from planner.kinematics import LinkMotion, accumulate, cross, link_poses
+
+CELLS_KEPT = 32  # cells whose bodies are cached
+
+
+class WatchedPoint(NamedTuple):
+    """A point of the arm whose speed the controller watches: name, DH frame it moves with, place in it (3,) [m]."""
+
+    name: str
+    frame: int
+    place: Array
+
+
+@lru_cache(maxsize=CELLS_KEPT)
+def tool_points(cell: Cell) -> tuple[WatchedPoint, WatchedPoint]:
+    """Returns the points of the tool speed: the tool centre point and the flange's centre."""
+    return WatchedPoint("tool centre point", 6, cell.tool.X_FT[:3, 3]), WatchedPoint("flange", 6, np.zeros(3))
+
+
+@lru_cache(maxsize=CELLS_KEPT)
+def elbow_points(cell: Cell) -> tuple[WatchedPoint, WatchedPoint]:
+    """Returns both ends of the elbow's housing on the elbow joint's axis: no point between them is faster than both.
+
+    Which point of the elbow the controller watches is not published.
+    """
+    elbow = next(capsule for capsule in arm_capsules(cell.robot) if capsule.name == "elbow")
+    return WatchedPoint("elbow", elbow.frame, elbow.p0), WatchedPoint("elbow", elbow.frame, elbow.p1)
+
+
+@lru_cache(maxsize=CELLS_KEPT)
+def empty_bodies(cell: Cell) -> Bodies:
+    """Returns the links of a cell's arm with its tool, without the object."""
+    return bodies(cell.robot, payload_of(cell, with_object=False))
+
+
+def point_velocity(chain: LinkMotion, point: WatchedPoint) -> Array:
+    """Returns velocities (3, N) [m/s] of a point of the arm."""
+    n = point.frame
+    x, y, z = chain.frames[:, :, n - 1]
+    place = chain.origins[:, n] + x * point.place[0] + y * point.place[1] + z * point.place[2]
+    return cross(chain.joint_rotations[:, :n], place[:, None] - chain.origins[:, :n]).sum(axis=1)
+
+
+def fastest(chain: LinkMotion, points: tuple[WatchedPoint, ...]) -> Array:
+    """Returns the speed (N,) [m/s] of the fastest of some points."""
+    return np.max([_norm(point_velocity(chain, point)) for point in points], axis=0)
+
+
+def momentum(chain: LinkMotion, carried: Bodies) -> Array:
+    """Returns the linear momentum (3, N) [kg m/s] of the bodies, the sum of mass times velocity.
+
+    Joint i contributes q'_i z_i x sum over bodies beyond of m (c - o_i).
+    """
+    coms = chain.origins[:, 1:] + chain.in_links(carried.fixed[:1])[:, 0]
+    moments = carried.mass[:, None] * coms
+    accumulate(moments[:, ::-1])
+    beyond = np.cumsum(carried.mass[::-1])[::-1]
+    return cross(chain.joint_rotations, moments - beyond[:, None] * chain.origins[:, :6]).sum(axis=1)
+
+
+class Use(NamedTuple):
+    """What n joint states use of a limit: name of the check, values (n,), limit, unit."""
+
+    name: str
+    value: Array
+    limit: float
+    unit: str
+
+
+def safety_use(cell: Cell, tcp_speed_max: float, q: Array, qd: Array) -> list[Use]:
+    """Returns what joint states use of the limits that depend on position and velocity alone.
+
+    They are `tcp_speed`, and where the cell limits them that of the flange, `elbow_speed` and `momentum`, with the
+    object held. No motion through a state beyond one of them keeps it.
+
+    Args:
+        cell: the robot station.
+        tcp_speed_max: limit on the tool's speed [m/s].
+        q: joint positions (n, 6) [rad].
+        qd: joint velocities (n, 6) [rad/s].
+    """
+    safety, chain = cell.safety, LinkMotion(link_poses(cell.robot, q), qd, np.zeros_like(qd))
+    tool, flange = tool_points(cell)
+    v_T = point_velocity(chain, tool)
+    used = [Use("tcp_speed", _norm(v_T), tcp_speed_max, "m/s")]
+    if safety.tool_speed_m_s is not None:
+        used.append(Use("tcp_speed", fastest(chain, (flange,)), safety.tool_speed_m_s, "m/s"))
+    if safety.elbow_speed_m_s is not None:
+        used.append(Use("elbow_speed", fastest(chain, elbow_points(cell)), safety.elbow_speed_m_s, "m/s"))
+    if safety.momentum_kg_m_s is not None:
+        held = momentum(chain, empty_bodies(cell)) + cell.object.mass_kg * v_T
+        used.append(Use("momentum", _norm(held), safety.momentum_kg_m_s, "kg m/s"))
+    return used
+
+
+def _norm(v: Array) -> Array:
+    """Returns the lengths (N,) of vectors (3, N)."""
+    return np.sqrt((v * v).sum(axis=0))

@@ -1,0 +1,116 @@
+"""Drag-free flights of a sphere against boxes and the mouth of a bin, for many flights at once.
+
+These steer the search; the certificate judges one flight with drag, arm and release window.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from planner.arrays import Array, Mask
+from planner.flight import time_of_flight
+
+
+@dataclass(frozen=True, eq=False)
+class Arcs:
+    """Flights p + v t - g t^2/2 e_z of a sphere, from the release until it touches the landing plane.
+
+    Attributes:
+        p: positions of the centre at the release (..., 3) [m].
+        v: velocities at the release (..., 3) [m/s].
+        until_s: end of each flight (...,) [s].
+        gravity: along -z [m/s^2].
+        radius_m: of the sphere [m].
+    """
+
+    p: Array
+    v: Array
+    until_s: Array
+    gravity: float
+    radius_m: float
+
+    @staticmethod
+    def onto(p: Array, v: Array, plane_z: float, gravity: float, radius_m: float) -> Arcs:
+        """Returns the flights that end where the sphere first touches the plane z = `plane_z` on its way down.
+
+        A flight that starts closer to the plane ends where its centre passes the plane, at once if it never does.
+        """
+        touched = time_of_flight(p[..., 2] - plane_z - radius_m, v[..., 2], gravity)
+        passed = time_of_flight(p[..., 2] - plane_z, v[..., 2], gravity)
+        until_s = np.where(np.isnan(touched), passed, touched)
+        return Arcs(p, v, np.nan_to_num(until_s), gravity, radius_m)
+
+    def at(self, t: Array) -> Array:
+        """Returns the centres (..., 3) [m] at times `t` (...,) [s]."""
+        fall = 0.5 * self.gravity * t * t
+        return self.p + self.v * t[..., None] - fall[..., None] * np.array([0.0, 0.0, 1.0])
+
+    def height_at(self, t: Array) -> Array:
+        """Returns the centres' heights (...,) [m] at times `t` (...,) [s]."""
+        return self.p[..., 2] + self.v[..., 2] * t - 0.5 * self.gravity * t * t
+
+    def meet_box(self, lower: Array, upper: Array, gap_m: float = 0.0) -> Mask:
+        """Returns the mask (...,) of the flights that come closer to a box than `gap_m`.
+
+        Exact for the box grown by radius and gap as a cube, so a flight past an edge or a corner may count as a hit.
+
+        Args:
+            lower, upper: corners of the box (3,) [m].
+            gap_m: required between sphere and box [m].
+        """
+        grown = self.radius_m + gap_m
+        begin, end = np.zeros_like(self.until_s), self.until_s
+        for axis in (0, 1):
+            enter, leave = self._between(axis, lower[axis] - grown, upper[axis] + grown)
+            begin, end = np.maximum(begin, enter), np.minimum(end, leave)
+        crossed = begin <= end
+        begin, end = np.where(crossed, begin, 0.0), np.where(crossed, end, 0.0)
+        least = np.minimum(self.height_at(begin), self.height_at(end))
+        most = self.height_at(np.clip(self.v[..., 2] / self.gravity, begin, end))
+        return crossed & (least < upper[2] + grown) & (most > lower[2] - grown)
+
+    def _between(self, axis: int, low: float, high: float) -> tuple[Array, Array]:
+        """Returns the times (...,) [s] between which a coordinate is within [low, high]; empty if never."""
+        p, v = self.p[..., axis], self.v[..., axis]
+        moving = np.abs(v) > 1e-12
+        speed = np.where(moving, v, 1.0)
+        a, b = (low - p) / speed, (high - p) / speed
+        inside = (p >= low) & (p <= high)
+        enter = np.where(moving, np.minimum(a, b), np.where(inside, -np.inf, np.inf))
+        return enter, np.where(moving, np.maximum(a, b), np.where(inside, np.inf, -np.inf))
+
+    def enter_mouth(self, centre: Array, radius_m: float, rim_height_m: float, gap_m: float = 0.0) -> Mask:
+        """Returns the mask (...,) of the flights that enter a round bin through its mouth without touching its wall.
+
+        The sphere passes the rim's edge at a distance r if its straight path there, at an angle d below the horizontal,
+        crosses the mouth's plane r / sin d inside the edge. It must not start closer than r to rim or wall, nor below
+        the rim inside.
+
+        Args:
+            centre: of the bin's bottom (3,) [m].
+            radius_m: of the mouth [m].
+            rim_height_m: height of the rim above the bottom [m].
+            gap_m: required between sphere and wall [m].
+        """
+        rim, thick = centre[2] + rim_height_m, self.radius_m + gap_m
+        height = self.p[..., 2] - rim
+        down = time_of_flight(height, self.v[..., 2], self.gravity)
+        enters = np.isfinite(down)
+        down = np.where(enters, down, 0.0)
+        needed = thick / self._sine_of_descent(down)
+        enters &= self._from_axis(centre, down) <= radius_m - needed
+        start = self._from_axis(centre, np.zeros_like(down)) - radius_m
+        enters &= np.hypot(start, np.maximum(height, 0.0)) >= thick
+        rising = 2.0 * self.v[..., 2] / self.gravity - down  # when it passes the rim's height on its way up
+        is_outside = self._from_axis(centre, np.maximum(rising, 0.0)) >= radius_m + thick
+        return enters & ((height >= 0.0) | is_outside)
+
+    def _sine_of_descent(self, t: Array) -> Array:
+        fall = np.maximum(self.gravity * t - self.v[..., 2], 1e-9)
+        return fall / np.sqrt(fall**2 + self.v[..., 0] ** 2 + self.v[..., 1] ** 2)
+
+    def _from_axis(self, centre: Array, t: Array) -> Array:
+        x = self.at(t)
+        return np.hypot(x[..., 0] - centre[0], x[..., 1] - centre[1])

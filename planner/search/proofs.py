@@ -1,0 +1,175 @@
+"""What no motion can do: bounds that need no search, so that a refusal can call a violation proven.
+
+Every bound is on the far side of the certificate's tolerances: what is refused here could not have been certified.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from planner.arrays import Array
+from planner.errors import Infeasible, Violation
+from planner.flight import least_speed
+from planner.geometry import body_model, tool_state
+from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.search.released_flight import released_flight_blocked
+
+SLACK = 1e-3  # [m, m/s, rad/s] beyond the certificate's tolerances on release and landing, all below it
+RIM_POINTS = 2048  # [-] places on the rim of the arm's reach from which a target is aimed at
+
+
+def refuse_impossible(problem: ThrowProblem) -> None:
+    """Raises `Infeasible` where a bound proves that no motion fulfils the release."""
+    violations = proven_violations(problem)
+    if violations:
+        raise Infeasible(violations)
+
+
+def proven_violations(problem: ThrowProblem) -> list[Violation]:
+    """Returns the violations that no motion avoids, as far as bounds alone tell."""
+    match problem.release:
+        case JointRelease(q, qd):
+            found = [*_joint_speeds(problem, qd), *_speed(problem, tool_state(problem.cell, q, qd).v_WT)]
+        case PoseRelease(X, V):
+            found = [*_place(problem, X[:3, 3]), *_speed(problem, V[:3], X[:3, 3]), *_turning(problem, V[3:])]
+        case PointRelease(p, v):
+            found = [*_place(problem, p), *_speed(problem, v, p)]
+        case TargetRelease(release_position=None) as release:
+            found = _range(problem, release)
+        case TargetRelease(release_position=p) as release:
+            assert p is not None
+            found = _place(problem, p) or _range(problem, release, p)
+    blocked = released_flight_blocked(problem)
+    return [replace(violation, proven=True) for violation in [*found, *filter(None, [blocked])]]
+
+
+def of_candidates(problem: ThrowProblem, violations: tuple[Violation, ...]) -> tuple[Violation, ...]:
+    """Returns the violations of a request without candidates, proven where all its release states were looked at.
+
+    A joint release has one state. A pose has one for each branch of the inverse kinematics, and full turns of it: all
+    that keep away from singularities. The states of a point or a target are drawn.
+    """
+    release = problem.release
+    distinct = problem.limits.singularity_distance_min > SLACK and not problem.ends_at_rest
+    complete = isinstance(release, JointRelease) or (isinstance(release, PoseRelease) and distinct)
+    return tuple(replace(violation, proven=violation.proven or complete) for violation in violations)
+
+
+def farthest_from_shoulder(problem: ThrowProblem) -> tuple[Array, float]:
+    """Returns the shoulder's position (3,) and a bound on the tool centre's distance from it [m].
+
+    Behind the shoulder, which the first joint only turns, each link is at most hypot(a, d) long.
+    """
+    cell, robot = problem.cell, problem.cell.robot
+    shoulder = cell.X_WB[:3, :3] @ [0.0, 0.0, robot.d[0]] + cell.X_WB[:3, 3]
+    beyond = np.hypot(robot.a, robot.d)[1:].sum() + np.linalg.norm(cell.tool.X_FT[:3, 3])
+    return shoulder, float(abs(robot.a[0]) + beyond)
+
+
+def _place(problem: ThrowProblem, p_WT: Array) -> list[Violation]:
+    """Returns what rules out a tool centre at `p_WT` (3,): the arm's reach, or the held object's surroundings."""
+    cell = problem.cell
+    shoulder, reach = farthest_from_shoulder(problem)
+    distance, around = float(np.linalg.norm(p_WT - shoulder)), cell.surroundings
+    found = []
+    if distance > reach + SLACK:
+        found.append(Violation("reach", distance, reach, "m", detail="distance from the arm's shoulder"))
+    height = float(p_WT[2]) - cell.object.radius_m - around.floor_z_m
+    if height < around.clearance_m - SLACK:
+        found.append(Violation("floor", height, around.clearance_m, "m", detail="object at the release"))
+    for box in around.keep_in:
+        inside = float(np.minimum(p_WT - box.lower, box.upper - p_WT).min())
+        if inside < -SLACK:
+            found.append(Violation("keep_in", inside, 0.0, "m", detail="tool centre point at the release"))
+    for box in around.keep_out:
+        gap = float(np.linalg.norm(np.maximum(np.maximum(box.lower - p_WT, p_WT - box.upper), 0.0)))
+        if gap - cell.object.radius_m < around.clearance_m - SLACK:
+            detail = "object at the release"
+            found.append(Violation("keep_out", gap - cell.object.radius_m, around.clearance_m, "m", detail=detail))
+    return found
+
+
+def _joint_speeds(problem: ThrowProblem, qd: Array) -> list[Violation]:
+    """Returns the joints whose velocities `qd` (6,) at the release exceed their limits."""
+    limits, names = problem.limits.qd_max, problem.cell.robot.joint_names
+    return [
+        Violation("joint_velocity", float(abs(qd[i])), float(limits[i]), "rad/s", detail=f"{names[i]} at the release")
+        for i in np.flatnonzero(np.abs(qd) > limits + SLACK)
+    ]
+
+
+def _speed(problem: ThrowProblem, v_WT: Array, p_WT: Array | None = None) -> list[Violation]:
+    """Returns what rules out a tool velocity (3,) [m/s], at a place (3,) where one is given."""
+    speed, limits = float(np.linalg.norm(v_WT)), problem.limits
+    if speed > limits.tcp_speed_max + SLACK:
+        return [Violation("tcp_speed", speed, limits.tcp_speed_max, "m/s", detail="at the release")]
+    fastest = fastest_tool(problem, p_WT)
+    if p_WT is not None and speed > fastest + SLACK:
+        detail = "speed at the release; all joints together move the tool no faster there"
+        return [Violation("joint_velocity", speed, fastest, "m/s", detail=detail)]
+    return []
+
+
+def fastest_tool(problem: ThrowProblem, p_WT: Array | None = None) -> float:
+    """Returns a bound on the tool centre's speed [m/s]: every joint at its limit times its lever.
+
+    At a given place (3,) the lever of the first joint is the distance from its axis.
+    """
+    lever, X_WB = body_model(problem.cell).tool_lever.copy(), problem.cell.X_WB
+    if p_WT is not None:
+        p_BT = X_WB[:3, :3].T @ (p_WT - X_WB[:3, 3])
+        lever[0] = min(lever[0], float(np.hypot(p_BT[0], p_BT[1])) + SLACK)
+    return float(lever @ problem.limits.qd_max)
+
+
+def _turning(problem: ThrowProblem, w_WT: Array) -> list[Violation]:
+    """Returns what rules out a tool's angular velocity (3,) [rad/s]: the joints' velocities add up at best."""
+    speed, fastest = float(np.linalg.norm(w_WT)), float(problem.limits.qd_max.sum())
+    if speed <= fastest + SLACK:
+        return []
+    detail = "angular velocity at the release; all joints together turn the tool no faster"
+    return [Violation("joint_velocity", speed, fastest, "rad/s", detail=detail)]
+
+
+def _range(problem: ThrowProblem, release: TargetRelease, p_WT: Array | None = None) -> list[Violation]:
+    """Returns the speed that rules a target out: even the best place takes more than the limits on speed allow."""
+    needed = least_speed_within_reach(problem, release.p_W, p_WT)
+    bounds = {
+        "tcp_speed": problem.limits.tcp_speed_max,
+        "release_velocity": release.max_speed_m_s,
+        "joint_velocity": fastest_tool(problem, p_WT),
+    }
+    name = min(bounds, key=lambda name: bounds[name])
+    if needed <= bounds[name] + SLACK:
+        return []
+    detail = "least speed that throws to the target from anywhere within the arm's reach"
+    return [Violation(name, needed, bounds[name], "m/s", detail=detail)]
+
+
+def least_speed_within_reach(problem: ThrowProblem, target: Array, p_WT: Array | None = None) -> float:
+    """Returns a lower bound on the speed [m/s] of a throw to a target (3,), from a place (3,) or from anywhere.
+
+    The least speed v of a throw over the vector d obeys v^2 / g = |d| + d_z. That is convex in the place of the
+    release and falls by at most 2 m per metre, so its least value over the ball of the arm's reach is on the rim, in
+    the vertical plane through shoulder and target: it is sampled there, less what lies between two samples. Drag asks
+    for more speed: from the same release, the flight with drag stays below the one without.
+    """
+    if p_WT is not None:
+        places, between = p_WT, 2.0 * SLACK
+    else:
+        places, between = _rim(problem, target)
+    least = float(least_speed(places, target, problem.gravity).min()) ** 2 / problem.gravity
+    return float(np.sqrt(problem.gravity * max(least - between, 0.0)))
+
+
+def _rim(problem: ThrowProblem, target: Array) -> tuple[Array, float]:
+    """Returns places (n, 3) on the rim towards a target (3,), and how much |d| + d_z varies between two [m]."""
+    shoulder, reach = farthest_from_shoulder(problem)
+    away = target[:2] - shoulder[:2]
+    length = float(np.linalg.norm(away))
+    along = away / length if length > SLACK else np.array([1.0, 0.0])
+    angle = np.linspace(-np.pi, np.pi, RIM_POINTS, endpoint=False)
+    rim = np.stack([np.cos(angle) * along[0], np.cos(angle) * along[1], np.sin(angle)], axis=1)
+    return shoulder + reach * rim, 2.0 * reach * np.pi / RIM_POINTS + 2.0 * SLACK

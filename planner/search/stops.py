@@ -1,0 +1,92 @@
+"""The last resort of `auto`: a launch with a stop, where no motion from the start itself is certified.
+
+The arm first goes to another posture at rest, by a planned path where the straight way is blocked, and launches from
+there: from the cell's home, or from a run-up posture behind a candidate, from which constant acceleration leads into
+the release. Both motions in a row are certified as one, within the limits of the request.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from planner.approach import find_approach
+from planner.arrays import Array
+from planner.errors import Infeasible, InvalidProblem
+from planner.geometry import body_model
+from planner.problem import ThrowProblem
+from planner.search.auto import search_optimised
+from planner.search.incumbent import CertifiedSolution, PlanningSearch
+from planner.search.policy import POLICY, Stage, no_incumbent
+from planner.seeds import Candidate, candidates
+from planner.solution import Solution
+from planner.trajectory import Trajectory, in_a_row
+
+PACE = 4.0  # [-] of an approach, in turn with its halves: 4 rad/s, 22 rad/s^2, 900 rad/s^3, or less as the request asks
+RUN_UPS_S = (0.2, 0.3, 0.5)  # [s] of constant acceleration to the release; 3 rad/s at 15 rad/s^2 take 0.2 s
+CANDIDATES_MAX = 24  # [-] candidates with run-up postures: as many as are ranked; of a pose, all branches
+WAYS_MAX = 4  # [-] postures to which a way is searched for; a search in vain takes up to a second
+# From a run-up posture to its own candidate, which is near: Ruckig's motions, in a few milliseconds.
+RUN_UP_POLICY = (Stage("ruckig", "from a run-up posture", slice(0, 1), no_incumbent),)
+
+
+def search_with_stop(search: PlanningSearch, found: Sequence[Candidate]) -> None:
+    """Looks for a launch with a stop until one is certified; the incumbent's status says so.
+
+    Args:
+        search: without incumbent; updated in place.
+        found: candidates of its problem.
+    """
+    begun_s, launches, ways = time.perf_counter(), 0, 0
+    for stop, throw in _launches(search, found):
+        launches += 1
+        way = _way(search.problem, stop)
+        if way is not None:
+            ways += 1
+            motion = way if throw is None else in_a_row(way, throw.solution.trajectory)
+            status = "planned path" if throw is None else f"after a stop; {throw.solution.status}"
+            search.certify("approach" if throw is None else throw.backend, Solution(motion, status))
+        if search.incumbent is not None or search.out_of_time or launches == WAYS_MAX:
+            break
+    result = f"with a stop: {int(search.incumbent is not None)} motions certified, {ways} ways to {launches} postures"
+    search.log_attempt("approach", result, begun_s)
+
+
+def _launches(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tuple[Array, CertifiedSolution | None]]:
+    """Yields postures at rest and certified motions from them; None for the end of a move to rest itself."""
+    problem = search.problem
+    if problem.ends_at_rest:
+        yield from ((candidate.q, None) for candidate in found[:CANDIDATES_MAX])
+        return
+    if (throw := _from(search, problem.cell.home, None, POLICY)) is not None:
+        yield problem.cell.home, throw
+    for candidate in found[:CANDIDATES_MAX]:
+        for run_up_s in RUN_UPS_S:
+            stop = candidate.q - 0.5 * run_up_s * candidate.qd
+            if (throw := _from(search, stop, candidate, RUN_UP_POLICY)) is not None:
+                yield stop, throw
+                break
+
+
+def _from(
+    search: PlanningSearch, stop: Array, candidate: Candidate | None, policy: Sequence[Stage]
+) -> CertifiedSolution | None:
+    """Returns the best certified motion from a posture to a candidate, or to all of its own; None if there is none."""
+    if search.out_of_time or body_model(search.problem.cell).clearances(stop[None]).least[0] < 0.0:
+        return None
+    try:
+        problem = replace(search.problem, start=stop)
+        found = [candidate] if candidate is not None else candidates(problem)
+    except (InvalidProblem, Infeasible):
+        return None
+    inner = PlanningSearch(problem, search.deadline_s)
+    search_optimised(inner, found, policy)
+    search.iterations += inner.iterations
+    return inner.incumbent
+
+
+def _way(problem: ThrowProblem, stop: Array) -> Trajectory | None:
+    """Returns the motion from the start to a posture at rest, within the request's limits; None if none is found."""
+    way, _ = find_approach(problem.cell, problem.start, stop, PACE, limits=problem.limits)
+    return None if way is None else way.trajectory

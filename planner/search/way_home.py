@@ -1,0 +1,49 @@
+"""The way home: planning returns only motions from whose end a certified way leads to the cell's home.
+
+The way is an approach, found and certified as the executor will find it: a straight joint move first, then a planned
+path. It is asked for once, for the best motion of a finished search; where there is none, the next best is taken.
+"""
+
+from __future__ import annotations
+
+import time
+
+from planner.approach import Approach, find_approach, obstacle_words
+from planner.certificate import Check
+from planner.errors import Infeasible, Violation
+from planner.search.incumbent import CertifiedSolution, PlanningSearch
+
+MOTIONS_MAX = 3  # [-] best motions whose ends are tried: a search for a path takes some seconds where there is none
+
+
+def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Approach]:
+    """Returns the best certified motion of a finished search whose end has a way home, and that way.
+
+    Raises:
+        Infeasible: no motion has one; the violation `way_home` names what blocks the straight move from the best one.
+    """
+    begun_s, blocked = time.perf_counter(), []
+    for motion in search.by_rank()[:MOTIONS_MAX]:
+        way, failures = find_way_home(search, motion)
+        if way is not None:
+            if blocked:
+                search.log_attempt("approach", f"way home: none from {len(blocked)} sooner motions", begun_s)
+            return motion, way
+        blocked.append(failures)
+        if search.out_of_time:
+            break
+    search.log_attempt("approach", f"way home: none from {len(blocked)} motions", begun_s)
+    raise Infeasible([_violation(blocked[0], len(blocked))], attempts=[attempt.__dict__ for attempt in search.attempts])
+
+
+def find_way_home(search: PlanningSearch, motion: CertifiedSolution) -> tuple[Approach | None, tuple[Check, ...]]:
+    """Returns the way home from the end of a motion: without the object after a throw, with it after a move to rest."""
+    cell, end = search.problem.cell, motion.solution.trajectory.q[-1]
+    return find_approach(cell, end, cell.home, with_object=search.problem.ends_at_rest)
+
+
+def _violation(failures: tuple[Check, ...], tried: int) -> Violation:
+    """Returns what blocks the way home from the best of the motions that were tried."""
+    worst = failures[0]
+    detail = f"no certified way to the cell's home from the end of {tried} certified motions; a straight move: "
+    return Violation("way_home", worst.value, worst.limit, worst.unit, worst.at_s, detail + obstacle_words(failures))

@@ -1,0 +1,77 @@
+"""Which flights of candidates are clear: of the keep-out boxes, through a bin's mouth, out of the open gripper.
+
+Filters that steer the search towards what the certificate can pass; they do not replace it. Drag is left out.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from planner.arrays import Array, Mask
+from planner.geometry import Arcs, tool_pose
+from planner.kinematics import tcp_acceleration
+from planner.problem import TargetRelease, ThrowProblem
+
+FLIGHT_TIMES = (1.0, 0.8, 1.25, 0.6)  # [-] flight times tried, relative to that of the slowest throw
+STEEP_TIMES = (1.5, 1.8, 2.2)  # [-] tried too where a box or a rim may have to be cleared; 2.2: 78 degrees on a plane
+STEEPEST_TIMES = (2.6,)  # [-] tried too in a thorough search: 82 degrees
+FLIGHT_GAP_M = 0.005  # [m] between object and obstacle beyond what is required: room for release window and drag
+
+
+def has_flight_obstacles(problem: ThrowProblem) -> bool:
+    """Returns whether boxes or a bin's rim may stand in the way of a throw."""
+    release = problem.release
+    has_rim = isinstance(release, TargetRelease) and release.opening is not None
+    return has_rim or bool(problem.cell.surroundings.keep_out)
+
+
+def flight_times(problem: ThrowProblem, thorough: bool = False) -> tuple[float, ...]:
+    """Returns the flight times to try, relative to that of the slowest throw [-]."""
+    if not has_flight_obstacles(problem):
+        return FLIGHT_TIMES
+    return FLIGHT_TIMES + STEEP_TIMES + (STEEPEST_TIMES if thorough else ())
+
+
+def clear_flights(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) -> Mask:
+    """Returns the mask (...,) of the drag-free flights that meet neither a keep-out box nor the target's bin.
+
+    Args:
+        problem: its cell.
+        release: the target.
+        p: release positions (..., 3) [m].
+        v: release velocities (..., 3) [m/s].
+    """
+    around = problem.cell.surroundings
+    p = np.broadcast_to(p, v.shape)
+    arcs = Arcs.onto(p, v, float(release.p_W[2]), problem.gravity, problem.cell.object.radius_m)
+    clear = np.ones(v.shape[:-1], dtype=bool)
+    for box in around.keep_out:
+        stands_on = box.upper[2] <= release.p_W[2]  # the object may land on it
+        clear &= ~arcs.meet_box(box.lower, box.upper, 0.0 if stands_on else FLIGHT_GAP_M)
+    if release.opening is not None:
+        mouth = release.opening
+        clear &= arcs.enter_mouth(release.p_W, mouth.radius_m, mouth.rim_height_m)
+    return clear
+
+
+def leave_through_opening(problem: ThrowProblem, q: Array, qd: Array) -> Mask:
+    """Returns the mask (n,) of the joint states whose object leaves along the gripper's open side.
+
+    At the release position and velocity of object and tool agree: the object leaves along the difference of their
+    accelerations, g - a. Joint accelerations are free there, so a is taken as the centripetal part, q'' = 0.
+
+    Args:
+        problem: its gripper.
+        q: joint positions (n, 6) [rad].
+        qd: joint velocities (n, 6) [rad/s].
+    """
+    cell, gripper = problem.cell, problem.cell.gripper
+    if gripper.opening_direction is None or gripper.opening_cone_rad is None:
+        return np.ones(len(q), dtype=bool)
+    R_WB, R_WT = cell.X_WB[:3, :3], tool_pose(cell, q)[:, :3, :3]
+    a_W = tcp_acceleration(cell.robot, q, qd, np.zeros_like(q), cell.tool.X_FT)[..., :3] @ R_WB.T
+    leaving = -a_W - np.array([0.0, 0.0, problem.gravity])
+    along = np.einsum("nij,j,ni->n", R_WT, gripper.opening_direction, leaving)
+    return along >= math.cos(gripper.opening_cone_rad) * np.linalg.norm(leaving, axis=-1)

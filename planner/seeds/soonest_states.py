@@ -1,0 +1,131 @@
+"""Which joint states a launch can be at soonest: a lower bound, the choice by it, and sooner states nearby."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+
+from planner.arrays import Array, Index, Mask, read_only
+from planner.cell import Limits
+from planner.geometry import body_model
+from planner.problem import ThrowProblem
+from planner.seeds.quasi_random import joint_offsets
+
+STATES_MAX = 48  # states kept, those of the least lower bound that are apart from one another
+APART_RAD = 0.35  # [rad] least difference of two kept states in some joint
+BATCH = 64  # states compared with one another at once
+TOO_FAST_S = 1e3  # [s] penalty per multiple of a speed limit: every state that is too fast comes after all others
+# [-] of `joint_offsets`: distances from the soonest states at which sooner ones are looked for, in turn. Six dimensions
+# are too many to fill: this brings a target's least lower bound down by a third, twice as many postures by a tenth.
+NEARBY_SHARES = (0.4, 0.2, 0.1)
+MOVED, NEARBY = 12, 12  # soonest states that this is done for, and postures tried near each
+
+StatesNear = Callable[[Array], tuple[Array, Array]]
+
+
+def least_time(distance: Array, qd: Array, limits: Limits) -> Array:
+    """Returns a lower bound (...,) [s] on the time from rest over `distance` to the velocity `qd`.
+
+    The maximum over the joints of each joint's own least time with unbounded jerk. Source: time-optimal control of a
+    double integrator with bounded acceleration and velocity (Pontryagin; e.g. Biagiotti and Melchiorri, Trajectory
+    Planning for Automatic Machines and Robots, Springer 2008, section 3.2).
+
+    Args:
+        distance: joint distances (..., n) [rad].
+        qd: joint velocities (..., n) at the end [rad/s].
+        limits: of velocity and acceleration.
+    """
+    v_max, a_max = limits.qd_max, limits.qdd_max
+    turn = np.where(distance >= qd * np.abs(qd) / (2.0 * a_max), 1.0, -1.0)
+    d, v = turn * distance, turn * qd
+    peak = np.sqrt(np.maximum(a_max * d + v**2 / 2.0, 0.0))
+    direct = (2.0 * peak - v) / a_max
+    accelerating = (2.0 * v_max**2 - v**2) / (2.0 * a_max)
+    cruising = (2.0 * v_max - v) / a_max + (d - accelerating) / v_max
+    return np.where(peak <= v_max, direct, cruising).max(axis=-1)
+
+
+def soonest_nearby(problem: ThrowProblem, q: Array, qd: Array, states_near: StatesNear) -> tuple[Array, Array]:
+    """Returns the soonest distinct states (n, 6), the first `MOVED` of them moved to sooner ones near them.
+
+    Args:
+        problem: the problem.
+        q: positions of the states (m, 6) [rad].
+        qd: their velocities (m, 6) [rad/s].
+        states_near: returns states q, qd (k, 6) next to postures (k, 6); NaN where there is none.
+    """
+    rows = _soonest(problem, q, qd)
+    q, qd = _moved_nearby(problem, q[rows], qd[rows], states_near)
+    rows = _soonest(problem, q, qd)
+    return q[rows], qd[rows]
+
+
+def _moved_nearby(problem: ThrowProblem, q: Array, qd: Array, states_near: StatesNear) -> tuple[Array, Array]:
+    """Returns the states q, qd (n, 6) with the first `MOVED` moved to sooner ones near them in which the arm is clear.
+
+    Args:
+        problem: the problem.
+        q: postures (n, 6), the soonest first.
+        qd: their joint velocities (n, 6).
+        states_near: returns states q, qd (m, 6) next to postures (m, 6); NaN where there is none.
+    """
+    q, qd, body = q.copy(), qd.copy(), body_model(problem.cell)
+    k = min(MOVED, len(q))
+    bound = penalised_bound(problem, q[:k], qd[:k])
+    for offsets in _nearby_offsets():
+        near_q, near_qd = states_near((q[:k, None] + offsets[:k]).reshape(-1, 6))
+        near = penalised_bound(problem, near_q, near_qd).reshape(k, NEARBY)
+        moved = np.flatnonzero(near.min(axis=1) < bound)
+        best = moved * NEARBY + near[moved].argmin(axis=1)
+        clear = body.clearances(near_q[best]).least >= 0.0
+        moved, best = moved[clear], best[clear]
+        q[moved], qd[moved], bound[moved] = near_q[best], near_qd[best], near.ravel()[best]
+    return q, qd
+
+
+def penalised_bound(problem: ThrowProblem, q: Array, qd: Array) -> Array:
+    """Returns the lower bounds (n,) [s] of states (n, 6), beyond all others where too fast; infinite for NaN."""
+    excess = np.max(np.abs(qd) / problem.limits.qd_max, axis=-1)
+    bound = least_time(q - problem.start, qd, problem.limits)
+    return np.where(np.isnan(excess + bound), np.inf, np.where(excess <= 1.0, bound, TOO_FAST_S * excess))
+
+
+def _soonest(problem: ThrowProblem, q: Array, qd: Array) -> Index:
+    """Returns the rows of up to `STATES_MAX` distinct states of least lower bound; if all are too fast, the slowest."""
+    excess = np.max(np.abs(qd) / problem.limits.qd_max, axis=1)
+    usable = np.flatnonzero(excess <= 1.0)
+    if len(usable) == 0:
+        return np.argsort(excess, kind="stable")[:STATES_MAX]
+    bound = least_time(q[usable] - problem.start, qd[usable], problem.limits)
+    order = usable[np.argsort(bound, kind="stable")]
+    return order[_apart(q[order])]
+
+
+def _apart(q: Array) -> Index:
+    """Returns the first `STATES_MAX` rows of `q` (n, 6) that are apart from every row kept before them."""
+    kept: list[int] = []
+    for begin in range(0, len(q), BATCH):
+        batch = q[begin : begin + BATCH]
+        free = np.asarray(_differ(batch, q[kept]).all(axis=1))
+        apart = _differ(batch, batch)
+        for i in range(len(batch)):
+            if free[i]:
+                kept.append(begin + i)
+                free &= apart[i]
+        if len(kept) >= STATES_MAX:
+            break
+    return np.array(kept[:STATES_MAX], dtype=np.intp)
+
+
+def _differ(a: Array, b: Array) -> Mask:
+    """Returns the mask (n, m) of rows of `a` (n, 6) and `b` (m, 6) that are apart."""
+    return np.asarray((np.abs(a[:, None] - b) > APART_RAD).any(axis=2))
+
+
+@cache
+def _nearby_offsets() -> tuple[Array, ...]:
+    """Returns joint offsets (MOVED, NEARBY, 6) [rad] for each of `NEARBY_SHARES`."""
+    offsets = joint_offsets(len(NEARBY_SHARES) * MOVED * NEARBY).reshape(len(NEARBY_SHARES), MOVED, NEARBY, 6)
+    return tuple(read_only(share * each) for share, each in zip(NEARBY_SHARES, offsets, strict=True))

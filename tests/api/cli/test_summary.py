@@ -1,0 +1,78 @@
+"""What the command line prints of a plan and an execution."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from api.cli import main
+from api.cli.client import describe
+from api.cli.summary import landing_text, plan_text
+
+
+def plan(window_s: float, early_m: float | None) -> dict[str, Any]:
+    """Returns a plan's document with the fields that the summary reads."""
+    flight = {
+        "speed_m_s": 3.0,
+        "time_of_flight_s": 0.8,
+        "release_window_s": window_s,
+        "landing_tolerance_m": 0.02,
+        "landing_shift_10ms_m": {"early": early_m, "late": 0.0243},
+    }
+    own = {"backend": "casadi", "release_time_s": 0.25, "duration_s": 0.5, "solver": {"solve_time_s": 0.02}}
+    return {**own, "certificate": {"checks": [{}] * 14}, "flight": flight}
+
+
+@pytest.mark.parametrize(
+    ("window_s", "early_m", "said"),
+    [
+        (
+            0.005,
+            0.0042,
+            "up to 5 ms early or late lands within 20 mm; 10 ms early or late moves the landing by 4.2 mm / 24 mm",
+        ),
+        (0.0, 0.18, "on time alone; 10 ms early or late moves the landing by 180 mm / 24 mm"),
+        (0.0, None, "moves the landing by an unknown distance / 24 mm"),
+    ],
+)
+def test_a_plan_says_in_metres_what_10_ms_do(window_s: float, early_m: float | None, said: str):
+    assert said in plan_text(plan(window_s, early_m))
+
+
+@pytest.mark.parametrize(
+    ("surface", "said"),
+    [
+        ("floor", "landed at"),
+        (None, "landed at"),
+        ("bin", "landed in the bin at"),
+        ("bin wall", "stopped by bin wall at"),
+        ("keep_out[0]", "stopped by keep_out[0] at"),
+    ],
+)
+def test_a_landing_says_what_stopped_the_object(surface: str | None, said: str):
+    metrics = {"ticks": 9, "missed_ticks": 0, "landing_point": [1, 0, 0], "landing_error_m": 0.3, "landed_on": surface}
+    assert f"{said} (1.0000, 0.0000, 0.0000) m, 300 mm from" in landing_text({"metrics": metrics})
+
+
+def test_soonest_and_a_window_contradict_each_other():
+    result = CliRunner().invoke(main, ["throw", "1", "0", "0", "--soonest", "--window", "0.01"])
+    assert result.exit_code == 2
+    assert "--soonest" in result.stderr
+
+
+def test_a_refusal_says_each_constraint_once_and_what_to_try():
+    rows = [
+        {"constraint": "tcp_speed", "value": 5.133770122, "limit": 4.0, "unit": "m/s", "detail": "", "proven": True},
+        {"constraint": "keep_out", "value": -0.01, "limit": 0.02, "unit": "m", "detail": "forearm and keep_out[0]"},
+    ]
+    nearest = {"release": {"kind": "target", "position": [0.8893799999999998, 0.0, -0.1]}}
+    text = describe({"title": "The arm cannot do this", "detail": "long", "violations": rows, "nearest": nearest})
+    assert text.splitlines() == [
+        "The arm cannot do this:",
+        "  tcp_speed: 5.134 m/s against a limit of 4; proven: no motion avoids it",
+        "  keep_out: -0.01 m against a limit of 0.02 (forearm and keep_out[0])",
+        "  the nearest feasible target: 0.88938 0 -0.1",
+    ]
+    assert describe({"title": "Not found", "detail": "no cell"}) == "Not found: no cell"

@@ -1,0 +1,243 @@
+"""The flight and the grip against dense samples by the plain functions: distances, accelerations, the way out."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planner.backends import ruckig_otg
+from planner.cell import Box
+from planner.certificate import certify, flight_obstruction
+from planner.errors import Infeasible, SolverFailed
+from planner.flight import path
+from planner.geometry import body_capsules, capsule_endpoints, tool_pose, tool_state
+from planner.kinematics import tcp_acceleration
+from planner.problem import Opening, TargetRelease, ThrowProblem
+from planner.seeds import candidates
+from tests.planner.problems import cell
+
+STEP_S = 0.001  # of the dense samples
+SAMPLED_M = 0.004  # half a step at 8 m/s: how much closer a flight may come between dense samples
+
+
+def with_boxes(here, *boxes):
+    around = tuple(Box(np.array(lower), np.array(upper)) for lower, upper in boxes)
+    return replace(here, surroundings=replace(here.surroundings, keep_out=around))
+
+
+def throw(here, target, opening=None, **changes):
+    """A throw to a target past whatever stands in the way, and the problem with everything in it."""
+    release = TargetRelease(np.array(target))
+    free = ThrowProblem(with_boxes(here), here.home, release, here.limits)
+    asked = ThrowProblem(here, here.home, replace(release, opening=opening), here.limits, **changes)
+    for candidate in candidates(free)[:6]:
+        try:
+            return asked, ruckig_otg.solve(free, candidate).trajectory
+        except (Infeasible, SolverFailed):
+            continue
+    raise SolverFailed("no motion", [])
+
+
+def random_throws(count, seed, window_s=0.0, drag=0.0):
+    rng, found = np.random.default_rng(seed), 0
+    names = ("ur5e-sim", "ur3e-sim", "ur10e-sim", "ur5-sim")
+    while found < count:
+        here, boxes = cell(names[found % 4]), []
+        here = replace(here, object=replace(here.object, drag_coefficient=drag))
+        for _ in range(rng.integers(0, 4)):
+            angle, distance, size = rng.uniform(-np.pi, np.pi), rng.uniform(0.5, 1.3), rng.uniform(0.02, 0.3, 3)
+            middle = distance * np.array([np.cos(angle), np.sin(angle), 0.0])
+            boxes.append((middle - size * [1, 1, 0], middle + size * [1, 1, 4]))
+        angle, distance = rng.uniform(-np.pi, np.pi), rng.uniform(0.25, 1.6)
+        target = [distance * np.cos(angle), distance * np.sin(angle), rng.uniform(0.0, 0.5)]
+        opening = Opening(rng.uniform(0.05, 0.2), rng.uniform(0.0, 0.4)) if rng.random() < 0.4 else None
+        try:
+            tolerance = 5.0 if window_s > 0.0 else 0.0
+            asked = throw(
+                with_boxes(here, *boxes), target, opening, release_window_s=window_s, landing_tolerance_m=tolerance
+            )
+        except (Infeasible, SolverFailed):
+            continue
+        found += 1
+        yield asked
+
+
+def flown(problem, trajectory, delay):
+    """Times on the trajectory and places of the object until it touches the landing plane, and of the highest."""
+    release = trajectory.release_time_s + delay
+    X_WT, V_WT = tool_state(problem.cell, *trajectory.at(release)[:2])
+    s = np.arange(0.0, 2.0, STEP_S)
+    x = path(X_WT[:3, 3], V_WT[:3], s, problem.gravity, problem.drag)
+    end = problem.plane_z + problem.cell.object.radius_m
+    end = end if x[:, 2].max() >= end else problem.plane_z
+    apex = int(x[:, 2].argmax())
+    landed = apex + int(np.argmax(x[apex:, 2] < end))
+    return release + s[:landed], x[:landed], apex
+
+
+def from_segment(x, start, end):
+    along = end - start
+    share = ((x - start) * along).sum(axis=-1) / np.maximum((along * along).sum(axis=-1), 1e-18)
+    return np.linalg.norm(x - start - np.clip(share, 0.0, 1.0)[..., None] * along, axis=-1)
+
+
+def dense_gap(problem, trajectory, delays=(0.0,)):
+    """Least distance of the object's surface from links, boxes and wall, and from the tool 10 ms after it is clear."""
+    here, radius, gaps = problem.cell, problem.cell.object.radius_m, []
+    for delay in delays:
+        t, x, apex = flown(problem, trajectory, delay)
+        capsules = body_capsules(here.robot, here.tool.capsules)
+        ends = capsule_endpoints(here.robot, capsules, trajectory.at(t)[0], here.X_WB)
+        for i, capsule in enumerate(capsules):
+            gap = from_segment(x, ends[:, i, 0], ends[:, i, 1]) - capsule.radius_m - radius
+            if capsule.frame == 6 or gap[0] < 0.0:
+                left = np.argmax(gap >= 0.0) + round(0.01 / STEP_S) if (gap >= 0.0).any() else len(gap)
+                gap = gap[left:][gap[left:] < 0.0]
+            gaps += [gap.min()] if len(gap) else []
+        for box in here.surroundings.keep_out:
+            gaps.append((np.linalg.norm(x - np.clip(x, box.lower, box.upper), axis=1) - radius).min())
+        if problem.release.opening is not None:
+            rho, z = np.hypot(*(x - problem.release.p_W).T[:2]), x[:, 2] - problem.release.p_W[2]
+            mouth, rim = problem.release.opening.radius_m, problem.release.opening.rim_height_m
+            entered = (np.arange(len(x)) >= apex) & (rho < mouth) & (z < rim)
+            gap = np.hypot(rho - mouth, z - np.clip(z, 0.0, rim))[~entered] - radius
+            gaps += [gap.min()] if len(gap) else []
+    return min(gaps)
+
+
+@pytest.mark.parametrize(
+    ("count", "window_s", "drag"), [(16, 0.0, 0.0), (8, 0.015, 0.0), (4, 0.0, 1.5), (1, 0.009, 1.5)]
+)
+def test_the_flights_clearance_is_below_dense_samples_and_close(count, window_s, drag):
+    answers = []
+    for problem, trajectory in random_throws(count, 31, window_s, drag):
+        check = certify(problem, trajectory).check("flight_clearance")
+        least = dense_gap(problem, trajectory, np.linspace(-window_s, window_s, 7) if window_s else (0.0,))
+        if check.ok:
+            assert check.value <= least + SAMPLED_M
+            assert check.value >= least - 0.04
+        else:
+            assert least < SAMPLED_M
+        answers.append(check.ok)
+    assert count < 4 or any(answers)
+    assert count < 8 or not all(answers)
+
+
+def test_a_throw_through_a_wall_is_refused_with_the_way_past_it():
+    here = cell()
+    problem, trajectory = throw(here, [1.3, 0.2, 0.0])
+    assert certify(problem, trajectory).check("flight_clearance").ok
+    assert flight_obstruction(problem, trajectory) is None
+    _, x, _ = flown(problem, trajectory, 0.0)
+    middle = x[2 * len(x) // 3]
+    wall = with_boxes(here, ([middle[0] - 0.01, -1.0, 0.0], [middle[0] + 0.01, 1.0, middle[2]]))
+    blocked = replace(problem, cell=wall)
+    check = certify(blocked, trajectory).check("flight_clearance")
+    assert not check.ok
+    assert check.detail == "box 0"
+    found = flight_obstruction(blocked, trajectory)
+    assert found is not None
+    assert (found.obstacle, found.delay_s) == ("box 0", 0.0)
+    assert found.gap_m < 0.0
+    t = trajectory.release_time_s + found.flight_time_s
+    X_WT, V_WT = tool_state(here, *trajectory.at(trajectory.release_time_s)[:2])
+    at = path(X_WT[:3, 3], V_WT[:3], t - trajectory.release_time_s, problem.gravity)
+    box = wall.surroundings.keep_out[0]
+    for direction, offset, place in zip(found.direction, found.offset_m, at, strict=True):
+        assert np.linalg.norm(direction) == pytest.approx(1.0)
+        assert direction @ place < offset + 0.02
+        assert offset - here.object.radius_m >= max(direction @ box.upper, direction @ box.lower) - 1e-9 or direction[2]
+        moved = place + (offset - direction @ place + 1e-9) * direction
+        assert np.linalg.norm(moved - np.clip(moved, box.lower, box.upper)) >= here.object.radius_m - 1e-6
+
+
+def test_a_target_may_stand_on_a_box_but_not_in_it_nor_against_its_side():
+    here = cell()
+    table = ([1.1, -0.1, 0.0], [1.5, 0.5, 0.3])
+    on_top, trajectory = throw(with_boxes(here, table), [1.3, 0.2, 0.3])
+    assert certify(on_top, trajectory).check("flight_clearance").ok
+    inside = with_boxes(here, ([1.1, -0.1, 0.0], [1.5, 0.5, 0.31]))
+    assert not certify(replace(on_top, cell=inside), trajectory).check("flight_clearance").ok
+    beside = with_boxes(here, ([1.301, -0.1, 0.0], [1.5, 0.5, 0.5]))
+    check = certify(replace(on_top, cell=beside), trajectory).check("flight_clearance")
+    assert not check.ok
+    below = replace(here, surroundings=replace(here.surroundings, floor_z_m=0.31))
+    assert certify(replace(on_top, cell=below), trajectory).check("flight_clearance").detail == "floor"
+
+
+@pytest.mark.parametrize("rim_height_m", [0.1, 0.3])
+def test_the_sphere_enters_a_bin_with_its_radius_to_spare(rim_height_m):
+    """The smallest mouth that is certified is the one that dense samples find."""
+    here = cell()
+    problem, trajectory = throw(here, [1.3, 0.2, 0.0])
+    radii = np.linspace(0.03, 0.3, 28)
+    asked = [replace(problem, release=replace(problem.release, opening=Opening(r, rim_height_m))) for r in radii]
+    certified = [certify(p, trajectory).check("flight_clearance").ok for p in asked]
+    expected = [dense_gap(p, trajectory) >= 0.0 for p in asked]
+    assert sorted(certified) == certified
+    assert 0 < sum(certified) < len(radii)
+    assert abs(sum(certified) - sum(expected)) <= 1
+
+
+@pytest.mark.parametrize("window_s", [0.0, 0.009])
+def test_grip_and_way_out_are_those_of_dense_samples(window_s):
+    tolerance = 5.0 if window_s else 0.0
+    for seed, limit in ((1, [1e3]), (2, [1e3, 2e3, 3e3])):
+        for problem, trajectory in random_throws(3, seed, window_s):
+            here = problem.cell
+            gripper = replace(
+                here.gripper,
+                opening_direction=np.array([0.0, 0.6, 0.8]),
+                opening_cone_rad=np.pi,
+                hold_acceleration_m_s2=np.array(limit),
+            )
+            asked = replace(problem, cell=replace(here, gripper=gripper), landing_tolerance_m=tolerance)
+            certificate = certify(asked, trajectory)
+            felt = dense_grip(problem, trajectory, window_s, limit)
+            assert certificate.check("grip_acceleration").value == pytest.approx(felt, rel=0.05)
+            angle = dense_way_out(problem, trajectory, window_s, np.array([0.0, 0.6, 0.8]))
+            assert certificate.check("opening_direction").value == pytest.approx(angle, abs=0.05)
+            for share, ok in ((0.98, False), (1.05, True)):
+                tight = replace(gripper, opening_cone_rad=share * angle, hold_acceleration_m_s2=share * np.array(limit))
+                tight = replace(tight, hold_acceleration_m_s2=tight.hold_acceleration_m_s2 * worst_share(felt, limit))
+                judged = certify(replace(asked, cell=replace(here, gripper=tight)), trajectory)
+                assert judged.check("opening_direction").ok == ok
+                if len(limit) == 1:
+                    assert judged.check("grip_acceleration").ok == ok
+
+
+def worst_share(felt, limit):
+    return felt / limit[0] if len(limit) == 1 else 1.0
+
+
+def dense_grip(problem, trajectory, window_s, limit):
+    """What the grip holds at most, where its share of the limit is largest."""
+    here = problem.cell
+    t = np.linspace(0.0, min(trajectory.release_time_s + window_s, trajectory.duration_s), 4000)
+    q, qd, qdd = trajectory.at(t)
+    a = tcp_acceleration(here.robot, q, qd, qdd, here.tool.X_FT)[:, :3] @ here.X_WB[:3, :3].T + [0.0, 0.0, 9.81]
+    if len(limit) == 1:
+        return np.linalg.norm(a, axis=1).max()
+    in_tool = np.abs(np.einsum("nij,ni->nj", tool_pose(here, q)[:, :3, :3], a))
+    axis = int((in_tool / limit).max(axis=0).argmax())
+    return in_tool[:, axis].max()
+
+
+def dense_way_out(problem, trajectory, window_s, direction):
+    """The widest angle of the way of the object in the tool, until it has moved by its radius."""
+    widest, radius = 0.0, problem.cell.object.radius_m
+    for delay in np.linspace(-window_s, window_s, 7) if window_s else (0.0,):
+        t, x, _ = flown(problem, trajectory, delay)
+        X_WT = tool_pose(problem.cell, trajectory.at(t)[0])
+        apart = np.einsum("nij,ni->nj", X_WT[:, :3, :3], x - X_WT[:, :3, 3])[1:]
+        size = np.linalg.norm(apart, axis=1)
+        on_way = slice(0, int(np.argmax(size >= radius)) if (size >= radius).any() else None)
+        widest = max(widest, np.arccos(apart[on_way] @ direction / size[on_way]).max())
+    return widest
+
+
+def test_without_numbers_of_the_gripper_its_checks_are_named_as_not_made():
+    here = cell()
+    gripper = replace(here.gripper, opening_direction=None, hold_acceleration_m_s2=None)
+    problem, trajectory = throw(replace(here, gripper=gripper), [1.3, 0.2, 0.0])
+    assert {"grip_acceleration", "opening_direction"} <= set(certify(problem, trajectory).not_checked)

@@ -1,0 +1,74 @@
+"""Flights against boxes and bins, compared with dense samples of the arcs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from planner.geometry import Arcs
+
+GRAVITY, RADIUS = 9.81, 0.03
+
+
+def drawn(rng: np.random.Generator, count: int) -> Arcs:
+    """Flights of all directions from around the origin onto the plane z = 0.1."""
+    p = rng.uniform([-0.5, -0.5, 0.0], [0.5, 0.5, 1.2], (count, 3))
+    return Arcs.onto(p, rng.uniform(-4.0, 4.0, (count, 3)), 0.1, GRAVITY, RADIUS)
+
+
+def sampled(arcs: Arcs, count: int = 2000) -> np.ndarray:
+    t = np.linspace(0.0, 1.0, count)[:, None] * arcs.until_s
+    fall = 0.5 * GRAVITY * t[..., None] ** 2 * np.array([0.0, 0.0, 1.0])
+    return arcs.p + arcs.v * t[..., None] - fall
+
+
+def test_flights_end_where_the_sphere_touches_the_plane() -> None:
+    arcs = drawn(np.random.default_rng(0), 500)
+    flies = arcs.until_s > 0.0
+    lowest = arcs.at(arcs.until_s)[:, 2]
+    assert np.all(np.isclose(lowest, 0.1 + RADIUS) | np.isclose(lowest, 0.1) | ~flies)
+    assert flies.mean() > 0.7
+
+
+def test_a_flight_meets_the_grown_box_where_its_samples_do() -> None:
+    rng = np.random.default_rng(1)
+    hits = 0
+    for _ in range(20):
+        arcs = drawn(rng, 100)
+        lower = rng.uniform([-0.8, -0.8, 0.0], [0.4, 0.4, 0.8])
+        upper = lower + rng.uniform(0.02, 0.8, 3)
+        x, grown = sampled(arcs), RADIUS + 0.01
+        depth = np.minimum(x - lower + grown, upper + grown - x).min(axis=-1).max(axis=0)
+        met = arcs.meet_box(lower, upper, 0.01)
+        clear_cut = (np.abs(depth) > 0.01) & (arcs.until_s > 0.0)
+        np.testing.assert_array_equal(met[clear_cut], depth[clear_cut] > 0.0)
+        hits += int(met.sum())
+    assert hits > 100
+
+
+def test_a_vertical_flight_meets_what_is_above_it_alone() -> None:
+    arcs = Arcs.onto(np.zeros((1, 3)), np.array([[0.0, 0.0, 4.0]]), -0.5, GRAVITY, RADIUS)
+    above = np.array([-0.1, -0.1, 0.7]), np.array([0.1, 0.1, 0.75])
+    beside = above[0] + [0.5, 0.0, 0.0], above[1] + [0.5, 0.0, 0.0]
+    assert arcs.meet_box(*above)[0]
+    assert not arcs.meet_box(*beside)[0]
+
+
+def test_flights_that_enter_a_mouth_touch_neither_rim_nor_wall() -> None:
+    rng = np.random.default_rng(2)
+    entered = refused = 0
+    for _ in range(40):
+        radius, rim = rng.uniform(0.06, 0.25), rng.uniform(0.05, 0.4)
+        centre = np.array([*rng.uniform(-1.5, 1.5, 2), 0.1])
+        p = rng.uniform([-0.5, -0.5, 0.0], [0.5, 0.5, 1.2], (200, 3))
+        t = rng.uniform(0.4, 1.2, 200)
+        v = (centre - p) / t[:, None] + 0.5 * GRAVITY * t[:, None] * np.array([0.0, 0.0, 1.0])
+        arcs = Arcs.onto(p, v, 0.1, GRAVITY, RADIUS)
+        x = sampled(arcs)
+        out, over = np.hypot(*(x - centre)[..., :2].transpose(2, 0, 1)) - radius, x[..., 2] - 0.1 - rim
+        gap = np.hypot(out, np.maximum(over, 0.0)).min(axis=0)
+        inside = arcs.enter_mouth(centre, radius, rim)
+        decided = (np.abs(gap - RADIUS) > 0.003) & (arcs.until_s > 0.0) & (out[0] > 0.0)
+        np.testing.assert_array_equal(inside[decided], gap[decided] > RADIUS)
+        entered, refused = entered + int(inside.sum()), refused + int((~inside).sum())
+    assert entered > 200
+    assert refused > 200

@@ -1,0 +1,54 @@
+"""Targets behind a wall and in a bin, planned whole; their flights are sampled here, apart from filter and rows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planner.cell import Box
+from planner.flight import path
+from planner.geometry import tool_state
+from planner.planning import Plan, plan
+from planner.problem import Opening, TargetRelease, ThrowProblem
+from tests.planner.problems import cell
+
+WALL = Box(np.array([0.8, -0.6, 0.0]), np.array([0.85, 0.6, 0.7]))
+BIN = Opening(0.1, 0.2)
+
+
+def problem(*boxes: Box, opening: Opening | None = None, **changes: float) -> ThrowProblem:
+    here = cell()
+    here = replace(here, surroundings=replace(here.surroundings, keep_out=boxes))
+    release = TargetRelease(np.array([1.15, 0.1, 0.1]), opening=opening)
+    return ThrowProblem(here, here.home, release, here.limits, time_limit_s=60.0, **changes)
+
+
+def flights(made: Plan) -> list[np.ndarray]:
+    """The object's centres every millisecond, released as planned and at both ends of the window."""
+    asked, motion = made.problem, made.trajectory
+    arcs = []
+    for delay in {-asked.release_window_s, 0.0, asked.release_window_s}:
+        q, qd, _ = motion.at(np.array([motion.release_time_s + delay]))
+        tool = tool_state(asked.cell, q[0], qd[0])
+        x = path(tool.p_WT, tool.v_WT, np.arange(0.0, 2.0, 0.001), asked.gravity)
+        arcs.append(x[: int(np.argmax((x[:, 2] < asked.plane_z) & (np.gradient(x[:, 2]) < 0.0)))])
+    return arcs
+
+
+@pytest.mark.parametrize("window", [{}, {"release_window_s": 0.005, "landing_tolerance_m": 0.02}])
+def test_a_throw_over_a_wall(window: dict[str, float]) -> None:
+    made = plan(problem(WALL, **window))
+    for x in flights(made):
+        assert np.linalg.norm(x - np.clip(x, WALL.lower, WALL.upper), axis=1).min() >= 0.02
+    assert made.backend == "casadi"
+
+
+def test_a_throw_into_a_bin_behind_a_wall() -> None:
+    made = plan(problem(WALL, opening=BIN))
+    (x,) = flights(made)
+    assert np.linalg.norm(x - np.clip(x, WALL.lower, WALL.upper), axis=1).min() >= 0.02
+    out = np.hypot(x[:, 0] - 1.15, x[:, 1] - 0.1) - BIN.radius_m
+    wall_gap = np.hypot(out, np.maximum(x[:, 2] - 0.1 - BIN.rim_height_m, 0.0))
+    assert wall_gap[out > -BIN.radius_m].min() >= 0.02

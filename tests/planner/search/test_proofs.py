@@ -1,0 +1,155 @@
+"""What refusals call proven: the bounds hold for random motions, and both refusals say what was proven and tried."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planner.errors import TIME_LIMIT, Infeasible, SolverFailed
+from planner.geometry import tool_state
+from planner.planning import plan
+from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease
+from planner.request import problem_from_request
+from planner.search import PlanningSearch, search_optimised
+from planner.search.proofs import (
+    farthest_from_shoulder,
+    fastest_tool,
+    least_speed_within_reach,
+    proven_violations,
+)
+from planner.seeds import candidates
+from tests.planner.problems import cell, feasible_states, joint_problem
+
+ARMS = ("ur5e-sim", "ur3e-sim", "ur10e-sim", "ur5-sim", "sdu-table")
+RANDOM_STATES = 4000
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_no_random_state_is_beyond_the_bounds_on_reach_and_speed(name):
+    problem, rng = joint_problem(name), np.random.default_rng(4)
+    q = rng.uniform(-np.pi, np.pi, (RANDOM_STATES, 6))
+    qd = rng.choice([-1.0, 1.0], (RANDOM_STATES, 6)) * problem.limits.qd_max
+    tool = tool_state(problem.cell, q, qd)
+    shoulder, reach = farthest_from_shoulder(problem)
+    distance, speed = np.linalg.norm(tool.p_WT - shoulder, axis=1), np.linalg.norm(tool.v_WT, axis=1)
+    assert 0.75 * reach < distance.max() <= reach
+    assert speed.max() <= fastest_tool(problem)
+    assert all(s <= fastest_tool(problem, p) for s, p in zip(speed[:200], tool.p_WT[:200], strict=True))
+
+
+def test_no_random_throw_within_reach_is_slower_than_the_bound():
+    problem, rng = joint_problem(), np.random.default_rng(5)
+    shoulder, reach = farthest_from_shoulder(problem)
+    for target in rng.uniform(-4.0, 4.0, (20, 3)):
+        away = rng.normal(size=(20_000, 3))
+        p = shoulder + reach * rng.uniform(size=(20_000, 1)) ** 0.2 * away / np.linalg.norm(away, axis=1)[:, None]
+        d = target - p  # closed form of the least speed: v^2 = g (|d| + d_z)
+        least = np.sqrt(problem.gravity * np.maximum(np.linalg.norm(d, axis=1) + d[:, 2], 0.0)).min()
+        bound = least_speed_within_reach(problem, target)
+        assert bound <= least
+        assert least - bound < 0.25
+
+
+def test_nothing_that_was_certified_is_called_impossible():
+    for known, motion in feasible_states(cell(), 30, seed=8):
+        X_WT, V_WT = tool_state(cell(), known.release.q, known.release.qd)
+        for release in (known.release, PoseRelease(X_WT, V_WT), PointRelease(X_WT[:3, 3], V_WT[:3])):
+            assert proven_violations(replace(known, release=release)) == []
+        assert motion.release_time_s > 0.0
+
+
+TURNED = np.diag([1.0, -1.0, -1.0, 1.0])
+IMPOSSIBLE = {
+    "reach, point": ("reach", PointRelease(np.array([1.6, 0.2, 0.4]), np.array([0.5, 0.0, 0.5]))),
+    "reach, pose": ("reach", PoseRelease(np.eye(4) + 2.0 * np.eye(4, k=3), np.zeros(6))),
+    "tool speed": ("tcp_speed", PointRelease(np.array([0.5, 0.2, 0.5]), np.array([4.0, 0.0, 2.0]))),
+    "turning": ("joint_velocity", PoseRelease(TURNED + 0.4 * np.eye(4, k=3), np.array([0, 0, 0, 0, 0, 25.0]))),
+    "floor": ("floor", PointRelease(np.array([0.5, 0.2, -0.1]), np.array([0.5, 0.0, 0.5]))),
+    "range": ("tcp_speed", TargetRelease(np.array([5.0, 0.0, 0.0]))),
+    "requested speed": ("release_velocity", TargetRelease(np.array([2.4, 0.0, 0.0]), max_speed_m_s=1.0)),
+    "joint position": ("joint_position", JointRelease(cell().home + 5.0 * np.eye(6)[2], np.ones(6))),
+    "joint velocity": ("joint_velocity", JointRelease(cell().home + 0.3, 3.5 * np.eye(6)[0])),
+    "singularity": ("singularity_distance", JointRelease(cell().home * [1, 1, 1, 1, 0, 1], 0.1 * np.ones(6))),
+}
+
+
+@pytest.mark.parametrize("case", IMPOSSIBLE)
+def test_an_impossible_release_is_refused_with_proof_and_something_nearest(case):
+    name, release = IMPOSSIBLE[case]
+    problem = joint_problem(release=release)
+    with pytest.raises(Infeasible) as refusal:
+        plan(problem)
+    assert name in [violation.constraint for violation in refusal.value.violations]
+    assert all(violation.proven for violation in refusal.value.violations)
+    assert refusal.value.nearest is not None
+    assert plan(problem_from_request(refusal.value.nearest, problem.cell)).certificate.valid
+
+
+def test_a_search_in_vain_proves_nothing_and_says_what_it_tried():
+    # The tool would need 4.4 m/s from the best of thousands of postures, but a cleverer one is not ruled out.
+    problem = joint_problem(release=TargetRelease(np.array([3.0, 0.0, 0.0])))
+    with pytest.raises(Infeasible) as refusal:
+        plan(problem)
+    assert not any(violation.proven for violation in refusal.value.violations)
+    assert refusal.value.nearest is not None
+
+
+def test_a_back_end_that_makes_no_motion_is_a_search_in_vain():
+    # A ramp needs a run-up, which would begin beyond the first joint's limit.
+    near_limit = np.array([cell().limits.q_lower[0] + 0.1, *cell().home[1:]])
+    release = JointRelease(near_limit, 2.9 * np.eye(6)[0])
+    with pytest.raises(Infeasible) as refusal:
+        plan(joint_problem(backend="ramp", start=near_limit, release=release))
+    (violation,) = refusal.value.violations
+    assert violation.constraint == "motion"
+    assert "ramp: 0 of 0 motions" in violation.detail
+    assert not violation.proven
+
+
+def test_a_search_that_the_time_limit_ends_says_so_and_carries_what_it_has():
+    problem = joint_problem(release=TargetRelease(np.array([1.3, 0.2, 0.0])), time_limit_s=1e-9)
+    with pytest.raises(SolverFailed) as failure:
+        plan(problem)
+    assert failure.value.status == TIME_LIMIT
+    assert failure.value.violations
+    assert not any(violation.proven for violation in failure.value.violations)
+    assert failure.value.nearest is not None
+
+
+def test_the_motion_in_hand_is_given_rather_than_nothing():
+    problem = joint_problem(release=TargetRelease(np.array([1.3, 0.2, 0.0])))
+    search = PlanningSearch(problem, time.perf_counter() + 60.0)
+    search_optimised(search, candidates(problem), policy=())
+    assert search.answer is None
+    search = PlanningSearch(problem, time.perf_counter() + 60.0)
+    in_hand_alone(search)
+    assert search.incumbent is None
+    assert search.answer is not None
+    assert search.answer.certificate.valid
+    assert plan(problem).trajectory.release_time_s <= search.answer.solution.trajectory.release_time_s
+
+
+def in_hand_alone(search):
+    """Runs the search up to the optimiser, which finds its time spent."""
+    from planner.search import auto
+
+    ranking = auto.rank(search.problem, candidates(search.problem))
+    auto.take_in_hand(search, ranking)
+
+
+def test_a_motion_without_its_window_is_offered_with_its_own():
+    # Ruckig's motions do not bend to the window, so its largest one is far below what is asked for.
+    problem = joint_problem(
+        release=TargetRelease(np.array([1.2, 0.3, 0.0])),
+        release_window_s=0.02,
+        landing_tolerance_m=0.005,
+        backend="ruckig",
+    )
+    with pytest.raises(Infeasible) as refusal:
+        plan(problem)
+    nearest = refusal.value.nearest
+    assert nearest is not None
+    assert nearest["release"]["position"] == [1.2, 0.3, 0.0]
+    assert 0.0 <= nearest["release_window_s"] < 0.02
+    assert plan(problem_from_request(nearest, problem.cell)).certificate.valid

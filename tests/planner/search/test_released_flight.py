@@ -1,0 +1,66 @@
+"""Flights that the request fixes and that meet an obstacle: refused before any search, and only then."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planner.cell import Box
+from planner.problem import PointRelease, TargetRelease, ThrowProblem
+from planner.search.released_flight import released_flight_blocked
+from tests.planner.problems import cell, feasible_states, pose_problem
+
+WALL = Box(np.array([0.8, -0.6, 0.0]), np.array([0.85, 0.6, 0.7]))
+
+
+def thrown(v: list[float], *boxes: Box, p: tuple[float, float, float] = (0.5, 0.1, 0.6)) -> ThrowProblem:
+    here = cell()
+    here = replace(here, surroundings=replace(here.surroundings, keep_out=boxes))
+    return ThrowProblem(here, here.home, PointRelease(np.array(p), np.array(v)), here.limits)
+
+
+def test_a_flight_into_a_wall_is_refused_with_depth_time_and_name() -> None:
+    violation = released_flight_blocked(thrown([2.0, 0.0, 0.5], WALL))
+    assert violation is not None
+    assert (violation.constraint, violation.limit, violation.proven) == ("flight_clearance", 0.0, True)
+    assert violation.value == pytest.approx(-0.02)  # the centre passes through: the object's radius
+    assert violation.detail.startswith("box 0, 0.1")
+
+
+def test_a_flight_over_the_wall_is_not() -> None:
+    assert released_flight_blocked(thrown([2.0, 0.0, 3.0], WALL)) is None
+
+
+def test_a_flight_that_grazes_is_left_to_the_certificate() -> None:
+    t = np.linspace(0.0, 0.3, 30001)
+    x, z = 0.5 + 2.0 * t, 0.6 - 0.5 * 9.81 * t**2
+
+    def gap(top: float) -> float:
+        return float(np.hypot(x - np.clip(x, 0.8, 0.801), np.maximum(z - top, 0.0)).min()) - 0.02
+
+    low, high = 0.3, 0.6
+    for _ in range(40):
+        low, high = (low, (low + high) / 2) if gap((low + high) / 2) < 0.0 else ((low + high) / 2, high)
+    for top, refused in ((low, False), (low + 0.01, True)):
+        post = Box(np.array([0.8, -0.6, 0.0]), np.array([0.801, 0.6, top]))
+        assert (released_flight_blocked(thrown([2.0, 0.0, 0.0], post)) is not None) == refused
+
+
+def test_a_flight_back_onto_the_base_is_refused() -> None:
+    violation = released_flight_blocked(thrown([-1.5, -0.3, 0.0]))
+    assert violation is not None
+    assert "base" in violation.detail or "foot" in violation.detail
+
+
+def test_released_postures_with_a_known_throw_are_not_refused() -> None:
+    for known, _ in feasible_states(cell(), 5, 4):
+        problem = pose_problem(known.cell, known.release.q, known.release.qd)
+        assert released_flight_blocked(problem) is None
+
+
+def test_a_target_does_not_fix_the_flight() -> None:
+    problem = thrown([2.0, 0.0, 0.5], WALL)
+    target = TargetRelease(np.array([1.2, 0.1, 0.1]))
+    assert released_flight_blocked(replace(problem, release=target)) is None

@@ -1,0 +1,82 @@
+"""The way home from a plan's end: certified for what the tool holds there, and required of every plan."""
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planner.approach.rest_to_rest import rest_to_rest_motion
+from planner.cell import Cell
+from planner.certificate import certify
+from planner.errors import Infeasible
+from planner.planning import plan
+from planner.problem import JointRelease, TargetRelease, ThrowProblem
+from planner.search import PlanningSearch, best_with_way_home
+from planner.solution import Solution
+from tests.planner.problems import cell, joint_problem
+
+THROW = joint_problem(release=TargetRelease(np.array([1.3, 0.2, 0.0])))
+MOVE = joint_problem(release=JointRelease(cell().home + 0.3, np.zeros(6)))
+
+
+@pytest.mark.parametrize("problem", [THROW, MOVE], ids=["throw", "move to rest"])
+def test_it_leads_from_the_end_to_home_and_is_certified(problem: ThrowProblem) -> None:
+    answer = plan(problem)
+    way, home = answer.way_home, problem.cell.home
+    assert way.trajectory is not None and way.problem is not None
+    np.testing.assert_allclose(way.trajectory.q[[0, -1]], [answer.trajectory.q[-1], home], atol=1e-9)
+    assert certify(way.problem, way.trajectory).valid
+    assert way.problem.holds_object == problem.ends_at_rest
+    assert way.duration_s == way.trajectory.duration_s
+
+
+def test_a_plan_that_ends_at_home_is_there() -> None:
+    home = cell().home
+    answer = plan(joint_problem(start=home + 0.2, release=JointRelease(home, np.zeros(6))))
+    assert answer.way_home.duration_s == 0.0
+
+
+def narrow(wide: Cell) -> Cell:
+    """Returns the cell with a first joint that turns no farther than 0.5 rad from home."""
+    lower, upper = wide.limits.q_lower.copy(), wide.limits.q_upper.copy()
+    lower[0], upper[0] = wide.home[0] - 0.5, wide.home[0] + 0.5
+    return replace(wide, limits=replace(wide.limits, q_lower=lower, q_upper=upper))
+
+
+def moves(*turns: float) -> PlanningSearch:
+    """Returns a search with certified moves that turn the first joint: beyond 0.5 rad no way leads home."""
+    wide, here = cell().limits, narrow(cell())
+    search = PlanningSearch(ThrowProblem(here, here.home, MOVE.release, wide), time.perf_counter() + 60.0)
+    for turn in turns:
+        end = here.home + turn * np.eye(6)[0]
+        search.problem = ThrowProblem(here, here.home, JointRelease(end, np.zeros(6)), wide)
+        motion = rest_to_rest_motion(np.array([here.home, end]), wide, search.problem.dt)
+        assert search.certify("test", Solution(motion, "a move")).valid
+    return search
+
+
+def test_the_next_best_motion_is_taken_where_the_best_is_stuck() -> None:
+    search = moves(0.6, 0.45, 0.7)
+    motion, way = best_with_way_home(search)
+    assert motion.solution.trajectory.q[-1, 0] == pytest.approx(cell().home[0] + 0.45)
+    assert way.duration_s > 0.0
+
+
+def test_where_no_motion_has_a_way_home_the_refusal_names_what_blocks_it() -> None:
+    search = moves(0.7, 0.6)
+    with pytest.raises(Infeasible) as refusal:
+        best_with_way_home(search)
+    (violation,) = refusal.value.violations
+    assert violation.constraint == "way_home"
+    assert violation.value == pytest.approx(cell().home[0] + 0.6)  # of the sooner one
+    assert violation.limit == pytest.approx(cell().home[0] + 0.5)
+    assert "shoulder_pan_joint" in violation.detail
+
+
+def test_a_plan_without_a_way_home_is_refused() -> None:
+    here = narrow(cell())
+    end = here.home + 0.6 * np.eye(6)[0]
+    with pytest.raises(Infeasible) as refusal:
+        plan(ThrowProblem(here, here.home, JointRelease(end, np.zeros(6)), cell().limits))
+    assert [violation.constraint for violation in refusal.value.violations] == ["way_home"]

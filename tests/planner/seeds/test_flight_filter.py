@@ -1,0 +1,77 @@
+"""Candidates of targets behind walls and in bins, and of points with a palm: their objects get out and past."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planner.cell import Box, Cell
+from planner.errors import Infeasible
+from planner.geometry import Arcs, tool_state
+from planner.kinematics import tcp_acceleration
+from planner.problem import Opening, PointRelease, TargetRelease, ThrowProblem
+from planner.seeds import candidates
+from tests.planner.problems import cell, point_problem, random_state
+
+WALL = Box(np.array([0.8, -0.6, 0.0]), np.array([0.85, 0.6, 0.7]))
+
+
+def walled(here: Cell, *boxes: Box) -> Cell:
+    return replace(here, surroundings=replace(here.surroundings, keep_out=boxes))
+
+
+def arcs_of(problem: ThrowProblem) -> Arcs:
+    found = candidates(problem)
+    tool = tool_state(problem.cell, np.array([c.q for c in found]), np.array([c.qd for c in found]))
+    return Arcs.onto(tool.p_WT, tool.v_WT, problem.plane_z, problem.gravity, problem.cell.object.radius_m)
+
+
+def distance_from(box: Box, arcs: Arcs) -> np.ndarray:
+    t = np.linspace(0.0, 1.0, 500)[:, None] * arcs.until_s
+    x = np.stack([arcs.at(row) for row in t])
+    return np.linalg.norm(x - np.clip(x, box.lower, box.upper), axis=-1).min(axis=0)
+
+
+def test_candidates_pass_over_a_wall_that_those_without_it_meet() -> None:
+    target = TargetRelease(np.array([1.15, 0.1, 0.1]))
+    plain, behind = (ThrowProblem(c, c.home, target, c.limits) for c in (cell(), walled(cell(), WALL)))
+    assert np.any(distance_from(WALL, arcs_of(plain)) < 0.02)
+    over = arcs_of(behind)
+    assert np.all(distance_from(WALL, over) > 0.02)
+    assert np.all(np.linalg.norm(over.v, axis=1) <= plain.limits.tcp_speed_max)
+
+
+def test_candidates_come_down_through_the_mouth() -> None:
+    here, mouth = cell(), Opening(0.08, 0.15)
+    problem = ThrowProblem(here, here.home, TargetRelease(np.array([0.9, 0.3, 0.05]), opening=mouth), here.limits)
+    arcs = arcs_of(problem)
+    assert len(arcs.p) >= 6
+    assert np.all(arcs.enter_mouth(problem.release.p_W, mouth.radius_m, mouth.rim_height_m))
+
+
+def test_a_target_may_stand_on_a_box_but_not_in_one() -> None:
+    target = TargetRelease(np.array([1.0, 0.2, 0.3]))
+    table = Box(np.array([0.8, 0.0, 0.0]), np.array([1.2, 0.4, 0.3]))
+    here = walled(cell(), table)
+    assert candidates(ThrowProblem(here, here.home, target, here.limits))
+    here = walled(cell(), replace(table, upper=np.array([1.2, 0.4, 0.6])))
+    with pytest.raises(Infeasible) as caught:
+        candidates(ThrowProblem(here, here.home, target, here.limits))
+    assert caught.value.violations[0].constraint == "flight_clearance"
+
+
+def test_points_have_postures_whose_palm_is_not_in_the_way() -> None:
+    direction, cone, rng = np.array([0.0, 0.0, 1.0]), 1.2, np.random.default_rng(3)
+    here = cell()
+    palm = replace(here, gripper=replace(here.gripper, opening_direction=direction, opening_cone_rad=cone))
+    for _ in range(5):
+        drawn = point_problem(here, *random_state(here, rng, 0.6))
+        assert isinstance(drawn.release, PointRelease)
+        for c in candidates(replace(drawn, cell=palm)):
+            X_WT = tool_state(palm, c.q, c.qd).X_WT
+            a_B = tcp_acceleration(palm.robot, c.q, c.qd, np.zeros(6), palm.tool.X_FT)[:3]
+            leaving = -palm.X_WB[:3, :3] @ a_B - [0.0, 0.0, 9.81]
+            cosine = leaving @ X_WT[:3, :3] @ direction / np.linalg.norm(leaving)
+            assert np.arccos(cosine) <= cone + 1e-9

@@ -1,0 +1,171 @@
+"""The compiled kernel: the same certificates with and without it, and numpy where it is missing or wrong."""
+
+import logging
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planner import kernel
+from planner.backends import ruckig_otg
+from planner.cell import Box, Cell, ToolCapsule
+from planner.certificate import certify
+from planner.dynamics import joint_torques
+from planner.geometry import body_model, segment_box_distance, segment_segment_distance
+from planner.kernel import Kernel, compilation, library
+from planner.kinematics import link_poses
+from planner.problem import JointRelease, ThrowProblem
+from planner.robots import ROBOT_NAMES, robot
+from planner.rotations import pose, rotation_vector_to_matrix
+from planner.seeds import Candidate
+from tests.planner.problems import cell
+
+CLOSE = 1e-9  # [m, N m, -] of certificate values
+needs_compiler = pytest.mark.skipif(not kernel.compile_kernel(), reason="there is no C compiler")
+
+
+@pytest.fixture
+def numpy_alone(monkeypatch):
+    """Returns a function that takes the kernel away from all that follows."""
+    return lambda: monkeypatch.setattr(library, "loaded", lambda: None)
+
+
+def cells() -> list[Cell]:
+    """Every arm: some mounted askew, with capsules on the tool, boxes or a heavy object."""
+    rng, found = np.random.default_rng(7), []
+    base = cell()
+    for i, name in enumerate(ROBOT_NAMES):
+        arm, here = robot(name), base
+        limits = {key: getattr(arm, key) for key in ("q_lower", "q_upper", "qd_max", "qdd_max", "tau_max")}
+        here = replace(here, robot=arm, limits=replace(here.limits, **limits))
+        if i % 2:
+            turned = rotation_vector_to_matrix(rng.uniform(-2.0, 2.0, 3))
+            here = replace(here, X_WB=pose([0.1, -0.2, 1.5], turned))
+        if i % 3 == 0:
+            capsules = [ToolCapsule(*rng.uniform(-0.1, 0.1, (2, 3)), 0.03), ToolCapsule(*np.zeros((2, 3)), 0.05)]
+            X_FT = pose([0.03, -0.05, 0.2], rotation_vector_to_matrix([0.3, 0.2, -0.4]))
+            here = replace(here, tool=replace(here.tool, X_FT=X_FT, capsules=tuple(capsules)))
+        if i % 3 == 1:
+            here = replace(here, object=replace(here.object, mass_kg=2.5))
+        if i % 2 == 0:
+            corners = [rng.uniform([-1.0, -0.1, -1.0], [0.0, 0.9, 0.0]) for _ in range(2)]
+            boxes = tuple(Box(corner, corner + 0.3) for corner in corners)
+            here = replace(here, surroundings=replace(here.surroundings, keep_out=boxes))
+        found.append(here)
+    return found
+
+
+def motions(here: Cell, count: int):
+    """Random launches of Ruckig with their brakes; many collide or overload a joint."""
+    rng = np.random.default_rng(ROBOT_NAMES.index(here.robot.name))
+    for _ in range(count):
+        q = here.home + rng.uniform(-1.5, 1.5, 6)
+        qd = rng.uniform(-0.7, 0.7, 6) * here.limits.qd_max
+        problem = ThrowProblem(here, here.home, JointRelease(q, qd), here.limits)
+        yield problem, ruckig_otg.solve(problem, Candidate(q, qd, 0.0, "test")).trajectory
+
+
+@needs_compiler
+@pytest.mark.parametrize("here", cells(), ids=lambda here: here.robot.name)
+def test_certificates_are_the_same_with_and_without_it(here, numpy_alone):
+    drawn = list(motions(here, 6))
+    compiled = [certify(*each) for each in drawn]
+    numpy_alone()
+    for with_it, without in zip(compiled, (certify(*each) for each in drawn), strict=True):
+        assert [(c.name, c.ok) for c in with_it.checks] == [(c.name, c.ok) for c in without.checks]
+        values = [[check.value for check in each.checks] for each in (with_it, without)]
+        np.testing.assert_allclose(*values, rtol=CLOSE, atol=CLOSE)
+
+
+@needs_compiler
+@pytest.mark.parametrize("here", cells(), ids=lambda here: here.robot.name)
+def test_clearances_and_torques_are_the_same_with_and_without_it(here, numpy_alone):
+    q, qd, qdd = np.random.default_rng(3).uniform(-3.0, 3.0, (3, 40, 6))
+
+    def results():
+        free = body_model(here).clearances(q)
+        tau = joint_torques(here.robot, q, qd, qdd, [0.3, -0.2, -9.8])
+        return link_poses(here.robot, q, here.X_WB), free.floor, free.keep_out, free.self_collision, tau
+
+    compiled = results()
+    numpy_alone()
+    for with_it, without in zip(compiled, results(), strict=True):
+        np.testing.assert_allclose(with_it, without, rtol=1e-12, atol=1e-12)
+
+
+@needs_compiler
+def test_poses_are_the_same_to_the_bit(numpy_alone):
+    q = np.random.default_rng(1).uniform(-6.0, 6.0, (100, 6))
+    compiled = [link_poses(robot(name), q) for name in ROBOT_NAMES]
+    numpy_alone()
+    for name, found in zip(ROBOT_NAMES, compiled, strict=True):
+        np.testing.assert_array_equal(found, link_poses(robot(name), q))
+
+
+@needs_compiler
+def test_what_cannot_be_evaluated_stays_so():
+    """A NaN must not be clamped to a distance that passes a check."""
+    p0, p1, q0, q1 = np.random.default_rng(2).uniform(-1.0, 1.0, (4, 12, 3))
+    for i, ends in enumerate((p0, p1, q0, q1)):
+        ends[3 * i : 3 * i + 3][np.eye(3, dtype=bool)] = np.nan
+    assert np.isnan(segment_segment_distance(p0, p1, q0, q1)).all()
+    assert np.isnan(segment_box_distance(p0[:6], p1[:6], [-0.1] * 3, [0.1] * 3)).all()
+    q = np.zeros((1, 6))
+    q[0, 2] = np.nan
+    assert np.isnan(body_model(cell()).clearances(q).self_collision).all()
+    assert np.isnan(joint_torques(robot("ur5e"), q, q, q, [0.0, 0.0, -9.8])).any()
+
+
+@needs_compiler
+def test_a_twin_that_differs_is_refused_with_a_warning(monkeypatch, caplog):
+    def off(self, p0, p1, lower, upper):
+        return right(self, p0, p1, lower, upper) + 1e-9
+
+    right, q = Kernel.box_distances, np.random.default_rng(5).uniform(-3.0, 3.0, (5, 3))
+    expected = right(library.loaded(), q, q + 1.0, q + 2.0, q + 3.0)
+    twin = kernel.twin_of(off, lambda: (q, q + 1.0, q + 2.0, q + 3.0))(lambda *ends: right(library.loaded(), *ends))
+    with caplog.at_level(logging.WARNING):
+        np.testing.assert_array_equal(twin(q, q + 1.0, q + 2.0, q + 3.0), expected)
+    assert "differs" in caplog.text
+    caplog.clear()
+    twin(q, q + 1.0, q + 2.0, q + 3.0)
+    assert not caplog.records  # compared once
+
+
+@needs_compiler
+def test_wrong_shapes_are_refused():
+    with pytest.raises(ValueError, match="instead of"):
+        library.loaded().box_distances(np.zeros((3, 3)), np.zeros((2, 3)), np.zeros((3, 3)), np.zeros((3, 3)))
+
+
+def test_without_a_compiler_or_with_a_broken_library_numpy_does_the_work(monkeypatch, tmp_path, caplog):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(compilation, "COMPILERS", ())
+    try:
+        assert not kernel.compile_kernel()
+        assert np.isfinite(link_poses(robot("ur5e"), np.zeros(6))).all()
+        broken = library.path()
+        broken.parent.mkdir(parents=True)
+        broken.write_text("no library")
+        library.loaded.cache_clear()
+        with caplog.at_level(logging.WARNING):
+            assert library.loaded() is None
+        assert "numpy is" in caplog.text
+    finally:
+        monkeypatch.undo()
+        library.loaded.cache_clear()
+
+
+@needs_compiler
+@pytest.mark.parametrize("row", [-1, 7])
+def test_indices_of_no_row_are_refused(row):
+    with pytest.raises(IndexError):
+        library.loaded().end_points(np.zeros((2, 7, 4, 4)), np.array([0, row]), np.zeros((2, 2, 3)))
+
+
+@needs_compiler
+def test_nothing_has_no_distances():
+    none = np.zeros((0, 3))
+    assert segment_segment_distance(none, none, none, none).shape == (0,)
+    assert segment_box_distance(none, none, [0.0] * 3, [1.0] * 3).shape == (0,)
+    assert body_model(cell()).clearances(np.zeros((0, 6))).least.shape == (0,)
