@@ -151,5 +151,5 @@ def test_candidates_near_the_soonest_are_sooner_still(kind, monkeypatch):
     if kind == "target":
         problem = replace(problem, release=TargetRelease(np.array([1.4, -0.5, 0.1])))
     moved = candidates(problem)[0].bound_s
-    monkeypatch.setattr("planner.seeds.sampling._nearby_offsets", tuple)
+    monkeypatch.setattr("planner.seeds.soonest_states._nearby_offsets", tuple)
     assert moved < 0.99 * candidates(problem)[0].bound_s
