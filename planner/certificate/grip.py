@@ -44,9 +44,11 @@ TINY = 1e-9  # [m/s^2] an acceleration that has no direction
 SAME_INSTANT = 12  # [-] decimals of a time [s]: sums that differ by rounding are one instant
 
 
-def grip_acceleration(motion: MotionSamples) -> Check | NotChecked:
-    """Checks that the grip withstands the acceleration while the object is held, in the window too."""
+def grip_acceleration(motion: MotionSamples) -> Check | NotChecked | None:
+    """Checks that the grip withstands the acceleration while the object is held, in the window too; None without it."""
     name, problem = "grip_acceleration", motion.problem
+    if not problem.holds_object:
+        return None
     limit = problem.cell.gripper.hold_acceleration_m_s2
     if limit is None:
         return NotChecked(name)
