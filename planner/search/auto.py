@@ -21,7 +21,7 @@ from planner.solution import Solution
 from planner.trajectory import Trajectory
 
 IN_HAND_VARIANTS: tuple[ruckig_otg.LaunchVariant, ...] = ("synchronised", "gentle")
-IN_HAND_CANDIDATES = 4  # [-] the soonest ones that Ruckig's motions in hand lead to
+IN_HAND_CANDIDATES = 2  # [-] the soonest ones that Ruckig's motions in hand lead to
 ROUNDS_MAX = 4  # solves from one seed, each after the failed checks of the one before
 TICK_SLACK = 1e-6  # [ticks] for rounding
 NOT_COMPILED = "the solvers are not compiled: the same answer, later; `fling warm` compiles them"

@@ -27,7 +27,7 @@ RADIUS_SHARES, HEIGHT_SHARES = (0.2, 0.95), (-0.3, 0.8)  # [-] of the reach: ext
 CHECKED_MAX = 200  # closest positions that are checked for clearance
 CLEARANCE_M = 0.03  # [m] beyond every required clearance, as room for launch and brake
 APART_M = 0.04  # [m] least distance of two positions
-RELEASES_MAX = 6  # releases yielded
+RELEASES_MAX = 2  # releases yielded; the same velocity fails the same checks at most others
 
 
 def feasible_releases(problem: ThrowProblem, release: PlacedRelease) -> Iterator[PlacedRelease]:

@@ -38,8 +38,8 @@ UNDER_M = 0.2  # [m] from below the tool at the start, towards the target: an ea
 COMFORTABLE_REACH = 0.6  # [-] of the arm's reach: positions there have many postures
 STEPS_OUT, NEAREST_OUT = 24, 8  # distances tried from the base to there; those from a third of it on are targets
 BESIDE_M = 0.05  # [m] between the object and a box that an easy target is in front of
-MOTIONS_MAX, LATE_MOTIONS_MAX = 60, 20  # motions certified, 10 to 20 ms each; after the request's deadline
-CANDIDATES_MAX, FEW_CANDIDATES = 6, 3  # tried for one release, thoroughly or not
+MOTIONS_MAX, LATE_MOTIONS_MAX = 30, 20  # motions certified, about 5 ms each; after the request's deadline
+CANDIDATES_MAX, FEW_CANDIDATES = 6, 2  # tried for one release, thoroughly or not
 
 
 class Feasibility:

@@ -26,7 +26,7 @@ from planner.seeds.flight_filter import (
     leave_through_opening,
 )
 from planner.seeds.quasi_random import joint_offsets, quaternions
-from planner.seeds.soonest_states import penalised_bound, soonest_nearby
+from planner.seeds.soonest_states import penalised_bound, soonest, soonest_nearby
 from planner.seeds.velocity_allocation import allocate_velocity
 
 ORIENTATIONS = 96  # tool orientations tried at a point
@@ -116,7 +116,7 @@ def target_states(
         problem: the problem.
         release: its target.
         thorough: whether to try `MORE_POSTURES`, and leave out those in which the arm is not clear.
-        wide: whether to try as many where no throw from the first is slow enough.
+        wide: whether to try as many where no throw from the first is slow enough, and to look for sooner states near.
 
     Raises:
         Infeasible: there are none.
@@ -124,7 +124,10 @@ def target_states(
     q, qd = _thrown(problem, release, thorough, wide)
     if thorough:
         q, qd = _clear_of_obstacles(problem, q, qd)
-    q, qd = soonest_nearby(problem, q, qd, partial(_throws_near, problem, release))
+    if wide:
+        q, qd = soonest_nearby(problem, q, qd, partial(_throws_near, problem, release))
+    else:
+        q, qd = soonest(problem, q, qd)
     return (q, qd) if problem.drag <= 0.0 else _with_drag(problem, release, q, qd)
 
 

@@ -56,8 +56,11 @@ def soonest_nearby(problem: ThrowProblem, q: Array, qd: Array, states_near: Stat
         qd: their velocities (m, 6) [rad/s].
         states_near: returns states q, qd (k, 6) next to postures (k, 6); NaN where there is none.
     """
-    rows = _soonest(problem, q, qd)
-    q, qd = _moved_nearby(problem, q[rows], qd[rows], states_near)
+    return soonest(problem, *_moved_nearby(problem, *soonest(problem, q, qd), states_near))
+
+
+def soonest(problem: ThrowProblem, q: Array, qd: Array) -> tuple[Array, Array]:
+    """Returns those of the states q, qd (m, 6) that are kept: see `_soonest`."""
     rows = _soonest(problem, q, qd)
     return q[rows], qd[rows]
 

@@ -21,9 +21,11 @@ BETWEEN_KNOTS_FACTOR = 1.5  # [-] margin at knots and midpoints per clearance mi
 MOST_SHARE = 0.4  # [-] of a limit; beyond it a margin is no remedy
 MOST_M = 0.1  # [m] the same for a clearance
 MOST_EVERYWHERE_M = 0.01  # [m] the same for a clearance margin along the whole motion
-OPENING_FACTOR = 2.5  # [-] rows hold at the release; the angle falls by less than half of that until the object is out
-MOST_OPENING_RAD = 1.5  # [rad] narrower than that no way out is left of a half space
 MOST_RAD = 0.2  # [rad] the same for a joint position
+# [-] margin of the gripper's opening per angle missing: the row holds at the release, but the object is on its way out
+# for some 40 ms more, and what is gained at the release is halved by then.
+OPENING_FACTOR = 2.5
+MOST_OPENING_RAD = 0.6  # [rad] missing angle beyond which a margin is no remedy
 TOO_COARSE_M = 0.005  # [m] clearance missing between knots and midpoints that calls for more stages
 DIAGONAL = math.sqrt(2.0)  # the optimiser bounds a landing error in x and y, the certificate its norm
 
@@ -173,8 +175,8 @@ class Margins:
     def _widened_for_flight(self, check: str, missing: float, is_cut: bool) -> Margins | None:
         held = replace(self, held=self.held | {"flight"})
         if check == "opening_direction":
-            narrower = self.opening_rad + OPENING_FACTOR * missing + SPARE_RAD
-            return replace(held, opening_rad=narrower) if narrower < MOST_OPENING_RAD else None
+            more = OPENING_FACTOR * missing + SPARE_RAD
+            return replace(held, opening_rad=self.opening_rad + more) if missing < MOST_OPENING_RAD else None
         if is_cut:
             return held
         more = BETWEEN_KNOTS_FACTOR * missing + SPARE_M
