@@ -241,8 +241,9 @@ class Exits:
 
     def _first_length(self) -> float:
         """Returns a time in which the object should be out, a multiple of `SPACING_S` [s]."""
-        felt = self._releases(np.array([self.flights.released_s]))[2]
-        least = max(float(np.sqrt(dot(felt, felt))[0]), self.flights.motion.problem.gravity)
+        motion = self.flights.motion
+        felt = felt_at(motion.at_knots, motion.problem.gravity)[:, motion.release_knot]
+        least = max(float(np.linalg.norm(felt)), motion.problem.gravity)
         return SPACING_S * (2 + math.ceil(SPARE * math.sqrt(2.0 * self.out_m / least) / SPACING_S))
 
     def _cells_between(self, begin_s: float, end_s: float) -> tuple[Cells, tuple[int, int]]:
@@ -324,23 +325,25 @@ class Exits:
 
     def _way(self, r: Array, s: Array) -> Array:
         """Returns w in the tool frame (3, k) [m/s^2], `s` [s] after releases at `r` [s]."""
-        motion, problem = self.flights.motion, self.flights.motion.problem
-        p, v, felt = self._releases(r)
+        motion, X_FT = self.flights.motion, self.flights.motion.problem.cell.tool.X_FT
+        arm, release = self._releases(r)
         instants, where = np.unique(np.round(r + s, SAME_INSTANT), return_inverse=True)
-        X_WL, X_FT = motion.poses_at(instants), problem.cell.tool.X_FT
-        p_WT = X_WL[:, 6, :3, :3] @ X_FT[:3, 3] + X_WL[:, 6, :3, 3]
-        w = (self.flights.flown(p, v, s) - p_WT[where].T) * (2.0 / np.where(s > 0.0, s * s, 1.0))
-        return _in_tool(X_WL[where], X_FT[:3, :3], np.where(s > 0.0, w, -felt))
+        X_WF = motion.body.link_poses(motion.trajectory.at(instants)[0])[:, 6]
+        p_WT = (X_WF[:, :3, :3] @ X_FT[:3, 3] + X_WF[:, :3, 3]).T
+        later, fallen = s > 0.0, self.flights.flown(arm.p_WT[:, release], arm.v_WT[:, release], s)
+        w = (fallen - p_WT[:, where]) * (2.0 / np.where(later, s * s, 1.0))
+        if not later.all():
+            w = np.where(later, w, -felt_at(arm, motion.problem.gravity)[:, release])
+        R_WT = (X_WF[:, :3, :3] @ X_FT[:3, :3]).transpose(1, 2, 0)[:, :, where]
+        return np.stack([dot(R_WT[:, c], w) for c in range(3)])
 
-    def _releases(self, r: Array) -> tuple[Array, Array, Array]:
-        """Returns positions, velocities, and accelerations against free fall (3, k) of the tool at releases (k,)."""
+    def _releases(self, r: Array) -> tuple[ArmSamples, Index]:
+        """Returns the arm at releases (k,), and which of its instants each is."""
         motion = self.flights.motion
         if self.flights.window_s == 0.0:
-            arm, where = motion.at_knots, np.full(len(r), motion.release_knot)
-        else:
-            instants, where = np.unique(r, return_inverse=True)
-            arm = motion.at(instants)
-        return arm.p_WT[:, where], arm.v_WT[:, where], felt_at(arm, motion.problem.gravity)[:, where]
+            return motion.at_knots, np.full(len(r), motion.release_knot)
+        instants, where = np.unique(r, return_inverse=True)
+        return motion.at(instants), where
 
 
 def felt_at(arm: ArmSamples, gravity: float) -> Array:

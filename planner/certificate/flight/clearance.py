@@ -133,7 +133,7 @@ def _grid(flights: Flights, beyond_s: float) -> Grid:
         r0=r[: max(1, len(r) - 1)],
         r1=r[several],
         t=t,
-        x=flights.flown(p[:, :, None], v[:, :, None], t - r[:, None]),
+        x=flights.flown_on_grid(p, v, t - r[:, None]),
         X_WL=np.concatenate([poses, np.repeat(poses[-1:], resting, axis=0)]),
         rates=rates,
         bounds=bounds,
