@@ -73,7 +73,8 @@ def watched_levers(cell: Cell) -> WatchedLevers:
     def lever(point: WatchedPoint) -> Array:
         return levers(cell.robot, point.frame, float(np.linalg.norm(point.place)))
 
-    return WatchedLevers(*map(lever, tool_points(cell)), np.max([lever(p) for p in elbow_points(cell)], axis=0))
+    tool, flange = tool_points(cell)
+    return WatchedLevers(lever(tool), lever(flange), np.max([lever(point) for point in elbow_points(cell)], axis=0))
 
 
 @lru_cache(maxsize=1)

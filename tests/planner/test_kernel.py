@@ -11,6 +11,7 @@ from planner.backends import ruckig_otg
 from planner.cell import Box, Cell, ToolCapsule
 from planner.certificate import certify
 from planner.dynamics import joint_torques
+from planner.flight import fly, landing_states, paths, positions_after
 from planner.geometry import body_model, segment_box_distance, segment_segment_distance
 from planner.kernel import Kernel, compilation, library
 from planner.kinematics import link_poses
@@ -154,6 +155,29 @@ def test_without_a_compiler_or_with_a_broken_library_numpy_does_the_work(monkeyp
     finally:
         monkeypatch.undo()
         library.loaded.cache_clear()
+
+
+@needs_compiler
+def test_flights_with_drag_are_the_same_with_and_without_it(numpy_alone):
+    """With one that never lands, and one that is released below the plane on its way up."""
+    rng = np.random.default_rng(4)
+    p = rng.uniform([-1.0, -1.0, 0.5], [1.0, 1.0, 1.5], (8, 3))
+    v = rng.uniform([-3.0, -3.0, -2.0], [3.0, 3.0, 5.0], (8, 3))
+    p[0], v[0], p[1], v[1] = [0.0, 0.0, 0.1], [1.0, 0.0, 0.5], [0.0, 0.0, 0.1], [1.0, 0.0, 4.0]
+    times = np.concatenate([np.zeros((8, 1)), np.cumsum(rng.uniform(0.0, 0.03, (8, 20)), axis=1)], axis=1)
+
+    def computed():
+        each = [fly(*state, 0.3, 9.81, 0.2) for state in zip(p, v, strict=True)]
+        apexes = [np.nan if flight is None else flight.apex_height_m for flight in each]
+        landed = landing_states(p, v, 0.3, 9.81, 0.2)
+        return paths(p, v, times, 9.81, 0.2), positions_after(p, v, times[:, -1], 9.81, 0.2), *landed, np.array(apexes)
+
+    compiled = computed()
+    numpy_alone()
+    for found, expected in zip(compiled, computed(), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-11)
+    assert np.isnan(compiled[-1]).tolist() == [True] + 7 * [False]
+    np.testing.assert_allclose(compiled[0][:, -1], compiled[1], rtol=0.0, atol=1e-8)
 
 
 @needs_compiler
