@@ -7,6 +7,7 @@ import logging
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from functools import partial
 
 from fastapi import FastAPI
 
@@ -47,24 +48,11 @@ def create_app(settings: ServiceSettings) -> FastAPI:
             "FLING_TOKENS_FILE"
         )
 
-    @asynccontextmanager
-    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        service = _service(settings, tokens)
-        app.state.service = service
-        warm_up = asyncio.create_task(_warm_up(service))
-        try:
-            yield
-        finally:
-            warm_up.cancel()
-            await asyncio.gather(warm_up, return_exceptions=True)
-            service.pool.close()
-            service.store.close()
-
     app = FastAPI(
         title="Fling",
         version=fling_version(),
         description=DESCRIPTION,
-        lifespan=lifespan,
+        lifespan=partial(_lifespan, settings, tokens),
         docs_url=None,
         redoc_url=None,
         redirect_slashes=False,
@@ -75,6 +63,21 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         app.include_router(router)
     app.openapi = lambda: openapi_schema(app)
     return app
+
+
+@asynccontextmanager
+async def _lifespan(settings: ServiceSettings, tokens: tuple[StoredToken, ...], app: FastAPI) -> AsyncIterator[None]:
+    """Opens the service's parts, and closes them when the application ends."""
+    service = _service(settings, tokens)
+    app.state.service = service
+    warm_up = asyncio.create_task(_warm_up(service))
+    try:
+        yield
+    finally:
+        warm_up.cancel()
+        await asyncio.gather(warm_up, return_exceptions=True)
+        service.pool.close()
+        service.store.close()
 
 
 def serve(settings: ServiceSettings) -> int:

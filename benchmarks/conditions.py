@@ -180,7 +180,7 @@ def _wait_until_ready(url: str, process: subprocess.Popen[bytes]) -> None:
     raise RuntimeError("the service does not become ready")
 
 
-WAYS: dict[str, Callable[[Sequence[Request], Mapping[str, str]], list[Answer]]] = {
+ANSWERS_BY_WAY: dict[str, Callable[[Sequence[Request], Mapping[str, str]], list[Answer]]] = {
     "library": by_library,
     "command": by_command,
     "service": by_service,
@@ -318,7 +318,7 @@ def main(argv: Sequence[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--count", type=int, default=10, help="requests of every kind")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--way", dest="ways", action="append", choices=WAYS, help="default: all")
+    parser.add_argument("--way", dest="ways", action="append", choices=ANSWERS_BY_WAY, help="default: all")
     parser.add_argument("--condition", dest="conditions", action="append", choices=CONDITIONS, help="default: all")
     parser.add_argument("--out", type=Path, help="folder of the report; default: standard output")
     parser.add_argument("--answer", action="store_true", help=argparse.SUPPRESS)  # this process is `by_library`'s
@@ -330,8 +330,8 @@ def main(argv: Sequence[str]) -> int:
     reference, made = by_library(asked, os.environ), []
     for condition in given.conditions or CONDITIONS:
         with CONDITIONS[condition]() as environment:
-            for way in given.ways or WAYS:
-                made.append(compare(condition, way, asked, reference, WAYS[way](asked, environment)))
+            for way in given.ways or ANSWERS_BY_WAY:
+                made.append(compare(condition, way, asked, reference, ANSWERS_BY_WAY[way](asked, environment)))
                 print(made[-1].row(), *made[-1].differences, sep="\n", file=sys.stderr, flush=True)
     text = report(asked, reference, made)
     if given.out:

@@ -2,7 +2,7 @@
 
     python -m benchmarks.walls_and_bins --count 60 --seed 0
 
-Every answer is judged again by `benchmarks.audit.flights`, which shares no code with the certificate.
+Every answer is judged again by `benchmarks.audit`, which shares no code with the certificate.
 """
 
 from __future__ import annotations
@@ -14,9 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.audit.flights import flight_faults
-from benchmarks.problem_sets import cell, obstructed_tasks, open_tasks
-from benchmarks.problem_sets.task import Task
+from benchmarks.audit import flight_faults
+from benchmarks.problem_sets import Task, cell, obstructed_tasks, open_tasks
 from planner.backends import casadi_nlp
 from planner.errors import Infeasible, SolverFailed
 from planner.planning import Plan, plan

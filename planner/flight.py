@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from planner.arrays import Array
+from planner.arrays import Array, Index
+from planner.kernel import Kernel, twin_of
 
 AIR_DENSITY_KG_M3 = 1.204  # source: ISO 2533 standard atmosphere, dry air at 20 degC and 101,325 Pa
 STEP_S = 0.004  # [s] Runge-Kutta step: landing error below 1e-9 m for |v| <= 10 m/s and k <= 1 /m (see the tests)
@@ -144,11 +145,23 @@ def path(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float, drag: flo
     times = np.asarray(times, float)
     if drag <= 0.0:
         return p + v * times[:, None] - np.array([0.0, 0.0, 0.5 * gravity]) * times[:, None] ** 2
-    state, now, rows = np.concatenate([p, v]), 0.0, []
-    for t in times:
-        state, now = _advance(state, t - now, gravity, drag), float(t)
-        rows.append(state[:3])
-    return np.array(rows).reshape(-1, 3)
+    return paths(p[None], v[None], times[None], gravity, drag)[0]
+
+
+def paths(p: Array, v: Array, times: Array, gravity: float, drag: float) -> Array:
+    """Returns the positions (m, n, 3) [m] of m flights with drag, each at its own increasing times after its release.
+
+    Args:
+        p: release positions (m, 3) [m].
+        v: release velocities (m, 3) [m/s].
+        times: (m, n) [s].
+        gravity: [m/s^2].
+        drag: k of `drag_constant` [1/m].
+    """
+    durations = np.diff(times, axis=1, prepend=0.0)
+    steps = np.ceil(durations.max(axis=0, initial=0.0) / STEP_S).astype(np.intp)
+    h = durations / np.maximum(steps, 1)
+    return _drag_paths(np.concatenate([p, v], axis=1), steps, h, (gravity, drag))
 
 
 def positions_after(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float, drag: float = 0.0) -> Array:
@@ -164,7 +177,8 @@ def positions_after(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float
     p, v, times = np.asarray(p, float), np.asarray(v, float), np.asarray(times, float)[:, None]
     if drag <= 0.0 or times.size == 0:
         return p + v * times - np.array([0.0, 0.0, 0.5 * gravity]) * times**2
-    return _advance(np.concatenate([p, v], axis=1), times, gravity, drag)[:, :3]
+    steps = np.array([max(1, math.ceil(float(np.max(times)) / STEP_S))])
+    return _drag_paths(np.concatenate([p, v], axis=1), steps, times / steps, (gravity, drag))[:, 0]
 
 
 def landing_sensitivity(
@@ -293,37 +307,58 @@ def _advance(state: Array, duration: ArrayLike, gravity: float, drag: float) -> 
     return state
 
 
+def _example_states() -> Array:
+    return np.array([[0.1, -0.2, 0.9, 3.0, -1.0, 2.0], [0.0, 0.4, 1.2, -2.0, 0.5, -1.0]])
+
+
+def _example_paths() -> tuple[Array, Index, Array, tuple[float, float]]:
+    return _example_states(), np.array([0, 3, 5]), np.array([[0.0, 0.004, 0.003], [0.0, 0.002, 0.004]]), (9.81, 0.1)
+
+
+@twin_of(Kernel.drag_paths, _example_paths)
+def _drag_paths(states: Array, steps: Index, h: Array, air: tuple[float, float]) -> Array:
+    """Returns positions (n, k, 3) of flights from `states` (n, 6): after steps[j] steps of h[:, j] more, each."""
+    rows = []
+    for j, count in enumerate(steps):
+        for _ in range(count):
+            states = _step(states, h[:, j, None], *air)
+        rows.append(states[:, :3])
+    return np.array(rows).reshape(len(steps), len(states), 3).swapaxes(0, 1)
+
+
 def _fly_with_drag(p: Array, v: Array, plane_z: float, gravity: float, drag: float) -> Flight | None:
-    state, t, apex = np.concatenate([p, v]), 0.0, float(p[2])
-    while t < FLIGHT_MAX_S:
-        following = _step(state, STEP_S, gravity, drag)
-        if state[5] > 0.0 >= following[5]:
-            apex = float(_advance(state, _crossing(state, gravity, drag, 5, 0.0), gravity, drag)[2])
-        if following[5] < 0.0 and state[2] >= plane_z > following[2]:
-            rest = float(_crossing(state, gravity, drag, 2, plane_z))
-            landed = _advance(state, rest, gravity, drag)
-            point = np.array([landed[0], landed[1], plane_z])
-            return Flight(point, landed[3:], t + rest, apex, float(np.linalg.norm(v)))
-        if following[5] < 0.0 and following[2] < plane_z:
-            return None
-        state, t = following, t + STEP_S
-    return None
+    found = _drag_landings(np.concatenate([p, v])[None], plane_z, (STEP_S, FLIGHT_MAX_S), (gravity, drag))[0]
+    if math.isnan(found[6]):
+        return None
+    return Flight(found[:3], found[3:6], float(found[6]), float(found[7]), float(np.linalg.norm(v)))
 
 
 def _landing_states_with_drag(state: Array, plane_z: float, gravity: float, drag: float) -> LandingStates:
-    """Returns the landing of flights from states (n, 6), as `_fly_with_drag` finds it, all of them step by step."""
-    before, time_s = np.full(state.shape, np.nan), np.full(len(state), np.nan)
-    flying, t = np.arange(len(state)), 0.0
-    while len(flying) and t < FLIGHT_MAX_S:
-        following = _step(state, STEP_S, gravity, drag)
+    """Returns the landing of flights from states (n, 6), as `_fly_with_drag` finds it."""
+    found = _drag_landings(state, plane_z, (STEP_S, FLIGHT_MAX_S), (gravity, drag))
+    return LandingStates(found[:, :3], found[:, 3:6], found[:, 6])
+
+
+@twin_of(Kernel.drag_landings, lambda: (_example_states(), 0.1, (STEP_S, FLIGHT_MAX_S), (9.81, 0.1)))
+def _drag_landings(state: Array, plane_z: float, step: tuple[float, float], air: tuple[float, float]) -> Array:
+    """Returns state at the landing, time and apex (n, 8) of flights from states (n, 6); NaN where they miss it."""
+    (h, longest), flying, t = step, np.arange(len(state)), 0.0
+    before, found, apex = np.full(state.shape, np.nan), np.full((len(state), 8), np.nan), state[:, 2].copy()
+    while len(flying) and t < longest:
+        following = _step(state, h, *air)
+        tops = (state[:, 5] > 0.0) & (following[:, 5] <= 0.0)
+        highest = _step(state[tops], _crossing(state[tops], *air, 5, 0.0)[:, None], *air)
+        apex[flying[tops]] = highest[:, 2]
         below = (following[:, 5] < 0.0) & (following[:, 2] < plane_z)
         lands = below & (state[:, 2] >= plane_z)
-        before[flying[lands]], time_s[flying[lands]] = state[lands], t
-        state, flying, t = following[~below], flying[~below], t + STEP_S
-    rest = _crossing(before, gravity, drag, 2, plane_z)
-    landed = _step(before, rest[:, None], gravity, drag)
-    landed[:, 2] = np.where(np.isnan(time_s), np.nan, plane_z)
-    return LandingStates(landed[:, :3], landed[:, 3:], time_s + rest)
+        before[flying[lands]], found[flying[lands], 6] = state[lands], t
+        state, flying, t = following[~below], flying[~below], t + h
+    rest = _crossing(before, *air, 2, plane_z)
+    found[:, :6] = _step(before, rest[:, None], *air)
+    found[:, 6] += rest
+    landed = ~np.isnan(found[:, 6])
+    found[landed, 2], found[landed, 7] = plane_z, apex[landed]
+    return found
 
 
 def _crossing(state: Array, gravity: float, drag: float, index: int, level: float) -> Array:

@@ -119,13 +119,13 @@ class PlannerPool:
 
     async def _use(self, executor: ProcessPoolExecutor) -> ProcessPoolExecutor:
         """Returns these processes once they are loaded; they are used from now on."""
-        loop = asyncio.get_running_loop()
+        loop, loaded = asyncio.get_running_loop(), False
         try:
             loading = [loop.run_in_executor(executor, worker.has_compiled_solvers) for _ in range(self._count)]
-            self.is_compiled = all(await asyncio.gather(*loading))
-        except BaseException:
-            _kill(executor)
-            raise
+            self.is_compiled, loaded = all(await asyncio.gather(*loading)), True
+        finally:
+            if not loaded:
+                _kill(executor)
         self._executor, self.is_warm = executor, True
         return executor
 

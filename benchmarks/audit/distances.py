@@ -123,7 +123,7 @@ def _boxes(cell: Cell) -> list[tuple[coal.Box, coal.Transform3s]]:
     return [(coal.Box(*(b.upper - b.lower)), coal.Transform3s(np.eye(3), 0.5 * (b.lower + b.upper))) for b in boxes]
 
 
-class Shape(NamedTuple):
+class BodyShape(NamedTuple):
     """A body: name, frame it is fixed in, placement there, coal's solid, radius [m], ends of its axis (2, 3) [m]."""
 
     name: str
@@ -135,7 +135,7 @@ class Shape(NamedTuple):
 
 
 @cache
-def shapes(cell: Cell) -> list[Shape]:
+def shapes(cell: Cell) -> list[BodyShape]:
     """Returns the bodies of arm and tool."""
     rows = []
     for c in body_capsules(cell.robot, cell.tool.capsules):
@@ -143,15 +143,15 @@ def shapes(cell: Cell) -> list[Shape]:
         length = float(np.linalg.norm(along))
         turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), along / length if length else np.eye(3)[2])
         placement, ends = pin.SE3(turn.matrix(), 0.5 * (c.p0 + c.p1)), np.array([c.p0, c.p1])
-        rows.append(Shape(c.name, c.frame, placement, coal.Capsule(c.radius_m, length), c.radius_m, ends))
+        rows.append(BodyShape(c.name, c.frame, placement, coal.Capsule(c.radius_m, length), c.radius_m, ends))
     return rows
 
 
 @cache
-def _all(cell: Cell) -> list[Shape]:
+def _all(cell: Cell) -> list[BodyShape]:
     """Returns the bodies of arm and tool, and the held object last."""
     p_FT, radius = cell.tool.X_FT[:3, 3], cell.object.radius_m
-    held = Shape("object", 6, pin.SE3(np.eye(3), p_FT), coal.Sphere(radius), radius, np.array([p_FT, p_FT]))
+    held = BodyShape("object", 6, pin.SE3(np.eye(3), p_FT), coal.Sphere(radius), radius, np.array([p_FT, p_FT]))
     return [*shapes(cell), held]
 
 

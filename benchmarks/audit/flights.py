@@ -21,6 +21,8 @@ FLIGHT_MAX_S = 10.0  # [s]
 AIR_KG_M3 = 1.204  # source: ISO 2533, dry air at 20 degC and 101,325 Pa
 LANDING_SLACK_M = 6e-4  # [m] the certificate's 0.5 mm, and the chord at the end
 DELAYS = 21  # releases of a window that are looked at
+OUT_M = 0.01  # [m] the object is out of the grip once it has moved by its radius, and by this much
+ANGLE_SLACK = 1e-3  # [rad] of the way out: quarter turns rounded in the URDF
 CLEAR_S = 0.01  # [s] for which the object must have been clear of what gripped it before that counts as an obstacle
 GRIPPED_FRAMES = (4, 5, 6)  # wrist 2, wrist 3 and tool: the object may begin inside their capsules
 
@@ -89,7 +91,8 @@ def flight_faults(problem: ThrowProblem, motion: Trajectory) -> list[str]:
     paths = integrate(p, v, problem.plane_z, problem.cell.object.radius_m, problem.gravity, drag_constant(problem))
     found = _landings(problem, delays, paths)
     for i, delay in enumerate(delays):
-        found += [f"released {delay:+.4f} s late: {text}" for text in _obstacles(problem, arm, delay, paths, i)]
+        faults = [*_obstacles(problem, arm, delay, paths, i), *_way_out(problem, arm, delay, paths.x[:, i])]
+        found += [f"released {delay:+.4f} s late: {text}" for text in faults]
         if found:
             break
     return found
@@ -128,6 +131,21 @@ def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: 
         if np.any(gaps[counted] - radius < -slack):
             found.append(f"flight through {name}: {float((gaps[counted] - radius).min())} m")
     return found
+
+
+def _way_out(problem: ThrowProblem, arm: _Arm, delay: float, x: Vector) -> list[str]:
+    """Returns whether the way of the object in the tool leaves the gripper's opening cone before the object is out."""
+    gripper, out_m = problem.cell.gripper, max(problem.cell.object.radius_m, OUT_M)
+    if gripper.opening_direction is None or gripper.opening_cone_rad is None:
+        return []
+    for k, place in enumerate(x[1:], start=1):
+        moved = arm.in_tool(place, k * STEP_S + delay)
+        if np.linalg.norm(moved) >= out_m:
+            return []
+        angle = float(np.arccos(np.clip(moved @ gripper.opening_direction / np.linalg.norm(moved), -1.0, 1.0)))
+        if angle > gripper.opening_cone_rad + ANGLE_SLACK:
+            return [f"leaves the gripper at {angle} rad after {k * STEP_S} s"]
+    return []
 
 
 def _since_clear(gaps: Vector) -> NDArray[np.bool_]:
@@ -180,6 +198,12 @@ class _Arm:
         states = [self.at(time) for time in t]
         p_FT = self._cell.tool.X_FT[:3, 3]
         return np.array([poses[6].act(p_FT) for poses, _ in states]), np.array([v for _, v in states])
+
+    def in_tool(self, x: Vector, after_s: float) -> Vector:
+        """Returns a place (3,) of the world in the axes of the tool, from its centre point, after the release [m]."""
+        pose = self.at(self._motion.release_time_s + after_s)[0][6]
+        X_FT = self._cell.tool.X_FT
+        return X_FT[:3, :3].T @ (pose.actInv(x) - X_FT[:3, 3])
 
     def gaps(self, x: Vector, delay: float) -> list[tuple[str, int, Vector]]:
         """Returns name, frame and distance (n,) [m] of each body from the path's points `x` (n, 3)."""

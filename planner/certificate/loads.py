@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from planner.arrays import Array
 from planner.cell import Cell
 from planner.certificate.bounds import Rates, point_bound
-from planner.dynamics import payload_of
+from planner.dynamics import WatchedPoint, elbow_points, payload_of, tool_points
 from planner.geometry import levers
 
 CELLS_KEPT = 32  # cells whose loads are cached; bounds are kept for the checks of one motion
@@ -55,6 +56,24 @@ def loads_of(cell: Cell) -> Loads:
     both_turned = turned[:, :, None] & turned[:, None, :]
     mass_matrix = moment_arm.T @ lever + np.tensordot(inertia, both_turned, axes=1)
     return Loads(mass, inertia, lever, moment_arm, inertia @ turned, mass_matrix)
+
+
+class WatchedLevers(NamedTuple):
+    """Levers of the points whose speed the controller watches, about each joint (6,) [m]; the elbow's is the longer."""
+
+    tool: Array
+    flange: Array
+    elbow: Array
+
+
+@lru_cache(maxsize=CELLS_KEPT)
+def watched_levers(cell: Cell) -> WatchedLevers:
+    """Returns the levers of a cell's watched points."""
+
+    def lever(point: WatchedPoint) -> Array:
+        return levers(cell.robot, point.frame, float(np.linalg.norm(point.place)))
+
+    return WatchedLevers(*map(lever, tool_points(cell)), np.max([lever(p) for p in elbow_points(cell)], axis=0))
 
 
 @lru_cache(maxsize=1)

@@ -17,10 +17,9 @@ from planner.certificate.bounds import (
     prove_above,
 )
 from planner.certificate.certificate import ROUNDING, Check, NotChecked, at_most
-from planner.certificate.loads import loads_of, power_rates
+from planner.certificate.loads import loads_of, power_rates, watched_levers
 from planner.certificate.samples import ArmSamples, MotionSamples
-from planner.dynamics import elbow_points, empty_bodies, momentum
-from planner.geometry import levers
+from planner.dynamics import empty_bodies, momentum
 
 
 def elbow_speed(motion: MotionSamples) -> Check | NotChecked:
@@ -32,10 +31,7 @@ def elbow_speed(motion: MotionSamples) -> Check | NotChecked:
     def room(arm: ArmSamples) -> Array:
         return 1.0 - arm.elbow_speed / limit
 
-    lever = np.max(
-        [levers(cell.robot, point.frame, float(np.linalg.norm(point.place))) for point in elbow_points(cell)], axis=0
-    )
-    rates = point_bound(lever, motion.rates, 3) / limit
+    rates = point_bound(watched_levers(cell).elbow, motion.rates, 3) / limit
     return _check("elbow_speed", limit, "m/s", _prove(motion, room, rates))
 
 

@@ -13,7 +13,7 @@ from planner.cell import Cell
 from planner.certificate.bounds import Rates, joint_rates
 from planner.dynamics import chain_torques, elbow_points, empty_bodies, fastest, tool_points
 from planner.geometry import BodyModel, body_model
-from planner.kinematics import LinkMotion
+from planner.kinematics import LinkMotion, dot
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 
@@ -65,7 +65,8 @@ class ArmSamples:
     @cached_property
     def watched_speed(self) -> Array:
         """Speed of the fastest of tool centre point, flange and elbow (k,) [m/s]."""
-        return np.maximum(self.elbow_speed, fastest(self.links, tool_points(self.cell)))
+        v_WT, flange = self.v_WT, fastest(self.links, tool_points(self.cell)[1:])
+        return np.maximum(np.maximum(self.elbow_speed, flange), np.sqrt(dot(v_WT, v_WT)))
 
     @cached_property
     def torques(self) -> tuple[Array, Array]:

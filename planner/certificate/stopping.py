@@ -10,16 +10,15 @@ no stop that Universal Robots has published for an arm of known masses is longer
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 
 import numpy as np
 
 from planner.arrays import Array, Index
 from planner.certificate.bounds import Proof, curvature_bound, point_bound, prove_above
 from planner.certificate.certificate import ROUNDING, Check, NotChecked, at_most
-from planner.certificate.loads import joint_momentum_bounds, loads_of, torque_curvature
+from planner.certificate.loads import joint_momentum_bounds, loads_of, torque_curvature, watched_levers
 from planner.certificate.samples import ArmSamples, MotionSamples
-from planner.dynamics import WatchedPoint, elbow_points, tool_points
-from planner.geometry import levers
 
 # [-] largest ratio of a measured stop to the model's: time 1.84 (UR3, base), distance 1.30 (UR3 and UR5, base)
 # source: user manuals of UR3 and UR5 (CB3), appendix "Stopping time and stopping distance": stop category 0 of base,
@@ -50,7 +49,7 @@ def stopping_distance(motion: MotionSamples) -> Check | NotChecked:
     cell, limit = motion.problem.cell, motion.problem.cell.safety.stopping_distance_m
     if limit is None:
         return NotChecked("stopping_distance")
-    points, half = (*tool_points(cell), *elbow_points(cell)), 0.5 * MEASURED_DISTANCE / limit
+    half = 0.5 * MEASURED_DISTANCE / limit
 
     def inverse_time(arm: ArmSamples) -> Array:
         return half * arm.watched_speed
@@ -60,17 +59,16 @@ def stopping_distance(motion: MotionSamples) -> Check | NotChecked:
         return 0.5 * MEASURED_DISTANCE * v * np.where(v > 0.0, times, 0.0)
 
     b, b1, b2 = joint_momentum_bounds(loads_of(cell), motion.rates)
-    v, a, c = _point_bounds(motion, points)
+    v, a, c = _point_bounds(motion)
     v = v + c * np.diff(motion.at_knots.t) ** 2 / 8.0
     proof = _prove(motion, inverse_time, half * (2.0 * a * b1 + v * b2 + c * b))
     value, at_s = _worst(motion, distance, proof)
     return at_most("stopping_distance", value, limit, "m", at_s).provided(proof.proven)
 
 
-def _point_bounds(motion: MotionSamples, points: tuple[WatchedPoint, ...]) -> tuple[Array, Array, Array]:
-    """Returns bounds (m,) on the first three derivatives of the points between the knots."""
-    reaches = [levers(motion.problem.cell.robot, p.frame, float(np.linalg.norm(p.place))) for p in points]
-    lever = np.max(reaches, axis=0)
+def _point_bounds(motion: MotionSamples) -> tuple[Array, Array, Array]:
+    """Returns bounds (m,) on the first three derivatives of the watched points between the knots."""
+    lever = np.max(watched_levers(motion.problem.cell), axis=0)
     first, second, third = (point_bound(lever, motion.rates, derivative) for derivative in (1, 2, 3))
     return first, second, third
 
@@ -102,12 +100,14 @@ def _prove(motion: MotionSamples, inverse_time: Callable[[ArmSamples], Array], b
     return prove_above(evaluate, arm.t, room(arm), rates, -ROUNDING, curvature_bound)
 
 
+@lru_cache(maxsize=2)
 def _braking_terms(arm: ArmSamples) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Returns h [N m] and b [N m s] (6, k) of the joints, with the object and without it."""
     ((h, h_kg), (b, b_kg)), object_kg = arm.braking, arm.cell.object.mass_kg
     return (h + object_kg * h_kg, b + object_kg * b_kg), (h, b)
 
 
+@lru_cache(maxsize=2)  # of the knots, for time and distance
 def _times(motion: MotionSamples, arm: ArmSamples) -> Array:
     """Returns the model's stopping times (k,) [s]; infinite where the rated torques do not hold the arm up."""
     held, empty = (_least_time(*terms, arm.cell.robot.tau_max[:, None]) for terms in _braking_terms(arm))

@@ -7,9 +7,9 @@ import numpy as np
 from planner.arrays import Array, Index
 from planner.certificate.bounds import Rates, curvature_bound, joint_rates, point_bound, prove_above
 from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
+from planner.certificate.loads import watched_levers
 from planner.certificate.samples import ArmSamples, MotionSamples
 from planner.dynamics import WatchedPoint, point_velocity, tool_points
-from planner.geometry import levers
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
 from planner.robots import Robot
 
@@ -23,14 +23,15 @@ def tcp_speed(motion: MotionSamples) -> Check:
     """
     cell = motion.problem.cell
     tool, flange = tool_points(cell)
-    check = _speed(motion, tool, motion.problem.limits.tcp_speed_max)
+    levers = watched_levers(cell)
+    check = _speed(motion, tool, levers.tool, motion.problem.limits.tcp_speed_max)
     if cell.safety.tool_speed_m_s is None or not check.ok:
         return check
-    of_flange = _speed(motion, flange, cell.safety.tool_speed_m_s)
+    of_flange = _speed(motion, flange, levers.flange, cell.safety.tool_speed_m_s)
     return check if of_flange.ok else of_flange
 
 
-def _speed(motion: MotionSamples, point: WatchedPoint, limit: float) -> Check:
+def _speed(motion: MotionSamples, point: WatchedPoint, lever: Array, limit: float) -> Check:
     def room(arm: ArmSamples) -> Array:
         v = arm.v_WT if point is tool_points(arm.cell)[0] else point_velocity(arm.links, point)
         return limit - np.sqrt((v * v).sum(axis=0))
@@ -38,7 +39,6 @@ def _speed(motion: MotionSamples, point: WatchedPoint, limit: float) -> Check:
     def evaluate(t: Array, item: Index) -> Array:
         return room(motion.at(t))
 
-    lever = levers(motion.problem.cell.robot, point.frame, float(np.linalg.norm(point.place)))
     arm, rates = motion.at_knots, point_bound(lever, motion.rates, 3)
     # |v| is at most that of the chord of v, plus the deviation of v from it: the curvature bound of v serves.
     proof = prove_above(evaluate, arm.t, room(arm)[None], rates, -limit * ROUNDING, curvature_bound)

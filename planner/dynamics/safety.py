@@ -51,11 +51,10 @@ def empty_bodies(cell: Cell) -> Bodies:
 
 
 def point_velocity(chain: LinkMotion, point: WatchedPoint) -> Array:
-    """Returns velocities (3, N) [m/s] of a point of the arm."""
-    link, place = point.frame - 1, point.place
-    x, y, z = chain.frames[:, :, link]
-    turned = cross(chain.angular_velocity[:, link], x * place[0] + y * place[1] + z * place[2])
-    return chain.origin_velocities[:, link] + turned
+    """Returns velocities (3, N) [m/s] of a point of the arm: those of the flange if no joint beyond it moved."""
+    X, moving = chain.X[:, point.frame, :3], np.arange(chain.qd.shape[1]) < point.frame
+    place = X[:, :, :3] @ point.place + X[:, :, 3]
+    return LinkMotion(chain.X, chain.qd * moving, chain.qdd).velocity(place.T)
 
 
 def fastest(chain: LinkMotion, points: tuple[WatchedPoint, ...]) -> Array:

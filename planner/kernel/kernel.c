@@ -251,3 +251,79 @@ void box_distances(count n, in p0, in p1, in lower, in upper, double *out) {
         out[m] = sqrt(dot(gap, gap));
     }
 }
+
+/* Rate of a flight's state: position and velocity (6,), under gravity and the drag k |v| v. */
+static void flight_rate(in state, double gravity, double drag, double *out) {
+    in v = state + 3;
+    double slowing = drag * sqrt(dot(v, v));
+    for (int row = 0; row < 3; row++) {
+        out[row] = v[row];
+        out[3 + row] = -slowing * v[row];
+    }
+    out[5] -= gravity;
+}
+
+/* One Runge-Kutta step of a flight's state (6,). See planner/flight.py. */
+static void flight_step(in from, double h, double gravity, double drag, double *to) {
+    double k[4][6], between[6];
+    flight_rate(from, gravity, drag, k[0]);
+    for (int stage = 1; stage < 4; stage++) {
+        double share = stage < 3 ? 0.5 * h : h;
+        for (int row = 0; row < 6; row++) between[row] = from[row] + share * k[stage - 1][row];
+        flight_rate(between, gravity, drag, k[stage]);
+    }
+    for (int row = 0; row < 6; row++)
+        to[row] = from[row] + h / 6.0 * (k[0][row] + 2.0 * k[1][row] + 2.0 * k[2][row] + k[3][row]);
+}
+
+/* Positions (n, k, 3) of n flights from states (n, 6), each after k times in a row: in steps[j] steps of h (n, k). */
+void drag_paths(count n, in states, count k, const count *steps, in h, double gravity, double drag, double *out) {
+    for (count m = 0; m < n; m++, states += 6, h += k) {
+        double state[6];
+        memcpy(state, states, sizeof state);
+        for (count j = 0; j < k; j++, out += 3) {
+            for (count i = 0; i < steps[j]; i++) flight_step(state, h[j], gravity, drag, state);
+            memcpy(out, state, 3 * sizeof *out);
+        }
+    }
+}
+
+/* The time within one step of h at which a component of a flight's state falls through a level, by bisection. */
+static double falls_through(in state, int component, double level, double h, double gravity, double drag) {
+    double low = 0.0, high = h, after[6];
+    for (int i = 0; i < 50; i++) {
+        double middle = 0.5 * (low + high);
+        flight_step(state, middle, gravity, drag, after);
+        if (after[component] > level) low = middle;
+        else high = middle;
+    }
+    return 0.5 * (low + high);
+}
+
+/* State at the landing, time and apex (n, 8) of flights from states (n, 6); NaN where they miss the plane. */
+void drag_landings(count n, in states, double plane_z, double h, double longest, double gravity, double drag,
+                   double *out) {
+    for (count m = 0; m < n; m++, states += 6, out += 8) {
+        double state[6], next[6], t = 0.0, apex = states[2];
+        memcpy(state, states, sizeof state);
+        for (int i = 0; i < 8; i++) out[i] = NAN;
+        for (; t < longest; t += h) {
+            flight_step(state, h, gravity, drag, next);
+            if (state[5] > 0.0 && next[5] <= 0.0) {
+                double top[6];
+                flight_step(state, falls_through(state, 5, 0.0, h, gravity, drag), gravity, drag, top);
+                apex = top[2];
+            }
+            if (next[5] < 0.0 && next[2] < plane_z) {
+                if (state[2] < plane_z) break;
+                double rest = falls_through(state, 2, plane_z, h, gravity, drag);
+                flight_step(state, rest, gravity, drag, out);
+                out[2] = plane_z;
+                out[6] = t + rest;
+                out[7] = apex;
+                break;
+            }
+            memcpy(state, next, sizeof state);
+        }
+    }
+}

@@ -26,9 +26,13 @@ SIGNATURES = {
     "chain_torques": "naaaaaaaaaa",
     "pair_distances": "nanaxa",
     "box_distances": "naaaaa",
+    "drag_paths": "nanaaxxa",
+    "drag_landings": "naxxxxxa",
 }
 TYPES = {"n": ctypes.c_ssize_t, "x": ctypes.c_double, "a": ctypes.c_void_p}
 LINKS, JOINTS = 7, 6  # base and links; joints
+STEPS_MAX = 100_000  # [-] of one interval of a flight
+STATE, LANDING = 6, 8  # position and velocity of a flight; with time and apex
 MEMORY = ctypes.c_char * 0  # of an array: its address
 
 
@@ -139,6 +143,35 @@ class Kernel:
         n = len(p0)
         out = np.empty(n)
         self._library.box_distances(n, *(_in(x, (n, 3)) for x in (p0, p1, lower, upper)), _out(out))
+        return out
+
+    def drag_paths(self, states: Array, steps: Index, h: Array, air: tuple[float, float]) -> Array:
+        """Returns positions (n, k, 3) of flights from `states` (n, 6), after k times of steps[j] steps of `h` (n, k).
+
+        Args:
+            states: positions and velocities (n, 6).
+            steps: numbers of steps (k,).
+            h: their durations (n, k).
+            air: gravity and drag constant.
+        """
+        n, k = h.shape
+        out, given = np.empty((n, k, 3)), (_in(states, (n, STATE)), k, _rows(steps, (k,), STEPS_MAX))
+        self._library.drag_paths(n, *given, _in(h, (n, k)), *air, _out(out))
+        return out
+
+    def drag_landings(
+        self, states: Array, plane_z: float, step: tuple[float, float], air: tuple[float, float]
+    ) -> Array:
+        """Returns landing state, time and apex (n, 8) of flights from `states` (n, 6) with gravity and drag `air`.
+
+        Args:
+            states: positions and velocities (n, 6).
+            plane_z: height of the landing plane.
+            step: duration of a step and of the longest flight.
+            air: gravity and drag constant.
+        """
+        out = np.empty((len(states), LANDING))
+        self._library.drag_landings(len(states), _in(states, (len(states), STATE)), plane_z, *step, *air, _out(out))
         return out
 
 

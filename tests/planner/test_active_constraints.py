@@ -81,6 +81,22 @@ def away_from_singularities(problem, motion):
     return limited(problem, singularity_distance_min=least)
 
 
+def held_by(problem, **changes):
+    return replace(problem, cell=replace(problem.cell, gripper=replace(problem.cell.gripper, **changes)))
+
+
+def weaker_grip(problem, motion):
+    return held_by(problem, hold_acceleration_m_s2=np.array([0.9 * value(problem, motion, "grip_acceleration")]))
+
+
+def narrower_opening(problem, motion):
+    return held_by(problem, opening_cone_rad=value(problem, motion, "opening_direction") - 0.2)
+
+
+def wall_before_the_target(problem, motion):
+    return among(problem, keep_out=(Box(np.array([0.9, -0.4, 0.0]), np.array([1.0, 0.8, 0.6])),))
+
+
 def as_it_is(problem, motion):
     return problem
 
@@ -116,6 +132,9 @@ CASES = {
     ),
     "keep_in": Case(target(1.3, 0.2), 0.01, lower_ceiling),
     "keep_out": Case(target(0.8, -0.8), 0.01, box_above),
+    "grip_acceleration": Case(target(1.3, 0.2), 2.0, weaker_grip),
+    "opening_direction": Case(target(1.3, 0.2), 0.1, narrower_opening),
+    "flight_clearance": Case(target(1.3, 0.2), 0.05, wall_before_the_target),
     "singularity_distance (shoulder)": Case(
         target(0.8, -0.8, start=HOME + np.array([0.0, -0.2, -1.0, 0.0, 0.0, 0.0])),
         0.03,
@@ -156,4 +175,6 @@ def test_every_constraint_has_its_case():
     boxed = lower_ceiling(box_above(plain, None), None)
     checked = {check.name for check in certify(boxed, plan(plain).trajectory).checks}
     of_the_request = {"start", "release_position", "release_velocity", "end_at_rest", "continuity"}
-    assert {name.split(" (")[0] for name in CASES} == checked - of_the_request
+    # Not rows of the optimiser:
+    certificate_alone = {"elbow_speed", "momentum", "power", "stopping_time", "stopping_distance"}
+    assert {name.split(" (")[0] for name in CASES} == checked - of_the_request - certificate_alone

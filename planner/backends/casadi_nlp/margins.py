@@ -174,10 +174,8 @@ class Margins:
     def _widened_for_flight(self, check: str, missing: float, is_cut: bool) -> Margins | None:
         held = replace(self, held=self.held | {"flight"})
         if check == "opening_direction":
-            more = BETWEEN_KNOTS_FACTOR * missing + SPARE_RAD
-            return (
-                replace(held, opening_rad=self.opening_rad + more, leaving=True) if missing < MOST_OPENING_RAD else None
-            )
+            narrower = self.opening_rad + BETWEEN_KNOTS_FACTOR * missing + SPARE_RAD
+            return replace(held, opening_rad=narrower, leaving=True) if missing < MOST_OPENING_RAD else None
         if is_cut:
             return held
         more = BETWEEN_KNOTS_FACTOR * missing + SPARE_M

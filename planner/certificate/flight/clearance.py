@@ -102,7 +102,7 @@ def _least_gap(flights: Flights) -> LeastGap:
     if grid is None:
         return LeastGap(math.nan, flights.released_s, "never lands", False)
     lower = _lower_bounds(flights, grid)
-    judged, counted = _judged(flights, lower)
+    judged, counted = _decided(flights, lower)
     undecided = judged & (lower < np.where(_is_gripped(flights, len(lower)), -CONTACT_M, CLOSE_M)[:, None, None])
     counted &= judged & ~undecided
     least = np.where(counted, lower, np.inf)
@@ -133,7 +133,7 @@ def _grid(flights: Flights, beyond_s: float) -> Grid:
         r0=r[: max(1, len(r) - 1)],
         r1=r[several],
         t=t,
-        x=flights.flown(p[:, :, None], v[:, :, None], t - r[:, None]),
+        x=flights.flown_on_grid(p, v, t - r[:, None]),
         X_WL=np.concatenate([poses, np.repeat(poses[-1:], resting, axis=0)]),
         rates=rates,
         bounds=bounds,
@@ -211,7 +211,7 @@ def _capsule_distances(flights: Flights, grid: Grid, s: Array, h: Array) -> Arra
     return segment_bound(grid.corners(local[:, frames]), start, end) - bend[frames]
 
 
-def _judged(flights: Flights, lower: Array) -> tuple[Mask, Mask]:
+def _decided(flights: Flights, lower: Array) -> tuple[Mask, Mask]:
     """Returns which patches are judged, and which count in the value, both (items, m, n).
 
     For what the object is gripped by, the patches up to the first one in which it is clear are not judged. If it was

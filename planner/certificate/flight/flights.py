@@ -14,7 +14,7 @@ import numpy as np
 
 from planner.arrays import Array, Index, Mask
 from planner.certificate.samples import MotionSamples
-from planner.flight import fly, positions_after
+from planner.flight import fly, paths, positions_after
 from planner.kinematics import dot
 from planner.problem import Opening, TargetRelease
 
@@ -91,19 +91,32 @@ class Flights:
         return self.flown(*self.releases(r), t - r)
 
     def flown(self, p: Array, v: Array, s: Array) -> Array:
-        """Returns positions (3, ...) [m] `s` (...) [s] after releases at `p` with velocities `v`, both (3, ...).
+        """Returns positions (3, k) [m] `s` (k,) [s] after releases at `p` with velocities `v`, both (3, k).
 
         Before its release a flight is extended by its acceleration at the release.
         """
         gravity, drag = self.motion.problem.gravity, self.motion.problem.drag
+        x = self._extended(p, v, s)
+        if drag > 0.0:
+            late = s > 0.0
+            x[:, late] = positions_after(p[:, late].T, v[:, late].T, s[late], gravity, drag).T
+        return x
+
+    def flown_on_grid(self, p: Array, v: Array, s: Array) -> Array:
+        """Returns positions (3, m, n) [m] of `flown` at increasing times (m, n) [s] after m releases, both (3, m)."""
+        gravity, drag = self.motion.problem.gravity, self.motion.problem.drag
+        x = self._extended(p[:, :, None], v[:, :, None], s)
+        if drag > 0.0:
+            flown = paths(p.T, v.T, np.maximum(s, 0.0), gravity, drag).transpose(2, 0, 1)
+            x = np.where(s > 0.0, flown, x)
+        return x
+
+    def _extended(self, p: Array, v: Array, s: Array) -> Array:
+        """Returns positions (3, ...) [m] without drag, before a release with its acceleration at the release."""
+        gravity, drag = self.motion.problem.gravity, self.motion.problem.drag
         x = p + v * s
         x[2] -= 0.5 * gravity * s * s
-        if drag > 0.0:
-            early, late = s <= 0.0, s > 0.0
-            x = np.where(early, x - 0.5 * drag * np.sqrt(dot(v, v)) * s * s * v, x)
-            p, v = (np.broadcast_to(values, x.shape)[:, late].T for values in (p, v))
-            x[:, late] = positions_after(p, v, s[late], gravity, drag).T
-        return x
+        return np.where(s <= 0.0, x - 0.5 * drag * np.sqrt(dot(v, v)) * s * s * v, x) if drag > 0.0 else x
 
     def nearest(self, item: Index, x: Array, t: Array) -> Array:
         """Returns the point (3, k) [m] of obstacle `item[i]` at the time `t[i]` that is nearest to `x[:, i]`."""

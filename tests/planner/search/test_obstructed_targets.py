@@ -18,7 +18,7 @@ WALL = Box(np.array([0.8, -0.6, 0.0]), np.array([0.85, 0.6, 0.7]))
 BIN = Opening(0.1, 0.2)
 
 
-def problem(*boxes: Box, opening: Opening | None = None, **changes: float) -> ThrowProblem:
+def problem(*boxes: Box, opening: Opening | None = None, **changes) -> ThrowProblem:
     here = cell()
     here = replace(here, surroundings=replace(here.surroundings, keep_out=boxes))
     release = TargetRelease(np.array([1.15, 0.1, 0.1]), opening=opening)
