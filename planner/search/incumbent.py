@@ -39,7 +39,7 @@ class PlanningSearch:
         deadline_s: of the request, on the clock of `time.perf_counter`.
         incumbent: best valid motion so far.
         certified: every valid motion, in the order in which they were found.
-        in_hand: a valid motion from before the optimiser's part, given where the search finds no better one.
+        in_hand: a valid motion by Ruckig, given where the search finds no better one.
         nominal: the soonest motion that fails for its release window alone.
         best_rejected: the rejected motion closest to a valid one, for the refusal.
         attempts: log of what was tried.

@@ -53,16 +53,16 @@ def point_states(problem: ThrowProblem, release: PointRelease) -> tuple[Array, A
 
     def states_near(q: Array) -> tuple[Array, Array]:
         q = _at_point(problem, release.p_WT, q)
-        qd = _with_velocity(problem, q, release.v_WT)
+        qd = _with_velocity(problem, q, release.v_WT, reduced=False)
         return q, np.where(leave_through_opening(problem, q, qd)[:, None], qd, np.nan) if some_leave else qd
 
     return soonest_nearby(problem, q, qd, states_near)
 
 
-def _with_velocity(problem: ThrowProblem, q: Array, v_WT: Array) -> Array:
+def _with_velocity(problem: ThrowProblem, q: Array, v_WT: Array, reduced: bool = True) -> Array:
     """Returns the joint velocities (n, 6) with which the tool has the velocity `v_WT` (3,) in postures `q` (n, 6)."""
-    R_BW = problem.cell.X_WB[:3, :3].T
-    return allocate_velocity(tool_jacobian(problem, q), R_BW @ v_WT, problem.limits.qd_max)
+    v_B, wanted = problem.cell.X_WB[:3, :3].T @ v_WT, np.full(len(q), reduced)
+    return allocate_velocity(tool_jacobian(problem, q), v_B, problem.limits.qd_max, wanted)
 
 
 def _at_point(problem: ThrowProblem, p_WT: Array, q: Array) -> Array:
@@ -135,12 +135,12 @@ def _throws_near(problem: ThrowProblem, release: TargetRelease, q: Array) -> tup
     """Returns throws q, qd (n, 6) from postures (n, 6), brought within the joint range; NaN where there is none."""
     if release.release_position is not None:
         q, p = _at_point(problem, release.release_position, q), np.broadcast_to(release.release_position, (len(q), 3))
-        return q, _best_flights(problem, release, q, p)
+        return q, _best_flights(problem, release, q, p, reduced=False)
     limits = problem.reachable
     q = np.clip(q, limits.q_lower, limits.q_upper)
     p = tool_pose(problem.cell, q)[:, :3, 3]
     allowed = _far_enough(release, p) & _throwing(problem.cell, q, p, limits.singularity_distance_min)
-    return q, np.where(allowed[:, None], _best_flights(problem, release, q, p), np.nan)
+    return q, np.where(allowed[:, None], _best_flights(problem, release, q, p, reduced=False), np.nan)
 
 
 def _far_enough(release: TargetRelease, p: Array) -> Mask:
@@ -232,13 +232,18 @@ def _flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array, 
     raise Infeasible([_no_clear_flight() if allowed.any() else _no_flight(problem, release, p)])
 
 
-def _best_flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array, thorough: bool = False) -> Array:
-    """Returns the joint velocities (n, 6) of every posture's soonest drag-free flight, tool at p (n, 3); NaN: none."""
+def _best_flights(
+    problem: ThrowProblem, release: TargetRelease, q: Array, p: Array, thorough: bool = False, reduced: bool = True
+) -> Array:
+    """Returns the joint velocities (n, 6) of every posture's soonest drag-free flight, tool at p (n, 3); NaN: none.
+
+    Where `reduced`, the largest share of a joint's speed limit is reduced: half of the time.
+    """
     v, ok = _launches(problem, release, p, thorough)
     if has_flight_obstacles(problem):
         ok &= clear_flights(problem, release, p, v)
     J, R_BW = tool_jacobian(problem, q), problem.cell.X_WB[:3, :3].T
-    qd = allocate_velocity(J, v @ R_BW.T, problem.limits.qd_max, ok)
+    qd = allocate_velocity(J, v @ R_BW.T, problem.limits.qd_max, ok & reduced)
     best, rows = np.where(ok, penalised_bound(problem, q, qd), np.inf).argmin(axis=0), np.arange(len(q))
     return np.where(ok[best, rows, None], qd[best, rows], np.nan)
 

@@ -19,7 +19,7 @@ BATCH = 64  # states compared with one another at once
 TOO_FAST_S = 1e3  # [s] penalty per multiple of a speed limit: every state that is too fast comes after all others
 # [-] of `joint_offsets`: distances from the soonest states at which sooner ones are looked for, in turn. Six dimensions
 # are too many to fill: this brings a target's least lower bound down by a third, twice as many postures by a tenth.
-NEARBY_SHARES = (0.4, 0.2, 0.1)
+NEARBY_SHARES = (0.4, 0.15)
 MOVED, NEARBY = 12, 12  # soonest states that this is done for, and postures tried near each
 
 StatesNear = Callable[[Array], tuple[Array, Array]]

@@ -175,5 +175,6 @@ def test_every_constraint_has_its_case():
     boxed = lower_ceiling(box_above(plain, None), None)
     checked = {check.name for check in certify(boxed, plan(plain).trajectory).checks}
     of_the_request = {"start", "release_position", "release_velocity", "end_at_rest", "continuity"}
-    certificate_alone = {"elbow_speed", "momentum", "power", "stopping_time", "stopping_distance"}  # not rows of the optimiser
+    # Not rows of the optimiser:
+    certificate_alone = {"elbow_speed", "momentum", "power", "stopping_time", "stopping_distance"}
     assert {name.split(" (")[0] for name in CASES} == checked - of_the_request - certificate_alone

@@ -8,7 +8,7 @@ import numpy as np
 
 from planner.backends.casadi_nlp.layout import JERK, NX, NZ, QD, QDD, STEP, TIME, Q, Vector
 from planner.backends.casadi_nlp.margins import LOCAL_CHECKS, LocalMargin
-from planner.backends.casadi_nlp.symbols import RELEASE_ROWS
+from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, RELEASE_ROWS
 from planner.backends.casadi_nlp.transcription import WATCHED_STAGES, Indices, RowIndex
 from planner.cell import Limits
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
@@ -67,6 +67,17 @@ class Bounds:
         rows = self.index.rows_of_group(group)
         times = len(rows) // len(lower)
         self.g[:, rows] = np.tile(lower, times), np.tile(upper, times)
+
+    def free_flights_after_release(self, leaving: bool) -> None:
+        """Frees block "flight" on the stages after the release, but for the gripper's opening where asked for.
+
+        The object is on its way out of the grip for some 40 ms after the release. There the opening's row is stricter
+        than the way out needs, which makes throws without a window later by a tick: they have it where a check failed.
+        """
+        for k in self.index.knots.get("flight", ()):
+            if k > self.launch + self.index.stages.window:
+                rows = self.index.rows["flight", k]
+                self._free(np.delete(rows, FLIGHT_ROWS.slices["opening"]) if leaving else rows)
 
     def add_local_margins(self, margins: Iterable[LocalMargin], steps: Vector) -> None:
         """Narrows the bounds at the knots and midpoints close to each margin's time; stages last `steps` (N,) [s]."""

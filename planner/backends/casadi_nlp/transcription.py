@@ -25,6 +25,7 @@ MX = Any
 Indices = NDArray[np.intp]
 
 WATCHED_STAGES = 3  # stages before the release (or its window) on which singularities are avoided, as on all after it
+LEAVING_STAGES = 1  # stages after the release (or its window), 20 to 40 ms, in which the object leaves the open grip
 # Groups of rows left out until a solution violates them, at knots and (but for the last two) at middles.
 LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight")
 # Parameters p: these, then the costs of every stage.
@@ -59,15 +60,15 @@ class StageLayout:
 
     def knots(self, block: str) -> range:
         """Returns the stages on which a block applies."""
-        first_watched = self.launch - self.window - WATCHED_STAGES
+        first_watched, released = self.launch - self.window - WATCHED_STAGES, self.launch + self.window
         special = {
             "motion": range(self.stages),
             "cost": range(self.stages),
             "singularity": range(first_watched, self.stages + 1),
             "singularity_middle": range(first_watched, self.stages),
-            "release": range(self.launch - self.window, self.launch + self.window + 1),
-            "flight": range(self.launch - self.window, self.launch + self.window + 1),
-            "grip": range(1, self.launch + self.window + 1),
+            "release": range(self.launch - self.window, released + 1),
+            "flight": range(self.launch - self.window, min(released + LEAVING_STAGES, self.stages) + 1),
+            "grip": range(1, released + 1),
         }
         everywhere = range(self.stages) if block.endswith("_middle") else range(1, self.stages + 1)
         return special.get(block, everywhere)
