@@ -196,12 +196,19 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, wi
         if _needs_finer_stages(search.problem, options, certificate.failures):
             seed, options = ranked.seed, replace(first, resolution="fine")
             continue
+        if _flight_is_given(search.problem, certificate.failures):
+            return False
         cuts = _flight_cuts(search.problem, certificate.failures, solution.trajectory)
         wider = options.margins.widened(certificate.failures, solution, cuts)
         if wider is None:
             return False
         seed, options = Seed(ranked.candidate, solution.trajectory), replace(options, margins=wider)
     return False
+
+
+def _flight_is_given(problem: ThrowProblem, failures: Iterable[Check]) -> bool:
+    """Returns whether nothing failed but a flight that the release fixes: no margin moves it off the arm."""
+    return not isinstance(problem.release, TargetRelease) and {check.name for check in failures} == {"flight_clearance"}
 
 
 def _flight_cuts(problem: ThrowProblem, failures: Iterable[Check], made: Trajectory) -> tuple[FlightEdge, ...]:

@@ -72,7 +72,8 @@ class Bounds:
         """Frees block "flight" on the stages after the release, but for the gripper's opening where asked for.
 
         The object is on its way out of the grip for some 40 ms after the release. There the opening's row is stricter
-        than the way out needs, which makes throws without a window later by a tick: they have it where a check failed.
+        than the way out needs, which makes throws without a window later by a tick: those widen the margin at the
+        release instead.
         """
         for k in self.index.knots.get("flight", ()):
             if k > self.launch + self.index.stages.window:

@@ -194,7 +194,7 @@ class Instance:
         bounds.limit_joints(self.limits, margins.position_rad, self._given())
         for group, limits in self._group_limits().items():
             bounds.limit_group(group, *limits)
-        bounds.free_flights_after_release(margins.leaving or self.stages.window > 0)
+        bounds.free_flights_after_release(self.stages.window > 0)
         bounds.add_local_margins(margins.local, self.steps)
         bounds.fix_ends(problem.start)
         bounds.limit_steps(self.steps)
