@@ -133,7 +133,7 @@ CASES = {
     "keep_in": Case(target(1.3, 0.2), 0.01, lower_ceiling),
     "keep_out": Case(target(0.8, -0.8), 0.01, box_above),
     "grip_acceleration": Case(target(1.3, 0.2), 2.0, weaker_grip),
-    "opening_direction": Case(target(1.3, 0.2), 0.1, narrower_opening),
+    "opening_direction": Case(target(1.3, 0.2), 0.3, narrower_opening),
     "flight_clearance": Case(target(1.3, 0.2), 0.05, wall_before_the_target),
     "singularity_distance (shoulder)": Case(
         target(0.8, -0.8, start=HOME + np.array([0.0, -0.2, -1.0, 0.0, 0.0, 0.0])),
