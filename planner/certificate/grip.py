@@ -60,18 +60,17 @@ def grip_acceleration(motion: MotionSamples) -> Check | NotChecked | None:
 
     def room(arm: ArmSamples) -> Array:
         felt = felt_at(arm, problem.gravity)
-        if len(limit) == 1:
-            return limit[:, None] - np.sqrt(dot(felt, felt))
-        return limit[:, None] - np.abs(_in_tool(arm.X_WL, R_FT, felt))
+        held = np.sqrt(dot(felt, felt)) if len(limit) == 1 else np.abs(_in_tool(arm.X_WL, R_FT, felt))
+        return 1.0 - held / limit[:, None]
 
     def evaluate(t: Array, item: Index) -> Array:
         return room(motion.at(t))[item, np.arange(len(t))]
 
     rates = np.stack(_acceleration_rates(motion, len(limit) == 3))[:, None, : count - 1]
-    rates = np.repeat(rates, len(limit), axis=1)
+    rates = np.repeat(rates, len(limit), axis=1) / limit[:, None]
     proof = prove_above(evaluate, motion.at_knots.t[:count], room(motion.at_knots)[:, :count], rates, 0.0, kinked_bound)
     bound, axis = float(limit[proof.item]), "xyz"[proof.item] if len(limit) == 3 else ""
-    return at_most(name, bound - proof.value, bound, "m/s^2", proof.at_s, axis).provided(proof.proven)
+    return at_most(name, (1.0 - proof.value) * bound, bound, "m/s^2", proof.at_s, axis).provided(proof.proven)
 
 
 def _acceleration_rates(motion: MotionSamples, in_tool: bool) -> tuple[Array, Array]:

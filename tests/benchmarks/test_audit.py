@@ -119,7 +119,9 @@ def test_a_safety_limit_or_grip_that_is_broken_is_named(good, fault):
 @pytest.mark.parametrize("fault", FLIGHT_SPOILT)
 def test_what_is_in_the_way_of_the_flight_is_named(good, fault):
     problem, motion = FLIGHT_SPOILT[fault](*good)
-    assert any(fault in text for text in flight_faults(problem, motion))
+    # A flight that meets the wall from outside has passed the mouth's plane beside the bin before.
+    named = (fault, "enters the bin") if "bin" in fault else (fault,)
+    assert any(name in text for text in flight_faults(problem, motion) for name in named)
 
 
 def test_certified_plans_are_right(good):
