@@ -39,11 +39,11 @@ def search_optimised(search: PlanningSearch, candidates: list[Candidate], policy
     with_ruckig = search.problem.backend == "auto"
     if with_ruckig and release_state_given(search, ranking):
         search.lower_bound_s = _least_release_time(search.problem.dt, ranking)
-    optimising = [stage for stage in policy if stage.backend == "casadi"]
+    first_optimised = next((stage for stage in policy if stage.backend == "casadi"), None)
     for stage in policy:
         if stage.backend == "casadi":
             _optimise(search, stage, ranking)
-            if with_ruckig and stage in optimising[:1]:
+            if with_ruckig and stage is first_optimised:
                 take_in_hand(search, ranking)
         elif with_ruckig:
             _certify_ruckig(search, stage, ranking)

@@ -16,12 +16,11 @@ from planner.geometry import body_model, tool_pose
 from planner.kinematics import inverse_branches, inverse_velocity, jacobian, singularity_distances
 from planner.problem import PointRelease, PoseRelease, ThrowProblem
 from planner.rotations import invert_pose
-from planner.seeds import allocate_velocity, farthest_reach, tool_jacobian
+from planner.seeds import SPREAD_RAD, allocate_velocity, farthest_reach, tool_jacobian
 
 PlacedRelease = PoseRelease | PointRelease
 
 POSTURES = 1536  # drawn for a point
-SPREAD_RAD = np.array([np.pi, 1.8, 1.8, 2.2, 2.2, np.pi])  # [rad] farthest postures from the start, each way
 AZIMUTHS, RADII, HEIGHTS = 24, 10, 6  # grid of the positions tried for a pose
 RADIUS_SHARES, HEIGHT_SHARES = (0.2, 0.95), (-0.3, 0.8)  # [-] of the reach: extent of that grid
 CHECKED_MAX = 200  # closest positions that are checked for clearance
