@@ -26,7 +26,6 @@ from planner.arrays import Array, Index, Mask
 from planner.certificate.bounds import (
     EVALUATIONS_MAX,
     ROUNDS,
-    jerk_jumps,
     joint_rates,
     kinked_bound,
     point_bound,
@@ -84,7 +83,7 @@ def _acceleration_rates(motion: MotionSamples, in_tool: bool) -> tuple[Array, Ar
         w1, w2 = rates.totals[0][-1], rates.totals[1][-1]
         felt = point_bound(lever, rates, 2) + motion.problem.gravity
         curvature = curvature + 2.0 * w1 * point_bound(lever, rates, 3) + w2 * felt
-    return curvature, lever @ jerk_jumps(motion.trajectory, motion.knots)
+    return curvature, lever @ rates.jumps
 
 
 def opening_direction(motion: MotionSamples) -> Check | NotChecked | None:

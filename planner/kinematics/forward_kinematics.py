@@ -105,9 +105,7 @@ def tcp_acceleration(robot: Robot, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, 
     q, qd, qdd = np.broadcast_arrays(*(np.asarray(x, dtype=np.float64) for x in (q, qd, qdd)))
     X = link_poses(robot, q.reshape(-1, 6))
     links = LinkMotion(X, qd.reshape(-1, 6), qdd.reshape(-1, 6))
-    tool = _tool_point(X, X_FT).T - links.origins[:, 6]
-    points = np.concatenate([links.offsets, tool[:, None]], axis=1)
-    linear = links.relative_acceleration(points, np.array([*range(6), 5])).sum(axis=1)
+    linear = links.acceleration(_tool_point(X, X_FT).T)
     return np.concatenate([linear, links.angular_acceleration[:, 5]]).T.reshape(q.shape)
 
 
