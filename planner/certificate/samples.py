@@ -54,6 +54,11 @@ class ArmSamples:
         return self.links.acceleration(self.p_WT)
 
     @cached_property
+    def felt(self) -> Array:
+        """Acceleration of the tool centre point against free fall (3, k) [m/s^2], which the gripper feels."""
+        return self.a_WT + np.array([[0.0], [0.0], [self.cell.surroundings.gravity_m_s2]])
+
+    @cached_property
     def tool_speed(self) -> Array:
         """Speed of the tool centre point (k,) [m/s]."""
         return np.sqrt(dot(self.v_WT, self.v_WT))

@@ -13,7 +13,7 @@ import numpy as np
 from planner.arrays import Array, Index
 from planner.kernel.compilation import SHARED, compile_once, library_path
 
-SOURCES = tuple(Path(__file__).with_name(name) for name in ("kernel.c", "bounds.c"))  # one after the other
+SOURCES = tuple(Path(__file__).with_name(name) for name in ("kernel.c", "bounds.c", "exits.c"))  # one after the other
 # Multiplications and additions are not fused, and no processor is asked for: every machine rounds alike.
 FLAGS = ("-O3", "-ffp-contract=off", "-fno-math-errno", *SHARED)
 # Arguments of each function, in order: a count, a number, or the address of an array.
@@ -36,6 +36,8 @@ SIGNATURES = {
     "derivative_bounds": "nnaa",
     "load_bounds": "naaaaaaaxxa",
     "joint_extremes": "nxaaaaa",
+    "ways": "naaaaaa",
+    "exit_cells": "naanaaaxxa",
 }
 TYPES = {"n": ctypes.c_ssize_t, "x": ctypes.c_double, "a": ctypes.c_void_p}
 LINKS, JOINTS = 7, 6  # base and links; joints
@@ -265,6 +267,23 @@ class Kernel:
         n, out = len(samples.arrays[0]), np.empty((2, 6, JOINTS))
         motion = samples.of_shapes(*3 * [(n, JOINTS)], (n - 1, JOINTS))
         self._library.joint_extremes(n, dt, *motion, _out(out))
+        return out
+
+    def ways(self, X: Array, X_FT: Array, fallen: Array, s: Array, felt: Array) -> Array:
+        """Returns w (3, n) of a tool `X_FT` (4, 4), see `certificate.exits`; `fallen` and `felt` (3, n), `s` (n,)."""
+        n, out = len(X), np.empty((3, len(X)))
+        given = _in(X, (n, LINKS, 4, 4)), _in(X_FT, (4, 4)), _in(fallen, (3, n)), _in(s, (n,)), _in(felt, (3, n))
+        self._library.ways(n, *given, _out(out))
+        return out
+
+    def exit_cells(
+        self, w: Array, s: Array, corners: Index, deviation: Array, cone: tuple[Array, float, float]
+    ) -> Array:
+        """Returns rows (7, k), see `certificate.exits`, of cells with `corners` (4, k) among `w` (3, p), `s` (p,)."""
+        p, k = len(s), corners.shape[1]
+        out, (axis, half, out_m) = np.empty((7, k)), cone
+        cells = k, _rows(corners, (4, k), p), _in(deviation, (k,))
+        self._library.exit_cells(p, _in(w, (3, p)), _in(s, (p,)), *cells, _in(axis, (3,)), half, out_m, _out(out))
         return out
 
 

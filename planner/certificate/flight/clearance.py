@@ -16,7 +16,7 @@ import numpy as np
 from planner.arrays import Array, Mask
 from planner.certificate.bounds import EVALUATIONS_MAX, ROUNDS
 from planner.certificate.certificate import Check, at_least
-from planner.certificate.flight.flights import CONTACT_M, Flights
+from planner.certificate.flight.flights import CONTACT_M, Flights, flights_of
 from planner.certificate.flight.patches import (
     PatchBounds,
     Patches,
@@ -75,7 +75,7 @@ def flight_clearance(motion: MotionSamples) -> Check | None:
     name, problem = "flight_clearance", motion.problem
     if problem.ends_at_rest:
         return None
-    flights = Flights(motion)
+    flights = flights_of(motion)
     if flights.end is None:
         return at_least(name, math.nan, 0.0, "m", flights.released_s, "never lands")
     below = problem.plane_z - problem.cell.surroundings.floor_z_m
