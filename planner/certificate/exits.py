@@ -30,7 +30,7 @@ from planner.certificate.bounds import EVALUATIONS_MAX, ROUNDS, joint_rates
 from planner.certificate.flight import Flights
 from planner.certificate.samples import ArmSamples
 from planner.kernel import Kernel, twin_of
-from planner.kinematics import LinkMotion, dot
+from planner.kinematics import LinkMotion, dot, flange_poses
 
 OUT_M = 0.01  # [m] least displacement at which the object is out of the grip; otherwise its radius
 OUT_MAX_S = 0.5  # [s] after the release: an object that moves with the tool for longer is not proven to leave it
@@ -266,9 +266,10 @@ class Exits:
         """Returns w in the tool frame (3, p) [m/s^2], `s` [s] after releases at `r` [s]."""
         motion = self.flights.motion
         arm, release = self._releases(r)
-        X_WL = motion.body.link_poses(motion.trajectory.at(r + s)[0])
+        cell = motion.problem.cell
+        X_WF = flange_poses(cell.robot, motion.trajectory.at(r + s)[0], cell.X_WB)
         fallen = self.flights.flown(arm.p_WT[:, release], arm.v_WT[:, release], s)
-        return _in_tool(X_WL, motion.problem.cell.tool.X_FT, fallen, s, arm.felt[:, release])
+        return _in_tool(X_WF, cell.tool.X_FT, fallen, s, arm.felt[:, release])
 
     def _releases(self, r: Array) -> tuple[ArmSamples, Index]:
         """Returns the arm at releases (k,), and which of its instants each is."""
@@ -292,17 +293,17 @@ def _joined(blocks: list[tuple[Cells, Seen]]) -> tuple[Cells, Seen]:
 
 def _example_way() -> tuple[Array, Array, Array, Array, Array]:
     rng = np.random.default_rng(0)
-    X, fallen, felt = (rng.uniform(-1.0, 1.0, shape) for shape in ((4, 7, 4, 4), (3, 4), (3, 4)))
+    X, fallen, felt = (rng.uniform(-1.0, 1.0, shape) for shape in ((4, 4, 4), (3, 4), (3, 4)))
     return X, rng.uniform(-1.0, 1.0, (4, 4)), fallen, np.array([0.0, 0.01, 0.1, 0.2]), felt
 
 
 @twin_of(Kernel.ways, _example_way)
-def _in_tool(X_WL: Array, X_FT: Array, fallen: Array, s: Array, felt: Array) -> Array:
-    """Returns w in the tool frame (3, p), for link poses (p, 7, 4, 4) and the object at `fallen` (3, p) after `s` (p,).
+def _in_tool(X_WF: Array, X_FT: Array, fallen: Array, s: Array, felt: Array) -> Array:
+    """Returns w in the tool frame (3, p), for flange poses (p, 4, 4) and the object at `fallen` (3, p) after `s` (p,).
 
     At the beginning it is against what the gripper has `felt` (3, p).
     """
-    X_WF, later = X_WL[:, 6], s > 0.0
+    later = s > 0.0
     p_WT = (X_WF[:, :3, :3] @ X_FT[:3, 3] + X_WF[:, :3, 3]).T
     w = np.where(later, (fallen - p_WT) * (2.0 / np.where(later, s * s, 1.0)), -felt)
     R_WT = (X_WF[:, :3, :3] @ X_FT[:3, :3]).transpose(1, 2, 0)

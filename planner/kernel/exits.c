@@ -1,11 +1,11 @@
 /* The ways on which the object leaves the tool. See planner/certificate/exits.py. */
 
-/* w in the tool frame (3, n), for poses X (n, 7, 4, 4), the tool in the flange X_FT (4, 4), the object fallen to (3, n)
+/* w in the tool frame (3, n), for poses X (n, 4, 4) of the flange, the tool in the flange X_FT (4, 4), the object fallen to (3, n)
    after s (n,), and what the gripper felt (3, n) at the release. */
 void ways(count n, in X, in X_FT, in fallen, in s, in felt, double *out) {
     const double place[3] = {X_FT[3], X_FT[7], X_FT[11]};
     for (count m = 0; m < n; m++) {
-        in flange = X + 16 * (7 * m + 6);
+        in flange = X + 16 * m;
         double p[3], w[3], along[3];
         in_world(flange, place, 1.0, p);
         for (int row = 0; row < 3; row++)

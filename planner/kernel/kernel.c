@@ -22,24 +22,36 @@ static void add_cross(in a, in b, double *out) {
 
 static double clamped(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
 
+/* Poses X (7, 4, 4) of base and links, all zero before; cosines and sines (6,) of the joints, see link_poses. */
+static void pose_chain(in cosine, in sine, in dh, in base, double *X) {
+    memcpy(X, base, 16 * sizeof *X);
+    for (int i = 0; i < 6; i++) {
+        double a = dh[i], d = dh[6 + i], c = dh[12 + i], s = dh[18 + i];
+        for (int row = 0; row < 3; row++) {
+            in from = X + 16 * i + 4 * row;
+            double *to = X + 16 * (i + 1) + 4 * row;
+            double turned = cosine[i] * from[1] - sine[i] * from[0];
+            to[0] = cosine[i] * from[0] + sine[i] * from[1];
+            to[1] = c * turned + s * from[2];
+            to[2] = c * from[2] - s * turned;
+            to[3] = from[3] + d * from[2] + a * to[0];
+        }
+        X[16 * (i + 1) + 15] = 1.0;
+    }
+}
+
 /* Poses X (n, 7, 4, 4) of base and links; cosines and sines (n, 6) of the joints, dh: a, d, cos alpha, sin alpha. */
 void link_poses(count n, in cosine, in sine, in dh, in base, double *X) {
     memset(X, 0, n * 7 * 16 * sizeof *X);
-    for (count k = 0; k < n; k++, cosine += 6, sine += 6, X += 7 * 16) {
-        memcpy(X, base, 16 * sizeof *X);
-        for (int i = 0; i < 6; i++) {
-            double a = dh[i], d = dh[6 + i], c = dh[12 + i], s = dh[18 + i];
-            for (int row = 0; row < 3; row++) {
-                in from = X + 16 * i + 4 * row;
-                double *to = X + 16 * (i + 1) + 4 * row;
-                double turned = cosine[i] * from[1] - sine[i] * from[0];
-                to[0] = cosine[i] * from[0] + sine[i] * from[1];
-                to[1] = c * turned + s * from[2];
-                to[2] = c * from[2] - s * turned;
-                to[3] = from[3] + d * from[2] + a * to[0];
-            }
-            X[16 * (i + 1) + 15] = 1.0;
-        }
+    for (count k = 0; k < n; k++) pose_chain(cosine + 6 * k, sine + 6 * k, dh, base, X + 7 * 16 * k);
+}
+
+/* Poses (n, 4, 4) of the last link, as of `link_poses`. */
+void flange_poses(count n, in cosine, in sine, in dh, in base, double *out) {
+    double X[7 * 16] = {0.0};
+    for (count k = 0; k < n; k++, out += 16) {
+        pose_chain(cosine + 6 * k, sine + 6 * k, dh, base, X);
+        memcpy(out, X + 6 * 16, 16 * sizeof *out);
     }
 }
 

@@ -13,12 +13,15 @@ import numpy as np
 from planner.arrays import Array, Index
 from planner.kernel.compilation import SHARED, compile_once, library_path
 
-SOURCES = tuple(Path(__file__).with_name(name) for name in ("kernel.c", "bounds.c", "exits.c"))  # one after the other
+SOURCES = tuple(
+    Path(__file__).with_name(name) for name in ("kernel.c", "bounds.c", "exits.c", "patches.c")
+)  # one after the other
 # Multiplications and additions are not fused, and no processor is asked for: every machine rounds alike.
 FLAGS = ("-O3", "-ffp-contract=off", "-fno-math-errno", *SHARED)
 # Arguments of each function, in order: a count, a number, or the address of an array.
 SIGNATURES = {
     "link_poses": "naaaaa",
+    "flange_poses": "naaaaa",
     "end_points": "nanaaa",
     "end_points_of": "naaaa",
     "point_velocity": "naaaa",
@@ -38,6 +41,7 @@ SIGNATURES = {
     "joint_extremes": "nxaaaaa",
     "ways": "naaaaaa",
     "exit_cells": "naanaaaxxa",
+    "capsule_bounds": "nnaanaaaaaaaa",
 }
 TYPES = {"n": ctypes.c_ssize_t, "x": ctypes.c_double, "a": ctypes.c_void_p}
 LINKS, JOINTS = 7, 6  # base and links; joints
@@ -127,6 +131,13 @@ class Kernel:
         rows = (n, JOINTS)
         joints = _in(cosine, rows), _in(sine, rows)
         self._library.link_poses(n, *joints, _in(dh, (4, JOINTS)), _in(base, (4, 4)), _out(X))
+        return X
+
+    def flange_poses(self, cosine: Array, sine: Array, dh: Array, base: Array) -> Array:
+        """Returns flange poses (n, 4, 4) for cosines and sines (n, 6) of the joints, as `link_poses` does."""
+        n, X = len(cosine), np.empty((len(cosine), 4, 4))
+        joints = _in(cosine, (n, JOINTS)), _in(sine, (n, JOINTS))
+        self._library.flange_poses(n, *joints, _in(dh, (4, JOINTS)), _in(base, (4, 4)), _out(X))
         return X
 
     def end_points(self, X: Array, frames: Index, ends: Array) -> Array:
@@ -270,9 +281,9 @@ class Kernel:
         return out
 
     def ways(self, X: Array, X_FT: Array, fallen: Array, s: Array, felt: Array) -> Array:
-        """Returns w (3, n) of a tool `X_FT` (4, 4), see `certificate.exits`; `fallen` and `felt` (3, n), `s` (n,)."""
+        """Returns w (3, n), see `certificate.exits`: flange `X` (n, 4, 4), `X_FT` (4, 4), `fallen`, `felt` (3, n)."""
         n, out = len(X), np.empty((3, len(X)))
-        given = _in(X, (n, LINKS, 4, 4)), _in(X_FT, (4, 4)), _in(fallen, (3, n)), _in(s, (n,)), _in(felt, (3, n))
+        given = _in(X, (n, 4, 4)), _in(X_FT, (4, 4)), _in(fallen, (3, n)), _in(s, (n,)), _in(felt, (3, n))
         self._library.ways(n, *given, _out(out))
         return out
 
@@ -284,6 +295,32 @@ class Kernel:
         out, (axis, half, out_m) = np.empty((7, k)), cone
         cells = k, _rows(corners, (4, k), p), _in(deviation, (k,))
         self._library.exit_cells(p, _in(w, (3, p)), _in(s, (p,)), *cells, _in(axis, (3,)), half, out_m, _out(out))
+        return out
+
+    def capsule_bounds(
+        self,
+        grid: tuple[Array, Array, Array],
+        capsules: tuple[Index, Array],
+        rates: Array,
+        reach: Array,
+        moving: Array,
+    ) -> Array:
+        """Returns bounds (c, m, n), see `certificate.flight.patches`.
+
+        Args:
+            grid: positions (3, rows, n + 1), link poses (n + 1, 7, 4, 4) and lengths of the intervals (n,).
+            capsules: frames (c,) and ends (c, 2, 3).
+            rates: that move the frames (2, 7, n).
+            reach: of the joints before them (7,).
+            moving: bounds on speed and bend of the flights (2, m, n).
+        """
+        (x, X, h), (frames, ends) = grid, capsules
+        (_, rows, columns), c, n = x.shape, len(frames), len(h)
+        out, scratch = np.empty((c, max(1, rows - 1), n)), np.empty((LINKS, rows, columns, 3))
+        given = _in(x, (3, rows, n + 1)), _in(X, (n + 1, LINKS, 4, 4))
+        bodies = c, _rows(frames, (c,), LINKS), _in(ends, (c, 2, 3))
+        moved = _in(rates, (2, LINKS, n)), _in(reach, (LINKS,)), _in(moving, (2, *out.shape[1:])), _in(h, (n,))
+        self._library.capsule_bounds(rows, n, *given, *bodies, *moved, _out(scratch), _out(out))
         return out
 
 
