@@ -34,7 +34,8 @@ from planner.kinematics import LinkMotion, dot, flange_poses
 
 OUT_M = 0.01  # [m] least displacement at which the object is out of the grip; otherwise its radius
 OUT_MAX_S = 0.5  # [s] after the release: an object that moves with the tool for longer is not proven to leave it
-SPARE = 1.5  # [-] share of the time in which it would be out with what it feels at the release, looked at at once
+SPARE = 1.1  # [-] share of the time after which the object of the nominal release is out, looked at at once
+MORE = 0.5  # [-] share of the time looked at that is looked at next, until the object is out
 SPACING_S = 0.008  # [s] of the instants after a release that are looked at first
 TICK_ROUNDING = 1e-6  # [ticks] by which whole ticks may exceed their number in floating point
 RELEASES_S = 0.004  # [s] of the releases in a window
@@ -204,7 +205,7 @@ class Exits:
             is_out = np.logical_or.accumulate(seen.is_out.reshape(max(1, len(r) - 1), -1), axis=1)
             on_way = ~is_out.ravel()
             blocks.append((cells._replace(corners=cells.corners[:, on_way]), Seen._make(v[..., on_way] for v in seen)))
-            begin, length = begin + length, begin + length
+            begin, length = begin + length, SPACING_S * math.ceil(MORE * length / SPACING_S - TICK_ROUNDING)
             if is_out[:, -1].all():
                 break
             if begin > OUT_MAX_S:
@@ -213,10 +214,16 @@ class Exits:
 
     def _first_length(self) -> float:
         """Returns a time in which the object should be out, a multiple of `SPACING_S` [s]."""
-        motion = self.flights.motion
-        felt = motion.at_knots.felt[:, motion.release_knot]
-        least = max(float(np.linalg.norm(felt)), motion.problem.gravity)
-        return SPACING_S * (2 + math.ceil(SPARE * math.sqrt(2.0 * self.cone.out_m / least) / SPACING_S))
+        motion, k = self.flights.motion, self.flights.motion.release_knot
+        s, p = motion.at_knots.t[k + 1 :] - motion.at_knots.t[k], motion.at_knots.p_WT[:, k + 1 :]
+        apart = self.flights.flown_on_grid(*(x[:, None] for x in self.flights.nominal), s[None])[:, 0] - p
+        moved = np.sqrt(dot(apart, apart))
+        out = np.flatnonzero(moved >= self.cone.out_m)
+        if len(out) > 0:  # the displacement grows about like the square of the time
+            out_s = float(s[out[0]] * math.sqrt(self.cone.out_m / moved[out[0]]))
+        else:
+            out_s = s.max(initial=0.0) + math.sqrt(2.0 * self.cone.out_m / motion.problem.gravity)
+        return SPACING_S * (2 + math.ceil(SPARE * out_s / SPACING_S))
 
     def _bounds(self, until_s: float) -> WayBounds:
         """Returns bounds from the beginning of the window until `until_s` after its end."""
