@@ -17,7 +17,6 @@ the jerk from tick to tick: each jump counts (`kinked_bound`). `prove_above` bis
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -116,8 +115,7 @@ def point_bound(lever: Array, rates: Rates, derivative: int) -> Array:
     return lever @ rates.by_derivative[derivative - 1]
 
 
-@dataclass(frozen=True)
-class Proof:
+class Proof(NamedTuple):
     """Result of `prove_above`.
 
     Attributes:
@@ -204,9 +202,9 @@ def prove_above(
     best = Proof(float(values[item, knot]), float(knots[knot]), item, False)
     if not best.value >= required:
         return best
-    enough = lower_bound(values[:, :-1], values[:, 1:], rates, np.diff(knots)) >= required
+    enough = lower_bound(values[:, :-1], values[:, 1:], rates, knots[1:] - knots[:-1]) >= required
     if enough.all():
-        return replace(best, proven=True)
+        return best._replace(proven=True)
     items, parts = np.nonzero(~enough)
     rate = np.broadcast_to(rates, (*rates.shape[:-2], *enough.shape))[..., items, parts]
     todo = Intervals(knots[parts], knots[parts + 1], values[items, parts], values[items, parts + 1], rate, items)
@@ -231,5 +229,5 @@ def _bisect(
         todo = todo.halves(middle, f_middle)
         todo = todo.keep(~(lower_bound(todo.f_left, todo.f_right, todo.rate, todo.right - todo.left) >= required))
         if len(todo.left) == 0:
-            return replace(best, proven=True)
+            return best._replace(proven=True)
     return best

@@ -122,7 +122,7 @@ class WayBounds(NamedTuple):
     """Bounds on the motion of the tool while the object leaves it.
 
     Attributes:
-        jumps: of the slope of a at each tick (n,) [m/s^3].
+        sums: of the jumps of the slope of a at the ticks before each, and at all of them (n + 1,) [m/s^3].
         rate_hz: ticks a second.
         snap: sup |a''| between ticks [m/s^4].
         jerk: sup |a'| [m/s^3].
@@ -131,7 +131,7 @@ class WayBounds(NamedTuple):
         turning: A + W^2 [rad/s^2].
     """
 
-    jumps: Array
+    sums: Array
     rate_hz: float
     snap: float
     jerk: float
@@ -144,17 +144,14 @@ class WayBounds(NamedTuple):
         along = self.snap * (dr * dr / 8.0 + ds * ds / 48.0)
         change = self.turn * self.jerk * (dr * dr + ds * ds / 3.0) / 4.0
         smooth = along + change + self.turning * self.most * (dr * dr + ds * ds) / 8.0
-        share = float(self.jumps.sum()) / np.maximum(s0, TINY)
+        share = float(self.sums[-1]) / np.maximum(s0, TINY)
         along_r = np.minimum(self._jumps_within(dr) * dr / 4.0, share * (dr * dr / 3.0))
         return smooth + along_r + np.minimum(self._jumps_within(ds) * ds / 12.0, share * (ds * ds / 8.0))
 
     def _jumps_within(self, h: float) -> float:
         """Returns the largest sum of the jumps inside a time `h` [m/s^3]."""
-        ticks = min(len(self.jumps), math.ceil(h * self.rate_hz - TICK_ROUNDING))
-        if ticks <= 0:
-            return 0.0
-        sums = np.concatenate([[0.0], np.cumsum(self.jumps)])
-        return float((sums[ticks:] - sums[:-ticks]).max())
+        ticks = min(len(self.sums) - 1, math.ceil(h * self.rate_hz - TICK_ROUNDING))
+        return float((self.sums[ticks:] - self.sums[:-ticks]).max()) if ticks > 0 else 0.0
 
 
 class Exits:
@@ -241,7 +238,8 @@ class Exits:
         # Along the releases of a window jumps count three times as much as along the time: there they are exact.
         exact = self.flights.window_s > 0.0
         jumps = self._jumps(max(first, 1), end) if exact else self._most_jumps(max(first, 1), end)
-        return WayBounds(jumps, rate, snap, jerk, most, w, a + w * w)
+        sums = np.concatenate([[0.0], np.cumsum(jumps)])
+        return WayBounds(sums, rate, snap, jerk, most, w, a + w * w)
 
     def _jerk_changes(self, first: int, end: int) -> Array:
         """Returns the changes of the joints' jerk (n, 6) at the ticks from `first` to `end` [rad/s^3]."""

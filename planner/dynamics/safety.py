@@ -59,8 +59,8 @@ def point_velocity(chain: LinkMotion, point: WatchedPoint) -> Array:
 
 
 def _compiled_fastest(kernel: Kernel, chain: LinkMotion, points: tuple[WatchedPoint, ...]) -> Array:
-    frames, places = np.array([point.frame for point in points]), np.array([point.place for point in points])
-    return kernel.fastest(chain.X, chain.qd, frames, places)
+    _, frames, places = zip(*points, strict=True)
+    return kernel.fastest(chain.X, chain.qd, np.array(frames), np.array(places))
 
 
 def _example_chain() -> LinkMotion:
