@@ -129,14 +129,14 @@ def fly(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, drag: float 
     speed = float(np.linalg.norm(v))
     if drag > 0.0:
         return _fly_with_drag(p, v, plane_z, gravity, drag)
-    t = float(time_of_flight(p[2] - plane_z, v[2], gravity))
-    if math.isnan(t):
+    height, upward = float(p[2]), float(v[2])
+    square = upward**2 + 2.0 * gravity * (height - plane_z)
+    t = (upward + math.sqrt(square)) / gravity if square >= 0.0 else math.nan
+    if not t >= 0.0:
         return None
-    down = np.array([0.0, 0.0, gravity])
-    apex = float(p[2] + max(v[2], 0.0) ** 2 / (2.0 * gravity))
-    landing = p + v * t - 0.5 * down * t**2
-    landing[2] = plane_z
-    return Flight(landing, v - down * t, t, apex, speed)
+    landing, velocity = p + v * t, v.copy()
+    landing[2], velocity[2] = plane_z, upward - gravity * t
+    return Flight(landing, velocity, t, height + max(upward, 0.0) ** 2 / (2.0 * gravity), speed)
 
 
 def path(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float, drag: float = 0.0) -> Array:

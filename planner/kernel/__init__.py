@@ -5,7 +5,7 @@ file does them in one pass. Without a compiled library, or where it disagrees wi
 """
 
 from planner.kernel.compilation import SHARED, compile_once, library_path
-from planner.kernel.library import Kernel, compile_kernel, loaded
+from planner.kernel.library import Kernel, Pinned, compile_kernel, loaded
 from planner.kernel.twin import twin_of
 
-__all__ = ["SHARED", "Kernel", "compile_kernel", "compile_once", "library_path", "loaded", "twin_of"]
+__all__ = ["SHARED", "Kernel", "Pinned", "compile_kernel", "compile_once", "library_path", "loaded", "twin_of"]
