@@ -28,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from planner.arrays import Array, Index, Mask
-from planner.certificate.bounds import joint_rates, point_bound
+from planner.certificate.bounds import joint_rates
 from planner.certificate.flight.flights import TINY_M, Flights, nearest_on_segments
 from planner.kernel import Kernel, twin_of
 from planner.kinematics import dot
@@ -245,7 +245,7 @@ def patch_bounds(flights: Flights, height: float, spacing_s: float, v: Array) ->
         rate = motion.trajectory.sample_rate_hz
         ticks = np.array([round(t * rate) for t in (motion.gone_from_s, motion.held_until_s)])
         rates = joint_rates(motion.trajectory, ticks)
-        a, j = (float(point_bound(motion.body.tool_lever, rates, n)[0]) for n in (2, 3))
+        _, a, j, _ = (motion.body.tool_lever @ rates.by_derivative)[:, 0].tolist()
         tool = a, j
     first = math.sqrt(float(dot(v, v).max())) + tool[1] * spacing_s**2 / 8.0
     return PatchBounds(flights, height, first, tool, spacing_s)
