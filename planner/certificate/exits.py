@@ -212,8 +212,9 @@ class Exits:
     def _first_length(self) -> float:
         """Returns a time in which the object should be out, a multiple of `SPACING_S` [s]."""
         motion, k = self.flights.motion, self.flights.motion.release_knot
-        s, p = motion.at_knots.t[k + 1 :] - motion.at_knots.t[k], motion.at_knots.p_WT[:, k + 1 :]
-        apart = self.flights.flown_on_grid(*(x[:, None] for x in self.flights.nominal), s[None])[:, 0] - p
+        s, (p, v) = motion.at_knots.t[k + 1 :] - motion.at_knots.t[k], self.flights.nominal
+        fallen = self.flights.flown_on_grid(p[:, None], v[:, None], s[None])[:, 0]
+        apart = fallen - motion.at_knots.p_WT[:, k + 1 :]
         moved = np.sqrt(dot(apart, apart))
         out = np.flatnonzero(moved >= self.cone.out_m)
         if len(out) > 0:  # the displacement grows about like the square of the time

@@ -13,9 +13,7 @@ import numpy as np
 from planner.arrays import Array, Index
 from planner.kernel.compilation import SHARED, compile_once, library_path
 
-SOURCES = tuple(
-    Path(__file__).with_name(name) for name in ("kernel.c", "bounds.c", "exits.c", "patches.c")
-)  # one after the other
+SOURCES = tuple(Path(__file__).with_name(name) for name in ("kernel.c", "bounds.c", "flights.c"))  # one after the other
 # Multiplications and additions are not fused, and no processor is asked for: every machine rounds alike.
 FLAGS = ("-O3", "-ffp-contract=off", "-fno-math-errno", *SHARED)
 # Arguments of each function, in order: a count, a number, or the address of an array.
