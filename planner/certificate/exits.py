@@ -13,6 +13,8 @@ gives J dr^2 / (3 s) and J ds^2 / (8 s): the smaller bound counts. Turned into t
 |w|, W on the tool's angular velocity and A on its acceleration, w deviates by (A + W^2) U (dr^2 + ds^2) / 8 and by
 W sup|a'| (dr^2 + ds^2 / 3) / 4 more.
 
+The first millimetre counts in no direction: an object that leaves slowly may be anywhere in it.
+
 A cone of at most a half space is convex: a chord is as deep in it as its shallower end. What lies outside a wider one
 is a convex cone: in the direction n from its point nearest to the middle of a cell, w is outside it by at least n . w,
 which is linear and least at a corner.
@@ -33,6 +35,7 @@ from planner.kernel import Kernel, twin_of
 from planner.kinematics import LinkMotion, dot, flange_poses
 
 OUT_M = 0.01  # [m] least displacement at which the object is out of the grip; otherwise its radius
+FREE_M = 0.001  # [m] displacement that counts in no direction: chosen, a fraction of the play between object and palm
 OUT_MAX_S = 0.5  # [s] after the release: an object that moves with the tool for longer is not proven to leave it
 SPARE = 1.1  # [-] share of the time after which the object of the nominal release is out, looked at at once
 MORE = 0.5  # [-] share of the time looked at that is looked at next, until the object is out
@@ -87,10 +90,11 @@ def cells_between(r: Array, s: Array) -> Cells:
 
 
 class Cone(NamedTuple):
-    """The cone that the gripper opens, in the tool's axes: direction (3,), half angle [rad], where it ends [m]."""
+    """The cone that the gripper opens, in the tool's axes: direction (3,), half angle [rad], where it begins, ends [m]."""
 
     direction: Array
     half_rad: float
+    free_m: float
     out_m: float
 
 
@@ -98,10 +102,10 @@ class Seen(NamedTuple):
     """Cells evaluated.
 
     Attributes:
-        angle: from the cone's axis at the corners (4, k) [rad]; -inf where the object is out.
+        angle: from the cone's axis at the corners (4, k) [rad]; -inf where the object is out, or still in its place.
         leaving: about the angle at which it gets out between the corners of a release (k,) [rad]; -inf where it does
             not.
-        room: how deep the cells are in the cone, at least (k,) [m/s^2].
+        room: how deep the cells are in the cone, at least (k,) [m/s^2]; inf where the object is still in its place.
         is_out: whether the object is out from the beginning of the cells on (k,).
         end_s: ends of the cells at their last release (k,) [s].
     """
@@ -165,7 +169,7 @@ class Exits:
     def __init__(self, flights: Flights, direction: Array, cone_rad: float) -> None:
         """Takes the flights, the axis of the cone (3,) in the tool frame and its half angle [rad]."""
         out_m = max(flights.motion.problem.cell.object.radius_m, OUT_M)
-        self.flights, self.cone = flights, Cone(direction, cone_rad, out_m)
+        self.flights, self.cone = flights, Cone(direction, cone_rad, FREE_M, out_m)
 
     def widest(self) -> tuple[float, float, bool]:
         """Returns the widest angle found [rad], its time [s], and whether the cone is proven to contain all ways."""
@@ -320,7 +324,7 @@ def _example_cells() -> tuple[Array, Array, Index, Array, Cone]:
     rng = np.random.default_rng(0)
     cells = cells_between(np.array([0.0, 0.1, 0.2]), np.array([0.0, 0.03, 0.06, 0.09]))
     w = np.array([[0.0], [0.0], [9.0]]) + rng.uniform(-8.0, 8.0, (3, 12))
-    return w, cells.s, cells.corners, rng.uniform(0.0, 1.0, 6), Cone(np.array([0.0, 0.6, 0.8]), 2.0, 0.01)
+    return w, cells.s, cells.corners, rng.uniform(0.0, 1.0, 6), Cone(np.array([0.0, 0.6, 0.8]), 2.0, 0.001, 0.01)
 
 
 @twin_of(Kernel.exit_cells, _example_cells)
@@ -347,10 +351,12 @@ def _seen(w: Array, s: Array, corners: Index, deviation: Array, cone: Cone) -> A
         room = _outside(w, cone)
     else:
         room = (size * np.sin(np.maximum(cone.half_rad - angle, -np.pi / 2))).min(axis=0)
+    in_place = 0.5 * (size.max(axis=0) + deviation) * s.max(axis=0) ** 2 < cone.free_m
     mean = w[:, 0] + w[:, 2]
     least = np.minimum(dot(w[:, 0], mean), dot(w[:, 2], mean)) / np.maximum(np.sqrt(dot(mean, mean)), TINY)
     is_out = 0.5 * (least - deviation) * s[0] ** 2 >= cone.out_m
-    return np.stack([*np.where(out, -np.inf, angle), leaving, room - deviation, is_out])
+    counted = np.where(out | (moved < cone.free_m), -np.inf, angle)
+    return np.stack([*counted, leaving, np.where(in_place, np.inf, room - deviation), is_out])
 
 
 def _angle(w: Array, cone: Cone) -> Array:

@@ -123,12 +123,15 @@ static double outside_of(in axis, double half, double w[4][3]) {
 }
 
 /* For k cells with corners (4, k) among p points, with w (3, p) and s (p,), and at most the deviation (k,) between them
-   (7, k): angles from the axis (3,) at the corners and where the object gets out, room, whether it is out. */
-void exit_cells(count p, in w, in s, count k, const count *corners, in deviation, in axis, double half, double out_m,
-                double *out) {
+   (7, k): angles from the axis (3,) at the corners and where the object gets out, room, whether it is out. Up to
+   free_m from its place the object counts in no direction. */
+void exit_cells(count p, in w, in s, count k, const count *corners, in deviation, in axis, double half, double free_m,
+                double out_m, double *out) {
     const double tiny = 1e-9;
     for (count m = 0; m < k; m++) {
         double v[4][3], size[4], angle[4], root[4], leaving = -INFINITY, room = INFINITY, mean[3];
+        double most = 0.0, latest = 0.0;
+        int is_out[4];
         for (int i = 0; i < 4; i++) {
             count at = corners[i * k + m];
             for (int row = 0; row < 3; row++) v[i][row] = w[row * p + at];
@@ -136,12 +139,15 @@ void exit_cells(count p, in w, in s, count k, const count *corners, in deviation
             double moved = 0.5 * size[i] * s[at] * s[at];
             root[i] = sqrt(moved);
             angle[i] = angle_from(axis, v[i]);
-            out[i * k + m] = moved >= out_m ? -INFINITY : angle[i];
+            is_out[i] = moved >= out_m;
+            out[i * k + m] = is_out[i] || moved < free_m ? -INFINITY : angle[i];
+            most = at_least(size[i], most);
+            latest = at_least(s[at], latest);
             double deep = size[i] * sin(at_least(half - angle[i], -0.5 * M_PI));
             if (deep < room || deep != deep) room = deep;
         }
         for (int i = 0; i < 4; i += 2) {
-            if (!(out[(i + 1) * k + m] == -INFINITY) || out[i * k + m] == -INFINITY) continue;
+            if (!is_out[i + 1] || is_out[i]) continue;
             double share = (sqrt(out_m) - root[i]) / at_least(root[i + 1] - root[i], tiny), there[3];
             for (int row = 0; row < 3; row++) there[row] = v[i][row] + share * (v[i + 1][row] - v[i][row]);
             leaving = at_least(angle_from(axis, there), leaving);
@@ -150,7 +156,8 @@ void exit_cells(count p, in w, in s, count k, const count *corners, in deviation
         double first = dot(v[0], mean), last = dot(v[2], mean), begin = s[corners[m]];
         double least = (first < last ? first : last) / at_least(sqrt(dot(mean, mean)), tiny);
         out[4 * k + m] = leaving;
-        out[5 * k + m] = (half > 0.5 * M_PI ? outside_of(axis, half, v) : room) - deviation[m];
+        int in_place = 0.5 * (most + deviation[m]) * (latest * latest) < free_m;
+        out[5 * k + m] = in_place ? INFINITY : (half > 0.5 * M_PI ? outside_of(axis, half, v) : room) - deviation[m];
         out[6 * k + m] = 0.5 * (least - deviation[m]) * (begin * begin) >= out_m;
     }
 }

@@ -38,7 +38,7 @@ SIGNATURES = {
     "load_bounds": "naaaaaaaxxa",
     "joint_extremes": "nxaaaaa",
     "ways": "naaaaaa",
-    "exit_cells": "naanaaaxxa",
+    "exit_cells": "naanaaaxxxa",
     "capsule_bounds": "nnaanaaaaaaaa",
 }
 TYPES = {"n": ctypes.c_ssize_t, "x": ctypes.c_double, "a": ctypes.c_void_p}
@@ -286,13 +286,13 @@ class Kernel:
         return out
 
     def exit_cells(
-        self, w: Array, s: Array, corners: Index, deviation: Array, cone: tuple[Array, float, float]
+        self, w: Array, s: Array, corners: Index, deviation: Array, cone: tuple[Array, float, float, float]
     ) -> Array:
         """Returns rows (7, k), see `certificate.exits`, of cells with `corners` (4, k) among `w` (3, p), `s` (p,)."""
         p, k = len(s), corners.shape[1]
-        out, (axis, half, out_m) = np.empty((7, k)), cone
+        out, (axis, *numbers) = np.empty((7, k)), cone
         cells = k, _rows(corners, (4, k), p), _in(deviation, (k,))
-        self._library.exit_cells(p, _in(w, (3, p)), _in(s, (p,)), *cells, _in(axis, (3,)), half, out_m, _out(out))
+        self._library.exit_cells(p, _in(w, (3, p)), _in(s, (p,)), *cells, _in(axis, (3,)), *numbers, _out(out))
         return out
 
     def capsule_bounds(

@@ -21,7 +21,9 @@ SX = Any
 FIRST_MOVING_CAPSULE = 2  # base and shoulder do not move relative to the floor
 GUARD = 0.01  # [m^2/s^2] keeps the discriminant of a flight that never reaches the plane above zero
 TINY = 1e-9  # [m^2/s^2] keeps the horizontal speed away from zero
-PASSING = 0.01  # [s] roundness of the time at which a flight passes an edge, no sooner than its release; 0.1 ms late at 0.2 s
+PASSING = (
+    0.01  # [s] roundness of the time at which a flight passes an edge, no sooner than its release; 0.1 ms late at 0.2 s
+)
 SLOWEST_FALL = 0.01  # [m^2/s^2] keeps the squared speed of fall into a bin away from zero
 CENTRED = 1e-6  # [m^2] keeps the distance from a bin's axis away from zero
 STEADY = 1.0  # [m^2/s^4] keeps the relative acceleration away from zero

@@ -99,7 +99,7 @@ def test_the_curvature_of_the_landing_point_is_within_its_bound():
 @pytest.mark.parametrize("half_rad", [0.8, np.pi / 2, 2.0, 3.0])
 def test_a_cell_in_a_cone_is_as_deep_as_claimed(half_rad):
     """Against the angles of dense points of the cell; what is outside a wide cone is the complement."""
-    rng, cone = np.random.default_rng(19), Cone(np.array([0.0, 0.6, 0.8]), half_rad, 0.01)
+    rng, cone = np.random.default_rng(19), Cone(np.array([0.0, 0.6, 0.8]), half_rad, 0.0, 0.01)
     share = rng.dirichlet(np.ones(4), 400)
     for _ in range(200):
         corner = rng.uniform(-1.0, 1.0, 3) + rng.uniform(0.0, 1.0) * rng.uniform(-1.0, 1.0, (4, 3))
