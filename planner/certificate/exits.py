@@ -90,7 +90,7 @@ def cells_between(r: Array, s: Array) -> Cells:
 
 
 class Cone(NamedTuple):
-    """The cone that the gripper opens, in the tool's axes: direction (3,), half angle [rad], where it begins, ends [m]."""
+    """The cone that the gripper opens in the tool's axes: direction (3,), half angle [rad], begin and end [m]."""
 
     direction: Array
     half_rad: float

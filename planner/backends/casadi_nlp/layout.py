@@ -119,8 +119,8 @@ UNLIMITED_GRIP = 1.0e4  # [m/s^2] stands for a grip without limit
 class FlightEdge:
     """A half-space that the object's flight x(t) must be in at one time: direction @ x(t) >= bound.
 
-    The time is (offset - normal @ p) / (normal @ v + steady) for a release at p with velocity v in the plane (x, y), the
-    release itself at the earliest.
+    The time is (offset - normal @ p) / (normal @ v + steady) for a release at p with velocity v in the plane (x, y),
+    the release itself at the earliest.
 
     Attributes:
         normal: of a vertical plane that the flight crosses at that time, over the speed at which it is expected to

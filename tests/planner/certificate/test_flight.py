@@ -224,7 +224,7 @@ def dense_grip(problem, trajectory, window_s, limit):
 
 
 def dense_way_out(problem, trajectory, window_s, direction):
-    """The widest angle of the way of the object in the tool, from its first millimetre until it has moved by its radius."""
+    """The widest angle of the way of the object in the tool, from its first millimetre to its radius."""
     widest, radius = 0.0, problem.cell.object.radius_m
     for delay in np.linspace(-window_s, window_s, 7) if window_s else (0.0,):
         t, x, _ = flown(problem, trajectory, delay)
