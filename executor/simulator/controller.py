@@ -74,6 +74,8 @@ class Controller:
                 self.stream.command_arrived(value)
         if inputs.others:
             self.workcell.outputs.request(inputs.others)
+            for name, value in inputs.others.items():
+                registers.write_bits(name, value)
             fraction = inputs.others.get("speed_slider_fraction", -1.0)
             if inputs.others.get("speed_slider_mask") and 0.0 <= fraction <= 1.0:
                 self.slider = fraction

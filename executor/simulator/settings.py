@@ -13,6 +13,8 @@ SCRIPT_PORT = 30003  # source: UR client interfaces; ur_rtde uploads its program
 DASHBOARD_PORT = 29999  # source: UR dashboard manual
 CONTROL_PORT = 29900  # chosen: the simulator's own, not a port of UR
 
+BIT_REGISTERS = 128  # general purpose bits, input and output; source: RTDE guide
+BIT_WORDS_END = 64  # the bits below are read and written as two words of 32; source: RTDE guide
 REGISTERS = 48  # general purpose registers of each kind, input and output; source: RTDE guide
 REALTIME_PRIORITY = 60  # of SCHED_FIFO; above a client's, so that on one processor no client makes the controller late
 

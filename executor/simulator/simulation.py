@@ -30,7 +30,8 @@ class Simulation:
         self.output_values = OutputValues(c)
         self.pacing = CyclePacing(c.timeline.dt, settings.stall_tolerant)
         self.freeze_s = 0.0
-        self.rtde = RtdeServer(c.identity, c.timeline, self.output_values.values, c.take_inputs)
+        values, derived = self.output_values.values, self.output_values.derived
+        self.rtde = RtdeServer(c.identity, c.timeline, values, c.take_inputs, derived)
         script = ScriptServer(c.runner.upload, c.timeline.note)
         dashboard = DashboardServer(c.identity, c.stops)
         self.network = Network(host)
