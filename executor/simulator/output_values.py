@@ -40,6 +40,7 @@ class OutputValues:
         self.derived = DerivedValues(controller).functions
         self._constants()
         self.torques()
+        self.cycle()
 
     def _constants(self) -> None:
         values = self.values

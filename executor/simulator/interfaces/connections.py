@@ -92,6 +92,10 @@ class Connection:
                 self.flush()
         return arrived
 
+    def limit_send_buffer(self, size: int) -> None:
+        """Limits what the kernel keeps for a client that does not read [bytes]; more would be out of date anyway."""
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, size)
+
     def take_lines(self) -> Iterator[bytes]:
         """Yields every complete line received and removes it; closes the connection if the rest is too long."""
         while self.open and b"\n" in self.received:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from executor.simulator.physics import Arm, Transform, kinematics
+from executor.simulator.program.messages import Message
 from executor.simulator.program.safety import SafetyLimits
 from executor.simulator.settings import BIT_REGISTERS, REGISTERS
 from planner.kinematics import inverse
@@ -113,6 +115,9 @@ class ProgramContext:
         in_contact: returns whether the tool touches something.
         set_watchdog: sets the RTDE watchdog: register, least frequency [Hz].
         protective_stop: triggers a protective stop with a reason.
+        post: passes a message on to the clients.
+        set_outputs: requests outputs, by the names of RTDE's inputs.
+        output_bits: returns the physical levels of the digital outputs.
     """
 
     robot: Robot
@@ -124,6 +129,9 @@ class ProgramContext:
     in_contact: Callable[[], bool]
     set_watchdog: Callable[[int, float], None]
     protective_stop: Callable[[str], None]
+    post: Callable[[Message], None]
+    set_outputs: Callable[[Mapping[str, Any]], None]
+    output_bits: Callable[[], int]
 
     @property
     def tcp(self) -> Transform:
