@@ -9,6 +9,7 @@ from executor.simulator.interfaces import Commands, PrimaryServer, RealtimeServe
 from executor.simulator.program import messages
 from executor.simulator.settings import PRIMARY_PORT, READ_ONLY, SCRIPT_PORT, SECONDARY_PORT
 
+PERIOD_S = 0.1  # [s] between two states on the primary and the secondary interface; source: UR, "(10 Hz)"
 Values = dict[str, list[float]]
 Derived = dict[str, Callable[[], Sequence[float]]]
 
@@ -30,7 +31,8 @@ class ClientInterfaces:
                 self.primary[port + offset] = server
             server = RealtimeServer(values, self.refresh, c.identity.version, upload, note, obeyed)
             self.realtime[SCRIPT_PORT + offset] = server
-        self._all = [*self.primary.values(), *self.realtime.values()]
+        self._streams = [*self.realtime.values()]
+        self.timeline, self.every = c.timeline, c.timeline.cycles_in(PERIOD_S)
 
     def ports(self) -> list[ServicePort]:
         """Returns the ports; the real-time one is named for what ur_rtde uses it for."""
@@ -48,8 +50,11 @@ class ClientInterfaces:
 
     def publish(self) -> None:
         """Sends the state of this cycle to the clients that are due for it."""
-        for server in self._all:
+        for server in self._streams:
             server.publish()
+        if self.timeline.cycles % self.every == self.every // 2:  # other work is done at 0
+            for server in self.primary.values():
+                server.publish()
 
 
 def plain_commands(controller: Controller) -> Commands:

@@ -101,3 +101,29 @@ def point_motion(
         velocity[1] += rate * (zz * rx - zx * rz)
         velocity[2] += rate * (zx * ry - zy * rx)
     return [pose[3], pose[7], pose[11]], velocity
+
+
+def linear_momentum(
+    links: Sequence[tuple[float, float, float, float]], bodies: Sequence[tuple[float, Vector]], q: Vector, qd: Vector
+) -> float:
+    """Returns the norm of the linear momentum [kg m/s] of bodies that move with the links, in one pass over them.
+
+    Args:
+        links: as for `point_motion`.
+        bodies: mass [kg] and centre of mass, in the frame of its link, of the body on each link.
+        q, qd: joint positions and speeds [rad, rad/s].
+    """
+    pose = kinematics.IDENTITY
+    wx = wy = wz = vx = vy = vz = mx = my = mz = 0.0  # spin and speed of the link's origin; momentum so far
+    for (a, d, ca, sa), angle, rate, (mass, (x, y, z)) in zip(links, q, qd, bodies, strict=True):
+        wx, wy, wz = wx + pose[2] * rate, wy + pose[6] * rate, wz + pose[10] * rate
+        px, py, pz = pose[3], pose[7], pose[11]
+        c, s = math.cos(angle), math.sin(angle)
+        pose = kinematics.product(pose, (c, -s * ca, s * sa, a * c, s, c * ca, -c * sa, a * s, 0.0, sa, ca, d))
+        rx, ry, rz = pose[3] - px, pose[7] - py, pose[11] - pz
+        vx, vy, vz = vx + wy * rz - wz * ry, vy + wz * rx - wx * rz, vz + wx * ry - wy * rx
+        rx, ry, rz = (pose[i] * x + pose[i + 1] * y + pose[i + 2] * z for i in (0, 4, 8))
+        mx += mass * (vx + wy * rz - wz * ry)
+        my += mass * (vy + wz * rx - wx * rz)
+        mz += mass * (vz + wx * ry - wy * rx)
+    return math.hypot(mx, my, mz)

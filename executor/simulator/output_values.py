@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import math
-
 from executor.simulator.controller import Controller
-from executor.simulator.derived_values import DerivedValues, point_motion
+from executor.simulator.derived_values import DerivedValues, linear_momentum
 from executor.simulator.interfaces import OUTPUT_TYPES, WIDTH
 from executor.simulator.physics import JointTorques, kinematics
 
@@ -37,6 +35,7 @@ class OutputValues:
         registers = controller.registers
         self.values |= {f"output_int_register_{i}": output for i, output in enumerate(registers.int_out)}
         self.values |= {f"output_double_register_{i}": output for i, output in enumerate(registers.double_out)}
+        self.bodies = [(link.mass, link.com.tolist()) for link in controller.cell.robot.links]
         self.derived = DerivedValues(controller).functions
         self._constants()
         self.torques()
@@ -111,13 +110,10 @@ class OutputValues:
         values["actual_momentum"] = [self._momentum()]
 
     def _momentum(self) -> float:
-        """Returns the norm of the linear momentum [kg m/s]: of the links, and of the payload at its centre of mass."""
-        c = self.controller
-        masses = [(i + 1, link.mass, link.com) for i, link in enumerate(c.cell.robot.links)]
-        masses.append((6, c.installation.payload_kg, c.installation.payload_cog_m))
-        total = [0.0, 0.0, 0.0]
-        for count, mass, (x, y, z) in masses:
-            place = (1.0, 0.0, 0.0, float(x), 0.0, 1.0, 0.0, float(y), 0.0, 0.0, 1.0, float(z))
-            _, velocity = point_motion(c.arm.chain.links[:count], c.arm.measured_q, c.arm.measured_qd, place)
-            total = [t + float(mass) * v for t, v in zip(total, velocity, strict=True)]
-        return math.hypot(*total)
+        """Returns the norm of the linear momentum [kg m/s]: of the links, and of the payload on the last one."""
+        arm, installation = self.controller.arm, self.controller.installation
+        *others, (mass, com) = self.bodies
+        total = mass + installation.payload_kg
+        loads = zip(com, installation.payload_cog_m, strict=True)
+        common = [(mass * x + installation.payload_kg * y) / total for x, y in loads]
+        return linear_momentum(arm.chain.links, [*others, (total, common)], arm.measured_q, arm.measured_qd)

@@ -16,7 +16,6 @@ from executor.simulator.interfaces.script_server import Commands, ScriptServer
 from executor.simulator.program import messages
 from executor.simulator.settings import ControllerIdentity
 
-PERIOD_S = 0.1  # [s] of everything that is sent; source: UR, "(10 Hz)"
 MESSAGES_MAX = 1000  # in one period; a program that says more is not heard to the end
 
 
@@ -45,7 +44,6 @@ class PrimaryServer(ScriptServer):
         """
         super().__init__(upload, timeline.note, commands)
         self.identity, self.timeline, self.values, self.facts = identity, timeline, values, facts
-        self.every = timeline.cycles_in(PERIOD_S)
         self.informed: dict[Connection, bool] = {}  # whether a client has got kinematics and configuration
         self.has_messages = board is not None
         self.pending: deque[bytes] = deque(maxlen=MESSAGES_MAX)
@@ -70,9 +68,7 @@ class PrimaryServer(ScriptServer):
             self.pending.append(message_bytes(message, self.timeline.t))
 
     def publish(self) -> None:
-        """Sends messages, then the state, when they are due; a client that does not read misses the state."""
-        if self.timeline.cycles % self.every != self.every // 2:  # other work is done at 0
-            return
+        """Sends messages, then the state; a client that does not read misses the state. Called ten times a second."""
         mode = self.values["safety_mode"][0]
         if self.informed:
             if self.has_messages and self.safety_mode not in (None, mode):

@@ -28,6 +28,8 @@ SIZES = {3: ((3, 15, 1220), (3, 14, 1140), (3, 10, 1116), (3, 5, 1108), (3, 2, 1
          5: ((5, 10, 1220), (5, 9, 1140), (5, 4, 1116), (5, 0, 1108))}  # major, minor from which on, bytes  # fmt: skip
 SEND_BUFFER = 65536  # [bytes] a client that does not read is 0.1 s behind at most; the rest it misses
 
+RETRY_CYCLES = 25  # after which a client that does not read is tried again
+
 
 def packet_size(version: tuple[int, ...]) -> int:
     """Returns the size [bytes] of the packet of a PolyScope version."""
@@ -67,7 +69,7 @@ class RealtimeServer(ScriptServer):
     def opened(self, connection: Connection) -> None:
         """Begins to send."""
         super().opened(connection)
-        connection.limit_send_buffer(SEND_BUFFER)
+        connection.expect_deaf_client(SEND_BUFFER, RETRY_CYCLES)
         self.streams.append(connection)
 
     def closed(self, connection: Connection) -> None:
@@ -77,6 +79,8 @@ class RealtimeServer(ScriptServer):
 
     def publish(self) -> None:
         """Sends the packet of this cycle to every client that has read the one before."""
+        if not self.streams:
+            return
         ready = [c for c in self.streams if not c.unsent and not c.disturbance.stalled]
         if ready:
             data = self.packet()

@@ -300,3 +300,19 @@ def test_the_elbow_moves_as_its_position_changes(sim: Simulation):
     np.testing.assert_allclose(derived["elbow_position"](), elbow(0.0), atol=1e-12)
     np.testing.assert_allclose(derived["elbow_velocity"](), (elbow(1e-6) - elbow(-1e-6)) / 2e-6, atol=1e-8)
     assert math.isfinite(sum(derived["target_TCP_acceleration"]()))
+
+
+def test_the_momentum_is_that_of_links_and_payload(sim: Simulation):
+    """By finite differences of the planner's kinematics."""
+    c, q, qd = sim.controller, np.array([0.3, -1.1, 1.2, -0.5, 0.4, 0.1]), np.array([0.5, -0.7, 1.1, 2.0, 1.0, -3.0])
+    c.arm.measured_q, c.arm.measured_qd = q.tolist(), qd.tolist()
+    bodies = [(i + 1, link.mass, link.com) for i, link in enumerate(c.cell.robot.links)]
+    bodies.append((6, c.installation.payload_kg, np.array(c.installation.payload_cog_m)))
+
+    def moment(at: float) -> np.ndarray:
+        X = kinematics.link_poses(c.cell.robot, (q + at * qd)[None])[0]
+        return sum((mass * (X[i, :3, :3] @ com + X[i, :3, 3]) for i, mass, com in bodies), np.zeros(3))
+
+    sim.output_values.torques()
+    expected = np.linalg.norm(moment(1e-6) - moment(-1e-6)) / 2e-6
+    assert sim.output_values.values["actual_momentum"][0] == pytest.approx(expected, rel=1e-6)
