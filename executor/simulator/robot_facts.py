@@ -34,7 +34,7 @@ def robot_facts(cell: Cell) -> RobotFacts:
 
 def nominal_kinematics(robot: Robot) -> DenavitHartenberg:
     """Returns the published parameters of a model."""
-    return DenavitHartenberg((0.0,) * 6, _six(robot.a), _six(robot.d), _six(robot.alpha))
+    return DenavitHartenberg(_six([0.0] * 6), _six(robot.a), _six(robot.d), _six(robot.alpha))
 
 
 def calibrated_kinematics(cell: Cell) -> DenavitHartenberg:
@@ -42,12 +42,10 @@ def calibrated_kinematics(cell: Cell) -> DenavitHartenberg:
     return nominal_kinematics(cell.robot)
 
 
-def checksum(kinematics: DenavitHartenberg) -> tuple[int, int, int, int, int, int]:
+def checksum(kinematics: DenavitHartenberg) -> tuple[int, ...]:
     """Returns one number a joint that changes with its parameters; UR publishes no formula."""
     k = kinematics
-    joints = zip(k.theta, k.a, k.d, k.alpha, strict=True)
-    found = tuple(zlib.crc32(struct.pack(">4d", *joint)) for joint in joints)
-    return found  # pyright: ignore[reportReturnType]
+    return tuple(zlib.crc32(struct.pack(">4d", *joint)) for joint in zip(k.theta, k.a, k.d, k.alpha, strict=True))
 
 
 def _six(values: Any) -> Any:
