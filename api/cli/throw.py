@@ -65,7 +65,7 @@ def throw(
     request |= {"release_window_s": 0.0 if soonest else window} if soonest or window is not None else {}
     request |= {"landing_tolerance_m": tolerance} if tolerance is not None else {}
     with ServiceClient(service_url(url), token) as client:
-        _, execution = plan_and_execute(client, request, mode, dry_run)
+        execution = execute_plan(client, make_plan(client, request), mode, dry_run)
     if execution["outcome"] != "completed":
         raise click.ClickException(f"{execution['outcome']}: {execution['reason'] or 'no reason was given'}")
     if execution["reason"]:
@@ -92,13 +92,18 @@ def acknowledge(cell: str | None, url: str | None, token: str | None) -> None:
     click.echo(f"{name}: {answer['fault'] or 'there was no fault'}; acknowledged by {answer['acknowledged_by']}")
 
 
-def plan_and_execute(client: Any, request: dict[str, Any], mode: str, dry_run: bool) -> tuple[dict[str, Any], ...]:
-    """Plans, executes and prints the progress. Returns the plan (without trajectory) and the finished execution."""
+def make_plan(client: Any, request: dict[str, Any]) -> dict[str, Any]:
+    """Plans and prints what was planned. Returns the plan, without its trajectory."""
     click.echo("planning …")
     plan = client.post("/plan?trajectory=false", request)
     click.echo(plan_text(plan))
+    return plan
+
+
+def execute_plan(client: Any, plan: dict[str, Any], mode: str, dry_run: bool) -> dict[str, Any]:
+    """Executes a plan and prints the progress. Returns the finished execution."""
     execution = client.post("/execute", {"plan_id": plan["id"], "mode": mode, "dry_run": dry_run})
     for kind, data in client.events(execution["id"]):
         if kind == "state":
             click.echo(f"  {data['state']}")
-    return plan, client.get(f"/executions/{execution['id']}")
+    return client.get(f"/executions/{execution['id']}")
