@@ -100,10 +100,12 @@ def make_plan(client: Any, request: dict[str, Any]) -> dict[str, Any]:
     return plan
 
 
-def execute_plan(client: Any, plan: dict[str, Any], mode: str, dry_run: bool) -> dict[str, Any]:
+def execute_plan(
+    client: Any, plan: dict[str, Any], mode: str = "speedj", dry_run: bool = False, progress: bool = True
+) -> dict[str, Any]:
     """Executes a plan and prints the progress. Returns the finished execution."""
     execution = client.post("/execute", {"plan_id": plan["id"], "mode": mode, "dry_run": dry_run})
     for kind, data in client.events(execution["id"]):
-        if kind == "state":
+        if kind == "state" and progress:
             click.echo(f"  {data['state']}")
     return client.get(f"/executions/{execution['id']}")

@@ -210,8 +210,12 @@ class CellState(BaseModel):
 
     cell: str
     executor: ExecutorAnswer | None
-    robot: dict[str, Any] | None = Field(description="Mode, safety, joint positions [rad]; null without an executor.")
-    fault: dict[str, Any] | None = Field(description="Latched until a person acknowledges it.")
+    robot: dict[str, Any] | None = Field(
+        description="Mode, safety, joint positions [rad], hash of the cell file in force; null without an executor."
+    )
+    fault: dict[str, Any] | None = Field(
+        description="Latched until a person acknowledges it; a refused cell file: until it is repaired."
+    )
     execution_id: str | None = Field(description="The unfinished execution of the cell.")
 
 
