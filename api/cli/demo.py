@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from api.cli.progress import execute_plan, make_plan
 from api.cli.summary import landing_text
-from api.cli.throw import execute_plan, make_plan
 
 if TYPE_CHECKING:
     from api.cli.client import ServiceClient
@@ -112,11 +112,12 @@ def _execute(client: ServiceClient, plan: dict[str, Any], progress: bool = True)
     Raises:
         ThrowFailed: It ended otherwise.
     """
-    for _ in range(THROWS_MAX):
-        execution = execute_plan(client, plan, progress=progress)
+    execution = execute_plan(client, plan, progress=progress)
+    for _ in range(THROWS_MAX - 1):
         if execution["outcome"] != "late":
             break
         _acknowledge_late(client, plan["cell"], execution)
+        execution = execute_plan(client, plan, progress=progress)
     if execution["outcome"] != "completed":
         raise ThrowFailed(f"{execution['outcome']}: {execution['reason']}")
     return execution

@@ -169,6 +169,7 @@ class ExecutionAnswer(BaseModel):
     )
     reason: str | None = Field(description="Reason of the outcome, in words.")
     metrics: dict[str, Any] | None = Field(description="Measured values; each name carries its unit.")
+    experiment_id: str | None = Field(None, description="Experiment that it belongs to.")
 
 
 class ExecutionList(BaseModel):
