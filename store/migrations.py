@@ -46,6 +46,20 @@ STEPS: tuple[tuple[str, ...], ...] = (
             id {row_id}, at {float} NOT NULL, who TEXT NOT NULL, action TEXT NOT NULL, resource TEXT NOT NULL,
             remote TEXT NOT NULL)""",
     ),
+    (
+        """CREATE TABLE landings (
+            id TEXT PRIMARY KEY, execution_id TEXT NOT NULL REFERENCES executions (id), at {float} NOT NULL,
+            source TEXT NOT NULL, reported_by TEXT NOT NULL, position JSON, std_m {float}, result TEXT,
+            radius_m {float})""",
+        "CREATE INDEX landings_of_execution ON landings (execution_id, id)",
+    ),
+    (
+        """CREATE TABLE experiments (
+            id TEXT PRIMARY KEY, created_at {float} NOT NULL, name TEXT NOT NULL, created_by TEXT NOT NULL,
+            settings JSON NOT NULL)""",
+        "ALTER TABLE executions ADD COLUMN experiment_id TEXT REFERENCES experiments (id)",
+        "CREATE INDEX executions_of_experiment ON executions (experiment_id)",
+    ),
 )
 
 LATEST = len(STEPS)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 import time
 import uuid
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -55,6 +55,7 @@ class ExecutionRow:
     reason: str | None
     metrics: Mapping[str, Any] | None
     finished_at: float | None
+    experiment_id: str | None = None
 
 
 @dataclass(frozen=True)
@@ -75,6 +76,35 @@ class RecordingRow:
     execution_id: str
     mcap: bytes
     csv: bytes
+
+
+@dataclass(frozen=True)
+class LandingRow:
+    """One observation of a landing: a position with its standard deviation, or a result for a target's radius.
+
+    `source` is what observed it (`person`, `sim-camera`, a client's name for its camera), `reported_by` who told.
+    """
+
+    id: str
+    execution_id: str
+    at: float
+    source: str
+    reported_by: str
+    position: Sequence[float] | None = None
+    std_m: float | None = None
+    result: str | None = None
+    radius_m: float | None = None
+
+
+@dataclass(frozen=True)
+class ExperimentRow:
+    """A series of executions; `settings` is what its client keeps with it."""
+
+    id: str
+    created_at: float
+    name: str
+    created_by: str
+    settings: Mapping[str, Any]
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ from executor.simulator.program import (
     load_control_program,
 )
 from executor.simulator.settings import ControllerIdentity, SimulatorSettings
+from executor.simulator.truth import Truth, truth_of
 from executor.simulator.urscript import Script
 from planner.cell import Cell
 
@@ -38,11 +39,12 @@ class Controller:
         speed_scaling: present speed scaling, which follows the slider.
     """
 
-    def __init__(self, cell: Cell, settings: SimulatorSettings) -> None:
+    def __init__(self, cell: Cell, settings: SimulatorSettings, truth: Truth | None = None) -> None:
+        """Starts at home; without a `truth` the cell's table [sim] is the truth."""
         self.cell, self.settings = cell, settings
         self.identity = identity_of(cell, settings)
         self.timeline = Timeline(1.0 / cell.robot.sample_rate_hz)
-        self.workcell = Workcell(cell, settings, self.timeline.dt)
+        self.workcell = Workcell(cell, settings, truth or truth_of(cell), self.timeline.dt)
         self.arm = self.workcell.arm
         self.installation = installation_of(cell)
         self.limits = limits_of(cell, settings)

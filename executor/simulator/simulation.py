@@ -12,6 +12,7 @@ from executor.simulator.interfaces import DashboardServer, Network, RtdeServer, 
 from executor.simulator.output_values import OutputValues
 from executor.simulator.robot_facts import robot_facts
 from executor.simulator.settings import DASHBOARD_PORT, RTDE_PORT, SimulatorSettings
+from executor.simulator.truth import Truth
 from planner.cell import Cell
 
 
@@ -22,19 +23,19 @@ class Simulation:
         freeze_s: fault: time for which controller and world are about to stand still [s].
     """
 
-    def __init__(self, cell: Cell, settings: SimulatorSettings, host: str) -> None:
+    def __init__(self, cell: Cell, settings: SimulatorSettings, host: str, truth: Truth | None = None) -> None:
         """Listens on `host`.
 
         Raises:
             OSError: an address is not available.
         """
-        self.controller = c = Controller(cell, settings)
+        self.controller = c = Controller(cell, settings, truth)
         self.output_values = OutputValues(c)
         self.pacing = CyclePacing(c.timeline.dt, settings.stall_tolerant)
         self.freeze_s = 0.0
         values, derived = self.output_values.values, self.output_values.derived
         self.rtde = RtdeServer(c.identity, c.timeline, values, c.take_inputs, derived)
-        self.client_interfaces = ClientInterfaces(c, values, derived, robot_facts(cell))
+        self.client_interfaces = ClientInterfaces(c, values, derived, robot_facts(cell, c.arm.chain.kinematics))
         dashboard = DashboardServer(c.identity, c.stops, settings.programs)
         self.network = Network(host)
         self.network.add(
