@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -117,13 +118,19 @@ class Execution:
         assert self.run is not None and self.run.result is not None
         ended = self.run.result
         outcome, reason = self._outcome(ended)
-        numbers = records.metrics(self.problem, self.trajectory, ended, self._landing())
+        telemetry, landing = records.Telemetry(ended.rows), self._landing()
+        numbers = records.metrics(self.problem, self.trajectory, ended, landing, self._timing(telemetry))
         if outcome == "completed" and not self.row.dry_run:
             outcome, reason = records.release_verdict(self.problem, self.trajectory, numbers) or (outcome, reason)
         self.note(f"{outcome}: {reason}" if reason else outcome)
-        telemetry = records.Telemetry(ended.rows)
         mcap, csv = self._recording(telemetry, outcome), records.to_csv(telemetry)
         return records.ExecutionResult(self.row.id, outcome, reason, numbers, mcap, csv)
+
+    def _timing(self, telemetry: records.Telemetry) -> dict[str, Any] | None:
+        """Returns the timing of the arm that the run shows."""
+        if self.row.dry_run or self.run is None:
+            return None
+        return records.arm_timing(self.session.cell, telemetry, self.row.mode, self.run.job.acceleration)
 
     def _recording(self, telemetry: records.Telemetry, outcome: str) -> bytes:
         """Returns the run as MCAP."""

@@ -13,7 +13,8 @@ DEFAULT_URL = "http://127.0.0.1:8000"
 BIN_HELP = "Throw into a round bin: its inner radius, and the height of its rim above X Y Z, the bottom's centre [m]."
 
 
-def _service_options(command: Any) -> Any:
+def service_options(command: Any) -> Any:
+    """Adds the options of a command that calls a running service."""
     command = click.option("--token", envvar="FLING_TOKEN", help="Bearer token; FLING_TOKEN.")(command)
     return click.option("--url", default=None, help="URL of the service; default: FLING_URL, or this machine.")(command)
 
@@ -36,7 +37,7 @@ def service_url(url: str | None) -> str:
 @click.option("--tolerance", type=float, help="… within this distance of the target [m].")
 @click.option("--soonest", is_flag=True, help="Release as soon as possible, on time: --window 0.")
 @click.option("--bin", nargs=2, type=float, metavar="RADIUS RIM", help=BIN_HELP)
-@_service_options
+@service_options
 def throw(
     x: float,
     y: float,
@@ -78,7 +79,7 @@ def _target(position: tuple[float, float, float], bin: tuple[float, float] | Non
 
 @click.command()
 @click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL, or ur5e-sim.")
-@_service_options
+@service_options
 def acknowledge(cell: str | None, url: str | None, token: str | None) -> None:
     """Clear the fault that the executor latched, once a person has checked the robot."""
     from api.cli.client import ServiceClient

@@ -13,6 +13,7 @@ from api.schemas.responses import (
     TrajectoryAnswer,
     iso_time,
 )
+from api.schemas.timing import TimingAnswer
 
 __all__ = [
     "EXECUTE_EXAMPLES",
@@ -27,6 +28,7 @@ __all__ = [
     "PlanList",
     "PlanRequest",
     "Readiness",
+    "TimingAnswer",
     "TrajectoryAnswer",
     "iso_time",
 ]

@@ -5,6 +5,7 @@ from executor.records.landing import Landing, last_release_s, place_bin, wait_fo
 from executor.records.metrics import metrics, release_verdict
 from executor.records.recording import to_csv, to_mcap
 from executor.records.telemetry import RunResult, Telemetry, row_document
+from executor.records.timing import arm_timing
 
 __all__ = [
     "MIN_FREE_BYTES",
@@ -14,6 +15,7 @@ __all__ = [
     "Landing",
     "RunResult",
     "Telemetry",
+    "arm_timing",
     "last_release_s",
     "metrics",
     "place_bin",

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from executor.records.landing import Landing
 from executor.records.telemetry import RunResult, Telemetry
+from executor.records.timing import path_error_m
+from learning import lag_advice
 from planner.certificate import release_flight
 from planner.flight import fly
 from planner.geometry import tool_state
@@ -25,13 +27,18 @@ LANDING_SHIFT_M = 0.005  # [m] accepted shift of the landing by a late gripper c
 
 
 def metrics(
-    problem: ThrowProblem, trajectory: Trajectory, result: RunResult, landing: Landing | None
+    problem: ThrowProblem,
+    trajectory: Trajectory,
+    result: RunResult,
+    landing: Landing | None,
+    timing: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Returns the metrics; None where this run or this cell has no value."""
+    """Returns the metrics; None where this run or this cell has no value. `timing` is of `arm_timing`."""
     telemetry = Telemetry(result.rows)
     return {
         **_timing(telemetry, result),
-        **_tracking(problem, telemetry),
+        "timing": timing,
+        **_tracking(problem, telemetry, timing),
         **_release(problem, trajectory, telemetry),
         **_gripper(trajectory, result, landing),
         **_landing(problem, trajectory, landing),
@@ -55,10 +62,24 @@ def release_verdict(problem: ThrowProblem, trajectory: Trajectory, numbers: dict
         moved = "" if math.isinf(shift) else f": the landing moves by {1e3 * shift:.0f} mm"
         return "late", f"the gripper command was {1e3 * late:.0f} ms late{moved}"
     if error > RELEASE_NOISE_RAD_S and share > RELEASE_SHARE:
-        return "tracking", f"at the release a joint's speed was {share:.1%} ({error:.3f} rad/s) off the plan's"
+        off = f"at the release a joint's speed was {share:.1%} ({error:.3f} rad/s) off the plan's"
+        strayed, clearance = numbers["path_error_max_m"] or 0.0, problem.cell.surroundings.clearance_m
+        if strayed > clearance:
+            return "tracking", f"{off}, and the tool {strayed:.3f} m off its path: more than the clearance"
+        return "completed", "; ".join([off, *_timing_advice(problem, numbers)])
+    if advice := _timing_advice(problem, numbers):
+        return "completed", advice[0]
     if numbers["released"] and numbers["gripper_opened_s"] is None and problem.cell.link.kind == "sim":
         return "completed", "the gripper was commanded to open, but no object left it"
     return None
+
+
+def _timing_advice(problem: ThrowProblem, numbers: dict[str, Any]) -> list[str]:
+    """Returns the lag to set where the run shows another one than the cell file's."""
+    timing = numbers["timing"]
+    if timing is None or timing["lag_change_s"] is None:
+        return []
+    return [lag_advice(timing["lag_s"], timing["lag_std_s"], problem.cell.timing.lag_s)]
 
 
 def _landing_shift(problem: ThrowProblem, trajectory: Trajectory, late_s: float) -> float:
@@ -86,15 +107,18 @@ def _timing(telemetry: Telemetry, result: RunResult) -> dict[str, Any]:
     }
 
 
-def _tracking(problem: ThrowProblem, telemetry: Telemetry) -> dict[str, Any]:
+def _tracking(problem: ThrowProblem, telemetry: Telemetry, timing: dict[str, Any] | None) -> dict[str, Any]:
     if not len(telemetry):
-        return {"tracking_error_max_rad": None, "tracking_error_max_m": None}
+        return {"tracking_error_max_rad": None, "tracking_error_max_m": None, "path_error_max_m": None}
     cell = problem.cell
     planned, measured = telemetry.vector("planned_q"), telemetry.vector("q")
     p, p_planned = (forward(cell.robot, q, cell.tool.X_FT)[:, :3, 3] for q in (measured, planned))
     return {
         "tracking_error_max_rad": float(np.abs(measured - planned).max()),
         "tracking_error_max_m": float(np.linalg.norm(p - p_planned, axis=1).max()),
+        "path_error_max_m": path_error_m(
+            cell, telemetry, 0.0 if timing is None else timing["lag_s"] - cell.timing.lag_s
+        ),
     }
 
 

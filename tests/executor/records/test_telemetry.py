@@ -10,7 +10,7 @@ import orjson
 import pytest
 from mcap.reader import make_reader
 
-from executor.records import Landing, RunResult, Telemetry, metrics, release_verdict, to_csv, to_mcap
+from executor.records import Landing, RunResult, Telemetry, arm_timing, metrics, release_verdict, to_csv, to_mcap
 from executor.records.recording import COUNTS
 from executor.records.telemetry import column_names
 from executor.shared_memory import SCALARS, VECTORS
@@ -72,7 +72,7 @@ def test_a_run_without_a_tick_has_metrics_too(prepared: Prepared) -> None:
 
 @pytest.mark.parametrize(
     ("faster", "late_ticks", "outcome"),
-    [(0.0, 0, None), (0.003, 0, None), (0.01, 0, "tracking"), (-0.01, 0, "tracking"), (0.0, 1, "late")],
+    [(0.0, 0, None), (0.003, 0, None), (0.01, 0, "completed"), (-0.01, 0, "completed"), (0.0, 1, "late")],
 )
 def test_a_release_that_was_not_as_planned_has_a_verdict(
     prepared: Prepared, faster: float, late_ticks: int, outcome: str | None
@@ -85,6 +85,31 @@ def test_a_release_that_was_not_as_planned_has_a_verdict(
     assert found["release_velocity_error_share"] == pytest.approx(abs(faster), abs=1e-4)
     verdict = release_verdict(prepared.problem, prepared.trajectory, found)
     assert (verdict and verdict[0]) == outcome
+
+
+def test_a_wrong_speed_at_the_release_endangers_where_the_tool_leaves_its_path(prepared: Prepared) -> None:
+    """Off by more than the cell's clearance; an arm that is late on its path does not leave it."""
+    trajectory, lag = prepared.trajectory, prepared.cell.timing.lag_s
+    off_path = perfect(prepared, 0.05)
+    off_path.vector("qd")[:] *= 1.02
+    found = metrics(prepared.problem, trajectory, ended(off_path, prepared), None)
+    assert found["path_error_max_m"] > prepared.cell.surroundings.clearance_m
+    assert (release_verdict(prepared.problem, trajectory, found) or ("",))[0] == "tracking"
+
+    late_s = 0.006
+    late = perfect(prepared)
+    clock = late.scalar("clock_s")
+    for name, samples in zip(("q", "qd"), trajectory.at(clock - late_s), strict=False):
+        late.vector(name)[:] = samples
+    late.vector("command")[:] = trajectory.at(clock + lag)[1]
+    timing = arm_timing(prepared.cell, late, "speedj", 40.0)
+    assert timing is not None
+    assert timing["lag_s"] == pytest.approx(lag + late_s, abs=5e-4)
+    found = metrics(prepared.problem, trajectory, ended(late, prepared), None, timing)
+    assert found["path_error_max_m"] < 0.1 * prepared.cell.surroundings.clearance_m
+    verdict = release_verdict(prepared.problem, trajectory, found)
+    assert verdict is not None and verdict[0] == "completed"
+    assert "set it to 0.02" in verdict[1]
 
 
 @pytest.mark.parametrize(("kind", "observed"), [("sim", True), ("ur", False)])
