@@ -64,6 +64,7 @@ PLANTED = {
     "benchmarks-problem-sets": ("benchmarks/problem_sets/task.py", "benchmarks.problem_sets.named_sets"),
     "benchmarks-report": ("benchmarks/report/pictures.py", "benchmarks.report.page"),
     "benchmarks-streaming": ("benchmarks/streaming/throws.py", "benchmarks.streaming.report"),
+    "benchmarks-learning": ("benchmarks/learning/recorded_arms.py", "benchmarks.learning.hidden_timing"),
     "benchmarks-layers": ("benchmarks/problem_sets/task.py", "benchmarks.suite"),
     "store-layers": ("store/idempotency_and_audit.py", "store.plans"),
     "api-layers": ("api/report/picture.py", "api.http"),

@@ -68,6 +68,8 @@ def throw(
         _, execution = plan_and_execute(client, request, mode, dry_run)
     if execution["outcome"] != "completed":
         raise click.ClickException(f"{execution['outcome']}: {execution['reason'] or 'no reason was given'}")
+    if execution["reason"]:
+        click.echo(f"warning: {execution['reason']}", err=True)
     click.echo(landing_text(execution))
 
 

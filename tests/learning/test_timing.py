@@ -11,7 +11,7 @@ import pytest
 
 from learning import MotionRecording, RecordingError, estimate_timing, recording_from_csv
 from learning.recordings import COLUMNS
-from tests.learning.recorded_arms import Arm
+from benchmarks.learning.recorded_arms import Arm
 
 WITHIN_S = 0.001  # [s] what a single run must give: the first figure
 
