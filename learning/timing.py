@@ -108,7 +108,7 @@ def estimate_timing(recording: MotionRecording, ramp_rad_s2: float | None = None
     motion = commanded_motion(recording, ramp)
     start = _first_lag(motion, recording)
     fits = {j: _fit_joint(_column(motion, j), recording.time_s, recording.measured[:, j], start)
-            for j in np.flatnonzero(moving)}  # fmt: skip
+            for j in map(int, np.flatnonzero(moving))}  # fmt: skip
     lag, std = _pooled([fit.theta[0] for fit in fits.values()], [fit.std[0] for fit in fits.values()])
     joints = [_joint_timing(fits[j], recording.time_s) if j in fits else _unmoved() for j in range(JOINTS)]
     rms = math.sqrt(float(np.mean([np.mean(fit.residual**2) for fit in fits.values()])))

@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.learning.recorded_arms import Arm
 from executor.doctor import grade_lag, known_timing
 from learning import estimate_timing, lag_change
 from planner.cell import load_cell
 from tests.api.conftest import ROOT, RunningService
 from tests.api.test_bad_input import problem_of
-from benchmarks.learning.recorded_arms import Arm
 
 CELL = "changing"  # a cell that no other test executes on
 

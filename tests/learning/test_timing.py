@@ -9,9 +9,9 @@ import math
 import numpy as np
 import pytest
 
+from benchmarks.learning.recorded_arms import Arm
 from learning import MotionRecording, RecordingError, estimate_timing, recording_from_csv
 from learning.recordings import COLUMNS
-from benchmarks.learning.recorded_arms import Arm
 
 WITHIN_S = 0.001  # [s] what a single run must give: the first figure
 

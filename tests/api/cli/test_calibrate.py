@@ -8,8 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from api.cli import main
-from learning.recordings import COLUMNS
 from benchmarks.learning.recorded_arms import Arm
+from learning.recordings import COLUMNS
 
 
 def csv_file(folder: Path, arm: Arm, rate_hz: float) -> Path:
