@@ -4,20 +4,34 @@ Estimators stand on numpy, on the planner's trajectories and flights, and on rec
 robot, no web and no solver.
 """
 
+from learning.joint_speeds import JointSpeeds, learn_joint_speeds
+from learning.predictions import LandingForecast, forecast
 from learning.recordings import MotionRecording, RecordingError, recording_from_csv
+from learning.release import ObservedThrow, ReleasePosterior, learn_release, prior_state
+from learning.throws import ThrowTable, throw_table
 from learning.timing import JointTiming, TimingEstimate, estimate_timing
 from learning.timing_history import lag_advice, lag_change, pool_timing, pooled_document, timing_runs
 
 __all__ = [
+    "JointSpeeds",
     "JointTiming",
+    "LandingForecast",
     "MotionRecording",
+    "ObservedThrow",
     "RecordingError",
+    "ReleasePosterior",
+    "ThrowTable",
     "TimingEstimate",
     "estimate_timing",
+    "forecast",
     "lag_advice",
     "lag_change",
+    "learn_joint_speeds",
+    "learn_release",
     "pool_timing",
     "pooled_document",
+    "prior_state",
     "recording_from_csv",
+    "throw_table",
     "timing_runs",
 ]

@@ -1,8 +1,8 @@
 """What joint speeds at the release will be, from the ones that were recorded: gains, and scatter from throw to throw.
 
-Recorded over planned speed of joint j in throw k: qd_jk (1 + e_j) + n_jk, with a gain error e_j that stays and a scatter
-n_jk that does not; conjugate Bayesian regression a joint, normal and inverse gamma (Gelman et al., Bayesian Data
-Analysis, 3rd edition, chapter 14).
+Recorded speed of joint j in throw k: qd_jk (1 + e_j) + n_jk, with the planned qd_jk, a gain error e_j that stays and a
+scatter n_jk that does not. Conjugate Bayesian regression a joint, normal and inverse gamma; source: Gelman et al.,
+Bayesian Data Analysis, 3rd edition, chapter 14.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from planner.arrays import Array
 
 GAIN_STD = 0.02  # [-] prior of a gain about 1; source: a real UR5's peaks are 0.99 to 1.04 of the command
 # [rad/s] prior scatter at the release; source: 0.020 to 0.027 rad/s rms on a real UR5 (docs/learning.md)
-SCATTER_RAD_S = 0.02
-SCATTER_SHAPE = 3.0  # [-] of the inverse gamma: as if six throws had been seen
+SCATTER_RAD_S = 0.022
+SCATTER_SHAPE = 2.0  # [-] of the inverse gamma: the least for which the variance has a mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +48,11 @@ class JointSpeeds:
         """Returns the variance of that deviation (..., 6) [rad^2/s^2]."""
         return (self.gain_std * planned_qd) ** 2 + self.scale / (self.shape - 1.0)
 
-    def drawn(self, rng: np.random.Generator, planned_qd: Array, count: int) -> Array:
-        """Returns `count` deviations (count, 6) of a throw planned with `planned_qd` (6,) [rad/s]."""
-        gains = self.gain_error + self.gain_std * rng.standard_normal((count, 6))
-        scatter = np.sqrt(self.scale / rng.gamma(self.shape, size=(count, 1)))
-        return gains * planned_qd + scatter * rng.standard_normal((count, 6))
+    def drawn(self, rng: np.random.Generator, planned_qd: Array, count: int, repeats: int) -> Array:
+        """Returns deviations (count, repeats, 6) from `planned_qd` (6,): `count` arms, `repeats` throws of each."""
+        gains = self.gain_error + self.gain_std * rng.standard_normal((count, 1, 6))
+        scatter = np.sqrt(self.scale / rng.gamma(self.shape, size=(count, 1, 1)))
+        return gains * planned_qd + scatter * rng.standard_normal((count, repeats, 6))
 
 
 def learn_joint_speeds(planned_qd: Array, deviations: Array) -> JointSpeeds:

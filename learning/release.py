@@ -24,6 +24,7 @@ LEAD, FACTOR, OFFSET, DRAG, TURN = 0, 1, slice(2, 4), 4, 5
 # guide's tool outputs, WSG50 and Robotiq measurements: 40 to 50 ms, 32 ms read with 10 ms steps); the speed of an
 # object that slides in its grip, 3 %; a base measured by hand, 8 mm and 5 mrad; drag of a sphere, 0.1 to 0.5.
 PRIOR_STD = np.array([0.020, 0.03, 0.008, 0.008, 0.15, 0.005])
+UNKNOWN_DRAG = 0.2  # [-] between none and a smooth sphere's 0.47 at these Reynolds numbers
 STEPS = np.array([5e-4, 1e-3, 0.0, 0.0, 0.0, 1e-3])  # [s, -, –, –, –, rad] of the forward differences
 
 JITTERS_S = np.geomspace(0.001, 0.012, 10)  # [s] grid; below 1 ms rounded delays look like outliers of each other
@@ -40,7 +41,7 @@ ITERATIONS = 12
 TEMPERING_M = (0.05, 0.02, 0.006, 0.002)  # [m] added to every standard deviation in the first iterations
 STEP_MAX = 1.0  # [-] of an iteration, in prior standard deviations
 SCAN_S = np.arange(-0.120, 0.1201, 0.0025)  # [s] leads about the prior's, from which the best one starts
-SCAN_JITTER_S, SCAN_TURNS = 0.004, 1
+SCAN_JITTER_S = 0.004  # [s] assumed in the scan
 WEIGHT_MIN = 1e-4  # [-] of a point of the grid that is kept
 
 
@@ -108,8 +109,11 @@ class ReleasePosterior:
 
 
 def prior_state(lead_s: float, drag_coefficient: float) -> Array:
-    """Returns the prior's mean (6,) from the cell file's gripper delay and lag together [s], and its drag."""
-    return np.array([lead_s, 1.0, 0.0, 0.0, drag_coefficient, 0.0])
+    """Returns the prior's mean (6,) from the cell file's gripper delay and lag together [s], and its drag.
+
+    A cell file without drag does not say that there is none: then the drag is between none and a sphere's.
+    """
+    return np.array([lead_s, 1.0, 0.0, 0.0, drag_coefficient or UNKNOWN_DRAG, 0.0])
 
 
 def learn_release(throws: Sequence[ObservedThrow], prior: Array) -> ReleasePosterior:
@@ -198,8 +202,7 @@ class _Fit:
             moved[:, k] += STEPS[k]
             H[..., k] = (self._landings(moved) - landing) / STEPS[k]
         H[..., 0, 2] = H[..., 1, 3] = 1.0
-        i, share = self.throws._rows(c.late_s)
-        H[..., DRAG] = self.throws.by_drag[np.arange(len(self.throws)), i]
+        H[..., DRAG] = self.throws.by_drag_at(c.late_s)
         self.by_lead, by_factor = H[..., LEAD], H[..., FACTOR]
         self.residual = self.seen - landing + self.by_lead * self.late[..., None]
         Q = self.throws.by_joint_speed(c.late_s, c.factor)
@@ -223,7 +226,10 @@ class _Fit:
         inverses = [_inverse(cov) for _, _, cov in kinds]
         rests = [self.residual - shift for _, shift, _ in kinds]
         log = [
-            math.log(share) + 0.5 * np.log(np.linalg.det(inverse)) - 0.5 * _quadratic(inverse, rest) - math.log(2 * np.pi)
+            math.log(share)
+            + 0.5 * np.log(np.linalg.det(inverse))
+            - 0.5 * _quadratic(inverse, rest)
+            - math.log(2 * np.pi)
             for (share, _, _), inverse, rest in zip(kinds, inverses, rests, strict=True)
         ]
         self.log_density = np.logaddexp.reduce(log, axis=0)

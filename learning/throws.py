@@ -46,10 +46,9 @@ class ThrowTable:
     gravity: float
     p_WB: Array
 
-    def deviated(self, q: Array, qd: Array) -> ThrowTable:
-        """Returns the table of an arm that is off by `q` [rad] and `qd` [rad/s], each (m, 6) or (6,)."""
-        p = self.p_WT + (self.J @ np.broadcast_to(q, self.qd.shape)[..., None])[..., 0]
-        return replace(self, p_WT=p, qd=self.qd + qd)
+    def deviated(self, qd: Array) -> ThrowTable:
+        """Returns the table of an arm whose speeds are off by `qd` (6,) or (m, 6) [rad/s]."""
+        return replace(self, qd=self.qd + qd)
 
     @property
     def late_s(self) -> Array:
@@ -62,11 +61,24 @@ class ThrowTable:
         return len(self.qd) // 2
 
 
-def throw_table(problem: ThrowProblem, trajectory: Trajectory) -> ThrowTable:
-    """Returns the table of a plan; before the motion's start and after its end the arm stands."""
-    cell, n = problem.cell, round(REACH_S / STEP_S)
-    times = trajectory.release_time_s + STEP_S * np.arange(-n, n + 1)
-    q, qd, _ = trajectory.at(times)
+def table_times(release_time_s: float) -> Array:
+    """Returns the times of a table's rows (m,) [s] on the clock of the release."""
+    n = round(REACH_S / STEP_S)
+    return release_time_s + STEP_S * np.arange(-n, n + 1)
+
+
+def throw_table(problem: ThrowProblem, trajectory: Trajectory, off: tuple[Array, Array] | None = None) -> ThrowTable:
+    """Returns the table of a plan; before the motion's start and after its end the arm stands.
+
+    Args:
+        problem: of the plan.
+        trajectory: of the plan.
+        off: by how much the recorded arm differs: positions (m, 6) [rad] and speeds (m, 6) [rad/s] at `table_times`.
+    """
+    cell = problem.cell
+    q, qd, _ = trajectory.at(table_times(trajectory.release_time_s))
+    if off is not None:
+        q, qd = q + off[0], qd + off[1]
     p = tool_pose(cell, q)[:, :3, 3]
     J = cell.X_WB[:3, :3] @ jacobian(cell.robot, q, cell.tool.X_FT)[:, :3]
     v = (J @ qd[..., None])[..., 0]
@@ -124,7 +136,7 @@ class Throws:
         height = p[..., 2] - self.height
         t = (v[..., 2] + np.sqrt(np.maximum(v[..., 2] ** 2 + 2.0 * self.gravity * height, 0.0))) / self.gravity
         flat = p[..., :2] + v[..., :2] * np.maximum(t, 0.0)[..., None]
-        flat = flat + np.asarray(c.drag)[..., None] * _between(self.by_drag[at, i], self.by_drag[at, i + 1], share)
+        flat = flat + np.asarray(c.drag)[..., None] * self.by_drag_at(c.late_s)
         return self.p_WB + _turned(flat - self.p_WB, c.turn) + c.offset
 
     def by_joint_speed(self, late_s: Array, factor: Array) -> Array:
@@ -138,6 +150,12 @@ class Throws:
         t = (v[..., 2] + root) / self.gravity
         by_v_z = t / root  # of the flight time
         return t[..., None, None] * J[..., :2, :] + (v[..., :2] * by_v_z[..., None])[..., None] * J[..., 2:, :]
+
+    def by_drag_at(self, late_s: Array) -> Array:
+        """Returns the landing's change by the drag coefficient (…, n, 2) [m] at a release time."""
+        i, share = self._rows(late_s)
+        at = np.arange(len(self))
+        return _between(self.by_drag[at, i], self.by_drag[at, i + 1], share)
 
     def _rows(self, late_s: Array) -> tuple[Array, Array]:
         last = self.p.shape[1] - 1

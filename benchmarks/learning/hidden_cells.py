@@ -79,7 +79,9 @@ class TrueThrow:
     deviation: np.ndarray
 
 
-def hidden_cell(rng: np.random.Generator, misspecified: bool = False, far: bool = False, poor: bool = False) -> HiddenCell:
+def hidden_cell(
+    rng: np.random.Generator, misspecified: bool = False, far: bool = False, poor: bool = False
+) -> HiddenCell:
     """Returns a cell drawn as the issue says; `far`: its delay is off by 80 ms; `poor`: 20 % outliers."""
     delay = rng.uniform(0.020, 0.120)
     off = rng.choice([-1.0, 1.0]) * (0.080 if far else 0.020)
@@ -99,7 +101,9 @@ def hidden_cell(rng: np.random.Generator, misspecified: bool = False, far: bool 
     )
 
 
-def throw(rng: np.random.Generator, cell: HiddenCell, planned: PlannedThrow, late_s: float, shift: np.ndarray) -> TrueThrow:
+def throw(
+    rng: np.random.Generator, cell: HiddenCell, planned: PlannedThrow, late_s: float, shift: np.ndarray
+) -> TrueThrow:
     """Throws once.
 
     Args:
