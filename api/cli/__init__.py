@@ -18,6 +18,7 @@ COMMANDS = {
     "plan": ("plan", "plan", "Plan a request from a file, without a service."),
     "throw": ("throw", "throw", "Plan and execute a throw to a point."),
     "calibrate": ("calibrate", "calibrate", "Measure what a cell's own motions and throws teach."),
+    "landing": ("landing", "landing", "Report where an object landed, or list the reports."),
     "report": ("plan", "report", "One plan as a self-contained HTML file."),
     "acknowledge": ("throw", "acknowledge", "Clear a latched fault, after checking the robot."),
     "doctor": ("serve", "doctor", "Check this machine's timing and the link to the controller."),

@@ -14,7 +14,7 @@ BIN_HELP = "Throw into a round bin: its inner radius, and the height of its rim 
 
 
 def service_options(command: Any) -> Any:
-    """Adds the options of a command that calls a running service."""
+    """Adds the options --url and --token to a command."""
     command = click.option("--token", envvar="FLING_TOKEN", help="Bearer token; FLING_TOKEN.")(command)
     return click.option("--url", default=None, help="URL of the service; default: FLING_URL, or this machine.")(command)
 
@@ -69,7 +69,7 @@ def throw(
     if execution["outcome"] != "completed":
         raise click.ClickException(f"{execution['outcome']}: {execution['reason'] or 'no reason was given'}")
     if execution["reason"]:
-        click.echo(f"warning: {execution['reason']}", err=True)
+        click.echo(execution["reason"])
     click.echo(landing_text(execution))
 
 

@@ -1,6 +1,6 @@
 """The routes, one module per resource. An endpoint parses its request, makes one call and returns."""
 
-from api.routes import cells, execution_events, executions, health, pages, plans, timing
+from api.routes import cells, execution_events, executions, health, landings, pages, plans, timing
 
 __all__ = ["ROUTERS"]
 
@@ -8,6 +8,7 @@ ROUTERS = (
     plans.router,
     executions.router,
     execution_events.router,
+    landings.router,
     cells.router,
     timing.router,
     health.router,

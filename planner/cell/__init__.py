@@ -3,7 +3,20 @@
 All facts about a site are in its cell file; the arm's own data are in `planner.robots`.
 """
 
+from planner.cell.fields import choice, merge_defaults, number, vector
 from planner.cell.file import load_cell, parse_cell
 from planner.cell.model import Box, Cell, Limits, Safety, ToolCapsule
 
-__all__ = ["Box", "Cell", "Limits", "Safety", "ToolCapsule", "load_cell", "parse_cell"]
+__all__ = [
+    "Box",
+    "Cell",
+    "Limits",
+    "Safety",
+    "ToolCapsule",
+    "choice",
+    "load_cell",
+    "merge_defaults",
+    "number",
+    "parse_cell",
+    "vector",
+]

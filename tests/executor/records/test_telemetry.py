@@ -83,8 +83,9 @@ def test_a_release_that_was_not_as_planned_has_a_verdict(
     landing = Landing(run.timestamp_at_zero + prepared.trajectory.release_time_s, None)
     found = metrics(prepared.problem, prepared.trajectory, run, landing)
     assert found["release_velocity_error_share"] == pytest.approx(abs(faster), abs=1e-4)
-    verdict = release_verdict(prepared.problem, prepared.trajectory, found)
+    verdict = release_verdict(prepared.problem, prepared.trajectory, found, landing)
     assert (verdict and verdict[0]) == outcome
+    assert outcome != "completed" or (verdict and "warning: at the release a joint's speed was 1.0%" in verdict[1])
 
 
 def test_a_wrong_speed_at_the_release_endangers_where_the_tool_leaves_its_path(prepared: Prepared) -> None:
@@ -94,7 +95,7 @@ def test_a_wrong_speed_at_the_release_endangers_where_the_tool_leaves_its_path(p
     off_path.vector("qd")[:] *= 1.02
     found = metrics(prepared.problem, trajectory, ended(off_path, prepared), None)
     assert found["path_error_max_m"] > prepared.cell.surroundings.clearance_m
-    assert (release_verdict(prepared.problem, trajectory, found) or ("",))[0] == "tracking"
+    assert (release_verdict(prepared.problem, trajectory, found, Landing(101.0, None)) or ("",))[0] == "tracking"
 
     late_s = 0.006
     late = perfect(prepared)
@@ -107,7 +108,7 @@ def test_a_wrong_speed_at_the_release_endangers_where_the_tool_leaves_its_path(p
     assert timing["lag_s"] == pytest.approx(lag + late_s, abs=5e-4)
     found = metrics(prepared.problem, trajectory, ended(late, prepared), None, timing)
     assert found["path_error_max_m"] < 0.1 * prepared.cell.surroundings.clearance_m
-    verdict = release_verdict(prepared.problem, trajectory, found)
+    verdict = release_verdict(prepared.problem, trajectory, found, Landing(101.0, None))
     assert verdict is not None and verdict[0] == "completed"
     assert "set it to 0.02" in verdict[1]
 
@@ -118,7 +119,7 @@ def test_an_object_that_stayed_is_reported_where_that_can_be_observed(
 ) -> None:
     problem = replace(prepared.problem, cell=replace(prepared.cell, link=replace(prepared.cell.link, kind=kind)))
     found = metrics(problem, prepared.trajectory, ended(perfect(prepared), prepared), None)
-    verdict = release_verdict(problem, prepared.trajectory, found)
+    verdict = release_verdict(problem, prepared.trajectory, found, None)
     assert (verdict is not None) == observed
     assert verdict is None or (verdict[0] == "completed" and "gripper" in verdict[1])
 
@@ -129,7 +130,7 @@ def test_a_late_gripper_command_is_judged_by_the_landing(prepared: Prepared) -> 
     run = replace(ended(perfect(prepared), prepared), output_late_s=2.0 * problem.dt)
     landing = Landing(run.timestamp_at_zero + trajectory.release_time_s, None)
     numbers = metrics(problem, trajectory, run, landing)
-    verdict = release_verdict(problem, trajectory, numbers)
+    verdict = release_verdict(problem, trajectory, numbers, landing)
     later = replace(trajectory, release_index=trajectory.release_index + 2)
     then, planned = release_flight(problem, later), release_flight(problem, trajectory)
     assert verdict and then and planned
@@ -137,7 +138,7 @@ def test_a_late_gripper_command_is_judged_by_the_landing(prepared: Prepared) -> 
     assert shift > 0.005
     assert f"{1e3 * shift:.0f} mm" in verdict[1]
     generous = replace(problem, release_window_s=2.0 * problem.dt, landing_tolerance_m=2.0 * float(shift))
-    assert release_verdict(generous, trajectory, numbers) is None
+    assert release_verdict(generous, trajectory, numbers, landing) is None
 
 
 def test_the_csv_reads_back_exactly(prepared: Prepared) -> None:
