@@ -7,7 +7,17 @@ URL. Times are seconds since the epoch.
 from store.database import StoreError, StoreUnavailable, default_database_url
 from store.executions import CellBusy, UnknownExecution, UnknownPlan
 from store.idempotency_and_audit import KeyTaken
-from store.rows import CellRow, EventRow, ExecutionRow, IdempotencyKey, LandingRow, PlanRow, RecordingRow, new_id
+from store.rows import (
+    CellRow,
+    EventRow,
+    ExecutionRow,
+    IdempotencyKey,
+    LandingRow,
+    PlanRow,
+    ProfileRow,
+    RecordingRow,
+    new_id,
+)
 from store.store import Store
 
 __all__ = [
@@ -19,6 +29,7 @@ __all__ = [
     "KeyTaken",
     "LandingRow",
     "PlanRow",
+    "ProfileRow",
     "RecordingRow",
     "Store",
     "StoreError",

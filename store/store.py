@@ -13,9 +13,12 @@ from store.executions import ExecutionRepository
 from store.idempotency_and_audit import ClientRepository
 from store.landings import LandingRepository
 from store.plans import PlanRepository
+from store.profiles import ProfileRepository
 
 
-class Store(PlanRepository, ExecutionRepository, LandingRepository, CellStatusRepository, ClientRepository):
+class Store(
+    PlanRepository, ExecutionRepository, LandingRepository, CellStatusRepository, ClientRepository, ProfileRepository
+):
     """Plans, executions, events, recordings, landings, cell status, idempotency keys and the audit trail.
 
     Every method is one transaction. Threads may share a store; each process opens its own.

@@ -1,6 +1,6 @@
 """The routes, one module per resource. An endpoint parses its request, makes one call and returns."""
 
-from api.routes import cells, execution_events, executions, health, landings, pages, plans, timing
+from api.routes import cells, execution_events, executions, health, landings, pages, plans, profiles, timing
 
 __all__ = ["ROUTERS"]
 
@@ -11,6 +11,7 @@ ROUTERS = (
     landings.router,
     cells.router,
     timing.router,
+    profiles.router,
     health.router,
     pages.router,
 )

@@ -1,6 +1,7 @@
 """Request and response bodies as pydantic models; OpenAPI is generated from them."""
 
 from api.schemas.landings import LANDING_EXAMPLES, LandingAnswer, LandingList, LandingRequest
+from api.schemas.profiles import Adoption, ProfileAnswer, ProfileList
 from api.schemas.requests import EXECUTE_EXAMPLES, PLAN_EXAMPLES, ExecuteRequest, PlanRequest
 from api.schemas.responses import (
     Acknowledged,
@@ -21,6 +22,7 @@ __all__ = [
     "LANDING_EXAMPLES",
     "PLAN_EXAMPLES",
     "Acknowledged",
+    "Adoption",
     "CellList",
     "CellState",
     "ExecuteRequest",
@@ -32,6 +34,8 @@ __all__ = [
     "PlanAnswer",
     "PlanList",
     "PlanRequest",
+    "ProfileAnswer",
+    "ProfileList",
     "Readiness",
     "TimingAnswer",
     "TrajectoryAnswer",

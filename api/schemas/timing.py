@@ -28,6 +28,7 @@ class TimingRunAnswer(TimingNumbers):
     """Timing of the arm in one execution."""
 
     execution_id: str
+    assumed_lag_s: float = Field(description="Lag that the run was streamed with [s].")
     finished_at: str = Field(description="UTC, ISO 8601.")
     ramp_rad_s2: float | None = Field(description="Acceleration of speedj, where it held the arm back [rad/s^2].")
     residual_rms_rad_s: float = Field(description="What the timing does not explain, rms [rad/s].")

@@ -32,8 +32,18 @@ def metrics(
     result: RunResult,
     landing: Landing | None,
     timing: dict[str, Any] | None = None,
+    aim_shift: Vector | None = None,
 ) -> dict[str, Any]:
-    """Returns the metrics; None where this run or this cell has no value. `timing` is of `arm_timing`."""
+    """Returns the metrics; None where this run or this cell has no value.
+
+    Args:
+        problem: of the plan, with its target moved to the aim.
+        trajectory: of the plan.
+        result: end of the run.
+        landing: as it was observed.
+        timing: of `arm_timing`.
+        aim_shift: by how much the plan's aim lies off its target (3,) [m]; None: it does not.
+    """
     telemetry = Telemetry(result.rows)
     return {
         **_timing(telemetry, result),
@@ -41,7 +51,7 @@ def metrics(
         **_tracking(problem, telemetry, timing),
         **_release(problem, trajectory, telemetry),
         **_gripper(trajectory, result, landing),
-        **_landing(problem, trajectory, landing),
+        **_landing(problem, trajectory, landing, np.zeros(3) if aim_shift is None else aim_shift),
     }
 
 
@@ -148,11 +158,13 @@ def _gripper(trajectory: Trajectory, result: RunResult, landing: Landing | None)
     }
 
 
-def _landing(problem: ThrowProblem, trajectory: Trajectory, landing: Landing | None) -> dict[str, Any]:
+def _landing(
+    problem: ThrowProblem, trajectory: Trajectory, landing: Landing | None, aim_shift: Vector
+) -> dict[str, Any]:
     """Returns the true landing; null where the simulated controller hides it."""
     flight = release_flight(problem, trajectory)
     surface = None if landing is None else landing.surface
     if landing is None or landing.point is None or flight is None:
         return {"landing_point": None, "landing_error_m": None, "landed_on": surface}
-    error = float(np.linalg.norm(landing.point - flight.landing_point))
+    error = float(np.linalg.norm(landing.point + aim_shift - flight.landing_point))
     return {"landing_point": landing.point.tolist(), "landing_error_m": error, "landed_on": surface}

@@ -32,7 +32,12 @@ def arm_timing(cell: Cell, telemetry: Telemetry, mode: str, acceleration: float)
         found = estimate_timing(MotionRecording(stamps, command, telemetry.vector("qd")), acceleration)
     except RecordingError:
         return None
-    return {**found.as_document(), "mode": mode, "lag_change_s": lag_change(found.lag_s, found.lag_std_s, lag)}
+    return {
+        **found.as_document(),
+        "mode": mode,
+        "assumed_lag_s": lag,
+        "lag_change_s": lag_change(found.lag_s, found.lag_std_s, lag),
+    }
 
 
 def path_error_m(cell: Cell, telemetry: Telemetry, late_s: float) -> float | None:

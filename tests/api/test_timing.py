@@ -19,7 +19,7 @@ def finished(service: RunningService, lag_s: float, seed: int) -> str:
     """Stores a finished execution whose recording shows this lag."""
     found = estimate_timing(Arm(lag_s).run(np.random.default_rng(seed), 125.0), ramp_rad_s2=40.0)
     change = lag_change(found.lag_s, found.lag_std_s, 0.020)
-    timing: dict[str, Any] = {**found.as_document(), "mode": "speedj", "lag_change_s": change}
+    timing: dict[str, Any] = {**found.as_document(), "mode": "speedj", "assumed_lag_s": 0.020, "lag_change_s": change}
     plan = service.plan(cell=CELL)
     id = service.store.queue_execution(plan["id"], CELL).id
     service.store.finish_execution(id, "completed", None, {"timing": timing})
