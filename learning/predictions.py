@@ -37,8 +37,8 @@ class LandingForecast:
 
     @property
     def center(self) -> Array:
-        """Mean landing point (2,) [m]."""
-        return self.points.reshape(-1, 2).mean(axis=0)
+        """Median landing point (2,) [m]: few throws that fall short do not move it, unlike the mean."""
+        return np.median(self.points.reshape(-1, 2), axis=0)
 
     @property
     def covariance(self) -> Array:

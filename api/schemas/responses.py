@@ -129,7 +129,7 @@ class HitProbability(BaseModel):
 class LandingEllipse(BaseModel):
     """Where the object is expected to land."""
 
-    center: list[float] = Field(description="Mean landing point, x and y [m].")
+    center: list[float] = Field(description="Median landing point, x and y [m].")
     covariance_m2: list[list[float]] = Field(description="Covariance of x and y [m^2].")
 
 

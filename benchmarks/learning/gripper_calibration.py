@@ -53,13 +53,15 @@ def gripper_report(throws: list[PlannedThrow], seed: int, cells: int = 100) -> s
 
 
 def calibrated_cells(throws: list[PlannedThrow], seed: int, cells: int) -> list[CalibrationResult]:
-    """Returns the results of every cell; in a tenth the prior is off by 80 ms, in another the camera is poor."""
+    """Returns the results of every cell: a tenth has a prior 80 ms off, not 20, another a camera of 20 % outliers."""
     soonest = [planned for planned in throws if planned.window_s == 0.0]
     tables = [throw_table(planned.problem, planned.trajectory) for planned in soonest]
     results = []
     for k in range(cells):
         rng = np.random.default_rng([seed, k])
-        results += _calibrate(rng, hidden_cell(rng, far=k % 10 == 0, poor=k % 10 == 1), soonest, tables)
+        results += _calibrate(
+            rng, hidden_cell(rng, off_s=0.080 if k % 10 == 0 else 0.020, poor=k % 10 == 1), soonest, tables
+        )
     return results
 
 

@@ -80,11 +80,18 @@ class TrueThrow:
 
 
 def hidden_cell(
-    rng: np.random.Generator, misspecified: bool = False, far: bool = False, poor: bool = False
+    rng: np.random.Generator, misspecified: bool = False, off_s: float | None = None, poor: bool = False
 ) -> HiddenCell:
-    """Returns a cell drawn as the issue says; `far`: its delay is off by 80 ms; `poor`: 20 % outliers."""
+    """Returns a cell at random.
+
+    Args:
+        rng: of the cell.
+        misspecified: the base is turned, objects cling, joints scatter more.
+        off_s: by how much the cell file's delay is off; None: as the prior says, normal with 20 ms.
+        poor: a fifth of the camera's observations are mistaken.
+    """
     delay = rng.uniform(0.020, 0.120)
-    off = rng.choice([-1.0, 1.0]) * (0.080 if far else 0.020)
+    off = rng.normal(0.0, 0.020) if off_s is None else rng.choice([-1.0, 1.0]) * off_s
     return HiddenCell(
         delay_s=delay,
         jitter_s=rng.uniform(0.0, 0.008),

@@ -88,14 +88,10 @@ def test_a_release_that_was_not_as_planned_has_a_verdict(
     assert outcome != "completed" or (verdict and "warning: at the release a joint's speed was 1.0%" in verdict[1])
 
 
-def test_a_wrong_speed_at_the_release_endangers_where_the_tool_leaves_its_path(prepared: Prepared) -> None:
-    """Off by more than the cell's clearance; an arm that is late on its path does not leave it."""
+def test_an_arm_that_is_late_does_not_leave_its_path_and_the_lag_to_set_is_said(prepared: Prepared) -> None:
     trajectory, lag = prepared.trajectory, prepared.cell.timing.lag_s
-    off_path = perfect(prepared, 0.05)
-    off_path.vector("qd")[:] *= 1.02
-    found = metrics(prepared.problem, trajectory, ended(off_path, prepared), None)
-    assert found["path_error_max_m"] > prepared.cell.surroundings.clearance_m
-    assert (release_verdict(prepared.problem, trajectory, found, Landing(101.0, None)) or ("",))[0] == "tracking"
+    off_path = metrics(prepared.problem, trajectory, ended(perfect(prepared, 0.05), prepared), None)
+    assert off_path["path_error_max_m"] > prepared.cell.surroundings.clearance_m
 
     late_s = 0.006
     late = perfect(prepared)
