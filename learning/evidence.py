@@ -11,6 +11,7 @@ import numpy as np
 import orjson
 
 from learning.release import ObservedThrow
+from learning.streamed_arm import StreamedArm
 from learning.throws import table_times, throw_table
 from planner.arrays import Array
 from planner.cell import Cell
@@ -34,7 +35,7 @@ class ThrowEvidence:
     Attributes:
         execution_id, landing_ids: where the evidence is.
         planned_qd: joint speeds planned at the release (6,) [rad/s].
-        deviation: recorded less planned, lag apart (6,) [rad/s]; None without a recording.
+        deviation: recorded less what the arm's lag and gains make of the plan (6,) [rad/s]; None without a recording.
         observed: where it landed; None where no position was reported.
     """
 
@@ -45,11 +46,17 @@ class ThrowEvidence:
     observed: ObservedThrow | None
 
 
-def throw_evidence(store: Store, cell: Cell) -> list[ThrowEvidence]:
-    """Returns the throws of a cell, oldest first; those planned for another version of its file do not count."""
+def throw_evidence(store: Store, cell: Cell, arm: StreamedArm) -> list[ThrowEvidence]:
+    """Returns the throws of a cell, oldest first; those planned for another version of its file do not count.
+
+    Args:
+        store: with executions, recordings and landings.
+        cell: as its file says.
+        arm: lag and gains, whose part in the deviations is no scatter.
+    """
     found = []
     for row in store.executions_of_cell(cell.name):
-        evidence = _evidence(store, cell, row)
+        evidence = _evidence(store, cell, arm, row)
         if evidence is not None:
             found.append(evidence)
         if len(found) == THROWS_MAX:
@@ -57,7 +64,7 @@ def throw_evidence(store: Store, cell: Cell) -> list[ThrowEvidence]:
     return found[::-1]
 
 
-def _evidence(store: Store, cell: Cell, row: ExecutionRow) -> ThrowEvidence | None:
+def _evidence(store: Store, cell: Cell, arm: StreamedArm, row: ExecutionRow) -> ThrowEvidence | None:
     numbers = row.metrics or {}
     sent = numbers.get("gripper_commanded_s")
     plan = store.plan(row.plan_id)
@@ -78,7 +85,7 @@ def _evidence(store: Store, cell: Cell, row: ExecutionRow) -> ThrowEvidence | No
         table = throw_table(problem, trajectory, off)
         observed = ObservedThrow(table, trajectory.release_time_s - float(sent), *position, variance)
     k = trajectory.release_index
-    deviation = None if not columns else _at_release(columns, trajectory, _late_s(numbers))
+    deviation = None if off is None else off[1][len(off[1]) // 2] - _expected(arm, trajectory, numbers)
     return ThrowEvidence(row.id, tuple(x.id for x in landings), trajectory.qd[k], deviation, observed)
 
 
@@ -102,13 +109,6 @@ def _deviations(columns: Mapping[str, Array], trajectory: Trajectory) -> tuple[A
     return q, qd
 
 
-def _at_release(columns: Mapping[str, Array], trajectory: Trajectory, late_s: float) -> Array:
-    """Returns recorded less planned speeds (6,) at the release of an arm that is `late_s` late [s]."""
-    clock = columns["clock"]
-    off = _smoothed(clock, columns["qd"] - trajectory.at(clock - late_s)[1])
-    return np.array([np.interp(trajectory.release_time_s + late_s, clock, column) for column in off.T])
-
-
 def _smoothed(clock: Array, values: Array) -> Array:
     """Returns the mean (n, 6) over rows within `SMOOTHING_S`."""
     half = max(0, round(SMOOTHING_S / float(np.median(np.diff(clock)))))
@@ -119,10 +119,13 @@ def _smoothed(clock: Array, values: Array) -> Array:
     return np.stack([np.convolve(column, window, mode="same") / count for column in values.T], axis=1)
 
 
-def _late_s(numbers: Mapping[str, Any]) -> float:
-    """Returns how much later than assumed the arm was [s]."""
+def _expected(arm: StreamedArm, trajectory: Trajectory, numbers: Mapping[str, Any]) -> Array:
+    """Returns the deviation of the speeds (6,) that lag and gains cause at the release; none is known of servoj."""
     timing = numbers.get("timing")
-    return 0.0 if not timing else float(timing["lag_s"] - timing.get("assumed_lag_s", timing["lag_s"]))
+    if not timing or timing["mode"] != "speedj":
+        return np.zeros(6)
+    at = np.array([trajectory.release_time_s])
+    return arm.deviation(trajectory, timing["assumed_lag_s"], at)[1][0]
 
 
 def _in_the_way(numbers: Mapping[str, Any]) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,9 +12,15 @@ import orjson
 
 from learning.evidence import ThrowEvidence, throw_evidence
 from learning.joint_speeds import JointSpeeds, learn_joint_speeds
+from learning.predictions import LandingForecast, forecast
 from learning.release import DRAG, PRIOR_STD, STATE, ReleasePosterior, learn_release, prior_state
+from learning.streamed_arm import StreamedArm
+from learning.throws import table_times, throw_table
 from learning.timing_history import pooled_document, timing_runs
+from planner.arrays import Array
 from planner.cell import Cell
+from planner.problem import ThrowProblem
+from planner.trajectory import Trajectory
 from store import Store
 
 VERSION = 1  # of the document
@@ -23,22 +29,29 @@ DRAG_KNOWN = 0.5  # [-] of the prior's width, below which a drag was learnt and 
 
 @dataclass(frozen=True, eq=False)
 class CellKnowledge:
-    """What is known of a cell: the lag to use [s], the release, and the joints' speeds.
+    """What is known of a cell: its arm, the release, and the joints' speeds.
 
     Attributes:
-        lag_s: lag to stream with [s].
+        arm: lag, with which it is streamed, and gains.
         release: posterior of lead, speed, base and drag.
         speeds: of the joints at the release.
     """
 
-    lag_s: float
+    arm: StreamedArm
     release: ReleasePosterior
     speeds: JointSpeeds
 
     @property
     def delay_s(self) -> float:
         """Gripper delay to plan with [s]: the lead less the lag."""
-        return float(self.release.state[0]) - self.lag_s
+        return float(self.release.state[0]) - self.arm.lag_s
+
+    def predicted(self, problem: ThrowProblem, trajectory: Trajectory) -> LandingForecast:
+        """Returns where throws of a plan land, with the lag and the delay that the problem's cell assumes."""
+        lag = problem.cell.timing.lag_s
+        off = self.arm.deviation(trajectory, lag, table_times(trajectory.release_time_s))
+        table = throw_table(problem, trajectory, off)
+        return forecast(self.release, self.speeds, table, problem.cell.gripper.delay_s + lag)
 
 
 def prior_knowledge(cell: Cell) -> CellKnowledge:
@@ -48,7 +61,7 @@ def prior_knowledge(cell: Cell) -> CellKnowledge:
     release = learn_release([], prior)
     if cell.gripper.jitter_s > 0.0:
         release = replace(release, jitter_s=np.full(len(release.weight), cell.gripper.jitter_s))
-    return CellKnowledge(cell.timing.lag_s, release, learn_joint_speeds(nothing, nothing))
+    return CellKnowledge(StreamedArm(cell.timing.lag_s, np.ones(6)), release, learn_joint_speeds(nothing, nothing))
 
 
 def estimate_profile(store: Store, cell: Cell) -> dict[str, Any]:
@@ -60,14 +73,15 @@ def estimate_profile(store: Store, cell: Cell) -> dict[str, Any]:
     """
     runs = timing_runs(store, cell.name)
     timing = pooled_document([run for _, run in runs], cell.timing.lag_s)
-    throws = throw_evidence(store, cell)
+    lag = cell.timing.lag_s if timing is None else timing["lag_s"]
+    arm = StreamedArm(lag, np.ones(6) if timing is None else known_gains(timing["gain"]))
+    throws = throw_evidence(store, cell, arm)
     prior = prior_state(cell.gripper.delay_s + cell.timing.lag_s, cell.object.drag_coefficient)
     release = learn_release([t.observed for t in throws if t.observed is not None], prior)
     recorded = [(t.planned_qd, t.deviation) for t in throws if t.deviation is not None]
     pairs = np.array(recorded, float).reshape(-1, 2, 6)
     speeds = learn_joint_speeds(pairs[:, 0], pairs[:, 1])
-    lag = cell.timing.lag_s if timing is None else timing["lag_s"]
-    known = CellKnowledge(lag, release, speeds)
+    known = CellKnowledge(arm, release, speeds)
     head = {"version": VERSION, "cell": cell.name, "cell_sha256": cell.sha256}
     evidence = _evidence_document(throws, [row.id for row, _ in runs])
     return {**head, **_numbers(cell, known, timing), "timing": timing, "evidence": evidence, **_posterior(known)}
@@ -80,7 +94,13 @@ def knowledge_of(document: Mapping[str, Any]) -> CellKnowledge:
     clings = (float(mixture["cling_alpha"]), float(mixture["cling_beta"]))
     release = ReleasePosterior(*(np.array(mixture[name], float) for name in names), *clings)
     gains = (np.array(speeds["gain_error"], float), np.array(speeds["gain_std"], float))
-    return CellKnowledge(float(document["lag_s"]), release, JointSpeeds(*gains, speeds["shape"], speeds["scale"]))
+    arm = StreamedArm(float(document["lag_s"]), known_gains(document["gain"] or [None] * 6))
+    return CellKnowledge(arm, release, JointSpeeds(*gains, speeds["shape"], speeds["scale"]))
+
+
+def known_gains(gains: Sequence[float | None]) -> Array:
+    """Returns the joints' gains (6,); 1 where no run shows one."""
+    return np.array([1.0 if gain is None else gain for gain in gains])
 
 
 def cell_with_profile(cell: Cell, document: Mapping[str, Any] | None) -> Cell:
@@ -107,7 +127,7 @@ def _numbers(cell: Cell, known: CellKnowledge, timing: Mapping[str, Any] | None)
     jitter_std = math.sqrt(float(release.weight @ (release.jitter_s - release.jitter) ** 2))
     seen = std[DRAG] < DRAG_KNOWN * PRIOR_STD[DRAG]
     return {
-        "lag_s": known.lag_s,
+        "lag_s": known.arm.lag_s,
         "lag_std_s": None if timing is None else timing["lag_std_s"],
         "gain": None if timing is None else timing["gain"],
         "delay_s": known.delay_s,

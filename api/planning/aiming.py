@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from learning import CellKnowledge, LandingForecast, forecast, throw_table
+from learning import CellKnowledge, LandingForecast
 from planner.arrays import Array
 from planner.plan_reading import aimed_problem
 from planner.planning import Plan, plan
@@ -76,8 +76,7 @@ def hit_radius_m(problem: ThrowProblem) -> float:
 
 
 def _predicted(found: Plan, known: CellKnowledge) -> LandingForecast:
-    cell, table = found.problem.cell, throw_table(found.problem, found.trajectory)
-    return forecast(known.release, known.speeds, table, cell.gripper.delay_s + cell.timing.lag_s)
+    return known.predicted(found.problem, found.trajectory)
 
 
 def _rows(matrix: Array) -> list[list[float]]:
