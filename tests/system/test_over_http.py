@@ -138,6 +138,26 @@ def test_calibrate_lag_measures_it_with_motions_of_its_own(up: Up):
     assert timing["pooled"]["lag_s"] == pytest.approx(0.020, abs=0.001)
 
 
+def test_what_was_learnt_is_adopted_used_and_given_up_again(up: Up):
+    """From the landings of the throws before; a plan made before the adoption is not executable any more."""
+    before = up.http.post("/plan", json={"release": {"kind": "target", "position": TARGET_M}}).json()
+    assert (before["profile"], before["hit_probability"]["profile"]) == (None, None)
+    arguments = ["calibrate", "landings", "--cell", "ur5e-sim", "--adopt", "--json", "--url", str(up.http.base_url)]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 0, result.output
+    learnt = json.loads(result.stdout)
+    assert learnt["adopted"] and learnt["evidence"]["throws"]
+    assert learnt["lag_s"] + learnt["delay_s"] == pytest.approx(0.060, abs=0.010)
+    refused = up.http.post("/execute", json={"plan_id": before["id"]})
+    assert (refused.status_code, refused.json()["type"]) == (409, "/problems/plan-not-executable")
+    plan = up.http.post("/plan", json={"release": {"kind": "target", "position": TARGET_M}}).json()
+    assert plan["profile"] == plan["hit_probability"]["profile"] == learnt["profile"]
+    assert plan["hit_probability"]["value"] > before["hit_probability"]["value"]
+    run = executed(up.http, plan["id"])
+    assert run["outcome"] in ("completed", "late"), run["reason"]
+    assert up.http.post("/cells/ur5e-sim/profiles/revert").json()["profile"] is None
+
+
 def test_ctrl_c_leaves_no_orphans(up: Up):
     assert up.down() == 0
     gone, alive = psutil.wait_procs(up.children, DOWN_WITHIN_S)
