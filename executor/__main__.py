@@ -9,7 +9,7 @@ import sys
 import threading
 
 from executor.daemon import Daemon
-from executor.doctor import DURATION_S, examine, report
+from executor.doctor import DURATION_S, examine, grade_lag, known_timing, report
 from executor.records import Journal, JournalLocked
 from executor.robot import RobotSession
 from executor.settings import ExecutorSettings
@@ -32,7 +32,7 @@ def main(arguments: list[str] | None = None) -> int:
         settings = ExecutorSettings.from_environment(os.environ, options.cell, options.read_only)
         cell = load_cell(settings.cell_path)
         if options.doctor:
-            return run_doctor(cell)
+            return run_doctor(cell, settings.database_url)
         journal = Journal(settings.data)
         store = Store.open(settings.database_url)
     except (ValueError, CellError, OSError, JournalLocked, StoreUnavailable) as error:
@@ -47,10 +47,10 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def run_doctor(cell: Cell) -> int:
+def run_doctor(cell: Cell, database_url: str) -> int:
     """Prints the doctor's report; returns its exit code."""
     print(f"Measuring for {DURATION_S:.0f} seconds …", file=sys.stderr)
-    text, code = report(cell, examine(cell))
+    text, code = report(cell, [*examine(cell), grade_lag(cell, known_timing(cell, database_url))])
     print(text)
     return code
 

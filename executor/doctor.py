@@ -14,10 +14,13 @@ import time
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 from executor import realtime
 from executor.robot import receive_timestamps
+from learning import pooled_document, timing_runs
 from planner.cell import Cell
+from store import Store, StoreError, StoreUnavailable
 
 DURATION_S = 10.0  # [s] of wake-ups
 LINK_S = 5.0  # [s] of packages
@@ -117,6 +120,31 @@ def grade_jitter(late: list[float], dt: float) -> DoctorFinding:
     if share < GOOD_SHARE or most > GAP_MAX_S * 1e6:
         return DoctorFinding("jitter", "warning", text, advice)
     return DoctorFinding("jitter", "ok", text)
+
+
+def known_timing(cell: Cell, database_url: str) -> dict[str, Any] | None:
+    """Returns the timing of the arm pooled over the cell's executions; None without any, or without a store."""
+    try:
+        store = Store.open(database_url)
+    except (RuntimeError, StoreError):
+        return None
+    try:
+        return pooled_document([timing for _, timing in timing_runs(store, cell.name)], cell.timing.lag_s)
+    except StoreUnavailable:
+        return None
+    finally:
+        store.close()
+
+
+def grade_lag(cell: Cell, pooled: dict[str, Any] | None) -> DoctorFinding:
+    """Returns the finding about the arm's lag, from its timing as `known_timing` returns it."""
+    if pooled is None:
+        advice = f"fling calibrate lag --cell {cell.name}"
+        return DoctorFinding("lag", "warning", "not measured: no execution of this cell shows it", advice)
+    text = f"{1e3 * pooled['lag_s']:.1f} ± {1e3 * pooled['lag_std_s']:.1f} ms over {pooled['runs']} runs"
+    if pooled["advice"] is None:
+        return DoctorFinding("lag", "ok", f"{text}, as in the cell file")
+    return DoctorFinding("lag", "warning", text, pooled["advice"])
 
 
 def _permissions() -> DoctorFinding:

@@ -18,7 +18,8 @@ from executor.streaming.state_checks import EMERGENCY_BITS, NORMAL
 from executor.supervision import StreamRun
 from planner.approach import Approach, find_approach, jog_advice, obstacle_words
 from planner.certificate import Check, release_flight
-from store import ExecutionRow, new_id
+from planner.plan_reading import aimed_problem
+from store import ExecutionRow, ProfileRow, new_id
 
 SAFETY_WAIT_S = 0.2  # [s] after a fault, for a state that is newer than the fault
 POLL_S = 0.02  # [s] between two readings of that state
@@ -40,6 +41,7 @@ class Execution:
     row: ExecutionRow
     log: list[tuple[float, str]] = field(default_factory=list)
     run: StreamRun | None = None
+    profile: ProfileRow | None = None
 
     def note(self, text: str) -> None:
         """Adds a line to the recording's log."""
@@ -52,7 +54,7 @@ class Execution:
             ExecutionRefused: with every reason.
         """
         session, cell = self.session, self.session.cell
-        self.problem, self.trajectory = verify_plan(document, cell)
+        self.problem, self.trajectory, self.aim_shift = verify_plan(document, cell, self.profile)
         if reasons := session_refusals(session):
             raise ExecutionRefused("; ".join(reasons))
         state = session.monitor.fresh()
@@ -99,7 +101,8 @@ class Execution:
 
     def _announce(self) -> None:
         try:
-            self.throw = records.expect_throw(self.session.cell.link.host, self.problem)
+            problem = aimed_problem(self.problem, -self.aim_shift)  # the bin stands at the target
+            self.throw = records.expect_throw(self.session.cell.link.host, problem)
         except ValueError as error:
             raise ExecutionRefused(f"the simulated controller refuses the throw: {error}") from error
 
@@ -117,13 +120,13 @@ class Execution:
         assert self.run is not None and self.run.result is not None
         ended = self.run.result
         outcome, reason = self._outcome(ended)
-        landing = self._landing()
-        numbers = records.metrics(self.problem, self.trajectory, ended, landing)
+        telemetry, landing = records.Telemetry(ended.rows), self._landing()
+        timing = self._timing(telemetry)
+        numbers = records.metrics(self.problem, self.trajectory, ended, landing, timing, self.aim_shift)
         if outcome == "completed" and not self.row.dry_run:
             verdict = records.release_verdict(self.problem, self.trajectory, numbers, landing)
             outcome, reason = verdict or (outcome, reason)
         self.note(f"{outcome}: {reason}" if reason else outcome)
-        telemetry = records.Telemetry(ended.rows)
         mcap, csv = self._recording(telemetry, outcome), records.to_csv(telemetry)
         observed = None if landing is None else landing.observed
         return records.ExecutionResult(self.row.id, outcome, reason, numbers, mcap, csv, self._observation(observed))
@@ -134,6 +137,12 @@ class Execution:
             return None
         position = observed.position.tolist()
         return {"id": new_id(), "at": time.time(), "position": position, "std_m": observed.std_m}
+
+    def _timing(self, telemetry: records.Telemetry) -> dict[str, Any] | None:
+        """Returns the timing of the arm that the run shows."""
+        if self.row.dry_run or self.run is None:
+            return None
+        return records.arm_timing(self.problem.cell, telemetry, self.row.mode, self.run.job.acceleration)
 
     def _recording(self, telemetry: records.Telemetry, outcome: str) -> bytes:
         """Returns the run as MCAP."""

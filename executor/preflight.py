@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 
 from executor.robot import RobotSession, RobotState
 from executor.streaming.state_checks import NORMAL, OUTPUT_SHIFT, SAFETY_WORDS
+from learning import cell_with_profile
 from planner.cell import Cell
 from planner.certificate import certify
 from planner.errors import PlannerError
-from planner.plan_reading import plan_from_document
+from planner.plan_reading import aim_shift, plan_from_document
 from planner.problem import ThrowProblem
 from planner.rotations import matrix_to_rotation_vector, rotation_vector_to_matrix
 from planner.trajectory import Trajectory
+from store import ProfileRow
 
 Vector = NDArray[np.float64]
 
@@ -42,17 +44,27 @@ class ExecutionRefused(Exception):
     """The execution does not start; the text says why."""
 
 
-def verify_plan(document: bytes, cell: Cell) -> tuple[ThrowProblem, Trajectory]:
-    """Certifies a stored plan again, with this executor's own cell.
+def verify_plan(
+    document: bytes, cell: Cell, profile: ProfileRow | None = None
+) -> tuple[ThrowProblem, Trajectory, Vector]:
+    """Certifies a stored plan again, with this executor's own cell and the profile that the cell uses.
+
+    Returns:
+        Problem, trajectory, and by how much the aim lies off the target (3,) [m].
 
     Raises:
-        ExecutionRefused: the plan is for another cell file, cannot be read, or fails its certificate.
+        ExecutionRefused: the plan is for another cell file or profile, cannot be read, or fails its certificate.
     """
     try:
         plan = orjson.loads(document)
         if plan["cell"] != cell.name or plan["cell_sha256"] != cell.sha256:
             raise ExecutionRefused(f"the plan was made for another version of the cell {plan['cell']!r}: plan again")
-        problem, trajectory = plan_from_document(plan, cell)
+        used = None if profile is None else profile.id
+        if plan.get("profile") != used:
+            raise ExecutionRefused(f"the plan was made with profile {plan.get('profile')}, not {used}: plan again")
+        learnt = None if profile is None else orjson.loads(profile.document)
+        problem, trajectory = plan_from_document(plan, cell_with_profile(cell, learnt))
+        shift = aim_shift(plan)
     except KeyError as error:
         raise ExecutionRefused(f"the plan cannot be read: it has no {error}") from error
     except (PlannerError, TypeError, orjson.JSONDecodeError) as error:
@@ -61,7 +73,7 @@ def verify_plan(document: bytes, cell: Cell) -> tuple[ThrowProblem, Trajectory]:
     if not certificate.valid:
         names = ", ".join(f"{c.name} ({c.value:.4g} against {c.limit:.4g} {c.unit})" for c in certificate.failures)
         raise ExecutionRefused(f"the certificate made again does not hold: {names}")
-    return problem, trajectory
+    return problem, trajectory, shift
 
 
 def gripper_is_open(cell: Cell, state: RobotState) -> bool:

@@ -14,6 +14,7 @@ from executor.settings import ExecutorSettings
 from executor.stream_job import JobRows, StreamJob
 from planner.approach import APPROACH_ACCELERATION, APPROACH_SPEED, Approach, Brakes, find_brakes
 from planner.cell import Cell
+from planner.feedback import FEEDBACK_GAIN, FEEDBACK_MAX
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 
@@ -21,8 +22,6 @@ Vector = NDArray[np.float64]
 
 LEAD_IN_S = 0.020  # [s] at rest before the plan begins: the stream is running smoothly by then
 SETTLE_S = 0.060  # [s] at rest after it: the measured motion, one lag behind, comes to its end
-FEEDBACK_GAIN = 5.0  # [1/s] with a lag of 20 ms the loop loses 0.1 rad of phase: far from ringing
-FEEDBACK_MAX = 0.05  # [rad/s] bound of the correction
 TRACKING_MAX_RAD = 0.05  # [rad] 20 times the error of a gap of 10 ms at 15 rad/s^2
 APPROACH_BRAKE_EVERY = 5  # [rows] at 1 rad/s and 500 Hz 1 cm of motion; saves a second of preparation
 SILENT_S = 0.100  # [s] the daemon's pulse comes every 5 ms; this long without one it is frozen or dead

@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from planner.arrays import Array
 from planner.cell import Cell
 from planner.errors import FieldError, InvalidProblem
-from planner.problem import ThrowProblem
+from planner.problem import TargetRelease, ThrowProblem
 from planner.request import problem_from_request
 from planner.trajectory import Trajectory
 
@@ -26,6 +27,7 @@ def plan_from_document(document: Mapping[str, Any], cell: Cell) -> tuple[ThrowPr
         InvalidProblem: the request does not fit this cell, or the trajectory is malformed.
     """
     problem = replace(problem_from_request(document["request"], cell), **_window(document))
+    problem = aimed_problem(problem, aim_shift(document))
     samples = document["trajectory"]
     arrays = [np.array(samples[name], float) for name in ("positions", "velocities", "accelerations")]
     try:
@@ -33,6 +35,20 @@ def plan_from_document(document: Mapping[str, Any], cell: Cell) -> tuple[ThrowPr
     except (ValueError, TypeError) as error:
         raise InvalidProblem([FieldError("trajectory", str(error))]) from error
     return problem, trajectory
+
+
+def aim_shift(document: Mapping[str, Any]) -> Array:
+    """Returns by how much a plan's aim lies off its target (3,) [m], so that a learnt cell hits the target."""
+    aim = document.get("aim")
+    return np.zeros(3) if aim is None else np.array(aim["shift_m"], float)
+
+
+def aimed_problem(problem: ThrowProblem, shift: Array) -> ThrowProblem:
+    """Returns the problem with its target, and the bin around it, moved by `shift` (3,) [m]."""
+    release = problem.release
+    if not isinstance(release, TargetRelease) or not shift.any():
+        return problem
+    return replace(problem, release=replace(release, p_W=release.p_W + shift))
 
 
 def _window(document: Mapping[str, Any]) -> dict[str, float]:

@@ -15,6 +15,7 @@ from store.rows import (
     IdempotencyKey,
     LandingRow,
     PlanRow,
+    ProfileRow,
     RecordingRow,
     new_id,
 )
@@ -30,6 +31,7 @@ __all__ = [
     "KeyTaken",
     "LandingRow",
     "PlanRow",
+    "ProfileRow",
     "RecordingRow",
     "Store",
     "StoreError",

@@ -84,6 +84,11 @@ class ExecutionRepository(Repository):
         """Returns executions, newest first, and the cursor of the next page (None after the last)."""
         return self._page(ExecutionRow, select(executions), executions, limit, cursor)
 
+    def executions_of_cell(self, cell: str, limit: int = 200) -> list[ExecutionRow]:
+        """Returns the finished executions of a cell, newest first."""
+        query = select(executions).where(executions.c.cell == cell, executions.c.state == "finished")
+        return self._rows(ExecutionRow, query.order_by(executions.c.id.desc()).limit(limit))
+
     def open_execution(self, cell: str) -> str | None:
         """Returns the id of the cell's unfinished execution, or None."""
         return self._value(select(executions.c.id).where(executions.c.cell == cell, UNFINISHED))

@@ -60,6 +60,16 @@ STEPS: tuple[tuple[str, ...], ...] = (
         "ALTER TABLE executions ADD COLUMN experiment_id TEXT REFERENCES experiments (id)",
         "CREATE INDEX executions_of_experiment ON executions (experiment_id)",
     ),
+    (
+        """CREATE TABLE profiles (
+            id TEXT PRIMARY KEY, created_at {float} NOT NULL, cell TEXT NOT NULL, cell_sha256 TEXT NOT NULL,
+            created_by TEXT NOT NULL, sha256 TEXT NOT NULL, document {bytes} NOT NULL)""",
+        "CREATE INDEX profiles_of_cell ON profiles (cell, id)",
+        """CREATE TABLE adoptions (
+            id {row_id}, at {float} NOT NULL, cell TEXT NOT NULL, profile_id TEXT REFERENCES profiles (id),
+            adopted_by TEXT NOT NULL)""",
+        "CREATE INDEX adoptions_of_cell ON adoptions (cell, id)",
+    ),
 )
 
 LATEST = len(STEPS)

@@ -108,6 +108,19 @@ class ExperimentRow:
 
 
 @dataclass(frozen=True)
+class ProfileRow:
+    """What was learnt of a cell at one time; `document` is its JSON, `sha256` the hash of that."""
+
+    id: str
+    created_at: float
+    cell: str
+    cell_sha256: str
+    created_by: str
+    sha256: str
+    document: bytes
+
+
+@dataclass(frozen=True)
 class CellRow:
     """Last heartbeat of a cell's executor, and the acknowledgement of its fault by a person."""
 

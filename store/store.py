@@ -14,6 +14,7 @@ from store.experiments import ExperimentRepository
 from store.idempotency_and_audit import ClientRepository
 from store.landings import LandingRepository
 from store.plans import PlanRepository
+from store.profiles import ProfileRepository
 
 
 class Store(
@@ -23,8 +24,9 @@ class Store(
     LandingRepository,
     CellStatusRepository,
     ClientRepository,
+    ProfileRepository,
 ):
-    """Plans, executions, events, recordings, experiments, landings, cell status, idempotency keys and the audit trail.
+    """Plans, executions, events, recordings, experiments, landings, profiles, cell status, keys and the audit trail.
 
     Every method is one transaction. Threads may share a store; each process opens its own.
     """

@@ -136,3 +136,27 @@ audit = Table(  # written by api, append only
     Column("resource", Text, nullable=False),
     Column("remote", Text, nullable=False),
 )
+
+profiles = Table(  # written by api, never changed
+    "profiles",
+    METADATA,
+    Column("id", Text, primary_key=True),
+    Column("created_at", Double, nullable=False),
+    Column("cell", Text, nullable=False),
+    Column("cell_sha256", Text, nullable=False),
+    Column("created_by", Text, nullable=False),
+    Column("sha256", Text, nullable=False),  # of the document
+    Column("document", LargeBinary, nullable=False),
+)
+profiles_of_cell = Index("profiles_of_cell", profiles.c.cell, profiles.c.id)
+
+adoptions = Table(  # written by api, append only; a cell's newest line is what it uses
+    "adoptions",
+    METADATA,
+    Column("id", ROW_ID, primary_key=True, autoincrement=True),
+    Column("at", Double, nullable=False),
+    Column("cell", Text, nullable=False),
+    Column("profile_id", Text, ForeignKey("profiles.id")),  # null: the cell file's numbers again
+    Column("adopted_by", Text, nullable=False),
+)
+adoptions_of_cell = Index("adoptions_of_cell", adoptions.c.cell, adoptions.c.id)

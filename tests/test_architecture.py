@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-ROOMS = ("planner", "store", "api", "executor", "benchmarks")
+ROOMS = ("planner", "store", "learning", "api", "executor", "benchmarks")
 FOLDERS = (*ROOMS, "tests", "docs")  # that hold code of this project
 FUNCTION_LINES_MAX = 40
 MODULE_LINES_MAX = 400
@@ -24,6 +24,8 @@ FOLDER_MODULES_MAX = 15
 # contract: (module of the copy, the module that a forbidden import of it names). One line each; every wing has one.
 PLANTED = {
     "rooms": ("api/routes/plans.py", "executor.stream_job"),
+    "learning-levels": ("learning/recordings.py", "learning.timing"),
+    "learning-without-web": ("learning/recordings.py", "casadi"),
     "planner-levels": ("planner/certificate/__init__.py", "planner.backends.ruckig_otg"),
     "planner-search-levels": ("planner/search/incumbent.py", "planner.search.nearest"),
     "backends-apart": ("planner/backends/ruckig_otg/__init__.py", "planner.backends.profiles"),
@@ -62,6 +64,7 @@ PLANTED = {
     "benchmarks-problem-sets": ("benchmarks/problem_sets/task.py", "benchmarks.problem_sets.named_sets"),
     "benchmarks-report": ("benchmarks/report/pictures.py", "benchmarks.report.page"),
     "benchmarks-streaming": ("benchmarks/streaming/throws.py", "benchmarks.streaming.report"),
+    "benchmarks-learning": ("benchmarks/learning/recorded_arms.py", "benchmarks.learning.hidden_timing"),
     "benchmarks-layers": ("benchmarks/problem_sets/task.py", "benchmarks.suite"),
     "store-layers": ("store/idempotency_and_audit.py", "store.plans"),
     "api-layers": ("api/report/picture.py", "api.http"),
@@ -97,6 +100,7 @@ FACES = (
     "planner.kinematics",
     "planner.cell",
     "store",
+    "learning",
     "api.cli",
     "api.http",
     "api.planning",

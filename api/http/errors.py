@@ -43,7 +43,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         403, "Not allowed", "The token lacks the scope, or the service runs without tokens and the cell is a real arm."
     ),
     "not-found": ProblemType(
-        404, "Not found", "No plan, execution, experiment, cell, recording or page has this name."
+        404, "Not found", "No plan, execution, experiment, cell, profile, recording or page has this name."
     ),
     "method-not-allowed": ProblemType(
         405, "Method not allowed", "The address exists, but does not accept this method; see /docs."
@@ -55,10 +55,15 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         409, "The robot is not ready", "No executor serves the cell, or the robot's state forbids motion: see 'detail'."
     ),
     "plan-not-executable": ProblemType(
-        409, "This plan cannot be executed", "The cell file has changed or the certificate is not valid: plan again."
+        409,
+        "This plan cannot be executed",
+        "The cell file or the adopted profile has changed, or the certificate is not valid: plan again.",
     ),
     "nothing-thrown": ProblemType(
         409, "Nothing was thrown", "A landing belongs to an execution that let go of its object: see 'detail'."
+    ),
+    "profile-not-adoptable": ProblemType(
+        409, "This profile cannot be adopted", "The cell file has changed since: estimate a new profile."
     ),
     "too-large": ProblemType(413, "Too large", "A request body may have at most one megabyte."),
     "unsupported-media-type": ProblemType(415, "Not JSON", "Send JSON with 'Content-Type: application/json'."),

@@ -30,6 +30,7 @@ class PlanningJob:
         cell_name: Name of the cell.
         cell_text: Content of its cell file.
         request: The request as JSON, in the shape of `POST /plan`.
+        profile: Id and document of the profile that the cell uses; None: the cell file's numbers.
     """
 
     plan_id: str
@@ -37,6 +38,7 @@ class PlanningJob:
     cell_name: str
     cell_text: bytes
     request: Mapping[str, Any]
+    profile: tuple[str, bytes] | None = None
 
 
 @dataclass(frozen=True)
@@ -77,12 +79,18 @@ def solve(job: PlanningJob) -> Planned:
     Raises:
         PlannerError: The planner refused the request, found no plan, or gave up.
     """
+    from api.planning.aiming import learnt_fields, plan_aimed
+    from learning import cell_with_profile, knowledge_of, prior_knowledge
     from planner.plan_document import plan_document
-    from planner.planning import plan
     from planner.request import problem_from_request
 
-    problem = problem_from_request(job.request, _cell(job.cell_text, job.cell_name))
-    answer = plan_document(plan(problem), job.request, job.plan_id, job.created_at)
+    cell = _cell(job.cell_text, job.cell_name)
+    learnt = None if job.profile is None else orjson.loads(job.profile[1])
+    problem = problem_from_request(job.request, cell_with_profile(cell, learnt))
+    known = prior_knowledge(cell) if learnt is None else knowledge_of(learnt)
+    found = plan_aimed(problem, None if learnt is None else known)
+    answer = plan_document(found, job.request, job.plan_id, job.created_at)
+    answer |= learnt_fields(problem, found, known, None if job.profile is None else job.profile[0])
     document = orjson.dumps(answer, option=orjson.OPT_SERIALIZE_NUMPY)
     del answer["trajectory"]
     return Planned(answer["backend"], document, orjson.dumps(answer, option=orjson.OPT_SERIALIZE_NUMPY))

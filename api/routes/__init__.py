@@ -1,6 +1,17 @@
 """The routes, one module per resource. An endpoint parses its request, makes one call and returns."""
 
-from api.routes import cells, execution_events, executions, experiments, health, landings, pages, plans
+from api.routes import (
+    cells,
+    execution_events,
+    executions,
+    experiments,
+    health,
+    landings,
+    pages,
+    plans,
+    profiles,
+    timing,
+)
 
 __all__ = ["ROUTERS"]
 
@@ -11,6 +22,8 @@ ROUTERS = (
     landings.router,
     experiments.router,
     cells.router,
+    timing.router,
+    profiles.router,
     health.router,
     pages.router,
 )

@@ -142,7 +142,9 @@ def _planning_job(body: PlanRequest, service: Service) -> tuple[PlanningJob, str
     request = {**body.model_dump(exclude_none=True), "cell": name}
     if body.start is not None and body.start.current:
         request["start"] = {"positions": _current_positions(service, name)}
-    return PlanningJob(new_id(), iso_time(time.time()) or "", name, text, request), cell.sha256
+    adopted = service.store.adopted_profile(name)
+    profile = None if adopted is None else (adopted.id, adopted.document)
+    return PlanningJob(new_id(), iso_time(time.time()) or "", name, text, request, profile), cell.sha256
 
 
 def _current_positions(service: Service, cell: str) -> list[float]:

@@ -8,6 +8,7 @@ from api.schemas.experiments import (
     ExperimentRequest,
 )
 from api.schemas.landings import LANDING_EXAMPLES, LandingAnswer, LandingList, LandingRequest
+from api.schemas.profiles import Adoption, ProfileAnswer, ProfileList
 from api.schemas.requests import EXECUTE_EXAMPLES, PLAN_EXAMPLES, ExecuteRequest, PlanRequest
 from api.schemas.responses import (
     Acknowledged,
@@ -21,6 +22,7 @@ from api.schemas.responses import (
     TrajectoryAnswer,
     iso_time,
 )
+from api.schemas.timing import TimingAnswer
 
 __all__ = [
     "EXECUTE_EXAMPLES",
@@ -28,6 +30,7 @@ __all__ = [
     "LANDING_EXAMPLES",
     "PLAN_EXAMPLES",
     "Acknowledged",
+    "Adoption",
     "CellList",
     "CellState",
     "ExecuteRequest",
@@ -43,7 +46,10 @@ __all__ = [
     "PlanAnswer",
     "PlanList",
     "PlanRequest",
+    "ProfileAnswer",
+    "ProfileList",
     "Readiness",
+    "TimingAnswer",
     "TrajectoryAnswer",
     "iso_time",
 ]

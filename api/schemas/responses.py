@@ -117,6 +117,29 @@ class WayHomeAnswer(BaseModel):
     duration_s: float = Field(description="[s]; 0 where the plan ends at home.")
 
 
+class HitProbability(BaseModel):
+    """How likely the object lands within the opening, or else within the landing tolerance or the object's radius."""
+
+    value: float = Field(description="Probability of a hit [-].")
+    interval: list[float] = Field(description="90 % interval of this cell's own probability [-].")
+    profile: str | None = Field(description="Profile that it rests on; null: the cell file and wide priors.")
+    radius_m: float = Field(description="Distance from the target that counts as a hit [m].")
+
+
+class LandingEllipse(BaseModel):
+    """Where the object is expected to land."""
+
+    center: list[float] = Field(description="Median landing point, x and y [m].")
+    covariance_m2: list[list[float]] = Field(description="Covariance of x and y [m^2].")
+
+
+class AimAnswer(BaseModel):
+    """Where the plan aims, so that the learnt cell hits the target."""
+
+    position: list[float] = Field(description="[m]")
+    shift_m: list[float] = Field(description="Aim less target [m].")
+
+
 class PlanSummary(BaseModel):
     """A plan without its trajectory."""
 
@@ -134,6 +157,10 @@ class PlanSummary(BaseModel):
     way_home: WayHomeAnswer | None = Field(None, description="Plans of earlier versions have none.")
     certificate: CertificateAnswer
     solver: SolverAnswer
+    profile: str | None = Field(None, description="The profile that was used; null: the cell file's numbers.")
+    aim: AimAnswer | None = Field(None, description="null where the plan aims at the target itself.")
+    hit_probability: HitProbability | None = Field(None, description="For a target.")
+    landing_ellipse: LandingEllipse | None = Field(None, description="For a target.")
 
 
 class PlanAnswer(PlanSummary):

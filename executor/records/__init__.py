@@ -5,6 +5,7 @@ from executor.records.landing import Landing, ObservedLanding, expect_throw, wai
 from executor.records.metrics import metrics, release_verdict
 from executor.records.recording import to_csv, to_mcap
 from executor.records.telemetry import RunResult, Telemetry, row_document
+from executor.records.timing import arm_timing
 
 __all__ = [
     "MIN_FREE_BYTES",
@@ -15,6 +16,7 @@ __all__ = [
     "ObservedLanding",
     "RunResult",
     "Telemetry",
+    "arm_timing",
     "expect_throw",
     "metrics",
     "release_verdict",

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from executor.records.landing import Landing
 from executor.records.telemetry import RunResult, Telemetry
+from executor.records.timing import path_error_m
+from learning import lag_advice
 from planner.certificate import release_flight
 from planner.flight import fly
 from planner.geometry import tool_state
@@ -25,16 +27,31 @@ LANDING_SHIFT_M = 0.005  # [m] accepted shift of the landing by a late gripper c
 
 
 def metrics(
-    problem: ThrowProblem, trajectory: Trajectory, result: RunResult, landing: Landing | None
+    problem: ThrowProblem,
+    trajectory: Trajectory,
+    result: RunResult,
+    landing: Landing | None,
+    timing: dict[str, Any] | None = None,
+    aim_shift: Vector | None = None,
 ) -> dict[str, Any]:
-    """Returns the metrics; None where this run or this cell has no value."""
+    """Returns the metrics; None where this run or this cell has no value.
+
+    Args:
+        problem: of the plan, with its target moved to the aim.
+        trajectory: of the plan.
+        result: end of the run.
+        landing: as it was observed.
+        timing: of `arm_timing`.
+        aim_shift: by how much the plan's aim lies off its target (3,) [m]; None: it does not.
+    """
     telemetry = Telemetry(result.rows)
     return {
         **_timing(telemetry, result),
-        **_tracking(problem, telemetry),
+        "timing": timing,
+        **_tracking(problem, telemetry, timing),
         **_release(problem, trajectory, telemetry),
         **_gripper(trajectory, result, landing),
-        **_landing(problem, trajectory, landing),
+        **_landing(problem, trajectory, landing, np.zeros(3) if aim_shift is None else aim_shift),
     }
 
 
@@ -57,14 +74,22 @@ def release_verdict(
     if shift > most:
         moved = "" if math.isinf(shift) else f": the landing moves by {1e3 * shift:.0f} mm"
         return "late", f"the gripper command was {1e3 * late:.0f} ms late{moved}"
+    off = []
+    if error > RELEASE_NOISE_RAD_S and share > RELEASE_SHARE:
+        off = [f"at the release a joint's speed was {share:.1%} ({error:.3f} rad/s) off the plan's"]
     if numbers["released"] and landing is None and problem.cell.link.kind == "sim":
         return "completed", "the gripper was commanded to open, but no object left it"
-    if error > RELEASE_NOISE_RAD_S and share > RELEASE_SHARE:
-        return (
-            "completed",
-            f"warning: at the release a joint's speed was {share:.1%} ({error:.3f} rad/s) off the plan's",
-        )
+    if warnings := [*off, *_timing_advice(problem, numbers)]:
+        return "completed", f"warning: {'; '.join(warnings)}"
     return None
+
+
+def _timing_advice(problem: ThrowProblem, numbers: dict[str, Any]) -> list[str]:
+    """Returns the lag to set where the run shows another one than the cell file's."""
+    timing = numbers["timing"]
+    if timing is None or timing["lag_change_s"] is None:
+        return []
+    return [lag_advice(timing["lag_s"], timing["lag_std_s"], problem.cell.timing.lag_s)]
 
 
 def _landing_shift(problem: ThrowProblem, trajectory: Trajectory, late_s: float) -> float:
@@ -92,15 +117,18 @@ def _timing(telemetry: Telemetry, result: RunResult) -> dict[str, Any]:
     }
 
 
-def _tracking(problem: ThrowProblem, telemetry: Telemetry) -> dict[str, Any]:
+def _tracking(problem: ThrowProblem, telemetry: Telemetry, timing: dict[str, Any] | None) -> dict[str, Any]:
     if not len(telemetry):
-        return {"tracking_error_max_rad": None, "tracking_error_max_m": None}
+        return {"tracking_error_max_rad": None, "tracking_error_max_m": None, "path_error_max_m": None}
     cell = problem.cell
     planned, measured = telemetry.vector("planned_q"), telemetry.vector("q")
     p, p_planned = (forward(cell.robot, q, cell.tool.X_FT)[:, :3, 3] for q in (measured, planned))
     return {
         "tracking_error_max_rad": float(np.abs(measured - planned).max()),
         "tracking_error_max_m": float(np.linalg.norm(p - p_planned, axis=1).max()),
+        "path_error_max_m": path_error_m(
+            cell, telemetry, 0.0 if timing is None else timing["lag_s"] - cell.timing.lag_s
+        ),
     }
 
 
@@ -127,11 +155,13 @@ def _gripper(trajectory: Trajectory, result: RunResult, landing: Landing | None)
     }
 
 
-def _landing(problem: ThrowProblem, trajectory: Trajectory, landing: Landing | None) -> dict[str, Any]:
+def _landing(
+    problem: ThrowProblem, trajectory: Trajectory, landing: Landing | None, aim_shift: Vector
+) -> dict[str, Any]:
     """Returns the true landing; null where the simulated controller hides it."""
     flight = release_flight(problem, trajectory)
     surface = None if landing is None else landing.surface
     if landing is None or landing.point is None or flight is None:
         return {"landing_point": None, "landing_error_m": None, "landed_on": surface}
-    error = float(np.linalg.norm(landing.point - flight.landing_point))
+    error = float(np.linalg.norm(landing.point + aim_shift - flight.landing_point))
     return {"landing_point": landing.point.tolist(), "landing_error_m": error, "landed_on": surface}

@@ -11,6 +11,7 @@ import pytest
 
 from executor.preflight import ExecutionRefused, gripper_is_open, refusals, verify_plan
 from executor.robot import RobotState
+from store import ProfileRow
 from tests.executor.conftest import Prepared
 
 
@@ -80,13 +81,27 @@ class TestPlan:
         return orjson.loads(prepared.document)
 
     def test_a_good_plan_passes(self, prepared: Prepared, document: dict) -> None:
-        _, trajectory = verify_plan(orjson.dumps(document), prepared.cell)
+        _, trajectory, _ = verify_plan(orjson.dumps(document), prepared.cell)
         assert np.array_equal(trajectory.q, document["trajectory"]["positions"])
 
     def test_another_cell_file_is_refused(self, prepared: Prepared, document: dict) -> None:
         other = replace(prepared.cell, sha256="0" * 64)
         with pytest.raises(ExecutionRefused, match="another version of the cell"):
             verify_plan(orjson.dumps(document), other)
+
+    def test_a_plan_of_another_profile_is_refused_and_the_adopted_one_moves_no_limit(
+        self, prepared: Prepared, document: dict
+    ) -> None:
+        cell, numbers = prepared.cell, {"lag_s": 0.031, "delay_s": 0.052, "jitter_s": 0.004, "drag_coefficient": 0.0}
+        row = ProfileRow("one", 0.0, cell.name, cell.sha256, "test", "", orjson.dumps(numbers))
+        with pytest.raises(ExecutionRefused, match="made with profile None, not one"):
+            verify_plan(orjson.dumps(document), cell, row)
+        with pytest.raises(ExecutionRefused, match="made with profile one, not None"):
+            verify_plan(orjson.dumps({**document, "profile": "one"}), cell)
+        problem, _, _ = verify_plan(orjson.dumps({**document, "profile": "one"}), cell, row)
+        assert (problem.cell.timing.lag_s, problem.cell.gripper.delay_s) == (0.031, 0.052)
+        for name in ("limits", "safety", "surroundings", "tool", "robot"):
+            assert getattr(problem.cell, name) is getattr(cell, name)
 
     @pytest.mark.parametrize("name", ["positions", "velocities", "accelerations"])
     def test_a_plan_that_was_tampered_with_is_refused(self, prepared: Prepared, document: dict, name: str) -> None:
@@ -113,7 +128,7 @@ def test_a_plan_of_version_0_1_is_certified_as_it_was_made(prepared: Prepared) -
     for name in ("release_window_s", "landing_tolerance_m", "landing_shift_10ms_m", "object_path"):
         del plan["flight"][name]
     del plan["certificate"]["not_checked"]
-    problem, _ = verify_plan(orjson.dumps(plan), prepared.cell)
+    problem, _, _ = verify_plan(orjson.dumps(plan), prepared.cell)
     assert not problem.is_robust
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import re
@@ -17,6 +18,9 @@ from typing import Any
 import httpx2
 import psutil
 import pytest
+from click.testing import CliRunner
+
+from api.cli import main
 
 ROOT = Path(__file__).parents[2]
 TARGET_M = [1.2, 0.3, 0.0]
@@ -117,6 +121,41 @@ def test_from_where_it_stands_now(up: Up):
     plan = up.http.post("/plan", json=request).json()
     state = up.http.get("/cells/ur5e-sim/state").json()
     assert math.dist(plan["trajectory"]["positions"][0], state["robot"]["positions"]) < 1e-3
+
+
+def test_calibrate_lag_measures_it_with_motions_of_its_own(up: Up):
+    """Small ones, at rest at the end; the simulated arm lags 20 ms, as the cell file says."""
+    up.http.post("/cells/ur5e-sim/acknowledge")
+    arguments = ["calibrate", "lag", "--cell", "ur5e-sim", "--throws", "2", "--json", "--url", str(up.http.base_url)]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert found["lag_s"] == pytest.approx(0.020, abs=0.001)
+    assert found["gain"] == pytest.approx([1.0] * 6, abs=0.01)
+    assert (found["runs"], found["lag_change_s"]) == (2, None)
+    timing = up.http.get("/cells/ur5e-sim/timing").json()
+    assert timing["runs"][0]["execution_id"] == up.http.get("/executions/latest").json()["id"]
+    assert timing["pooled"]["lag_s"] == pytest.approx(0.020, abs=0.001)
+
+
+def test_what_was_learnt_is_adopted_used_and_given_up_again(up: Up):
+    """From the landings of the throws before; a plan made before the adoption is not executable any more."""
+    before = up.http.post("/plan", json={"release": {"kind": "target", "position": TARGET_M}}).json()
+    assert (before["profile"], before["hit_probability"]["profile"]) == (None, None)
+    arguments = ["calibrate", "landings", "--cell", "ur5e-sim", "--adopt", "--json", "--url", str(up.http.base_url)]
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 0, result.output
+    learnt = json.loads(result.stdout)
+    assert learnt["adopted"] and learnt["evidence"]["throws"]
+    assert learnt["lag_s"] + learnt["delay_s"] == pytest.approx(0.060, abs=0.010)
+    refused = up.http.post("/execute", json={"plan_id": before["id"]})
+    assert (refused.status_code, refused.json()["type"]) == (409, "/problems/plan-not-executable")
+    plan = up.http.post("/plan", json={"release": {"kind": "target", "position": TARGET_M}}).json()
+    assert plan["profile"] == plan["hit_probability"]["profile"] == learnt["profile"]
+    assert plan["hit_probability"]["value"] > before["hit_probability"]["value"]
+    run = executed(up.http, plan["id"])
+    assert run["outcome"] in ("completed", "late"), run["reason"]
+    assert up.http.post("/cells/ur5e-sim/profiles/revert").json()["profile"] is None
 
 
 def test_ctrl_c_leaves_no_orphans(up: Up):

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from api.cli import COMMANDS, main
 from tests.api.conftest import JOINT, REQUEST
 
-HEAVY = ("numpy", "pydantic", "fastapi", "sqlalchemy", "httpx2", "orjson", "planner", "store")
+HEAVY = ("numpy", "pydantic", "fastapi", "sqlalchemy", "httpx2", "orjson", "planner", "store", "learning")
 
 
 def fling(*arguments: str, **environment: str):

@@ -10,7 +10,7 @@ import orjson
 import pytest
 from mcap.reader import make_reader
 
-from executor.records import Landing, RunResult, Telemetry, metrics, release_verdict, to_csv, to_mcap
+from executor.records import Landing, RunResult, Telemetry, arm_timing, metrics, release_verdict, to_csv, to_mcap
 from executor.records.recording import COUNTS
 from executor.records.telemetry import column_names
 from executor.shared_memory import SCALARS, VECTORS
@@ -86,6 +86,27 @@ def test_a_release_that_was_not_as_planned_has_a_verdict(
     verdict = release_verdict(prepared.problem, prepared.trajectory, found, landing)
     assert (verdict and verdict[0]) == outcome
     assert outcome != "completed" or (verdict and "warning: at the release a joint's speed was 1.0%" in verdict[1])
+
+
+def test_an_arm_that_is_late_does_not_leave_its_path_and_the_lag_to_set_is_said(prepared: Prepared) -> None:
+    trajectory, lag = prepared.trajectory, prepared.cell.timing.lag_s
+    off_path = metrics(prepared.problem, trajectory, ended(perfect(prepared, 0.05), prepared), None)
+    assert off_path["path_error_max_m"] > prepared.cell.surroundings.clearance_m
+
+    late_s = 0.006
+    late = perfect(prepared)
+    clock = late.scalar("clock_s")
+    for name, samples in zip(("q", "qd"), trajectory.at(clock - late_s), strict=False):
+        late.vector(name)[:] = samples
+    late.vector("command")[:] = trajectory.at(clock + lag)[1]
+    timing = arm_timing(prepared.cell, late, "speedj", 40.0)
+    assert timing is not None
+    assert timing["lag_s"] == pytest.approx(lag + late_s, abs=5e-4)
+    found = metrics(prepared.problem, trajectory, ended(late, prepared), None, timing)
+    assert found["path_error_max_m"] < 0.1 * prepared.cell.surroundings.clearance_m
+    verdict = release_verdict(prepared.problem, trajectory, found, Landing(101.0, None))
+    assert verdict is not None and verdict[0] == "completed"
+    assert "set it to 0.02" in verdict[1]
 
 
 @pytest.mark.parametrize(("kind", "observed"), [("sim", True), ("ur", False)])

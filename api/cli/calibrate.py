@@ -1,0 +1,230 @@
+"""Calibration commands: fling calibrate lag, gripper, landings."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import click
+
+from api.cli.client import ServiceClient, ServiceError
+from api.cli.profile import json_option, profile_text
+from api.cli.throw import service_options, service_url
+
+AMPLITUDE_RAD = 0.25  # [rad] of a small motion: long enough for 1 rad/s, short enough to stay clear of most things
+AMPLITUDE_MIN_RAD = 0.02  # [rad] a shorter motion ends before a lag of 20 ms shows
+# Signs of the joints in turn: each joint moves in every motion, and no two joints always move alike.
+SIGNS = ((1, 1, -1, 1, -1, 1), (-1, 1, -1, -1, 1, 1), (1, -1, 1, 1, 1, -1), (-1, -1, 1, -1, -1, -1))
+MOTIONS = 4
+THROWS = 8  # after which the delay is within its own scatter: docs/learning.md
+REACHES = (1.25, 1.9)  # [-] targets of calibration throws, in lengths of upper and lower arm together
+TURN_RAD = 2.399963  # [rad] golden angle, by which their directions differ: no two throws are alike
+TRIES = 5  # candidates for each throw; the surroundings forbid some
+EYE_STD_M = 0.01  # [m] of a position that a person reports
+PROPOSED = ("lag_s", "lag_std_s", "gain", "delay_s", "delay_std_s", "jitter_s", "jitter_std_s", "speed_factor",
+            "speed_factor_std", "landing_offset_m", "landing_offset_std_m", "drag_coefficient", "base_turn_rad",
+            "cell_file", "evidence", "adopted")  # fmt: skip
+
+
+@click.group()
+def calibrate() -> None:
+    """Measure what a cell's own motions and throws teach."""
+
+
+@calibrate.command()
+@click.option("--cell", required=True, help="Cell.")
+@click.option("--from-csv", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
+              help="Recorded run: time_s, command_0 … command_5, measured_0 … measured_5 [rad/s].")  # fmt: skip
+@click.option("--throws", type=click.IntRange(1, 100), default=MOTIONS, show_default=True, help="Number of motions.")
+@click.option("--adopt", is_flag=True, help="Use a profile with the measured lag from now on.")
+@json_option
+@service_options
+def lag(
+    cell: str, from_csv: Path | None, throws: int, adopt: bool, as_json: bool, url: str | None, token: str | None
+) -> None:
+    """Measure the arm's lag and gains: from a recorded run, or with small certified motions without an object.
+
+    **The motions move the arm**, about its home; the gripper stays as it is.
+    """
+    if adopt and from_csv is not None:
+        raise click.UsageError("a profile rests on runs of the cell: --adopt does not go together with --from-csv")
+    found = _from_csv(from_csv) if from_csv is not None else _by_motions(cell, throws, as_json, url, token)
+    if adopt:
+        with ServiceClient(service_url(url), token) as client:
+            found |= {"profile": _estimate(client, cell, adopt)["id"], "adopted": True}
+    click.echo(json.dumps({"cell": cell, **found}) if as_json else _lag_text(found))
+
+
+@calibrate.command()
+@click.option("--cell", required=True, help="Cell.")
+@click.option("--throws", type=click.IntRange(2, 100), default=THROWS, show_default=True, help="Number of throws.")
+@click.option("--adopt", is_flag=True, help="Use the profile from now on.")
+@json_option
+@service_options
+def gripper(cell: str, throws: int, adopt: bool, as_json: bool, url: str | None, token: str | None) -> None:
+    """Measure the gripper's delay and jitter by soonest throws to targets all around, no two alike.
+
+    **It throws.** A robust throw is blind to the delay that it protects against. On a real arm you are asked to put an
+    object in before each throw, and where it landed afterwards.
+    """
+    with ServiceClient(service_url(url), token) as client:
+        document = client.get(f"/cells/{cell}")
+        for i, plan in enumerate(_soonest_plans(client, document, throws), start=1):
+            text = _throw_and_observe(client, plan, document["link"]["kind"] == "sim")
+            if not as_json:
+                click.echo(f"throw {i} of {throws}: {text}")
+        _propose(client, cell, adopt, as_json)
+
+
+@calibrate.command()
+@click.option("--cell", required=True, help="Cell.")
+@click.option("--adopt", is_flag=True, help="Use the profile from now on.")
+@json_option
+@service_options
+def landings(cell: str, adopt: bool, as_json: bool, url: str | None, token: str | None) -> None:
+    """Learn from every execution and landing that is known already; nothing moves."""
+    with ServiceClient(service_url(url), token) as client:
+        _propose(client, cell, adopt, as_json)
+
+
+def _soonest_plans(client: ServiceClient, cell: dict[str, Any], count: int) -> Iterator[dict[str, Any]]:
+    """Yields `count` plans of soonest throws to targets on the floor around the base; refused targets are left out."""
+    import numpy as np
+
+    from planner.robots import robot
+
+    reach, found = float(np.abs(robot(cell["robot"]).a[1:3]).sum()), 0
+    base, floor = cell["base_in_world"]["position_m"], cell["surroundings"]["floor_z_m"]
+    for i in range(TRIES * count):
+        if found == count:
+            return
+        share = (i * 0.618034) % 1.0  # golden ratio: distances as evenly spread as directions
+        distance, angle = reach * (REACHES[0] + share * (REACHES[1] - REACHES[0])), i * TURN_RAD
+        target = [base[0] + distance * math.cos(angle), base[1] + distance * math.sin(angle), floor]
+        request = {"cell": cell["name"], "release": {"kind": "target", "position": target}, "release_window_s": 0.0}
+        try:
+            plan = client.post("/plan?trajectory=false", request)
+        except ServiceError as error:
+            if error.problem.get("type") != "/problems/infeasible":
+                raise
+            continue
+        found += 1
+        yield plan
+    raise click.ClickException(f"only {found} of {count} targets around the base can be thrown at")
+
+
+def _throw_and_observe(client: ServiceClient, plan: dict[str, Any], is_simulated: bool) -> str:
+    """Executes a plan and sees to it that its landing is reported; returns what is known of it in words."""
+    if not is_simulated:
+        click.prompt("put an object into the gripper, then press Enter", default="", show_default=False)
+    done = _executed(client, plan["id"])
+    path = f"/executions/{done['id']}/landing"
+    if not is_simulated:
+        place = click.prompt("landing x y [m], nothing if it was not seen", default="", show_default=False).split()
+        if len(place) == 2:
+            z = plan["request"]["release"]["position"][2]
+            client.post(path, {"position": [*map(float, place), z], "std_m": EYE_STD_M})
+    seen = [x["position"] for x in client.get(path)["landings"] if x["position"] is not None]
+    if not seen:
+        return "the landing was not seen"
+    miss = math.dist(seen[-1][:2], plan["request"]["release"]["position"][:2])
+    return f"landed at {seen[-1][0]:.3f} {seen[-1][1]:.3f}, {1e3 * miss:.0f} mm from the target"
+
+
+def _estimate(client: ServiceClient, cell: str, adopt: bool) -> dict[str, Any]:
+    profile = client.post(f"/cells/{cell}/profiles")
+    if adopt:
+        client.post(f"/profiles/{profile['id']}/adopt")
+    return {**profile, "adopted": adopt}
+
+
+def _propose(client: ServiceClient, cell: str, adopt: bool, as_json: bool) -> None:
+    """Estimates a profile, prints it, and says how to adopt it."""
+    profile = _estimate(client, cell, adopt)
+    if as_json:
+        click.echo(json.dumps({"cell": cell, "profile": profile["id"], **{k: profile[k] for k in PROPOSED}}))
+        return
+    click.echo(profile_text(profile))
+    if not adopt:
+        click.echo(f"to use it: fling profile adopt {profile['id']}")
+
+
+def _executed(client: ServiceClient, plan_id: str) -> dict[str, Any]:
+    """Executes a plan; returns the finished execution."""
+    execution = client.post("/execute", {"plan_id": plan_id})
+    for _ in client.events(execution["id"]):
+        pass
+    done = client.get(f"/executions/{execution['id']}")
+    if done["outcome"] != "completed":
+        raise click.ClickException(f"{done['outcome']}: {done['reason'] or 'no reason was given'}")
+    return done
+
+
+def _from_csv(file: Path) -> dict[str, Any]:
+    from learning import RecordingError, estimate_timing, recording_from_csv
+
+    try:
+        return estimate_timing(recording_from_csv(file.read_text())).as_document()
+    except (RecordingError, OSError, UnicodeDecodeError) as error:
+        raise click.ClickException(f"{file}: {error}") from error
+
+
+def _by_motions(cell: str, count: int, quiet: bool, url: str | None, token: str | None) -> dict[str, Any]:
+    """Returns the timing pooled over `count` motions about home, executed by the running service."""
+    from learning import pooled_document
+
+    runs = []
+    with ServiceClient(service_url(url), token) as client:
+        document = client.get(f"/cells/{cell}")
+        for i in range(count):
+            timing = _move(client, cell, document["home_rad"], SIGNS[i % len(SIGNS)])
+            runs.insert(0, timing)
+            if not quiet:
+                click.echo(f"motion {i + 1} of {count}: {_milliseconds(timing)}")
+    pooled = pooled_document(runs, document["timing"]["lag_s"])
+    assert pooled is not None
+    return {**pooled, "assumed_lag_s": document["timing"]["lag_s"]}
+
+
+def _move(client: ServiceClient, cell: str, home: list[float], signs: tuple[int, ...]) -> dict[str, Any]:
+    """Plans and executes one motion from home to rest; returns its timing."""
+    plan = _plan_motion(client, cell, home, signs)
+    done = _executed(client, plan["id"])
+    timing = done["metrics"]["timing"]
+    if timing is None:
+        raise click.ClickException("the recording of the motion shows no timing: nothing moved in it")
+    return timing
+
+
+def _plan_motion(client: ServiceClient, cell: str, home: list[float], signs: tuple[int, ...]) -> dict[str, Any]:
+    """Returns the longest plan of a motion in this direction, halved until it is certified."""
+    amplitude = AMPLITUDE_RAD
+    while True:
+        goal = [q + sign * amplitude for q, sign in zip(home, signs, strict=True)]
+        release = {"kind": "joint", "positions": goal, "velocities": [0.0] * 6}
+        try:
+            return client.post("/plan?trajectory=false", {"cell": cell, "release": release})
+        except ServiceError as error:
+            amplitude /= 2.0
+            refused = error.problem.get("type") in ("/problems/infeasible", "/problems/invalid-request")
+            if not refused or amplitude < AMPLITUDE_MIN_RAD:
+                raise
+
+
+def _lag_text(found: dict[str, Any]) -> str:
+    gains = ", ".join("–" if gain is None else f"{gain:.3f}" for gain in found["gain"])
+    lines = [f"lag {_milliseconds(found)}; gain of each joint {gains}"]
+    if found.get("ramp_rad_s2"):
+        lines.append(f"speedj's acceleration of {found['ramp_rad_s2']:.1f} rad/s² held the arm back")
+    if "assumed_lag_s" in found:
+        lines.append(found["advice"] or f"as in the cell file: timing.lag_s = {found['assumed_lag_s']:g}")
+    else:
+        lines.append(f"for the cell file: timing.lag_s = {found['lag_s']:.4f}")
+    return "\n".join(lines)
+
+
+def _milliseconds(timing: dict[str, Any]) -> str:
+    return f"{1e3 * timing['lag_s']:.2f} ± {1e3 * timing['lag_std_s']:.2f} ms"

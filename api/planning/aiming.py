@@ -1,0 +1,83 @@
+"""Plans for a learnt cell: the aim is moved until the predicted landing is on the target; and the odds of a hit."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from learning import CellKnowledge, LandingForecast
+from planner.arrays import Array
+from planner.plan_reading import aimed_problem
+from planner.planning import Plan, plan
+from planner.problem import TargetRelease, ThrowProblem
+
+AIM_M = 0.001  # [m] distance of the predicted landing from the target that is good enough
+AIM_ROUNDS = 3  # plans at most: the shift carries over from plan to plan but where the posture changes
+
+
+def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None) -> Plan:
+    """Returns a plan whose predicted landing is on the target; without knowledge, or a target, the plan as asked for.
+
+    Raises:
+        PlannerError: as of `planner.planning.plan`.
+    """
+    until = time.perf_counter() + problem.time_limit_s
+    found = plan(problem)
+    if known is None or not isinstance(problem.release, TargetRelease):
+        return found
+    best, least, shift = found, np.inf, np.zeros(3)
+    for remaining in range(AIM_ROUNDS, 0, -1):
+        miss = _predicted(found, known).center - problem.release.p_W[:2]
+        if float(np.linalg.norm(miss)) < least:
+            best, least = found, float(np.linalg.norm(miss))
+        rest_s = until - time.perf_counter()
+        if least < AIM_M or remaining == 1 or rest_s <= 0.0:
+            break
+        shift = shift - np.append(miss, 0.0)
+        found = plan(replace(aimed_problem(problem, shift), time_limit_s=rest_s))
+    return best
+
+
+def learnt_fields(problem: ThrowProblem, found: Plan, known: CellKnowledge, profile_id: str | None) -> dict[str, Any]:
+    """Returns what a plan's document says of profile, aim and odds.
+
+    Args:
+        problem: as requested.
+        found: the plan.
+        known: what is known of the cell.
+        profile_id: of the profile that it comes from; None: of the cell file.
+    """
+    fields: dict[str, Any] = {"profile": profile_id, "aim": None, "hit_probability": None, "landing_ellipse": None}
+    release, aimed = problem.release, found.problem.release
+    if not isinstance(release, TargetRelease) or not isinstance(aimed, TargetRelease):
+        return fields
+    if profile_id is not None:
+        fields["aim"] = {"position": aimed.p_W.tolist(), "shift_m": (aimed.p_W - release.p_W).tolist()}
+    guess, radius, target = _predicted(found, known), hit_radius_m(problem), release.p_W[:2]
+    interval = list(guess.hit_interval(target, radius))
+    value = guess.hit_probability(target, radius)
+    fields["hit_probability"] = {"value": value, "interval": interval, "profile": profile_id, "radius_m": radius}
+    fields["landing_ellipse"] = {"center": guess.center.tolist(), "covariance_m2": _rows(guess.covariance)}
+    return fields
+
+
+def hit_radius_m(problem: ThrowProblem) -> float:
+    """Returns the distance from the target that counts as a hit [m].
+
+    The room of the opening about the object, else the landing tolerance, else the object's radius.
+    """
+    release, thick = problem.release, problem.cell.object.radius_m
+    if isinstance(release, TargetRelease) and release.opening is not None:
+        return release.opening.radius_m - thick
+    return problem.landing_tolerance_m or thick
+
+
+def _predicted(found: Plan, known: CellKnowledge) -> LandingForecast:
+    return known.predicted(found.problem, found.trajectory)
+
+
+def _rows(matrix: Array) -> list[list[float]]:
+    return matrix.tolist()

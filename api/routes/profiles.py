@@ -1,0 +1,119 @@
+"""Profiles: estimate one from what is known of a cell, list, read, adopt, revert."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any
+
+import orjson
+from fastapi import APIRouter
+from fastapi.responses import JSONResponse
+
+from api.dependencies import AnyCaller, OperateCaller, RemoteAddress, Service, ServiceDep, name_in_path
+from api.http import ProblemDetails, json_answer, problem_answers
+from api.routes.cells import CellName
+from api.schemas import Adoption, ProfileAnswer, ProfileList, iso_time
+from learning import estimate_profile, profile_bytes
+from store import ProfileRow
+
+router = APIRouter(tags=["profiles"])
+
+ProfileId = Annotated[str, name_in_path("Id of a profile.", "id", "0199…", "as the list gives it")]
+WHOLE_ONLY = ("state", "covariance", "mixture", "joint_speeds", "timing", "cell_file")
+ACTING = ("unauthenticated", "forbidden")
+
+
+@router.post(
+    "/cells/{name}/profiles",
+    status_code=201,
+    summary="Estimate a profile",
+    responses=json_answer(201, ProfileAnswer, "Stored, not adopted.", "not-found", "invalid-request", *ACTING),
+)
+def add_profile(name: CellName, service: ServiceDep, caller: OperateCaller, remote: RemoteAddress) -> JSONResponse:
+    """Estimates lag, gripper, base and object from every execution and landing of a cell. Plans do not use it yet."""
+    cell = service.cell(name)
+    document = profile_bytes(estimate_profile(service.store, cell))
+    row = service.store.add_profile(name, cell.sha256, caller.name, document)
+    service.store.add_audit(caller.name, "profile", f"/profiles/{row.id}", remote)
+    return JSONResponse(_whole(service, row), 201, {"Location": f"/profiles/{row.id}"})
+
+
+@router.get(
+    "/cells/{name}/profiles",
+    summary="List profiles",
+    responses=json_answer(200, ProfileList, "Newest first.", "not-found", "invalid-request"),
+)
+def list_profiles(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
+    """Lists what was learnt of a cell, newest first, and which profile it uses."""
+    service.cell(name)
+    adopted = _adopted_id(service, name)
+    rows = [{k: v for k, v in _whole(service, row).items() if k not in WHOLE_ONLY}
+            for row in service.store.profiles_of_cell(name)]  # fmt: skip
+    return JSONResponse({"cell": name, "adopted": adopted, "profiles": rows})
+
+
+@router.get(
+    "/profiles/{id}",
+    summary="Read a profile",
+    responses=json_answer(200, ProfileAnswer, "With its evidence and covariance.", "not-found"),
+)
+def read_profile(id: ProfileId, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
+    """Reads one profile with its evidence and its posterior."""
+    return JSONResponse(_whole(service, _find(service, id)))
+
+
+@router.post(
+    "/profiles/{id}/adopt",
+    summary="Adopt a profile",
+    responses={
+        **json_answer(200, Adoption, "Plans use it from now on.", "not-found", *ACTING),
+        **problem_answers("profile-not-adoptable", "robot-busy"),
+    },
+)
+def adopt(id: ProfileId, service: ServiceDep, caller: OperateCaller, remote: RemoteAddress) -> JSONResponse:
+    """Uses a profile from now on; plans made before it cannot be executed any more. Limits and checks stay the same."""
+    row = _find(service, id)
+    if service.cell(row.cell).sha256 != row.cell_sha256:
+        detail = f"the cell file {row.cell!r} has changed since the profile was learnt: estimate a new one"
+        raise ProblemDetails("profile-not-adoptable", detail, cell=row.cell)
+    return _use(service, row.cell, row.id, caller.name, remote)
+
+
+@router.post(
+    "/cells/{name}/profiles/revert",
+    summary="Use the cell file's numbers",
+    responses={
+        **json_answer(200, Adoption, "The cell file's numbers are used again.", "not-found", "invalid-request"),
+        **problem_answers("robot-busy", *ACTING),
+    },
+)
+def revert(name: CellName, service: ServiceDep, caller: OperateCaller, remote: RemoteAddress) -> JSONResponse:
+    """Uses the cell file's own numbers again."""
+    service.cell(name)
+    return _use(service, name, None, caller.name, remote)
+
+
+def _use(service: Service, cell: str, profile_id: str | None, who: str, remote: str) -> JSONResponse:
+    if service.store.open_execution(cell) is not None:
+        raise ProblemDetails("robot-busy", f"cell {cell!r} is executing: adopt once it has finished", cell=cell)
+    service.store.adopt_profile(cell, profile_id, who)
+    action = "revert" if profile_id is None else "adopt"
+    service.store.add_audit(who, action, f"/cells/{cell}/profiles/{profile_id or ''}", remote)
+    return JSONResponse({"cell": cell, "profile": profile_id, "adopted_by": who})
+
+
+def _find(service: Service, id: str) -> ProfileRow:
+    row = service.store.profile(id)
+    if row is None:
+        raise ProblemDetails("not-found", f"no profile {id!r}")
+    return row
+
+
+def _adopted_id(service: Service, cell: str) -> str | None:
+    row = service.store.adopted_profile(cell)
+    return None if row is None else row.id
+
+
+def _whole(service: Service, row: ProfileRow) -> dict[str, Any]:
+    """Returns the JSON of a profile."""
+    head = {"id": row.id, "created_at": iso_time(row.created_at), "created_by": row.created_by, "sha256": row.sha256}
+    return {**head, "adopted": _adopted_id(service, row.cell) == row.id, **orjson.loads(row.document)}

@@ -1,0 +1,28 @@
+"""Timing of a cell's arm, as its own runs show it."""
+
+from __future__ import annotations
+
+from fastapi import APIRouter
+from fastapi.responses import JSONResponse
+
+from api.dependencies import AnyCaller, ServiceDep
+from api.http import json_answer
+from api.routes.cells import CellName
+from api.schemas import TimingAnswer, iso_time
+from learning import pooled_document, timing_runs
+
+router = APIRouter(tags=["cells"])
+
+
+@router.get(
+    "/cells/{name}/timing",
+    summary="Read the arm's timing",
+    responses=json_answer(200, TimingAnswer, "Newest run first.", "not-found", "invalid-request"),
+)
+def read_timing(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
+    """Reads lag, gain, first-order part and overshoot of every joint, run by run and pooled, with standard errors."""
+    cell = service.cell(name)
+    found = timing_runs(service.store, name)
+    runs = [{"execution_id": row.id, "finished_at": iso_time(row.finished_at), **timing} for row, timing in found]
+    pooled = pooled_document([timing for _, timing in found], cell.timing.lag_s)
+    return JSONResponse({"cell": name, "assumed_lag_s": cell.timing.lag_s, "pooled": pooled, "runs": runs})

@@ -1,0 +1,63 @@
+"""Documents about profiles: what was learnt of a cell."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pydantic import BaseModel, Field
+
+
+class ProfileSummary(BaseModel):
+    """What was learnt of a cell at one time. Immutable."""
+
+    id: str
+    created_at: str = Field(description="UTC, ISO 8601.")
+    created_by: str
+    cell: str
+    cell_sha256: str = Field(description="Hash of the cell file that it was learnt with.")
+    sha256: str = Field(description="Hash of the profile's document.")
+    adopted: bool = Field(description="Whether the cell uses it now.")
+    lag_s: float = Field(description="[s]")
+    lag_std_s: float | None = Field(description="null where no run shows it [s].")
+    gain: list[float | None] | None = Field(description="Measured over commanded velocity of each joint [-].")
+    delay_s: float = Field(description="From the change of the gripper's output to the object leaving [s].")
+    delay_std_s: float = Field(description="[s]")
+    jitter_s: float = Field(description="Standard deviation of the opening [s].")
+    jitter_std_s: float = Field(description="[s]")
+    speed_factor: float = Field(description="The object's speed over the tool's at the release [-].")
+    speed_factor_std: float = Field(description="[-]")
+    landing_offset_m: list[float] = Field(description="Shift of the base, and with it of every landing: x, y [m].")
+    landing_offset_std_m: list[float] = Field(description="[m]")
+    drag_coefficient: float = Field(description="The cell file's where throws do not show it [-].")
+    drag_coefficient_std: float = Field(description="[-]")
+    base_turn_rad: float = Field(description="Rotation of the base about the vertical [rad].")
+    base_turn_std_rad: float = Field(description="[rad]")
+    cling_share: float = Field(description="Share of throws in which the object leaves slower [-].")
+    evidence: dict[str, list[str]] = Field(description="Ids of the throws, landings, recordings and runs behind it.")
+
+
+class ProfileAnswer(ProfileSummary):
+    """A profile with its posterior."""
+
+    state: list[str] = Field(description="Names of the covariance's rows; `lead_s` is lag and delay together.")
+    covariance: list[list[float]]
+    mixture: dict[str, Any] = Field(description="The posterior: Gaussians over the state, a point of jitter each.")
+    joint_speeds: dict[str, Any] = Field(description="Gain errors and scatter of the joints at the release.")
+    timing: dict[str, Any] | None
+    cell_file: dict[str, float] = Field(description="The numbers that the cell file gives [s].")
+
+
+class ProfileList(BaseModel):
+    """Profiles of a cell, newest first."""
+
+    cell: str
+    adopted: str | None = Field(description="Id of the profile that the cell uses; null: the cell file's numbers.")
+    profiles: list[ProfileSummary]
+
+
+class Adoption(BaseModel):
+    """What a cell uses from now on."""
+
+    cell: str
+    profile: str | None = Field(description="null: the cell file's numbers.")
+    adopted_by: str

@@ -1,0 +1,56 @@
+"""Timing of the arm in one run, and how far the arm was from the planned path."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from executor.records.telemetry import Telemetry
+from learning import MotionRecording, RecordingError, estimate_timing, lag_change
+from planner.arrays import Array
+from planner.cell import Cell
+from planner.kinematics import forward
+
+
+def arm_timing(cell: Cell, telemetry: Telemetry, mode: str, acceleration: float) -> dict[str, Any] | None:
+    """Returns the timing that a run shows; None where too little moved.
+
+    Args:
+        cell: with the lag that the run was streamed with.
+        telemetry: of the run.
+        mode: "speedj" or "servoj"; servoj is sent positions, so the planned velocity stands for its command.
+        acceleration: argument of the speedj commands [rad/s^2].
+    """
+    if not len(telemetry):
+        return None
+    stamps, lag = telemetry.scalar("timestamp_s"), cell.timing.lag_s
+    command = telemetry.vector("command" if mode == "speedj" else "planned_qd")
+    if mode == "servoj":  # a planned row is what should be measured, one lag after its command
+        command = np.stack([np.interp(stamps + lag, stamps, column) for column in command.T], axis=1)
+    try:
+        found = estimate_timing(MotionRecording(stamps, command, telemetry.vector("qd")), acceleration)
+    except RecordingError:
+        return None
+    return {
+        **found.as_document(),
+        "mode": mode,
+        "assumed_lag_s": lag,
+        "lag_change_s": lag_change(found.lag_s, found.lag_std_s, lag),
+    }
+
+
+def path_error_m(cell: Cell, telemetry: Telemetry, late_s: float) -> float | None:
+    """Returns the largest distance of the tool centre point from where it was planned `late_s` before [m].
+
+    An arm that is late, or early, stays on the certified path; this is how far it left it.
+    """
+    if not len(telemetry):
+        return None
+    clock, planned = telemetry.scalar("clock_s"), telemetry.vector("planned_q")
+    shifted = np.stack([np.interp(clock - late_s, clock, column) for column in planned.T], axis=1)
+    return float(np.linalg.norm(_points(cell, telemetry.vector("q")) - _points(cell, shifted), axis=1).max())
+
+
+def _points(cell: Cell, q: Array) -> Array:
+    return forward(cell.robot, q, cell.tool.X_FT)[:, :3, 3]

@@ -1,0 +1,51 @@
+"""What a cell's own throws teach: the timing of its arm, the release of its gripper, the flight of its object.
+
+Estimators stand on numpy, on the planner's trajectories and flights, and on records from the store; they know no
+robot, no web and no solver.
+"""
+
+from learning.joint_speeds import JointSpeeds, learn_joint_speeds
+from learning.predictions import LandingForecast, forecast
+from learning.profile import (
+    CellKnowledge,
+    cell_with_profile,
+    estimate_profile,
+    knowledge_of,
+    prior_knowledge,
+    profile_bytes,
+)
+from learning.recordings import MotionRecording, RecordingError, recording_from_csv
+from learning.release import ObservedThrow, ReleasePosterior, learn_release, prior_state
+from learning.throws import ThrowTable, throw_table
+from learning.timing import JointTiming, TimingEstimate, estimate_timing
+from learning.timing_history import lag_advice, lag_change, pool_timing, pooled_document, timing_runs
+
+__all__ = [
+    "CellKnowledge",
+    "JointSpeeds",
+    "JointTiming",
+    "LandingForecast",
+    "MotionRecording",
+    "ObservedThrow",
+    "RecordingError",
+    "ReleasePosterior",
+    "ThrowTable",
+    "TimingEstimate",
+    "estimate_timing",
+    "cell_with_profile",
+    "estimate_profile",
+    "forecast",
+    "knowledge_of",
+    "lag_advice",
+    "lag_change",
+    "learn_joint_speeds",
+    "learn_release",
+    "pool_timing",
+    "pooled_document",
+    "prior_knowledge",
+    "prior_state",
+    "profile_bytes",
+    "recording_from_csv",
+    "throw_table",
+    "timing_runs",
+]

@@ -1,0 +1,142 @@
+"""What a cell's executions have shown: throws with their recordings and landings, read from the store."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import orjson
+
+from learning.release import ObservedThrow
+from learning.streamed_arm import StreamedArm
+from learning.throws import table_times, throw_table
+from planner.arrays import Array
+from planner.cell import Cell
+from planner.errors import PlannerError
+from planner.plan_reading import plan_from_document
+from planner.trajectory import Trajectory
+from store import ExecutionRow, LandingRow, Store
+
+THROWS_MAX = 60  # newest throws of a cell that count: a fit of them takes a second, and drift makes older ones useless
+SMOOTHING_S = 0.010  # [s] half width of the mean over recorded deviations: shorter than a launch's shape
+# [rad/s] of a recorded joint speed beyond its noise; source: chosen, a fifth of the scatter of a real UR5
+SPEED_STD_RAD_S = 0.005
+UNKNOWN_STD_M = 0.010  # [m] of a position that was reported without one: by eye, with a tape
+IN_THE_WAY = ("keep_out", "bin")  # beginnings of what an object may land on instead of the plane
+
+
+@dataclass(frozen=True, eq=False)
+class ThrowEvidence:
+    """One execution that threw.
+
+    Attributes:
+        execution_id, landing_ids: where the evidence is.
+        planned_qd: joint speeds planned at the release (6,) [rad/s].
+        deviation: recorded less what the arm's lag and gains make of the plan (6,) [rad/s]; None without a recording.
+        observed: where it landed; None where no position was reported.
+    """
+
+    execution_id: str
+    landing_ids: tuple[str, ...]
+    planned_qd: Array
+    deviation: Array | None
+    observed: ObservedThrow | None
+
+
+def throw_evidence(store: Store, cell: Cell, arm: StreamedArm) -> list[ThrowEvidence]:
+    """Returns the throws of a cell, oldest first; those planned for another version of its file do not count.
+
+    Args:
+        store: with executions, recordings and landings.
+        cell: as its file says.
+        arm: lag and gains, whose part in the deviations is no scatter.
+    """
+    found = []
+    for row in store.executions_of_cell(cell.name):
+        evidence = _evidence(store, cell, arm, row)
+        if evidence is not None:
+            found.append(evidence)
+        if len(found) == THROWS_MAX:
+            break
+    return found[::-1]
+
+
+def _evidence(store: Store, cell: Cell, arm: StreamedArm, row: ExecutionRow) -> ThrowEvidence | None:
+    numbers = row.metrics or {}
+    sent = numbers.get("gripper_commanded_s")
+    plan = store.plan(row.plan_id)
+    if row.dry_run or row.outcome != "completed" or sent is None or plan is None or plan.cell_sha256 != cell.sha256:
+        return None
+    try:
+        problem, trajectory = plan_from_document(orjson.loads(plan.document), cell)
+    except (PlannerError, KeyError, TypeError):
+        return None  # a plan of an earlier version of Fling
+    recording = store.recording(row.id)
+    columns = {} if recording is None or not recording.csv else _columns(recording.csv)
+    off = _deviations(columns, trajectory) if columns else None
+    landings = [] if _in_the_way(numbers) else store.landings(row.id)
+    position = _position(landings)
+    observed = None
+    if position is not None:
+        variance = np.full(6, SPEED_STD_RAD_S**2)
+        table = throw_table(problem, trajectory, off)
+        observed = ObservedThrow(table, trajectory.release_time_s - float(sent), *position, variance)
+    k = trajectory.release_index
+    deviation = None if off is None else off[1][len(off[1]) // 2] - _expected(arm, trajectory, numbers)
+    return ThrowEvidence(row.id, tuple(x.id for x in landings), trajectory.qd[k], deviation, observed)
+
+
+def _columns(csv: bytes) -> dict[str, Array]:
+    """Returns clock (n,), positions (n, 6) and speeds (n, 6) of a recording; empty without enough rows."""
+    header = csv.split(b"\n", 1)[0].decode().split(",")
+    table = np.loadtxt(io.BytesIO(csv), delimiter=",", skiprows=1, ndmin=2)
+    if len(table) < 2:
+        return {}
+    q, qd = ([header.index(f"{name}_{j}_{unit}") for j in range(6)] for name, unit in (("q", "rad"), ("qd", "rad_s")))
+    return {"clock": table[:, header.index("clock_s")], "q": table[:, q], "qd": table[:, qd]}
+
+
+def _deviations(columns: Mapping[str, Array], trajectory: Trajectory) -> tuple[Array, Array]:
+    """Returns recorded less planned positions and speeds (m, 6) at the times of a throw's table."""
+    clock = columns["clock"]
+    planned = trajectory.at(clock)
+    times = table_times(trajectory.release_time_s)
+    smooth = [_smoothed(clock, columns[name] - planned[i]) for i, name in enumerate(("q", "qd"))]
+    q, qd = (np.stack([np.interp(times, clock, column) for column in x.T], axis=1) for x in smooth)
+    return q, qd
+
+
+def _smoothed(clock: Array, values: Array) -> Array:
+    """Returns the mean (n, 6) over rows within `SMOOTHING_S`."""
+    half = max(0, round(SMOOTHING_S / float(np.median(np.diff(clock)))))
+    window = np.ones(2 * half + 1)
+    count = np.convolve(np.ones(len(clock)), window, mode="same")
+    if len(count) != len(clock):
+        return values  # the recording is shorter than the window
+    return np.stack([np.convolve(column, window, mode="same") / count for column in values.T], axis=1)
+
+
+def _expected(arm: StreamedArm, trajectory: Trajectory, numbers: Mapping[str, Any]) -> Array:
+    """Returns the deviation of the speeds (6,) that lag and gains cause at the release; none is known of servoj."""
+    timing = numbers.get("timing")
+    if not timing or timing["mode"] != "speedj":
+        return np.zeros(6)
+    at = np.array([trajectory.release_time_s])
+    return arm.deviation(trajectory, timing["assumed_lag_s"], at)[1][0]
+
+
+def _in_the_way(numbers: Mapping[str, Any]) -> bool:
+    return str(numbers.get("landed_on") or "").startswith(IN_THE_WAY)
+
+
+def _position(landings: Sequence[LandingRow]) -> tuple[Array, float] | None:
+    """Returns the observed landing point (2,) and its standard deviation [m]; several reports are averaged."""
+    seen = [(x.position[:2], x.std_m or UNKNOWN_STD_M) for x in landings if x.position is not None]
+    if not seen:
+        return None
+    points, std = np.array([x for x, _ in seen], float), np.array([s for _, s in seen])
+    weight = 1.0 / std**2
+    return weight @ points / weight.sum(), float(1.0 / np.sqrt(weight.sum()))

@@ -1,0 +1,167 @@
+"""Profiles: what is known of a cell at one time, as a document, and the cell with it applied."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import orjson
+
+from learning.evidence import ThrowEvidence, throw_evidence
+from learning.joint_speeds import JointSpeeds, learn_joint_speeds
+from learning.predictions import LandingForecast, forecast
+from learning.release import DRAG, PRIOR_STD, STATE, ReleasePosterior, learn_release, prior_state
+from learning.streamed_arm import StreamedArm
+from learning.throws import table_times, throw_table
+from learning.timing_history import pooled_document, timing_runs
+from planner.arrays import Array
+from planner.cell import Cell
+from planner.problem import ThrowProblem
+from planner.trajectory import Trajectory
+from store import Store
+
+VERSION = 1  # of the document
+DRAG_KNOWN = 0.5  # [-] of the prior's width, below which a drag was learnt and takes the cell file's place
+
+
+@dataclass(frozen=True, eq=False)
+class CellKnowledge:
+    """What is known of a cell: its arm, the release, and the joints' speeds.
+
+    Attributes:
+        arm: lag, with which it is streamed, and gains.
+        release: posterior of lead, speed, base and drag.
+        speeds: of the joints at the release.
+    """
+
+    arm: StreamedArm
+    release: ReleasePosterior
+    speeds: JointSpeeds
+
+    @property
+    def delay_s(self) -> float:
+        """Gripper delay to plan with [s]: the lead less the lag."""
+        return float(self.release.state[0]) - self.arm.lag_s
+
+    def predicted(self, problem: ThrowProblem, trajectory: Trajectory) -> LandingForecast:
+        """Returns where throws of a plan land, with the lag and the delay that the problem's cell assumes."""
+        lag = problem.cell.timing.lag_s
+        off = self.arm.deviation(trajectory, lag, table_times(trajectory.release_time_s))
+        table = throw_table(problem, trajectory, off)
+        return forecast(self.release, self.speeds, table, problem.cell.gripper.delay_s + lag)
+
+
+def prior_knowledge(cell: Cell) -> CellKnowledge:
+    """Returns what the cell file alone says, its jitter included, with the uncertainty of what nobody measured."""
+    prior = prior_state(cell.gripper.delay_s + cell.timing.lag_s, cell.object.drag_coefficient)
+    nothing = np.zeros((0, 6))
+    release = learn_release([], prior)
+    if cell.gripper.jitter_s > 0.0:
+        release = replace(release, jitter_s=np.full(len(release.weight), cell.gripper.jitter_s))
+    return CellKnowledge(StreamedArm(cell.timing.lag_s, np.ones(6)), release, learn_joint_speeds(nothing, nothing))
+
+
+def estimate_profile(store: Store, cell: Cell) -> dict[str, Any]:
+    """Returns the document of a profile from everything that is known of a cell.
+
+    Args:
+        store: with executions, recordings and landings.
+        cell: as its file says, without a profile.
+    """
+    runs = timing_runs(store, cell.name)
+    timing = pooled_document([run for _, run in runs], cell.timing.lag_s)
+    lag = cell.timing.lag_s if timing is None else timing["lag_s"]
+    arm = StreamedArm(lag, np.ones(6) if timing is None else known_gains(timing["gain"]))
+    throws = throw_evidence(store, cell, arm)
+    prior = prior_state(cell.gripper.delay_s + cell.timing.lag_s, cell.object.drag_coefficient)
+    release = learn_release([t.observed for t in throws if t.observed is not None], prior)
+    recorded = [(t.planned_qd, t.deviation) for t in throws if t.deviation is not None]
+    pairs = np.array(recorded, float).reshape(-1, 2, 6)
+    speeds = learn_joint_speeds(pairs[:, 0], pairs[:, 1])
+    known = CellKnowledge(arm, release, speeds)
+    head = {"version": VERSION, "cell": cell.name, "cell_sha256": cell.sha256}
+    evidence = _evidence_document(throws, [row.id for row, _ in runs])
+    return {**head, **_numbers(cell, known, timing), "timing": timing, "evidence": evidence, **_posterior(known)}
+
+
+def knowledge_of(document: Mapping[str, Any]) -> CellKnowledge:
+    """Returns the knowledge that a profile's document holds."""
+    mixture, speeds = document["mixture"], document["joint_speeds"]
+    names = ("weight", "mean", "covariance", "jitter_s", "scatter_rad_s")
+    clings = (float(mixture["cling_alpha"]), float(mixture["cling_beta"]))
+    release = ReleasePosterior(*(np.array(mixture[name], float) for name in names), *clings)
+    gains = (np.array(speeds["gain_error"], float), np.array(speeds["gain_std"], float))
+    arm = StreamedArm(float(document["lag_s"]), known_gains(document["gain"] or [None] * 6))
+    return CellKnowledge(arm, release, JointSpeeds(*gains, speeds["shape"], speeds["scale"]))
+
+
+def known_gains(gains: Sequence[float | None]) -> Array:
+    """Returns the joints' gains (6,); 1 where no run shows one."""
+    return np.array([1.0 if gain is None else gain for gain in gains])
+
+
+def cell_with_profile(cell: Cell, document: Mapping[str, Any] | None) -> Cell:
+    """Returns the cell with a profile's lag, gripper delay, jitter and drag; without a profile the cell itself.
+
+    Nothing else is replaced: limits, surroundings and tool stay the cell file's.
+    """
+    if document is None:
+        return cell
+    gripper = replace(cell.gripper, delay_s=float(document["delay_s"]), jitter_s=float(document["jitter_s"]))
+    thing = replace(cell.object, drag_coefficient=float(document["drag_coefficient"]))
+    return replace(cell, timing=replace(cell.timing, lag_s=float(document["lag_s"])), gripper=gripper, object=thing)
+
+
+def profile_bytes(document: Mapping[str, Any]) -> bytes:
+    """Returns the document as the bytes that are hashed and stored."""
+    return orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_SORT_KEYS)
+
+
+def _numbers(cell: Cell, known: CellKnowledge, timing: Mapping[str, Any] | None) -> dict[str, Any]:
+    """Returns the numbers of a profile that people read, each with its standard deviation."""
+    release = known.release
+    state, std = release.state, np.sqrt(np.diag(release.state_covariance))
+    jitter_std = math.sqrt(float(release.weight @ (release.jitter_s - release.jitter) ** 2))
+    seen = std[DRAG] < DRAG_KNOWN * PRIOR_STD[DRAG]
+    return {
+        "lag_s": known.arm.lag_s,
+        "lag_std_s": None if timing is None else timing["lag_std_s"],
+        "gain": None if timing is None else timing["gain"],
+        "delay_s": known.delay_s,
+        "delay_std_s": float(std[0]),
+        "jitter_s": release.jitter,
+        "jitter_std_s": jitter_std,
+        "speed_factor": float(state[1]),
+        "speed_factor_std": float(std[1]),
+        "landing_offset_m": state[2:4].tolist(),
+        "landing_offset_std_m": std[2:4].tolist(),
+        "drag_coefficient": max(0.0, float(state[4])) if seen else cell.object.drag_coefficient,
+        "drag_coefficient_std": float(std[4]),
+        "base_turn_rad": float(state[5]),
+        "base_turn_std_rad": float(std[5]),
+        "cling_share": release.cling_alpha / (release.cling_alpha + release.cling_beta),
+        "state": list(STATE),
+        "covariance": release.state_covariance.tolist(),
+        "cell_file": {"lag_s": cell.timing.lag_s, "delay_s": cell.gripper.delay_s, "jitter_s": cell.gripper.jitter_s},
+    }
+
+
+def _evidence_document(throws: list[ThrowEvidence], timing_ids: list[str]) -> dict[str, Any]:
+    return {
+        "throws": [t.execution_id for t in throws if t.observed is not None],
+        "landings": [id for t in throws if t.observed is not None for id in t.landing_ids],
+        "recordings": [t.execution_id for t in throws if t.deviation is not None],
+        "timing": timing_ids,
+    }
+
+
+def _posterior(known: CellKnowledge) -> dict[str, Any]:
+    release, speeds = known.release, known.speeds
+    names = ("weight", "mean", "covariance", "jitter_s", "scatter_rad_s")
+    mixture = {name: getattr(release, name).tolist() for name in names}
+    mixture |= {"cling_alpha": release.cling_alpha, "cling_beta": release.cling_beta}
+    joints = {"gain_error": speeds.gain_error.tolist(), "gain_std": speeds.gain_std.tolist()}
+    return {"mixture": mixture, "joint_speeds": {**joints, "shape": speeds.shape, "scale": speeds.scale}}

@@ -1,0 +1,61 @@
+"""How a streamed arm deviates from its plan: its lag and gains, and the executor's feedback, tick by tick."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from planner.arrays import Array
+from planner.feedback import FEEDBACK_GAIN, FEEDBACK_MAX
+from planner.trajectory import Trajectory
+
+AFTER_S = 0.15  # [s] that are simulated after the plan's end, while the arm settles
+
+
+@dataclass(frozen=True, eq=False)
+class StreamedArm:
+    """An arm under speedj.
+
+    Attributes:
+        lag_s: of the arm [s].
+        gain: of each joint (6,) [-].
+    """
+
+    lag_s: float
+    gain: Array
+
+    def deviation(self, trajectory: Trajectory, assumed_lag_s: float, times: Array) -> tuple[Array, Array]:
+        """Returns by how much positions and speeds are off the plan (m, 6) at plan times (m,).
+
+        A tick sends the planned speed one assumed lag ahead, and feedback on the position of now; the arm moves with
+        gain times what was sent one lag ago. The first-order part counts as delay.
+
+        Args:
+            trajectory: as planned.
+            assumed_lag_s: lag that it was streamed with [s].
+            times: on the plan's clock [s].
+        """
+        dt = trajectory.dt
+        lead = math.ceil(max(assumed_lag_s, self.lag_s) / dt) + 2
+        t = dt * np.arange(-lead, math.ceil((trajectory.duration_s + AFTER_S) / dt))
+        q_plan, qd_plan = _standing(trajectory, t)
+        sent = _standing(trajectory, t + assumed_lag_s)[1].copy()
+        q, qd = np.empty_like(q_plan), np.zeros_like(qd_plan)
+        back = max(self.lag_s / dt, 1.0)  # what is sent in a tick moves nothing before the next
+        whole, share = int(back), back - int(back)
+        q[0] = q_plan[0]
+        for k in range(len(t)):
+            if k > 0:
+                late, later = sent[max(k - whole, 0)], sent[max(k - whole - 1, 0)]
+                qd[k] = self.gain * ((1.0 - share) * late + share * later)
+                q[k] = q[k - 1] + 0.5 * dt * (qd[k - 1] + qd[k])
+            sent[k] += np.clip(FEEDBACK_GAIN * (q_plan[k] - q[k]), -FEEDBACK_MAX, FEEDBACK_MAX)
+        return tuple(np.stack([np.interp(times, t, x) for x in off.T], axis=1) for off in (q - q_plan, qd - qd_plan))  # type: ignore[return-value]
+
+
+def _standing(trajectory: Trajectory, times: Array) -> tuple[Array, Array]:
+    """Returns positions and speeds (n, 6) at times (n,), at rest before and after the plan."""
+    q, qd, _ = trajectory.at(times)
+    return q, np.where(((times < 0.0) | (times > trajectory.duration_s))[:, None], 0.0, qd)

@@ -1,0 +1,102 @@
+"""Timing over many runs: the pooled estimate, and whether it differs from what the cell file says."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from learning.recordings import JOINTS
+from store import ExecutionRow, Store
+
+SIGNIFICANT = 3.0  # [-] standard errors that a change must exceed: 3 in 1,000 runs by chance
+# [s] scatter of the lag from run to run; source: 25 throws of one session of a real UR5, 0.3 to 0.4 ms
+RUN_STD_S = 0.0004
+# [s] a difference below is not worth a change: the arm's speed at the release is then off by 0.015 rad/s at most
+LAG_TOLERANCE_S = 0.001
+POOLED_RUNS = 50  # newest runs that are pooled: an arm changes, by service or by its load
+JOINT_NUMBERS = ("gain", "first_order_s", "overshoot", "joint_lag_s")
+
+
+@dataclass(frozen=True)
+class PooledTiming:
+    """Timing of an arm over several runs.
+
+    Attributes:
+        lag_s, lag_std_s: lag and its standard error [s].
+        joints: by name (`gain`, `gain_std`, …) a list of six, with None where no run shows it.
+        runs: how many.
+    """
+
+    lag_s: float
+    lag_std_s: float
+    joints: Mapping[str, list[float | None]]
+    runs: int
+
+    def as_document(self) -> dict[str, Any]:
+        """Returns the pooled timing as JSON."""
+        return {"lag_s": self.lag_s, "lag_std_s": self.lag_std_s, **self.joints, "runs": self.runs}
+
+
+def pool_timing(runs: Sequence[Mapping[str, Any]]) -> PooledTiming | None:
+    """Returns the pooled timing of runs, each as of `TimingEstimate.as_document`, newest first; None without any."""
+    newest = list(runs)[:POOLED_RUNS]
+    if not newest:
+        return None
+    lag = _weighted_mean([run["lag_s"] for run in newest], [math.hypot(run["lag_std_s"], RUN_STD_S) for run in newest])
+    assert lag is not None
+    joints: dict[str, list[float | None]] = {}
+    for name in JOINT_NUMBERS:
+        std = name.removesuffix("_s") + "_std_s" if name.endswith("_s") else f"{name}_std"
+        pooled = [_weighted_mean([r[name][j] for r in newest], [r[std][j] for r in newest]) for j in range(JOINTS)]
+        joints[name] = [None if x is None else x[0] for x in pooled]
+        joints[std] = [None if x is None else x[1] for x in pooled]
+    return PooledTiming(*lag, joints, len(newest))
+
+
+def timing_runs(store: Store, cell: str) -> list[tuple[ExecutionRow, dict[str, Any]]]:
+    """Returns the executions of a cell whose recordings show its timing, newest first, with that timing."""
+    rows = [(row, (row.metrics or {}).get("timing")) for row in store.executions_of_cell(cell)]
+    return [(row, dict(timing)) for row, timing in rows if timing is not None]
+
+
+def pooled_document(runs: Sequence[Mapping[str, Any]], assumed_s: float) -> dict[str, Any] | None:
+    """Returns the pooled timing of the runs in the newest one's mode, and what it advises; None without any.
+
+    Args:
+        runs: timings, newest first.
+        assumed_s: lag that plans are streamed with [s].
+    """
+    pooled = pool_timing([run for run in runs if run["mode"] == runs[0]["mode"]])
+    if pooled is None:
+        return None
+    change = lag_change(pooled.lag_s, pooled.lag_std_s, assumed_s)
+    advice = None if change is None else lag_advice(pooled.lag_s, pooled.lag_std_s, assumed_s)
+    return {**pooled.as_document(), "mode": runs[0]["mode"], "lag_change_s": change, "advice": advice}
+
+
+def lag_change(lag_s: float, lag_std_s: float, assumed_s: float) -> float | None:
+    """Returns by how much a measured lag differs from the assumed one [s]; None where that is not significant."""
+    change = lag_s - assumed_s
+    return change if abs(change) > max(LAG_TOLERANCE_S, SIGNIFICANT * math.hypot(lag_std_s, RUN_STD_S)) else None
+
+
+def lag_advice(lag_s: float, lag_std_s: float, assumed_s: float) -> str:
+    """Returns in words that a measured lag differs from the assumed one, with the value to set."""
+    measured = f"the arm's lag is {1e3 * lag_s:.1f} ± {1e3 * lag_std_s:.1f} ms"
+    return f"{measured}, timing.lag_s {1e3 * assumed_s:.1f} ms: set it to {lag_s:.4f}, or adopt a new profile"
+
+
+def _weighted_mean(values: Sequence[float | None], stds: Sequence[float | None]) -> tuple[float, float] | None:
+    """Returns mean and standard error over the values that are known; a spread beyond their own widens it."""
+    known = [(v, s) for v, s in zip(values, stds, strict=True) if v is not None and s is not None]
+    if not known:
+        return None
+    x, std = np.array(known).T
+    weight = 1.0 / np.maximum(std, 1e-9) ** 2
+    mean = float(weight @ x / weight.sum())
+    spread = float(weight @ (x - mean) ** 2) / max(len(x) - 1, 1)
+    return mean, math.sqrt(max(1.0, spread) / float(weight.sum()))

@@ -1,0 +1,46 @@
+"""Profiles: what was learnt of a cell, never changed; and which one the cell uses."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+
+from sqlalchemy import insert, select
+
+from store.database import Repository, reading, writing
+from store.rows import ProfileRow, new_id
+from store.tables import adoptions, profiles
+
+
+class ProfileRepository(Repository):
+    """Tables `profiles` and `adoptions`."""
+
+    def add_profile(self, cell: str, cell_sha256: str, created_by: str, document: bytes) -> ProfileRow:
+        """Stores one profile; it is not adopted by that."""
+        hash = hashlib.sha256(document).hexdigest()
+        row = ProfileRow(new_id(), time.time(), cell, cell_sha256, created_by, hash, document)
+        with writing(self._engine) as connection:
+            connection.execute(insert(profiles).values(**vars(row)))
+        return row
+
+    def profile(self, id: str) -> ProfileRow | None:
+        """Returns one profile."""
+        return self._row(ProfileRow, select(profiles).where(profiles.c.id == id))
+
+    def profiles_of_cell(self, cell: str, limit: int = 200) -> list[ProfileRow]:
+        """Returns the profiles of a cell, newest first."""
+        query = select(profiles).where(profiles.c.cell == cell)
+        return self._rows(ProfileRow, query.order_by(profiles.c.id.desc()).limit(limit))
+
+    def adopt_profile(self, cell: str, profile_id: str | None, who: str) -> None:
+        """Makes a cell use a profile from now on; None: the cell file's numbers again."""
+        line = {"at": time.time(), "cell": cell, "profile_id": profile_id, "adopted_by": who}
+        with writing(self._engine) as connection:
+            connection.execute(insert(adoptions).values(**line))
+
+    def adopted_profile(self, cell: str) -> ProfileRow | None:
+        """Returns the profile that a cell uses; None where it uses the cell file's numbers."""
+        newest = select(adoptions.c.profile_id).where(adoptions.c.cell == cell).order_by(adoptions.c.id.desc()).limit(1)
+        with reading(self._engine) as connection:
+            id = connection.execute(newest).scalar_one_or_none()
+        return None if id is None else self.profile(id)

@@ -1,0 +1,42 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from api.cli import main
+from benchmarks.learning.recorded_arms import Arm
+from learning.recordings import COLUMNS
+
+
+def csv_file(folder: Path, arm: Arm, rate_hz: float) -> Path:
+    run = arm.run(np.random.default_rng(4), rate_hz)
+    table = np.column_stack([run.time_s, run.command, run.measured])
+    file = folder / "run.csv"
+    np.savetxt(file, table, delimiter=",", header=",".join(COLUMNS), comments="", fmt="%.9g")
+    return file
+
+
+@pytest.mark.parametrize("rate_hz", [125.0, 500.0])
+def test_the_lag_of_a_recorded_run_needs_no_service(tmp_path: Path, rate_hz: float):
+    gain = np.array([1.02, 0.98, 1.0, 1.03, 0.97, 1.01])
+    file = csv_file(tmp_path, Arm(0.034, 0.004, gain), rate_hz)
+    result = CliRunner().invoke(main, ["calibrate", "lag", "--cell", "any", "--from-csv", str(file), "--json"])
+    assert result.exit_code == 0, result.output
+    found = json.loads(result.stdout)
+    assert found["lag_s"] == pytest.approx(0.034, abs=0.001)
+    assert 0.0 < found["lag_std_s"] < 0.001
+    assert found["gain"] == pytest.approx(gain, abs=0.01)
+    text = CliRunner().invoke(main, ["calibrate", "lag", "--cell", "any", "--from-csv", str(file)])
+    assert "timing.lag_s = 0.034" in text.stdout
+
+
+def test_a_file_that_is_no_recording_is_refused_with_the_reason(tmp_path: Path):
+    file = tmp_path / "run.csv"
+    file.write_text("time_s,command_0\n0,0\n")
+    result = CliRunner().invoke(main, ["calibrate", "lag", "--cell", "any", "--from-csv", str(file)])
+    assert result.exit_code == 1
+    assert "command_1" in result.stderr

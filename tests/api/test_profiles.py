@@ -1,0 +1,69 @@
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from tests.api.conftest import FakeExecutor, RunningService
+from tests.api.test_bad_input import problem_of
+
+CELL = "ur5e-sim"
+TARGET = {"kind": "target", "position": [1.2, 0.3, 0.0]}
+
+
+@pytest.fixture
+def profile(service: RunningService) -> Iterator[dict[str, Any]]:
+    """A profile of a cell that nothing is known of; the cell file's numbers are used again afterwards."""
+    response = service.client.post(f"/cells/{CELL}/profiles")
+    assert response.status_code == 201, response.text
+    assert response.headers["location"] == f"/profiles/{response.json()['id']}"
+    yield response.json()
+    service.store.close_open_executions(CELL)
+    service.client.post(f"/cells/{CELL}/profiles/revert")
+
+
+def test_a_profile_is_stored_but_not_adopted(service: RunningService, profile: dict[str, Any]):
+    assert profile["adopted"] is False
+    assert profile["delay_s"] == pytest.approx(0.040)
+    assert profile["delay_std_s"] == pytest.approx(0.020)
+    listed = service.client.get(f"/cells/{CELL}/profiles").json()
+    assert listed["adopted"] is None
+    assert listed["profiles"][0]["id"] == profile["id"]
+    assert "mixture" not in listed["profiles"][0]
+    assert service.client.get(f"/profiles/{profile['id']}").json() == profile
+    problem_of(service.client.get("/profiles/nothing"), 404, "not-found")
+    problem_of(service.client.post("/profiles/nothing/adopt"), 404, "not-found")
+
+
+def test_plans_name_the_profile_and_old_ones_are_not_executable(
+    service: RunningService, executor: FakeExecutor, profile: dict[str, Any]
+):
+    old = service.plan()
+    assert old["profile"] is None
+    adopted = service.client.post(f"/profiles/{profile['id']}/adopt").json()
+    assert adopted == {"cell": CELL, "profile": profile["id"], "adopted_by": "local"}
+    assert service.client.get(f"/cells/{CELL}/profiles").json()["adopted"] == profile["id"]
+    problem = problem_of(service.client.post("/execute", json={"plan_id": old["id"]}), 409, "plan-not-executable")
+    assert profile["id"] in problem["detail"]
+    new = service.plan()
+    assert new["profile"] == profile["id"]
+    assert service.client.post("/execute", json={"plan_id": new["id"]}).status_code == 202
+    problem_of(service.client.post(f"/profiles/{profile['id']}/adopt"), 409, "robot-busy")
+    service.store.close_open_executions(CELL)
+    assert service.client.post(f"/cells/{CELL}/profiles/revert").json()["profile"] is None
+    problem_of(service.client.post("/execute", json={"plan_id": new["id"]}), 409, "plan-not-executable")
+    actions = [line["action"] for line in service.store.audit_lines(10)]
+    assert {"adopt", "revert"} <= set(actions)
+
+
+def test_a_target_has_odds_and_other_releases_have_none(service: RunningService):
+    plan = service.plan(release=TARGET, backend="auto")
+    odds, ellipse = plan["hit_probability"], plan["landing_ellipse"]
+    assert 0.0 <= odds["interval"][0] <= odds["value"] <= odds["interval"][1] <= 1.0
+    assert (odds["profile"], plan["aim"]) == (None, None)
+    assert ellipse["center"] == pytest.approx(TARGET["position"][:2], abs=0.05)
+    assert ellipse["covariance_m2"][0][1] == pytest.approx(ellipse["covariance_m2"][1][0])
+    soonest = service.plan(release=TARGET, backend="auto", release_window_s=0.0)
+    assert soonest["hit_probability"]["value"] < odds["value"]
+    assert service.plan()["hit_probability"] is None

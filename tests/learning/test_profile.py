@@ -1,0 +1,109 @@
+"""Profiles from a store of throws: plans by the planner, recordings of an exact arm, landings of a hidden cell."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import orjson
+import pytest
+
+from benchmarks.learning.hidden_cells import HiddenCell, throw
+from benchmarks.learning.plans import CELL, PlannedThrow, benchmark_cell
+from learning import cell_with_profile, estimate_profile, knowledge_of, prior_knowledge, profile_bytes
+from planner.plan_document import plan_document
+from planner.planning import plan
+from planner.request import problem_from_request
+from store import Store, new_id
+
+LEAD_S = 0.060  # [s] lag and delay of the cell file together
+TRUTH = HiddenCell(delay_s=0.071, jitter_s=0.001, shape="gaussian", assumed_delay_s=LEAD_S, factor=0.97,
+                   gain=np.ones(6), noise_rad_s=0.0, offset=np.array([0.006, -0.004]), turn_rad=0.0, drag=0.2,
+                   cling_share=0.0, outlier_share=0.0)  # fmt: skip
+
+
+def add_throw(store: Store, rng: np.random.Generator, distance_m: float, angle: float, observed: bool = True) -> str:
+    """Stores a plan, its execution with a recording of an exact arm, and where the object landed."""
+    target = [distance_m * np.cos(angle), distance_m * np.sin(angle), 0.0]
+    request = {"cell": CELL, "release": {"kind": "target", "position": target}, "backend": "ruckig",
+               "release_window_s": 0.0}  # fmt: skip
+    problem = problem_from_request(request, benchmark_cell())
+    found = plan(problem)
+    document = plan_document(found, request, new_id(), "2026-01-01T00:00:00Z")
+    data = orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY)
+    store.add_plan(document["id"], time.time(), CELL, document["cell_sha256"], "ruckig", data)
+    trajectory = found.trajectory
+    true = throw(rng, TRUTH, PlannedThrow(problem, trajectory, 0.0), TRUTH.openings(rng, 1)[0] - LEAD_S, np.zeros(2))
+    row = store.queue_execution(document["id"], CELL)
+    store.add_recording(row.id, b"", recording(trajectory))
+    metrics = {"gripper_commanded_s": trajectory.release_time_s - LEAD_S, "timing": None, "landed_on": "floor"}
+    store.finish_execution(row.id, "completed", None, metrics)
+    if observed:
+        store.add_landing(new_id(), row.id, time.time(), "person", "test", [*true.seen, 0.0], 0.003)
+    return row.id
+
+
+def recording(trajectory) -> bytes:
+    names = ["clock_s", *(f"q_{j}_rad" for j in range(6)), *(f"qd_{j}_rad_s" for j in range(6))]
+    rows = np.column_stack([trajectory.t, trajectory.q, trajectory.qd])
+    lines = [",".join(names), *(",".join(map(repr, row)) for row in rows.tolist())]
+    return "\n".join(lines).encode()
+
+
+@pytest.fixture(scope="module")
+def learnt(tmp_path_factory: pytest.TempPathFactory) -> SimpleNamespace:
+    folder: Path = tmp_path_factory.mktemp("store")
+    store, rng = Store.open(f"sqlite:///{folder / 'fling.db'}"), np.random.default_rng(4)
+    ids = [add_throw(store, rng, 1.0 + 0.06 * k, 0.8 * k) for k in range(8)]
+    unseen = add_throw(store, rng, 1.2, 0.3, observed=False)
+    document = orjson.loads(profile_bytes(estimate_profile(store, benchmark_cell())))
+    yield SimpleNamespace(store=store, ids=ids, unseen=unseen, document=document)
+    store.close()
+
+
+def test_delay_speed_and_base_come_out_of_what_is_stored(learnt: SimpleNamespace):
+    found = learnt.document
+    assert found["lag_s"] + found["delay_s"] == pytest.approx(TRUTH.delay_s, abs=0.0015)
+    assert found["speed_factor"] == pytest.approx(TRUTH.factor, abs=0.01)
+    assert found["landing_offset_m"] == pytest.approx(TRUTH.offset.tolist(), abs=0.008)
+    assert found["evidence"]["throws"] == learnt.ids
+    assert len(found["evidence"]["landings"]) == len(learnt.ids)
+    assert found["evidence"]["recordings"] == [*learnt.ids, learnt.unseen]
+
+
+def test_a_profile_reads_back_as_the_knowledge_it_holds(learnt: SimpleNamespace):
+    known = knowledge_of(learnt.document)
+    assert known.delay_s == pytest.approx(learnt.document["delay_s"])
+    assert known.release.state_covariance == pytest.approx(np.array(learnt.document["covariance"]))
+    assert known.release.weight.sum() == pytest.approx(1.0)
+
+
+def test_what_is_predicted_with_it_lands_where_the_hidden_cell_throws(learnt: SimpleNamespace):
+    """A plan for the learnt cell, thrown by the truth; the cell file's own prediction is far off."""
+    cell = benchmark_cell()
+    request = {"cell": CELL, "release": {"kind": "target", "position": [1.1, -0.6, 0.0]}, "backend": "ruckig",
+               "release_window_s": 0.0}  # fmt: skip
+    used = cell_with_profile(cell, learnt.document)
+    problem = problem_from_request(request, used)
+    found = plan(problem)
+    lead = used.timing.lag_s + used.gripper.delay_s
+    rng = np.random.default_rng(1)
+    planned = PlannedThrow(problem, found.trajectory, 0.0)
+    landed = [throw(rng, TRUTH, planned, late - lead, np.zeros(2)).landing for late in TRUTH.openings(rng, 40)]
+    center = np.median(landed, axis=0)
+    predicted = knowledge_of(learnt.document).predicted(problem, found.trajectory)
+    assert np.linalg.norm(predicted.center - center) < 0.012
+    assert np.linalg.norm(np.array([1.1, -0.6]) - center) > 0.030
+    unlearnt = prior_knowledge(cell).predicted(problem, found.trajectory)
+    assert np.trace(predicted.covariance) < 0.2 * np.trace(unlearnt.covariance)
+
+
+def test_a_profile_replaces_four_numbers_and_no_limit(learnt: SimpleNamespace):
+    cell = benchmark_cell()
+    used = cell_with_profile(cell, learnt.document)
+    assert used.gripper.delay_s == learnt.document["delay_s"]
+    for name in ("limits", "safety", "surroundings", "tool", "robot", "home", "X_WB", "sha256", "name"):
+        assert getattr(used, name) is getattr(cell, name)
+    assert cell_with_profile(cell, None) is cell

@@ -1,0 +1,46 @@
+"""The streamed arm against a finer integration of the same loop, and against what a lag must do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from benchmarks.learning.plans import PlannedThrow
+from learning.streamed_arm import StreamedArm
+
+STEP_S = 1e-4
+
+
+def integrated(planned: PlannedThrow, arm: StreamedArm, assumed_s: float, at: float) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and speeds off the plan: the loop in steps of 0.1 ms, its commands continuous."""
+    trajectory, back = planned.trajectory, round(arm.lag_s / STEP_S)
+    q = trajectory.q[0].copy()
+    sent: list[np.ndarray] = []
+    times = np.arange(-0.1, at, STEP_S)
+    plan_q, ahead = trajectory.at(times)[0], trajectory.at(times + assumed_s)[1]
+    ahead[times + assumed_s < 0.0] = 0.0
+    speed = np.zeros(6)
+    for k in range(len(times)):
+        sent.append(ahead[k] + np.clip(5.0 * (plan_q[k] - q), -0.05, 0.05))
+        speed = arm.gain * sent[k - back] if k >= back else np.zeros(6)
+        q = q + STEP_S * speed
+    final_q, final_qd, _ = trajectory.at(times[-1])
+    return q - final_q, speed - final_qd
+
+
+@pytest.mark.parametrize(("lag_s", "assumed_s"), [(0.020, 0.020), (0.026, 0.020), (0.0333, 0.040)])
+def test_deviations_are_those_of_a_finer_integration(soonest: list[PlannedThrow], lag_s: float, assumed_s: float):
+    planned, arm = soonest[0], StreamedArm(lag_s, np.array([1.03, 0.98, 1.02, 1.0, 0.97, 1.0]))
+    at = planned.trajectory.release_time_s
+    q, qd = arm.deviation(planned.trajectory, assumed_s, np.array([at]))
+    fine_q, fine_qd = integrated(planned, arm, assumed_s, at)
+    assert q[0] == pytest.approx(fine_q, abs=3e-4)
+    assert qd[0] == pytest.approx(fine_qd, abs=4e-3)
+
+
+def test_an_exact_arm_does_what_was_planned(soonest: list[PlannedThrow]):
+    planned = soonest[0]
+    times = planned.trajectory.release_time_s + np.linspace(-0.1, 0.1, 21)
+    q, qd = StreamedArm(0.020, np.ones(6)).deviation(planned.trajectory, 0.020, times)
+    assert np.abs(q).max() < 1e-5
+    assert np.abs(qd).max() < 2e-3
