@@ -76,10 +76,11 @@ PLANTED = {
     "api-cli": ("api/cli/client.py", "api.cli.processes"),
     "simulator-levels": ("executor/simulator/interfaces/dashboard_server.py", "executor.simulator.controller"),
     "simulator-program-levels": ("executor/simulator/program/control_program.py", "executor.simulator.program.runner"),
+    "simulator-urscript-levels": ("executor/simulator/urscript/parser.py", "executor.simulator.urscript.interpreter"),
     "simulator-physics-levels": ("executor/simulator/physics/arm.py", "executor.simulator.physics.workcell"),
     "simulator-interfaces-levels": (
         "executor/simulator/interfaces/rtde_server.py",
-        "executor.simulator.interfaces.script_server",
+        "executor.simulator.interfaces.dashboard_server",
     ),
     "simulator-clock-levels": ("executor/simulator/clock/timeline.py", "executor.simulator.clock.pacing"),
     "simulator-no-arm-in-interfaces": ("executor/simulator/interfaces/recipes.py", "executor.simulator.physics"),

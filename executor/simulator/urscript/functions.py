@@ -15,7 +15,7 @@ from executor.simulator.program import ProgramContext, messages
 from executor.simulator.urscript.motion_functions import MOTION_FUNCTIONS
 from executor.simulator.urscript.signatures import Signature, signature
 from executor.simulator.urscript.state_functions import STATE_FUNCTIONS
-from executor.simulator.urscript.values import Pose, number, written
+from executor.simulator.urscript.values import ScriptPose, number, written
 
 TEXT_MAX = 1000  # [characters] chosen: a longer text of a program is cut off
 POPUP_TITLE = "Popup"  # source: URScript manual, popup's default title
@@ -34,12 +34,12 @@ def _popup(c: ProgramContext, s: Any, title: Any, warning: Any, error: Any, bloc
     c.post(messages.Popup(_text(title) if isinstance(title, str) else POPUP_TITLE, _text(s), *flags))
 
 
-def _product(c: ProgramContext, a: Any, b: Any) -> Pose:
-    return Pose(kinematics.pose_of(kinematics.product(*(kinematics.transform(Pose(p)) for p in (a, b)))))
+def _product(c: ProgramContext, a: Any, b: Any) -> ScriptPose:
+    return ScriptPose(kinematics.pose_of(kinematics.product(*(kinematics.transform(ScriptPose(p)) for p in (a, b)))))
 
 
-def _inverse(c: ProgramContext, a: Any) -> Pose:
-    return Pose(kinematics.pose_of(kinematics.inverse(kinematics.transform(Pose(a)))))
+def _inverse(c: ProgramContext, a: Any) -> ScriptPose:
+    return ScriptPose(kinematics.pose_of(kinematics.inverse(kinematics.transform(ScriptPose(a)))))
 
 
 def _norm(c: ProgramContext, a: Any) -> float:

@@ -25,7 +25,7 @@ from executor.simulator.urscript.nodes import (
 )
 from executor.simulator.urscript.operators import OPERATORS
 from executor.simulator.urscript.parser import parse
-from executor.simulator.urscript.values import Pose, item
+from executor.simulator.urscript.values import ScriptPose, item
 
 STATEMENTS_PER_CYCLE = 100  # chosen: a loop without `sync` goes on in the next cycle and holds up nobody
 CALLS_MAX = 30  # nested calls of the script's own functions
@@ -198,7 +198,7 @@ class Script(Program):
         """Returns a list, a pose, or the result of an operator."""
         try:
             if isinstance(node, Items):
-                return Pose(values) if node.is_pose else [*map(item, values)]
+                return ScriptPose(values) if node.is_pose else [*map(item, values)]
             assert isinstance(node, Operation)
             return OPERATORS[node.operator](*values)
         except (TypeError, ValueError, ArithmeticError) as error:

@@ -10,7 +10,7 @@ from typing import Any
 from executor.simulator.physics import kinematics
 from executor.simulator.program import ProgramContext, ProgramError, SuddenTargetChange, Thread, motions
 from executor.simulator.urscript.signatures import Signature, signature
-from executor.simulator.urscript.values import Pose, number, six
+from executor.simulator.urscript.values import ScriptPose, number, six
 
 
 def _joints(c: ProgramContext, target: Any) -> list[float]:
@@ -19,7 +19,7 @@ def _joints(c: ProgramContext, target: Any) -> list[float]:
     Raises:
         ProgramError: the pose cannot be reached.
     """
-    if not isinstance(target, Pose):
+    if not isinstance(target, ScriptPose):
         return six(target)
     q = c.solve(target)
     if q is None:
@@ -43,7 +43,7 @@ def _timed(length: float, acceleration: float, time_s: float) -> tuple[float, fl
 
 
 def _move_tool(c: ProgramContext, pose: Any, a: float, v: float, t: float, r: float) -> Thread:
-    goal = pose if isinstance(pose, Pose) else kinematics.pose_of(c.arm.chain.forward(six(pose), c.tcp))
+    goal = pose if isinstance(pose, ScriptPose) else kinematics.pose_of(c.arm.chain.forward(six(pose), c.tcp))
     if c.solve(goal) is None:
         raise SuddenTargetChange("movel: the target cannot be reached")
     transform = kinematics.transform(goal)
@@ -83,5 +83,5 @@ MOTION_FUNCTIONS: dict[str, Signature] = {
     "sleep": signature("t", _sleep),
     "sync": signature("", _sync),
     "get_steptime": signature("", lambda c: c.arm.dt),
-    "get_inverse_kin": signature("pose", lambda c, pose: _joints(c, Pose(pose))),
+    "get_inverse_kin": signature("pose", lambda c, pose: _joints(c, ScriptPose(pose))),
 }

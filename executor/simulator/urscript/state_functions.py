@@ -11,7 +11,7 @@ from typing import Any
 from executor.simulator.physics import kinematics
 from executor.simulator.program import ProgramContext
 from executor.simulator.urscript.signatures import Signature, signature
-from executor.simulator.urscript.values import Pose, number, six
+from executor.simulator.urscript.values import ScriptPose, number, six
 
 STEADY_RAD_S = 1e-6  # [rad/s] commanded speed below which the arm is steady
 OUTPUT_FIRST = {"standard_digital": 0, "configurable_digital": 8, "tool_digital": 16}  # source: RTDE guide, output bits
@@ -19,14 +19,14 @@ TOOL_OUTPUTS = 8  # set_digital_out counts the tool's outputs from here on; sour
 INPUT_REGISTER = "input_int_register_"
 
 
-def _tcp_pose(c: ProgramContext, q: list[float]) -> Pose:
-    return Pose(kinematics.pose_of(c.arm.chain.forward(q, c.tcp)))
+def _tcp_pose(c: ProgramContext, q: list[float]) -> ScriptPose:
+    return ScriptPose(kinematics.pose_of(c.arm.chain.forward(q, c.tcp)))
 
 
-def _forward(c: ProgramContext, q: Any, tcp: Any) -> Pose:
-    tool = kinematics.transform(Pose(tcp)) if isinstance(tcp, list) else c.tcp
+def _forward(c: ProgramContext, q: Any, tcp: Any) -> ScriptPose:
+    tool = kinematics.transform(ScriptPose(tcp)) if isinstance(tcp, list) else c.tcp
     joints = six(q) if isinstance(q, list) else c.arm.measured_q
-    return Pose(kinematics.pose_of(c.arm.chain.forward(joints, tool)))
+    return ScriptPose(kinematics.pose_of(c.arm.chain.forward(joints, tool)))
 
 
 def _twist(c: ProgramContext) -> list[float]:
@@ -92,7 +92,7 @@ def _set_watchdog(c: ProgramContext, variable: Any, frequency: Any, action: Any)
 
 # -- installation
 def _set_tcp(c: ProgramContext, pose: Any) -> None:
-    c.installation.set_tcp(kinematics.transform(Pose(pose)))
+    c.installation.set_tcp(kinematics.transform(ScriptPose(pose)))
 
 
 def _set_payload(c: ProgramContext, mass: Any, cog: Any) -> None:
@@ -115,9 +115,9 @@ STATE_FUNCTIONS: dict[str, Signature] = {
     "get_target_tcp_pose": signature("", lambda c: _tcp_pose(c, c.arm.q)),
     "get_actual_tcp_speed": signature("", _twist),
     "get_tcp_force": signature("", lambda c: [0.0] * 6),
-    "get_tcp_offset": signature("", lambda c: Pose(c.installation.tcp_pose)),
+    "get_tcp_offset": signature("", lambda c: ScriptPose(c.installation.tcp_pose)),
     "get_forward_kin": signature("q=0 tcp=0", _forward),
-    "get_inverse_kin_has_solution": signature("pose", lambda c, pose: c.solve(Pose(pose)) is not None),
+    "get_inverse_kin_has_solution": signature("pose", lambda c, pose: c.solve(ScriptPose(pose)) is not None),
     "is_steady": signature("", lambda c: max(map(abs, c.arm.qd)) < STEADY_RAD_S),
     "is_within_safety_limits": signature("q", lambda c, q: c.limits.allows(six(q))),
     "set_digital_out": signature("n b", _set_any),

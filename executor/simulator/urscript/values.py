@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 
-class Pose(list[float]):
+class ScriptPose(list[float]):
     """A pose p[x, y, z, rx, ry, rz]: position [m] and rotation vector [rad]."""
 
     def __init__(self, values: Sequence[Any]) -> None:
@@ -50,7 +50,7 @@ def written(value: Any) -> str:
     """Returns a value as the controller writes it: six significant digits."""
     if isinstance(value, float):
         return f"{value:.6g}"
-    if isinstance(value, list) and not isinstance(value, Pose):
+    if isinstance(value, list) and not isinstance(value, ScriptPose):
         return f"[{', '.join(map(written, value))}]"
     return str(value)
 

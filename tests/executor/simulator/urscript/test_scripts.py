@@ -18,7 +18,7 @@ from ..conftest import Driven, make_cell
 CYCLES = 3000  # longer than any script here
 
 
-class Controller(Driven):
+class ScriptedController(Driven):
     """A controller that runs a script to its end; `said` are the messages to its clients."""
 
     def __init__(self) -> None:
@@ -43,8 +43,8 @@ class Controller(Driven):
 
 
 @pytest.fixture
-def controller() -> Controller:
-    return Controller()
+def controller() -> ScriptedController:
+    return ScriptedController()
 
 
 @pytest.mark.parametrize(
@@ -63,7 +63,7 @@ def controller() -> Controller:
         ("2e3", 2000.0),
     ],
 )
-def test_an_expression_has_its_value(controller: Controller, expression: str, value: float):
+def test_an_expression_has_its_value(controller: ScriptedController, expression: str, value: float):
     controller.run(f"write_output_float_register(0, {expression})\n")
     assert controller.out_doubles(1)[0] == pytest.approx(value)
 
@@ -72,13 +72,13 @@ def test_an_expression_has_its_value(controller: Controller, expression: str, va
     ("condition", "holds"),
     [("1 < 2 and not 2 <= 1", True), ("True xor True or False", False), ('"a" == "a"', True), ("[1] != [1]", False)],
 )
-def test_a_condition_decides(controller: Controller, condition: str, holds: bool):
+def test_a_condition_decides(controller: ScriptedController, condition: str, holds: bool):
     one, two = (f"  write_output_integer_register(3, {value})\n" for value in (1, 2))
     controller.run(f"if {condition}:\n{one}else:\n{two}end\n")
     assert controller.out_int(3) == (1 if holds else 2)
 
 
-def test_functions_loops_threads_and_scopes(controller: Controller):
+def test_functions_loops_threads_and_scopes(controller: ScriptedController):
     controller.run(
         """def program():
   global count = 0
@@ -124,7 +124,7 @@ end
     assert controller.out_int(7) == 301
 
 
-def test_messages_go_out_in_order_with_the_names_of_the_program(controller: Controller):
+def test_messages_go_out_in_order_with_the_names_of_the_program(controller: ScriptedController):
     controller.run('def hello():\n  textmsg("x = ", 1.5)\n  popup("look", "title", True)\n  sleep(0.1)\nend\n')
     stopped = messages.KeyMessage("PROGRAM_XXX_STOPPED", "rtde_control")
     ours = [messages.KeyMessage(f"PROGRAM_XXX_{word}", "hello") for word in ("STARTED", "STOPPED")]
@@ -132,7 +132,7 @@ def test_messages_go_out_in_order_with_the_names_of_the_program(controller: Cont
     assert controller.said == [stopped, ours[0], *said, ours[1]]
 
 
-def test_moves_reach_their_targets_as_the_planner_computes_them(controller: Controller):
+def test_moves_reach_their_targets_as_the_planner_computes_them(controller: ScriptedController):
     goal = [0.3, -1.2, 1.4, -1.7, -1.5, 0.2]
     controller.run(
         f"def go():\n  movej({goal}, a=3, v=2)\n  movel(pose_trans(get_target_tcp_pose(), p[0,0,0.05,0,0,0]))\nend\n"
@@ -144,13 +144,13 @@ def test_moves_reach_their_targets_as_the_planner_computes_them(controller: Cont
     np.testing.assert_allclose(after[:3, :3], before[:3, :3], atol=1e-6)
 
 
-def test_a_timed_move_takes_its_time(controller: Controller):
+def test_a_timed_move_takes_its_time(controller: ScriptedController):
     start = controller.controller.timeline.t
     controller.run("movej([0.2, -1.57, 1.57, -1.57, -1.57, 0], t=1.0)\n")
     assert controller.controller.timeline.t - start == pytest.approx(1.05, abs=0.01)  # 50 ms until it plays
 
 
-def test_registers_outputs_and_installation(controller: Controller):
+def test_registers_outputs_and_installation(controller: ScriptedController):
     c = controller.controller
     c.registers.int_in[30], c.registers.double_in[40], c.registers.bit_in[70] = 7, 2.5, True
     controller.run(
@@ -190,7 +190,7 @@ end
     ],
 )
 def test_a_wrong_script_ends_with_the_controllers_kind_of_error(
-    controller: Controller, text: str, line: int, column: int, error: str
+    controller: ScriptedController, text: str, line: int, column: int, error: str
 ):
     controller.run(text)
     found = controller.exception
@@ -200,14 +200,14 @@ def test_a_wrong_script_ends_with_the_controllers_kind_of_error(
     assert controller.controller.runner.program is None  # and what ran before is gone
 
 
-def test_an_unreachable_straight_move_is_a_protective_stop(controller: Controller):
+def test_an_unreachable_straight_move_is_a_protective_stop(controller: ScriptedController):
     controller.run("movel(p[10, 0, 0, 0, 0, 0])\n", 100)
     code = next(m for m in controller.said if isinstance(m, messages.ErrorCode))
     assert (code.code, code.level) == (204, messages.WARNING)
     assert controller.controller.runner.runtime == PAUSED
 
 
-def test_a_secondary_program_runs_beside_and_cannot_stop_the_program(controller: Controller):
+def test_a_secondary_program_runs_beside_and_cannot_stop_the_program(controller: ScriptedController):
     controller.run('sec beside():\n  textmsg("here")\nend\n', 10)
     assert controller.texts == ["here"]
     assert controller.controller.runner.program is not None
@@ -216,13 +216,13 @@ def test_a_secondary_program_runs_beside_and_cannot_stop_the_program(controller:
     assert controller.controller.runner.runtime == PLAYING
 
 
-def test_a_loop_without_sync_holds_up_nobody(controller: Controller):
+def test_a_loop_without_sync_holds_up_nobody(controller: ScriptedController):
     controller.run("def busy():\n  i = 0\n  while True:\n    i = i + 1\n  end\nend\n", 100)
     assert controller.controller.runner.playing
     assert not controller.said[2:]
 
 
-def test_halt_in_a_thread_ends_the_program(controller: Controller):
+def test_halt_in_a_thread_ends_the_program(controller: ScriptedController):
     thread = "  thread t():\n    sleep(0.02)\n    halt\n  end\n"
     controller.run(f"def a():\n{thread}  run t()\n  while True:\n    sync()\n  end\nend\n", 200)
     assert controller.controller.runner.runtime == STOPPED
@@ -242,7 +242,7 @@ def test_no_words_break_the_controller(words: list[str]):
     DRIVEN.controller.runner.stop("next")
 
 
-def test_nesting_without_end_is_an_error(controller: Controller):
+def test_nesting_without_end_is_an_error(controller: ScriptedController):
     for text in ("x = " + "(" * 5000 + "\n", "if True:\n" * 3000, f"x = {'9' * 6000}\n", "x = " + "-" * 5000 + "1\n"):
         controller.said.clear()
         controller.run(text)
