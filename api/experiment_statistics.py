@@ -84,4 +84,4 @@ def _combined(observed: Sequence[LandingRow]) -> list[float] | None:
     deviations = np.array([x.std_m or 0.0 for x in observed])
     exact = deviations == 0.0
     weights = exact.astype(float) if exact.any() else deviations**-2.0
-    return np.average([x.position for x in observed], axis=0, weights=weights).tolist()
+    return np.average(np.array([x.position for x in observed], float), axis=0, weights=weights).tolist()

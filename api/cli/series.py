@@ -21,7 +21,7 @@ LOAD_HELP = (
 )
 
 Target = tuple[float, float, float]
-LoadStep = Callable[[Any, str], None]  # waits, given the client of the service and the name of the cell
+LoadStep = Callable[[Any, str], object]  # waits, given the client of the service and the name of the cell
 
 
 def read_targets(file: Path) -> list[Target]:

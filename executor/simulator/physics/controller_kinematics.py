@@ -15,6 +15,7 @@ from executor.simulator.truth import DhDeviation
 from planner.robots import Robot
 
 Joints = tuple[float, ...]
+PUBLISHED = DhDeviation()  # no deviation
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class ControllerKinematics:
         return tuple(zlib.crc32(struct.pack(">4d", *row)) for row in rows)
 
 
-def controller_kinematics(robot: Robot, deviation: DhDeviation) -> ControllerKinematics:
+def controller_kinematics(robot: Robot, deviation: DhDeviation = PUBLISHED) -> ControllerKinematics:
     """Returns the table of an arm that deviates from the published one."""
     return ControllerKinematics(
         theta=deviation.theta_rad,
