@@ -91,9 +91,13 @@ def landing_points(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, d
     p, v = np.asarray(p, float), np.asarray(v, float)
     if drag > 0.0:
         return landing_states(p, v, plane_z, gravity, drag).p
-    t = time_of_flight(p[..., 2] - plane_z, v[..., 2], gravity)[..., None]
-    landed = p + v * t
-    landed[..., 2] = np.where(np.isnan(t[..., 0]), np.nan, plane_z)
+    return _landed(p, v, time_of_flight(p[..., 2] - plane_z, v[..., 2], gravity), plane_z)
+
+
+def _landed(p: Array, v: Array, t: Array, plane_z: float) -> Array:
+    """Returns the landing points (..., 3) [m] of flights that take `t` (...,) [s]; NaN where that is."""
+    landed = p + v * t[..., None]
+    landed[..., 2] = np.where(np.isnan(t), np.nan, plane_z)
     return landed
 
 
@@ -112,7 +116,7 @@ def landing_states(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, d
         return _landing_states_with_drag(np.concatenate([p, v], axis=1), plane_z, gravity, drag)
     t = time_of_flight(p[:, 2] - plane_z, v[:, 2], gravity)
     velocity = v - np.array([0.0, 0.0, gravity]) * t[:, None]
-    return LandingStates(landing_points(p, v, plane_z, gravity), velocity, t)
+    return LandingStates(_landed(p, v, t, plane_z), velocity, t)
 
 
 def fly(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, drag: float = 0.0) -> Flight | None:
@@ -129,14 +133,14 @@ def fly(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, drag: float 
     speed = float(np.linalg.norm(v))
     if drag > 0.0:
         return _fly_with_drag(p, v, plane_z, gravity, drag)
-    t = float(time_of_flight(p[2] - plane_z, v[2], gravity))
-    if math.isnan(t):
+    height, upward = float(p[2]), float(v[2])
+    square = upward**2 + 2.0 * gravity * (height - plane_z)
+    t = (upward + math.sqrt(square)) / gravity if square >= 0.0 else math.nan
+    if not t >= 0.0:
         return None
-    down = np.array([0.0, 0.0, gravity])
-    apex = float(p[2] + max(v[2], 0.0) ** 2 / (2.0 * gravity))
-    landing = p + v * t - 0.5 * down * t**2
-    landing[2] = plane_z
-    return Flight(landing, v - down * t, t, apex, speed)
+    landing, velocity = p + v * t, v.copy()
+    landing[2], velocity[2] = plane_z, upward - gravity * t
+    return Flight(landing, velocity, t, height + max(upward, 0.0) ** 2 / (2.0 * gravity), speed)
 
 
 def path(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float, drag: float = 0.0) -> Array:

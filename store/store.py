@@ -10,6 +10,7 @@ from store import migrations
 from store.cell_status import CellStatusRepository
 from store.database import StoreError, StoreUnavailable, open_engine, reading
 from store.executions import ExecutionRepository
+from store.experiments import ExperimentRepository
 from store.idempotency_and_audit import ClientRepository
 from store.landings import LandingRepository
 from store.plans import PlanRepository
@@ -17,9 +18,15 @@ from store.profiles import ProfileRepository
 
 
 class Store(
-    PlanRepository, ExecutionRepository, LandingRepository, CellStatusRepository, ClientRepository, ProfileRepository
+    PlanRepository,
+    ExecutionRepository,
+    ExperimentRepository,
+    LandingRepository,
+    CellStatusRepository,
+    ClientRepository,
+    ProfileRepository,
 ):
-    """Plans, executions, events, recordings, landings, cell status, idempotency keys and the audit trail.
+    """Plans, executions, events, recordings, experiments, landings, profiles, cell status, keys and the audit trail.
 
     Every method is one transaction. Threads may share a store; each process opens its own.
     """

@@ -1,6 +1,17 @@
 """The routes, one module per resource. An endpoint parses its request, makes one call and returns."""
 
-from api.routes import cells, execution_events, executions, health, landings, pages, plans, profiles, timing
+from api.routes import (
+    cells,
+    execution_events,
+    executions,
+    experiments,
+    health,
+    landings,
+    pages,
+    plans,
+    profiles,
+    timing,
+)
 
 __all__ = ["ROUTERS"]
 
@@ -9,6 +20,7 @@ ROUTERS = (
     executions.router,
     execution_events.router,
     landings.router,
+    experiments.router,
     cells.router,
     timing.router,
     profiles.router,

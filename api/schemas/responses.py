@@ -192,10 +192,11 @@ class ExecutionAnswer(BaseModel):
     state: str = Field(description="queued, preparing, approaching, streaming, braking, finished.")
     outcome: str | None = Field(
         description="completed, aborted, refused, protective_stop, emergency_stop, link_lost, late, tracking, "
-        "executor_lost; null before the end."
+        "executor_lost, foreign_program, power_off; null before the end."
     )
     reason: str | None = Field(description="Reason of the outcome, in words.")
     metrics: dict[str, Any] | None = Field(description="Measured values; each name carries its unit.")
+    experiment_id: str | None = Field(None, description="Experiment that it belongs to.")
 
 
 class ExecutionList(BaseModel):
@@ -237,8 +238,12 @@ class CellState(BaseModel):
 
     cell: str
     executor: ExecutorAnswer | None
-    robot: dict[str, Any] | None = Field(description="Mode, safety, joint positions [rad]; null without an executor.")
-    fault: dict[str, Any] | None = Field(description="Latched until a person acknowledges it.")
+    robot: dict[str, Any] | None = Field(
+        description="Mode, safety, joint positions [rad], hash of the cell file in force; null without an executor."
+    )
+    fault: dict[str, Any] | None = Field(
+        description="Latched until a person acknowledges it; a refused cell file: until it is repaired."
+    )
     execution_id: str | None = Field(description="The unfinished execution of the cell.")
 
 

@@ -21,6 +21,7 @@ FLIGHT_MAX_S = 10.0  # [s]
 AIR_KG_M3 = 1.204  # source: ISO 2533, dry air at 20 degC and 101,325 Pa
 LANDING_SLACK_M = 6e-4  # [m] the certificate's 0.5 mm, and the chord at the end
 DELAYS = 21  # releases of a window that are looked at
+FREE_M = 0.001  # [m] the way out of the grip counts once the object has moved by this much
 OUT_M = 0.01  # [m] the object is out of the grip once it has moved by its radius, and by this much
 ANGLE_SLACK = 1e-3  # [rad] of the way out: quarter turns rounded in the URDF
 CLEAR_S = 0.01  # [s] for which the object must have been clear of what gripped it before that counts as an obstacle

@@ -2,6 +2,15 @@
 
 from executor.robot import simulator_client
 from executor.robot.dashboard import DashboardClient
+from executor.robot.primary import ProgramWatch
 from executor.robot.session import RobotSession, RobotState, receive_timestamps, robot_document
 
-__all__ = ["DashboardClient", "RobotSession", "RobotState", "receive_timestamps", "robot_document", "simulator_client"]
+__all__ = [
+    "DashboardClient",
+    "ProgramWatch",
+    "RobotSession",
+    "RobotState",
+    "receive_timestamps",
+    "robot_document",
+    "simulator_client",
+]

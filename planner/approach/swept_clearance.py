@@ -92,7 +92,8 @@ def swept_clearances(cell: Cell, paths: SweptPaths) -> Iterator[SweptClearance]:
     body, around, shape = body_model(cell), cell.surroundings, paths.q.shape[:2]
     ends = body.end_points(body.link_poses(paths.q.reshape(-1, 6)))
     turn, bend = (steps.reshape(-1, 6).T for steps in (paths.turn, paths.bend))
-    bends = point_bound(body.levers, Rates(turn, bend, np.zeros_like(turn)), 2).reshape(-1, *paths.turn.shape[:2])
+    rates = Rates(np.array([turn, bend, *np.zeros((2, *turn.shape))]))
+    bends = point_bound(body.levers, rates, 2).reshape(-1, *paths.turn.shape[:2])
     heights = body.heights(ends).reshape(-1, *shape)
     boxes = body.box_distances(ends).reshape(-1, len(body.moving), *shape)
     for item, capsule in enumerate(body.moving):

@@ -17,14 +17,12 @@ the jerk from tick to tick: each jump counts (`kinked_bound`). `prove_above` bis
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cache, cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from planner.arrays import Array, Index, Mask, read_only
-from planner.kernel import Kernel, twin_of
+from planner.arrays import Array, Index, Mask
+from planner.kernel import Kernel, Pinned, twin_of
 from planner.trajectory import Trajectory
 
 ROUNDS = 16  # [-] bisections of an interval: 2^-16 of a coarse one is below a microsecond
@@ -36,37 +34,32 @@ class Rates:
 
     Attributes:
         qd, qdd, jerk: the bounds (n, m) [rad/s, rad/s^2, rad/s^3].
-        sums: of the three, over all joints up to and including each (3, n, m).
+        jumps: sums of the jumps of the joints' jerks inside the intervals, at their ends none (n, m) [rad/s^3].
+        rows: all four (4, n, m).
+        bounds: what follows from the first three (11, n, m): the next three attributes.
+        sums: of the first three, over all joints up to and including each (3, n, m).
+        totals: bounds on the first to fourth derivative of a direction fixed in the link beyond each joint (4, n, m).
+        by_derivative: weights of the levers in the bounds on the first to fourth derivative of a point (4, n, m).
     """
 
-    def __init__(self, qd: Array, qdd: Array, jerk: Array) -> None:
-        self.qd, self.qdd, self.jerk = qd, qdd, jerk
-        self.sums = _sums(len(qd)) @ np.array([qd, qdd, jerk])
-
-    @cached_property
-    def totals(self) -> tuple[Array, Array, Array, Array]:
-        """Bounds (n, m) on the first to fourth derivative of a direction fixed in the link beyond each joint."""
-        s, a, j = self.sums
-        s2 = s * s
-        return s, a + s2, j + 3 * s * a + s2 * s, 4 * s * j + 3 * a * a + 6 * s2 * a + s2 * s2
-
-    @cached_property
-    def by_derivative(self) -> tuple[Array, Array, Array, Array]:
-        """Weights (n, m) of the levers in the bounds on the first to fourth derivative of a point."""
-        differences = _differences(len(self.qd))
-        return tuple(differences @ total for total in self.totals)  # pyright: ignore[reportReturnType]
+    def __init__(self, rows: Array) -> None:
+        """Takes the four rows (4, n, m)."""
+        self.rows, self.bounds = rows, _derivative_bounds(rows[:3])
+        self.qd, self.qdd, self.jerk, self.jumps = rows
+        self.sums, self.totals, self.by_derivative = self.bounds[:3], self.bounds[3:7], self.bounds[7:]
 
 
-@cache
-def _sums(n: int) -> Array:
-    """Returns the matrix (n, n) of sums up to and including each entry."""
-    return read_only(np.tri(n))
+def _example_rows() -> Array:
+    return np.abs(np.random.default_rng(0).uniform(-1.0, 1.0, (3, 4, 5)))
 
 
-@cache
-def _differences(n: int) -> Array:
-    """Returns its inverse: the matrix (n, n) of differences from the entry before."""
-    return read_only(np.eye(n) - np.eye(n, k=-1))
+@twin_of(Kernel.derivative_bounds, lambda: (_example_rows(),))
+def _derivative_bounds(rates: Array) -> Array:
+    """Returns sums, totals and weights (11, n, m) of `Rates` for bounds on |qd|, |qdd| and |jerk| (3, n, m)."""
+    s, a, j = sums = np.cumsum(rates, axis=1)
+    s2 = s * s
+    totals = np.array([s, a + s2, j + 3 * s * a + s2 * s, 4 * s * j + 3 * a * a + 6 * s2 * a + s2 * s2])
+    return np.concatenate([sums, totals, np.diff(totals, axis=1, prepend=0.0)])
 
 
 def joint_rates(trajectory: Trajectory, knots: Index | None = None) -> Rates:
@@ -78,12 +71,26 @@ def joint_rates(trajectory: Trajectory, knots: Index | None = None) -> Rates:
     """
     if knots is None:
         knots = np.arange(len(trajectory.q))
-    qd, qdd = (_largest_between(values, knots, True) for values in (trajectory.qd, trajectory.qdd))
-    jerk = _largest_between(trajectory.jerk, knots, False)  # of a tick, which ends at the next sample
-    return Rates(qd + jerk * trajectory.dt**2 / 8.0, qdd, jerk)
+    return Rates(_joint_rates(trajectory.samples, trajectory.dt, knots))
 
 
-@twin_of(Kernel.largest_between, lambda: (np.sin(np.arange(40.0)).reshape(10, 4), np.array([1, 2, 5, 9]), True))
+def _example_motion() -> tuple[Pinned, float, Index]:
+    q, qd, qdd, jerk = np.sin(np.arange(160.0)).reshape(4, 10, 4)
+    return Pinned(q, qd, qdd, jerk[1:]), 0.1, np.array([1, 2, 5, 9])
+
+
+@twin_of(Kernel.joint_rates, _example_motion)
+def _joint_rates(samples: Pinned, dt: float, knots: Index) -> Array:
+    """Returns the rows of `Rates` between `knots` (k,), for q, qd, qdd (N, n) and the jerk of every tick (N-1, n)."""
+    _, *rates, jerks = samples.arrays
+    qd, qdd = (_largest_between(values, knots, True) for values in rates)
+    jerk = _largest_between(jerks, knots, False)  # of a tick, which ends at the next sample
+    jumps = np.zeros((knots[-1] + 1, len(qd)))
+    jumps[1:-1] = np.abs(np.diff(jerks[: knots[-1]], axis=0))
+    jumps[knots] = 0.0  # a jump at the end of an interval has no effect inside
+    return np.array([qd + jerk * dt**2 / 8.0, qdd, jerk, np.add.reduceat(jumps, knots[:-1], axis=0).T])
+
+
 def _largest_between(values: Array, rows: Index, closed: bool) -> Array:
     """Returns the largest sizes (c, k-1) of `values` (n, c) from each of `rows` (k,) to the next.
 
@@ -92,14 +99,6 @@ def _largest_between(values: Array, rows: Index, closed: bool) -> Array:
     size = np.abs(values[rows[0] : rows[-1] + 1])
     inside = np.maximum.reduceat(size[: rows[-1] - rows[0]], rows[:-1] - rows[0])
     return (np.maximum(inside, size[rows[1:] - rows[0]]) if closed else inside).T
-
-
-def jerk_jumps(trajectory: Trajectory, knots: Index) -> Array:
-    """Returns the sum of all jumps of each joint's jerk inside the intervals between `knots` (n, m) [rad/s^3]."""
-    jumps = np.zeros((trajectory.q.shape[1], knots[-1] + 1))
-    jumps[:, 1:-1] = np.abs(np.diff(trajectory.jerk[: knots[-1]], axis=0)).T
-    jumps[:, knots] = 0.0  # a jump at the end of an interval has no effect inside
-    return np.add.reduceat(jumps, knots[:-1], axis=1)
 
 
 def point_bound(lever: Array, rates: Rates, derivative: int) -> Array:
@@ -116,8 +115,7 @@ def point_bound(lever: Array, rates: Rates, derivative: int) -> Array:
     return lever @ rates.by_derivative[derivative - 1]
 
 
-@dataclass(frozen=True)
-class Proof:
+class Proof(NamedTuple):
     """Result of `prove_above`.
 
     Attributes:
@@ -204,9 +202,9 @@ def prove_above(
     best = Proof(float(values[item, knot]), float(knots[knot]), item, False)
     if not best.value >= required:
         return best
-    enough = lower_bound(values[:, :-1], values[:, 1:], rates, np.diff(knots)) >= required
+    enough = lower_bound(values[:, :-1], values[:, 1:], rates, knots[1:] - knots[:-1]) >= required
     if enough.all():
-        return replace(best, proven=True)
+        return best._replace(proven=True)
     items, parts = np.nonzero(~enough)
     rate = np.broadcast_to(rates, (*rates.shape[:-2], *enough.shape))[..., items, parts]
     todo = Intervals(knots[parts], knots[parts + 1], values[items, parts], values[items, parts + 1], rate, items)
@@ -231,5 +229,5 @@ def _bisect(
         todo = todo.halves(middle, f_middle)
         todo = todo.keep(~(lower_bound(todo.f_left, todo.f_right, todo.rate, todo.right - todo.left) >= required))
         if len(todo.left) == 0:
-            return replace(best, proven=True)
+            return best._replace(proven=True)
     return best

@@ -8,7 +8,7 @@ from planner.arrays import Array, Index
 from planner.certificate.bounds import Proof, curvature_bound, point_bound, prove_above, slope_bound
 from planner.certificate.certificate import Check, at_least
 from planner.certificate.samples import MotionSamples
-from planner.geometry import SELF_CLEARANCE_M, segment_box_distance, segment_segment_distance
+from planner.geometry import SELF_CLEARANCE_M, pair_distances, segment_box_distance
 
 FAR_M = 1e3  # [m] distance reported for an object that has been released
 
@@ -104,8 +104,9 @@ def self_collision(motion: MotionSamples) -> Check | None:
 
     def evaluate(t: Array, item: Index) -> Array:
         X_WL = motion.poses_at(t)
-        one, other = (body.end_points_of(side[item], X_WL) for side in (first, second))
-        gap = segment_segment_distance(one[:, 0], one[:, 1], other[:, 0], other[:, 1]) - thickness[item]
+        ends = np.concatenate([body.end_points_of(side[item], X_WL) for side in (first, second)])
+        both = np.arange(len(ends)).reshape(2, -1).T
+        gap = pair_distances(ends[..., None], both)[:, 0] - thickness[item]
         return np.where((second[item] == body.object) & (t > motion.held_until_s), FAR_M, gap)
 
     gaps = body.pair_distances(motion.ends[..., motion.sparse])

@@ -13,6 +13,7 @@ from planner.cell import Cell
 from planner.certificate.bounds import Rates, point_bound
 from planner.dynamics import WatchedPoint, elbow_points, payload_of, tool_points
 from planner.geometry import levers
+from planner.kernel import Kernel, twin_of
 
 CELLS_KEPT = 32  # cells whose loads are cached; bounds are kept for the checks of one motion
 
@@ -77,7 +78,56 @@ def watched_levers(cell: Cell) -> WatchedLevers:
     return WatchedLevers(lever(tool), lever(flange), np.max([lever(point) for point in elbow_points(cell)], axis=0))
 
 
+class LoadBounds(NamedTuple):
+    """Bounds between the knots on what moves the loads.
+
+    Attributes:
+        torque: on the second derivatives of the torques (6, m) [N m/s^2], see `torque_curvature`.
+        torque_jumps: on the jumps of their slopes inside the intervals (6, m) [N m/s].
+        joint_momentum: see `joint_momentum_bounds` (3, 6, m).
+        momentum: on the second derivative of the linear momentum (m,) [kg m/s^3].
+        power: see `power_rates` (2, m).
+    """
+
+    torque: Array
+    torque_jumps: Array
+    joint_momentum: Array
+    momentum: Array
+    power: Array
+
+
 @lru_cache(maxsize=1)
+def load_bounds(loads: Loads, rates: Rates, gravity: float) -> LoadBounds:
+    """Returns the bounds on what moves the loads between the knots of `rates`."""
+    rows = _load_bounds(loads, rates, gravity)
+    return LoadBounds(rows[:6], rows[6:12], rows[12:30].reshape(3, 6, -1), rows[30], rows[31:])
+
+
+def _compiled(kernel: Kernel, loads: Loads, rates: Rates, gravity: float) -> Array:
+    bodies = loads.lever, loads.moment_arm, loads.mass, loads.turned_inertia, loads.mass_matrix
+    return kernel.load_bounds((rates.rows, rates.bounds), bodies, float(loads.inertia.sum()), gravity)
+
+
+def _example() -> tuple[Loads, Rates, float]:
+    rng = np.random.default_rng(0)
+    shapes = (8,), (8,), (8, 6), (8, 6), (6,), (6, 6)
+    return Loads(*(rng.uniform(0.0, 1.0, shape) for shape in shapes)), Rates(rng.uniform(0.0, 1.0, (4, 6, 5))), 9.81
+
+
+@twin_of(_compiled, _example)
+def _load_bounds(loads: Loads, rates: Rates, gravity: float) -> Array:
+    """Returns the rows of `LoadBounds` (33, m)."""
+    momentum = loads.mass @ point_bound(loads.lever, rates, 3)
+    rows = (
+        torque_curvature(loads, rates, gravity),
+        loads.mass_matrix @ rates.jumps,
+        *joint_momentum_bounds(loads, rates),
+        momentum[None],
+        power_rates(loads, rates, gravity),
+    )
+    return np.concatenate(rows)
+
+
 def torque_curvature(loads: Loads, rates: Rates, gravity: float) -> Array:
     """Returns sup |tau''| of every joint between the knots (6, m) [N m/s^2], apart from the ends of ticks.
 
@@ -93,7 +143,6 @@ def torque_curvature(loads: Loads, rates: Rates, gravity: float) -> Array:
     return loads.moment_arm.T @ force + np.outer(loads.turned_inertia, 2.0 * (w4 + 4.0 * w1 * w3 + twice * w2))
 
 
-@lru_cache(maxsize=1)
 def joint_momentum_bounds(loads: Loads, rates: Rates) -> tuple[Array, Array, Array]:
     """Returns sup of |M qd|, of its first and of its second derivative, for every joint (6, m) [N m s, N m, N m/s].
 
@@ -111,7 +160,7 @@ def joint_momentum_bounds(loads: Loads, rates: Rates) -> tuple[Array, Array, Arr
     )
 
 
-def power_rates(loads: Loads, rates: Rates, jumps: Array, gravity: float) -> Array:
+def power_rates(loads: Loads, rates: Rates, gravity: float) -> Array:
     """Returns bounds on the power P of all joints between the knots as `kinked_bound` takes them (2, m).
 
     P = sum of m v . (a - g) + w . I dw/dt over the bodies, the rate of their energy. With bounds V, A, A', A'' on the
@@ -121,10 +170,9 @@ def power_rates(loads: Loads, rates: Rates, jumps: Array, gravity: float) -> Arr
     Args:
         loads: of the cell.
         rates: of the joints over m intervals.
-        jumps: of the joints' jerks inside each interval (6, m) [rad/s^3].
         gravity: [m/s^2].
     """
     v, a, j, s = (point_bound(loads.lever, rates, derivative) for derivative in (1, 2, 3, 4))
     w1, w2, w3, w4 = (total[-1] for total in rates.totals)
     smooth = loads.mass @ (j * (3.0 * a + gravity) + v * s) + loads.inertia.sum() * (3.0 * w2 * w3 + w1 * w4)
-    return np.stack([smooth, (rates.qd * (loads.mass_matrix @ jumps)).sum(axis=0)])
+    return np.stack([smooth, (rates.qd * (loads.mass_matrix @ rates.jumps)).sum(axis=0)])

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
 
 from planner.arrays import Array, Index
-from planner.certificate.bounds import curvature_bound, joint_rates, point_bound, prove_above
+from planner.certificate.bounds import curvature_bound, joint_rates, prove_above
 from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
 from planner.certificate.samples import ArmSamples, MotionSamples
-from planner.flight import Flight, LandingStates, fly, landing_points, landing_states
+from planner.flight import Flight, LandingStates, fly, landing_states
 from planner.geometry import tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.rotations import angle_between
@@ -110,7 +111,7 @@ def landing_window(motion: MotionSamples) -> Check | None:
     goal = _nominal_landing(problem, motion.trajectory)
 
     def room(arm: ArmSamples) -> Array:
-        return tolerance * (1.0 + ROUNDING) - np.linalg.norm(_landing_points(problem, arm) - goal, axis=1)
+        return tolerance * (1.0 + ROUNDING) - np.linalg.norm(_landed(problem, arm).p - goal, axis=1)
 
     def evaluate(t: Array, item: Index) -> Array:
         return room(motion.at(t))
@@ -138,12 +139,13 @@ def landing_errors(problem: ThrowProblem, trajectory: Trajectory, delays: Array)
 
 def window_landing_points(problem: ThrowProblem, trajectory: Trajectory, delays: Array) -> Array:
     """Returns the landing points (k, 3) [m] of releases `delays` (k,) [s] after the nominal one; NaN where none."""
-    return _landing_points(problem, MotionSamples(problem, trajectory).at(trajectory.release_time_s + delays))
+    return _landed(problem, MotionSamples(problem, trajectory).at(trajectory.release_time_s + delays)).p
 
 
-def _landing_points(problem: ThrowProblem, arm: ArmSamples) -> Array:
-    """Returns the landing points (k, 3) [m] after a release at each instant; NaN where the object never lands."""
-    return landing_points(arm.p_WT.T, arm.v_WT.T, problem.plane_z, problem.gravity, problem.drag)
+@lru_cache(maxsize=1)  # of the window, for its landings and the bound between them
+def _landed(problem: ThrowProblem, arm: ArmSamples) -> LandingStates:
+    """Returns the landings (k,) after a release at each instant; NaN where the object never lands."""
+    return landing_states(arm.p_WT.T, arm.v_WT.T, problem.plane_z, problem.gravity, problem.drag)
 
 
 def _nominal_landing(problem: ThrowProblem, trajectory: Trajectory) -> Array:
@@ -169,13 +171,13 @@ def _landing_curvature(motion: MotionSamples, arm: ArmSamples) -> float:
     """
     problem, trajectory = motion.problem, motion.trajectory
     gravity, drag = problem.gravity, problem.drag
-    landed = landing_states(arm.p_WT.T, arm.v_WT.T, problem.plane_z, gravity, drag)
+    landed = _landed(problem, arm)
     if np.isnan(landed.time_s).any():
         return math.inf
     reach = math.ceil(problem.release_window_s * trajectory.sample_rate_hz) + 1
     k = trajectory.release_index
     rates = joint_rates(trajectory, np.array([max(0, k - reach), min(len(trajectory.q) - 1, k + reach)]))
-    a, j = (float(point_bound(motion.body.tool_lever, rates, derivative)[0]) for derivative in (2, 3))
+    _, a, j, _ = (motion.body.tool_lever @ rates.by_derivative)[:, 0].tolist()
     half = float(np.diff(arm.t).max()) / 2.0
     speed = float(np.sqrt((arm.v_WT**2).sum(axis=0).max())) + a * half
     height = max(0.0, float(arm.p_WT[2].max()) + speed * half - problem.plane_z)

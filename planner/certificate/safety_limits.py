@@ -11,13 +11,12 @@ from planner.certificate.bounds import (
     LowerBound,
     Proof,
     curvature_bound,
-    jerk_jumps,
     kinked_bound,
     point_bound,
     prove_above,
 )
 from planner.certificate.certificate import ROUNDING, Check, NotChecked, at_most
-from planner.certificate.loads import loads_of, power_rates, watched_levers
+from planner.certificate.loads import watched_levers
 from planner.certificate.samples import ArmSamples, MotionSamples
 from planner.dynamics import empty_bodies, momentum
 
@@ -47,9 +46,7 @@ def linear_momentum(motion: MotionSamples) -> Check | NotChecked:
         held = empty + object_kg * arm.v_WT
         return 1.0 - motion.worse_of(arm.t, *(np.sqrt((p * p).sum(axis=0)) for p in (held, empty))) / limit
 
-    loads = loads_of(cell)
-    rates = loads.mass @ point_bound(loads.lever, motion.rates, 3) / limit
-    return _check("momentum", limit, "kg m/s", _prove(motion, room, rates))
+    return _check("momentum", limit, "kg m/s", _prove(motion, room, motion.load_bounds.momentum / limit))
 
 
 def power(motion: MotionSamples) -> Check | NotChecked:
@@ -57,14 +54,13 @@ def power(motion: MotionSamples) -> Check | NotChecked:
     problem, limit = motion.problem, motion.problem.cell.safety.power_w
     if limit is None:
         return NotChecked("power")
-    loads, object_kg = loads_of(problem.cell), problem.cell.object.mass_kg
+    object_kg = problem.cell.object.mass_kg
 
     def room(arm: ArmSamples) -> Array:
-        empty, per_kilogram = ((tau * arm.links.qd.T).sum(axis=0) for tau in arm.torques)
+        empty, per_kilogram = ((tau * arm.links.qd.T).sum(axis=0) for tau in arm.torques.whole)
         return 1.0 - motion.worse_of(arm.t, np.abs(empty + object_kg * per_kilogram), np.abs(empty)) / limit
 
-    jumps = jerk_jumps(motion.trajectory, motion.knots)
-    rates = power_rates(loads, motion.rates, jumps, problem.gravity)[:, None] / limit
+    rates = motion.load_bounds.power[:, None] / limit
     return _check("power", limit, "W", _prove(motion, room, rates, kinked_bound))
 
 

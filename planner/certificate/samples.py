@@ -11,7 +11,8 @@ import numpy as np
 from planner.arrays import Array, Index
 from planner.cell import Cell
 from planner.certificate.bounds import Rates, joint_rates
-from planner.dynamics import chain_torques, elbow_points, empty_bodies, fastest, tool_points
+from planner.certificate.loads import LoadBounds, load_bounds, loads_of
+from planner.dynamics import TorqueTerms, elbow_points, empty_bodies, fastest, tool_points, torque_terms
 from planner.geometry import BodyModel, body_model
 from planner.kinematics import LinkMotion, dot
 from planner.problem import ThrowProblem
@@ -22,9 +23,6 @@ SPACING_S = (0.008, 0.016)  # [s] least and largest spacing of these knots
 TICK_ROUNDING = 1e-6  # [ticks] by which a window of whole ticks may exceed them in floating point
 WINDOW_STEP_S = 0.001  # [s] largest spacing in the release window; curvature bounds hold in between
 SPARSE = 2  # [-] distances are evaluated at one of so many knots: most are far from their limit
-
-
-_CARRIERS = np.array([*range(6), 5])  # links with which the origins of their frames move, and the tool centre point
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,9 +51,22 @@ class ArmSamples:
     @cached_property
     def a_WT(self) -> Array:
         """Acceleration of the tool centre point (3, k) [m/s^2]."""
-        links = self.links
-        points = np.concatenate([links.offsets, (self.p_WT - links.origins[:, 6])[:, None]], axis=1)
-        return links.relative_acceleration(points, _CARRIERS).sum(axis=1)
+        return self.links.acceleration(self.p_WT)
+
+    @cached_property
+    def felt(self) -> Array:
+        """Acceleration of the tool centre point against free fall (3, k) [m/s^2], which the gripper feels."""
+        return self.a_WT + np.array([[0.0], [0.0], [self.cell.surroundings.gravity_m_s2]])
+
+    @cached_property
+    def tool_speed(self) -> Array:
+        """Speed of the tool centre point (k,) [m/s]."""
+        return np.sqrt(dot(self.v_WT, self.v_WT))
+
+    @cached_property
+    def flange_speed(self) -> Array:
+        """Speed of the flange's centre (k,) [m/s]."""
+        return fastest(self.links, tool_points(self.cell)[1:])
 
     @cached_property
     def elbow_speed(self) -> Array:
@@ -65,30 +76,14 @@ class ArmSamples:
     @cached_property
     def watched_speed(self) -> Array:
         """Speed of the fastest of tool centre point, flange and elbow (k,) [m/s]."""
-        v_WT, flange = self.v_WT, fastest(self.links, tool_points(self.cell)[1:])
-        return np.maximum(np.maximum(self.elbow_speed, flange), np.sqrt(dot(v_WT, v_WT)))
+        return np.maximum(np.maximum(self.elbow_speed, self.flange_speed), self.tool_speed)
 
     @cached_property
-    def torques(self) -> tuple[Array, Array]:
-        """Joint torques without the object (6, k) [N m], and what each kilogram of it adds (6, k) [N m/kg]."""
-        return self._torques(self.links, self._falling)
-
-    @cached_property
-    def braking(self) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """Torques h of gravity and velocity, without joint accelerations, and b = M qd; each as in `torques`.
-
-        h (6, k) [N m] and [N m/kg]; b (6, k) [N m s] and [N m s/kg].
-        """
-        qd, still = self.links.qd, np.zeros_like(self.links.qd)
-        h = self._torques(LinkMotion(self.X_WL, qd, still), self._falling)
-        return h, self._torques(LinkMotion(self.X_WL, still, qd), np.zeros(3))
-
-    @property
-    def _falling(self) -> Array:
-        return np.array([0.0, 0.0, -self.cell.surroundings.gravity_m_s2])
-
-    def _torques(self, chain: LinkMotion, gravity_W: Array) -> tuple[Array, Array]:
-        return chain_torques(chain, empty_bodies(self.cell), gravity_W, self.cell.tool.X_FT[:3, 3])
+    def torques(self) -> TorqueTerms:
+        """Joint torques without the object (6, k), and what each kilogram of it adds (6, k); with their terms."""
+        cell = self.cell
+        falling = np.array([0.0, 0.0, -cell.surroundings.gravity_m_s2])
+        return torque_terms(self.links, empty_bodies(cell), falling, cell.tool.X_FT[:3, 3])
 
 
 class MotionSamples:
@@ -185,6 +180,11 @@ class MotionSamples:
         return joint_rates(self.trajectory, self.knots)
 
     @cached_property
+    def load_bounds(self) -> LoadBounds:
+        """Bounds on what moves the loads between neighbouring knots."""
+        return load_bounds(loads_of(self.problem.cell), self.rates, self.problem.gravity)
+
+    @cached_property
     def sparse_speeds(self) -> Array:
         """Largest joint speeds between neighbouring sparse knots (6, k) [rad/s]."""
         return np.maximum.reduceat(self.rates.qd, self.sparse[:-1], axis=1)
@@ -208,4 +208,5 @@ class MotionSamples:
 
 def _merged(rows: Index, *more: int) -> Index:
     """Returns increasing `rows` with `more` inserted."""
-    return np.unique(np.concatenate([rows, more]))
+    merged = np.sort(np.concatenate([rows, more]))
+    return merged[np.concatenate([[True], merged[1:] > merged[:-1]])]

@@ -17,7 +17,7 @@ import numpy as np
 from planner.arrays import Array, Index
 from planner.certificate.bounds import Proof, curvature_bound, point_bound, prove_above
 from planner.certificate.certificate import ROUNDING, Check, NotChecked, at_most
-from planner.certificate.loads import joint_momentum_bounds, loads_of, torque_curvature, watched_levers
+from planner.certificate.loads import watched_levers
 from planner.certificate.samples import ArmSamples, MotionSamples
 
 # [-] largest ratio of a measured stop to the model's: time 1.84 (UR3, base), distance 1.30 (UR3 and UR5, base)
@@ -32,7 +32,7 @@ def stopping_time(motion: MotionSamples) -> Check | NotChecked:
     if limit is None:
         return NotChecked("stopping_time")
     rate = MEASURED_TIME / limit
-    bending = rate * joint_momentum_bounds(loads_of(motion.problem.cell), motion.rates)[2]
+    bending = rate * motion.load_bounds.joint_momentum[2]
     proof = _prove(motion, lambda arm: np.full(len(arm.t), rate), bending)
     value, at_s = _worst(motion, lambda arm: MEASURED_TIME * _times(motion, arm), proof)
     return at_most("stopping_time", value, limit, "s", at_s).provided(proof.proven)
@@ -46,7 +46,7 @@ def stopping_distance(motion: MotionSamples) -> Check | NotChecked:
     most (|h''| + (2 A |b'| + V |b''| + c |b|) / (2 D)) s^2/8, with V and A bounds on the points' speed and
     acceleration. What it needs at v = 0, the torque |h|, must be there too.
     """
-    cell, limit = motion.problem.cell, motion.problem.cell.safety.stopping_distance_m
+    limit = motion.problem.cell.safety.stopping_distance_m
     if limit is None:
         return NotChecked("stopping_distance")
     half = 0.5 * MEASURED_DISTANCE / limit
@@ -58,7 +58,7 @@ def stopping_distance(motion: MotionSamples) -> Check | NotChecked:
         v, times = arm.watched_speed, _times(motion, arm)
         return 0.5 * MEASURED_DISTANCE * v * np.where(v > 0.0, times, 0.0)
 
-    b, b1, b2 = joint_momentum_bounds(loads_of(cell), motion.rates)
+    b, b1, b2 = motion.load_bounds.joint_momentum
     v, a, c = _point_bounds(motion)
     v = v + c * np.diff(motion.at_knots.t) ** 2 / 8.0
     proof = _prove(motion, inverse_time, half * (2.0 * a * b1 + v * b2 + c * b))
@@ -95,15 +95,15 @@ def _prove(motion: MotionSamples, inverse_time: Callable[[ArmSamples], Array], b
     def evaluate(t: Array, item: Index) -> Array:
         return room(motion.at(t))[item, np.arange(len(t))]
 
-    loads, arm = loads_of(motion.problem.cell), motion.at_knots
-    rates = (torque_curvature(loads, motion.rates, motion.problem.gravity) + bending) / tau
+    arm, rates = motion.at_knots, (motion.load_bounds.torque + bending) / tau
     return prove_above(evaluate, arm.t, room(arm), rates, -ROUNDING, curvature_bound)
 
 
 @lru_cache(maxsize=2)
 def _braking_terms(arm: ArmSamples) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
     """Returns h [N m] and b [N m s] (6, k) of the joints, with the object and without it."""
-    ((h, h_kg), (b, b_kg)), object_kg = arm.braking, arm.cell.object.mass_kg
+    (h, h_kg), (b, b_kg) = arm.torques.held, arm.torques.momentum
+    object_kg = arm.cell.object.mass_kg
     return (h + object_kg * h_kg, b + object_kg * b_kg), (h, b)
 
 

@@ -9,7 +9,7 @@ from planner.certificate.bounds import Rates, curvature_bound, joint_rates, poin
 from planner.certificate.certificate import ROUNDING, Check, at_least, at_most
 from planner.certificate.loads import watched_levers
 from planner.certificate.samples import ArmSamples, MotionSamples
-from planner.dynamics import WatchedPoint, point_velocity, tool_points
+from planner.dynamics import WatchedPoint, tool_points
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
 from planner.robots import Robot
 
@@ -21,9 +21,8 @@ def tcp_speed(motion: MotionSamples) -> Check:
 
     The flange is reported only where it is too fast.
     """
-    cell = motion.problem.cell
+    cell, levers = motion.problem.cell, watched_levers(motion.problem.cell)
     tool, flange = tool_points(cell)
-    levers = watched_levers(cell)
     check = _speed(motion, tool, levers.tool, motion.problem.limits.tcp_speed_max)
     if cell.safety.tool_speed_m_s is None or not check.ok:
         return check
@@ -33,8 +32,7 @@ def tcp_speed(motion: MotionSamples) -> Check:
 
 def _speed(motion: MotionSamples, point: WatchedPoint, lever: Array, limit: float) -> Check:
     def room(arm: ArmSamples) -> Array:
-        v = arm.v_WT if point is tool_points(arm.cell)[0] else point_velocity(arm.links, point)
-        return limit - np.sqrt((v * v).sum(axis=0))
+        return limit - (arm.tool_speed if point is tool_points(arm.cell)[0] else arm.flange_speed)
 
     def evaluate(t: Array, item: Index) -> Array:
         return room(motion.at(t))

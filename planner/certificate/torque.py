@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from planner.arrays import Array, Index
-from planner.certificate.bounds import jerk_jumps, kinked_bound, prove_above
+from planner.certificate.bounds import kinked_bound, prove_above
 from planner.certificate.certificate import Check, at_most
-from planner.certificate.loads import loads_of, torque_curvature
 from planner.certificate.samples import ArmSamples, MotionSamples
 
 
@@ -16,20 +15,19 @@ def joint_torque(motion: MotionSamples) -> Check:
 
     Within the release window the object may be held or gone: both are checked.
     """
-    problem, loads = motion.problem, loads_of(motion.problem.cell)
+    problem = motion.problem
     limit, object_kg = problem.limits.tau_max, problem.cell.object.mass_kg
 
     def room(arm: ArmSamples) -> Array:
-        empty, per_kilogram = arm.torques
+        empty, per_kilogram = arm.torques.whole
         held = np.abs(empty + object_kg * per_kilogram)
         return 1.0 - motion.worse_of(arm.t, held, np.abs(empty)) / limit[:, None]
 
     def evaluate(t: Array, item: Index) -> Array:
         return room(motion.at(t))[item, np.arange(len(t))]
 
-    # The slope of the torque jumps where the jerk does.
-    jumps = loads.mass_matrix @ jerk_jumps(motion.trajectory, motion.knots)
-    rates = np.stack([torque_curvature(loads, motion.rates, problem.gravity), jumps]) / limit[:, None]
+    bounds = motion.load_bounds
+    rates = np.array([bounds.torque, bounds.torque_jumps]) / limit[:, None]  # its slope jumps where the jerk does
     proof = prove_above(evaluate, motion.at_knots.t, room(motion.at_knots), rates, 0.0, kinked_bound)
     bound, name = float(limit[proof.item]), problem.cell.robot.joint_names[proof.item]
     value = (1.0 - proof.value) * bound

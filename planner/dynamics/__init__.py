@@ -3,11 +3,13 @@
 from planner.dynamics.inverse_dynamics import (
     Bodies,
     Payload,
+    TorqueTerms,
     bodies,
     chain_torques,
     gravity_in_base,
     joint_torques,
     payload_of,
+    torque_terms,
 )
 from planner.dynamics.safety import (
     Use,
@@ -24,6 +26,7 @@ from planner.dynamics.safety import (
 __all__ = [
     "Bodies",
     "Payload",
+    "TorqueTerms",
     "Use",
     "WatchedPoint",
     "bodies",
@@ -38,4 +41,5 @@ __all__ = [
     "point_velocity",
     "safety_use",
     "tool_points",
+    "torque_terms",
 ]

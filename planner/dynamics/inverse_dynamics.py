@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -81,10 +82,8 @@ class Bodies:
     principal: Array
 
 
-def chain_torques(
-    chain: LinkMotion, carried: Bodies, gravity: ArrayLike, p_F: Array | None = None
-) -> tuple[Array, Array]:
-    """Returns the joint torques (6, N) of the bodies, and per kilogram of a point mass on the flange [N m, N m/kg].
+def chain_torques(chain: LinkMotion, carried: Bodies, gravity: ArrayLike, p_F: Array | None = None) -> Array:
+    """Returns torques (2, 6, N) [N m] of the bodies, and per kilogram of a point mass on the flange [N m/kg].
 
     Args:
         chain: motion of the links.
@@ -96,9 +95,33 @@ def chain_torques(
     return _newton_euler(chain, carried, upward, np.zeros(3) if p_F is None else p_F)
 
 
-def _compiled(kernel: Kernel, chain: LinkMotion, carried: Bodies, upward: Array, p_F: Array) -> tuple[Array, Array]:
+class TorqueTerms(NamedTuple):
+    """Joint torques and what they consist of: (6, N) each, of the bodies, and per kilogram of a point mass.
+
+    Attributes:
+        whole: of the motion [N m] and [N m/kg].
+        held: of gravity and velocity, without joint accelerations [N m] and [N m/kg].
+        momentum: M qd with the mass matrix M [N m s] and [N m s/kg].
+    """
+
+    whole: Array
+    held: Array
+    momentum: Array
+
+
+def torque_terms(chain: LinkMotion, carried: Bodies, gravity: ArrayLike, p_F: Array) -> TorqueTerms:
+    """Returns the torques of `chain_torques` with their terms (2, 6, N) each."""
+    return TorqueTerms(*_torque_terms(chain, carried, -np.asarray(gravity, dtype=np.float64), p_F))
+
+
+def _compiled(kernel: Kernel, chain: LinkMotion, carried: Bodies, upward: Array, p_F: Array) -> Array:
     masses = carried.mass, carried.fixed, carried.principal
     return kernel.chain_torques(chain.X, (chain.qd, chain.qdd), masses, upward, p_F)
+
+
+def _compiled_terms(kernel: Kernel, chain: LinkMotion, carried: Bodies, upward: Array, p_F: Array) -> Array:
+    masses = carried.mass, carried.fixed, carried.principal
+    return kernel.torque_terms(chain.X, (chain.qd, chain.qdd), masses, upward, p_F)
 
 
 def _example() -> tuple[LinkMotion, Bodies, Array, Array]:
@@ -108,9 +131,22 @@ def _example() -> tuple[LinkMotion, Bodies, Array, Array]:
     return LinkMotion(link_poses(arm, q), qd, qdd), bodies(arm, load), np.array([0.1, -0.2, 9.8]), p_F
 
 
+@twin_of(_compiled_terms, _example)
+def _torque_terms(chain: LinkMotion, carried: Bodies, upward: Array, p_F: Array) -> Array:
+    """Returns `TorqueTerms` (3, 2, 6, N) for a base with the acceleration `upward` (3,) [m/s^2]."""
+    still = np.zeros_like(chain.qd)
+    return np.array(
+        [
+            _newton_euler(chain, carried, upward, p_F),
+            _newton_euler(LinkMotion(chain.X, chain.qd, still), carried, upward, p_F),
+            _newton_euler(LinkMotion(chain.X, still, chain.qd), carried, np.zeros(3), p_F),
+        ]
+    )
+
+
 @twin_of(_compiled, _example)
-def _newton_euler(chain: LinkMotion, carried: Bodies, upward: Array, p_F: Array) -> tuple[Array, Array]:
-    """Returns the results of `chain_torques` for a base with the acceleration `upward` (3,) [m/s^2]."""
+def _newton_euler(chain: LinkMotion, carried: Bodies, upward: Array, p_F: Array) -> Array:
+    """Returns the results of `chain_torques` (2, 6, N) for a base with the acceleration `upward` (3,) [m/s^2]."""
     fixed = chain.in_links(carried.fixed)
     coms, axes = fixed[:, 0], fixed[:, 1:]
     extra = (chain.on_flange(p_F) - chain.origins[:, 6])[:, None]
@@ -122,7 +158,7 @@ def _newton_euler(chain: LinkMotion, carried: Bodies, upward: Array, p_F: Array)
         accumulate(v[:, ::-1])  # from the tip inwards: the load on each joint
     tau = dot(chain.axes, moment - cross(chain.origins[:, :6], force))
     point = (chain.origins[:, 6] + extra[:, 0])[:, None] - chain.origins[:, :6]
-    return tau, dot(chain.axes, cross(point, (origins[:, 5] + relative[:, 12])[:, None]))
+    return np.array([tau, dot(chain.axes, cross(point, (origins[:, 5] + relative[:, 12])[:, None]))])
 
 
 _CARRIERS = np.array([*range(6), *range(6), 5])  # links of the frame origins, centres of mass and the point mass

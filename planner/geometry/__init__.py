@@ -3,7 +3,7 @@
 from planner.geometry.arcs import Arcs
 from planner.geometry.body import BodyModel, body_model, tool_pose, tool_state
 from planner.geometry.capsules import arm_capsules, body_capsules, capsule_endpoints, levers
-from planner.geometry.distances import segment_box_distance, segment_segment_distance
+from planner.geometry.distances import pair_distances, segment_box_distance, segment_segment_distance
 from planner.geometry.self_collision import SELF_CLEARANCE_M, barriers, object_pairs, passable, self_collision_pairs
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "capsule_endpoints",
     "levers",
     "object_pairs",
+    "pair_distances",
     "passable",
     "segment_box_distance",
     "segment_segment_distance",

@@ -22,24 +22,36 @@ static void add_cross(in a, in b, double *out) {
 
 static double clamped(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
 
+/* Poses X (7, 4, 4) of base and links, all zero before; cosines and sines (6,) of the joints, see link_poses. */
+static void pose_chain(in cosine, in sine, in dh, in base, double *X) {
+    memcpy(X, base, 16 * sizeof *X);
+    for (int i = 0; i < 6; i++) {
+        double a = dh[i], d = dh[6 + i], c = dh[12 + i], s = dh[18 + i];
+        for (int row = 0; row < 3; row++) {
+            in from = X + 16 * i + 4 * row;
+            double *to = X + 16 * (i + 1) + 4 * row;
+            double turned = cosine[i] * from[1] - sine[i] * from[0];
+            to[0] = cosine[i] * from[0] + sine[i] * from[1];
+            to[1] = c * turned + s * from[2];
+            to[2] = c * from[2] - s * turned;
+            to[3] = from[3] + d * from[2] + a * to[0];
+        }
+        X[16 * (i + 1) + 15] = 1.0;
+    }
+}
+
 /* Poses X (n, 7, 4, 4) of base and links; cosines and sines (n, 6) of the joints, dh: a, d, cos alpha, sin alpha. */
 void link_poses(count n, in cosine, in sine, in dh, in base, double *X) {
     memset(X, 0, n * 7 * 16 * sizeof *X);
-    for (count k = 0; k < n; k++, cosine += 6, sine += 6, X += 7 * 16) {
-        memcpy(X, base, 16 * sizeof *X);
-        for (int i = 0; i < 6; i++) {
-            double a = dh[i], d = dh[6 + i], c = dh[12 + i], s = dh[18 + i];
-            for (int row = 0; row < 3; row++) {
-                in from = X + 16 * i + 4 * row;
-                double *to = X + 16 * (i + 1) + 4 * row;
-                double turned = cosine[i] * from[1] - sine[i] * from[0];
-                to[0] = cosine[i] * from[0] + sine[i] * from[1];
-                to[1] = c * turned + s * from[2];
-                to[2] = c * from[2] - s * turned;
-                to[3] = from[3] + d * from[2] + a * to[0];
-            }
-            X[16 * (i + 1) + 15] = 1.0;
-        }
+    for (count k = 0; k < n; k++) pose_chain(cosine + 6 * k, sine + 6 * k, dh, base, X + 7 * 16 * k);
+}
+
+/* Poses (n, 4, 4) of the last link, as of `link_poses`. */
+void flange_poses(count n, in cosine, in sine, in dh, in base, double *out) {
+    double X[7 * 16] = {0.0};
+    for (count k = 0; k < n; k++, out += 16) {
+        pose_chain(cosine + 6 * k, sine + 6 * k, dh, base, X);
+        memcpy(out, X + 6 * 16, 16 * sizeof *out);
     }
 }
 
@@ -63,32 +75,52 @@ void end_points_of(count n, in X, const count *frames, in ends, double *out) {
     for (count i = 0; i < 2 * n; i++) in_world(X + 16 * (7 * (i / 2) + frames[i / 2]), ends + 3 * i, 1.0, out + 3 * i);
 }
 
-/* Largest sizes (c, k - 1) of values (n, c) from each of k rows to the next, which is among them if `closed` is 1. */
-void largest_between(count c, in values, count k, const count *rows, count closed, double *out) {
-    for (count i = 0; i + 1 < k; i++)
-        for (count j = 0; j < c; j++) {
-            double most = 0.0;
-            for (count row = rows[i]; row < rows[i + 1] + closed; row++) {
-                double size = fabs(values[c * row + j]);
-                if (size > most || size != size) most = size;
-            }
-            out[j * (k - 1) + i] = most;
+/* Adds the velocity of a point of the world that moves with the frame `frame`, at joint velocities qd. */
+static void add_velocity(in X, in qd, int frame, in point, double *out) {
+    for (int i = 0; i < frame; i++) {
+        double turn[3], arm[3];
+        for (int row = 0; row < 3; row++) {
+            turn[row] = X[16 * i + 4 * row + 2] * qd[i];
+            arm[row] = point[row] - X[16 * i + 4 * row + 3];
         }
+        add_cross(turn, arm, out);
+    }
 }
 
 /* Velocities (3, n) of a point (3, n) that moves with the flange. */
 void point_velocity(count n, in X, in qd, in point, double *out) {
     for (count m = 0; m < n; m++, X += 7 * 16, qd += 6) {
-        double v[3] = {0.0};
-        for (int i = 0; i < 6; i++) {
-            double turn[3], arm[3];
-            for (int row = 0; row < 3; row++) {
-                turn[row] = X[16 * i + 4 * row + 2] * qd[i];
-                arm[row] = point[row * n + m] - X[16 * i + 4 * row + 3];
-            }
-            add_cross(turn, arm, v);
-        }
+        double place[3] = {point[m], point[n + m], point[2 * n + m]}, v[3] = {0.0};
+        add_velocity(X, qd, 6, place, v);
         for (int row = 0; row < 3; row++) out[row * n + m] = v[row];
+    }
+}
+
+/* Speeds (n,) of the fastest of k points, given in their frames (k, 3). */
+void fastest(count n, in X, in qd, count k, const count *frames, in places, double *out) {
+    for (count m = 0; m < n; m++, X += 7 * 16, qd += 6) {
+        out[m] = 0.0;
+        for (count i = 0; i < k; i++) {
+            double point[3], v[3] = {0.0};
+            in_world(X + 16 * frames[i], places + 3 * i, 1.0, point);
+            add_velocity(X, qd, frames[i], point, v);
+            double speed = sqrt(dot(v, v));
+            if (speed > out[m] || speed != speed) out[m] = speed;
+        }
+    }
+}
+
+/* Linear momentum (3, n) of the links, of masses (6,) with centres at coms (6, 3) in their frames. */
+void momentum(count n, in X, in qd, in mass, in coms, double *out) {
+    for (count m = 0; m < n; m++, X += 7 * 16, qd += 6) {
+        double p[3] = {0.0};
+        for (int i = 0; i < 6; i++) {
+            double com[3], v[3] = {0.0};
+            in_world(X + 16 * (i + 1), coms + 3 * i, 1.0, com);
+            add_velocity(X, qd, i + 1, com, v);
+            for (int row = 0; row < 3; row++) p[row] += mass[i] * v[row];
+        }
+        for (int row = 0; row < 3; row++) out[row * n + m] = p[row];
     }
 }
 
@@ -100,36 +132,32 @@ static void add_relative(in omega, in alpha, in r, double *out) {
     add_cross(omega, v, out);
 }
 
-/* The arm at one instant. */
+/* The arm at one instant, in a posture. */
 struct chain {
     double axis[6][3], origin[7][3]; /* of the joints; of the frames */
-    double force[6][3], moment[6][3]; /* on each link, the moment about the world's origin */
     double omega[3], alpha[3], acceleration[3]; /* of the link reached so far, and of its frame's origin */
 };
 
-/* Mass properties of the links: mass (6,), centre of mass and principal axes fixed (4, 6, 3), inertia about these. */
-struct bodies {
-    in mass, fixed, principal;
-};
-
-/* Adds the moment of link i about its centre of mass: I alpha + omega x I omega. */
-static void add_turning(const struct bodies *of, int i, in frame, struct chain *at) {
-    double inertia_omega[3] = {0.0};
-    for (int k = 0; k < 3; k++) {
-        double axis[3], inertia = of->principal[6 * k + i];
-        in_world(frame, of->fixed + 18 * (k + 1) + 3 * i, 0.0, axis);
-        double spin = inertia * dot(axis, at->omega), gain = inertia * dot(axis, at->alpha);
+static struct chain chain_at(in X) {
+    struct chain at;
+    for (int i = 0; i < 7; i++)
         for (int row = 0; row < 3; row++) {
-            inertia_omega[row] += axis[row] * spin;
-            at->moment[i][row] += axis[row] * gain;
+            at.origin[i][row] = X[16 * i + 4 * row + 3];
+            if (i < 6) at.axis[i][row] = X[16 * i + 4 * row + 2];
         }
-    }
-    add_cross(at->omega, inertia_omega, at->moment[i]);
+    return at;
 }
 
-/* Goes on to link i, from the base outwards: its motion, and what moves it. */
-static void outwards(const struct bodies *of, int i, in frame, double qd, double qdd, struct chain *at) {
-    double turn[3], offset[3], com[3], place[3];
+/* Begins a motion at the base, which has the acceleration `upward`. */
+static void begin(in upward, struct chain *at) {
+    memset(at->omega, 0, sizeof at->omega);
+    memset(at->alpha, 0, sizeof at->alpha);
+    memcpy(at->acceleration, upward, sizeof at->acceleration);
+}
+
+/* Goes on to link i, from the base outwards. */
+static void outwards(int i, double qd, double qdd, struct chain *at) {
+    double turn[3], offset[3];
     for (int row = 0; row < 3; row++) {
         turn[row] = at->axis[i][row] * qd;
         at->omega[row] += turn[row];
@@ -138,58 +166,119 @@ static void outwards(const struct bodies *of, int i, in frame, double qd, double
     }
     add_cross(at->omega, turn, at->alpha);
     add_relative(at->omega, at->alpha, offset, at->acceleration);
-    in_world(frame, of->fixed + 3 * i, 0.0, com);
-    memcpy(at->force[i], at->acceleration, sizeof at->force[i]);
-    add_relative(at->omega, at->alpha, com, at->force[i]);
+}
+
+/* Accelerations (3, n) of a point (3, n) that moves with the flange. */
+void point_acceleration(count n, in X, in qd, in qdd, in point, double *out) {
+    const double still[3] = {0.0};
+    for (count m = 0; m < n; m++, X += 7 * 16, qd += 6, qdd += 6) {
+        struct chain at = chain_at(X);
+        double tip[3];
+        begin(still, &at);
+        for (int i = 0; i < 6; i++) outwards(i, qd[i], qdd[i], &at);
+        for (int row = 0; row < 3; row++) tip[row] = point[row * n + m] - at.origin[6][row];
+        add_relative(at.omega, at.alpha, tip, at.acceleration);
+        for (int row = 0; row < 3; row++) out[row * n + m] = at.acceleration[row];
+    }
+}
+
+/* The links' masses and inertias, in a posture: centres of mass from the frames' origins, principal axes; a point mass
+   from the flange's origin. */
+struct bodies {
+    in mass, principal;
+    double com[6][3], axis[6][3][3], tip[3];
+};
+
+/* Returns them for masses (6,), centres of mass and principal axes fixed (4, 6, 3), and inertias about these (3, 6). */
+static struct bodies bodies_at(in X, in mass, in fixed, in principal, in p_F) {
+    struct bodies of = {.mass = mass, .principal = principal};
+    for (int i = 0; i < 6; i++) {
+        in frame = X + 16 * (i + 1);
+        in_world(frame, fixed + 3 * i, 0.0, of.com[i]);
+        for (int k = 0; k < 3; k++) in_world(frame, fixed + 18 * (k + 1) + 3 * i, 0.0, of.axis[i][k]);
+    }
+    in_world(X + 16 * 6, p_F, 0.0, of.tip);
+    return of;
+}
+
+/* Adds the moment of link i about its centre of mass: I alpha + omega x I omega. */
+static void add_turning(const struct bodies *of, int i, const struct chain *at, double *moment) {
+    double inertia_omega[3] = {0.0};
+    for (int k = 0; k < 3; k++) {
+        in axis = of->axis[i][k];
+        double inertia = of->principal[6 * k + i];
+        double spin = inertia * dot(axis, at->omega), gain = inertia * dot(axis, at->alpha);
+        for (int row = 0; row < 3; row++) {
+            inertia_omega[row] += axis[row] * spin;
+            moment[row] += axis[row] * gain;
+        }
+    }
+    add_cross(at->omega, inertia_omega, moment);
+}
+
+/* Finds force and moment about the world's origin that move link i, which has been reached. */
+static void load(const struct bodies *of, int i, const struct chain *at, double *force, double *moment) {
+    double place[3];
+    memcpy(force, at->acceleration, 3 * sizeof *force);
+    add_relative(at->omega, at->alpha, of->com[i], force);
     for (int row = 0; row < 3; row++) {
-        at->force[i][row] *= of->mass[i];
-        place[row] = at->origin[i + 1][row] + com[row];
+        force[row] *= of->mass[i];
+        place[row] = at->origin[i + 1][row] + of->com[i][row];
+        moment[row] = 0.0;
     }
-    memset(at->moment[i], 0, sizeof at->moment[i]);
-    add_turning(of, i, frame, at);
-    add_cross(place, at->force[i], at->moment[i]);
+    add_turning(of, i, at, moment);
+    add_cross(place, force, moment);
 }
 
-/* Adds the load beyond joint i to it, from the tip inwards; returns the joint's torque. */
-static double inwards(int i, struct chain *at) {
-    double about[3] = {0.0}, load[3];
-    for (int row = 0; row < 3 && i < 5; row++) {
-        at->force[i][row] += at->force[i + 1][row];
-        at->moment[i][row] += at->moment[i + 1][row];
-    }
-    add_cross(at->origin[i], at->force[i], about);
-    for (int row = 0; row < 3; row++) load[row] = at->moment[i][row] - about[row];
-    return dot(at->axis[i], load);
-}
-
-/* The torque of joint i per kilogram of a point mass at `point`, which has the acceleration reached. */
-static double of_point(int i, in point, const struct chain *at) {
+/* The torque of joint i that a force at a point needs. */
+static double of_force(int i, in point, in force, const struct chain *at) {
     double arm[3], moment[3] = {0.0};
     for (int row = 0; row < 3; row++) arm[row] = point[row] - at->origin[i][row];
-    add_cross(arm, at->acceleration, moment);
+    add_cross(arm, force, moment);
     return dot(at->axis[i], moment);
 }
 
-/* Torques (6, n) of bodies, and per kilogram of a point mass at p_F on the flange (6, n), by Newton and Euler. */
-void chain_torques(count n, in X, in qd, in qdd, in mass, in fixed, in principal, in upward, in p_F, double *tau,
-                   double *per_kilogram) {
-    const struct bodies of = {mass, fixed, principal};
-    for (count m = 0; m < n; m++, X += 7 * 16, qd += 6, qdd += 6) {
-        struct chain at = {.acceleration = {upward[0], upward[1], upward[2]}};
-        double tip[3], point[3];
-        for (int i = 0; i < 7; i++)
-            for (int row = 0; row < 3; row++) {
-                at.origin[i][row] = X[16 * i + 4 * row + 3];
-                if (i < 6) at.axis[i][row] = X[16 * i + 4 * row + 2];
-            }
-        for (int i = 0; i < 6; i++) outwards(&of, i, X + 16 * (i + 1), qd[i], qdd[i], &at);
-        in_world(X + 16 * 6, p_F, 0.0, tip);
-        in_world(X + 16 * 6, p_F, 1.0, point);
-        add_relative(at.omega, at.alpha, tip, at.acceleration);
-        for (int i = 5; i >= 0; i--) {
-            tau[i * n + m] = inwards(i, &at);
-            per_kilogram[i * n + m] = of_point(i, point, &at);
+/* Torques of a motion (6,), and then per kilogram of the point mass (6,), by Newton and Euler; `stride` apart. */
+static void torques(const struct bodies *of, in qd, in qdd, in upward, struct chain *at, count stride, double *out) {
+    double force[6][3], moment[6][3], point[3];
+    begin(upward, at);
+    for (int i = 0; i < 6; i++) {
+        outwards(i, qd[i], qdd[i], at);
+        load(of, i, at, force[i], moment[i]);
+    }
+    add_relative(at->omega, at->alpha, of->tip, at->acceleration);
+    for (int row = 0; row < 3; row++) point[row] = at->origin[6][row] + of->tip[row];
+    for (int i = 5; i >= 0; i--) {
+        double about[3] = {0.0}, turning[3];
+        for (int row = 0; row < 3 && i < 5; row++) {
+            force[i][row] += force[i + 1][row];
+            moment[i][row] += moment[i + 1][row];
         }
+        add_cross(at->origin[i], force[i], about);
+        for (int row = 0; row < 3; row++) turning[row] = moment[i][row] - about[row];
+        out[i * stride] = dot(at->axis[i], turning);
+        out[(6 + i) * stride] = of_force(i, point, at->acceleration, at);
+    }
+}
+
+/* Torques (6, n) of bodies, and per kilogram of a point mass at p_F on the flange (6, n). */
+void chain_torques(count n, in X, in qd, in qdd, in mass, in fixed, in principal, in upward, in p_F, double *out) {
+    for (count m = 0; m < n; m++, X += 7 * 16, qd += 6, qdd += 6) {
+        struct bodies of = bodies_at(X, mass, fixed, principal, p_F);
+        struct chain at = chain_at(X);
+        torques(&of, qd, qdd, upward, &at, n, out + m);
+    }
+}
+
+/* Torques as of `chain_torques` (3, 2, 6, n): of the motion, without accelerations, and M qd. */
+void torque_terms(count n, in X, in qd, in qdd, in mass, in fixed, in principal, in upward, in p_F, double *out) {
+    const double none[6] = {0.0};
+    for (count m = 0; m < n; m++, X += 7 * 16, qd += 6, qdd += 6) {
+        struct bodies of = bodies_at(X, mass, fixed, principal, p_F);
+        struct chain at = chain_at(X);
+        torques(&of, qd, qdd, upward, &at, n, out + m);
+        torques(&of, qd, none, upward, &at, n, out + m + 12 * n);
+        torques(&of, none, qd, none, &at, n, out + m + 24 * n);
     }
 }
 
@@ -249,81 +338,5 @@ void box_distances(count n, in p0, in p1, in lower, in upper, double *out) {
         double share = rise > 0.0 ? clamped(-slopes[after - 1] / rise, 0.0, 1.0) : 0.0;
         outside(p0, along, t + share * (knots[after] - t), lower, upper, gap);
         out[m] = sqrt(dot(gap, gap));
-    }
-}
-
-/* Rate of a flight's state: position and velocity (6,), under gravity and the drag k |v| v. */
-static void flight_rate(in state, double gravity, double drag, double *out) {
-    in v = state + 3;
-    double slowing = drag * sqrt(dot(v, v));
-    for (int row = 0; row < 3; row++) {
-        out[row] = v[row];
-        out[3 + row] = -slowing * v[row];
-    }
-    out[5] -= gravity;
-}
-
-/* One Runge-Kutta step of a flight's state (6,). See planner/flight.py. */
-static void flight_step(in from, double h, double gravity, double drag, double *to) {
-    double k[4][6], between[6];
-    flight_rate(from, gravity, drag, k[0]);
-    for (int stage = 1; stage < 4; stage++) {
-        double share = stage < 3 ? 0.5 * h : h;
-        for (int row = 0; row < 6; row++) between[row] = from[row] + share * k[stage - 1][row];
-        flight_rate(between, gravity, drag, k[stage]);
-    }
-    for (int row = 0; row < 6; row++)
-        to[row] = from[row] + h / 6.0 * (k[0][row] + 2.0 * k[1][row] + 2.0 * k[2][row] + k[3][row]);
-}
-
-/* Positions (n, k, 3) of n flights from states (n, 6), each after k times in a row: in steps[j] steps of h (n, k). */
-void drag_paths(count n, in states, count k, const count *steps, in h, double gravity, double drag, double *out) {
-    for (count m = 0; m < n; m++, states += 6, h += k) {
-        double state[6];
-        memcpy(state, states, sizeof state);
-        for (count j = 0; j < k; j++, out += 3) {
-            for (count i = 0; i < steps[j]; i++) flight_step(state, h[j], gravity, drag, state);
-            memcpy(out, state, 3 * sizeof *out);
-        }
-    }
-}
-
-/* The time within one step of h at which a component of a flight's state falls through a level, by bisection. */
-static double falls_through(in state, int component, double level, double h, double gravity, double drag) {
-    double low = 0.0, high = h, after[6];
-    for (int i = 0; i < 50; i++) {
-        double middle = 0.5 * (low + high);
-        flight_step(state, middle, gravity, drag, after);
-        if (after[component] > level) low = middle;
-        else high = middle;
-    }
-    return 0.5 * (low + high);
-}
-
-/* State at the landing, time and apex (n, 8) of flights from states (n, 6); NaN where they miss the plane. */
-void drag_landings(count n, in states, double plane_z, double h, double longest, double gravity, double drag,
-                   double *out) {
-    for (count m = 0; m < n; m++, states += 6, out += 8) {
-        double state[6], next[6], t = 0.0, apex = states[2];
-        memcpy(state, states, sizeof state);
-        for (int i = 0; i < 8; i++) out[i] = NAN;
-        for (; t < longest; t += h) {
-            flight_step(state, h, gravity, drag, next);
-            if (state[5] > 0.0 && next[5] <= 0.0) {
-                double top[6];
-                flight_step(state, falls_through(state, 5, 0.0, h, gravity, drag), gravity, drag, top);
-                apex = top[2];
-            }
-            if (next[5] < 0.0 && next[2] < plane_z) {
-                if (state[2] < plane_z) break;
-                double rest = falls_through(state, 2, plane_z, h, gravity, drag);
-                flight_step(state, rest, gravity, drag, out);
-                out[2] = plane_z;
-                out[6] = t + rest;
-                out[7] = apex;
-                break;
-            }
-            memcpy(state, next, sizeof state);
-        }
     }
 }

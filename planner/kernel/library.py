@@ -1,4 +1,4 @@
-"""The compiled kernel: kernel.c as a library, and its functions on numpy arrays."""
+"""The compiled kernel: its C files as one library, and its functions on numpy arrays."""
 
 from __future__ import annotations
 
@@ -13,26 +13,40 @@ import numpy as np
 from planner.arrays import Array, Index
 from planner.kernel.compilation import SHARED, compile_once, library_path
 
-SOURCE = Path(__file__).with_name("kernel.c")
+SOURCES = tuple(Path(__file__).with_name(name) for name in ("kernel.c", "bounds.c", "flights.c"))  # one after the other
 # Multiplications and additions are not fused, and no processor is asked for: every machine rounds alike.
-FLAGS = ("-O2", "-ffp-contract=off", "-fno-math-errno", *SHARED)
+FLAGS = ("-O3", "-ffp-contract=off", "-fno-math-errno", *SHARED)
 # Arguments of each function, in order: a count, a number, or the address of an array.
 SIGNATURES = {
     "link_poses": "naaaaa",
+    "flange_poses": "naaaaa",
     "end_points": "nanaaa",
     "end_points_of": "naaaa",
     "point_velocity": "naaaa",
-    "largest_between": "nanana",
-    "chain_torques": "naaaaaaaaaa",
+    "point_acceleration": "naaaaa",
+    "fastest": "naanaaa",
+    "momentum": "naaaaa",
+    "chain_torques": "naaaaaaaaa",
+    "torque_terms": "naaaaaaaaa",
     "pair_distances": "nanaxa",
     "box_distances": "naaaaa",
     "drag_paths": "nanaaxxa",
     "drag_landings": "naxxxxxa",
+    "states_at": "nannxaaaaa",
+    "joint_rates": "naaaxnaa",
+    "derivative_bounds": "nnaa",
+    "load_bounds": "naaaaaaaxxa",
+    "joint_extremes": "nxaaaaa",
+    "ways": "naaaaaa",
+    "exit_cells": "naanaaaxxxa",
+    "capsule_bounds": "nnaanaaaaaaaa",
 }
 TYPES = {"n": ctypes.c_ssize_t, "x": ctypes.c_double, "a": ctypes.c_void_p}
 LINKS, JOINTS = 7, 6  # base and links; joints
 STEPS_MAX = 100_000  # [-] of one interval of a flight
 STATE, LANDING = 6, 8  # position and velocity of a flight; with time and apex
+BODIES = 8  # links, tool and object
+COPIED_MAX = 4096  # [-] numbers that are copied in less time than their address takes
 MEMORY = ctypes.c_char * 0  # of an array: its address
 
 
@@ -43,7 +57,7 @@ def compile_kernel() -> bool:
         OSError: the cache folder cannot be written.
         subprocess.CalledProcessError: the compiler rejects the C.
     """
-    compile_once(path(), FLAGS, SOURCE.read_text)
+    compile_once(path(), FLAGS, lambda: "\n".join(source.read_text() for source in SOURCES))
     loaded.cache_clear()
     return loaded() is not None
 
@@ -63,11 +77,39 @@ def loaded() -> Kernel | None:
 
 def path() -> Path:
     """Returns the path of the compiled kernel, whether it exists or not."""
-    return library_path("kernel", FLAGS, [SOURCE.read_bytes()])
+    return library_path("kernel", FLAGS, (source.read_bytes() for source in SOURCES))
+
+
+class Pinned:
+    """Arrays that C reads in place again and again: their addresses are looked up once.
+
+    Attributes:
+        arrays: as given, contiguous.
+    """
+
+    def __init__(self, *arrays: Array) -> None:
+        """Takes arrays of doubles, which must not change."""
+        self.arrays = tuple(np.ascontiguousarray(values, dtype=np.float64) for values in arrays)
+        self._shapes = [values.shape for values in self.arrays]
+        self._addresses = [values.ctypes.data for values in self.arrays]
+
+    def __reduce__(self) -> tuple[type[Pinned], tuple[Array, ...]]:
+        """Returns how to copy it: a copy's arrays lie elsewhere."""
+        return Pinned, self.arrays
+
+    def of_shapes(self, *shapes: tuple[int, ...]) -> list[int]:
+        """Returns the addresses of the arrays.
+
+        Raises:
+            ValueError: the arrays have other shapes.
+        """
+        if self._shapes != list(shapes):
+            raise ValueError(f"arrays of the kernel are {self._shapes} instead of {shapes}")
+        return self._addresses
 
 
 class Kernel:
-    """The functions of kernel.c, on arrays of any layout. Shapes are checked here, because C would not."""
+    """The functions of the library, on arrays of any layout. Shapes are checked here, because C would not."""
 
     def __init__(self, path: Path) -> None:
         """Loads the library.
@@ -87,6 +129,13 @@ class Kernel:
         rows = (n, JOINTS)
         joints = _in(cosine, rows), _in(sine, rows)
         self._library.link_poses(n, *joints, _in(dh, (4, JOINTS)), _in(base, (4, 4)), _out(X))
+        return X
+
+    def flange_poses(self, cosine: Array, sine: Array, dh: Array, base: Array) -> Array:
+        """Returns flange poses (n, 4, 4) for cosines and sines (n, 6) of the joints, as `link_poses` does."""
+        n, X = len(cosine), np.empty((len(cosine), 4, 4))
+        joints = _in(cosine, (n, JOINTS)), _in(sine, (n, JOINTS))
+        self._library.flange_poses(n, *joints, _in(dh, (4, JOINTS)), _in(base, (4, 4)), _out(X))
         return X
 
     def end_points(self, X: Array, frames: Index, ends: Array) -> Array:
@@ -112,23 +161,41 @@ class Kernel:
         self._library.point_velocity(n, *motion, _in(point, (3, n)), _out(out))
         return out
 
-    def largest_between(self, values: Array, rows: Index, closed: bool) -> Array:
-        """Returns the largest sizes (c, k-1) of `values` (n, c) from each of `rows` (k,) to the next."""
-        (n, c), k = values.shape, len(rows)
-        out = np.empty((c, k - 1))
-        chosen = _rows(rows, (k,), n if closed else n + 1)
-        self._library.largest_between(c, _in(values, (n, c)), k, chosen, int(closed), _out(out))
+    def point_acceleration(self, X: Array, qd: Array, qdd: Array, point: Array) -> Array:
+        """Returns accelerations (3, n) of a point (3, n) that moves with the flange."""
+        n, out = len(X), np.empty((3, len(X)))
+        motion = _in(X, (n, LINKS, 4, 4)), _in(qd, (n, JOINTS)), _in(qdd, (n, JOINTS))
+        self._library.point_acceleration(n, *motion, _in(point, (3, n)), _out(out))
+        return out
+
+    def fastest(self, X: Array, qd: Array, frames: Index, places: Array) -> Array:
+        """Returns speeds (n,) of the fastest of points at `places` (k, 3) of `frames` (k,)."""
+        n, k = len(X), len(frames)
+        out, motion = np.empty(n), (_in(X, (n, LINKS, 4, 4)), _in(qd, (n, JOINTS)))
+        self._library.fastest(n, *motion, k, _rows(frames, (k,), LINKS), _in(places, (k, 3)), _out(out))
+        return out
+
+    def momentum(self, X: Array, qd: Array, mass: Array, coms: Array) -> Array:
+        """Returns the linear momentum (3, n) of links of `mass` (6,) with centres of mass `coms` (6, 3) in them."""
+        n, out = len(X), np.empty((3, len(X)))
+        motion = _in(X, (n, LINKS, 4, 4)), _in(qd, (n, JOINTS))
+        self._library.momentum(n, *motion, _in(mass, (JOINTS,)), _in(coms, (JOINTS, 3)), _out(out))
         return out
 
     def chain_torques(
         self, X: Array, rates: tuple[Array, Array], bodies: tuple[Array, Array, Array], upward: Array, p_F: Array
-    ) -> tuple[Array, Array]:
-        """Returns the torques (6, n) of the links, and per kilogram at `p_F` of the flange; see `chain_torques`."""
-        n, (mass, fixed, principal) = len(X), bodies
-        motion = (_in(X, (n, LINKS, 4, 4)), *(_in(rate, (n, JOINTS)) for rate in rates))
-        masses = _in(mass, (JOINTS,)), _in(fixed, (4, JOINTS, 3)), _in(principal, (3, JOINTS))
-        out = np.empty((JOINTS, n)), np.empty((JOINTS, n))
-        self._library.chain_torques(n, *motion, *masses, _in(upward, (3,)), _in(p_F, (3,)), *map(_out, out))
+    ) -> Array:
+        """Returns torques (2, 6, n) of the links, and per kilogram at `p_F` of the flange; see `chain_torques`."""
+        out = np.empty((2, JOINTS, len(X)))
+        self._library.chain_torques(len(X), *_chain(X, rates, bodies, upward, p_F), _out(out))
+        return out
+
+    def torque_terms(
+        self, X: Array, rates: tuple[Array, Array], bodies: tuple[Array, Array, Array], upward: Array, p_F: Array
+    ) -> Array:
+        """Returns torques (3, 2, 6, n) as `chain_torques` does, see `torque_terms`."""
+        out = np.empty((3, 2, JOINTS, len(X)))
+        self._library.torque_terms(len(X), *_chain(X, rates, bodies, upward, p_F), _out(out))
         return out
 
     def pair_distances(self, ends: Array, pairs: Index, shortest_m2: float) -> Array:
@@ -174,16 +241,107 @@ class Kernel:
         self._library.drag_landings(len(states), _in(states, (len(states), STATE)), plane_z, *step, *air, _out(out))
         return out
 
+    def states_at(self, t: Array, rate: float, samples: Pinned) -> Array:
+        """Returns states (3, k, c) at times `t` (k,) of a motion with `samples` q, qd, qdd (n, c), jerk (n-1, c)."""
+        (n, c), k = samples.arrays[0].shape, len(t)
+        out, motion = np.empty((3, k, c)), samples.of_shapes(*3 * [(n, c)], (n - 1, c))
+        self._library.states_at(k, _in(t, (k,)), n, c, rate, *motion, _out(out))
+        return out
 
-def _in(values: Array, shape: tuple[int, ...]) -> bytes:
-    """Returns a copy of an argument, whatever its layout: 2 us where it is large, less than taking its address.
+    def joint_rates(self, samples: Pinned, dt: float, rows: Index) -> Array:
+        """Returns bounds (4, c, k-1) between `rows` (k,), see `joint_rates`, for q, qd, qdd (n, c), jerk (n-1, c)."""
+        (n, c), k = samples.arrays[0].shape, len(rows)
+        out, (_, *rates) = np.empty((4, c, k - 1)), samples.of_shapes(*3 * [(n, c)], (n - 1, c))
+        self._library.joint_rates(c, *rates, dt, k, _rows(rows, (k,), n), _out(out))
+        return out
+
+    def derivative_bounds(self, rates: Array) -> Array:
+        """Returns bounds (11, c, m) for `rates` (3, c, m), see `Rates`."""
+        _, c, m = rates.shape
+        out = np.empty((11, c, m))
+        self._library.derivative_bounds(c, m, _in(rates, (3, c, m)), _out(out))
+        return out
+
+    def load_bounds(self, rates: tuple[Array, Array], bodies: tuple[Array, ...], inertia: float, g: float) -> Array:
+        """Returns bounds (33, m), see `load_bounds`, for `rates` (4, 6, m) and their `derivative_bounds` (11, 6, m)."""
+        m, out = rates[0].shape[-1], np.empty((33, rates[0].shape[-1]))
+        given = (_in(values, (rows, JOINTS, m)) for values, rows in zip(rates, (4, 11), strict=True))
+        shapes = (BODIES, JOINTS), (BODIES, JOINTS), (BODIES,), (JOINTS,), (JOINTS, JOINTS)
+        moved = (_in(values, shape) for values, shape in zip(bodies, shapes, strict=True))
+        self._library.load_bounds(m, *given, *moved, inertia, g, _out(out))
+        return out
+
+    def joint_extremes(self, dt: float, samples: Pinned) -> Array:
+        """Returns extremes (2, 6, 6), see `joint_extremes`, for `samples` q, qd, qdd (n, 6), jerk (n-1, 6)."""
+        n, out = len(samples.arrays[0]), np.empty((2, 6, JOINTS))
+        motion = samples.of_shapes(*3 * [(n, JOINTS)], (n - 1, JOINTS))
+        self._library.joint_extremes(n, dt, *motion, _out(out))
+        return out
+
+    def ways(self, X: Array, X_FT: Array, fallen: Array, s: Array, felt: Array) -> Array:
+        """Returns w (3, n), see `certificate.exits`: flange `X` (n, 4, 4), `X_FT` (4, 4), `fallen`, `felt` (3, n)."""
+        n, out = len(X), np.empty((3, len(X)))
+        given = _in(X, (n, 4, 4)), _in(X_FT, (4, 4)), _in(fallen, (3, n)), _in(s, (n,)), _in(felt, (3, n))
+        self._library.ways(n, *given, _out(out))
+        return out
+
+    def exit_cells(
+        self, w: Array, s: Array, corners: Index, deviation: Array, cone: tuple[Array, float, float, float]
+    ) -> Array:
+        """Returns rows (7, k), see `certificate.exits`, of cells with `corners` (4, k) among `w` (3, p), `s` (p,)."""
+        p, k = len(s), corners.shape[1]
+        out, (axis, *numbers) = np.empty((7, k)), cone
+        cells = k, _rows(corners, (4, k), p), _in(deviation, (k,))
+        self._library.exit_cells(p, _in(w, (3, p)), _in(s, (p,)), *cells, _in(axis, (3,)), *numbers, _out(out))
+        return out
+
+    def capsule_bounds(
+        self,
+        grid: tuple[Array, Array, Array],
+        capsules: tuple[Index, Array],
+        rates: Array,
+        reach: Array,
+        moving: Array,
+    ) -> Array:
+        """Returns bounds (c, m, n), see `certificate.flight.patches`.
+
+        Args:
+            grid: positions (3, rows, n + 1), link poses (n + 1, 7, 4, 4) and lengths of the intervals (n,).
+            capsules: frames (c,) and ends (c, 2, 3).
+            rates: that move the frames (2, 7, n).
+            reach: of the joints before them (7,).
+            moving: bounds on speed and bend of the flights (2, m, n).
+        """
+        (x, X, h), (frames, ends) = grid, capsules
+        (_, rows, columns), c, n = x.shape, len(frames), len(h)
+        out, scratch = np.empty((c, max(1, rows - 1), n)), np.empty((LINKS, rows, columns, 3))
+        given = _in(x, (3, rows, n + 1)), _in(X, (n + 1, LINKS, 4, 4))
+        bodies = c, _rows(frames, (c,), LINKS), _in(ends, (c, 2, 3))
+        moved = _in(rates, (2, LINKS, n)), _in(reach, (LINKS,)), _in(moving, (2, *out.shape[1:])), _in(h, (n,))
+        self._library.capsule_bounds(rows, n, *given, *bodies, *moved, _out(scratch), _out(out))
+        return out
+
+
+def _chain(
+    X: Array, rates: tuple[Array, Array], bodies: tuple[Array, Array, Array], upward: Array, p_F: Array
+) -> tuple[bytes | int, ...]:
+    """Returns copies of poses (n, 7, 4, 4), qd and qdd (n, 6), masses, what is fixed in the links, and two vectors."""
+    n, (mass, fixed, principal) = len(X), bodies
+    motion = _in(X, (n, LINKS, 4, 4)), *(_in(rate, (n, JOINTS)) for rate in rates)
+    masses = _in(mass, (JOINTS,)), _in(fixed, (4, JOINTS, 3)), _in(principal, (3, JOINTS))
+    return *motion, *masses, _in(upward, (3,)), _in(p_F, (3,))
+
+
+def _in(values: Array, shape: tuple[int, ...]) -> bytes | int:
+    """Returns an argument: a copy, or the address of a large array, which takes 2 us; the caller holds the array.
 
     Raises:
         ValueError: it has another shape, or does not hold doubles.
     """
     if values.shape != shape or values.dtype.char != "d":
         raise ValueError(f"an array of the kernel is {values.dtype} {values.shape} instead of float64 {shape}")
-    return values.tobytes()
+    is_copied = values.size < COPIED_MAX or not values.flags.c_contiguous
+    return values.tobytes() if is_copied else values.ctypes.data
 
 
 def _rows(values: Index, shape: tuple[int, ...], count: int) -> bytes:

@@ -3,6 +3,7 @@
 from planner.kinematics.differential_kinematics import forward_velocity, inverse_velocity
 from planner.kinematics.forward_kinematics import (
     analytical_jacobian,
+    flange_poses,
     forward,
     jacobian,
     jacobian_dot_qd,
@@ -26,6 +27,7 @@ __all__ = [
     "analytical_jacobian",
     "cross",
     "dot",
+    "flange_poses",
     "forward",
     "forward_velocity",
     "inverse",

@@ -34,6 +34,13 @@ def link_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Arr
     return _chained(np.cos(rows), np.sin(rows), _dh(robot), base).reshape(*q.shape[:-1], 7, 4, 4)
 
 
+def flange_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Array:
+    """Returns the poses (..., 4, 4) of the flange, the last of `link_poses`."""
+    q = np.asarray(q, dtype=np.float64)
+    rows, base = q.reshape(-1, 6), np.eye(4) if X_WB is None else np.asarray(X_WB, dtype=np.float64)
+    return _last(np.cos(rows), np.sin(rows), _dh(robot), base).reshape(*q.shape[:-1], 4, 4)
+
+
 @cache
 def _dh(robot: Robot) -> Array:
     """Returns a, d, and cosine and sine of the DH twists (4, 6), exact at quarter turns, where floats leave 6e-17."""
@@ -69,9 +76,15 @@ def _chained(cosine: Array, sine: Array, dh: Array, base: Array) -> Array:
     return X
 
 
+@twin_of(Kernel.flange_poses, _example)
+def _last(cosine: Array, sine: Array, dh: Array, base: Array) -> Array:
+    """Returns flange poses (n, 4, 4) for cosines and sines (n, 6) of the joint positions."""
+    return _chained(cosine, sine, dh, base)[:, 6]
+
+
 def forward(robot: Robot, q: ArrayLike, X_FT: ArrayLike | None = None) -> Array:
     """Returns the pose X_BT (..., 4, 4) of the tool in the base; of the flange where `X_FT` is None."""
-    X_BF = link_poses(robot, q)[..., 6, :, :]
+    X_BF = flange_poses(robot, q)
     return X_BF if X_FT is None else X_BF @ np.asarray(X_FT, dtype=np.float64)
 
 
@@ -105,9 +118,7 @@ def tcp_acceleration(robot: Robot, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike, 
     q, qd, qdd = np.broadcast_arrays(*(np.asarray(x, dtype=np.float64) for x in (q, qd, qdd)))
     X = link_poses(robot, q.reshape(-1, 6))
     links = LinkMotion(X, qd.reshape(-1, 6), qdd.reshape(-1, 6))
-    tool = _tool_point(X, X_FT).T - links.origins[:, 6]
-    points = np.concatenate([links.offsets, tool[:, None]], axis=1)
-    linear = links.relative_acceleration(points, np.array([*range(6), 5])).sum(axis=1)
+    linear = links.acceleration(_tool_point(X, X_FT).T)
     return np.concatenate([linear, links.angular_acceleration[:, 5]]).T.reshape(q.shape)
 
 

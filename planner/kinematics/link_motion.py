@@ -80,6 +80,10 @@ class LinkMotion:
         """Returns velocities (3, N) [m/s] of a point (3, N) that moves with the flange."""
         return _point_velocity(self, point)
 
+    def acceleration(self, point: Array) -> Array:
+        """Returns accelerations (3, N) [m/s^2] of a point (3, N) that moves with the flange."""
+        return _point_acceleration(self, point)
+
     def relative_acceleration(self, points: Array, link: Index) -> Array:
         """Returns accelerations (3, k, N) [m/s^2] of points relative to the origins of their links.
 
@@ -103,6 +107,19 @@ def _example() -> tuple[LinkMotion, Array]:
 @twin_of(_compiled, _example)
 def _point_velocity(links: LinkMotion, point: Array) -> Array:
     return cross(links.joint_rotations, point[:, None] - links.origins[:, :6]).sum(axis=1)
+
+
+def _compiled_acceleration(kernel: Kernel, links: LinkMotion, point: Array) -> Array:
+    return kernel.point_acceleration(links.X, links.qd, links.qdd, point)
+
+
+@twin_of(_compiled_acceleration, _example)
+def _point_acceleration(links: LinkMotion, point: Array) -> Array:
+    points = np.concatenate([links.offsets, (point - links.origins[:, 6])[:, None]], axis=1)
+    return links.relative_acceleration(points, _CARRIERS).sum(axis=1)
+
+
+_CARRIERS = np.array([*range(6), 5])  # links with which the origins of their frames move, and a point of the flange
 
 
 def accumulate(v: Array) -> Array:

@@ -186,7 +186,8 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, wi
     """
     # Only a motion sooner by a tick is an improvement; before there is an optimised one, any is.
     latest_s = search.release_time_s - search.problem.dt if search.has_certified("casadi") else math.inf
-    first = SolveOptions(deadline_s=search.deadline_s, with_ipopt=with_ipopt, latest_s=latest_s)
+    margins = replace(casadi_nlp.DEFAULT_MARGINS, held=search.held)
+    first = SolveOptions(margins, deadline_s=search.deadline_s, with_ipopt=with_ipopt, latest_s=latest_s)
     seed, options = ranked.seed, first
     for _ in range(ROUNDS_MAX):
         solution = _solve(search, seed, replace(options, iteration_budget=end - search.iterations))
@@ -228,8 +229,9 @@ def _solve(search: PlanningSearch, seed: Seed, options: SolveOptions) -> Solutio
     """Returns the optimiser's motion from a seed; counts the iterations, also those of a failure."""
     try:
         solution = casadi_nlp.solve(search.problem, seed, options)
-    except SolverFailed as error:
+    except casadi_nlp.SeedFailed as error:
         search.iterations += error.iterations
+        search.held |= error.held
         raise
     search.iterations += solution.iterations
     return solution

@@ -46,6 +46,7 @@ class PlanningSearch:
         iterations: spent by the optimiser so far.
         lower_bound_s: no motion releases earlier [s], as far as is known.
         loading_s: spent on loading solvers [s]; the deadline is later by as much.
+        held: groups of rows with which a seed failed: further seeds start with them.
     """
 
     problem: ThrowProblem
@@ -59,6 +60,7 @@ class PlanningSearch:
     iterations: int = 0
     lower_bound_s: float = 0.0
     loading_s: float = 0.0
+    held: frozenset[str] = frozenset()
     _certified_backends: set[str] = field(default_factory=set)
 
     @property

@@ -18,6 +18,7 @@ from planner.search.released_flight import released_flight_blocked
 
 SLACK = 1e-3  # [m, m/s, rad/s] beyond the certificate's tolerances on release and landing, all below it
 RIM_POINTS = 2048  # [-] places on the rim of the arm's reach from which a target is aimed at
+RIM_FIRST = 32  # [-] one of so many is looked at first: a target that can be reached from there is not refused
 
 
 def refuse_impossible(problem: ThrowProblem) -> None:
@@ -135,13 +136,15 @@ def _turning(problem: ThrowProblem, w_WT: Array) -> list[Violation]:
 
 def _range(problem: ThrowProblem, release: TargetRelease, p_WT: Array | None = None) -> list[Violation]:
     """Returns the speed that rules a target out: even the best place takes more than the limits on speed allow."""
-    needed = least_speed_within_reach(problem, release.p_W, p_WT)
     bounds = {
         "tcp_speed": problem.limits.tcp_speed_max,
         "release_velocity": release.max_speed_m_s,
         "joint_velocity": fastest_tool(problem, p_WT),
     }
     name = min(bounds, key=lambda name: bounds[name])
+    if p_WT is None and _least_speed(problem, release.p_W, *_rim(problem, release.p_W, RIM_FIRST)) <= bounds[name]:
+        return []
+    needed = least_speed_within_reach(problem, release.p_W, p_WT)
     if needed <= bounds[name] + SLACK:
         return []
     detail = "least speed that throws to the target from anywhere within the arm's reach"
@@ -156,20 +159,24 @@ def least_speed_within_reach(problem: ThrowProblem, target: Array, p_WT: Array |
     the vertical plane through shoulder and target: it is sampled there, less what lies between two samples. Drag asks
     for more speed: from the same release, the flight with drag stays below the one without.
     """
-    if p_WT is not None:
-        places, between = p_WT, 2.0 * SLACK
-    else:
-        places, between = _rim(problem, target)
+    return _least_speed(problem, target, *(_rim(problem, target) if p_WT is None else (p_WT, 2.0 * SLACK)))
+
+
+def _least_speed(problem: ThrowProblem, target: Array, places: Array, between_m: float) -> float:
+    """Returns the least speed [m/s] of a throw from `places` (..., 3) to a target (3,), |d| + d_z less `between_m`."""
     least = float(least_speed(places, target, problem.gravity).min()) ** 2 / problem.gravity
-    return float(np.sqrt(problem.gravity * max(least - between, 0.0)))
+    return float(np.sqrt(problem.gravity * max(least - between_m, 0.0)))
 
 
-def _rim(problem: ThrowProblem, target: Array) -> tuple[Array, float]:
-    """Returns places (n, 3) on the rim towards a target (3,), and how much |d| + d_z varies between two [m]."""
+def _rim(problem: ThrowProblem, target: Array, every: int = 1) -> tuple[Array, float]:
+    """Returns places (n, 3) on the rim towards a target (3,), and how much |d| + d_z varies between two [m].
+
+    Only one place of `every` so many is among them.
+    """
     shoulder, reach = farthest_from_shoulder(problem)
     away = target[:2] - shoulder[:2]
     length = float(np.linalg.norm(away))
     along = away / length if length > SLACK else np.array([1.0, 0.0])
-    angle = np.linspace(-np.pi, np.pi, RIM_POINTS, endpoint=False)
+    angle = np.linspace(-np.pi, np.pi, RIM_POINTS, endpoint=False)[::every]
     rim = np.stack([np.cos(angle) * along[0], np.cos(angle) * along[1], np.sin(angle)], axis=1)
     return shoulder + reach * rim, 2.0 * reach * np.pi / RIM_POINTS + 2.0 * SLACK

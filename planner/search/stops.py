@@ -25,10 +25,15 @@ from planner.trajectory import Trajectory, in_a_row
 
 PACE = 4.0  # [-] of an approach, in turn with its halves: 4 rad/s, 22 rad/s^2, 900 rad/s^3, or less as the request asks
 RUN_UPS_S = (0.2, 0.3, 0.5)  # [s] of constant acceleration to the release; 3 rad/s at 15 rad/s^2 take 0.2 s
-CANDIDATES_MAX = 24  # [-] candidates with run-up postures: as many as are ranked; of a pose, all branches
+CANDIDATES_MAX = 24  # [-] postures that a move to rest may end in: as many as are ranked; of a pose, all branches
+RUN_UP_CANDIDATES_MAX = 8  # [-] candidates with run-up postures: each costs six certificates where none is valid
 WAYS_MAX = 4  # [-] postures to which a way is searched for; a search in vain takes up to a second
-# From a run-up posture to its own candidate, which is near: Ruckig's motions, in a few milliseconds.
-RUN_UP_POLICY = (Stage("ruckig", "from a run-up posture", slice(0, 1), no_incumbent),)
+# From a run-up posture to its own candidate, which is near: Ruckig's motions, in a few milliseconds. The others are
+# slower than these, and as blocked.
+RUN_UP_POLICY = (
+    Stage("ruckig", "from a run-up posture", slice(0, 1), no_incumbent, variants=("free", "synchronised")),
+)
+HOME_POLICY = tuple(stage for stage in POLICY if not stage.with_ipopt)  # the second solver is as slow as all others
 
 
 def search_with_stop(search: PlanningSearch, found: Sequence[Candidate]) -> None:
@@ -59,9 +64,9 @@ def _launches(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tu
     if problem.ends_at_rest:
         yield from ((candidate.q, None) for candidate in found[:CANDIDATES_MAX])
         return
-    if (throw := _from(search, problem.cell.home, None, POLICY)) is not None:
+    if (throw := _from(search, problem.cell.home, None, HOME_POLICY)) is not None:
         yield problem.cell.home, throw
-    for candidate in found[:CANDIDATES_MAX]:
+    for candidate in found[:RUN_UP_CANDIDATES_MAX]:
         for run_up_s in RUN_UPS_S:
             stop = candidate.q - 0.5 * run_up_s * candidate.qd
             if (throw := _from(search, stop, candidate, RUN_UP_POLICY)) is not None:

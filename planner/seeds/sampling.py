@@ -124,6 +124,9 @@ def target_states(
     q, qd = _thrown(problem, release, thorough, wide)
     if thorough:
         q, qd = _clear_of_obstacles(problem, q, qd)
+    leaves = leave_through_opening(problem, q, qd)
+    if leaves.any():  # otherwise the optimiser's accelerations may turn the tool's way out
+        q, qd = q[leaves], qd[leaves]
     if wide:
         q, qd = soonest_nearby(problem, q, qd, partial(_throws_near, problem, release))
     else:

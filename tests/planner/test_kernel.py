@@ -1,6 +1,9 @@
 """The compiled kernel: the same certificates with and without it, and numpy where it is missing or wrong."""
 
+import copy
 import logging
+import pickle
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +22,7 @@ from planner.problem import JointRelease, ThrowProblem
 from planner.robots import ROBOT_NAMES, robot
 from planner.rotations import pose, rotation_vector_to_matrix
 from planner.seeds import Candidate
+from planner.trajectory import Trajectory, integrate
 from tests.planner.problems import cell
 
 CLOSE = 1e-9  # [m, N m, -] of certificate values
@@ -131,6 +135,27 @@ def test_a_twin_that_differs_is_refused_with_a_warning(monkeypatch, caplog):
     caplog.clear()
     twin(q, q + 1.0, q + 2.0, q + 3.0)
     assert not caplog.records  # compared once
+
+
+def test_the_signatures_are_those_of_the_source():
+    source = "\n".join(each.read_text() for each in library.SOURCES)
+    declared = dict(re.findall(r"^void (\w+)\(([^)]*)\)", source, re.MULTILINE))
+    for name, signature in library.SIGNATURES.items():
+        parameters = [" ".join(each.split()) for each in declared[name].split(",")]
+        kinds = ["a" if "*" in each or each.startswith("in ") else each[0] for each in parameters]
+        assert "".join(kinds).translate(str.maketrans("cd", "nx")) == signature, name
+
+
+@needs_compiler
+def test_arrays_read_in_place_move_with_their_copies():
+    jerk = np.random.default_rng(6).uniform(-1.0, 1.0, (5, 6))
+    motion = Trajectory(500.0, *integrate(*np.zeros((3, 6)), jerk, 0.002), release_index=5)
+    expected = motion.at(0.005)
+    for copied in (pickle.loads(pickle.dumps(motion)), copy.deepcopy(motion)):
+        np.testing.assert_array_equal(copied.at(0.005), expected)
+        assert copied.samples.of_shapes(*3 * [(6, 6)], (5, 6)) != motion.samples.of_shapes(*3 * [(6, 6)], (5, 6))
+    with pytest.raises(ValueError, match="instead of"):
+        library.loaded().joint_extremes(0.002, kernel.Pinned(*jerk[:4]))
 
 
 @needs_compiler

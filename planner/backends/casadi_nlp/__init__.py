@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from planner.backends.casadi_nlp.flight_rows import flight_cuts, starts_with_flight
 from planner.backends.casadi_nlp.layout import FlightEdge
@@ -20,10 +20,15 @@ from planner.problem import ThrowProblem
 from planner.seeds import Seed
 from planner.solution import Solution
 
+if TYPE_CHECKING:
+    from planner.backends.casadi_nlp.instance import Instance
+    from planner.backends.casadi_nlp.solver import Solver
+
 __all__ = [
     "DEFAULT_MARGINS",
     "FlightEdge",
     "Margins",
+    "SeedFailed",
     "SolveOptions",
     "build_solvers",
     "flight_cuts",
@@ -57,6 +62,18 @@ class SolveOptions:
     latest_s: float = math.inf
 
 
+class SeedFailed(SolverFailed):
+    """No motion was found from a seed.
+
+    Attributes:
+        held: groups of rows that were included by then.
+    """
+
+    def __init__(self, failure: SolverFailed, held: frozenset[str]) -> None:
+        super().__init__(failure.status, failure.iterations)
+        self.held = held
+
+
 def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOptions()) -> Solution:
     """Returns the motion of least release time next to a candidate.
 
@@ -66,11 +83,11 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
         options: margins, resolution and budgets.
 
     Raises:
-        SolverFailed: no motion was found within the budget, or none that releases in time.
+        SeedFailed: no motion was found within the budget, or none that releases in time.
         BackendUnavailable: casadi is not installed.
     """
     _require_casadi()
-    from planner.backends.casadi_nlp.answer import SPARE_TICKS, KnotStates, answer
+    from planner.backends.casadi_nlp.answer import SPARE_TICKS
     from planner.backends.casadi_nlp.instance import Instance
     from planner.backends.casadi_nlp.solver import Solver
 
@@ -79,7 +96,23 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
     groups |= {"flight"} if starts_with_flight(problem) else set()
     latest_s = options.latest_s - SPARE_TICKS * problem.dt
     solver = Solver(options.iteration_budget, options.deadline_s, groups, options.with_ipopt, latest_s)
-    if problem.is_robust and options.margins == DEFAULT_MARGINS:  # with others, the initial guess is a solution
+    try:
+        return _answer(instance, seed, options, solver)
+    except SolverFailed as failure:
+        raise SeedFailed(failure, solver.groups) from None
+
+
+def _answer(instance: Instance, seed: Seed, options: SolveOptions, solver: Solver) -> Solution:
+    """Returns the motion of `solve`.
+
+    Raises:
+        SolverFailed: none was found.
+    """
+    from planner.backends.casadi_nlp.answer import KnotStates, answer
+    from planner.backends.casadi_nlp.instance import Instance
+
+    problem = instance.problem
+    if problem.is_robust and options.margins.are_default:  # with others, the initial guess is a solution
         # The throw without a window is a better initial guess; now and then only the other one leads to a solution.
         nominal = replace(problem, release_window_s=0.0, landing_tolerance_m=0.0)
         without_window = Instance.of(nominal, seed, options.margins)

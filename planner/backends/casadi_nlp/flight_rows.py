@@ -19,9 +19,8 @@ from planner.problem import TargetRelease, ThrowProblem
 from planner.seeds import Candidate
 
 UNBOUNDED_RADIUS_M = 1.0e3  # [m] radius where there is no bin
-LEAST_SPEED_M_S = 1e-3  # [m/s] a flight slower than this along an axis does not cross the planes across it
+LEAST_SPEED_M_S = 0.05  # [m/s] a flight slower than this along an axis hardly crosses the planes across it
 CUT_ROOM_M = 0.012  # [m] by which a cut keeps the object off the arm: the arm moves on in the next solution, too
-PASSING_TIME_S = 0.005  # [s] half the roundness of an edge's time, which a fixed time must not be moved by
 
 
 def constrains_flight(problem: ThrowProblem) -> bool:
@@ -100,7 +99,7 @@ def _ways_past(box: Box, arcs: Arcs, room_m: float) -> Iterator[tuple[float, lis
         crossed = [face for face, t in zip(faces, times, strict=True) if t < arcs.until_s]
         for direction, bound in _sides(axis, lower, upper):
             room = min(float(arcs.at(np.asarray(t)) @ direction) for t in ends) - bound
-            yield room, [_edge(axis, face, direction, bound) for face in crossed]
+            yield room, [_edge(axis, face, speed, direction, bound) for face in crossed]
 
 
 def _sides(axis: int, lower: Vector, upper: Vector) -> Iterator[tuple[Vector, float]]:
@@ -111,9 +110,9 @@ def _sides(axis: int, lower: Vector, upper: Vector) -> Iterator[tuple[Vector, fl
     yield -other, -float(lower[1 - axis])
 
 
-def _edge(axis: int, face: float, direction: Vector, bound: float) -> FlightEdge:
+def _edge(axis: int, face: float, speed: float, direction: Vector, bound: float) -> FlightEdge:
     x, y, z = direction.tolist()
-    return FlightEdge((float(axis == 0), float(axis == 1)), float(face), (x, y, z), 0.0, bound)
+    return FlightEdge.across((float(axis == 0), float(axis == 1)), float(face), speed, (x, y, z), bound)
 
 
 def flight_cuts(times: Vector, directions: Vector, offsets: Vector) -> tuple[FlightEdge, ...]:
@@ -125,4 +124,4 @@ def flight_cuts(times: Vector, directions: Vector, offsets: Vector) -> tuple[Fli
         offsets: of the half-spaces in which object and obstacle do not overlap (n,) [m].
     """
     rows = zip(times.tolist(), directions.tolist(), offsets.tolist(), strict=True)
-    return tuple(FlightEdge((0.0, 0.0), 0.0, m, t - PASSING_TIME_S, offset + CUT_ROOM_M) for t, m, offset in rows)
+    return tuple(FlightEdge.at_time(t, m, offset + CUT_ROOM_M) for t, m, offset in rows)

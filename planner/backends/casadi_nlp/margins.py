@@ -141,6 +141,11 @@ class Margins:
     local: tuple[LocalMargin, ...] = ()
     held: frozenset[str] = frozenset()
 
+    @property
+    def are_default(self) -> bool:
+        """Whether no margin was widened; rows may be held."""
+        return replace(self, held=frozenset()) == DEFAULT_MARGINS
+
     def widened(
         self, failures: Iterable[FailedCheck], solution: Solution, cuts: tuple[FlightEdge, ...] = ()
     ) -> Margins | None:

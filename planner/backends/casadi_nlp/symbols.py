@@ -21,7 +21,10 @@ SX = Any
 FIRST_MOVING_CAPSULE = 2  # base and shoulder do not move relative to the floor
 GUARD = 0.01  # [m^2/s^2] keeps the discriminant of a flight that never reaches the plane above zero
 TINY = 1e-9  # [m^2/s^2] keeps the horizontal speed away from zero
-PASSING = 0.01  # [m/s], [s] roundness of the time at which a flight passes an edge; the bias is a few millimetres
+PASSING = (
+    0.01  # [s] roundness of the time at which a flight passes an edge, no sooner than its release; 0.1 ms late at 0.2 s
+)
+SLOWEST_FALL = 0.01  # [m^2/s^2] keeps the squared speed of fall into a bin away from zero
 CENTRED = 1e-6  # [m^2] keeps the distance from a bin's axis away from zero
 STEADY = 1.0  # [m^2/s^4] keeps the relative acceleration away from zero
 
@@ -199,13 +202,17 @@ def flight(s: StageState, p: SX) -> StageRows:
 
 
 def _beyond(edge: SX, position: SX, velocity: SX, gravity: SX) -> SX:
-    """Returns how far beyond the bound of a `FlightEdge` the flight is at the edge's time [m]."""
-    normal, offset, direction, after, bound = edge[:2], edge[2], edge[3:6], edge[6], edge[7]
-    speed = ca.dot(normal, velocity[:2])
-    crossing = (offset - ca.dot(normal, position[:2])) * speed / (speed**2 + PASSING**2)
-    time = (crossing + ca.sqrt(crossing**2 + PASSING**2)) / 2 + after
-    fall = ca.vertcat(0, 0, gravity * time**2 / 2)
-    return ca.dot(direction, position + velocity * time - fall) - bound
+    """Returns how far beyond the bound of a `FlightEdge` the flight is at the edge's time [m], times a square.
+
+    The time is ahead / speed. A division would have no bound where the flight turns parallel to the edge's plane, and
+    the solver would not return from there; so the row is multiplied by speed^2, which is 1 at the expected speed.
+    """
+    normal, steady, offset, direction, bound = edge[:2], edge[2], edge[3], edge[4:7], edge[7]
+    speed = ca.dot(normal, velocity[:2]) + steady
+    distance = offset - ca.dot(normal, position[:2])
+    ahead = (distance + ca.sqrt(distance**2 + PASSING**2)) / 2
+    room = ca.dot(direction, position) - bound
+    return speed * (speed * room + ahead * ca.dot(direction, velocity)) - direction[2] * gravity * ahead**2 / 2
 
 
 def _through_mouth(mouth: SX, position: SX, velocity: SX, r: dict[str, SX]) -> tuple[SX, SX]:
@@ -214,7 +221,7 @@ def _through_mouth(mouth: SX, position: SX, velocity: SX, r: dict[str, SX]) -> t
     At an angle d below the horizontal the sphere clears the rim if its centre falls through the plane r / sin d inside.
     """
     point, rises = _landing(position, velocity, {**r, "target": mouth[:3]})
-    fall_squared = (rises + ca.sqrt(rises**2 + GUARD**2)) / 2
+    fall_squared = ca.sqrt(((rises + ca.sqrt(rises**2 + GUARD**2)) / 2) ** 2 + SLOWEST_FALL**2)
     thick = mouth[4] * ca.sqrt(1 + ca.sumsqr(velocity[:2]) / fall_squared)
     return mouth[3] - thick - ca.sqrt(ca.sumsqr(point - mouth[:2]) + CENTRED), rises
 

@@ -1,7 +1,7 @@
 """The object's flight after the release: what it comes close to, proven over the release window, and what it meets."""
 
 from planner.certificate.flight.clearance import flight_clearance
-from planner.certificate.flight.flights import Flights
+from planner.certificate.flight.flights import Flights, flights_of
 from planner.certificate.flight.obstruction import FlightObstruction, flight_obstruction
 
-__all__ = ["FlightObstruction", "Flights", "flight_clearance", "flight_obstruction"]
+__all__ = ["FlightObstruction", "Flights", "flight_clearance", "flight_obstruction", "flights_of"]

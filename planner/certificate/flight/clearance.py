@@ -9,24 +9,23 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import reduce
 
 import numpy as np
 
 from planner.arrays import Array, Mask
 from planner.certificate.bounds import EVALUATIONS_MAX, ROUNDS
 from planner.certificate.certificate import Check, at_least
-from planner.certificate.flight.flights import CONTACT_M, Flights
+from planner.certificate.flight.flights import CONTACT_M, Flights, flights_of
 from planner.certificate.flight.patches import (
     PatchBounds,
     Patches,
     box_bound,
+    capsule_bounds,
+    corners_on_grid,
     patch_bounds,
-    segment_bound,
 )
 from planner.certificate.samples import MotionSamples
 from planner.flight import time_of_flight
-from planner.kinematics import dot
 
 CLOSE_M = 0.03  # [m] a bound below it is refined until it is within `ACCURACY_M` of the least gap found there
 ACCURACY_M = 0.01  # [m]
@@ -58,12 +57,6 @@ class Grid:
     bounds: PatchBounds
     apexes: Array
 
-    def corners(self, x: Array) -> list[Array]:
-        """Returns the corners of the patches, (..., m, n) each, of values (..., m + 1, n + 1) on the grid."""
-        if x.shape[-2] == 1:
-            return [x[..., :-1], x[..., 1:]]
-        return [x[..., :-1, :-1], x[..., :-1, 1:], x[..., 1:, :-1], x[..., 1:, 1:]]
-
 
 def flight_clearance(motion: MotionSamples) -> Check | None:
     """Checks that the object meets nothing from any release in the window until it touches the landing plane.
@@ -75,7 +68,7 @@ def flight_clearance(motion: MotionSamples) -> Check | None:
     name, problem = "flight_clearance", motion.problem
     if problem.ends_at_rest:
         return None
-    flights = Flights(motion)
+    flights = flights_of(motion)
     if flights.end is None:
         return at_least(name, math.nan, 0.0, "m", flights.released_s, "never lands")
     below = problem.plane_z - problem.cell.surroundings.floor_z_m
@@ -176,7 +169,7 @@ def _lower_bounds(flights: Flights, grid: Grid) -> Array:
 
     The bin's wall is among the obstacles only where there is one.
     """
-    bounds, x = grid.bounds, grid.corners(grid.x)
+    bounds, x = grid.bounds, corners_on_grid(grid.x)
     h, s = np.diff(grid.t), np.maximum(grid.t[1:] - grid.r0[:, None], grid.r1[:, None] - grid.t[:-1])
     across = bounds.release_bend(s, (grid.r1 - grid.r0)[:, None])
     bend = across + bounds.time_bend(s, h)
@@ -200,15 +193,9 @@ def _lower_bounds(flights: Flights, grid: Grid) -> Array:
 def _capsule_distances(flights: Flights, grid: Grid, s: Array, h: Array) -> Array:
     """Returns lower bounds on the distances of the capsules (c, m, n) [m], but for the bend of the flights."""
     body, bounds = flights.motion.body, grid.bounds
-    frames, ends = body.frames[: body.object], body.ends[: body.object]
-    R, origins = grid.X_WL[:, :, :3, :3].transpose(2, 3, 1, 0), grid.X_WL[:, :, :3, 3].transpose(2, 1, 0)
-    apart = grid.x[:, None] - origins[:, :, None]
-    local = np.stack([dot(R[:, c, :, None], apart) for c in range(3)])  # (3, 7, m + 1, n + 1)
-    distances = np.sqrt(dot(apart[:, 0], apart[:, 0]))
-    far = reduce(np.maximum, grid.corners(distances)) + bounds.time_bend(s, h)
-    bend = bounds.turn_bend(far, s, np.arange(7)[:, None, None], (grid.rates[0, :, None], grid.rates[1, :, None]), h)
-    start, end = (ends[:, i].T[:, :, None, None] for i in (0, 1))
-    return segment_bound(grid.corners(local[:, frames]), start, end) - bend[frames]
+    capsules = body.frames[: body.object], body.ends[: body.object]
+    moving = np.array([bounds.speed(s), bounds.time_bend(s, h)])
+    return capsule_bounds((grid.x, grid.X_WL, h), capsules, grid.rates, bounds.reach, moving)
 
 
 def _decided(flights: Flights, lower: Array) -> tuple[Mask, Mask]:

@@ -8,7 +8,7 @@ never rises a radius above the plane ends where its centre passes it.
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -169,6 +169,12 @@ class Flights:
         """Returns the distances (k,) [m] of a sphere's surface at `x` (3, k) from obstacle `item[i]` at `t[i]`."""
         apart = x - self.nearest(item, x, t)
         return np.sqrt(dot(apart, apart)) - self.thickness[item]
+
+
+@lru_cache(maxsize=1)  # for the checks of one motion
+def flights_of(motion: MotionSamples) -> Flights:
+    """Returns the flights of a motion."""
+    return Flights(motion)
 
 
 def nearest_on_segments(x: Array, start: Array, end: Array) -> Array:

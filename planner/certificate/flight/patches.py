@@ -28,8 +28,9 @@ from typing import NamedTuple
 import numpy as np
 
 from planner.arrays import Array, Index, Mask
-from planner.certificate.bounds import joint_rates, point_bound
+from planner.certificate.bounds import joint_rates
 from planner.certificate.flight.flights import TINY_M, Flights, nearest_on_segments
+from planner.kernel import Kernel, twin_of
 from planner.kinematics import dot
 
 
@@ -244,7 +245,7 @@ def patch_bounds(flights: Flights, height: float, spacing_s: float, v: Array) ->
         rate = motion.trajectory.sample_rate_hz
         ticks = np.array([round(t * rate) for t in (motion.gone_from_s, motion.held_until_s)])
         rates = joint_rates(motion.trajectory, ticks)
-        a, j = (float(point_bound(motion.body.tool_lever, rates, n)[0]) for n in (2, 3))
+        _, a, j, _ = (motion.body.tool_lever @ rates.by_derivative)[:, 0].tolist()
         tool = a, j
     first = math.sqrt(float(dot(v, v).max())) + tool[1] * spacing_s**2 / 8.0
     return PatchBounds(flights, height, first, tool, spacing_s)
@@ -270,6 +271,45 @@ def segment_bound(corners: list[Array], start: Array, end: Array) -> Array:
     """
     centre = _mean(corners)
     return _separation(corners, centre, nearest_on_segments(centre, start, end))
+
+
+def _example_grid() -> tuple[tuple[Array, Array, Array], tuple[Index, Array], Array, Array, Array]:
+    rng = np.random.default_rng(0)
+    grid = rng.uniform(-1.0, 1.0, (3, 3, 5)), rng.uniform(-1.0, 1.0, (5, 7, 4, 4)), np.array([0.1, 0.2, 0.1, 0.3])
+    ends = rng.uniform(-1.0, 1.0, (3, 2, 3))
+    ends[2, 1] = ends[2, 0]
+    return grid, (np.array([0, 3, 6]), ends), rng.uniform(0.0, 1.0, (2, 7, 4)), np.arange(7.0), np.ones((2, 2, 4))
+
+
+@twin_of(Kernel.capsule_bounds, _example_grid)
+def capsule_bounds(
+    grid: tuple[Array, Array, Array], capsules: tuple[Index, Array], rates: Array, reach: Array, moving: Array
+) -> Array:
+    """Returns lower bounds (c, m, n) [m] on the distances of patches from capsules, but for the bend of the flights.
+
+    Args:
+        grid: positions (3, m + 1, n + 1), or (3, 1, n + 1) of a single release, link poses (n + 1, 7, 4, 4), and
+            lengths of the intervals between the instants (n,).
+        capsules: frames (c,) and ends in them (c, 2, 3).
+        rates: sums of joint speeds and accelerations that move each frame (2, 7, n).
+        reach: of the joints before each frame (7,) [m].
+        moving: bounds on the object's speed and on the bend of its flight in time (2, m, n) [m/s, m].
+    """
+    (x, X_WL, h), (frames, ends), (w, a) = grid, capsules, rates[:, :, None]
+    R, origins = X_WL[:, :, :3, :3].transpose(2, 3, 1, 0), X_WL[:, :, :3, 3].transpose(2, 1, 0)
+    apart = x[:, None] - origins[:, :, None]
+    local = np.stack([dot(R[:, c, :, None], apart) for c in range(3)])  # (3, 7, m + 1, n + 1)
+    far = reduce(np.maximum, corners_on_grid(np.sqrt(dot(local[:, 0], local[:, 0])))) + moving[1]
+    turned = (2.0 * w * moving[0] + (a + w * w) * (far + reach[:, None, None])) * (h * h / 8.0)
+    start, end = (ends[:, i].T[:, :, None, None] for i in (0, 1))
+    return segment_bound(corners_on_grid(local[:, frames]), start, end) - turned[frames]
+
+
+def corners_on_grid(x: Array) -> list[Array]:
+    """Returns the corners of patches, (..., m, n) each, of values (..., m + 1, n + 1) or (..., 1, n + 1)."""
+    if x.shape[-2] == 1:
+        return [x[..., :-1], x[..., 1:]]
+    return [x[..., :-1, :-1], x[..., :-1, 1:], x[..., 1:, :-1], x[..., 1:, 1:]]
 
 
 def _separation(corners: list[Array], centre: Array, near: Array) -> Array:

@@ -83,7 +83,7 @@ def test_a_flight_that_meets_a_box_passes_it_with_more_room() -> None:
 
 
 def test_a_flight_that_meets_the_arm_is_cut() -> None:
-    cut = FlightEdge((0.0, 0.0), 0.0, (0.0, 0.0, 1.0), 0.3, 0.5)
+    cut = FlightEdge.at_time(0.3, (0.0, 0.0, 1.0), 0.5)
     failure = at_least("flight_clearance", -0.01, 0.0, "m", 0.2)
     once = DEFAULT_MARGINS.widened([failure], SOLUTION, (cut,))
     assert once is not None

@@ -28,6 +28,7 @@ from planner.robots import ROBOT_NAMES, robot
 CELLS = Path(__file__).parents[3] / "cells"
 NO_MARGINS = Margins(torque=1.0, tcp_speed=1.0, floor_m=0.0, self_m=0.0, keep_in_m=0.0, box_m=0.0, singularity=1.0)
 SCALES = scale_parameters(load_cell(CELLS / "ur10e-sim.toml").limits)  # differ from joint to joint
+EXPECTED_SPEED = 1.5  # [m/s] across an edge's plane
 TURNED = np.array([[0.0, -0.6, 0.8, 0.3], [1.0, 0.0, 0.0, -0.2], [0.0, 0.8, 0.6, 0.5], [0.0, 0.0, 0.0, 1.0]])
 
 
@@ -161,8 +162,8 @@ def test_derivatives_of_the_whole_problem(stages: transcription.StageLayout) -> 
 def _flight_parameters() -> np.ndarray:
     """An edge that crosses x = 0.9 above 0.5, one at a fixed time, a bin's mouth and an opening along y."""
     edges = np.tile(layout.NO_EDGE.row, (layout.FLIGHT_EDGES, 1))
-    edges[0] = layout.FlightEdge((1.0, 0.0), 0.9, (0.0, 0.0, 1.0), 0.0, 0.5).row
-    edges[3] = layout.FlightEdge((0.0, 0.0), 0.0, (0.6, 0.0, 0.8), 0.195, 0.2).row
+    edges[0] = layout.FlightEdge.across((1.0, 0.0), 0.9, EXPECTED_SPEED, (0.0, 0.0, 1.0), 0.5).row
+    edges[3] = layout.FlightEdge.at_time(0.2, (0.6, 0.0, 0.8), 0.2).row
     mouth, opening = [1.5, 0.5, -1.0, 0.1, 0.03], [0.0, 1.0, 0.0, 0.3]
     return layout.FLIGHT.pack({"edges": edges, "mouth": mouth, "opening": opening})
 
@@ -178,8 +179,9 @@ def test_flight_rows(cell: Cell) -> None:
     a = R_WB @ tcp_acceleration(cell.robot, q, qd, qdd, cell.tool.X_FT)[:3]
     crossing = max((0.9 - place[0]) / v[0], 0.0)
     over, later = flight.path(place, v, sorted([crossing, 0.2]), 9.81)[[int(crossing > 0.2), int(crossing <= 0.2)]]
-    assert rows["edges"][0] == pytest.approx(over[2] - 0.5, abs=0.03)  # its time is rounded by 5 ms near the release
-    assert rows["edges"][3] == pytest.approx(later @ [0.6, 0.0, 0.8] - 0.2, abs=1e-9)
+    scale = (v[0] / EXPECTED_SPEED) ** 2
+    assert rows["edges"][0] == pytest.approx(scale * (over[2] - 0.5), abs=0.03)  # its time is rounded near the release
+    assert rows["edges"][3] == pytest.approx(later @ [0.6, 0.0, 0.8] - 0.2, abs=1e-3)
     assert rows["edges"][[1, 2, 4, 5, 6, 7]] == pytest.approx(1.0)
     flown = flight.fly(place, v, -1.0, 9.81)
     assert flown is not None

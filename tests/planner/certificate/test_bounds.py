@@ -9,6 +9,7 @@ import pytest
 from planner.cell import Box
 from planner.certificate import certify
 from planner.certificate.bounds import joint_rates
+from planner.certificate.exits import Cone, _seen
 from planner.certificate.loads import loads_of, torque_curvature
 from planner.certificate.release import _landing_curvature
 from planner.certificate.samples import MotionSamples
@@ -93,6 +94,21 @@ def test_the_curvature_of_the_landing_point_is_within_its_bound():
         bound = _landing_curvature(motion, motion.at(trajectory.release_time_s + delays))
         curvature = np.diff(landed, n=2, axis=0) / (delays[1] - delays[0]) ** 2
         assert np.linalg.norm(curvature, axis=1).max() <= bound * (1.0 + 1e-6) + 1e-2
+
+
+@pytest.mark.parametrize("half_rad", [0.8, np.pi / 2, 2.0, 3.0])
+def test_a_cell_in_a_cone_is_as_deep_as_claimed(half_rad):
+    """Against the angles of dense points of the cell; what is outside a wide cone is the complement."""
+    rng, cone = np.random.default_rng(19), Cone(np.array([0.0, 0.6, 0.8]), half_rad, 0.0, 0.01)
+    share = rng.dirichlet(np.ones(4), 400)
+    for _ in range(200):
+        corner = rng.uniform(-1.0, 1.0, 3) + rng.uniform(0.0, 1.0) * rng.uniform(-1.0, 1.0, (4, 3))
+        claimed = _seen(corner.T, np.zeros(4), np.arange(4)[:, None], np.zeros(1), cone)[5, 0]
+        w = share @ corner
+        size = np.linalg.norm(w, axis=1)
+        angle = np.arccos(np.clip(w @ cone.direction / size, -1.0, 1.0))
+        depth = size * np.sin(np.clip(half_rad - angle, -np.pi / 2, np.pi / 2))
+        assert claimed <= depth.min() + 1e-12
 
 
 def test_distances_from_boxes_are_those_of_dense_samples():

@@ -224,14 +224,16 @@ def dense_grip(problem, trajectory, window_s, limit):
 
 
 def dense_way_out(problem, trajectory, window_s, direction):
-    """The widest angle of the way of the object in the tool, until it has moved by its radius."""
+    """The widest angle of the way of the object in the tool, from its first millimetre to its radius."""
     widest, radius = 0.0, problem.cell.object.radius_m
     for delay in np.linspace(-window_s, window_s, 7) if window_s else (0.0,):
         t, x, _ = flown(problem, trajectory, delay)
         X_WT = tool_pose(problem.cell, trajectory.at(t)[0])
         apart = np.einsum("nij,ni->nj", X_WT[:, :3, :3], x - X_WT[:, :3, 3])[1:]
         size = np.linalg.norm(apart, axis=1)
-        on_way = slice(0, int(np.argmax(size >= radius)) if (size >= radius).any() else None)
+        on_way = slice(
+            int(np.argmax(size >= 0.001)), int(np.argmax(size >= radius)) if (size >= radius).any() else None
+        )
         widest = max(widest, np.arccos(apart[on_way] @ direction / size[on_way]).max())
     return widest
 

@@ -177,8 +177,8 @@ def test_the_bounds_between_samples_are_never_below_the_truth():
         noise = 1e-3
         assert np.all(h <= torque_curvature(loads, rates, 9.81) + noise)
         assert np.all(b <= joint_momentum_bounds(loads, rates)[2] + noise)
-        assert np.all(power <= power_rates(loads, rates, np.zeros((6, rates.qd.shape[1])), 9.81)[0] + noise)
+        assert np.all(power <= power_rates(loads, rates, 9.81)[0] + noise)
         samples = MotionSamples(problem, motion)
         assert np.all(point_bound(loads.lever, rates, 1) >= 0.0)
-        (h, _), (b, _) = samples.at_knots.braking
+        _, (h, _), (b, _) = samples.at_knots.torques
         assert h.shape == b.shape == (6, len(samples.knots))

@@ -1,0 +1,52 @@
+"""What a controller tells its clients about its arm: model, limits, kinematics with their checksum."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from typing import Any
+
+from executor.simulator.interfaces import DenavitHartenberg, RobotFacts
+from planner.cell import Cell
+from planner.robots import Robot
+
+ROBOT_TYPES = {"UR5": 1, "UR10": 2, "UR3": 3, "UR16": 4, "UR20": 7, "UR30": 8}  # source: UR client interfaces
+SUB_TYPES = {"CB3": 1, "e-Series": 3}  # chosen; 3 is what an e-Series arm reports
+UNCALIBRATED = (0xFFFFFFFF,) * 6  # what URSim reports, whose arm is its model
+
+
+def robot_facts(cell: Cell) -> RobotFacts:
+    """Returns the facts of a cell's arm."""
+    robot = cell.robot
+    calibrated, nominal = calibrated_kinematics(cell), nominal_kinematics(robot)
+    return RobotFacts(
+        nominal=nominal,
+        calibrated=calibrated,
+        checksum=UNCALIBRATED if calibrated == nominal else checksum(calibrated),
+        q_lower=_six(robot.q_lower),
+        q_upper=_six(robot.q_upper),
+        qd_max=_six(robot.qd_max),
+        qdd_max=_six(robot.qdd_max),
+        robot_type=ROBOT_TYPES[robot.name.upper().rstrip("E")],
+        robot_sub_type=SUB_TYPES[robot.generation],
+    )
+
+
+def nominal_kinematics(robot: Robot) -> DenavitHartenberg:
+    """Returns the published parameters of a model."""
+    return DenavitHartenberg(_six([0.0] * 6), _six(robot.a), _six(robot.d), _six(robot.alpha))
+
+
+def calibrated_kinematics(cell: Cell) -> DenavitHartenberg:
+    """Returns the parameters of this very arm, as the controller knows them: today those of its model."""
+    return nominal_kinematics(cell.robot)
+
+
+def checksum(kinematics: DenavitHartenberg) -> tuple[int, ...]:
+    """Returns one number a joint that changes with its parameters; UR publishes no formula."""
+    k = kinematics
+    return tuple(zlib.crc32(struct.pack(">4d", *joint)) for joint in zip(k.theta, k.a, k.d, k.alpha, strict=True))
+
+
+def _six(values: Any) -> Any:
+    return tuple(float(value) for value in values)
