@@ -28,6 +28,7 @@ SMOOTHING_S = 0.010  # [s] half width of the mean over recorded deviations: shor
 SPEED_STD_RAD_S = 0.005
 UNRECORDED_RAD_S = 0.022  # [rad/s] of a joint speed that was not recorded; source: residual of a real UR5
 UNKNOWN_STD_M = 0.010  # [m] of a position that was reported without one: by eye, with a tape
+LEAST_STD_M = 0.001  # [m] of a position that claims to be exact: the model is no better
 IN_THE_WAY = ("keep_out", "bin")  # beginnings of what an object may land on instead of the plane
 
 
@@ -153,7 +154,11 @@ def _outcome(
 
 def _position(landings: Sequence[LandingRow]) -> tuple[Array, float] | None:
     """Returns the observed landing point (2,) and its standard deviation [m]; several reports are averaged."""
-    seen = [(x.position[:2], x.std_m or UNKNOWN_STD_M) for x in landings if x.position is not None]
+    seen = [
+        (x.position[:2], UNKNOWN_STD_M if x.std_m is None else max(x.std_m, LEAST_STD_M))
+        for x in landings
+        if x.position is not None
+    ]
     if not seen:
         return None
     points, std = np.array([x for x, _ in seen], float), np.array([s for _, s in seen])
