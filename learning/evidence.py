@@ -10,13 +10,15 @@ from typing import Any
 import numpy as np
 import orjson
 
+from learning.hit_evidence import TargetOutcome
 from learning.release import ObservedThrow
 from learning.streamed_arm import StreamedArm
-from learning.throws import table_times, throw_table
+from learning.throws import ThrowTable, table_times, throw_table
 from planner.arrays import Array
 from planner.cell import Cell
 from planner.errors import PlannerError
-from planner.plan_reading import plan_from_document
+from planner.plan_reading import aim_shift, aimed_problem, plan_from_document
+from planner.problem import Release, TargetRelease
 from planner.trajectory import Trajectory
 from store import ExecutionRow, LandingRow, Store
 
@@ -24,7 +26,9 @@ THROWS_MAX = 60  # newest throws of a cell that count: a fit of them takes a sec
 SMOOTHING_S = 0.010  # [s] half width of the mean over recorded deviations: shorter than a launch's shape
 # [rad/s] of a recorded joint speed beyond its noise; source: chosen, a fifth of the scatter of a real UR5
 SPEED_STD_RAD_S = 0.005
+UNRECORDED_RAD_S = 0.022  # [rad/s] of a joint speed that was not recorded; source: residual of a real UR5
 UNKNOWN_STD_M = 0.010  # [m] of a position that was reported without one: by eye, with a tape
+LEAST_STD_M = 0.001  # [m] of a position that claims to be exact: the model is no better
 IN_THE_WAY = ("keep_out", "bin")  # beginnings of what an object may land on instead of the plane
 
 
@@ -37,6 +41,7 @@ class ThrowEvidence:
         planned_qd: joint speeds planned at the release (6,) [rad/s].
         deviation: recorded less what the arm's lag and gains make of the plan (6,) [rad/s]; None without a recording.
         observed: where it landed; None where no position was reported.
+        outcome: whether it hit; None where a position was reported, or nothing.
     """
 
     execution_id: str
@@ -44,6 +49,7 @@ class ThrowEvidence:
     planned_qd: Array
     deviation: Array | None
     observed: ObservedThrow | None
+    outcome: TargetOutcome | None
 
 
 def throw_evidence(store: Store, cell: Cell, arm: StreamedArm) -> list[ThrowEvidence]:
@@ -70,23 +76,27 @@ def _evidence(store: Store, cell: Cell, arm: StreamedArm, row: ExecutionRow) -> 
     plan = store.plan(row.plan_id)
     if row.dry_run or row.outcome != "completed" or sent is None or plan is None or plan.cell_sha256 != cell.sha256:
         return None
+    document = orjson.loads(plan.document)
     try:
-        problem, trajectory = plan_from_document(orjson.loads(plan.document), cell)
+        problem, trajectory = plan_from_document(document, cell)
     except (PlannerError, KeyError, TypeError):
         return None  # a plan of an earlier version of Fling
     recording = store.recording(row.id)
     columns = {} if recording is None or not recording.csv else _columns(recording.csv)
     off = _deviations(columns, trajectory) if columns else None
     landings = [] if _in_the_way(numbers) else store.landings(row.id)
-    position = _position(landings)
-    observed = None
-    if position is not None:
-        variance = np.full(6, SPEED_STD_RAD_S**2)
-        table = throw_table(problem, trajectory, off)
-        observed = ObservedThrow(table, trajectory.release_time_s - float(sent), *position, variance)
+    position, lead = _position(landings), trajectory.release_time_s - float(sent)
+    table = throw_table(problem, trajectory, off) if landings else None
+    observed = outcome = None
+    if table is not None and position is not None:
+        std = SPEED_STD_RAD_S if columns else UNRECORDED_RAD_S
+        observed = ObservedThrow(table, lead, *position, np.full(6, std**2))
+    elif table is not None:
+        target = aimed_problem(problem, -aim_shift(document)).release
+        outcome = _outcome(table, lead, target, landings, SPEED_STD_RAD_S if columns else UNRECORDED_RAD_S)
     k = trajectory.release_index
     deviation = None if off is None else off[1][len(off[1]) // 2] - _expected(arm, trajectory, numbers)
-    return ThrowEvidence(row.id, tuple(x.id for x in landings), trajectory.qd[k], deviation, observed)
+    return ThrowEvidence(row.id, tuple(x.id for x in landings), trajectory.qd[k], deviation, observed, outcome)
 
 
 def _columns(csv: bytes) -> dict[str, Array]:
@@ -132,9 +142,23 @@ def _in_the_way(numbers: Mapping[str, Any]) -> bool:
     return str(numbers.get("landed_on") or "").startswith(IN_THE_WAY)
 
 
+def _outcome(
+    table: ThrowTable, lead_s: float, release: Release, landings: Sequence[LandingRow], speed_std: float
+) -> TargetOutcome | None:
+    """Returns the first report of whether a throw hit; None where there is no target, or no such report."""
+    for seen in landings:
+        if seen.result is not None and seen.radius_m and isinstance(release, TargetRelease):
+            return TargetOutcome(table, lead_s, release.p_W[:2], seen.radius_m, seen.result, speed_std)
+    return None
+
+
 def _position(landings: Sequence[LandingRow]) -> tuple[Array, float] | None:
     """Returns the observed landing point (2,) and its standard deviation [m]; several reports are averaged."""
-    seen = [(x.position[:2], x.std_m or UNKNOWN_STD_M) for x in landings if x.position is not None]
+    seen = [
+        (x.position[:2], UNKNOWN_STD_M if x.std_m is None else max(x.std_m, LEAST_STD_M))
+        for x in landings
+        if x.position is not None
+    ]
     if not seen:
         return None
     points, std = np.array([x for x, _ in seen], float), np.array([s for _, s in seen])

@@ -91,10 +91,8 @@ def forecast(
     qd = table.qd[table.planned]
     dqd = speeds.drawn(rng, qd, parameters, repeats) + scatters[:, None, None] * rng.standard_normal((*size, 6))
     throws = Throws([table])
-    c = Circumstances(
-        *(x.reshape(-1, 1) for x in (late, factor)),
-        np.repeat(states[:, None, OFFSET], repeats, axis=1).reshape(-1, 1, 2),
-        *(np.repeat(states[:, k], repeats)[:, None] for k in (DRAG, TURN)),
-    )
+    offset = np.repeat(states[:, None, OFFSET], repeats, axis=1).reshape(-1, 1, 2)
+    drag, turn = (np.repeat(states[:, k], repeats)[:, None] for k in (DRAG, TURN))
+    c = Circumstances(late.reshape(-1, 1), factor.reshape(-1, 1), offset, drag, turn)
     dv = (dqd.reshape(-1, 6) @ table.J[table.planned].T)[:, None]
     return LandingForecast(throws.landings(c, dv).reshape(*size, 2))

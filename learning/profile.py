@@ -11,6 +11,7 @@ import numpy as np
 import orjson
 
 from learning.evidence import ThrowEvidence, throw_evidence
+from learning.hit_evidence import weighed_by_outcomes
 from learning.joint_speeds import JointSpeeds, learn_joint_speeds
 from learning.predictions import LandingForecast, forecast
 from learning.release import DRAG, PRIOR_STD, STATE, ReleasePosterior, learn_release, prior_state
@@ -49,7 +50,8 @@ class CellKnowledge:
     def predicted(self, problem: ThrowProblem, trajectory: Trajectory) -> LandingForecast:
         """Returns where throws of a plan land, with the lag and the delay that the problem's cell assumes."""
         lag = problem.cell.timing.lag_s
-        off = self.arm.deviation(trajectory, lag, table_times(trajectory.release_time_s))
+        exact = lag == self.arm.lag_s and bool((self.arm.gain == 1.0).all())
+        off = None if exact else self.arm.deviation(trajectory, lag, table_times(trajectory.release_time_s))
         table = throw_table(problem, trajectory, off)
         return forecast(self.release, self.speeds, table, problem.cell.gripper.delay_s + lag)
 
@@ -78,6 +80,7 @@ def estimate_profile(store: Store, cell: Cell) -> dict[str, Any]:
     throws = throw_evidence(store, cell, arm)
     prior = prior_state(cell.gripper.delay_s + cell.timing.lag_s, cell.object.drag_coefficient)
     release = learn_release([t.observed for t in throws if t.observed is not None], prior)
+    release = weighed_by_outcomes(release, [t.outcome for t in throws if t.outcome is not None])
     recorded = [(t.planned_qd, t.deviation) for t in throws if t.deviation is not None]
     pairs = np.array(recorded, float).reshape(-1, 2, 6)
     speeds = learn_joint_speeds(pairs[:, 0], pairs[:, 1])
@@ -90,9 +93,15 @@ def estimate_profile(store: Store, cell: Cell) -> dict[str, Any]:
 def knowledge_of(document: Mapping[str, Any]) -> CellKnowledge:
     """Returns the knowledge that a profile's document holds."""
     mixture, speeds = document["mixture"], document["joint_speeds"]
-    names = ("weight", "mean", "covariance", "jitter_s", "scatter_rad_s")
-    clings = (float(mixture["cling_alpha"]), float(mixture["cling_beta"]))
-    release = ReleasePosterior(*(np.array(mixture[name], float) for name in names), *clings)
+    release = ReleasePosterior(
+        weight=np.array(mixture["weight"], float),
+        mean=np.array(mixture["mean"], float),
+        covariance=np.array(mixture["covariance"], float),
+        jitter_s=np.array(mixture["jitter_s"], float),
+        scatter_rad_s=np.array(mixture["scatter_rad_s"], float),
+        cling_alpha=float(mixture["cling_alpha"]),
+        cling_beta=float(mixture["cling_beta"]),
+    )
     gains = (np.array(speeds["gain_error"], float), np.array(speeds["gain_std"], float))
     arm = StreamedArm(float(document["lag_s"]), known_gains(document["gain"] or [None] * 6))
     return CellKnowledge(arm, release, JointSpeeds(*gains, speeds["shape"], speeds["scale"]))
@@ -151,8 +160,8 @@ def _numbers(cell: Cell, known: CellKnowledge, timing: Mapping[str, Any] | None)
 
 def _evidence_document(throws: list[ThrowEvidence], timing_ids: list[str]) -> dict[str, Any]:
     return {
-        "throws": [t.execution_id for t in throws if t.observed is not None],
-        "landings": [id for t in throws if t.observed is not None for id in t.landing_ids],
+        "throws": [t.execution_id for t in throws if t.observed is not None or t.outcome is not None],
+        "landings": [id for t in throws for id in t.landing_ids],
         "recordings": [t.execution_id for t in throws if t.deviation is not None],
         "timing": timing_ids,
     }

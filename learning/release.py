@@ -87,7 +87,7 @@ class ReleasePosterior:
     @property
     def state(self) -> Array:
         """Mean of the state (6,)."""
-        return self.weight @ self.mean
+        return np.asarray(self.weight @ self.mean)
 
     @property
     def state_covariance(self) -> Array:
@@ -181,7 +181,7 @@ class _Fit:
         return self.cling_weight.sum(axis=1)
 
     def _jitter_variance(self) -> Array:
-        return self.jitter[:, None] ** 2 + DRIFT_S**2 * self.age
+        return np.asarray(self.jitter[:, None] ** 2 + DRIFT_S**2 * self.age, float)
 
     def _circumstances(self, theta: Array) -> Circumstances:
         t = theta[:, None, :]
@@ -235,11 +235,10 @@ class _Fit:
         self.log_density = np.logaddexp.reduce(log, axis=0)
         weights = [np.exp(x - self.log_density) for x in log]
         self.cling_weight, self.S_inverse = weights[2], inverses[0]
-        self.W = sum(w[..., None, None] * inverse for w, inverse in zip(weights, inverses, strict=True))
-        self.pull = sum(
-            w[..., None] * (inverse @ rest[..., None])[..., 0]
-            for w, inverse, rest in zip(weights, inverses, rests, strict=True)
-        )
+        each = zip(weights, inverses, strict=True)
+        self.W = np.sum([w[..., None, None] * inverse for w, inverse in each], axis=0)
+        pulls = zip(weights, inverses, rests, strict=True)
+        self.pull = np.sum([w[..., None] * (inverse @ rest[..., None])[..., 0] for w, inverse, rest in pulls], axis=0)
 
     def _best_start(self) -> float:
         """Returns the lead about the prior's from which the throws are likeliest [s], the rest of the state linear."""

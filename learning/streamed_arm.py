@@ -39,7 +39,7 @@ class StreamedArm:
         """
         dt = trajectory.dt
         lead = math.ceil(max(assumed_lag_s, self.lag_s) / dt) + 2
-        t = dt * np.arange(-lead, math.ceil((trajectory.duration_s + AFTER_S) / dt))
+        t = np.asarray(dt * np.arange(-lead, math.ceil((trajectory.duration_s + AFTER_S) / dt)), float)
         q_plan, qd_plan = _standing(trajectory, t)
         sent = _standing(trajectory, t + assumed_lag_s)[1].copy()
         q, qd = np.empty_like(q_plan), np.zeros_like(qd_plan)
@@ -52,7 +52,11 @@ class StreamedArm:
                 qd[k] = self.gain * ((1.0 - share) * late + share * later)
                 q[k] = q[k - 1] + 0.5 * dt * (qd[k - 1] + qd[k])
             sent[k] += np.clip(FEEDBACK_GAIN * (q_plan[k] - q[k]), -FEEDBACK_MAX, FEEDBACK_MAX)
-        return tuple(np.stack([np.interp(times, t, x) for x in off.T], axis=1) for off in (q - q_plan, qd - qd_plan))  # type: ignore[return-value]
+        return _read(times, t, q - q_plan), _read(times, t, qd - qd_plan)
+
+
+def _read(times: Array, t: Array, values: Array) -> Array:
+    return np.stack([np.interp(times, t, column) for column in values.T], axis=1)
 
 
 def _standing(trajectory: Trajectory, times: Array) -> tuple[Array, Array]:

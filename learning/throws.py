@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planner.arrays import Array
+from planner.arrays import Array, Index
 from planner.flight import drag_constant, landing_points
 from planner.geometry import tool_pose
 from planner.kinematics import jacobian
@@ -53,7 +53,7 @@ class ThrowTable:
     @property
     def late_s(self) -> Array:
         """Release times after the planned one (m,) [s]."""
-        return STEP_S * (np.arange(len(self.qd)) - len(self.qd) // 2)
+        return np.asarray(STEP_S * (np.arange(len(self.qd)) - len(self.qd) // 2), float)
 
     @property
     def planned(self) -> int:
@@ -64,7 +64,7 @@ class ThrowTable:
 def table_times(release_time_s: float) -> Array:
     """Returns the times of a table's rows (m,) [s] on the clock of the release."""
     n = round(REACH_S / STEP_S)
-    return release_time_s + STEP_S * np.arange(-n, n + 1)
+    return np.asarray(release_time_s + STEP_S * np.arange(-n, n + 1), float)
 
 
 def throw_table(problem: ThrowProblem, trajectory: Trajectory, off: tuple[Array, Array] | None = None) -> ThrowTable:
@@ -157,10 +157,10 @@ class Throws:
         at = np.arange(len(self))
         return _between(self.by_drag[at, i], self.by_drag[at, i + 1], share)
 
-    def _rows(self, late_s: Array) -> tuple[Array, Array]:
+    def _rows(self, late_s: Array) -> tuple[Index, Array]:
         last = self.p.shape[1] - 1
         at = np.clip(np.asarray(late_s) / STEP_S + last // 2, 0.0, last)
-        i = np.minimum(at.astype(int), last - 1)
+        i = np.minimum(at.astype(np.intp), last - 1)
         return i, at - i
 
 

@@ -11,7 +11,9 @@ from typing import Any
 import click
 
 from api.cli.client import ServiceClient, ServiceError
+from api.cli.exit_status import NotCompleted
 from api.cli.profile import json_option, profile_text
+from api.cli.progress import execute_plan
 from api.cli.throw import service_options, service_url
 
 AMPLITUDE_RAD = 0.25  # [rad] of a small motion: long enough for 1 rad/s, short enough to stay clear of most things
@@ -120,7 +122,7 @@ def _throw_and_observe(client: ServiceClient, plan: dict[str, Any], is_simulated
     """Executes a plan and sees to it that its landing is reported; returns what is known of it in words."""
     if not is_simulated:
         click.prompt("put an object into the gripper, then press Enter", default="", show_default=False)
-    done = _executed(client, plan["id"])
+    done = _executed(client, plan)
     path = f"/executions/{done['id']}/landing"
     if not is_simulated:
         place = click.prompt("landing x y [m], nothing if it was not seen", default="", show_default=False).split()
@@ -152,14 +154,11 @@ def _propose(client: ServiceClient, cell: str, adopt: bool, as_json: bool) -> No
         click.echo(f"to use it: fling profile adopt {profile['id']}")
 
 
-def _executed(client: ServiceClient, plan_id: str) -> dict[str, Any]:
+def _executed(client: ServiceClient, plan: dict[str, Any]) -> dict[str, Any]:
     """Executes a plan; returns the finished execution."""
-    execution = client.post("/execute", {"plan_id": plan_id})
-    for _ in client.events(execution["id"]):
-        pass
-    done = client.get(f"/executions/{execution['id']}")
+    done = execute_plan(client, plan, progress=False)
     if done["outcome"] != "completed":
-        raise click.ClickException(f"{done['outcome']}: {done['reason'] or 'no reason was given'}")
+        raise NotCompleted(f"{done['outcome']}: {done['reason'] or 'no reason was given'}")
     return done
 
 
@@ -192,7 +191,7 @@ def _by_motions(cell: str, count: int, quiet: bool, url: str | None, token: str 
 def _move(client: ServiceClient, cell: str, home: list[float], signs: tuple[int, ...]) -> dict[str, Any]:
     """Plans and executes one motion from home to rest; returns its timing."""
     plan = _plan_motion(client, cell, home, signs)
-    done = _executed(client, plan["id"])
+    done = _executed(client, plan)
     timing = done["metrics"]["timing"]
     if timing is None:
         raise click.ClickException("the recording of the motion shows no timing: nothing moved in it")

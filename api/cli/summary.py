@@ -18,6 +18,12 @@ def plan_text(plan: dict[str, Any]) -> str:
     if flight:
         lines.append(f"leaves at {flight['speed_m_s']:.2f} m/s, flies {flight['time_of_flight_s']:.2f} s")
         lines.append(f"{_window_text(flight)}; 10 ms early or late moves the landing by {_shift_text(flight)}")
+    if odds := plan.get("hit_probability"):
+        low, high = odds["interval"]
+        known = "with what was learnt" if odds["profile"] else "with the cell file alone"
+        lines.append(
+            f"hits within {_length(odds['radius_m'])} with {odds['value']:.0%} ({low:.0%} to {high:.0%}), {known}"
+        )
     return "\n  ".join(lines)
 
 

@@ -7,13 +7,15 @@ knows then, and beside it an oracle that knows the truth. A moved aim is taken a
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
+from benchmarks.learning.diagram import reliability_svg
 from benchmarks.learning.gripper_calibration import CAMERA_STD_M, NO_SHIFT, SPEED_VARIANCE
 from benchmarks.learning.hidden_cells import HiddenCell, hidden_cell, throw
 from benchmarks.learning.plans import PlannedThrow
-from benchmarks.learning.reliability import brier_share, calibration_error, reliability_bins
+from benchmarks.learning.reliability import Bin, brier_share, calibration_error, reliability_bins
 from learning import (
     JointSpeeds,
     LandingForecast,
@@ -91,10 +93,12 @@ class LearningCell:
         self.seen.append(ObservedThrow(table, known[2], true.seen - shift, CAMERA_STD_M, SPEED_VARIANCE))
 
 
-def throws_report(throws: list[PlannedThrow], seed: int, cells: int = 200) -> str:
-    """Returns the learning curves and the honesty of the odds."""
+def throws_report(throws: list[PlannedThrow], seed: int, cells: int = 200, diagram: Path | None = None) -> str:
+    """Returns the learning curves and the honesty of the odds; writes the reliability diagram where asked to."""
     judged = judged_throws(throws, seed, cells)
     head = f"Ordinary throws: {cells} hidden cells, a third misspecified, {len(judged)} judged throws, seed {seed}"
+    if diagram is not None:
+        diagram.write_text(reliability_svg(_reliability(judged), f"{len(judged)} throws in {cells} hidden cells"))
     return "\n".join([head, "", *_curves(judged), "", *_odds(judged), "", *_bins(judged)])
 
 
@@ -174,11 +178,14 @@ def _odds(judged: list[JudgedThrow]) -> list[str]:
 
 def _bins(judged: list[JudgedThrow]) -> list[str]:
     lines = ["| predicted (5 cm) | hit | throws | 99 % band | inside |", "|---|---|---|---|---|"]
-    predicted, hit = hits_of(judged, 0)
-    for b in reliability_bins(predicted, hit, np.array([t.cell for t in judged])):
+    for b in _reliability(judged):
         band = f"{b.band[0]:.3f} … {b.band[1]:.3f}"
         lines.append(f"| {b.predicted:.3f} | {b.hit:.3f} | {b.count} | {band} | {'yes' if b.is_inside else 'NO'} |")
     return lines
+
+
+def _reliability(judged: list[JudgedThrow]) -> list[Bin]:
+    return reliability_bins(*hits_of(judged, 0), np.array([t.cell for t in judged]))
 
 
 def hits_of(judged: list[JudgedThrow], radius: int) -> tuple[np.ndarray, np.ndarray]:

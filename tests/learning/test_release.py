@@ -9,6 +9,7 @@ from benchmarks.learning.gripper_calibration import calibrated_cells
 from benchmarks.learning.hidden_cells import HiddenCell, throw
 from benchmarks.learning.plans import PlannedThrow
 from learning import ObservedThrow, ReleasePosterior, learn_release, prior_state, throw_table
+from learning.hit_evidence import TargetOutcome, weighed_by_outcomes
 from learning.release import PRIOR_STD
 
 SPEEDS_KNOWN = np.full(6, 0.005**2)
@@ -75,3 +76,23 @@ def test_states_are_drawn_as_the_mixture_says(soonest: list[PlannedThrow]):
     assert (states.mean(axis=0) - posterior.state) / std == pytest.approx(np.zeros(6), abs=0.05)
     assert states.std(axis=0) / std == pytest.approx(np.ones(6), abs=0.05)
     assert jitters.mean() == pytest.approx(posterior.jitter, rel=0.03)
+
+
+def test_hits_and_misses_alone_move_the_delay_towards_the_truth(soonest: list[PlannedThrow]):
+    """15 ms off: soonest throws miss, the same ones released 15 ms sooner hit."""
+    hidden, rng = cell(noise_rad_s=0.0, drag=0.0, factor=1.0, offset=np.zeros(2)), np.random.default_rng(SEED)
+    outcomes = []
+    for k in range(24):
+        planned, lead = soonest[k % len(soonest)], 0.040 + 0.005 * (k % 6)
+        true = throw(rng, hidden, planned, hidden.openings(rng, 1)[0] - lead, np.zeros(2))
+        target = planned.problem.release.p_W[:2]  # type: ignore[union-attr]
+        result = "hit" if np.linalg.norm(true.landing - target) < 0.1 else "miss"
+        table = throw_table(planned.problem, planned.trajectory)
+        outcomes.append(TargetOutcome(table, lead, target, 0.1, result, 0.005))
+    assert {x.result for x in outcomes} == {"hit", "miss"}
+    before = learn_release([], prior_state(0.040, 0.0))
+    after = weighed_by_outcomes(before, outcomes)
+    assert after.state[0] == pytest.approx(0.055, abs=0.004)
+    assert after.state_covariance[0, 0] < 0.2 * before.state_covariance[0, 0]
+    assert after.weight.sum() == pytest.approx(1.0)
+    assert weighed_by_outcomes(before, []) is before
