@@ -14,7 +14,7 @@ from typing import Any
 
 import orjson
 
-from planner.cell import Cell, parse_cell
+from planner.cell import Cell, CellSource, cell_of
 from planner.errors import PlannerError
 
 NICENESS = 10  # planning can wait for the stream to the arm, which has a deadline every tick
@@ -27,15 +27,13 @@ class PlanningJob:
     Attributes:
         plan_id: Id of the plan to be.
         created_at: Time of the request (UTC, ISO 8601).
-        cell_name: Name of the cell.
-        cell_text: Content of its cell file.
+        cell: Content of the cell's files.
         request: The request as JSON, in the shape of `POST /plan`.
     """
 
     plan_id: str
     created_at: str
-    cell_name: str
-    cell_text: bytes
+    cell: CellSource
     request: Mapping[str, Any]
 
 
@@ -81,7 +79,7 @@ def solve(job: PlanningJob) -> Planned:
     from planner.planning import plan
     from planner.request import problem_from_request
 
-    problem = problem_from_request(job.request, _cell(job.cell_text, job.cell_name))
+    problem = problem_from_request(job.request, _cell(job.cell))
     answer = plan_document(plan(problem), job.request, job.plan_id, job.created_at)
     document = orjson.dumps(answer, option=orjson.OPT_SERIALIZE_NUMPY)
     del answer["trajectory"]
@@ -89,8 +87,8 @@ def solve(job: PlanningJob) -> Planned:
 
 
 @lru_cache(maxsize=32)
-def _cell(text: bytes, name: str) -> Cell:
-    return parse_cell(text, name)
+def _cell(source: CellSource) -> Cell:
+    return cell_of(source)
 
 
 def _exit_with(parent: Any) -> None:

@@ -3,7 +3,19 @@
 All facts about a site are in its cell file; the arm's own data are in `planner.robots`.
 """
 
-from planner.cell.file import load_cell, parse_cell
+from planner.cell.file import CellSource, calibration_name, cell_of, load_cell, parse_cell, read_source
 from planner.cell.model import Box, Cell, Limits, Safety, ToolCapsule
 
-__all__ = ["Box", "Cell", "Limits", "Safety", "ToolCapsule", "load_cell", "parse_cell"]
+__all__ = [
+    "Box",
+    "Cell",
+    "CellSource",
+    "Limits",
+    "Safety",
+    "ToolCapsule",
+    "calibration_name",
+    "cell_of",
+    "load_cell",
+    "parse_cell",
+    "read_source",
+]

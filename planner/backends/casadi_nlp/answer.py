@@ -29,6 +29,8 @@ EXTRA_TICKS = (1, 2, 3)  # [ticks] given to launch and brake where the least num
 LIMIT_ROUNDING = 1e-8  # [-] share of a limit that floating point may exceed
 DRAG_ROUNDS = 3  # corrections of the aim for drag; each leaves a tenth of the error or less
 REFINEMENT_ROUNDS = 6  # Newton iterations on the release state
+# [-] of a calibrated arm, whose Jacobian is known to a hundredth: each leaves a hundredth of the error or less
+CALIBRATED_ROUNDS = 12
 REFINED = 1e-9  # [m, m/s] residual at which they stop: a ten-thousandth of the certificate's tolerance
 MISSED = 0.05  # [m, m/s] a solution this far from its release has none
 WINDOW_ROUNDS = 3  # further solutions at most that bring the landings of a window back into the tolerance
@@ -164,17 +166,34 @@ def _solved_on_times(instance: Instance, z: Vector, solver: Solver, ticks: tuple
 
 
 def _through_release(instance: Instance, found: KnotStates, ticks: tuple[int, int]) -> tuple[Trajectory, Instance]:
-    """Returns the trajectory through the refined release, and the instance with the aim corrected for drag."""
-    problem, aim = instance.problem, instance.aim
-    state = (found.q[found.launch], found.qd[found.launch])
+    """Returns the trajectory through the refined release, and the instance with the aim corrected for it.
+
+    The aim is corrected for the drag, and for what the formulas' arm lacks of a calibrated one.
+    """
+    problem, state = instance.problem, (found.q[found.launch], found.qd[found.launch])
+    aim = instance.aim if problem.cell.robot.fixed is None else _measured_aim(problem, state, instance.aim)
     for _ in range(DRAG_ROUNDS if problem.drag > 0.0 else 1):
         state = refined_release(instance, state, aim)
-        if isinstance(problem.release, TargetRelease):
-            tool = tool_state(problem.cell, *state)
-            aim = drag_free_aim(problem, problem.release.p_W, tool.p_WT, tool.v_WT)
+        aim = _measured_aim(problem, state, aim)
     if problem.drag > 0.0:
         state = refined_release(instance, state, aim)
-    return _sampled_on_ticks(problem, found, state, ticks), replace(instance, aim=aim)
+    return _sampled_on_ticks(problem, found, state, ticks), replace(instance, aim=_formulas_aim(instance, state, aim))
+
+
+def _measured_aim(problem: ThrowProblem, state: tuple[Vector, Vector], otherwise: Vector) -> Vector:
+    """Returns the aim (3,) [m] of the flight without drag from a state q, qd (6,); `otherwise` without a target."""
+    if not isinstance(problem.release, TargetRelease):
+        return otherwise
+    tool = tool_state(problem.cell, *state)
+    return drag_free_aim(problem, problem.release.p_W, tool.p_WT, tool.v_WT)
+
+
+def _formulas_aim(instance: Instance, state: tuple[Vector, Vector], aim: Vector) -> Vector:
+    """Returns where the formulas' arm has to aim (3,) [m] for a calibrated one to land on `aim` from `state`."""
+    if instance.problem.cell.robot.fixed is None or not isinstance(instance.problem.release, TargetRelease):
+        return aim
+    rows, _ = _release_rows(instance, _stage(instance, state), aim)
+    return aim + np.append(rows[RELEASE_ROWS.slices["landing"]], 0.0)
 
 
 def _sampled_on_ticks(
@@ -234,20 +253,42 @@ def refined_release(instance: Instance, state: tuple[Vector, Vector], aim: Vecto
     problem = instance.problem
     if isinstance(problem.release, JointRelease | PoseRelease):
         return instance.candidate.q, instance.candidate.qd
-    slope = instance.transcription.blocks["release"].slope
-    given = {**instance.shared_parameters, "release": release_parameters(problem, aim)}
-    parameters = np.concatenate([given[piece] for piece in FORMULAS["release"].parameters])
-    z, qd_scale = np.zeros(NZ), instance.scales[QD]
-    z[Q], z[QD] = state[0], state[1] / qd_scale
-    for _ in range(REFINEMENT_ROUNDS):
-        rows, jacobian = evaluate(slope, z, parameters)
-        residual, gradient = _release_residual(problem, z, rows.ravel(), jacobian[:, :12])
+    z, is_measured = _stage(instance, state), problem.cell.robot.fixed is not None
+    for _ in range(CALIBRATED_ROUNDS if is_measured else REFINEMENT_ROUNDS):
+        rows, jacobian = _release_rows(instance, z, aim)
+        if is_measured:
+            rows = _measured_rows(problem, rows, (z[Q], z[QD] * instance.scales[QD]), aim)
+        residual, gradient = _release_residual(problem, z, rows, jacobian)
         if np.abs(residual).max() < REFINED:
             break
         if np.abs(residual).max() > MISSED:
             raise SolverFailed("the solution misses its release")
         z[:12] = z[:12] - np.linalg.lstsq(gradient, residual, rcond=None)[0]
-    return z[Q], z[QD] * qd_scale
+    return z[Q], z[QD] * instance.scales[QD]
+
+
+def _stage(instance: Instance, state: tuple[Vector, Vector]) -> Vector:
+    """Returns the scaled variables (NZ,) of a stage that begins at q, qd (6,)."""
+    z = np.zeros(NZ)
+    z[Q], z[QD] = state[0], state[1] / instance.scales[QD]
+    return z
+
+
+def _release_rows(instance: Instance, z: Vector, aim: Vector) -> tuple[Vector, Vector]:
+    """Returns `RELEASE_ROWS` at z (NZ,) for an aim (3,) [m], and their Jacobian (m, 12) by q and scaled qd."""
+    given = {**instance.shared_parameters, "release": release_parameters(instance.problem, aim)}
+    parameters = np.concatenate([given[piece] for piece in FORMULAS["release"].parameters])
+    rows, jacobian = evaluate(instance.transcription.blocks["release"].slope, z, parameters)
+    return rows.ravel(), jacobian[:, :12]
+
+
+def _measured_rows(problem: ThrowProblem, rows: Vector, state: tuple[Vector, Vector], aim: Vector) -> Vector:
+    """Returns `RELEASE_ROWS` with position, velocity and landing of a calibrated arm's measured chain."""
+    tool, rows, at = tool_state(problem.cell, *state), rows.copy(), RELEASE_ROWS.slices
+    rows[at["position"]], rows[at["velocity"]] = tool.p_WT, tool.v_WT
+    landed = landing_points(tool.p_WT, tool.v_WT, float(aim[2]), problem.gravity)
+    rows[at["landing"]] = landed[:2] - aim[:2]
+    return rows
 
 
 def _release_residual(problem: ThrowProblem, z: Vector, rows: Vector, jacobian: Vector) -> tuple[Vector, Vector]:
