@@ -70,7 +70,7 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
         BackendUnavailable: casadi is not installed.
     """
     _require_casadi()
-    from planner.backends.casadi_nlp.answer import SPARE_TICKS, KnotStates, answer
+    from planner.backends.casadi_nlp.answer import SPARE_TICKS, KnotStates, answer, solved
     from planner.backends.casadi_nlp.instance import Instance
     from planner.backends.casadi_nlp.solver import Solver
 
@@ -84,13 +84,15 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
         nominal = replace(problem, release_window_s=0.0, landing_tolerance_m=0.0)
         without_window = Instance.of(nominal, seed, options.margins)
         try:
-            found = KnotStates.of(solver.solve(without_window), without_window.stages.launch)
+            without_window, z = solved(without_window, solver)
+            found = KnotStates.of(z, without_window.stages.launch)
             close = instance.from_guess(found, landing_offsets=0.0)
-            return answer(close, solver.solve(close), solver)
+            close = replace(close, fitted_at=without_window.fitted_at, aim=without_window.aim)
+            return answer(*solved(close, solver), solver)
         except SolverFailed:
             if solver.is_late:
                 raise
-    return answer(instance, solver.solve(instance), solver)
+    return answer(*solved(instance, solver), solver)
 
 
 def warm(progress: Callable[[str, float], None] = lambda _what, _share: None) -> bool:

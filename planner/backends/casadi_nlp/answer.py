@@ -31,6 +31,8 @@ DRAG_ROUNDS = 3  # corrections of the aim for drag; each leaves a tenth of the e
 REFINEMENT_ROUNDS = 6  # Newton iterations on the release state
 # [-] of a calibrated arm, whose Jacobian is known to a hundredth: each leaves a hundredth of the error or less
 CALIBRATED_ROUNDS = 12
+CORRECTIONS = 3  # [-] further solutions at most for a calibrated arm; each leaves some hundredths of the error
+CLOSE = 1e-4  # [m, m/s] error of a release at which they stop: the tick grid's reserve has room for its correction
 REFINED = 1e-9  # [m, m/s] residual at which they stop: a ten-thousandth of the certificate's tolerance
 MISSED = 0.05  # [m, m/s] a solution this far from its release has none
 WINDOW_ROUNDS = 3  # further solutions at most that bring the landings of a window back into the tolerance
@@ -80,6 +82,51 @@ class KnotStates:
         jerk = (self.qdd[i + 1] - self.qdd[i]) / (self.t[i + 1] - self.t[i])[:, None]
         q = self.q[i] + s * (self.qd[i] + s * (self.qdd[i] / 2.0 + s * jerk / 6.0))
         return q, self.qd[i] + s * (self.qdd[i] + s * jerk / 2.0), self.qdd[i] + s * jerk
+
+
+def solved(instance: Instance, solver: Solver) -> tuple[Instance, Vector]:
+    """Returns the variables (N + 1, NZ) of the solution, in SI units, and the instance that it solves.
+
+    For a calibrated arm the instance is corrected and solved again, until the release is that of the measured chain but
+    for what `refined_release` corrects within the joint limits.
+
+    Raises:
+        SolverFailed: the solver gave up, or the budget is spent.
+    """
+    z = solver.solve(instance)
+    for _ in range(CORRECTIONS if _is_free_release_of_measured_arm(instance.problem) else 0):
+        found = KnotStates.of(z, instance.stages.launch)
+        state = (found.q[found.launch], found.qd[found.launch])
+        corrected = _corrected(instance, state)
+        if corrected is None:
+            break
+        corrected = corrected.from_guess(found, instance.landing_offsets)
+        again = solver.try_solve(corrected)
+        if again is None:
+            break
+        instance, z = corrected, again
+    return instance, z
+
+
+def _is_free_release_of_measured_arm(problem: ThrowProblem) -> bool:
+    return problem.cell.robot.fixed is not None and not isinstance(problem.release, JointRelease | PoseRelease)
+
+
+def _corrected(instance: Instance, state: tuple[Vector, Vector]) -> Instance | None:
+    """Returns the instance with its arm fitted, then its aim moved, at a release q, qd (6,); None if that is close.
+
+    The arm is fitted once: the soonest throw among many like it moves with each fit.
+    """
+    problem = instance.problem
+    aim, z = _measured_aim(problem, state, instance.aim), _stage(instance, state)
+    rows, jacobian = _release_rows(instance, z, aim)
+    residual, _ = _release_residual(problem, z, _measured_rows(problem, rows, state, aim), jacobian)
+    if np.abs(residual).max() < CLOSE:
+        return None
+    is_aimed = isinstance(problem.release, TargetRelease) and problem.release.release_position is None
+    if instance.fitted_at is None or not is_aimed:
+        return replace(instance, fitted_at=state, aim=aim)
+    return replace(instance, aim=_formulas_aim(instance, state, aim))
 
 
 def answer(instance: Instance, z: Vector, solver: Solver) -> Solution:
@@ -190,10 +237,12 @@ def _measured_aim(problem: ThrowProblem, state: tuple[Vector, Vector], otherwise
 
 def _formulas_aim(instance: Instance, state: tuple[Vector, Vector], aim: Vector) -> Vector:
     """Returns where the formulas' arm has to aim (3,) [m] for a calibrated one to land on `aim` from `state`."""
-    if instance.problem.cell.robot.fixed is None or not isinstance(instance.problem.release, TargetRelease):
+    problem = instance.problem
+    if problem.cell.robot.fixed is None or not isinstance(problem.release, TargetRelease):
         return aim
     rows, _ = _release_rows(instance, _stage(instance, state), aim)
-    return aim + np.append(rows[RELEASE_ROWS.slices["landing"]], 0.0)
+    apart = (rows - _measured_rows(problem, rows, state, aim))[RELEASE_ROWS.slices["landing"]]
+    return aim + np.append(apart, 0.0)
 
 
 def _sampled_on_ticks(

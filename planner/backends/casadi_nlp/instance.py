@@ -120,6 +120,8 @@ class Instance:
         steps: lengths (N,) [s] that the solution's steps are kept close to.
         fixed_times: times of release and end [s], if they are fixed.
         landing_offsets: added to the landing error at each knot of the window (2 n + 1, 2) [m].
+        fitted_at: release state q, qd (6,) at which the formulas' arm is closest to a calibrated one; by default the
+            candidate.
     """
 
     problem: ThrowProblem
@@ -132,6 +134,7 @@ class Instance:
     steps: Vector
     fixed_times: tuple[float, float] | None = None
     landing_offsets: Vector | float = 0.0
+    fitted_at: tuple[Vector, Vector] | None = None
 
     @staticmethod
     def of(problem: ThrowProblem, seed: Seed, margins: Margins, resolution: str = "coarse") -> Instance:
@@ -181,7 +184,8 @@ class Instance:
         cell = self.problem.cell
         vector = arm_parameters(cell, self.limits, self.margins)
         if cell.robot.fixed is not None:
-            for name, values in closest_arm(cell, self.candidate.q, self.candidate.qd).items():
+            q, qd = self.fitted_at or (self.candidate.q, self.candidate.qd)
+            for name, values in closest_arm(cell, q, qd).items():
                 vector[ARM.slices[name]] = values
         return vector
 

@@ -14,9 +14,9 @@ from planner.kinematics import forward, jacobian, link_poses
 
 CELLS_KEPT = 32  # cells whose parameters are cached
 UNBOUNDED = 1.0e3  # [m] coordinate of a missing keep-in face
-# Of the fit of a calibrated arm: an error of the Jacobian counts as where joints move by 0.3 rad, one of the release's
-# velocity as the error of a flight of a second, and lengths change by no more than helps.
-JACOBIAN_WEIGHT, VELOCITY_WEIGHT, CHANGE_WEIGHT = 0.3, 1.0, 3e-3  # [rad], [s], [-]
+# Of the fit of a calibrated arm: position and velocity at the release come first; an error of the Jacobian counts as
+# where joints move by 0.3 rad, and lengths change by no more than helps.
+PLACE_WEIGHT, VELOCITY_WEIGHT, JACOBIAN_WEIGHT, CHANGE_WEIGHT = 30.0, 30.0, 0.3, 3e-3  # [-], [s], [rad], [-]
 TIME_SHARE = 0.4  # [-] of the slowest joint's time to full speed: about 0.1 s, the length of two or three stages
 
 
@@ -71,9 +71,8 @@ def closest_arm(cell: Cell, q: Vector, qd: Vector) -> dict[str, Vector]:
     """Returns the pieces "dh", "tcp" and "base" of `ARM` that are closest to a calibrated arm around a release.
 
     The formulas have six lengths and square axes, which a measured chain has not. The six, the tool centre point and
-    the place of the base are chosen so that position, Jacobian and velocity of the tool at the release are as nearly as
-    possible those of the measured chain, all linear in them. Within 0.2 rad of it the tool is then 0.6 mm off, landings
-    1 mm (from arms 10 mm off); `answer` makes the release exact.
+    the place of the base are chosen so that position and velocity of the tool at the release, and then its Jacobian,
+    are as nearly as possible those of the measured chain: all are linear in them.
 
     Args:
         cell: with a calibrated arm.
@@ -83,8 +82,8 @@ def closest_arm(cell: Cell, q: Vector, qd: Vector) -> dict[str, Vector]:
     directions, derivatives = _by_lengths(link_poses(robot.published, q))
     missing = forward(robot, q, X_FT) - forward(robot.published, q, X_FT)
     J = (jacobian(robot, q, X_FT) - jacobian(robot.published, q, X_FT))[:3]
-    rows = (directions, JACOBIAN_WEIGHT * derivatives.reshape(18, 12), VELOCITY_WEIGHT * (qd @ derivatives))
-    wanted = (missing[:3, 3], JACOBIAN_WEIGHT * J.ravel(), VELOCITY_WEIGHT * (J @ qd))
+    rows = PLACE_WEIGHT * directions, JACOBIAN_WEIGHT * derivatives.reshape(18, 12), VELOCITY_WEIGHT * qd @ derivatives
+    wanted = PLACE_WEIGHT * missing[:3, 3], JACOBIAN_WEIGHT * J.ravel(), VELOCITY_WEIGHT * J @ qd
     regular = np.concatenate([*rows, CHANGE_WEIGHT * np.eye(12)]), np.concatenate([*wanted, np.zeros(12)])
     change = np.linalg.lstsq(*regular, rcond=None)[0]
     own, at = cell_parameters(cell), layout.ARM.slices
