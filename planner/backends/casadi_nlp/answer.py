@@ -32,7 +32,7 @@ REFINEMENT_ROUNDS = 6  # Newton iterations on the release state
 # [-] of a calibrated arm, whose Jacobian is known to a hundredth: each leaves a hundredth of the error or less
 CALIBRATED_ROUNDS = 12
 CORRECTIONS = 3  # [-] further solutions at most for a calibrated arm; each leaves some hundredths of the error
-CLOSE = 1e-4  # [m, m/s] error of a release at which they stop: the tick grid's reserve has room for its correction
+CLOSE = 3e-3  # [m, m/s] error of a release that needs none of them, as solving on ticks corrects it as well
 REFINED = 1e-9  # [m, m/s] residual at which they stop: a ten-thousandth of the certificate's tolerance
 MISSED = 0.05  # [m, m/s] a solution this far from its release has none
 WINDOW_ROUNDS = 3  # further solutions at most that bring the landings of a window back into the tolerance
@@ -123,10 +123,9 @@ def _corrected(instance: Instance, state: tuple[Vector, Vector]) -> Instance | N
     residual, _ = _release_residual(problem, z, _measured_rows(problem, rows, state, aim), jacobian)
     if np.abs(residual).max() < CLOSE:
         return None
-    is_aimed = isinstance(problem.release, TargetRelease) and problem.release.release_position is None
-    if instance.fitted_at is None or not is_aimed:
+    if instance.fitted_at is None or not _only_lands(problem):
         return replace(instance, fitted_at=state, aim=aim)
-    return replace(instance, aim=_formulas_aim(instance, state, aim))
+    return _aimed(instance, state, aim)
 
 
 def answer(instance: Instance, z: Vector, solver: Solver) -> Solution:
@@ -203,19 +202,23 @@ def least_ticks(duration_s: float, dt: float) -> int:
 
 def _solved_on_times(instance: Instance, z: Vector, solver: Solver, ticks: tuple[int, int]) -> Trajectory | None:
     """Returns the motion solved again with its times fixed to `ticks`, None if the solver gives up."""
-    dt = instance.problem.dt
-    instance = instance.on_times(z, ticks[0] * dt, sum(ticks) * dt)
-    again = solver.try_solve(instance)
-    if again is None:
-        return None
-    made, _ = _through_release(instance, KnotStates.of(again, instance.stages.launch), ticks)
+    made, dt, problem = None, instance.problem.dt, instance.problem
+    for _ in range(1 + (CORRECTIONS if _is_free_release_of_measured_arm(problem) else 0)):
+        instance = instance.on_times(z, ticks[0] * dt, sum(ticks) * dt)
+        again = solver.try_solve(instance)
+        if again is None:
+            return made
+        z = again
+        made, instance = _through_release(instance, KnotStates.of(z, instance.stages.launch), ticks)
+        if _keeps_joint_limits(problem, made):
+            break
     return made
 
 
 def _through_release(instance: Instance, found: KnotStates, ticks: tuple[int, int]) -> tuple[Trajectory, Instance]:
-    """Returns the trajectory through the refined release, and the instance with the aim corrected for it.
+    """Returns the trajectory through the refined release, and the instance corrected for it.
 
-    The aim is corrected for the drag, and for what the formulas' arm lacks of a calibrated one.
+    Its aim is corrected for the drag, and for what the formulas' arm lacks of a calibrated one.
     """
     problem, state = instance.problem, (found.q[found.launch], found.qd[found.launch])
     aim = instance.aim if problem.cell.robot.fixed is None else _measured_aim(problem, state, instance.aim)
@@ -224,7 +227,15 @@ def _through_release(instance: Instance, found: KnotStates, ticks: tuple[int, in
         aim = _measured_aim(problem, state, aim)
     if problem.drag > 0.0:
         state = refined_release(instance, state, aim)
-    return _sampled_on_ticks(problem, found, state, ticks), replace(instance, aim=_formulas_aim(instance, state, aim))
+    corrected = replace(instance, aim=aim)
+    if _is_free_release_of_measured_arm(problem):
+        corrected = _aimed(instance, state, aim) if _only_lands(problem) else replace(corrected, fitted_at=state)
+    return _sampled_on_ticks(problem, found, state, ticks), corrected
+
+
+def _only_lands(problem: ThrowProblem) -> bool:
+    """Returns whether nothing but the landing is asked of the release."""
+    return isinstance(problem.release, TargetRelease) and problem.release.release_position is None
 
 
 def _measured_aim(problem: ThrowProblem, state: tuple[Vector, Vector], otherwise: Vector) -> Vector:
@@ -235,14 +246,11 @@ def _measured_aim(problem: ThrowProblem, state: tuple[Vector, Vector], otherwise
     return drag_free_aim(problem, problem.release.p_W, tool.p_WT, tool.v_WT)
 
 
-def _formulas_aim(instance: Instance, state: tuple[Vector, Vector], aim: Vector) -> Vector:
-    """Returns where the formulas' arm has to aim (3,) [m] for a calibrated one to land on `aim` from `state`."""
-    problem = instance.problem
-    if problem.cell.robot.fixed is None or not isinstance(problem.release, TargetRelease):
-        return aim
+def _aimed(instance: Instance, state: tuple[Vector, Vector], aim: Vector) -> Instance:
+    """Returns the instance whose arm, aiming there from a state q, qd (6,), makes the calibrated one land on `aim`."""
     rows, _ = _release_rows(instance, _stage(instance, state), aim)
-    apart = (rows - _measured_rows(problem, rows, state, aim))[RELEASE_ROWS.slices["landing"]]
-    return aim + np.append(apart, 0.0)
+    apart = rows - _measured_rows(instance.problem, rows, state, aim)
+    return replace(instance, aim=aim + np.append(apart[RELEASE_ROWS.slices["landing"]], 0.0))
 
 
 def _sampled_on_ticks(
