@@ -70,10 +70,11 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
         BackendUnavailable: casadi is not installed.
     """
     _require_casadi()
-    from planner.backends.casadi_nlp.answer import SPARE_TICKS, KnotStates, answer, solved
+    from planner.backends.casadi_nlp.answer import SPARE_TICKS, KnotStates, answer, solved, with_room
     from planner.backends.casadi_nlp.instance import Instance
     from planner.backends.casadi_nlp.solver import Solver
 
+    problem = with_room(problem)
     instance = Instance.of(problem, seed, options.margins, options.resolution)
     groups = frozenset(instance.stages.groups) if options.resolution == "fine" else options.margins.held
     groups |= {"flight"} if starts_with_flight(problem) else set()

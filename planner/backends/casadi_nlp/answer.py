@@ -33,6 +33,7 @@ REFINEMENT_ROUNDS = 6  # Newton iterations on the release state
 CALIBRATED_ROUNDS = 12
 CORRECTIONS = 3  # [-] further solutions at most for a calibrated arm; each leaves some hundredths of the error
 CLOSE = 3e-3  # [m, m/s] error of a release that needs none of them, as solving on ticks corrects it as well
+ROOM = 3e-3  # [m, m/s, rad] that a correction moves place, speed and elevation of the release, at most as a rule
 REFINED = 1e-9  # [m, m/s] residual at which they stop: a ten-thousandth of the certificate's tolerance
 MISSED = 0.05  # [m, m/s] a solution this far from its release has none
 WINDOW_ROUNDS = 3  # further solutions at most that bring the landings of a window back into the tolerance
@@ -84,6 +85,26 @@ class KnotStates:
         return q, self.qd[i] + s * (self.qdd[i] + s * jerk / 2.0), self.qdd[i] + s * jerk
 
 
+def with_room(problem: ThrowProblem) -> ThrowProblem:
+    """Returns the problem, for a calibrated arm with room in the bounds on the release.
+
+    The refined release keeps what is asked exactly, such as the landing, and moves within this room else.
+    """
+    release = problem.release
+    if problem.cell.robot.fixed is None or not isinstance(release, TargetRelease):
+        return problem
+    low, high = release.min_elevation_rad, release.max_elevation_rad
+    room = min(ROOM, max(high - low, 0.0) / 4.0)
+    inner = replace(
+        release,
+        max_speed_m_s=release.max_speed_m_s - ROOM,
+        min_elevation_rad=low + room if low > -math.pi / 2 else low,
+        max_elevation_rad=high - room if high < math.pi / 2 else high,
+        min_horizontal_distance_m=release.min_horizontal_distance_m + ROOM * (release.min_horizontal_distance_m > 0.0),
+    )
+    return replace(problem, release=inner)
+
+
 def solved(instance: Instance, solver: Solver) -> tuple[Instance, Vector]:
     """Returns the variables (N + 1, NZ) of the solution, in SI units, and the instance that it solves.
 
@@ -101,7 +122,7 @@ def solved(instance: Instance, solver: Solver) -> tuple[Instance, Vector]:
         if corrected is None:
             break
         corrected = corrected.from_guess(found, instance.landing_offsets)
-        again = solver.try_solve(corrected)
+        again = solver.try_correction(corrected)
         if again is None:
             break
         instance, z = corrected, again
@@ -203,9 +224,9 @@ def least_ticks(duration_s: float, dt: float) -> int:
 def _solved_on_times(instance: Instance, z: Vector, solver: Solver, ticks: tuple[int, int]) -> Trajectory | None:
     """Returns the motion solved again with its times fixed to `ticks`, None if the solver gives up."""
     made, dt, problem = None, instance.problem.dt, instance.problem
-    for _ in range(1 + (CORRECTIONS if _is_free_release_of_measured_arm(problem) else 0)):
+    for correction in range(1 + (CORRECTIONS if _is_free_release_of_measured_arm(problem) else 0)):
         instance = instance.on_times(z, ticks[0] * dt, sum(ticks) * dt)
-        again = solver.try_solve(instance)
+        again = solver.try_correction(instance) if correction else solver.try_solve(instance)
         if again is None:
             return made
         z = again
