@@ -9,7 +9,7 @@ import numpy as np
 
 from executor import records
 from executor import shared_memory as shm
-from executor.preflight import ExecutionRefused, gripper_is_open, session_refusals, verify_plan
+from executor.preflight import ExecutionRefused, gripper_is_open, session_refusals, session_warnings, verify_plan
 from executor.preparation import prepare_job
 from executor.robot import RobotSession, RobotState
 from executor.stream_job import StreamJob
@@ -54,6 +54,8 @@ class Execution:
         self.problem, self.trajectory = verify_plan(document, cell)
         if reasons := session_refusals(session):
             raise ExecutionRefused("; ".join(reasons))
+        for warning in session_warnings(session):
+            self.note(f"warning: {warning}")
         state = session.monitor.fresh()
         if state is None:
             raise ExecutionRefused("the controller stopped sending its state")

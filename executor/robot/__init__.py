@@ -2,6 +2,16 @@
 
 from executor.robot import simulator_client
 from executor.robot.dashboard import DashboardClient
+from executor.robot.kinematics_client import KinematicsInfo, read_kinematics
 from executor.robot.session import RobotSession, RobotState, receive_timestamps, robot_document
 
-__all__ = ["DashboardClient", "RobotSession", "RobotState", "receive_timestamps", "robot_document", "simulator_client"]
+__all__ = [
+    "DashboardClient",
+    "KinematicsInfo",
+    "RobotSession",
+    "RobotState",
+    "read_kinematics",
+    "receive_timestamps",
+    "robot_document",
+    "simulator_client",
+]

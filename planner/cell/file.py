@@ -182,8 +182,12 @@ def parse_cell(text: bytes | str, name: str, calibration: bytes | None = None) -
     return cell_of(CellSource(name, text.encode() if isinstance(text, str) else text, calibration))
 
 
-def cell_of(source: CellSource) -> Cell:
+def cell_of(source: CellSource, published: bool = False) -> Cell:
     """Returns the cell of a source.
+
+    Args:
+        source: what it is read from.
+        published: whether the arm has the published table, whatever calibration file the cell names.
 
     Raises:
         CellError: the text is not TOML, or a field is refused: an unknown key, a number that is not finite, a limit
@@ -195,7 +199,10 @@ def cell_of(source: CellSource) -> Cell:
         given = tomllib.loads(source.text.decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise CellError("file", source.name, f"is not TOML: {error}") from error
-    return _cell(merge_defaults(given, DEFAULTS), source)
+    document = merge_defaults(given, DEFAULTS)
+    if published:
+        document["kinematics"] = DEFAULTS["kinematics"]
+    return _cell(document, source)
 
 
 def _cell(document: dict[str, Any], source: CellSource) -> Cell:
