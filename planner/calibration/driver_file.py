@@ -111,7 +111,7 @@ def calibration_text(fixed: Array, hash: str) -> str:
         hash: the driver's name of the calibration.
     """
     links, flange = _links_of(fixed)
-    poses = dict(zip(LINKS, links, strict=True))
+    poses: dict[str, Array] = dict(zip(LINKS, links, strict=True))
     if np.abs(flange - np.eye(4)).max() > FLANGE_ROUNDING:
         poses["flange"] = flange
     lines = ["kinematics:"]
