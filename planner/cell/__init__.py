@@ -3,7 +3,7 @@
 All facts about a site are in its cell file; the arm's own data are in `planner.robots`.
 """
 
-from planner.cell.file import CellSource, calibration_name, cell_of, load_cell, parse_cell, read_source
+from planner.cell.file import CellSource, calibration_path, cell_of, load_cell, parse_cell, read_source
 from planner.cell.model import Box, Cell, Limits, Safety, ToolCapsule
 
 __all__ = [
@@ -13,7 +13,7 @@ __all__ = [
     "Limits",
     "Safety",
     "ToolCapsule",
-    "calibration_name",
+    "calibration_path",
     "cell_of",
     "load_cell",
     "parse_cell",
