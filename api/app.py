@@ -119,5 +119,5 @@ async def _warm_up(service: Service) -> None:
 
 
 def _warm_up_job(settings: ServiceSettings, cells: CellRepository) -> PlanningJob | None:
-    text = cells.text(settings.default_cell)
-    return None if text is None else PlanningJob("warm-up", "", settings.default_cell, text, WARM_UP_REQUEST)
+    source = cells.source(settings.default_cell)
+    return None if source is None else PlanningJob("warm-up", "", source, WARM_UP_REQUEST)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from planner.cell import Cell, parse_cell
+from planner.cell import Cell, CellSource, cell_of, read_source
 from planner.cell_folder import check_home
 from planner.errors import CellError
 
@@ -18,20 +18,18 @@ class CellRepository:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._cache: dict[str, tuple[bytes, Cell]] = {}
+        self._cache: dict[str, tuple[CellSource, Cell]] = {}
 
     def names(self) -> list[str]:
         """Returns the names of the cell files, sorted."""
         return sorted(path.stem for path in self.folder.glob("*.toml"))
 
-    def text(self, name: str) -> bytes | None:
-        """Returns the content of a cell file, or None if there is no such cell."""
-        if name not in self.names():  # a name from a request never becomes a path
+    def source(self, name: str) -> CellSource | None:
+        """Returns the content of a cell's files, or None if there is no such cell."""
+        path = self.folder / f"{name}.toml"
+        if name not in self.names() or not path.is_file():  # a name from a request never becomes a path
             return None
-        try:
-            return (self.folder / f"{name}.toml").read_bytes()
-        except FileNotFoundError:
-            return None
+        return read_source(path)
 
     def cell(self, name: str) -> Cell | None:
         """Returns a cell, or None if there is no such cell.
@@ -39,14 +37,14 @@ class CellRepository:
         Raises:
             CellError: The file is refused.
         """
-        text = self.text(name)
-        if text is None:
+        source = self.source(name)
+        if source is None:
             return None
         cached = self._cache.get(name)
-        if cached is None or cached[0] != text:
-            cell = parse_cell(text, name)
+        if cached is None or cached[0] != source:
+            cell = cell_of(source)
             check_home(cell)
-            cached = self._cache[name] = (text, cell)
+            cached = self._cache[name] = (source, cell)
         return cached[1]
 
     def faults(self) -> dict[str, str]:

@@ -1,13 +1,16 @@
-"""`python -m executor --cell NAME [--read-only]`: the executor of one cell, until SIGTERM or SIGINT."""
+"""`python -m executor --cell NAME`: the executor of one cell, until SIGTERM or SIGINT; or its doctor, or an import."""
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import signal
 import sys
 import threading
 
+from executor.calibration_import import ImportFailed, import_calibration
+from executor.calibration_import import report as import_report
 from executor.daemon import Daemon
 from executor.doctor import DURATION_S, examine, grade_lag, known_timing, report
 from executor.records import Journal, JournalLocked
@@ -24,12 +27,16 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--cell", help="name of the cell; FLING_DEFAULT_CELL otherwise")
     parser.add_argument("--read-only", action="store_true", help="connect and report, never move")
     parser.add_argument("--doctor", action="store_true", help="check this machine's timing and the link, then exit")
+    parser.add_argument("--kinematics", action="store_true", help="import the controller's kinematics, then exit")
+    parser.add_argument("--json", action="store_true", help="print the import as JSON")
     options = parser.parse_args(arguments)
     ended = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: ended.set())
     try:
         settings = ExecutorSettings.from_environment(os.environ, options.cell, options.read_only)
+        if options.kinematics:
+            return run_import(settings, options.json)
         cell = load_cell(settings.cell_path)
         if options.doctor:
             return run_doctor(cell, settings.database_url)
@@ -53,6 +60,17 @@ def run_doctor(cell: Cell, database_url: str) -> int:
     text, code = report(cell, [*examine(cell), grade_lag(cell, known_timing(cell, database_url))])
     print(text)
     return code
+
+
+def run_import(settings: ExecutorSettings, as_json: bool) -> int:
+    """Imports the controller's kinematics and prints what was written; returns the exit code."""
+    try:
+        imported = import_calibration(settings.cell_path)
+    except ImportFailed as error:
+        print(f"fling: {error}", file=sys.stderr)
+        return 1
+    print(json.dumps(imported.as_document()) if as_json else import_report(imported, settings.cell))
+    return 0
 
 
 if __name__ == "__main__":

@@ -11,7 +11,7 @@ from typing import TypeVar
 from executor import realtime
 from executor.cell_watch import CellWatch
 from executor.execution import Execution
-from executor.preflight import ExecutionRefused, session_refusals
+from executor.preflight import ExecutionRefused, session_refusals, session_warnings
 from executor.records import MIN_FREE_BYTES, ExecutionResult, Journal, row_document
 from executor.robot import RobotSession, robot_document
 from planner.cell import Cell
@@ -43,6 +43,7 @@ class Heartbeat(threading.Thread):
         self.watch = watch
         self.idle = True  # the dashboard is queried only while nothing moves
         self._refusals: list[str] = []
+        self._warnings: list[str] = []
         self._ended = threading.Event()
 
     def stop(self) -> None:
@@ -55,12 +56,13 @@ class Heartbeat(threading.Thread):
         """Reports once, and clears an acknowledged fault; an unavailable database is tried again at the next beat."""
         session, cell = self.session, self.session.cell
         if self.idle:
-            self._refusals = session_refusals(session)
+            self._refusals, self._warnings = session_refusals(session), session_warnings(session)
         try:
             if self.store.acknowledge_requested(cell.name):
                 self.journal.clear_fault()
                 self.store.clear_acknowledge(cell.name)
-            robot = {**robot_document(session.monitor.fresh(), self._refusals), "cell_sha256": cell.sha256}
+            findings = robot_document(session.monitor.fresh(), self._refusals, self._warnings)
+            robot = {**findings, "cell_sha256": cell.sha256}
             fault, read_only = self.journal.fault() or self.watch.fault, session.settings.read_only
             self.store.record_heartbeat(cell.name, self.executor_id, cell.link.kind, robot, fault, read_only)
         except StoreUnavailable:

@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from executor import realtime
-from executor.robot import receive_timestamps
+from executor.preflight import KINEMATICS_M, difference_from, kinematics_refusals
+from executor.robot import KinematicsInfo, read_kinematics, receive_timestamps
 from learning import pooled_document, timing_runs
 from planner.cell import Cell
 from store import Store, StoreError, StoreUnavailable
@@ -52,7 +53,14 @@ def examine(cell: Cell, duration_s: float = DURATION_S) -> list[DoctorFinding]:
     late = measure_wakeups(dt, duration_s)
     stolen = (stolen_s() - before) / (time.monotonic() - began) / (os.cpu_count() or 1)
     sleep = grade_sleep(realtime.is_virtual(), realtime.may_set_latency(), stolen)
-    return [_permissions(), _kernel(), sleep, grade_jitter(late, dt), _link(cell, min(duration_s, LINK_S))]
+    return [
+        _permissions(),
+        _kernel(),
+        sleep,
+        grade_jitter(late, dt),
+        _link(cell, min(duration_s, LINK_S)),
+        _kinematics(cell),
+    ]
 
 
 def report(cell: Cell, findings: list[DoctorFinding]) -> tuple[str, int]:
@@ -177,6 +185,35 @@ def _link(cell: Cell, duration_s: float) -> DoctorFinding:
     text = f"{len(stamps)} packages, period {mean * 1e3:.3f} ms, longest gap {gap * 1e3:.1f} ms, {lost} lost"
     grade = "ok" if share >= GOOD_SHARE and gap <= GAP_MAX_S else "warning" if share >= BAD_SHARE else "bad"
     return DoctorFinding("link", grade, text, "" if grade == "ok" else advice)
+
+
+def _kinematics(cell: Cell) -> DoctorFinding:
+    try:
+        info = read_kinematics(cell.link.host)
+    except (OSError, ValueError):
+        info = None
+    return grade_kinematics(cell, info)
+
+
+def grade_kinematics(cell: Cell, info: KinematicsInfo | None) -> DoctorFinding:
+    """Returns the finding about the cell's calibration and what the controller tells of its arm."""
+    name, advice = "kinematics", "fling cell kinematics --from-robot reads the controller's own"
+    if reasons := kinematics_refusals(cell, info):
+        return DoctorFinding(name, "bad", reasons[0], advice)
+    if cell.calibration is not None:
+        return DoctorFinding(name, "ok", f"{cell.calibration.name} is this arm's")
+    if info is None and cell.link.kind == "sim":
+        return DoctorFinding(name, "ok", "the simulated controller tells none: its arm is as published")
+    if info is None:
+        text = "no calibration in the cell file, and the controller does not tell its arm's; it may be off by 1 cm"
+        return DoctorFinding(name, "warning", text, advice)
+    apart = difference_from(cell, info)
+    if apart is None:
+        return DoctorFinding(name, "bad", f"the controller's arm is no {cell.robot.name}", "check `robot` in the cell")
+    if apart.largest_m <= KINEMATICS_M:
+        return DoctorFinding(name, "ok", "the arm is as published")
+    size = f"{apart.median_m * 1e3:.1f} mm in the median of postures, up to {apart.largest_m * 1e3:.1f} mm"
+    return DoctorFinding(name, "warning", f"no calibration in the cell file: this arm is off by {size}", advice)
 
 
 def _run_python(code: str, *arguments: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from executor import records
 from executor import shared_memory as shm
-from executor.preflight import ExecutionRefused, gripper_is_open, session_refusals, verify_plan
+from executor.preflight import ExecutionRefused, gripper_is_open, session_refusals, session_warnings, verify_plan
 from executor.preparation import prepare_job
 from executor.robot import RobotSession, RobotState
 from executor.stream_job import StreamJob
@@ -57,6 +57,8 @@ class Execution:
         self.problem, self.trajectory, self.aim_shift = verify_plan(document, cell, self.profile)
         if reasons := session_refusals(session):
             raise ExecutionRefused("; ".join(reasons))
+        for warning in session_warnings(session):
+            self.note(f"warning: {warning}")
         state = session.monitor.fresh()
         if state is None:
             raise ExecutionRefused("the controller stopped sending its state")

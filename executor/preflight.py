@@ -8,12 +8,14 @@ import numpy as np
 import orjson
 from numpy.typing import NDArray
 
-from executor.robot import RobotSession, RobotState
+from executor.robot import KinematicsInfo, RobotSession, RobotState
 from executor.streaming.state_checks import NORMAL, OUTPUT_SHIFT, SAFETY_WORDS
 from learning import cell_with_profile
+from planner.calibration import ImplausibleChain, calibrated, transforms_of_table
 from planner.cell import Cell
 from planner.certificate import certify
 from planner.errors import PlannerError
+from planner.kinematics import ChainDifference, chain_difference
 from planner.plan_reading import aim_shift, plan_from_document
 from planner.problem import ThrowProblem
 from planner.rotations import matrix_to_rotation_vector, rotation_vector_to_matrix
@@ -37,6 +39,7 @@ ROBOT_MODES = {
 REST_RAD_S = 0.01  # [rad/s] an arm this slow counts as at rest; above the noise of a measured joint speed
 PAYLOAD_KG = 0.05  # [kg] accepted difference of the controller's payload from the tool, or tool and object
 TCP_M, TCP_RAD = 1e-3, 5e-3  # [m, rad] accepted difference of its tool centre point: a millimetre at the object
+KINEMATICS_M = 1e-4  # [m] accepted difference of the controller's arm from the cell's, at its worst posture
 SPEED = 1e-3  # [-] accepted difference of the speed slider from 1: rounding only
 
 
@@ -84,11 +87,20 @@ def gripper_is_open(cell: Cell, state: RobotState) -> bool:
 
 def session_refusals(session: RobotSession) -> list[str]:
     """Returns every reason not to move the session's robot now; empty where it may move."""
-    return refusals(session.cell, session.monitor.fresh(), session.remote_control())
+    state = session.monitor.fresh()
+    if state is None:
+        return refusals(session.cell, None, None)
+    found = refusals(session.cell, state, session.remote_control())
+    return [*found, *kinematics_refusals(session.cell, session.kinematics())]
+
+
+def session_warnings(session: RobotSession) -> list[str]:
+    """Returns what a person should know before the session's robot moves; it may move all the same."""
+    return kinematics_warnings(session.cell, session.kinematics())
 
 
 def refusals(cell: Cell, state: RobotState | None, remote: str | None) -> list[str]:
-    """Returns every reason not to move a robot; empty where it may move.
+    """Returns every reason not to move a robot that its state and dashboard give; empty where it may move.
 
     Args:
         cell: as the executor reads it.
@@ -98,6 +110,53 @@ def refusals(cell: Cell, state: RobotState | None, remote: str | None) -> list[s
     if state is None:
         return [f"no state arrives from the controller at {cell.link.host}"]
     return [*_control(cell, remote), *_condition(state), *_tool(cell, state)]
+
+
+def kinematics_refusals(cell: Cell, info: KinematicsInfo | None) -> list[str]:
+    """Returns why a robot may not move with the cell's calibration, if it has one; empty where it may.
+
+    Args:
+        cell: as the executor reads it.
+        info: what the controller tells of its arm; None without an answer.
+    """
+    if cell.calibration is None:
+        return []
+    file, known_as = cell.calibration.name, cell.calibration.hash or "no hash"
+    if info is None:
+        return [f"kinematic_calibration: the controller at {cell.link.host} does not tell its arm's kinematics"]
+    apart = difference_from(cell, info)
+    if apart is None or apart.largest_m > KINEMATICS_M:
+        size = "of another model" if apart is None else f"up to {apart.largest_m * 1e3:.1f} mm away"
+        return [
+            f"kinematic_calibration: {file} ({known_as}) is another arm's: the controller's ({info.table.hash}) is "
+            f"{size}; `fling cell kinematics --from-robot` reads this arm's"
+        ]
+    return []
+
+
+def kinematics_warnings(cell: Cell, info: KinematicsInfo | None) -> list[str]:
+    """Returns the warning that a real arm has no calibration, with the size of the error that this hides."""
+    if cell.calibration is not None or cell.link.kind == "sim":
+        return []
+    advice = "`fling cell kinematics --from-robot` reads it"
+    if info is None:
+        return [f"kinematic_calibration: none in the cell file; arms are off by up to a centimetre; {advice}"]
+    apart = difference_from(cell, info)
+    if apart is None:
+        return [f"kinematic_calibration: the controller's arm ({info.table.hash}) is no {cell.robot.name}"]
+    if apart.largest_m <= KINEMATICS_M:
+        return []
+    size = f"{apart.median_m * 1e3:.1f} mm in the median of postures, up to {apart.largest_m * 1e3:.1f} mm"
+    return [f"kinematic_calibration: none in the cell file; this arm is off by {size}; {advice}"]
+
+
+def difference_from(cell: Cell, info: KinematicsInfo) -> ChainDifference | None:
+    """Returns how far the cell's arm is from what its controller tells; None where that is no arm of this model."""
+    try:
+        told = calibrated(cell.robot.published, transforms_of_table(info.table))
+    except ImplausibleChain:
+        return None
+    return chain_difference(told, cell.robot)
 
 
 def _control(cell: Cell, remote: str | None) -> Iterator[str]:

@@ -85,14 +85,16 @@ class Robot:
         generation: of the controller.
         sample_rate_hz: ticks per second.
         joint_names: from base to flange, as in ROS.
-        a, d: DH lengths (6,) [m].
-        alpha: DH twists (6,) [rad].
+        a, d: DH lengths (6,) [m]; of a calibrated arm, distances between and along its axes.
+        alpha: DH twists (6,) [rad], as published.
         q_lower, q_upper: limits on joint position (6,) [rad].
         qd_max: limits on joint velocity (6,) [rad/s].
         qdd_max: limits on joint acceleration (6,) [rad/s^2].
         tau_max: rated joint torques (6,) [N m].
         links: from base to flange.
         shape: outer dimensions.
+        fixed: transforms (6, 4, 4) between the joints' rotations, of an arm whose chain was measured; None for the
+            published table. See `planner.calibration`.
     """
 
     name: str
@@ -109,9 +111,15 @@ class Robot:
     tau_max: Array
     links: tuple[Link, ...]
     shape: ArmShape
+    fixed: Array | None = None
 
     def __repr__(self) -> str:
         return f"Robot({self.name!r})"
+
+    @property
+    def published(self) -> Robot:
+        """The arm of the same model with the published table."""
+        return self if self.fixed is None else robot(self.name)
 
 
 @cache

@@ -45,6 +45,7 @@ PLANTED = {
     "planner-geometry-levels": ("planner/geometry/distances.py", "planner.geometry.body"),
     "planner-kinematics-levels": ("planner/kinematics/singularities.py", "planner.kinematics.inverse_kinematics"),
     "planner-kernel-levels": ("planner/kernel/library.py", "planner.kernel.twin"),
+    "planner-calibration-levels": ("planner/calibration/chain.py", "planner.calibration.driver_file"),
     "planner-cell-levels": ("planner/cell/model.py", "planner.cell.file"),
     "planner-pure": ("planner/cell/model.py", "sqlalchemy"),
     "executor-no-solver": ("executor/stream_job.py", "planner.planning"),

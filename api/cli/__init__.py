@@ -23,7 +23,7 @@ COMMANDS = {
     "report": ("plan", "report", "One plan as a self-contained HTML file."),
     "acknowledge": ("throw", "acknowledge", "Clear a latched fault, after checking the robot."),
     "doctor": ("serve", "doctor", "Check this machine's timing and the link to the controller."),
-    "cell": ("admin", "cell", "Check cell files."),
+    "cell": ("admin", "cell", "Check cell files, import an arm's kinematics."),
     "warm": ("plan", "warm", "Build and cache the generated solvers."),
     "token": ("admin", "token", "Create tokens for the service."),
     "db": ("admin", "db", "Migrate the database."),

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
+
+if TYPE_CHECKING:
+    from planner.cell import Cell
 
 
 @click.group()
 def cell() -> None:
-    """Check cell files."""
+    """Check cell files, and import what belongs to them."""
 
 
 @cell.command()
@@ -25,6 +31,34 @@ def check(file: Path) -> None:
         raise click.ClickException(f"{file}: {error}") from error
     kind = "a simulated controller" if found.link.kind == "sim" else "a REAL arm"
     click.echo(f"{file}: good. {found.robot.name}, {kind} at {found.link.host}, sha256 {found.sha256}")
+    click.echo(_kinematics_of(found))
+
+
+def _kinematics_of(cell: Cell) -> str:
+    """Returns which kinematics a cell's arm has."""
+    from planner.kinematics import chain_difference
+
+    if cell.calibration is None:
+        reads = "`fling cell kinematics --from-robot` reads the arm's own"
+        return "kinematics: the published table, from which arms are up to a centimetre off" + (
+            f"; {reads}" if cell.link.kind == "ur" else ""
+        )
+    apart = chain_difference(cell.robot.published, cell.robot)
+    size = f"{apart.median_m * 1e3:.2f} mm in the median of postures, up to {apart.largest_m * 1e3:.2f} mm"
+    return f"kinematics: {cell.calibration.name} ({cell.calibration.hash or 'no hash'}), {size} off the published table"
+
+
+@cell.command()
+@click.option("--cell", "name", help="Cell; default: FLING_DEFAULT_CELL.")
+@click.option("--from-robot", is_flag=True, required=True, help="Read them from the cell's controller.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def kinematics(name: str | None, from_robot: bool, as_json: bool) -> None:
+    """Write the measured kinematics of the cell's arm beside its cell file, as UR's ROS driver does.
+
+    Exit status 1 if the controller does not answer, or its arm is of another model.
+    """
+    arguments = [*(["--cell", name] if name else []), *(["--json"] if as_json else [])]
+    os.execv(sys.executable, [sys.executable, "-m", "executor", "--kinematics", *arguments])
 
 
 @click.group()

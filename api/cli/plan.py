@@ -107,10 +107,11 @@ def _plan(body: Any, cells: Path | None, cell: str | None) -> Planned:
     repository, name = CellRepository(cells or settings.cells), body.cell or cell or settings.default_cell
     if body.start is not None and body.start.current:
         raise invalid_field("start.current", "needs a service with an executor")
-    if repository.cell(name) is None:
+    source = repository.source(name)
+    if source is None or repository.cell(name) is None:
         raise invalid_field("cell", f"no cell {name!r}; there are {', '.join(repository.names())}")
     request = {**body.model_dump(exclude_none=True), "cell": name}
-    job = PlanningJob(new_id(), iso_time(time.time()) or "", name, repository.text(name) or b"", request)
+    job = PlanningJob(new_id(), iso_time(time.time()) or "", source, request)
     return solve(job)
 
 

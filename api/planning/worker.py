@@ -14,7 +14,7 @@ from typing import Any
 
 import orjson
 
-from planner.cell import Cell, parse_cell
+from planner.cell import Cell, CellSource, cell_of
 from planner.errors import PlannerError
 
 NICENESS = 10  # planning can wait for the stream to the arm, which has a deadline every tick
@@ -27,16 +27,14 @@ class PlanningJob:
     Attributes:
         plan_id: Id of the plan to be.
         created_at: Time of the request (UTC, ISO 8601).
-        cell_name: Name of the cell.
-        cell_text: Content of its cell file.
+        cell: Content of the cell's files.
         request: The request as JSON, in the shape of `POST /plan`.
         profile: Id and document of the profile that the cell uses; None: the cell file's numbers.
     """
 
     plan_id: str
     created_at: str
-    cell_name: str
-    cell_text: bytes
+    cell: CellSource
     request: Mapping[str, Any]
     profile: tuple[str, bytes] | None = None
 
@@ -84,7 +82,7 @@ def solve(job: PlanningJob) -> Planned:
     from planner.plan_document import plan_document
     from planner.request import problem_from_request
 
-    cell = _cell(job.cell_text, job.cell_name)
+    cell = _cell(job.cell)
     learnt = None if job.profile is None else orjson.loads(job.profile[1])
     problem = problem_from_request(job.request, cell_with_profile(cell, learnt))
     known = prior_knowledge(cell) if learnt is None else knowledge_of(learnt)
@@ -97,8 +95,8 @@ def solve(job: PlanningJob) -> Planned:
 
 
 @lru_cache(maxsize=32)
-def _cell(text: bytes, name: str) -> Cell:
-    return parse_cell(text, name)
+def _cell(source: CellSource) -> Cell:
+    return cell_of(source)
 
 
 def _exit_with(parent: Any) -> None:

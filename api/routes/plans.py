@@ -16,6 +16,7 @@ from api.http import ProblemDetails, json_answer, preferred_media_type, problem_
 from api.planning import Planned, PlanningJob, PlanningQueueFull
 from api.report import plan_svg
 from api.schemas import PLAN_EXAMPLES, PlanAnswer, PlanList, PlanRequest, TrajectoryAnswer, iso_time
+from planner.cell import CellSource
 from planner.errors import PlannerError
 from planner.problem import TIME_LIMIT_S
 from store import IdempotencyKey, KeyTaken, PlanRow, new_id
@@ -123,7 +124,7 @@ def find_plan(service: Service, id: str, whole: bool = True) -> PlanRow:
 
 async def _solve_and_store(body: PlanRequest, service: Service, key: IdempotencyKey | None) -> str:
     started_at = time.perf_counter()
-    job, sha256 = await run_in_threadpool(_planning_job, body, service)
+    job = await run_in_threadpool(_planning_job, body, service)
     try:
         planned = await service.pool.solve(job, body.time_limit_s or TIME_LIMIT_S)
     except (PlannerError, PlanningQueueFull) as error:
@@ -132,19 +133,20 @@ async def _solve_and_store(body: PlanRequest, service: Service, key: Idempotency
     finally:
         service.metrics.plan_seconds.observe(time.perf_counter() - started_at)
     service.metrics.plans.labels("planned").inc()
-    return await run_in_threadpool(_store_plan, service, job, sha256, planned, key)
+    return await run_in_threadpool(_store_plan, service, job, planned, key)
 
 
-def _planning_job(body: PlanRequest, service: Service) -> tuple[PlanningJob, str]:
-    """Returns the job for a worker and the hash of its cell file."""
+def _planning_job(body: PlanRequest, service: Service) -> PlanningJob:
+    """Returns the job for a worker."""
     name = body.cell or service.settings.default_cell
-    cell, text = service.cell(name), service.cells.text(name) or b""
+    service.cell(name)  # refuses an unknown cell, and one whose file is wrong
+    source = service.cells.source(name) or CellSource(name, b"")
     request = {**body.model_dump(exclude_none=True), "cell": name}
     if body.start is not None and body.start.current:
         request["start"] = {"positions": _current_positions(service, name)}
     adopted = service.store.adopted_profile(name)
     profile = None if adopted is None else (adopted.id, adopted.document)
-    return PlanningJob(new_id(), iso_time(time.time()) or "", name, text, request, profile), cell.sha256
+    return PlanningJob(new_id(), iso_time(time.time()) or "", source, request, profile)
 
 
 def _current_positions(service: Service, cell: str) -> list[float]:
@@ -156,12 +158,11 @@ def _current_positions(service: Service, cell: str) -> list[float]:
     return [float(q) for q in positions]
 
 
-def _store_plan(service: Service, job: PlanningJob, sha256: str, planned: Planned, key: IdempotencyKey | None) -> str:
+def _store_plan(service: Service, job: PlanningJob, planned: Planned, key: IdempotencyKey | None) -> str:
     """Stores the plan and returns its id; the first one's id if the same request arrived twice at once."""
     try:
-        service.store.add_plan(
-            job.plan_id, time.time(), job.cell_name, sha256, planned.backend, planned.document, planned.summary, key
-        )
+        cell, made = job.cell, (planned.backend, planned.document, planned.summary)
+        service.store.add_plan(job.plan_id, time.time(), cell.name, cell.sha256, *made, key)
     except KeyTaken as taken:
         if key is None or taken.body_sha256 != key.body_sha256:
             raise

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from executor.robot.dashboard import DashboardClient
+from executor.robot.kinematics_client import KinematicsInfo, KinematicsReader
 from executor.settings import ExecutorSettings
 from planner.cell import Cell
 
@@ -191,11 +192,13 @@ class RobotSession:
     settings: ExecutorSettings
     monitor: Monitor
     dashboard: DashboardClient
+    kinematics_reader: KinematicsReader
 
     @classmethod
     def open(cls, cell: Cell, settings: ExecutorSettings, monitor: Monitor | None = None) -> RobotSession:
         """Returns a session with a dashboard of its own, and with `monitor` or a new one."""
-        return cls(cell, settings, monitor or Monitor(cell.link.host), DashboardClient(cell.link.host))
+        host = cell.link.host
+        return cls(cell, settings, monitor or Monitor(host), DashboardClient(host), KinematicsReader(host))
 
     def remote_control(self) -> str | None:
         """Returns the dashboard's answer about remote control; None without an answer."""
@@ -204,14 +207,29 @@ class RobotSession:
         except OSError:
             return None
 
+    def kinematics(self) -> KinematicsInfo | None:
+        """Returns what the controller tells of its arm; None without an answer, or where nobody asks.
 
-def robot_document(state: RobotState | None, refusals: list[str]) -> dict[str, Any]:
-    """Returns the live state as `GET /cells/{name}/state` shows it; `refusals` are the reasons not to move."""
+        A simulated arm without a calibration is the published one, whatever its controller says.
+        """
+        asks = self.cell.calibration is not None or self.cell.link.kind == "ur"
+        return self.kinematics_reader.info() if asks else None
+
+
+def robot_document(state: RobotState | None, refusals: list[str], warnings: list[str] | None = None) -> dict[str, Any]:
+    """Returns the live state as `GET /cells/{name}/state` shows it.
+
+    Args:
+        state: of the robot; None without a connection.
+        refusals: reasons not to move.
+        warnings: what does not keep it from moving, and a person should know.
+    """
+    findings = {"refusals": refusals, "warnings": warnings or []}
     if state is None:
-        return {"connected": False, "refusals": refusals}
+        return {"connected": False, **findings}
     return {
         "connected": True,
-        "refusals": refusals,
+        **findings,
         "timestamp_s": state.timestamp_s,
         "positions": list(state.q),
         "velocities": list(state.qd),

@@ -4,19 +4,24 @@ All facts about a site are in its cell file; the arm's own data are in `planner.
 """
 
 from planner.cell.fields import choice, merge_defaults, number, vector
-from planner.cell.file import load_cell, parse_cell
+from planner.cell.file import cell_of, load_cell, parse_cell
 from planner.cell.model import Box, Cell, Limits, Safety, ToolCapsule
+from planner.cell.source import CellSource, calibration_path, read_source
 
 __all__ = [
     "Box",
     "Cell",
+    "CellSource",
     "Limits",
     "Safety",
     "ToolCapsule",
+    "calibration_path",
+    "cell_of",
     "choice",
     "load_cell",
     "merge_defaults",
     "number",
     "parse_cell",
+    "read_source",
     "vector",
 ]

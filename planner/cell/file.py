@@ -1,4 +1,4 @@
-"""Reading a cell file: from TOML to a checked `Cell`.
+"""Reading a cell file, and the calibration file that it names: from TOML to a checked `Cell`.
 
 Keys and units are described in `docs/cells.md`. Numbers are kept as written, so that `GET /cells/{name}` answers them
 unchanged, with the defaults filled in.
@@ -6,7 +6,6 @@ unchanged, with the defaults filled in.
 
 from __future__ import annotations
 
-import hashlib
 import math
 import re
 import tomllib
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from planner.arrays import Array, read_only
+from planner.calibration import CalibrationFile, parse_calibration
 from planner.cell.fields import beyond_arm, choice, exactly, merge_defaults, number, per_joint, tables, vector
 from planner.cell.model import (
     Box,
@@ -33,6 +33,7 @@ from planner.cell.model import (
     Tool,
     ToolCapsule,
 )
+from planner.cell.source import CellSource, calibration_name, read_source
 from planner.errors import CellError, UnknownRobot
 from planner.robots import ROBOT_NAMES, Robot, robot
 from planner.rotations import pose, rotation_vector_to_matrix
@@ -43,6 +44,7 @@ NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")  # a cell's name is
 DEFAULTS: dict[str, Any] = {
     "robot": None,
     "home_rad": [0.0, -1.57, 1.57, -1.57, -1.57, 0.0],
+    "kinematics": {"calibration": None},
     "base_in_world": {"position_m": [0.0, 0.0, 0.0], "rotation_vector_rad": [0.0, 0.0, 0.0]},
     "tool": {
         "tcp_position_m": [0.0, 0.0, 0.0],
@@ -105,36 +107,45 @@ def load_cell(path: Path | str) -> Cell:
     """Returns the cell of a TOML file; its name is the file's stem.
 
     Raises:
-        CellError: the file cannot be read, or a field of it is refused.
+        CellError: a file cannot be read, or a field of it is refused.
     """
-    path = Path(path)
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise CellError("file", str(path), error.strerror or "cannot be read") from error
-    return parse_cell(text, path.stem)
+    return cell_of(read_source(path))
 
 
-def parse_cell(text: bytes | str, name: str) -> Cell:
-    """Returns the cell described by `text` (TOML).
+def parse_cell(text: bytes | str, name: str, calibration: bytes | None = None) -> Cell:
+    """Returns the cell described by `text` (TOML) and by the calibration file that it names, if it names one.
+
+    Raises:
+        CellError: see `cell_of`.
+    """
+    return cell_of(CellSource(name, text.encode() if isinstance(text, str) else text, calibration))
+
+
+def cell_of(source: CellSource, published: bool = False) -> Cell:
+    """Returns the cell of a source.
+
+    Args:
+        source: what it is read from.
+        published: whether the arm has the published table, whatever calibration file the cell names.
 
     Raises:
         CellError: the text is not TOML, or a field is refused: an unknown key, a number that is not finite, a limit
-            beyond the arm's own.
+            beyond the arm's own, a calibration file that is missing or of another model.
     """
-    raw = text.encode() if isinstance(text, str) else text
-    if not NAME_PATTERN.fullmatch(name):
-        raise CellError("name", name, "must be letters, digits, '-' and '_', 64 at most")
+    if not NAME_PATTERN.fullmatch(source.name):
+        raise CellError("name", source.name, "must be letters, digits, '-' and '_', 64 at most")
     try:
-        given = tomllib.loads(raw.decode())
+        given = tomllib.loads(source.text.decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise CellError("file", name, f"is not TOML: {error}") from error
+        raise CellError("file", source.name, f"is not TOML: {error}") from error
     document = merge_defaults(given, DEFAULTS)
-    return _cell(document, name, hashlib.sha256(raw).hexdigest())
+    if published:
+        document["kinematics"] = DEFAULTS["kinematics"]
+    return _cell(document, source)
 
 
-def _cell(document: dict[str, Any], name: str, sha256: str) -> Cell:
-    arm, safety = _robot(document), _safety(document["safety"])
+def _cell(document: dict[str, Any], source: CellSource) -> Cell:
+    (calibration, arm), safety = _robot(document, source.calibration), _safety(document["safety"])
     limits = _limits(document["limits"], arm)
     if safety.tool_speed_m_s is not None:
         limits = replace(limits, tcp_speed_max=min(limits.tcp_speed_max, safety.tool_speed_m_s))
@@ -144,9 +155,10 @@ def _cell(document: dict[str, Any], name: str, sha256: str) -> Cell:
             bounds = f"[{limits.q_lower[i]:.6g}, {limits.q_upper[i]:.6g}]"
             raise CellError(f"home_rad[{i}]", float(home[i]), f"is outside the joint's limits {bounds}")
     return Cell(
-        name=name,
-        sha256=sha256,
+        name=source.name,
+        sha256=source.sha256,
         robot=arm,
+        calibration=calibration,
         home=home,
         X_WB=_pose(document["base_in_world"], "position_m", "rotation_vector_rad", "base_in_world."),
         tool=_tool(document["tool"]),
@@ -162,11 +174,18 @@ def _cell(document: dict[str, Any], name: str, sha256: str) -> Cell:
     )
 
 
-def _robot(document: Mapping[str, Any]) -> Robot:
+def _robot(document: Mapping[str, Any], calibration: bytes | None) -> tuple[CalibrationFile | None, Robot]:
+    """Returns the calibration file and the arm with its chain; without a file, None and the published arm."""
     try:
-        return robot(str(document["robot"]))
+        published = robot(str(document["robot"]))
     except UnknownRobot as error:
         raise CellError("robot", document["robot"], f"must be one of {', '.join(ROBOT_NAMES)}") from error
+    name = calibration_name(document)
+    if name is None:
+        return None, published
+    if calibration is None:
+        raise CellError("kinematics.calibration", name, "cannot be read; `fling cell kinematics --from-robot` makes it")
+    return parse_calibration(calibration, name, published)
 
 
 def _pose(table: Mapping[str, Any], position: str, rotation: str, where: str) -> Array:

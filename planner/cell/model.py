@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from planner.arrays import Array
+from planner.calibration import CalibrationFile
 from planner.robots import Robot
 
 
@@ -181,8 +182,9 @@ class Cell:
 
     Attributes:
         name: stem of the cell file's name.
-        sha256: hash of the cell file's bytes.
-        robot: the arm.
+        sha256: hash of the cell file's bytes, and of its calibration file's.
+        robot: the arm; with the calibration's chain where there is one.
+        calibration: the file that this is from; None for the published table.
         home: joint positions (6,) [rad] where a throw starts by default.
         X_WB: pose (4, 4) of the arm's base in the world.
         tool, limits, surroundings, object, gripper, safety, timing, link, sim: the tables of the cell file.
@@ -192,6 +194,7 @@ class Cell:
     name: str
     sha256: str
     robot: Robot
+    calibration: CalibrationFile | None
     home: Array
     X_WB: Array
     tool: Tool

@@ -55,6 +55,27 @@ void flange_poses(count n, in cosine, in sine, in dh, in base, double *out) {
     }
 }
 
+/* The same for a measured chain: between the rotations of the joints the fixed transforms (6, 4, 4). */
+void fixed_chain_poses(count n, in cosine, in sine, in fixed, in base, double *X) {
+    memset(X, 0, n * 7 * 16 * sizeof *X);
+    for (count k = 0; k < n; k++, cosine += 6, sine += 6, X += 7 * 16) {
+        memcpy(X, base, 16 * sizeof *X);
+        for (int i = 0; i < 6; i++) {
+            in M = fixed + 16 * i;
+            for (int row = 0; row < 3; row++) {
+                in from = X + 16 * i + 4 * row;
+                double *to = X + 16 * (i + 1) + 4 * row;
+                double x = cosine[i] * from[0] + sine[i] * from[1];
+                double y = cosine[i] * from[1] - sine[i] * from[0];
+                for (int column = 0; column < 4; column++)
+                    to[column] = x * M[column] + y * M[4 + column] + from[2] * M[8 + column];
+                to[3] += from[3];
+            }
+            X[16 * (i + 1) + 15] = 1.0;
+        }
+    }
+}
+
 /* A point of a frame, or with translation 0 a direction, in the world. */
 static void in_world(in X, in p, double translation, double *out) {
     for (int row = 0; row < 3; row++) out[row] = dot(X + 4 * row, p) + translation * X[4 * row + 3];

@@ -20,6 +20,7 @@ FLAGS = ("-O3", "-ffp-contract=off", "-fno-math-errno", *SHARED)
 SIGNATURES = {
     "link_poses": "naaaaa",
     "flange_poses": "naaaaa",
+    "fixed_chain_poses": "naaaaa",
     "end_points": "nanaaa",
     "end_points_of": "naaaa",
     "point_velocity": "naaaa",
@@ -136,6 +137,14 @@ class Kernel:
         n, X = len(cosine), np.empty((len(cosine), 4, 4))
         joints = _in(cosine, (n, JOINTS)), _in(sine, (n, JOINTS))
         self._library.flange_poses(n, *joints, _in(dh, (4, JOINTS)), _in(base, (4, 4)), _out(X))
+        return X
+
+    def fixed_chain_poses(self, cosine: Array, sine: Array, fixed: Array, base: Array) -> Array:
+        """Returns link poses (n, 7, 4, 4) of a measured chain with `fixed` transforms (6, 4, 4); see `link_poses`."""
+        n, X = len(cosine), np.empty((len(cosine), LINKS, 4, 4))
+        rows = (n, JOINTS)
+        joints = _in(cosine, rows), _in(sine, rows)
+        self._library.fixed_chain_poses(n, *joints, _in(fixed, (JOINTS, 4, 4)), _in(base, (4, 4)), _out(X))
         return X
 
     def end_points(self, X: Array, frames: Index, ends: Array) -> Array:

@@ -1,5 +1,6 @@
 """Kinematics of the arms, over many samples at once: poses, Jacobians, inverse kinematics, singularities."""
 
+from planner.kinematics.chain_difference import ChainDifference, chain_difference
 from planner.kinematics.differential_kinematics import forward_velocity, inverse_velocity
 from planner.kinematics.forward_kinematics import (
     analytical_jacobian,
@@ -22,9 +23,11 @@ from planner.kinematics.singularities import (
 
 __all__ = [
     "SINGULARITIES",
+    "ChainDifference",
     "LinkMotion",
     "accumulate",
     "analytical_jacobian",
+    "chain_difference",
     "cross",
     "dot",
     "flange_poses",

@@ -22,6 +22,8 @@ from planner.rotations import matrix_to_rotation_vector, pose, rotation_vector_r
 def link_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Array:
     """Returns the poses (..., 7, 4, 4) of the DH frames; index 0 is the base, 6 the flange.
 
+    The z axis of each frame is the axis of the next joint, of a calibrated arm as well.
+
     Source: Denavit and Hartenberg, distal convention: Rot_z(q) Trans_z(d) Trans_x(a) Rot_x(alpha).
 
     Args:
@@ -31,6 +33,8 @@ def link_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> Arr
     """
     q = np.asarray(q, dtype=np.float64)
     rows, base = q.reshape(-1, 6), np.eye(4) if X_WB is None else np.asarray(X_WB, dtype=np.float64)
+    if robot.fixed is not None:
+        return _fixed_chain(np.cos(rows), np.sin(rows), robot.fixed, base).reshape(*q.shape[:-1], 7, 4, 4)
     return _chained(np.cos(rows), np.sin(rows), _dh(robot), base).reshape(*q.shape[:-1], 7, 4, 4)
 
 
@@ -38,6 +42,8 @@ def flange_poses(robot: Robot, q: ArrayLike, X_WB: ArrayLike | None = None) -> A
     """Returns the poses (..., 4, 4) of the flange, the last of `link_poses`."""
     q = np.asarray(q, dtype=np.float64)
     rows, base = q.reshape(-1, 6), np.eye(4) if X_WB is None else np.asarray(X_WB, dtype=np.float64)
+    if robot.fixed is not None:
+        return _fixed_chain(np.cos(rows), np.sin(rows), robot.fixed, base)[:, 6].reshape(*q.shape[:-1], 4, 4)
     return _last(np.cos(rows), np.sin(rows), _dh(robot), base).reshape(*q.shape[:-1], 4, 4)
 
 
@@ -80,6 +86,26 @@ def _chained(cosine: Array, sine: Array, dh: Array, base: Array) -> Array:
 def _last(cosine: Array, sine: Array, dh: Array, base: Array) -> Array:
     """Returns flange poses (n, 4, 4) for cosines and sines (n, 6) of the joint positions."""
     return _chained(cosine, sine, dh, base)[:, 6]
+
+
+def _example_chain() -> tuple[Array, ...]:
+    cosine, sine, _, base = _example()
+    rng = np.random.default_rng(1)
+    fixed = pose(rng.uniform(-1.0, 1.0, (6, 3)), rotation_vector_to_matrix(rng.uniform(-1.0, 1.0, (6, 3))))
+    return cosine, sine, fixed, base
+
+
+@twin_of(Kernel.fixed_chain_poses, _example_chain)
+def _fixed_chain(cosine: Array, sine: Array, fixed: Array, base: Array) -> Array:
+    """Returns link poses (n, 7, 4, 4) of a measured chain: X_i = X_(i-1) Rz(q_i) M_i with `fixed` M (6, 4, 4)."""
+    X = np.empty((len(cosine), 7, 4, 4))
+    X[:, 0] = base
+    for i, M in enumerate(fixed):
+        turned = X[:, i].copy()
+        x, y, c, s = X[:, i, :, 0], X[:, i, :, 1], cosine[:, i, None], sine[:, i, None]
+        turned[:, :, 0], turned[:, :, 1] = c * x + s * y, c * y - s * x
+        X[:, i + 1] = turned @ M
+    return X
 
 
 def forward(robot: Robot, q: ArrayLike, X_FT: ArrayLike | None = None) -> Array:

@@ -1,5 +1,8 @@
 """Inverse kinematics in closed form: eight branches, and every turn of every joint within its limits.
 
+The axes of a calibrated arm are not quite parallel and square: there the closed form, with the measured lengths, is
+where Newton's iteration begins.
+
 The branches are shoulder left or right, wrist flipped or not, elbow up or down. Source: geometric solution for arms
 whose joints 2, 3 and 4 are parallel, e.g. Hawkins, "Analytic Inverse Kinematics for the Universal Robots UR-5/UR-10
 Arms" (2013); written with vectors, so that no branch divides by a sine.
@@ -14,9 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner.arrays import Array, Index, Mask
+from planner.kinematics.forward_kinematics import forward, jacobian
 from planner.kinematics.singularities import SINGULARITIES, signed_singularity_distances
 from planner.robots import Robot
-from planner.rotations import invert_pose
+from planner.rotations import invert_pose, matrix_to_rotation_vector
 
 # signs of (shoulder, wrist, elbow) of the eight branches
 _SIGNS = np.array(list(product((1.0, -1.0), repeat=3)))
@@ -26,6 +30,12 @@ WRIST_FREE = 1e-10  # [1] |sin q5| below which q6 does not change the pose by th
 SINGULAR_DISTANCE = 1e-4  # [1] within which a pose is singular; rounding of a pose by 1e-9 changes it less
 LIMIT_SLACK_RAD = 1e-9  # [rad] beyond a limit that counts as rounding; such a solution is moved onto the limit
 SAME_RAD = 1e-7  # [rad] branches closer than this coincide in a singularity
+SEED_EXCESS_M = 0.05  # [m] beyond the reach of the closed form from which Newton still begins: several calibrations
+REFINED = 1e-10  # [m, rad] pose error at which Newton's iteration ends; a tenth of the promised 1e-9
+NEWTON_ROUNDS = 12  # [-] iterations at most; away from singularities three or four do
+STEP_MAX_RAD = 0.2  # [rad] largest joint step of one iteration: a posture does not leap to another branch
+BENT_RAD = np.array([0.0, -0.1, 0.2, -0.1, 0.0, 0.0])  # [rad] bend of the elbow there: 2 mm less reach or more
+DAMPING = 1e-6  # [m, rad] singular values below it do not count: steps stay finite in a singularity
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +84,7 @@ def inverse(
         return InverseKinematics(np.empty((0, 6)), np.empty(0, dtype=np.intp), (), float(excess.min()))
     near = np.abs(signed_singularity_distances(robot, branches[within])).min(axis=0) < SINGULAR_DISTANCE
     singular = tuple(name for name, is_near in zip(SINGULARITIES, near, strict=True) if is_near)
-    distinct = _distinct(branches[within]) if singular else branches[within]
+    distinct = _distinct(branches[within]) if singular or robot.fixed is not None else branches[within]
     lower = robot.q_lower if q_lower is None else np.asarray(q_lower, dtype=np.float64)
     upper = robot.q_upper if q_upper is None else np.asarray(q_upper, dtype=np.float64)
     return InverseKinematics(*_all_turns(distinct, lower, upper), singular, 0.0)
@@ -88,6 +98,64 @@ def inverse_branches(robot: Robot, X_BT: ArrayLike, X_FT: ArrayLike | None = Non
     X_BF = np.asarray(X_BT, dtype=np.float64)
     if X_FT is not None:
         X_BF = X_BF @ invert_pose(X_FT)
+    q, excess = _closed_form(robot, X_BF)
+    if robot.fixed is not None:
+        q, excess = _refined(robot, X_BF, q, excess)
+    q[excess > 0.0] = np.nan
+    return q, excess
+
+
+def _refined(robot: Robot, X_BF: Array, q: Array, excess: Array) -> tuple[Array, Array]:
+    """Returns branches (..., 8, 6) that have the pose X_BF (..., 4, 4) in the measured chain, and the missing reach.
+
+    Args:
+        robot: a calibrated arm.
+        X_BF: poses of the flange.
+        q: branches of the closed form.
+        excess: how far each is out of its reach (..., 8) [m].
+    """
+    goals = np.broadcast_to(X_BF[..., None, :, :], (*q.shape[:-1], 4, 4))
+    rows = np.nonzero(excess <= SEED_EXCESS_M)
+    # Stretched to the limit, elbow up and elbow down are one posture: each begins on its own side.
+    bent = np.where(excess > 0.0, _SIGNS[:, 2], 0.0)[..., None] * BENT_RAD
+    refined, missing = q.copy(), excess.copy()
+    refined[rows], error = _newton(robot, goals[rows], (q + bent)[rows])
+    missing[rows] = np.where(error <= REFINED, 0.0, np.maximum(error, excess[rows]))
+    return _wrapped(refined), missing
+
+
+def _newton(robot: Robot, X_BF: Array, q: Array) -> tuple[Array, Array]:
+    """Returns joint positions (n, 6) close to `q` (n, 6) with the flange at X_BF (n, 4, 4), and the errors left (n,).
+
+    The largest of the three offsets [m] and the three components of the rotation [rad] that are left.
+    """
+    q, error = q.copy(), np.full(len(q), np.inf)
+    todo = np.arange(len(q))
+    for _ in range(NEWTON_ROUNDS):
+        twist = _twist_between(forward(robot, q[todo]), X_BF[todo])
+        error[todo] = np.abs(twist).max(axis=1, initial=0.0)
+        far = error[todo] > REFINED
+        todo, twist = todo[far], twist[far]
+        if len(todo) == 0:
+            break
+        J = jacobian(robot, q[todo])
+        square = J @ np.swapaxes(J, -1, -2) + DAMPING**2 * np.eye(6)
+        step = (np.swapaxes(J, -1, -2) @ np.linalg.solve(square, twist[..., None]))[..., 0]
+        q[todo] += step * np.minimum(1.0, STEP_MAX_RAD / np.maximum(np.abs(step).max(axis=1), STEP_MAX_RAD))[:, None]
+    return q, error
+
+
+def _twist_between(X: Array, goal: Array) -> Array:
+    """Returns the twists (n, 6) that move poses X (n, 4, 4) to `goal` (n, 4, 4) in unit time."""
+    turn = matrix_to_rotation_vector(goal[:, :3, :3] @ np.swapaxes(X[:, :3, :3], -1, -2))
+    return np.concatenate([goal[:, :3, 3] - X[:, :3, 3], turn], axis=1)
+
+
+def _closed_form(robot: Robot, X_BF: Array) -> tuple[Array, Array]:
+    """Returns the eight branches (..., 8, 6) of the flange's pose, and how far each is out of reach (..., 8) [m].
+
+    A branch out of reach is the closest to it.
+    """
     x6, y6, z6 = (X_BF[..., None, :3, k] for k in range(3))
     p5 = X_BF[..., None, :3, 3] - robot.d[5] * z6
     q1, short = _shoulder(p5, robot.d[3])
@@ -101,9 +169,7 @@ def inverse_branches(robot: Robot, X_BT: ArrayLike, X_FT: ArrayLike | None = Non
     q2, q3, beyond = _elbow(p - robot.d[4] * down, robot)
     q4 = np.arctan2(down[..., 0], -down[..., 1]) - q2 - q3
     q = _wrapped(np.stack(np.broadcast_arrays(q1, q2, q3, q4, q5, q6), axis=-1))
-    excess = np.maximum(short, beyond)
-    q[excess > 0.0] = np.nan
-    return q, excess
+    return q, np.maximum(short, beyond)
 
 
 def _shoulder(p5: Array, offset: float) -> tuple[Array, Array]:

@@ -117,3 +117,27 @@ def test_a_missing_file_and_a_bad_name_are_refused():
         load_cell(CELLS / "nowhere.toml")
     with pytest.raises(CellError, match="letters"):
         parse_cell(LEAST, "../etc")
+
+
+def test_a_calibration_is_part_of_the_cell(tmp_path):
+    path = tmp_path / "lab.toml"
+    path.write_text(LEAST + '[kinematics]\ncalibration = "arm.yaml"\n')
+    with pytest.raises(CellError, match=r"kinematics\.calibration = 'arm\.yaml': cannot be read"):
+        load_cell(path)
+    published = (Path(__file__).parent / "published" / "ur5e" / "default_kinematics.yaml").read_text()
+    (tmp_path / "arm.yaml").write_text(published)
+    cell = load_cell(path)
+    assert (cell.calibration.name, cell.calibration.hash) == ("arm.yaml", "calib_12788084448423163542")
+    assert cell.robot.fixed is not None
+    assert cell.as_document()["kinematics"] == {"calibration": "arm.yaml"}
+    (tmp_path / "arm.yaml").write_text(published.replace("z: 0.1625", "z: 0.1627"))
+    again = load_cell(path)
+    assert again.sha256 != cell.sha256
+    assert again.robot.d[0] == pytest.approx(0.1627)
+    assert parse_cell(LEAST, "lab").sha256 == hashlib.sha256(LEAST.encode()).hexdigest()
+
+
+@pytest.mark.parametrize("name", ['"../arm.yaml"', '"/etc/passwd"', '""', "3", '".hidden"'])
+def test_a_calibration_is_a_file_beside_the_cell(name):
+    with pytest.raises(CellError, match=r"kinematics\.calibration"):
+        parse_cell(f"{LEAST}[kinematics]\ncalibration = {name}\n", "c")

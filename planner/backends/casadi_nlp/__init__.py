@@ -89,8 +89,10 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
     _require_casadi()
     from planner.backends.casadi_nlp.answer import SPARE_TICKS
     from planner.backends.casadi_nlp.instance import Instance
+    from planner.backends.casadi_nlp.release_state import with_room
     from planner.backends.casadi_nlp.solver import Solver
 
+    problem = with_room(problem)
     instance = Instance.of(problem, seed, options.margins, options.resolution)
     groups = frozenset(instance.stages.groups) if options.resolution == "fine" else options.margins.held
     groups |= {"flight"} if starts_with_flight(problem) else set()
@@ -108,7 +110,7 @@ def _answer(instance: Instance, seed: Seed, options: SolveOptions, solver: Solve
     Raises:
         SolverFailed: none was found.
     """
-    from planner.backends.casadi_nlp.answer import KnotStates, answer
+    from planner.backends.casadi_nlp.answer import KnotStates, answer, solved
     from planner.backends.casadi_nlp.instance import Instance
 
     problem = instance.problem
@@ -117,13 +119,15 @@ def _answer(instance: Instance, seed: Seed, options: SolveOptions, solver: Solve
         nominal = replace(problem, release_window_s=0.0, landing_tolerance_m=0.0)
         without_window = Instance.of(nominal, seed, options.margins)
         try:
-            found = KnotStates.of(solver.solve(without_window), without_window.stages.launch)
+            without_window, z = solved(without_window, solver)
+            found = KnotStates.of(z, without_window.stages.launch)
             close = instance.from_guess(found, landing_offsets=0.0)
-            return answer(close, solver.solve(close), solver)
+            close = replace(close, fitted_at=without_window.fitted_at, aim=without_window.aim)
+            return answer(*solved(close, solver), solver)
         except SolverFailed:
             if solver.is_late:
                 raise
-    return answer(instance, solver.solve(instance), solver)
+    return answer(*solved(instance, solver), solver)
 
 
 def warm(progress: Callable[[str, float], None] = lambda _what, _share: None) -> bool:

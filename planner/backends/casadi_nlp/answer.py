@@ -8,15 +8,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planner.backends.casadi_nlp.functions import evaluate
-from planner.backends.casadi_nlp.instance import Instance, drag_free_aim, release_parameters
-from planner.backends.casadi_nlp.layout import NZ, QD, QDD, TIME, Q, Vector
+from planner.backends.casadi_nlp.instance import Instance
+from planner.backends.casadi_nlp.layout import QD, QDD, TIME, Q, Vector
+from planner.backends.casadi_nlp.release_state import (
+    aimed,
+    corrected_at,
+    is_free_release_of_measured_arm,
+    measured_aim,
+    only_lands,
+    refined_release,
+)
 from planner.backends.casadi_nlp.solver import Solver
-from planner.backends.casadi_nlp.symbols import FORMULAS, RELEASE_ROWS
 from planner.errors import SolverFailed
 from planner.flight import landing_points
 from planner.geometry import tool_state
-from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
 from planner.solution import Solution
 from planner.timing import RESERVES, onto_grid
 from planner.trajectory import Trajectory, join
@@ -28,9 +34,7 @@ LEAST_TICKS = 4  # [ticks] of a phase: three are needed to reach an end state
 EXTRA_TICKS = (1, 2, 3)  # [ticks] given to launch and brake where the least number breaks a limit
 LIMIT_ROUNDING = 1e-8  # [-] share of a limit that floating point may exceed
 DRAG_ROUNDS = 3  # corrections of the aim for drag; each leaves a tenth of the error or less
-REFINEMENT_ROUNDS = 6  # Newton iterations on the release state
-REFINED = 1e-9  # [m, m/s] residual at which they stop: a ten-thousandth of the certificate's tolerance
-MISSED = 0.05  # [m, m/s] a solution this far from its release has none
+CORRECTIONS = 3  # [-] further solutions at most for a calibrated arm; each leaves some hundredths of the error
 WINDOW_ROUNDS = 3  # further solutions at most that bring the landings of a window back into the tolerance
 OVERCORRECTION = 1.5  # [-] of a landing error beyond the tolerance between two knots: correction at the knots
 SAMPLES_PER_STAGE = 4  # landings evaluated in each stage of the window, once the motion is on ticks
@@ -78,6 +82,30 @@ class KnotStates:
         jerk = (self.qdd[i + 1] - self.qdd[i]) / (self.t[i + 1] - self.t[i])[:, None]
         q = self.q[i] + s * (self.qd[i] + s * (self.qdd[i] / 2.0 + s * jerk / 6.0))
         return q, self.qd[i] + s * (self.qdd[i] + s * jerk / 2.0), self.qdd[i] + s * jerk
+
+
+def solved(instance: Instance, solver: Solver) -> tuple[Instance, Vector]:
+    """Returns the variables (N + 1, NZ) of the solution, in SI units, and the instance that it solves.
+
+    For a calibrated arm the instance is corrected and solved again, until the release is that of the measured chain but
+    for what `refined_release` corrects within the joint limits.
+
+    Raises:
+        SolverFailed: the solver gave up, or the budget is spent.
+    """
+    z = solver.solve(instance)
+    for _ in range(CORRECTIONS if is_free_release_of_measured_arm(instance.problem) else 0):
+        found = KnotStates.of(z, instance.stages.launch)
+        state = (found.q[found.launch], found.qd[found.launch])
+        corrected = corrected_at(instance, state)
+        if corrected is None:
+            break
+        corrected = corrected.from_guess(found, instance.landing_offsets)
+        again = solver.try_correction(corrected)
+        if again is None:
+            break
+        instance, z = corrected, again
+    return instance, z
 
 
 def answer(instance: Instance, z: Vector, solver: Solver) -> Solution:
@@ -154,27 +182,35 @@ def least_ticks(duration_s: float, dt: float) -> int:
 
 def _solved_on_times(instance: Instance, z: Vector, solver: Solver, ticks: tuple[int, int]) -> Trajectory | None:
     """Returns the motion solved again with its times fixed to `ticks`, None if the solver gives up."""
-    dt = instance.problem.dt
-    instance = instance.on_times(z, ticks[0] * dt, sum(ticks) * dt)
-    again = solver.try_solve(instance)
-    if again is None:
-        return None
-    made, _ = _through_release(instance, KnotStates.of(again, instance.stages.launch), ticks)
+    made, dt, problem = None, instance.problem.dt, instance.problem
+    for correction in range(1 + (CORRECTIONS if is_free_release_of_measured_arm(problem) else 0)):
+        instance = instance.on_times(z, ticks[0] * dt, sum(ticks) * dt)
+        again = solver.try_correction(instance) if correction else solver.try_solve(instance)
+        if again is None:
+            return made
+        z = again
+        made, instance = _through_release(instance, KnotStates.of(z, instance.stages.launch), ticks)
+        if _keeps_joint_limits(problem, made):
+            break
     return made
 
 
 def _through_release(instance: Instance, found: KnotStates, ticks: tuple[int, int]) -> tuple[Trajectory, Instance]:
-    """Returns the trajectory through the refined release, and the instance with the aim corrected for drag."""
-    problem, aim = instance.problem, instance.aim
-    state = (found.q[found.launch], found.qd[found.launch])
+    """Returns the trajectory through the refined release, and the instance corrected for it.
+
+    Its aim is corrected for the drag, and for what the formulas' arm lacks of a calibrated one.
+    """
+    problem, state = instance.problem, (found.q[found.launch], found.qd[found.launch])
+    aim = instance.aim if problem.cell.robot.fixed is None else measured_aim(problem, state, instance.aim)
     for _ in range(DRAG_ROUNDS if problem.drag > 0.0 else 1):
         state = refined_release(instance, state, aim)
-        if isinstance(problem.release, TargetRelease):
-            tool = tool_state(problem.cell, *state)
-            aim = drag_free_aim(problem, problem.release.p_W, tool.p_WT, tool.v_WT)
+        aim = measured_aim(problem, state, aim)
     if problem.drag > 0.0:
         state = refined_release(instance, state, aim)
-    return _sampled_on_ticks(problem, found, state, ticks), replace(instance, aim=aim)
+    corrected = replace(instance, aim=aim)
+    if is_free_release_of_measured_arm(problem):
+        corrected = aimed(instance, state, aim) if only_lands(problem) else replace(corrected, fitted_at=state)
+    return _sampled_on_ticks(problem, found, state, ticks), corrected
 
 
 def _sampled_on_ticks(
@@ -215,62 +251,6 @@ def _keeps_joint_limits(problem: ThrowProblem, made: Trajectory) -> bool:
     limits, room = problem.limits, 1.0 + LIMIT_ROUNDING
     pairs = ((made.qd, limits.qd_max), (made.qdd, limits.qdd_max), (made.jerk, limits.jerk_max))
     return all(bool((np.abs(values) <= limit * room).all()) for values, limit in pairs)
-
-
-def refined_release(instance: Instance, state: tuple[Vector, Vector], aim: Vector) -> tuple[Vector, Vector]:
-    """Returns the release state q, qd (6,) next to `state` that fulfils the request exactly.
-
-    A solver fulfils it to its tolerance, the certificate asks for more: Newton's iteration with the least change of
-    joint positions and scaled velocities.
-
-    Args:
-        instance: as it was solved.
-        state: q and qd (6,) of the solution.
-        aim: landing point of the drag-free flight (3,) [m].
-
-    Raises:
-        SolverFailed: the state is too far off.
-    """
-    problem = instance.problem
-    if isinstance(problem.release, JointRelease | PoseRelease):
-        return instance.candidate.q, instance.candidate.qd
-    slope = instance.transcription.blocks["release"].slope
-    given = {**instance.shared_parameters, "release": release_parameters(problem, aim)}
-    parameters = np.concatenate([given[piece] for piece in FORMULAS["release"].parameters])
-    z, qd_scale = np.zeros(NZ), instance.scales[QD]
-    z[Q], z[QD] = state[0], state[1] / qd_scale
-    for _ in range(REFINEMENT_ROUNDS):
-        rows, jacobian = evaluate(slope, z, parameters)
-        residual, gradient = _release_residual(problem, z, rows.ravel(), jacobian[:, :12])
-        if np.abs(residual).max() < REFINED:
-            break
-        if np.abs(residual).max() > MISSED:
-            raise SolverFailed("the solution misses its release")
-        z[:12] = z[:12] - np.linalg.lstsq(gradient, residual, rcond=None)[0]
-    return z[Q], z[QD] * qd_scale
-
-
-def _release_residual(problem: ThrowProblem, z: Vector, rows: Vector, jacobian: Vector) -> tuple[Vector, Vector]:
-    """Returns the residuals that must vanish (m,), and their Jacobian (m, 12) with respect to q and scaled qd.
-
-    Args:
-        problem: its release.
-        z: variables of the release's stage (NZ,).
-        rows: of `RELEASE_ROWS`.
-        jacobian: theirs, with respect to q and scaled qd.
-    """
-    release, at = problem.release, RELEASE_ROWS.slices
-    if isinstance(release, PointRelease):
-        required = {"position": release.p_WT, "velocity": release.v_WT}
-        if problem.ends_at_rest:
-            residual = np.concatenate([rows[at["position"]] - release.p_WT, z[QD]])
-            return residual, np.concatenate([jacobian[at["position"]], np.eye(12)[6:]])
-    else:
-        assert isinstance(release, TargetRelease)
-        required = {"landing": np.zeros(2), "position": release.release_position}
-    required = {name: value for name, value in required.items() if value is not None}
-    residual = np.concatenate([rows[at[name]] - value for name, value in required.items()])
-    return residual, np.concatenate([jacobian[at[name]] for name in required])
 
 
 def landing_errors_in_window(instance: Instance, states: States, release_s: float) -> Vector:

@@ -14,7 +14,13 @@ from planner.backends.casadi_nlp.flight_rows import constrains_flight, flight_pa
 from planner.backends.casadi_nlp.functions import evaluate
 from planner.backends.casadi_nlp.layout import ARM, COST, NZ, QD, RELEASE, STEP, TIME, Vector
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins
-from planner.backends.casadi_nlp.parameters import box_parameters, cell_parameters, scale_parameters, variable_scales
+from planner.backends.casadi_nlp.parameters import (
+    box_parameters,
+    cell_parameters,
+    closest_arm,
+    scale_parameters,
+    variable_scales,
+)
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, FORMULAS
 from planner.backends.casadi_nlp.transcription import LAZY_GROUPS, StageLayout, Transcription, transcription
 from planner.cell import Cell, Limits
@@ -114,6 +120,8 @@ class Instance:
         steps: lengths (N,) [s] that the solution's steps are kept close to.
         fixed_times: times of release and end [s], if they are fixed.
         landing_offsets: added to the landing error at each knot of the window (2 n + 1, 2) [m].
+        fitted_at: release state q, qd (6,) at which the formulas' arm is closest to a calibrated one; by default the
+            candidate.
     """
 
     problem: ThrowProblem
@@ -126,6 +134,7 @@ class Instance:
     steps: Vector
     fixed_times: tuple[float, float] | None = None
     landing_offsets: Vector | float = 0.0
+    fitted_at: tuple[Vector, Vector] | None = None
 
     @staticmethod
     def of(problem: ThrowProblem, seed: Seed, margins: Margins, resolution: str = "coarse") -> Instance:
@@ -164,11 +173,21 @@ class Instance:
         """The parameter vectors of `layout.SHARED`."""
         return {
             "scales": scale_parameters(self.limits),
-            "arm": arm_parameters(self.problem.cell, self.limits, self.margins),
+            "arm": self._arm(),
             "release": release_parameters(self.problem, self.aim),
             "boxes": box_parameters(self.problem.cell, self.margins.box_m),
             "flight": flight_parameters(self.problem, self.candidate, self.margins, self.aim),
         }
+
+    def _arm(self) -> Vector:
+        """Returns the `ARM` vector; for a calibrated arm, of the closest arm that the formulas know."""
+        cell = self.problem.cell
+        vector = arm_parameters(cell, self.limits, self.margins)
+        if cell.robot.fixed is not None:
+            q, qd = self.fitted_at or (self.candidate.q, self.candidate.qd)
+            for name, values in closest_arm(cell, q, qd).items():
+                vector[ARM.slices[name]] = values
+        return vector
 
     @cached_property
     def scales(self) -> Vector:

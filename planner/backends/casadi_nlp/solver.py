@@ -84,6 +84,13 @@ class Solver:
             raise SolverFailed(self.status, self.iterations)
         return z
 
+    def try_correction(self, instance: Instance) -> Vector | None:
+        """Returns as `try_solve`, without a part in the budget: who corrects bounds the number of corrections."""
+        spent = self.iterations
+        z = self.try_solve(instance)
+        self.iterations = spent
+        return z
+
     def try_solve(self, instance: Instance) -> Vector | None:
         """Returns the solution, in SI units, None where the solver gives up.
 

@@ -1,0 +1,44 @@
+"""How far two arms of one model are apart: what a calibration corrects."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from planner.arrays import Array, read_only
+from planner.kinematics.forward_kinematics import forward
+from planner.robots import Robot
+
+POSTURES = 2000  # [-] evenly drawn postures on which two arms are compared: the largest found is the largest to 5 %
+DIFFERENCES_KEPT = 64  # pairs of arms whose difference is cached
+
+
+@dataclass(frozen=True)
+class ChainDifference:
+    """Distance of the flanges of two arms at the same joint positions, over evenly drawn postures.
+
+    Attributes:
+        median_m, largest_m: distances [m].
+        largest_rad: largest angle between them [rad].
+    """
+
+    median_m: float
+    largest_m: float
+    largest_rad: float
+
+
+@lru_cache(maxsize=DIFFERENCES_KEPT)
+def chain_difference(first: Robot, second: Robot) -> ChainDifference:
+    """Returns how far two arms are apart."""
+    X, Y = (forward(robot, _postures()) for robot in (first, second))
+    apart = np.linalg.norm(X[:, :3, 3] - Y[:, :3, 3], axis=1)
+    chord = np.linalg.norm(X[:, :3, :3] - Y[:, :3, :3], axis=(1, 2)).max()  # sqrt(8) sin(angle / 2)
+    turned = 2.0 * np.arcsin(min(1.0, float(chord) / np.sqrt(8.0)))
+    return ChainDifference(float(np.median(apart)), float(apart.max()), float(turned))
+
+
+@lru_cache(maxsize=1)
+def _postures() -> Array:
+    return read_only(np.random.default_rng(0).uniform(-np.pi, np.pi, (POSTURES, 6)))
