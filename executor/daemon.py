@@ -9,10 +9,12 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from executor import realtime
+from executor.cell_watch import CellWatch
 from executor.execution import Execution
 from executor.preflight import ExecutionRefused, session_refusals, session_warnings
 from executor.records import MIN_FREE_BYTES, ExecutionResult, Journal, row_document
 from executor.robot import RobotSession, robot_document
+from planner.cell import Cell
 from store import ExecutionRow, Store, StoreUnavailable, new_id
 
 POLL_S = 0.02  # [s] between two queries for a queued execution
@@ -33,9 +35,12 @@ class Heartbeat(threading.Thread):
     A thread with a dashboard connection of its own: verifying a plan takes seconds.
     """
 
-    def __init__(self, session: RobotSession, store: Store, journal: Journal, executor_id: str) -> None:
+    def __init__(
+        self, session: RobotSession, store: Store, journal: Journal, watch: CellWatch, executor_id: str
+    ) -> None:
         super().__init__(name="heartbeat", daemon=True)
         self.session, self.store, self.journal, self.executor_id = session, store, journal, executor_id
+        self.watch = watch
         self.idle = True  # the dashboard is queried only while nothing moves
         self._refusals: list[str] = []
         self._warnings: list[str] = []
@@ -56,8 +61,9 @@ class Heartbeat(threading.Thread):
             if self.store.acknowledge_requested(cell.name):
                 self.journal.clear_fault()
                 self.store.clear_acknowledge(cell.name)
-            robot = robot_document(session.monitor.fresh(), self._refusals, self._warnings)
-            fault, read_only = self.journal.fault(), session.settings.read_only
+            findings = robot_document(session.monitor.fresh(), self._refusals, self._warnings)
+            robot = {**findings, "cell_sha256": cell.sha256}
+            fault, read_only = self.journal.fault() or self.watch.fault, session.settings.read_only
             self.store.record_heartbeat(cell.name, self.executor_id, cell.link.kind, robot, fault, read_only)
         except StoreUnavailable:
             return
@@ -76,8 +82,8 @@ class Daemon:
         self.cell = session.cell.name
         self.executor_id = new_id()
         self._store_paused_until = 0.0
-        own = RobotSession.open(session.cell, session.settings, session.monitor)
-        self.heartbeat = Heartbeat(own, store, journal, self.executor_id)
+        self.watch = CellWatch(session.cell, session.settings.cell_path)
+        self.heartbeat = self._new_heartbeat()
 
     def run(self, ended: threading.Event) -> None:
         """Serves until `ended`; a running execution brakes first."""
@@ -106,7 +112,28 @@ class Daemon:
         with contextlib.suppress(OSError):  # no controller: nothing moves
             self.session.dashboard.ask("stop")
 
+    def _new_heartbeat(self) -> Heartbeat:
+        session = self.session
+        own = RobotSession.open(session.cell, session.settings, session.monitor)
+        return Heartbeat(own, self.store, self.journal, self.watch, self.executor_id)
+
+    def _continue_with(self, cell: Cell) -> None:
+        """Continues with another version of the cell file, at another address if it has one; nothing is executed."""
+        self.heartbeat.stop()
+        if cell.link == self.session.cell.link:
+            self.session.cell = cell
+        else:
+            self.session.monitor.stop()
+            self.session.dashboard.close()
+            self.session = RobotSession.open(cell, self.session.settings)
+            self.session.monitor.start()
+        self.heartbeat = self._new_heartbeat()
+        self.heartbeat.start()
+
     def _poll(self, ended: threading.Event) -> None:
+        changed = self.watch.look()
+        if changed is not None:
+            self._continue_with(changed)
         if self.journal.has_undelivered():
             self._try_store(lambda: self.journal.deliver(self.store))
         row = self._try_store(lambda: self.store.claim_execution(self.cell, self.executor_id))
@@ -142,7 +169,8 @@ class Daemon:
         """Checks that this executor may move at all.
 
         Raises:
-            ExecutionRefused: a fault is latched, the executor is read-only, or the disk is full.
+            ExecutionRefused: a fault is latched, the executor is read-only, the cell file is refused, or the disk is
+                full.
         """
         fault = self.journal.fault()
         if fault is not None:
@@ -150,6 +178,8 @@ class Daemon:
             raise ExecutionRefused(text)
         if self.session.settings.read_only:
             raise ExecutionRefused("this executor is read-only")
+        if self.watch.fault is not None:
+            raise ExecutionRefused(self.watch.fault["reason"])
         if not self.journal.has_room():
             text = f"the disk is full: less than {MIN_FREE_BYTES / 1e6:.0f} MB are left for the recording"
             raise ExecutionRefused(text)

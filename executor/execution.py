@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from executor.streaming.state_checks import EMERGENCY_BITS, NORMAL
 from executor.supervision import StreamRun
 from planner.approach import Approach, find_approach, jog_advice, obstacle_words
 from planner.certificate import Check, release_flight
-from store import ExecutionRow
+from store import ExecutionRow, new_id
 
 SAFETY_WAIT_S = 0.2  # [s] after a fault, for a state that is newer than the fault
 POLL_S = 0.02  # [s] between two readings of that state
@@ -64,7 +65,6 @@ class Execution:
         if not approach.is_straight and approach.trajectory is not None:
             duration_s = approach.trajectory.duration_s
             self.note(f"planned approach of {duration_s:.1f} s; a straight move: {obstacle_words(failures)}")
-        self.released_before = records.last_release_s(cell.link.host) if cell.link.kind == "sim" else -np.inf
         return prepare_job(self.problem, self.trajectory, approach, self.row.mode, self.row.dry_run, session.settings)
 
     def _approach(self, state: RobotState, pace: float) -> tuple[Approach, tuple[Check, ...]]:
@@ -88,22 +88,22 @@ class Execution:
         raise ExecutionRefused("; ".join(filter(None, [reason, jog_advice(cell, now, carried)])))
 
     def start(self, job: StreamJob) -> None:
-        """Starts the streaming process; in a simulated cell the plan's bin is put into its place before.
+        """Starts the streaming process; in a simulated cell the throw is announced before, with its bin.
 
         Raises:
-            ExecutionRefused: the simulated controller refuses the bin.
+            ExecutionRefused: the simulated controller refuses it.
         """
         if self.session.cell.link.kind == "sim":
-            self._place_bin()
+            self._announce()
         settings = self.session.settings
         self.run = StreamRun(job, settings.data / "streaming.log", settings.keep_awake)
         self.run.start()
 
-    def _place_bin(self) -> None:
+    def _announce(self) -> None:
         try:
-            records.place_bin(self.session.cell.link.host, self.problem)
+            self.throw = records.expect_throw(self.session.cell.link.host, self.problem)
         except ValueError as error:
-            raise ExecutionRefused(f"the simulated controller refuses the plan's bin: {error}") from error
+            raise ExecutionRefused(f"the simulated controller refuses the throw: {error}") from error
 
     def state(self) -> str:
         """Returns the public state of the execution."""
@@ -119,13 +119,23 @@ class Execution:
         assert self.run is not None and self.run.result is not None
         ended = self.run.result
         outcome, reason = self._outcome(ended)
-        numbers = records.metrics(self.problem, self.trajectory, ended, self._landing())
+        landing = self._landing()
+        numbers = records.metrics(self.problem, self.trajectory, ended, landing)
         if outcome == "completed" and not self.row.dry_run:
-            outcome, reason = records.release_verdict(self.problem, self.trajectory, numbers) or (outcome, reason)
+            verdict = records.release_verdict(self.problem, self.trajectory, numbers, landing)
+            outcome, reason = verdict or (outcome, reason)
         self.note(f"{outcome}: {reason}" if reason else outcome)
         telemetry = records.Telemetry(ended.rows)
         mcap, csv = self._recording(telemetry, outcome), records.to_csv(telemetry)
-        return records.ExecutionResult(self.row.id, outcome, reason, numbers, mcap, csv)
+        observed = None if landing is None else landing.observed
+        return records.ExecutionResult(self.row.id, outcome, reason, numbers, mcap, csv, self._observation(observed))
+
+    def _observation(self, observed: records.ObservedLanding | None) -> dict[str, Any] | None:
+        """Returns the observation of the simulated camera, to be stored once."""
+        if observed is None:
+            return None
+        position = observed.position.tolist()
+        return {"id": new_id(), "at": time.time(), "position": position, "std_m": observed.std_m}
 
     def _recording(self, telemetry: records.Telemetry, outcome: str) -> bytes:
         """Returns the run as MCAP."""
@@ -155,6 +165,6 @@ class Execution:
         flight = release_flight(self.problem, self.trajectory)
         duration = 0.0 if flight is None else flight.time_of_flight_s
         try:
-            return records.wait_for_landing(self.session.cell.link.host, self.problem, self.released_before, duration)
+            return records.wait_for_landing(self.session.cell.link.host, self.throw, duration)
         except (OSError, ValueError):
             return None  # the simulator is gone

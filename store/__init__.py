@@ -1,4 +1,4 @@
-"""The database shared by service and executor: plans, executions, cell status, idempotency keys, audit trail.
+"""The database shared by service and executor: plans, executions, landings, cell status, idempotency keys, audit trail.
 
 `Store` is the only entry; all SQL of the project is in this package. SQLite in WAL mode by default, PostgreSQL by its
 URL. Times are seconds since the epoch.
@@ -7,7 +7,7 @@ URL. Times are seconds since the epoch.
 from store.database import StoreError, StoreUnavailable, default_database_url
 from store.executions import CellBusy, UnknownExecution, UnknownPlan
 from store.idempotency_and_audit import KeyTaken
-from store.rows import CellRow, EventRow, ExecutionRow, IdempotencyKey, PlanRow, RecordingRow, new_id
+from store.rows import CellRow, EventRow, ExecutionRow, IdempotencyKey, LandingRow, PlanRow, RecordingRow, new_id
 from store.store import Store
 
 __all__ = [
@@ -17,6 +17,7 @@ __all__ = [
     "ExecutionRow",
     "IdempotencyKey",
     "KeyTaken",
+    "LandingRow",
     "PlanRow",
     "RecordingRow",
     "Store",

@@ -46,6 +46,13 @@ STEPS: tuple[tuple[str, ...], ...] = (
             id {row_id}, at {float} NOT NULL, who TEXT NOT NULL, action TEXT NOT NULL, resource TEXT NOT NULL,
             remote TEXT NOT NULL)""",
     ),
+    (
+        """CREATE TABLE landings (
+            id TEXT PRIMARY KEY, execution_id TEXT NOT NULL REFERENCES executions (id), at {float} NOT NULL,
+            source TEXT NOT NULL, reported_by TEXT NOT NULL, position JSON, std_m {float}, result TEXT,
+            radius_m {float})""",
+        "CREATE INDEX landings_of_execution ON landings (execution_id, id)",
+    ),
 )
 
 LATEST = len(STEPS)

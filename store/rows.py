@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 import time
 import uuid
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -75,6 +75,24 @@ class RecordingRow:
     execution_id: str
     mcap: bytes
     csv: bytes
+
+
+@dataclass(frozen=True)
+class LandingRow:
+    """One observation of a landing: a position with its standard deviation, or a result for a target's radius.
+
+    `source` is what observed it (`person`, `sim-camera`, a client's name for its camera), `reported_by` who told.
+    """
+
+    id: str
+    execution_id: str
+    at: float
+    source: str
+    reported_by: str
+    position: Sequence[float] | None = None
+    std_m: float | None = None
+    result: str | None = None
+    radius_m: float | None = None
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,12 @@ from store.cell_status import CellStatusRepository
 from store.database import StoreError, StoreUnavailable, open_engine, reading
 from store.executions import ExecutionRepository
 from store.idempotency_and_audit import ClientRepository
+from store.landings import LandingRepository
 from store.plans import PlanRepository
 
 
-class Store(PlanRepository, ExecutionRepository, CellStatusRepository, ClientRepository):
-    """Plans, executions, events, recordings, cell status, idempotency keys and the audit trail.
+class Store(PlanRepository, ExecutionRepository, LandingRepository, CellStatusRepository, ClientRepository):
+    """Plans, executions, events, recordings, landings, cell status, idempotency keys and the audit trail.
 
     Every method is one transaction. Threads may share a store; each process opens its own.
     """

@@ -74,6 +74,21 @@ recordings = Table(  # written by executor
     Column("csv", LargeBinary, nullable=False),
 )
 
+landings = Table(  # written by api; by executor for what a simulated camera observed; never changed
+    "landings",
+    METADATA,
+    Column("id", Text, primary_key=True),
+    Column("execution_id", Text, ForeignKey("executions.id"), nullable=False),
+    Column("at", Double, nullable=False),
+    Column("source", Text, nullable=False),
+    Column("reported_by", Text, nullable=False),
+    Column("position", JSON(none_as_null=True)),
+    Column("std_m", Double),
+    Column("result", Text),
+    Column("radius_m", Double),
+)
+landings_of_execution = Index("landings_of_execution", landings.c.execution_id, landings.c.id)
+
 cells = Table(
     "cells",
     METADATA,

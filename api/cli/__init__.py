@@ -17,6 +17,7 @@ COMMANDS = {
     "sim": ("simulator", "sim", "A simulated controller, or a fault in one."),
     "plan": ("plan", "plan", "Plan a request from a file, without a service."),
     "throw": ("throw", "throw", "Plan and execute a throw to a point."),
+    "landing": ("landing", "landing", "Report where an object landed, or list the reports."),
     "report": ("plan", "report", "One plan as a self-contained HTML file."),
     "acknowledge": ("throw", "acknowledge", "Clear a latched fault, after checking the robot."),
     "doctor": ("serve", "doctor", "Check this machine's timing and the link to the controller."),

@@ -1,4 +1,4 @@
-"""`fling demo`: start everything on free addresses, throw once, report, stop."""
+"""`fling demo`: start everything on free addresses, throw on an ideal arm and on one as measured, report, stop."""
 
 from __future__ import annotations
 
@@ -14,21 +14,32 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from api.cli.summary import landing_text
+from api.cli.throw import execute_plan, make_plan
 
 if TYPE_CHECKING:
     from api.cli.client import ServiceClient
+    from api.cli.processes import ChildProcesses
 
 TARGET_M = (1.2, 0.3, 0.0)  # [m] on the floor, 1.24 m from the base
 MISS_MAX_M = 0.010  # [m] a larger landing error is a failure
+CONNECT_TIMEOUT_S = 20.0  # [s] the executor reconnects within a second
 ACKNOWLEDGE_TIMEOUT_S = 5.0  # [s] the executor acknowledges at its next heartbeat
+MEASURED_ARM = '[arm]\ndisturbance = "ur5-measured"\n'  # truth file of the second throw
 THROWS_MAX = 3  # a busy machine may miss ticks; after this many late throws it is unfit for a demo
+
+
+class ThrowFailed(Exception):
+    """A throw of the demo ended otherwise than completed; the text says how."""
 
 
 @click.command()
 @click.option("--cell", default="ur5e-sim", show_default=True, help="Which simulated cell.")
 @click.option("--keep", type=click.Path(path_type=Path), help="Keep database and logs in this folder.")
 def demo(cell: str, keep: Path | None) -> None:
-    """Start everything, throw once, report, stop. Exit status 0 only where it landed within 10 mm of the target."""
+    """Start everything, throw on an ideal arm and on one as measured on a real UR5, report, stop.
+
+    Exit status 0 only where the ideal arm's object landed within 10 mm of the target.
+    """
     from api.cli.processes import catch_signals, cell_path
     from api.settings import ServiceSettings
 
@@ -39,12 +50,13 @@ def demo(cell: str, keep: Path | None) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         _copy_cell(original, folder)
         try:
-            missed_m = _throw(folder, cell)
+            missed_m, measured_m = _throw(folder, cell)
         except KeyboardInterrupt:
             raise click.ClickException("interrupted") from None
     if not missed_m <= MISS_MAX_M:
         raise click.ClickException(f"it missed the target by {1000 * missed_m:.1f} mm")
-    click.echo(f"\nThe object landed {1000 * missed_m:.1f} mm from the target.")
+    click.echo(f"\nIdeal arm: the object landed {1000 * missed_m:.1f} mm from the target.")
+    click.echo(f"Arm as measured on a real UR5, the same plan: {1000 * measured_m:.0f} mm.")
 
 
 def _copy_cell(original: Path, folder: Path) -> None:
@@ -56,11 +68,14 @@ def _copy_cell(original: Path, folder: Path) -> None:
     (folder / original.name).write_text(text)
 
 
-def _throw(folder: Path, cell: str) -> float:
-    """Starts all processes, throws and stops. Returns the landing error [m]; NaN if nothing landed."""
+def _throw(folder: Path, cell: str) -> tuple[float, float]:
+    """Starts all processes, throws on both arms and stops.
+
+    Returns:
+        The landing errors of the ideal arm and of the arm as measured [m]; NaN where nothing landed.
+    """
     from api.cli.client import ServiceClient, ServiceError
     from api.cli.processes import ChildFailed, ChildProcesses, start_all
-    from api.cli.throw import plan_and_execute
 
     port, log = _free_port(), folder / "log.txt"
     url = f"http://127.0.0.1:{port}"
@@ -75,19 +90,50 @@ def _throw(folder: Path, cell: str) -> float:
     try:
         with ChildProcesses(environment, log) as children, ServiceClient(url) as client:
             start_all(children, folder, cell, url, is_simulated=True)
-            request = {"cell": cell, "release": {"kind": "target", "position": list(TARGET_M)}}
-            _, execution = plan_and_execute(client, request, "speedj", False)
-            for _ in range(THROWS_MAX - 1):
-                if execution["outcome"] != "late":
-                    break
-                _acknowledge_late(client, cell, execution)
-                _, execution = plan_and_execute(client, request, "speedj", False)
-    except (ChildFailed, ServiceError) as error:
+            plan = make_plan(client, {"cell": cell, "release": {"kind": "target", "position": list(TARGET_M)}})
+            ideal = _execute(client, plan)
+            _exchange_arm(children, client, folder, cell)
+            measured = _execute(client, plan)
+    except (ChildFailed, ServiceError, ThrowFailed) as error:
         raise click.ClickException(f"{error}\n{_tail(log)}") from error
+    return _landing_error(ideal), _landing_error(measured)
+
+
+def _execute(client: ServiceClient, plan: dict[str, Any]) -> dict[str, Any]:
+    """Executes a plan, again if this machine was too busy, and prints where it landed. Returns the execution.
+
+    Raises:
+        ThrowFailed: It ended otherwise.
+    """
+    for _ in range(THROWS_MAX):
+        execution = execute_plan(client, plan, "speedj", False)
+        if execution["outcome"] != "late":
+            break
+        _acknowledge_late(client, plan["cell"], execution)
     if execution["outcome"] != "completed":
-        raise click.ClickException(f"{execution['outcome']}: {execution['reason']}\n{_tail(log)}")
+        raise ThrowFailed(f"{execution['outcome']}: {execution['reason']}")
     click.echo(landing_text(execution))
-    return _landing_error(execution)
+    return execution
+
+
+def _exchange_arm(children: ChildProcesses, client: ServiceClient, folder: Path, cell: str) -> None:
+    """Replaces the ideal arm by one as measured, and waits until the executor is connected to it.
+
+    Raises:
+        ThrowFailed: It does not connect.
+    """
+    from api.cli.processes import start_simulator
+
+    click.echo("\nexchanging the arm for one as measured on a real UR5 …")
+    truth = folder / "measured-arm.truth"
+    truth.write_text(MEASURED_ARM)
+    children.end("simulator")
+    start_simulator(children, folder / f"{cell}.toml", ["--truth", str(truth), "--reveal"])
+    deadline = time.monotonic() + CONNECT_TIMEOUT_S
+    while (client.get(f"/cells/{cell}/state")["robot"] or {}).get("refusals") != []:
+        if time.monotonic() > deadline:
+            raise ThrowFailed("the executor did not connect to the second arm")
+        time.sleep(0.1)
 
 
 def _acknowledge_late(client: ServiceClient, cell: str, execution: dict[str, Any]) -> None:

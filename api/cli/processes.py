@@ -83,6 +83,12 @@ class ChildProcesses:
             if child.poll() is not None:
                 raise ChildFailed(f"the {name} ended with status {child.returncode}")
 
+    def end(self, name: str) -> None:
+        """Stops the child of this name."""
+        for entry in [entry for entry in self._children if entry[0] == name]:
+            _end(entry[1])
+            self._children.remove(entry)
+
     def stop(self) -> None:
         """Stops the children, the last started first, and kills those that do not end. May be called twice."""
         for _, child in reversed(self._children):
@@ -100,7 +106,9 @@ class ChildProcesses:
                 raise ChildFailed(f"the {name} was not ready within {ready_s:g} s")
 
 
-def start_all(children: ChildProcesses, cells: Path, cell: str, url: str, is_simulated: bool) -> None:
+def start_all(
+    children: ChildProcesses, cells: Path, cell: str, url: str, is_simulated: bool, truth: Sequence[str] = ()
+) -> None:
     """Starts simulator, executor and service of a cell; waits until the service plans and sees the executor.
 
     Args:
@@ -109,18 +117,28 @@ def start_all(children: ChildProcesses, cells: Path, cell: str, url: str, is_sim
         cell: Name of the cell.
         url: URL of the service.
         is_simulated: Whether the cell's controller is simulated.
+        truth: Arguments of the simulator for its truth file.
 
     Raises:
         ChildFailed: One of them did not start.
     """
     if is_simulated:
         click.echo("starting the simulated controller …")
-        children.start("simulator", "executor.simulator", ["--cell", str(cells / f"{cell}.toml")], READY_S)
+        start_simulator(children, cells / f"{cell}.toml", truth)
     click.echo("starting the executor …")
     children.start("executor", "executor", ["--cell", cell], READY_S)
     click.echo("starting the service …")
     children.start("service", "api")
     _wait_until_ready(children, url, cell)
+
+
+def start_simulator(children: ChildProcesses, cell: Path, truth: Sequence[str] = ()) -> None:
+    """Starts the simulated controller of a cell file.
+
+    Raises:
+        ChildFailed: It did not start.
+    """
+    children.start("simulator", "executor.simulator", ["--cell", str(cell), *truth], READY_S)
 
 
 def cell_path(folder: Path, name: str) -> Path:

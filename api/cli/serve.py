@@ -10,11 +10,14 @@ from typing import NoReturn
 
 import click
 
+from api.cli.truth_options import truth_arguments, truth_options
+
 
 @click.command()
 @click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL.")
 @click.option("--port", type=int, help="Port of the service; default: FLING_PORT, or 8000.")
-def up(cell: str | None, port: int | None) -> None:
+@truth_options
+def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> None:
     """Run simulated controller, executor, service, SQLite and web page on this machine until Ctrl-C."""
     from api.cli.processes import ChildFailed, ChildProcesses, catch_signals, start_all
     from api.settings import ServiceSettings
@@ -33,7 +36,7 @@ def up(cell: str | None, port: int | None) -> None:
     catch_signals()
     try:
         with ChildProcesses(environment) as children:
-            start_all(children, settings.cells, name, url, simulated)
+            start_all(children, settings.cells, name, url, simulated, truth_arguments(truth, reveal))
             click.echo(f"\nFling is up: {url}    (OpenAPI: {url}/docs)")
             click.echo("try: fling throw 1.2 0.3 0.0\nCtrl-C stops all.")
             while True:

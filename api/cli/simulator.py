@@ -10,6 +10,8 @@ from pathlib import Path
 
 import click
 
+from api.cli.truth_options import truth_arguments, truth_options
+
 CONTROL_PORT = 29900  # of the simulator alone; source: docs/simulator.md
 TIMEOUT_S = 5.0  # [s] the simulator answers at once
 
@@ -17,8 +19,9 @@ TIMEOUT_S = 5.0  # [s] the simulator answers at once
 @click.group(invoke_without_command=True)
 @click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL.")
 @click.option("--host", help="Loopback address to listen on; default: the cell's link.host.")
+@truth_options
 @click.pass_context
-def sim(context: click.Context, cell: str | None, host: str | None) -> None:
+def sim(context: click.Context, cell: str | None, host: str | None, truth: Path | None, reveal: bool) -> None:
     """Run a simulated controller; `fault` causes a fault in a running one, `state` shows its state."""
     from api.cli.processes import cell_path
     from api.settings import ServiceSettings
@@ -26,7 +29,7 @@ def sim(context: click.Context, cell: str | None, host: str | None) -> None:
     settings = ServiceSettings()
     path = cell_path(settings.cells, cell or settings.default_cell)
     if context.invoked_subcommand is None:
-        arguments = ["--cell", str(path), *(["--host", host] if host else [])]
+        arguments = ["--cell", str(path), *(["--host", host] if host else []), *truth_arguments(truth, reveal)]
         os.execv(sys.executable, [sys.executable, "-m", "executor.simulator", *arguments])
     context.obj = lambda: host or _host(path)
 

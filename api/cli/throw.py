@@ -13,7 +13,8 @@ DEFAULT_URL = "http://127.0.0.1:8000"
 BIN_HELP = "Throw into a round bin: its inner radius, and the height of its rim above X Y Z, the bottom's centre [m]."
 
 
-def _service_options(command: Any) -> Any:
+def service_options(command: Any) -> Any:
+    """Adds the options --url and --token to a command."""
     command = click.option("--token", envvar="FLING_TOKEN", help="Bearer token; FLING_TOKEN.")(command)
     return click.option("--url", default=None, help="URL of the service; default: FLING_URL, or this machine.")(command)
 
@@ -36,7 +37,7 @@ def service_url(url: str | None) -> str:
 @click.option("--tolerance", type=float, help="… within this distance of the target [m].")
 @click.option("--soonest", is_flag=True, help="Release as soon as possible, on time: --window 0.")
 @click.option("--bin", nargs=2, type=float, metavar="RADIUS RIM", help=BIN_HELP)
-@_service_options
+@service_options
 def throw(
     x: float,
     y: float,
@@ -64,9 +65,11 @@ def throw(
     request |= {"release_window_s": 0.0 if soonest else window} if soonest or window is not None else {}
     request |= {"landing_tolerance_m": tolerance} if tolerance is not None else {}
     with ServiceClient(service_url(url), token) as client:
-        _, execution = plan_and_execute(client, request, mode, dry_run)
+        execution = execute_plan(client, make_plan(client, request), mode, dry_run)
     if execution["outcome"] != "completed":
         raise click.ClickException(f"{execution['outcome']}: {execution['reason'] or 'no reason was given'}")
+    if execution["reason"]:
+        click.echo(execution["reason"])
     click.echo(landing_text(execution))
 
 
@@ -78,7 +81,7 @@ def _target(position: tuple[float, float, float], bin: tuple[float, float] | Non
 
 @click.command()
 @click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL, or ur5e-sim.")
-@_service_options
+@service_options
 def acknowledge(cell: str | None, url: str | None, token: str | None) -> None:
     """Clear the fault that the executor latched, once a person has checked the robot."""
     from api.cli.client import ServiceClient
@@ -89,13 +92,18 @@ def acknowledge(cell: str | None, url: str | None, token: str | None) -> None:
     click.echo(f"{name}: {answer['fault'] or 'there was no fault'}; acknowledged by {answer['acknowledged_by']}")
 
 
-def plan_and_execute(client: Any, request: dict[str, Any], mode: str, dry_run: bool) -> tuple[dict[str, Any], ...]:
-    """Plans, executes and prints the progress. Returns the plan (without trajectory) and the finished execution."""
+def make_plan(client: Any, request: dict[str, Any]) -> dict[str, Any]:
+    """Plans and prints what was planned. Returns the plan, without its trajectory."""
     click.echo("planning …")
     plan = client.post("/plan?trajectory=false", request)
     click.echo(plan_text(plan))
+    return plan
+
+
+def execute_plan(client: Any, plan: dict[str, Any], mode: str, dry_run: bool) -> dict[str, Any]:
+    """Executes a plan and prints the progress. Returns the finished execution."""
     execution = client.post("/execute", {"plan_id": plan["id"], "mode": mode, "dry_run": dry_run})
     for kind, data in client.events(execution["id"]):
         if kind == "state":
             click.echo(f"  {data['state']}")
-    return plan, client.get(f"/executions/{execution['id']}")
+    return client.get(f"/executions/{execution['id']}")

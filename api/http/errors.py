@@ -55,6 +55,9 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "plan-not-executable": ProblemType(
         409, "This plan cannot be executed", "The cell file has changed or the certificate is not valid: plan again."
     ),
+    "nothing-thrown": ProblemType(
+        409, "Nothing was thrown", "A landing belongs to an execution that let go of its object: see 'detail'."
+    ),
     "too-large": ProblemType(413, "Too large", "A request body may have at most one megabyte."),
     "unsupported-media-type": ProblemType(415, "Not JSON", "Send JSON with 'Content-Type: application/json'."),
     "invalid-request": ProblemType(

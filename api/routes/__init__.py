@@ -1,7 +1,15 @@
 """The routes, one module per resource. An endpoint parses its request, makes one call and returns."""
 
-from api.routes import cells, execution_events, executions, health, pages, plans
+from api.routes import cells, execution_events, executions, health, landings, pages, plans
 
 __all__ = ["ROUTERS"]
 
-ROUTERS = (plans.router, executions.router, execution_events.router, cells.router, health.router, pages.router)
+ROUTERS = (
+    plans.router,
+    executions.router,
+    execution_events.router,
+    landings.router,
+    cells.router,
+    health.router,
+    pages.router,
+)

@@ -1,5 +1,6 @@
 """Request and response bodies as pydantic models; OpenAPI is generated from them."""
 
+from api.schemas.landings import LANDING_EXAMPLES, LandingAnswer, LandingList, LandingRequest
 from api.schemas.requests import EXECUTE_EXAMPLES, PLAN_EXAMPLES, ExecuteRequest, PlanRequest
 from api.schemas.responses import (
     Acknowledged,
@@ -16,6 +17,7 @@ from api.schemas.responses import (
 
 __all__ = [
     "EXECUTE_EXAMPLES",
+    "LANDING_EXAMPLES",
     "PLAN_EXAMPLES",
     "Acknowledged",
     "CellList",
@@ -23,6 +25,9 @@ __all__ = [
     "ExecuteRequest",
     "ExecutionAnswer",
     "ExecutionList",
+    "LandingAnswer",
+    "LandingList",
+    "LandingRequest",
     "PlanAnswer",
     "PlanList",
     "PlanRequest",

@@ -1,7 +1,7 @@
 """Records of an execution: telemetry, recording, metrics, landing, and the journal that keeps them."""
 
 from executor.records.journal import MIN_FREE_BYTES, ExecutionResult, Journal, JournalLocked
-from executor.records.landing import Landing, last_release_s, place_bin, wait_for_landing
+from executor.records.landing import Landing, ObservedLanding, expect_throw, wait_for_landing
 from executor.records.metrics import metrics, release_verdict
 from executor.records.recording import to_csv, to_mcap
 from executor.records.telemetry import RunResult, Telemetry, row_document
@@ -12,11 +12,11 @@ __all__ = [
     "Journal",
     "JournalLocked",
     "Landing",
+    "ObservedLanding",
     "RunResult",
     "Telemetry",
-    "last_release_s",
+    "expect_throw",
     "metrics",
-    "place_bin",
     "release_verdict",
     "row_document",
     "to_csv",

@@ -17,6 +17,7 @@ import orjson
 
 from store import Store, StoreUnavailable
 
+CAMERA = "sim-camera"  # source of the landings that a simulated controller reports
 FAULT_FILE = "fault.json"
 MIN_FREE_BYTES = 100_000_000  # [bytes] a recording takes a hundredth of it
 
@@ -27,7 +28,11 @@ class JournalLocked(Exception):
 
 @dataclass(frozen=True)
 class ExecutionResult:
-    """End of one execution, with its recording where there is one."""
+    """End of one execution, with its recording and the observed landing where there is one.
+
+    Attributes:
+        landing: `id`, `at` [s since the epoch], `position` [m] and `std_m` [m] of what the simulated camera observed.
+    """
 
     execution_id: str
     outcome: str
@@ -35,6 +40,7 @@ class ExecutionResult:
     metrics: dict[str, Any] | None
     mcap: bytes = b""
     csv: bytes = b""
+    landing: dict[str, Any] | None = None
 
 
 class Journal:
@@ -75,6 +81,7 @@ class Journal:
     def keep(self, result: ExecutionResult) -> None:
         """Writes a result to the disk, completely or not at all."""
         summary = {"outcome": result.outcome, "reason": result.reason, "metrics": result.metrics}
+        summary |= {"landing": result.landing}
         data = orjson.dumps(summary, option=orjson.OPT_SERIALIZE_NUMPY)
         id = result.execution_id
         try:
@@ -130,7 +137,7 @@ class Journal:
 
 
 def deliver(store: Store, result: ExecutionResult) -> None:
-    """Delivers one result to the store, the recording first; does nothing for an execution unknown to the store.
+    """Delivers one result to the store, its end last; does nothing for an execution unknown to the store.
 
     Raises:
         StoreUnavailable: the database is gone.
@@ -139,4 +146,6 @@ def deliver(store: Store, result: ExecutionResult) -> None:
         return  # the database was replaced
     if result.mcap:
         store.add_recording(result.execution_id, result.mcap, result.csv)
+    if result.landing:
+        store.add_landing(execution_id=result.execution_id, source=CAMERA, **result.landing)
     store.finish_execution(result.execution_id, result.outcome, result.reason, result.metrics)

@@ -1,4 +1,4 @@
-"""The bin given to a simulated controller before a throw, and the landing that it reports afterwards."""
+"""A throw as a simulated controller sees it: announced with its bin before, its landing reported afterwards."""
 
 from __future__ import annotations
 
@@ -10,36 +10,51 @@ import numpy as np
 from numpy.typing import NDArray
 
 from executor.robot import simulator_client
-from planner.flight import fly
 from planner.problem import TargetRelease, ThrowProblem
 
 Vector = NDArray[np.float64]
 Record = dict[str, Any]
 
 POLL_S = 0.02  # [s] between two requests
+KINDS = ("releases", "landings", "observations")  # lists of records in the answer to `world`
 SLACK_S = 1.0  # [s] of the controller's time, beyond the planned flight
-SAME_PLANE_M = 1e-6  # [m] distance below which two planes are one
-SAME_TIME_S = 1e-6  # [s] difference below which two instants are one
-ENDLESS = ("floor", "landing plane")  # surfaces that the plan's plane may replace; anything else is in the way
+
+
+@dataclass(frozen=True, eq=False)
+class ObservedLanding:
+    """Where the simulated camera saw an object land.
+
+    Attributes:
+        position: landing point (3,) [m].
+        std_m: standard deviation of the camera along x and y [m]; 0 without noise.
+    """
+
+    position: Vector
+    std_m: float
 
 
 @dataclass(frozen=True, eq=False)
 class Landing:
-    """Observed release and landing of the object.
+    """Release and landing of the object; what the simulated controller hides is None.
 
     Attributes:
         released_at: the controller's time of the release [s].
-        point: landing point (3,) [m]; None where it has not landed.
+        point: true landing point (3,) [m]; None also where it has not landed.
         surface: what it landed on or was stopped by, in the simulator's words; None where it has not landed.
+        observed: what the camera observed; None where it has not landed.
     """
 
-    released_at: float
+    released_at: float | None
     point: Vector | None
     surface: str | None = None
+    observed: ObservedLanding | None = None
 
 
-def place_bin(host: str, problem: ThrowProblem) -> None:
-    """Puts the target's bin into the simulated world, or takes the bin of an earlier throw away.
+def expect_throw(host: str, problem: ThrowProblem) -> int:
+    """Announces a throw: the object lands on the plan's plane, or in the target's bin, which is put into the world.
+
+    Returns:
+        Its number.
 
     Raises:
         OSError, ValueError: the simulator does not answer, or refuses.
@@ -50,27 +65,15 @@ def place_bin(host: str, problem: ThrowProblem) -> None:
         simulator_client.request(host, "place_bin", **bin)
     else:
         simulator_client.request(host, "remove_bin")
+    return int(simulator_client.request(host, "expect_throw", landing_z_m=float(problem.plane_z))["throw"])
 
 
-def last_release_s(host: str) -> float:
-    """Returns the controller's time of the newest release [s]; minus infinity without one.
-
-    Raises:
-        OSError, ValueError: the simulator does not answer.
-    """
-    return max((r["t"] for r in simulator_client.request(host, "world")["releases"]), default=-np.inf)
-
-
-def wait_for_landing(host: str, problem: ThrowProblem, after: float, flight_s: float) -> Landing | None:
-    """Waits for the landing of the object released after `after`; returns None without such a release.
-
-    Where the object fell on the floor or the landing plane and the plan's plane is another one, the observed release is
-    flown to that one. A box or bin in the way stopped it: then the landing point is where it did.
+def wait_for_landing(host: str, throw: int, flight_s: float) -> Landing | None:
+    """Waits for the landing of a throw's object; returns None where none left.
 
     Args:
         host: address of the simulated controller.
-        problem: the plan's problem.
-        after: the controller's time before the throw [s].
+        throw: number of the throw.
         flight_s: planned flight time [s].
 
     Raises:
@@ -80,25 +83,22 @@ def wait_for_landing(host: str, problem: ThrowProblem, after: float, flight_s: f
     while True:
         world = simulator_client.request(host, "world")
         end = world["t"] + flight_s + SLACK_S if end is None else end
-        releases = [r for r in world["releases"] if r["t"] > after]
-        if not releases:
+        release, landing, observation = (_first(world.get(name), throw) for name in KINDS)
+        if release is None and not world["hidden"]:
             return None
-        release = releases[0]
-        landings = [x for x in world["landings"] if x["object"] == release["object"] and x["bounce"] == 0]
-        if landings or world["t"] > end:
-            surface = landings[0]["surface"] if landings else None
-            return Landing(release["t"], _point(problem, release, landings), surface)
+        if observation is not None or world["t"] > end:
+            return _landing(release, landing, observation)
         time.sleep(POLL_S)
 
 
-def _point(problem: ThrowProblem, release: Record, landings: list[Record]) -> Vector | None:
-    """Returns the landing point (3,) [m]: on the plan's plane, or where something stopped the object before it."""
-    flight = fly(release["position_m"], release["velocity_m_s"], problem.plane_z, problem.gravity, problem.drag)
-    landed = landings[0] if landings else None
-    if landed is not None:
-        point = np.array(landed["position_m"])
-        stopped = landed["surface"] not in ENDLESS
-        came_through = flight is not None and landed["t"] - release["t"] > flight.time_of_flight_s + SAME_TIME_S
-        if abs(point[2] - problem.plane_z) < SAME_PLANE_M or (stopped and not came_through):
-            return point
-    return None if flight is None else flight.landing_point
+def _first(records: list[Record] | None, throw: int) -> Record | None:
+    return next((record for record in records or () if record["throw"] == throw), None)
+
+
+def _landing(release: Record | None, landing: Record | None, observation: Record | None) -> Landing:
+    released_at = None if release is None else release["t"]
+    point = None if landing is None else np.array(landing["position_m"])
+    if observation is None:
+        return Landing(released_at, point)
+    observed = ObservedLanding(np.array(observation["position_m"]), float(observation["std_m"]))
+    return Landing(released_at, point, observation["surface"], observed)

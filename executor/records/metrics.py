@@ -19,7 +19,7 @@ from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
 
-RELEASE_SHARE = 0.005  # [-] accepted release error, share of the fastest planned joint speed; 1 % was 27 mm off
+RELEASE_SHARE = 0.005  # [-] release error without a warning, share of the fastest planned joint speed; 1 %: 27 mm off
 RELEASE_NOISE_RAD_S = 0.01  # [rad/s] scatter of a measured joint speed
 LANDING_SHIFT_M = 0.005  # [m] accepted shift of the landing by a late gripper command: `late` in docs/executor.md
 
@@ -38,12 +38,15 @@ def metrics(
     }
 
 
-def release_verdict(problem: ThrowProblem, trajectory: Trajectory, numbers: dict[str, Any]) -> tuple[str, str] | None:
+def release_verdict(
+    problem: ThrowProblem, trajectory: Trajectory, numbers: dict[str, Any], landing: Landing | None
+) -> tuple[str, str] | None:
     """Returns outcome and reason of a fully streamed plan whose release was not as planned; None if it was.
 
     A late gripper command counts by its effect on the landing: next to nothing within a release window, 10 mm a
-    millisecond in a fast throw. Only a simulated cell can report that the object stayed in the gripper; the arm
-    completed its motion then.
+    millisecond in a fast throw. A speed that was off while the position kept to the plan endangers nothing: the object
+    lands elsewhere, and the warning says by how much the speed differed. Only a simulated cell can report that no
+    object was seen to leave; the arm completed its motion then.
     """
     error, share, late = (
         numbers[name] or 0.0
@@ -54,10 +57,13 @@ def release_verdict(problem: ThrowProblem, trajectory: Trajectory, numbers: dict
     if shift > most:
         moved = "" if math.isinf(shift) else f": the landing moves by {1e3 * shift:.0f} mm"
         return "late", f"the gripper command was {1e3 * late:.0f} ms late{moved}"
-    if error > RELEASE_NOISE_RAD_S and share > RELEASE_SHARE:
-        return "tracking", f"at the release a joint's speed was {share:.1%} ({error:.3f} rad/s) off the plan's"
-    if numbers["released"] and numbers["gripper_opened_s"] is None and problem.cell.link.kind == "sim":
+    if numbers["released"] and landing is None and problem.cell.link.kind == "sim":
         return "completed", "the gripper was commanded to open, but no object left it"
+    if error > RELEASE_NOISE_RAD_S and share > RELEASE_SHARE:
+        return (
+            "completed",
+            f"warning: at the release a joint's speed was {share:.1%} ({error:.3f} rad/s) off the plan's",
+        )
     return None
 
 
@@ -109,7 +115,8 @@ def _release(problem: ThrowProblem, trajectory: Trajectory, telemetry: Telemetry
 
 
 def _gripper(trajectory: Trajectory, result: RunResult, landing: Landing | None) -> dict[str, Any]:
-    opened = None if landing is None else landing.released_at - result.timestamp_at_zero
+    at = None if landing is None else landing.released_at
+    opened = None if at is None else at - result.timestamp_at_zero
     sent = result.output_sent_s
     return {
         "gripper_commanded_s": sent,
@@ -121,8 +128,10 @@ def _gripper(trajectory: Trajectory, result: RunResult, landing: Landing | None)
 
 
 def _landing(problem: ThrowProblem, trajectory: Trajectory, landing: Landing | None) -> dict[str, Any]:
+    """Returns the true landing; null where the simulated controller hides it."""
     flight = release_flight(problem, trajectory)
+    surface = None if landing is None else landing.surface
     if landing is None or landing.point is None or flight is None:
-        return {"landing_point": None, "landing_error_m": None, "landed_on": None}
+        return {"landing_point": None, "landing_error_m": None, "landed_on": surface}
     error = float(np.linalg.norm(landing.point - flight.landing_point))
-    return {"landing_point": landing.point.tolist(), "landing_error_m": error, "landed_on": landing.surface}
+    return {"landing_point": landing.point.tolist(), "landing_error_m": error, "landed_on": surface}

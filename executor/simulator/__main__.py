@@ -13,6 +13,7 @@ from executor import realtime
 from executor.simulator.loop import SimulatorLoop
 from executor.simulator.settings import REALTIME_PRIORITY, SimulatorSettings
 from executor.simulator.simulation import Simulation
+from executor.simulator.truth import TruthError, load_truth, truth_of
 from planner.cell import load_cell
 from planner.errors import CellError
 
@@ -27,9 +28,10 @@ def main(arguments: list[str] | None = None) -> int:
             protective_stop_lock_s=options.protective_stop_lock_s,
             stall_tolerant=not options.strict_clock,
         )
-        simulation = Simulation(cell, settings, options.host or cell.link.host)
+        truth = load_truth(options.truth, cell, hidden=not options.reveal) if options.truth else truth_of(cell)
+        simulation = Simulation(cell, settings, options.host or cell.link.host, truth)
         loop = SimulatorLoop(simulation)
-    except (CellError, OSError) as error:
+    except (CellError, TruthError, OSError) as error:
         print(f"simulator: {error}", file=sys.stderr)
         return 1
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -49,6 +51,8 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     add, core = parser.add_argument, realtime.default_core(os.environ)
     add("--cell", type=Path, required=True, help="cell file (TOML)")
     add("--host", help="address to listen on; the cell's link.host by default")
+    add("--truth", type=Path, help="truth file (TOML): how arm, gripper, object and camera really behave")
+    add("--reveal", action="store_true", help="tell what is hidden under --truth, as without it")
     add("--priority", type=int, default=REALTIME_PRIORITY, help="SCHED_FIFO priority, 0 for none")
     core_help = f"processor to stay on at that priority, -1 for any; {realtime.CORE_VARIABLE}, or the highest"
     add("--core", type=int, default=core, help=core_help)

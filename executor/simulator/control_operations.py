@@ -1,4 +1,7 @@
-"""Operations of the control port: true state, the bin, releases and landings, counts, events, faults."""
+"""Operations of the control port: true state, the bin, releases and landings, counts, events, faults.
+
+Where the truth is hidden they tell what a real controller tells, and what the camera observed.
+"""
 
 from __future__ import annotations
 
@@ -20,6 +23,7 @@ def control_operations(
     return {
         "state": lambda request: true_state(simulation),
         "world": lambda request: objects_after(simulation, int(request.get("after", 0))),
+        "expect_throw": lambda request: expect_throw(simulation, request),
         "place_bin": lambda request: place_bin(simulation, request),
         "remove_bin": lambda request: place_bin(simulation, None),
         "stats": lambda request: simulation.stats(),
@@ -31,19 +35,22 @@ def control_operations(
 
 
 def true_state(simulation: Simulation) -> Document:
-    """Returns the true state of the controller and its workcell."""
+    """Returns the true state of the controller and its workcell; what is hidden is left out."""
+    return controller_state(simulation) | ({} if _is_hidden(simulation) else hidden_state(simulation))
+
+
+def controller_state(simulation: Simulation) -> Document:
+    """Returns the state of the controller as it tells it."""
     c = simulation.controller
-    arm, outputs, gripper, program = c.arm, c.workcell.outputs, c.workcell.gripper, c.runner.program
+    arm, outputs, program = c.arm, c.workcell.outputs, c.runner.program
     return {
         "t": c.timeline.t,
-        "moved_at": c.workcell.moved_at,
         "cell": c.cell.name,
         "cell_sha256": c.cell.sha256,
         "polyscope": c.cell.sim.polyscope,
+        "hidden": _is_hidden(simulation),
         "target_q": arm.q,
         "target_qd": arm.qd,
-        "q": arm.true_q,
-        "qd": arm.true_qd,
         "measured_q": arm.measured_q,
         "measured_qd": arm.measured_qd,
         "runtime_state": c.runner.runtime,
@@ -57,10 +64,6 @@ def true_state(simulation: Simulation) -> Document:
         "speed_slider": c.slider,
         "speed_scaling": c.speed_scaling,
         "digital_outputs": outputs.bits,
-        "output_changes": list(outputs.changes)[-OUTPUT_CHANGES_MAX:],
-        "gripper_open": gripper.open,
-        "gripper_holds": gripper.holds,
-        "gripper_stuck": gripper.stuck,
         "connections": [
             {"role": s.role, "packages_in": s.packages_in, "packages_out": s.packages_out, "skipped": s.skipped}
             for s in simulation.rtde.sessions.values()
@@ -68,12 +71,30 @@ def true_state(simulation: Simulation) -> Document:
     }
 
 
-def objects_after(simulation: Simulation, after: int) -> Document:
-    """Returns releases and landings of objects numbered above `after`, and all objects in flight."""
+def hidden_state(simulation: Simulation) -> Document:
+    """Returns what only the simulator can tell."""
     workcell = simulation.controller.workcell
-    world = workcell.world
+    arm, gripper = workcell.arm, workcell.gripper
     return {
-        "t": simulation.controller.timeline.t,
+        "moved_at": workcell.moved_at,
+        "q": arm.true_q,
+        "qd": arm.true_qd,
+        "output_changes": list(workcell.outputs.changes)[-OUTPUT_CHANGES_MAX:],
+        "gripper_open": gripper.open,
+        "gripper_holds": gripper.holds,
+        "gripper_stuck": gripper.stuck,
+    }
+
+
+def objects_after(simulation: Simulation, after: int) -> Document:
+    """Returns what the camera observed of objects numbered above `after`; unless hidden, all that happened to them."""
+    workcell = simulation.controller.workcell
+    world, hidden = workcell.world, _is_hidden(simulation)
+    observed = {"observations": [o for o in world.observations if o["object"] > after]}
+    answer = {"t": simulation.controller.timeline.t, "hidden": hidden, **observed}
+    if hidden:
+        return answer
+    return answer | {
         "releases": [r for r in world.releases if r["object"] > after],
         "landings": [r for r in world.landings if r["object"] > after],
         "in_flight": [
@@ -81,6 +102,26 @@ def objects_after(simulation: Simulation, after: int) -> Document:
         ],
         "gripper_holds": workcell.gripper.holds,
     }
+
+
+def _is_hidden(simulation: Simulation) -> bool:
+    return simulation.controller.workcell.truth.hidden
+
+
+def expect_throw(simulation: Simulation, request: Document) -> Document:
+    """Returns the number of the throw that comes next; its object lands at `landing_z_m`, or where the cell has it.
+
+    Raises:
+        BadRequest: the height is not a finite number.
+    """
+    world = simulation.controller.workcell.world
+    try:
+        height_m = float(request.get("landing_z_m", world.usual_landing_z_m))
+    except (TypeError, ValueError, OverflowError) as error:
+        raise BadRequest("landing_z_m must be a number [m]") from error
+    if not math.isfinite(height_m):
+        raise BadRequest("landing_z_m must be finite")
+    return {"throw": world.expect_throw(height_m)}
 
 
 def place_bin(simulation: Simulation, request: Document | None) -> None:

@@ -17,6 +17,7 @@ from executor.simulator.program import (
     load_control_program,
 )
 from executor.simulator.settings import ControllerIdentity, SimulatorSettings
+from executor.simulator.truth import Truth, truth_of
 from planner.cell import Cell
 
 SCALING_PER_S = 5.0  # [1/s] chosen: rate at which the speed scaling follows the slider, full range in 0.2 s
@@ -35,11 +36,12 @@ class Controller:
         speed_scaling: present speed scaling, which follows the slider.
     """
 
-    def __init__(self, cell: Cell, settings: SimulatorSettings) -> None:
+    def __init__(self, cell: Cell, settings: SimulatorSettings, truth: Truth | None = None) -> None:
+        """Starts at home; without a `truth` the cell's table [sim] is the truth."""
         self.cell, self.settings = cell, settings
         self.identity = identity_of(cell, settings)
         self.timeline = Timeline(1.0 / cell.robot.sample_rate_hz)
-        self.workcell = Workcell(cell, settings, self.timeline.dt)
+        self.workcell = Workcell(cell, settings, truth or truth_of(cell), self.timeline.dt)
         self.arm = self.workcell.arm
         self.installation = installation_of(cell)
         self.limits = limits_of(cell, settings)

@@ -43,7 +43,6 @@ class SimulatorSettings:
     """Behaviour of the simulated controller that no cell file describes."""
 
     decelerations: Decelerations = Decelerations()
-    first_order_s: float = 0.002  # chosen: first-order part of the lag; the rest of sim.lag_s is a pure delay
     position_noise_rad: float = 5e-6  # chosen: standard deviation of the measured joint position
     velocity_noise_rad_s: float = 5e-4  # chosen: standard deviation of the measured joint speed
     program_start_s: float = 0.05  # chosen: from the upload to "playing"; ur_rtde waits up to 5 s for it

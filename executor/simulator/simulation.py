@@ -10,6 +10,7 @@ from executor.simulator.controller import Controller
 from executor.simulator.interfaces import DashboardServer, Network, RtdeServer, ScriptServer, ServicePort
 from executor.simulator.output_values import OutputValues
 from executor.simulator.settings import DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORT, SimulatorSettings
+from executor.simulator.truth import Truth
 from planner.cell import Cell
 
 
@@ -20,13 +21,13 @@ class Simulation:
         freeze_s: fault: time for which controller and world are about to stand still [s].
     """
 
-    def __init__(self, cell: Cell, settings: SimulatorSettings, host: str) -> None:
+    def __init__(self, cell: Cell, settings: SimulatorSettings, host: str, truth: Truth | None = None) -> None:
         """Listens on `host`.
 
         Raises:
             OSError: an address is not available.
         """
-        self.controller = c = Controller(cell, settings)
+        self.controller = c = Controller(cell, settings, truth)
         self.output_values = OutputValues(c)
         self.pacing = CyclePacing(c.timeline.dt, settings.stall_tolerant)
         self.freeze_s = 0.0

@@ -3,6 +3,7 @@
 All facts about a site are in its cell file; the arm's own data are in `planner.robots`.
 """
 
+from planner.cell.fields import choice, merge_defaults, number, vector
 from planner.cell.file import CellSource, calibration_name, cell_of, load_cell, parse_cell, read_source
 from planner.cell.model import Box, Cell, Limits, Safety, ToolCapsule
 
@@ -15,7 +16,11 @@ __all__ = [
     "ToolCapsule",
     "calibration_name",
     "cell_of",
+    "choice",
     "load_cell",
+    "merge_defaults",
+    "number",
     "parse_cell",
     "read_source",
+    "vector",
 ]

@@ -137,3 +137,37 @@ def test_a_wall_clock_that_jumps_by_hours_changes_no_throw(own_rig: Rig) -> None
     row = own_rig.throw(LOB)
     assert row.outcome == "completed", row.reason
     assert row.metrics["landing_error_m"] < 0.005
+
+
+def test_the_executor_continues_with_what_its_cell_file_says_now(own_rig: Rig) -> None:
+    own_rig.start()
+    assert own_rig.throw(NUDGE).outcome == "completed"
+    text = own_rig.path.read_text()
+    own_rig.rewrite(text.replace("joint_velocity_rad_s = 3.0", "joint_velocity_rad_s = 2.9"))
+    row = own_rig.throw(NUDGE)  # planned for the new file
+    assert row.outcome == "completed", row.reason
+    assert own_rig.robot()["cell_sha256"] == own_rig.cell.sha256
+
+    own_rig.path.write_text(text.replace("[gripper]", "[griper]"))
+    own_rig.until(own_rig.is_latched)
+    assert "griper: unknown key" in own_rig.store.cell_status("rig").fault["reason"]
+    row = own_rig.end(own_rig.queue(NUDGE))
+    assert (row.outcome, "the cell file is refused" in row.reason) == ("refused", True)
+
+    own_rig.rewrite(text)
+    own_rig.until(lambda: not own_rig.is_latched())  # nobody acknowledged anything
+    assert own_rig.throw(NUDGE).outcome == "completed"
+
+
+def test_a_cell_file_with_another_address_leads_to_another_controller(own_rig: Rig, tmp_path: Path) -> None:
+    other = Rig(tmp_path / "other")
+    try:
+        own_rig.start()
+        other.start_simulator()
+        own_rig.rewrite(own_rig.path.read_text().replace(own_rig.host, other.host))
+        own_rig.until(lambda: own_rig.robot().get("cell_sha256") == own_rig.cell.sha256)
+        row = own_rig.throw(NUDGE)
+        assert row.outcome == "completed", row.reason
+        assert other.state()["measured_q"] == pytest.approx(NUDGE["positions"], abs=1e-3)
+    finally:
+        other.stop()

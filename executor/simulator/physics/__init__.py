@@ -2,9 +2,19 @@
 
 from executor.simulator.physics import kinematics
 from executor.simulator.physics.arm import Arm, MotionConflict
+from executor.simulator.physics.controller_kinematics import ControllerKinematics
 from executor.simulator.physics.dynamics import JointTorques
 from executor.simulator.physics.kinematics import Transform
 from executor.simulator.physics.obstacles import RoundBin
 from executor.simulator.physics.workcell import Workcell
 
-__all__ = ["Arm", "JointTorques", "MotionConflict", "RoundBin", "Transform", "Workcell", "kinematics"]
+__all__ = [
+    "Arm",
+    "ControllerKinematics",
+    "JointTorques",
+    "MotionConflict",
+    "RoundBin",
+    "Transform",
+    "Workcell",
+    "kinematics",
+]

@@ -1,4 +1,4 @@
-"""The arm's joints in three motions: commanded, true (one lag behind), and measured (true plus noise)."""
+"""The arm's joints in three motions: commanded, true (its response, a lag later), and measured (true plus noise)."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import math
 import random
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from executor.simulator.physics.kinematics import KinematicChain, Transform
 from executor.simulator.physics.lag import Lag
+from executor.simulator.physics.overshoot import Overshoot
 
 NOISE_TABLE = 8191  # noise samples drawn at the start; a prime, so the sequence of six joints repeats late
 MOVING = 5e-3  # [rad/s] true speed above which the arm visibly moves
@@ -19,6 +21,21 @@ HISTORY = 2000  # cycles of measured positions kept for get_actual_joint_positio
 Noise = tuple[float, float]  # standard deviations of measured position [rad] and speed [rad/s]
 
 
+@dataclass(frozen=True)
+class Response:
+    """How the true motion follows the commanded one.
+
+    Attributes:
+        gain: speed over that commanded by a speed or servo command, a joint (6,) [-].
+        lag: delay and first-order part.
+        overshoot: overshoot and scatter; None without.
+    """
+
+    gain: Sequence[float]
+    lag: Lag
+    overshoot: Overshoot | None = None
+
+
 class MotionConflict(Exception):
     """Two threads of a program moved the arm in one cycle."""
 
@@ -26,9 +43,13 @@ class MotionConflict(Exception):
 class Arm:
     """Commanded (`q qd qdd`), true (`true_q true_qd`) and measured (`measured_q measured_qd`) joint motion."""
 
-    def __init__(self, chain: KinematicChain, dt: float, q: Sequence[float], lag: Lag, noise: Noise, seed: int):
+    def __init__(
+        self, chain: KinematicChain, dt: float, q: Sequence[float], response: Response, noise: Noise, seed: int
+    ) -> None:
         """Places the arm at rest at joint positions `q` (6,) [rad]; `dt` is the cycle time [s]."""
-        self.chain, self.dt, self.lag = chain, dt, lag
+        self.chain, self.dt = chain, dt
+        self.lag, self.overshoot = response.lag, response.overshoot
+        self.gain = None if all(g == 1.0 for g in response.gain) else list(response.gain)
         self.q, self.qd, self.qdd = list(q), [0.0] * 6, [0.0] * 6
         self.true_q, self.true_qd = list(q), [0.0] * 6
         self.measured_q, self.measured_qd = self.true_q, self.true_qd
@@ -69,6 +90,8 @@ class Arm:
     def ramp(self, qd: Sequence[float], acceleration: float) -> bool:
         """Ramps towards joint speeds for one cycle; the position advances with the mean of old and new speed.
 
+        Here the gain takes effect: the arm moves by what it understood, and stands where it believes it does.
+
         Args:
             qd: target speeds (6,) [rad/s].
             acceleration: of the leading axis [rad/s^2]; the others keep in proportion.
@@ -76,6 +99,7 @@ class Arm:
         Returns:
             Whether the target is reached.
         """
+        qd = qd if self.gain is None else [g * v for g, v in zip(self.gain, qd, strict=True)]
         change = [b - a for a, b in zip(self.qd, qd, strict=True)]
         largest, most, half = max(map(abs, change)), acceleration * self.dt, 0.5 * self.dt
         reached = largest <= most
@@ -94,7 +118,12 @@ class Arm:
 
     def finish_cycle(self) -> None:
         """Advances the true motion to the end of this cycle and measures it."""
-        self.true_q, self.true_qd = self.lag.step(self.q, self.qd)
+        q, qd = self.q, self.qd
+        if self.overshoot is not None:
+            q, qd = self.overshoot.step(q, qd)
+            if self.overshoot.began:
+                self.lag.shift(self.overshoot.lag_later_s)
+        self.true_q, self.true_qd = self.lag.step(q, qd)
         at = self.draws
         self.draws = (at + 6) % NOISE_TABLE
         self.measured_q = [x + n for x, n in zip(self.true_q, self.q_noise[at : at + 6], strict=True)]

@@ -5,6 +5,10 @@ from __future__ import annotations
 import random
 
 from executor.simulator.physics.outputs import OUTPUT_KINDS
+from executor.simulator.truth import GripperOpening
+
+QUANTUM_S = 0.010  # [s] period of a gripper's own clock; source: the registers of Robotiq grippers change at 100 Hz
+SKEW_SHAPE = 2.0  # chosen: shape of the gamma distribution of a skewed jitter; its skewness is 2 / sqrt(2)
 
 
 class SimulatedGripper:
@@ -16,21 +20,21 @@ class SimulatedGripper:
         release_at: controller time at which the object will leave [s], None if no release is due.
     """
 
-    def __init__(self, output: str, index: int, open_level: bool, delay_s: float, jitter_s: float, seed: int) -> None:
+    def __init__(self, output: str, index: int, open_level: bool, opening: GripperOpening, seed: int) -> None:
         """Starts closed.
 
         Args:
             output: kind of the output, a key of OUTPUT_KINDS.
             index: line within the kind.
             open_level: level that opens the gripper.
-            delay_s: mean time from the change of the output to the object leaving [s].
-            jitter_s: standard deviation of that time [s].
-            seed: of the random deviation.
+            opening: time from the change of the output to the object leaving.
+            seed: of its random deviation.
         """
         self.mask = 1 << (OUTPUT_KINDS[output][0] + index)
         self.open_bits = self.mask if open_level else 0
-        self.delay_s, self.jitter_s = delay_s, jitter_s
-        self.draw = random.Random(seed)
+        self.opening = opening
+        self.openings = 0
+        self.draw = random.Random(f"{seed} gripper")
         self.holds: int | None = 1
         self.objects = 1
         self.open = False
@@ -48,8 +52,20 @@ class SimulatedGripper:
         if not opened:
             self.release_at = None  # closed again before the object was free: it stays
         if opened and not self.open and self.holds is not None and not self.stuck:
-            self.release_at = t + max(0.0, self.delay_s + self.draw.gauss(0.0, self.jitter_s))
+            self.release_at = t + max(0.0, self._delay())
         self.open = opened
+
+    def _delay(self) -> float:
+        """Returns the delay of this opening [s]; its mean is that of the truth, whatever the shape of the jitter."""
+        opening, draw = self.opening, self.draw
+        mean = opening.delay_s + opening.drift_s_per_throw * self.openings
+        self.openings += 1
+        if opening.jitter_shape == "skewed":
+            return mean + opening.jitter_s * (draw.gammavariate(SKEW_SHAPE, 1.0) - SKEW_SHAPE) / SKEW_SHAPE**0.5
+        delay = mean + draw.gauss(0.0, opening.jitter_s)
+        if opening.jitter_shape == "quantised":  # it opens at a tick of its own clock, which knows nothing of the arm's
+            delay += draw.uniform(-0.5, 0.5) * QUANTUM_S
+        return delay
 
     def take_release(self, t: float) -> float | None:
         """Returns when the object left, if it did so up to `t` [s]; the release is then no longer due."""

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from executor.simulator.physics.controller_kinematics import ControllerKinematics, controller_kinematics
+from executor.simulator.truth import DhDeviation
 from planner.robots import Robot
 
 Transform = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
@@ -98,21 +100,75 @@ def from_matrix(matrix: np.ndarray) -> Transform:
 
 
 class KinematicChain:
-    """The arm's joints with a tool at their end; all arms of Universal Robots share one geometry.
+    """The arm's joints with a tool at their end, by their Denavit–Hartenberg parameters, whatever these are.
+
+    Attributes:
+        kinematics: the parameters, as the controller tells them.
+    """
+
+    def __init__(self, kinematics: ControllerKinematics) -> None:
+        self.kinematics = k = kinematics
+        self.links = [(a, d, math.cos(alpha), math.sin(alpha)) for a, d, alpha in zip(k.a, k.d, k.alpha, strict=True)]
+
+    def forward(self, q: Vector, tool: Transform = IDENTITY) -> Transform:
+        """Returns the pose of the tool in the base."""
+        return self.motion(q, (0.0,) * 6, tool)[0]
+
+    def motion(self, q: Vector, qd: Vector, tool: Transform = IDENTITY) -> tuple[Transform, list[float]]:
+        """Returns the pose of the tool and its twist (vx, vy, vz, wx, wy, wz), both in the base."""
+        axes, pose = self._axes(q, tool)
+        px, py, pz = pose[3], pose[7], pose[11]
+        vx = vy = vz = wx = wy = wz = 0.0
+        for (zx, zy, zz, ox, oy, oz), v in zip(axes, qd, strict=True):
+            rx, ry, rz = px - ox, py - oy, pz - oz
+            vx += v * (zy * rz - zz * ry)
+            vy += v * (zz * rx - zx * rz)
+            vz += v * (zx * ry - zy * rx)
+            wx, wy, wz = wx + v * zx, wy + v * zy, wz + v * zz
+        return pose, [vx, vy, vz, wx, wy, wz]
+
+    def jacobian(self, q: Vector, tool: Transform = IDENTITY) -> tuple[np.ndarray, Transform]:
+        """Returns the geometric Jacobian (6, 6) of the tool in the base, rows v then w, and its pose."""
+        axes, pose = self._axes(q, tool)
+        columns = []
+        for zx, zy, zz, px, py, pz in axes:
+            rx, ry, rz = pose[3] - px, pose[7] - py, pose[11] - pz
+            columns.append((zy * rz - zz * ry, zz * rx - zx * rz, zx * ry - zy * rx, zx, zy, zz))
+        return np.array(columns).T, pose
+
+    def _axes(self, q: Vector, tool: Transform) -> tuple[list[tuple[float, ...]], Transform]:
+        """Returns direction and origin of each joint's axis, and the pose of the tool."""
+        axes, pose = [], IDENTITY
+        for (a, d, ca, sa), angle, offset in zip(self.links, q, self.kinematics.theta, strict=True):
+            axes.append((pose[2], pose[6], pose[10], pose[3], pose[7], pose[11]))
+            c, s = math.cos(angle + offset), math.sin(angle + offset)
+            pose = product(pose, (c, -s * ca, s * sa, a * c, s, c * ca, -c * sa, a * s, 0.0, sa, ca, d))
+        return axes, product(pose, tool)
+
+    def solve(self, goal: Transform, near: Vector, tool: Transform = IDENTITY) -> list[float] | None:
+        """Returns joint angles (6,) near `near` that put the tool at `goal`, None if Newton's method finds none."""
+        q = np.array(near, float)
+        for _ in range(ITERATIONS_MAX):
+            J, pose = self.jacobian(q.tolist(), tool)
+            error = np.array(pose_error(goal, pose))
+            size = float(np.abs(error).max())
+            if size < POSE_TOLERANCE:
+                return q.tolist()
+            damping = DAMPING_NEAR if size < NEAR else DAMPING_FAR
+            step = J.T @ np.linalg.solve(J @ J.T + damping * np.eye(6), error)
+            q += step * min(1.0, STEP_MAX / max(float(np.abs(step).max()), STEP_MAX))
+        return None
+
+
+class PublishedChain(KinematicChain):
+    """An arm exactly as published: its motion has a closed form, which all arms of Universal Robots share.
 
     Joint 1 is vertical; joints 2, 3 and 4 are parallel; joints 5 and 6 are each perpendicular to the one before.
     """
 
     def __init__(self, robot: Robot) -> None:
-        self.links = [
-            (float(a), float(d), math.cos(alpha), math.sin(alpha))
-            for a, d, alpha in zip(robot.a, robot.d, robot.alpha, strict=True)
-        ]
+        super().__init__(controller_kinematics(robot, DhDeviation()))
         self.lengths = tuple(float(x) for x in (robot.d[0], robot.a[1], robot.a[2], robot.d[3], robot.d[4], robot.d[5]))
-
-    def forward(self, q: Vector, tool: Transform = IDENTITY) -> Transform:
-        """Returns the pose of the tool in the base."""
-        return self.motion(q, (0.0,) * 6, tool)[0]
 
     def motion(self, q: Vector, qd: Vector, tool: Transform = IDENTITY) -> tuple[Transform, list[float]]:
         """Returns the pose of the tool and its twist (vx, vy, vz, wx, wy, wz), both in the base.
@@ -155,33 +211,12 @@ class KinematicChain:
             v234 * nx + v5 * bx + v6 * ax, v234 * ny + v5 * by + v6 * ay, v1 + v5 * bz + v6 * az,
         ]  # fmt: skip
 
-    def jacobian(self, q: Vector, tool: Transform = IDENTITY) -> tuple[np.ndarray, Transform]:
-        """Returns the geometric Jacobian (6, 6) of the tool in the base, rows v then w, and its pose."""
-        axes, pose = [], IDENTITY
-        for (a, d, ca, sa), angle in zip(self.links, q, strict=True):
-            axes.append((pose[2], pose[6], pose[10], pose[3], pose[7], pose[11]))
-            c, s = math.cos(angle), math.sin(angle)
-            pose = product(pose, (c, -s * ca, s * sa, a * c, s, c * ca, -c * sa, a * s, 0.0, sa, ca, d))
-        pose = product(pose, tool)
-        columns = []
-        for zx, zy, zz, px, py, pz in axes:
-            rx, ry, rz = pose[3] - px, pose[7] - py, pose[11] - pz
-            columns.append((zy * rz - zz * ry, zz * rx - zx * rz, zx * ry - zy * rx, zx, zy, zz))
-        return np.array(columns).T, pose
 
-    def solve(self, goal: Transform, near: Vector, tool: Transform = IDENTITY) -> list[float] | None:
-        """Returns joint angles (6,) near `near` that put the tool at `goal`, None if Newton's method finds none."""
-        q = np.array(near, float)
-        for _ in range(ITERATIONS_MAX):
-            J, pose = self.jacobian(q.tolist(), tool)
-            error = np.array(pose_error(goal, pose))
-            size = float(np.abs(error).max())
-            if size < POSE_TOLERANCE:
-                return q.tolist()
-            damping = DAMPING_NEAR if size < NEAR else DAMPING_FAR
-            step = J.T @ np.linalg.solve(J @ J.T + damping * np.eye(6), error)
-            q += step * min(1.0, STEP_MAX / max(float(np.abs(step).max()), STEP_MAX))
-        return None
+def kinematic_chain(robot: Robot, deviation: DhDeviation) -> KinematicChain:
+    """Returns the chain of an arm that deviates from the published one, or is exactly that."""
+    if deviation == DhDeviation():
+        return PublishedChain(robot)
+    return KinematicChain(controller_kinematics(robot, deviation))
 
 
 def pose_error(goal: Transform, pose: Transform) -> list[float]:

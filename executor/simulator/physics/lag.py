@@ -9,43 +9,43 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-Sample = tuple[list[float], list[float], list[float]]  # commanded position and speed, and the speed filtered
+Sample = tuple[float, float, float]  # commanded position and speed, and the speed filtered
 ON_GRID = 1e-6  # [cycles] a delay this close to a whole number of cycles counts as whole
 
 
-class Lag:
-    """Turns the commanded joint motion, one sample per cycle, into the true motion of the arm."""
+class JointLag:
+    """Turns the commanded motion of one joint, one sample per cycle, into its true motion."""
 
-    def __init__(self, dt: float, lag_s: float, first_order_s: float, q: Sequence[float]) -> None:
-        """Starts at rest at joint positions `q` [rad].
+    def __init__(self, dt: float, lag_s: float, first_order_s: float, q: float) -> None:
+        """Starts at rest at joint position `q` [rad].
 
         Args:
             dt: cycle time [s].
             lag_s: total lag [s]; at least one cycle, since a command cannot be obeyed earlier.
-            first_order_s: time constant of the first-order part [s], limited to half the rest of the lag.
-            q: joint positions [rad].
+            first_order_s: time constant of the first-order part [s], at most the rest of the lag.
+            q: joint position [rad].
         """
         rest = max(lag_s - dt, 0.0)
         self.dt = dt
-        self.tau = min(first_order_s, rest / 2.0)
-        self.delay = (rest - self.tau) / dt  # [cycles]
+        self.tau = min(first_order_s, rest)
+        self.delay = self.mean_delay = (rest - self.tau) / dt  # [cycles]
         self.decay = math.exp(-dt / self.tau) if self.tau > 0.0 else 0.0
-        self.size = math.floor(self.delay) + 4
-        still = [0.0] * len(q)
-        self.ring: list[Sample] = [(list(q), still, still)] * self.size
+        self.size = math.floor(self.delay) + 5
+        self.ring: list[Sample] = [(q, 0.0, 0.0)] * self.size
         self.at = 0
 
-    def step(self, q: list[float], qd: list[float]) -> tuple[list[float], list[float]]:
-        """Takes the commanded state at the end of this cycle; returns the true one (q, qd) at the same instant.
+    def shift(self, later_s: float) -> None:
+        """Makes the pure delay differ by `later_s` [s] from its mean, by one cycle at most; only while at rest."""
+        self.delay = max(0.0, self.mean_delay + min(1.0, max(-1.0, later_s / self.dt)))
 
-        The lists are kept, not copied; callers pass new ones every cycle.
-        """
+    def step(self, q: float, qd: float) -> tuple[float, float]:
+        """Takes the commanded state at the end of this cycle; returns the true one (q, qd) at the same instant."""
         _, u, v = self.ring[self.at]
         self.at = (self.at + 1) % self.size
         self.ring[self.at] = (q, qd, self._filtered(u, qd, v, 1.0, self.decay))
         return self.before(0.0)
 
-    def before(self, back_s: float) -> tuple[list[float], list[float]]:
+    def before(self, back_s: float) -> tuple[float, float]:
         """Returns the true state (q, qd) `back_s` [s] before the end of this cycle, one cycle at most.
 
         First-order part and delay commute, so the delayed sample of the filtered motion is the filtered delayed motion.
@@ -54,7 +54,7 @@ class Lag:
         whole = math.floor(cycles + ON_GRID)
         part = cycles - whole
         q, _, v = self._within(whole, 1.0 - part) if part > ON_GRID else self.ring[self.at - whole]
-        return [a - self.tau * b for a, b in zip(q, v, strict=True)], v  # tau v' + v = u, and so q_u - q = tau v
+        return q - self.tau * v, v  # tau v' + v = u, and so q_u - q = tau v
 
     def _within(self, back: int, s: float) -> Sample:
         """Returns the sample at the share `s` of the cycle that ended `back` cycles ago.
@@ -63,20 +63,39 @@ class Lag:
         """
         (qa, ua, va), (qb, ub, _) = self.ring[self.at - back - 1], self.ring[self.at - back]
         h = self.dt
-        q = [
-            a + h * s * u + s * s * (3.0 * (b - a) - h * (2.0 * u + w)) + s**3 * (2.0 * (a - b) + h * (u + w))
-            for a, u, b, w in zip(qa, ua, qb, ub, strict=True)
-        ]
-        u = [a + (b - a) * s for a, b in zip(ua, ub, strict=True)]
+        q = qa + h * s * ua + s * s * (3.0 * (qb - qa) - h * (2.0 * ua + ub)) + s**3 * (2.0 * (qa - qb) + h * (ua + ub))
+        u = ua + (ub - ua) * s
         return q, u, self._filtered(ua, u, va, s, math.exp(-s * h / self.tau) if self.tau > 0.0 else 0.0)
 
-    def _filtered(self, u0: list[float], u1: list[float], v0: list[float], s: float, decay: float) -> list[float]:
-        """Returns the filtered speed at the share `s` of a cycle with linear input; solves tau v' + v = u exactly."""
+    def _filtered(self, a: float, b: float, v: float, s: float, decay: float) -> float:
+        """Returns the filtered speed after the share `s` of a cycle with an input linear from `a` to `b`.
+
+        It solves tau v' + v = u exactly.
+        """
         if self.tau <= 0.0:
-            return u1
-        slope = self.tau / (s * self.dt)
-        speed = []
-        for a, b, v in zip(u0, u1, v0, strict=True):
-            bend = slope * (b - a)
-            speed.append(b - bend + (v - a + bend) * decay)
-        return speed
+            return b
+        bend = self.tau / (s * self.dt) * (b - a)
+        return b - bend + (v - a + bend) * decay
+
+
+class Lag:
+    """The lag of six joints: equal in sum, each with a first-order part of its own."""
+
+    def __init__(self, dt: float, lag_s: float, first_order_s: Sequence[float], q: Sequence[float]) -> None:
+        """Starts at rest at joint positions `q` [rad]; see `JointLag`."""
+        self.joints = [JointLag(dt, lag_s, tau, x) for tau, x in zip(first_order_s, q, strict=True)]
+
+    def shift(self, later_s: float) -> None:
+        """Makes the delay of all joints differ by `later_s` [s] from its mean; only while at rest."""
+        for joint in self.joints:
+            joint.shift(later_s)
+
+    def step(self, q: Sequence[float], qd: Sequence[float]) -> tuple[list[float], list[float]]:
+        """Takes the commanded state at the end of this cycle; returns the true one (q, qd) at the same instant."""
+        found = [joint.step(x, v) for joint, x, v in zip(self.joints, q, qd, strict=True)]
+        return [x for x, _ in found], [v for _, v in found]
+
+    def before(self, back_s: float) -> tuple[list[float], list[float]]:
+        """Returns the true state (q, qd) `back_s` [s] before the end of this cycle, one cycle at most."""
+        found = [joint.before(back_s) for joint in self.joints]
+        return [x for x, _ in found], [v for _, v in found]

@@ -1,4 +1,4 @@
-"""Digital and analog outputs of the controller: commanded at once, physically changed one lag later."""
+"""Digital and analog outputs of the controller: commanded at once, physically changed some time later."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Outputs:
     """Output lines of the controller.
 
     A change obeyed in the cycle that ends at t was sent while the state of the cycle before was the newest. It happens
-    `lag_s` after that state: at t - dt + lag_s. So outputs and joint speeds share one latency.
+    `delay_s` after that state: at t - dt + delay_s.
 
     Attributes:
         bits: physical levels of the digital outputs.
@@ -27,8 +27,8 @@ class Outputs:
         analog: levels of the two analog outputs.
     """
 
-    def __init__(self, dt: float, lag_s: float, bits: int) -> None:
-        self.delay_s = max(lag_s, dt) - dt
+    def __init__(self, dt: float, delay_s: float, bits: int) -> None:
+        self.delay_s = delay_s - dt  # after the end of the cycle that obeys
         self.bits = self.commanded = bits
         self.changes: deque[tuple[float, int]] = deque(maxlen=CHANGES_MAX)
         self.analog = [0.0, 0.0]

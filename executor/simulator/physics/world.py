@@ -10,7 +10,9 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+from executor.simulator.physics.camera import ObservingCamera
 from executor.simulator.physics.obstacles import BIN, Contact, Obstacle, Point, RoundBin, SolidBox
+from executor.simulator.truth import Truth
 from planner.arrays import Array
 from planner.cell import Cell
 from planner.flight import drag_constant
@@ -36,10 +38,11 @@ class Plane:
 
 @dataclass
 class FlyingObject:
-    """One object in the air, with the number of its bounces so far, and what it touched if it was caught."""
+    """One object in the air: of which throw, the number of its bounces so far, what it touched if it was caught."""
 
     number: int
     state: State
+    throw: int = 0
     bounces: int = 0
     caught: Contact | None = None
 
@@ -49,29 +52,43 @@ class World:
 
     Attributes:
         bin: the bin that stands in the world, None without one.
+        throw: number of the throw that was announced last; objects released from then on belong to it.
+        observations: what the camera reports of the landings.
     """
 
-    def __init__(self, cell: Cell, restitution: float) -> None:
+    def __init__(self, cell: Cell, restitution: float, truth: Truth) -> None:
         self.gravity = cell.surroundings.gravity_m_s2
         thrown = cell.object
-        self.drag = drag_constant(thrown.mass_kg, thrown.radius_m, thrown.drag_coefficient)
+        self.drag = drag_constant(thrown.mass_kg, thrown.radius_m, truth.drag_coefficient)
+        self.camera = ObservingCamera(truth.camera, truth.seed)
+        self.throw = 0
+        self.observations: list[dict[str, Any]] = []
         self.radius_m = thrown.radius_m
         self.restitution = restitution
         self.floor_z_m = cell.surroundings.floor_z_m
         boxes = enumerate(cell.surroundings.keep_out)
         self.boxes = [SolidBox(f"keep_out[{i}]", _point(box.lower), _point(box.upper)) for i, box in boxes]
         self.bin: RoundBin | None = None
-        self.planes = [Plane("floor", self.floor_z_m), Plane("landing plane", cell.sim.landing_height_m)]
+        self.usual_landing_z_m = cell.sim.landing_height_m
+        self.planes: list[Plane] = []
+        self.expect_throw(self.usual_landing_z_m)
         self.flights: list[FlyingObject] = []
         self.releases: list[dict[str, Any]] = []
         self.landings: list[dict[str, Any]] = []
 
+    def expect_throw(self, landing_z_m: float) -> int:
+        """Returns the number of the throw that comes next; its objects land on the plane at `landing_z_m` [m]."""
+        self.planes = [Plane("floor", self.floor_z_m), Plane("landing plane", landing_z_m)]
+        self.throw += 1
+        return self.throw
+
     def release(self, number: int, at_s: float, state: State, now_s: float) -> None:
         """Releases object `number` with `state` at `at_s` [s], and advances its flight to `now_s` [s]."""
-        record = {"object": number, "t": at_s, "position_m": list(state[:3]), "velocity_m_s": list(state[3:])}
+        record = {"object": number, "throw": self.throw, "t": at_s}
+        record |= {"position_m": list(state[:3]), "velocity_m_s": list(state[3:])}
         self.releases.append(record)
         del self.releases[:-RECORDS_MAX]
-        flight = FlyingObject(number, state)
+        flight = FlyingObject(number, state, self.throw)
         self.flights.append(flight)
         self._fly(flight, at_s, now_s - at_s)
 
@@ -178,6 +195,7 @@ class World:
     def _record(self, flight: FlyingObject, surface: str, t: float) -> None:
         record = {
             "object": flight.number,
+            "throw": flight.throw,
             "t": t,
             "position_m": list(flight.state[:3]),
             "velocity_m_s": list(flight.state[3:]),
@@ -186,6 +204,9 @@ class World:
         }
         self.landings.append(record)
         del self.landings[:-RECORDS_MAX]
+        if flight.bounces == 0:
+            self.observations.append({"throw": flight.throw, **self.camera.observe(record)})
+            del self.observations[:-RECORDS_MAX]
 
 
 def _point(values: Array) -> Point:

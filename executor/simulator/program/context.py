@@ -134,7 +134,8 @@ class ProgramContext:
         found = inverse(self.robot, _matrix(goal), X_FT=_matrix(self.tcp)).q
         if not len(found):
             return None
-        return found[int(np.argmin(np.abs(found - near).max(axis=1)))].tolist()
+        published = found[int(np.argmin(np.abs(found - near).max(axis=1)))].tolist()
+        return self.arm.chain.solve(goal, published, self.tcp) or published  # this arm may deviate from the published
 
 
 def _matrix(t: Transform) -> np.ndarray:

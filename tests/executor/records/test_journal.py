@@ -10,9 +10,11 @@ from pathlib import Path
 import pytest
 
 from executor.records import ExecutionResult, Journal, JournalLocked
+from executor.records.journal import deliver
 from store import Store, new_id
 
 Open = Callable[[], Journal]
+LANDING = {"id": new_id(), "at": 5.0, "position": [1.2, 0.3, 0.0], "std_m": 0.003}
 
 
 @pytest.fixture
@@ -47,7 +49,7 @@ def open_journal(tmp_path: Path) -> Iterator[Callable[[], Journal]]:
 
 
 def result(execution_id: str) -> ExecutionResult:
-    return ExecutionResult(execution_id, "completed", "", {"ticks": 3}, b"mcap", b"csv")
+    return ExecutionResult(execution_id, "completed", "", {"ticks": 3}, b"mcap", b"csv", LANDING)
 
 
 def test_a_result_is_kept_and_delivered_once(open_journal: Open, store: Store, execution_id: str) -> None:
@@ -59,6 +61,8 @@ def test_a_result_is_kept_and_delivered_once(open_journal: Open, store: Store, e
     assert (row.state, row.outcome, row.metrics) == ("finished", "completed", {"ticks": 3})
     recording = store.recording(execution_id)
     assert (recording.mcap, recording.csv) == (b"mcap", b"csv")
+    (landing,) = store.landings(execution_id)
+    assert vars(landing).items() >= {**LANDING, "source": "sim-camera", "result": None}.items()
     assert not journal.has_undelivered()
     assert journal.deliver(store) == 0
 
@@ -77,7 +81,9 @@ def test_a_result_that_ended_otherwise_meanwhile_changes_nothing(
     journal = open_journal()
     journal.keep(result(execution_id))
     store.finish_execution(execution_id, "executor_lost")
+    deliver(store, result(execution_id))  # and died before it noted that
     journal.deliver(store)
+    assert len(store.landings(execution_id)) == 1
     assert store.execution(execution_id).outcome == "executor_lost"
 
 

@@ -1,77 +1,120 @@
-"""The landing as the executor records it, from what a simulated controller reports."""
+"""The landing as the executor records it, from the control port of a simulated controller in this process."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from executor.records import place_bin, wait_for_landing
+from executor.records import expect_throw, wait_for_landing
 from executor.robot import simulator_client
-from planner.cell import load_cell
+from executor.simulator.control_operations import control_operations
+from executor.simulator.settings import SimulatorSettings
+from executor.simulator.simulation import Simulation
+from executor.simulator.truth import CameraNoise, truth_of
+from planner.cell import Cell, load_cell
 from planner.problem import ThrowProblem
 from planner.request import problem_from_request
 from tests.executor.conftest import CELLS
+from tests.executor.simulator.conftest import unique_address
 
-TARGET_M = [1.2, 0.3, 0.1]
-RELEASE = {"object": 3, "t": 7.0, "position_m": [0.5, 0.1, 0.9], "velocity_m_s": [1.0, 0.2, 0.0]}
+TARGET_M = [0.9, 0.18, 0.1]
+STATE = (0.5, 0.1, 0.9, 1.0, 0.2, 0.0)  # of the object at its release [m, m/s]
 FALL_S = np.sqrt(2.0 * 0.8 / 9.81)  # [s] from the release to the target's plane
 THROUGH_M = [0.5 + 1.0 * FALL_S, 0.1 + 0.2 * FALL_S, 0.1]
+TICKS = 20  # cycles between two requests
 
 
-def problem(opening: dict[str, float] | None = None) -> ThrowProblem:
+@pytest.fixture(scope="module")
+def cell() -> Cell:
+    return load_cell(CELLS / "ur5e-sim.toml")
+
+
+def problem(cell: Cell, opening: dict[str, float] | None = None) -> ThrowProblem:
     """Returns a throw to TARGET_M, into a bin if there is an opening."""
     release = {"kind": "target", "position": TARGET_M, **({} if opening is None else {"opening": opening})}
-    return problem_from_request({"release": release}, load_cell(CELLS / "ur5e-sim.toml"))
+    return problem_from_request({"release": release}, cell)
 
 
-class ControlPort:
-    """Stands in for the simulator's control port: keeps the requests, answers with one release and `landings`."""
-
-    def __init__(self) -> None:
-        self.requests: list[dict[str, Any]] = []
-        self.landings: list[dict[str, Any]] = []
-
-    def request(self, host: str, op: str, **parameters: Any) -> dict[str, Any]:
-        """Answers as `simulator_client.request` does."""
-        self.requests.append({"op": op, **parameters})
-        return {"t": 8.0, "releases": [RELEASE], "landings": self.landings}
+Start = Callable[..., Simulation]
 
 
 @pytest.fixture
-def port(monkeypatch: pytest.MonkeyPatch) -> ControlPort:
-    """The control port of every host."""
-    standing_in = ControlPort()
-    monkeypatch.setattr(simulator_client, "request", standing_in.request)
-    return standing_in
+def start(cell: Cell, monkeypatch: pytest.MonkeyPatch) -> Iterator[Start]:
+    """Starts a simulation of the cell: `start(**truth)`; requests reach it without a network and let time pass."""
+    started: list[Simulation] = []
+
+    def begin(**truth: Any) -> Simulation:
+        simulation = Simulation(cell, SimulatorSettings(), unique_address(), replace(truth_of(cell), **truth))
+        started.append(simulation)
+        operations = control_operations(simulation, lambda: None)
+
+        def request(_host: str, op: str, **parameters: Any) -> dict[str, Any]:
+            for _ in range(TICKS):
+                simulation.tick()
+            return operations[op]({"op": op, **parameters}) or {}
+
+        monkeypatch.setattr(simulator_client, "request", request)
+        return simulation
+
+    yield begin
+    for simulation in started:
+        simulation.network.close()
 
 
-@pytest.mark.parametrize(
-    ("surface", "after_s", "position_m", "point"),
-    [
-        ("floor", 0.45, [1.0, 0.2, 0.0], THROUGH_M),
-        ("bin", 0.4, [0.9, 0.2, 0.1], [0.9, 0.2, 0.1]),
-        ("bin wall", 0.2, [0.7, 0.14, 0.7], [0.7, 0.14, 0.7]),
-        ("keep_out[0]", 0.2, [0.7, 0.14, 0.7], [0.7, 0.14, 0.7]),
-        ("keep_out[0]", 0.42, [0.92, 0.184, 0.03], THROUGH_M),
-    ],
-    ids=["floor below the target", "bin", "bin wall", "box in the way", "box behind the target"],
-)
-def test_the_landing_is_on_the_plans_plane_unless_something_stopped_the_object(
-    port: ControlPort, surface: str, after_s: float, position_m: list[float], point: list[float]
-) -> None:
-    port.landings.append({"object": 3, "t": 7.0 + after_s, "position_m": position_m, "surface": surface, "bounce": 0})
-    landing = wait_for_landing("host", problem(), 6.0, 0.4)
+def release(simulation: Simulation) -> float:
+    """Releases an object now; returns the time [s]."""
+    now = simulation.controller.timeline.t
+    simulation.controller.workcell.world.release(1, now, STATE, now)
+    return now
+
+
+def test_an_object_lands_on_the_plans_plane(start: Start, cell: Cell) -> None:
+    simulation = start()
+    throw = expect_throw("host", problem(cell))
+    released_at = release(simulation)
+    landing = wait_for_landing("host", throw, 0.5)
     assert landing is not None
-    assert (landing.released_at, landing.surface) == (7.0, surface)
-    np.testing.assert_allclose(landing.point, point, atol=1e-9)
+    assert (landing.released_at, landing.surface) == (released_at, "landing plane")
+    np.testing.assert_allclose(landing.point, THROUGH_M, atol=1e-9)
+    assert landing.observed is not None
+    np.testing.assert_array_equal(landing.observed.position, landing.point)
+    assert landing.observed.std_m == 0.0
 
 
-def test_the_bin_of_a_target_is_placed_and_that_of_another_throw_removed(port: ControlPort) -> None:
-    place_bin("host", problem({"radius_m": 0.1, "rim_height_m": 0.2}))
-    place_bin("host", problem())
-    assert port.requests == [
-        {"op": "place_bin", "bottom_m": TARGET_M, "radius_m": 0.1, "rim_height_m": 0.2},
-        {"op": "remove_bin"},
-    ]
+def test_a_bin_is_put_into_the_world_and_taken_away_before_a_throw_without_one(start: Start, cell: Cell) -> None:
+    simulation = start()
+    throw = expect_throw("host", problem(cell, {"radius_m": 0.1, "rim_height_m": 0.2}))
+    release(simulation)
+    landing = wait_for_landing("host", throw, 0.5)
+    assert landing is not None
+    assert landing.surface == "bin"
+    np.testing.assert_allclose(landing.point, THROUGH_M, atol=1e-9)
+    expect_throw("host", problem(cell))
+    assert simulation.controller.workcell.world.bin is None
+
+
+def test_a_throw_without_a_release_has_no_landing(start: Start, cell: Cell) -> None:
+    simulation = start()
+    release(simulation)  # of an earlier throw
+    throw = expect_throw("host", problem(cell))
+    assert wait_for_landing("host", throw, 0.5) is None
+
+
+def test_of_a_hidden_truth_only_the_observation_is_known(start: Start, cell: Cell) -> None:
+    simulation = start(hidden=True, camera=CameraNoise(std_m=0.003))
+    throw = expect_throw("host", problem(cell))
+    release(simulation)
+    landing = wait_for_landing("host", throw, 0.5)
+    assert landing is not None
+    assert (landing.released_at, landing.point, landing.surface) == (None, None, "landing plane")
+    assert landing.observed is not None
+    error = np.abs(landing.observed.position - THROUGH_M)
+    assert 0.0 < error.max() < 0.02
+    assert landing.observed.std_m == 0.003
+    nothing = wait_for_landing("host", expect_throw("host", problem(cell)), 0.1)
+    assert nothing is not None
+    assert (nothing.released_at, nothing.point, nothing.observed) == (None, None, None)

@@ -72,7 +72,7 @@ def test_a_run_without_a_tick_has_metrics_too(prepared: Prepared) -> None:
 
 @pytest.mark.parametrize(
     ("faster", "late_ticks", "outcome"),
-    [(0.0, 0, None), (0.003, 0, None), (0.01, 0, "tracking"), (-0.01, 0, "tracking"), (0.0, 1, "late")],
+    [(0.0, 0, None), (0.003, 0, None), (0.01, 0, "completed"), (-0.01, 0, "completed"), (0.0, 1, "late")],
 )
 def test_a_release_that_was_not_as_planned_has_a_verdict(
     prepared: Prepared, faster: float, late_ticks: int, outcome: str | None
@@ -83,8 +83,9 @@ def test_a_release_that_was_not_as_planned_has_a_verdict(
     landing = Landing(run.timestamp_at_zero + prepared.trajectory.release_time_s, None)
     found = metrics(prepared.problem, prepared.trajectory, run, landing)
     assert found["release_velocity_error_share"] == pytest.approx(abs(faster), abs=1e-4)
-    verdict = release_verdict(prepared.problem, prepared.trajectory, found)
+    verdict = release_verdict(prepared.problem, prepared.trajectory, found, landing)
     assert (verdict and verdict[0]) == outcome
+    assert outcome != "completed" or (verdict and "warning: at the release a joint's speed was 1.0%" in verdict[1])
 
 
 @pytest.mark.parametrize(("kind", "observed"), [("sim", True), ("ur", False)])
@@ -93,7 +94,7 @@ def test_an_object_that_stayed_is_reported_where_that_can_be_observed(
 ) -> None:
     problem = replace(prepared.problem, cell=replace(prepared.cell, link=replace(prepared.cell.link, kind=kind)))
     found = metrics(problem, prepared.trajectory, ended(perfect(prepared), prepared), None)
-    verdict = release_verdict(problem, prepared.trajectory, found)
+    verdict = release_verdict(problem, prepared.trajectory, found, None)
     assert (verdict is not None) == observed
     assert verdict is None or (verdict[0] == "completed" and "gripper" in verdict[1])
 
@@ -104,7 +105,7 @@ def test_a_late_gripper_command_is_judged_by_the_landing(prepared: Prepared) -> 
     run = replace(ended(perfect(prepared), prepared), output_late_s=2.0 * problem.dt)
     landing = Landing(run.timestamp_at_zero + trajectory.release_time_s, None)
     numbers = metrics(problem, trajectory, run, landing)
-    verdict = release_verdict(problem, trajectory, numbers)
+    verdict = release_verdict(problem, trajectory, numbers, landing)
     later = replace(trajectory, release_index=trajectory.release_index + 2)
     then, planned = release_flight(problem, later), release_flight(problem, trajectory)
     assert verdict and then and planned
@@ -112,7 +113,7 @@ def test_a_late_gripper_command_is_judged_by_the_landing(prepared: Prepared) -> 
     assert shift > 0.005
     assert f"{1e3 * shift:.0f} mm" in verdict[1]
     generous = replace(problem, release_window_s=2.0 * problem.dt, landing_tolerance_m=2.0 * float(shift))
-    assert release_verdict(generous, trajectory, numbers) is None
+    assert release_verdict(generous, trajectory, numbers, landing) is None
 
 
 def test_the_csv_reads_back_exactly(prepared: Prepared) -> None:

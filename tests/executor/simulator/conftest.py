@@ -21,9 +21,11 @@ from executor.simulator.controller import Controller
 from executor.simulator.interfaces import Connection, ConnectionHandler, DashboardServer, InputValues
 from executor.simulator.loop import SimulatorLoop
 from executor.simulator.physics import Arm
+from executor.simulator.physics.world import World
 from executor.simulator.program import Program, ProgramRunner, Stops
 from executor.simulator.settings import SimulatorSettings
 from executor.simulator.simulation import Simulation
+from executor.simulator.truth import Truth, truth_of
 from planner.cell import Cell, parse_cell
 
 ROOT = Path(__file__).parents[3]
@@ -62,6 +64,11 @@ def cell_text(robot: str = "ur5e", host: str = "127.0.0.1", tables: str = "", **
 def make_cell(robot: str = "ur5e", tables: str = "", **sim: object) -> Cell:
     """Returns a cell for tests inside this process."""
     return parse_cell(cell_text(robot, tables=tables, **sim), "test")
+
+
+def world_of(cell: Cell, restitution: float = 0.0) -> World:
+    """Returns the world of a cell without a truth file."""
+    return World(cell, restitution, truth_of(cell))
 
 
 class Simulator:
@@ -123,8 +130,10 @@ def start_simulator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Start]
 class Driven:
     """A controller inside this process with its program running, driven cycle by cycle as ur_rtde would."""
 
-    def __init__(self, cell: Cell, settings: SimulatorSettings = ORDINARY, script: str = SCRIPT) -> None:
-        self.controller = Controller(cell, settings)
+    def __init__(
+        self, cell: Cell, settings: SimulatorSettings = ORDINARY, script: str = SCRIPT, truth: Truth | None = None
+    ) -> None:
+        self.controller = Controller(cell, settings, truth)
         self.controller.runner.upload(script)
         while self.controller.runner.due:
             self.cycle()

@@ -48,7 +48,7 @@ def test_the_fitted_shift_of_measured_speed_is_the_lag(robot, version, lag_s):
 
 def test_the_lag_is_a_delay_and_a_first_order_part():
     dt, lag_s, tau = 0.002, 0.020, 0.004
-    lag = Lag(dt, lag_s, tau, [0.0])
+    lag = Lag(dt, lag_s, [tau], [0.0])
     speeds = [lag.step([dt / 2 + dt * k], [1.0])[1][0] for k in range(60)]
     delay = lag_s - dt - tau  # behind the end of the cycle in which the speed was commanded
     for k, found in enumerate(speeds):
@@ -61,7 +61,7 @@ def test_the_lag_is_a_delay_and_a_first_order_part():
 @pytest.mark.parametrize("lag_s", [0.0, 0.002, 0.011, 0.020])
 def test_position_is_the_integral_of_speed(lag_s):
     dt = 0.002
-    lag = Lag(dt, lag_s, 0.002, [0.0])
+    lag = Lag(dt, lag_s, [0.002], [0.0])
     q = qd = 0.0
     before, after = (0.0, 0.0), (0.0, 0.0)
     sums = []
@@ -78,7 +78,7 @@ def test_position_is_the_integral_of_speed(lag_s):
 def test_between_cycles_the_motion_is_that_of_a_finer_lag(dt, lag_s):
     """The delay falls between two cycles of 125 Hz: there the true motion is still the filtered command, delayed."""
     fine = 16
-    coarse, exact = Lag(dt, lag_s, 0.002, [0.0]), Lag(dt / fine, lag_s - dt + dt / fine, 0.002, [0.0])
+    coarse, exact = Lag(dt, lag_s, [0.002], [0.0]), Lag(dt / fine, lag_s - dt + dt / fine, [0.002], [0.0])
     q, qd = 0.0, 0.0
     for k in range(60):
         new = math.sin(0.3 * k)

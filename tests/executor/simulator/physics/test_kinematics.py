@@ -21,7 +21,7 @@ def matrix(t):
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_pose_twist_and_jacobian_are_the_planners(name):
-    arm, chain = robot(name), scalar.KinematicChain(robot(name))
+    arm, chain = robot(name), scalar.PublishedChain(robot(name))
     draw = np.random.default_rng(0)
     for q, qd in draw.uniform(-3, 3, (50, 2, 6)):
         pose, twist = chain.motion(q.tolist(), qd.tolist(), TOOL)
@@ -53,7 +53,7 @@ def test_half_turns_keep_axis_and_sign(axis, short_of_pi):
 
 @given(ANGLES, st.lists(st.floats(-0.05, 0.05), min_size=6, max_size=6))
 def test_newton_finds_the_pose_again(q, step):
-    chain = scalar.KinematicChain(robot("ur5e"))
+    chain = scalar.PublishedChain(robot("ur5e"))
     goal = chain.forward(q, TOOL)
     found = chain.solve(goal, [a + b for a, b in zip(q, step, strict=True)], TOOL)
     if found is not None:  # next to a singularity Newton's method may fail; the caller then uses the closed form

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from executor.simulator.physics.obstacles import RoundBin
-from executor.simulator.physics.world import World
 from planner.flight import drag_constant, path
 
-from ..conftest import make_cell
+from ..conftest import make_cell, world_of
 
 G, RADIUS = 9.81, 0.02
 NEAR_M = 3e-4  # the simulator stops an object up to 0.1 mm before it touches
@@ -25,7 +24,7 @@ AT_THE_RIM_M = 0.3  # height of the mouth
 
 def landed(state: tuple[float, ...], tables: str = "", bin: RoundBin | None = None, dt: float = 0.002) -> Any:
     """Returns the only landing of an object released with `state` at time 0."""
-    world = World(make_cell(tables=tables), 0.0)
+    world = world_of(make_cell(tables=tables))
     world.bin = bin
     world.release(1, 0.0, state, 0.0)
     for k in range(1, 20000):

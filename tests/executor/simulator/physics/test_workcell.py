@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from executor.simulator.physics.gripper import SimulatedGripper
-from executor.simulator.physics.world import World, step
+from executor.simulator.physics.world import step
+from executor.simulator.truth import truth_of
 from planner import kinematics
 from planner.flight import drag_constant, fly
 
-from ..conftest import Driven, make_cell
+from ..conftest import Driven, make_cell, world_of
 
 SPEEDJ, SPEED_STOP = 9, 15
 LANDING_TOLERANCE_M = 1e-6  # the drag-free flight is exact, that with drag integrated every 2 ms against every 4 ms
@@ -32,7 +33,7 @@ def flown(world, state, dt=0.002):
 def test_a_landing_is_where_the_planners_ballistics_has_it(tables, velocity):
     cell = make_cell(tables=tables, landing_height_m=0.1)
     drag = drag_constant(cell.object.mass_kg, cell.object.radius_m, cell.object.drag_coefficient)
-    (landing,) = flown(World(cell, 0.0), (0.5, 0.2, 0.9, *velocity))
+    (landing,) = flown(world_of(cell), (0.5, 0.2, 0.9, *velocity))
     flight = fly([0.5, 0.2, 0.9], velocity, 0.1, 9.81, drag)
     np.testing.assert_allclose(landing["position_m"], flight.landing_point, atol=LANDING_TOLERANCE_M)
     assert landing["t"] == pytest.approx(flight.time_of_flight_s, abs=1e-6)
@@ -44,14 +45,14 @@ def test_one_step_without_drag_is_the_parabola():
 
 
 def test_an_object_lands_on_a_table_that_is_in_its_way():
-    (landing,) = flown(World(make_cell(tables=TABLE), 0.0), (0.0, 0.0, 1.0, 2.0, 0.0, 0.0))
+    (landing,) = flown(world_of(make_cell(tables=TABLE)), (0.0, 0.0, 1.0, 2.0, 0.0, 0.0))
     assert landing["surface"] == "keep_out[0]"
     assert landing["position_m"][2] == pytest.approx(0.3)
     assert landing["position_m"][0] == pytest.approx(2.0 * math.sqrt(2 * 0.7 / 9.81))
 
 
 def test_a_bouncing_object_comes_down_again_each_time_lower():
-    landings = flown(World(make_cell(), 0.5), (0.0, 0.0, 1.0, 1.0, 0.0, 0.0))
+    landings = flown(world_of(make_cell(), 0.5), (0.0, 0.0, 1.0, 1.0, 0.0, 0.0))
     assert [entry["bounce"] for entry in landings] == list(range(len(landings)))
     first, second = landings[0], landings[1]
     speed = -first["velocity_m_s"][2]
@@ -59,7 +60,7 @@ def test_a_bouncing_object_comes_down_again_each_time_lower():
 
 
 def test_an_object_below_every_surface_is_forgotten():
-    world = World(make_cell(landing_height_m=1.0), 0.0)
+    world = world_of(make_cell(landing_height_m=1.0))
     assert flown(world, (0.0, 0.0, -0.5, 0.0, 0.0, 0.0)) == []
 
 
@@ -130,8 +131,8 @@ def test_jitter_scatters_the_delay_and_the_seed_repeats_it():
 
     def delays():
         wiring = (cell.gripper.output, cell.gripper.index, cell.gripper.open_level)
-        sim = cell.sim
-        gripper, found = SimulatedGripper(*wiring, sim.gripper_delay_s, sim.gripper_jitter_s, sim.seed), []
+        truth = truth_of(cell)
+        gripper, found = SimulatedGripper(*wiring, truth.gripper, truth.seed), []
         for _ in range(400):
             gripper.output_changed(0.0, gripper.open_bits)
             found.append(gripper.take_release(math.inf))

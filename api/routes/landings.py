@@ -1,0 +1,99 @@
+"""Landings: report where the object of an execution landed, list the reports."""
+
+from __future__ import annotations
+
+import time
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Body
+from fastapi.responses import JSONResponse
+
+from api.dependencies import AnyCaller, Key, OperateCaller, RemoteAddress, Service, ServiceDep
+from api.http import ProblemDetails, invalid_field, json_answer, problem_answers
+from api.routes.executions import ExecutionId, find_execution
+from api.routes.plans import POST_PROBLEMS
+from api.schemas import LANDING_EXAMPLES, LandingAnswer, LandingList, LandingRequest, iso_time
+from planner.errors import CellError
+from store import ExecutionRow, KeyTaken, LandingRow, new_id
+
+router = APIRouter(tags=["executions"])
+
+OWN_SOURCES = ("sim-camera",)  # written by executors alone
+NOT_THROWN_YET = ("queued", "preparing", "approaching")  # states
+LandingBody = Annotated[LandingRequest, Body(openapi_examples=LANDING_EXAMPLES)]  # type: ignore[arg-type]
+
+
+@router.post(
+    "/executions/{id}/landing",
+    status_code=201,
+    summary="Report a landing",
+    responses={
+        **json_answer(201, LandingAnswer, "Stored; several are allowed.", *POST_PROBLEMS),
+        **problem_answers("not-found", "nothing-thrown"),
+    },
+)
+def report_landing(
+    id: ExecutionId, body: LandingBody, service: ServiceDep, caller: OperateCaller, key: Key, remote: RemoteAddress
+) -> JSONResponse:
+    """Stores where the object landed, or whether it hit. Learning weighs every observation by its uncertainty."""
+    existing = None if key is None else service.store.resource_of_key(key)
+    if existing is not None:
+        return _created(service.store.landing(existing))
+    if body.source in OWN_SOURCES:
+        raise invalid_field("source", f"{body.source!r} is what the executor of a simulated cell reports")
+    row = find_execution(service, id)
+    _check_reportable(service, row, id)
+    try:
+        landing = service.store.add_landing(
+            new_id(), row.id, time.time(), reported_by=caller.name, key=key, **body.model_dump()
+        )
+    except KeyTaken as taken:
+        if key is None or taken.body_sha256 != key.body_sha256:
+            raise
+        return _created(service.store.landing(taken.resource_id))
+    service.store.add_audit(caller.name, "landing", f"/executions/{row.id}/landing", remote)
+    return _created(landing)
+
+
+@router.get(
+    "/executions/{id}/landing",
+    summary="Read the landings",
+    responses=json_answer(200, LandingList, "Oldest first.", "not-found"),
+)
+def read_landings(id: ExecutionId, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
+    """Lists the observations of a throw's landing."""
+    row = find_execution(service, id)
+    rows = service.store.landings(row.id)
+    return JSONResponse({"execution_id": row.id, "landings": [landing_document(landing) for landing in rows]})
+
+
+def landing_document(row: LandingRow) -> dict[str, Any]:
+    """Returns the JSON of an observation."""
+    return {**vars(row), "at": iso_time(row.at)}
+
+
+def _created(row: LandingRow | None) -> JSONResponse:
+    assert row is not None  # landings are never deleted
+    return JSONResponse(landing_document(row), 201, {"Location": f"/executions/{row.execution_id}/landing"})
+
+
+def _check_reportable(service: Service, row: ExecutionRow, id: str) -> None:
+    """Refuses the landing of an execution that threw nothing, and `latest` on a real arm.
+
+    Raises:
+        ProblemDetails: It does.
+    """
+    if row.dry_run or row.outcome == "refused" or row.state in NOT_THROWN_YET:
+        raise ProblemDetails("nothing-thrown", f"execution {row.id} is {row.outcome or row.state}: nothing was thrown")
+    if row.metrics is not None and not row.metrics.get("released"):
+        raise ProblemDetails("nothing-thrown", f"in execution {row.id} the gripper was not commanded to open")
+    if id == "latest" and not _is_simulated(service, row.cell):
+        raise ProblemDetails("forbidden", "on a real arm a landing is reported by the execution's own id, not 'latest'")
+
+
+def _is_simulated(service: Service, name: str) -> bool:
+    try:
+        cell = service.cells.cell(name)
+    except CellError:
+        return False
+    return cell is not None and cell.link.kind == "sim"

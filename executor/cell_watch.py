@@ -1,0 +1,56 @@
+"""The cell file, watched: between executions the executor continues with what the file says now."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import Any
+
+from planner.cell import Cell
+from planner.cell_folder import open_cell
+from planner.errors import CellError
+
+Signature = tuple[int, int, int]  # inode, size, time of the last change [ns]
+
+
+class CellWatch:
+    """Notices changes of a cell file.
+
+    Attributes:
+        fault: why the file is refused as it is now, in the form of a latched fault; None while it is good.
+    """
+
+    def __init__(self, cell: Cell, path: Path) -> None:
+        self.sha256, self.path = cell.sha256, path
+        self.fault: dict[str, Any] | None = None
+        self._seen: Signature | None = None
+        self._looked = False
+
+    def look(self) -> Cell | None:
+        """Returns the cell where the file has changed to another good one; None where there is nothing new."""
+        seen = self._signature()
+        if self._looked and seen == self._seen:
+            return None
+        self._seen, self._looked = seen, True
+        try:
+            cell = open_cell(self.path)
+        except CellError as error:
+            self.fault = {
+                "outcome": "cell_file",
+                "reason": f"the cell file is refused: {error}; repair it: it is read anew by itself",
+                "execution_id": None,
+                "at": time.time(),
+            }
+            return None
+        self.fault = None
+        if cell.sha256 == self.sha256:
+            return None
+        self.sha256 = cell.sha256
+        return cell
+
+    def _signature(self) -> Signature | None:
+        try:
+            status = self.path.stat()
+        except OSError:
+            return None
+        return status.st_ino, status.st_size, status.st_mtime_ns

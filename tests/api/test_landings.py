@@ -1,0 +1,139 @@
+"""Reports of landings: what is stored, what is refused, who may."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from api.cli import main
+from tests.api.conftest import FakeExecutor, RunningService
+from tests.api.test_bad_input import problem_of
+
+POSITION = {"position": [1.21, 0.29, 0.0], "std_m": 0.003}
+MISS = {"result": "miss", "radius_m": 0.1}
+
+
+def queued(service: RunningService, plan: dict[str, Any], dry_run: bool = False) -> str:
+    response = service.client.post("/execute", json={"plan_id": plan["id"], "dry_run": dry_run})
+    assert response.status_code == 202, response.text
+    return response.json()["id"]
+
+
+@pytest.fixture
+def thrown(service: RunningService, executor: FakeExecutor, plan: dict[str, Any]) -> str:
+    """Returns an execution that threw its object."""
+    id = queued(service, plan)
+    service.store.finish_execution(id, "completed", None, {"released": True})
+    return id
+
+
+def report(service: RunningService, id: str, body: Any, **headers: str) -> Any:
+    return service.client.post(f"/executions/{id}/landing", json=body, headers=headers)
+
+
+def test_several_observations_of_a_throw_are_kept_as_they_were_reported(service: RunningService, thrown: str):
+    service.store.add_landing("a", thrown, 5.0, "sim-camera", position=[1.2, 0.3, 0.0], std_m=0.0)
+    first, second = report(service, thrown, POSITION), report(service, "latest", {**MISS, "source": "camera-2"})
+    assert (first.status_code, second.status_code) == (201, 201)
+    assert first.headers["location"] == f"/executions/{thrown}/landing"
+    found = service.client.get(f"/executions/{thrown}/landing").json()
+    assert found["execution_id"] == thrown
+    assert {(row["source"], row["reported_by"]) for row in found["landings"]} == {
+        ("sim-camera", ""),
+        ("person", "local"),
+        ("camera-2", "local"),
+    }
+    person = next(row for row in found["landings"] if row["source"] == "person")
+    assert person == first.json()
+    assert (person["position"], person["std_m"], person["result"]) == ([1.21, 0.29, 0.0], 0.003, None)
+    assert (second.json()["result"], second.json()["radius_m"]) == ("miss", 0.1)
+    assert [line["action"] for line in service.store.audit_lines(2)] == ["landing", "landing"]
+
+
+def test_the_same_key_is_one_observation(service: RunningService, thrown: str):
+    headers = {"Idempotency-Key": f"key of {thrown}"}
+    first, again = report(service, thrown, POSITION, **headers), report(service, thrown, POSITION, **headers)
+    assert (again.status_code, again.json()) == (201, first.json())
+    assert len(service.store.landings(thrown)) == 1
+    problem_of(report(service, thrown, MISS, **headers), 422, "idempotency-conflict")
+
+
+@pytest.mark.parametrize(
+    ("body", "field"),
+    [
+        ({}, "body"),
+        ({"position": [1.0, 2.0, 0.0]}, "body"),
+        ({**POSITION, **MISS}, "body"),
+        ({**POSITION, "radius_m": 0.1}, "body"),
+        ({"result": "miss"}, "body"),
+        ({**POSITION, "std_m": -0.001}, "std_m"),
+        ({**POSITION, "position": [1.0, 2.0]}, "position"),
+        ({"result": "nearly", "radius_m": 0.1}, "result"),
+        ({"result": "hit", "radius_m": 0.0}, "radius_m"),
+        ({**POSITION, "source": "sim-camera"}, "source"),
+        ({**POSITION, "source": "a b"}, "source"),
+        ({**POSITION, "where": "there"}, "where"),
+    ],
+)
+def test_what_says_nothing_is_refused(service: RunningService, thrown: str, body: Any, field: str):
+    problem = problem_of(report(service, thrown, body), 422, "invalid-request")
+    assert [error["field"] for error in problem["errors"]] == [field]
+    assert service.store.landings(thrown) == []
+
+
+def test_an_execution_that_threw_nothing_has_no_landing(service: RunningService, executor: FakeExecutor, plan):
+    id = queued(service, plan)
+    assert "queued" in problem_of(report(service, id, POSITION), 409, "nothing-thrown")["detail"]
+    service.store.finish_execution(id, "completed", None, {"released": False})
+    assert "not commanded to open" in problem_of(report(service, id, POSITION), 409, "nothing-thrown")["detail"]
+    dry = queued(service, plan, dry_run=True)
+    service.store.finish_execution(dry, "completed")
+    problem_of(report(service, dry, POSITION), 409, "nothing-thrown")
+    problem_of(report(service, "nothing", POSITION), 404, "not-found")
+
+
+class ServiceClientHere:
+    """Stands in for the HTTP client of the command line: the same calls, to the service in this process."""
+
+    def __init__(self, service: RunningService) -> None:
+        self.service = service
+
+    def __call__(self, url: str, token: str | None) -> ServiceClientHere:
+        return self
+
+    def __enter__(self) -> ServiceClientHere:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        return None
+
+    def get(self, path: str) -> Any:
+        return self.service.client.get(path).json()
+
+    def post(self, path: str, body: Any) -> Any:
+        response = self.service.client.post(path, json=body)
+        assert response.status_code == 201, response.text
+        return response.json()
+
+
+def test_the_command_line_reports_and_lists(service: RunningService, thrown: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("api.cli.client.ServiceClient", ServiceClientHere(service))
+
+    def fling(*arguments: str) -> Any:
+        result = CliRunner().invoke(main, ["landing", thrown, *arguments])
+        assert result.exit_code == 0, result.output
+        return result.output
+
+    assert "no landing" in fling()
+    assert "(1.2000, -0.3000, 0.0000) m ± 0.0050 m  (person, local)" in fling("1.2", "-0.3", "0")
+    assert "miss of 0.100 m" in fling("--miss", "0.1", "--source", "camera-2")
+    assert len(fling().splitlines()) == 2
+    rows = service.store.landings(thrown)
+    assert [(row.position, row.std_m, row.result) for row in rows] == [
+        ([1.2, -0.3, 0.0], 0.005, None),
+        (None, None, "miss"),
+    ]
+    assert CliRunner().invoke(main, ["landing", thrown, "1.2", "0.3"]).exit_code == 2
+    assert CliRunner().invoke(main, ["landing", thrown, "1.2", "0.3", "0", "--hit", "0.1"]).exit_code == 2

@@ -1,0 +1,49 @@
+"""Executions on a simulated cell with a truth of its own: what is known of them afterwards."""
+
+from __future__ import annotations
+
+import math
+
+from tests.system.rig import LOB, Rig
+
+TRUTH = """
+seed = 3
+[timing]
+gain = 1.01
+[gripper]
+delay_s = 0.048
+[arm]
+disturbance = "ur5-measured"
+[camera]
+std_m = 0.003
+"""
+OBSERVED_M = 0.02  # [m] six standard deviations of the camera
+
+
+def test_a_hidden_truth_leaves_the_cameras_observation_alone(own_rig: Rig) -> None:
+    truth = own_rig.folder / "truth.toml"
+    truth.write_text(TRUTH)
+    own_rig.start_simulator("--truth", str(truth))
+    own_rig.start_executor()
+    row = own_rig.quiet_throw(LOB)
+    assert row.outcome == "completed", row.reason
+    assert "warning: at the release a joint's speed was" in row.reason
+    for name in ("gripper_opened_s", "gripper_opened_late_s", "landing_point", "landing_error_m"):
+        assert row.metrics[name] is None
+    assert row.metrics["landed_on"] == "floor"
+    assert set(own_rig.world()) == {"ok", "t", "hidden", "observations"}
+    (landing,) = own_rig.store.landings(row.id)
+    assert (landing.source, landing.std_m, landing.position[2]) == ("sim-camera", 0.003, 0.0)
+    assert 0.02 < math.dist(landing.position, LOB["position"]) < 0.5
+
+
+def test_revealed_the_truth_is_known_beside_the_observation(own_rig: Rig) -> None:
+    truth = own_rig.folder / "truth.toml"
+    truth.write_text(TRUTH)
+    own_rig.start_simulator("--truth", str(truth), "--reveal")
+    own_rig.start_executor()
+    row = own_rig.quiet_throw(LOB)
+    assert row.outcome == "completed", row.reason
+    assert 0.005 < row.metrics["gripper_opened_late_s"] < 0.011  # 8 ms, and a lag that differs from run to run
+    (landing,) = own_rig.store.landings(row.id)
+    assert 0.0 < math.dist(landing.position, row.metrics["landing_point"]) < OBSERVED_M
