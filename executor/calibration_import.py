@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import os
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from executor.robot import KinematicsInfo, read_kinematics
 from planner.calibration import ImplausibleChain, calibrated, calibration_text, transforms_of_table
-from planner.cell import Cell, calibration_name, cell_of, read_source
+from planner.cell import Cell, calibration_path, cell_of, read_source
 from planner.errors import CellError
 from planner.kinematics import ChainDifference, chain_difference
 
@@ -61,7 +60,7 @@ def import_calibration(cell_path: Path) -> ImportedCalibration:
             file cannot be written.
     """
     try:
-        cell, named = cell_without_calibration(cell_path)
+        cell, named = cell_of(read_source(cell_path), published=True), calibration_path(cell_path)
     except CellError as error:
         raise ImportFailed(f"{cell_path}: {error}") from error
     info = _told_by(cell)
@@ -70,21 +69,10 @@ def import_calibration(cell_path: Path) -> ImportedCalibration:
     except ImplausibleChain as error:
         raise ImportFailed(f"the controller's arm is no {cell.robot.name}: {error}") from error
     assert arm.fixed is not None
-    path = cell_path.with_name(named or f"{cell_path.stem}-kinematics.yaml")
+    path = named or cell_path.with_name(f"{cell_path.stem}-kinematics.yaml")
     _replace(path, calibration_text(arm.fixed, info.table.hash))
     difference = chain_difference(cell.robot, arm)
     return ImportedCalibration(path, info.table.hash, info.checksums, info.status, difference, named is not None)
-
-
-def cell_without_calibration(path: Path) -> tuple[Cell, str | None]:
-    """Returns the cell with the published table, and the name of the calibration file, which need not exist.
-
-    Raises:
-        CellError: the cell file is refused.
-    """
-    source = read_source(path)
-    cell = cell_of(source, published=True)
-    return cell, calibration_name(tomllib.loads(source.text.decode()))
 
 
 def _told_by(cell: Cell) -> KinematicsInfo:

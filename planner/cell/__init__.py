@@ -4,7 +4,7 @@ All facts about a site are in its cell file; the arm's own data are in `planner.
 """
 
 from planner.cell.fields import choice, merge_defaults, number, vector
-from planner.cell.file import CellSource, calibration_name, cell_of, load_cell, parse_cell, read_source
+from planner.cell.file import CellSource, calibration_path, cell_of, load_cell, parse_cell, read_source
 from planner.cell.model import Box, Cell, Limits, Safety, ToolCapsule
 
 __all__ = [
@@ -14,7 +14,7 @@ __all__ = [
     "Limits",
     "Safety",
     "ToolCapsule",
-    "calibration_name",
+    "calibration_path",
     "cell_of",
     "choice",
     "load_cell",

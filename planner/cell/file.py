@@ -146,16 +146,27 @@ def read_source(path: Path | str) -> CellSource:
         text = path.read_bytes()
     except OSError as error:
         raise CellError("file", str(path), error.strerror or "cannot be read") from error
-    return CellSource(path.stem, text, _calibration_beside(path, text))
+    beside = _path_beside(path, text)
+    try:
+        return CellSource(path.stem, text, None if beside is None else beside.read_bytes())
+    except OSError:
+        return CellSource(path.stem, text)  # `cell_of` says that it is missing
 
 
-def _calibration_beside(path: Path, text: bytes) -> bytes | None:
-    """Returns the content of the calibration file beside a cell file, None where there is none to read."""
+def calibration_path(path: Path) -> Path | None:
+    """Returns the path of the calibration file that a cell file names, whether it exists; None where it names none."""
+    try:
+        return _path_beside(path, path.read_bytes())
+    except OSError:
+        return None
+
+
+def _path_beside(path: Path, text: bytes) -> Path | None:
     try:
         file = calibration_name(tomllib.loads(text.decode()))
-        return None if file is None else path.with_name(file).read_bytes()
-    except (CellError, tomllib.TOMLDecodeError, UnicodeDecodeError, OSError):
+    except (CellError, tomllib.TOMLDecodeError, UnicodeDecodeError):
         return None  # `cell_of` says what is wrong
+    return None if file is None else path.with_name(file)
 
 
 def calibration_name(document: Mapping[str, Any]) -> str | None:
