@@ -12,6 +12,7 @@ import zlib
 from dataclasses import dataclass
 
 from executor.simulator.truth import DhDeviation
+from planner.calibration import published_table, table_of
 from planner.robots import Robot
 
 Joints = tuple[float, ...]
@@ -40,12 +41,16 @@ class ControllerKinematics:
 
 
 def controller_kinematics(robot: Robot, deviation: DhDeviation) -> ControllerKinematics:
-    """Returns the table of an arm that deviates from the published one."""
+    """Returns the table of an arm that deviates from the published one; without a deviation, that of the cell's arm.
+
+    A calibrated cell is about the arm that its calibration was read from, a deviation about the true arm.
+    """
+    table = table_of(robot) if deviation == DhDeviation() else published_table(robot)
     return ControllerKinematics(
-        theta=deviation.theta_rad,
-        a=_sums(robot.a.tolist(), deviation.a_m),
-        d=_sums(robot.d.tolist(), deviation.d_m),
-        alpha=_sums(robot.alpha.tolist(), deviation.alpha_rad),
+        theta=_sums(table.theta.tolist(), deviation.theta_rad),
+        a=_sums(table.a.tolist(), deviation.a_m),
+        d=_sums(table.d.tolist(), deviation.d_m),
+        alpha=_sums(table.alpha.tolist(), deviation.alpha_rad),
     )
 
 

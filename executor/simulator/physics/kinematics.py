@@ -213,8 +213,8 @@ class PublishedChain(KinematicChain):
 
 
 def kinematic_chain(robot: Robot, deviation: DhDeviation) -> KinematicChain:
-    """Returns the chain of an arm that deviates from the published one, or is exactly that."""
-    if deviation == DhDeviation():
+    """Returns the chain of an arm that deviates from the published one or is calibrated, or is exactly that."""
+    if deviation == DhDeviation() and robot.fixed is None:
         return PublishedChain(robot)
     return KinematicChain(controller_kinematics(robot, deviation))
 
