@@ -21,6 +21,8 @@ OUTCOMES = (
     "late",
     "tracking",
     "executor_lost",
+    "foreign_program",
+    "power_off",
 )
 
 

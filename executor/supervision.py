@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from executor import realtime
 from executor import shared_memory as shm
 from executor.records import RunResult
-from executor.robot import DashboardClient
+from executor.robot import DashboardClient, ProgramWatch
 from executor.shared_memory import SharedMemory
 from executor.stream_job import OUTCOMES, StreamJob
 
@@ -39,6 +39,8 @@ LIMIT_S = {  # longest silence in each state [s]
     shm.DONE: 1.0,
     shm.FAULT: 1.0,
 }
+FOREIGN_WAIT_S = 0.35  # [s] messages come ten times a second; some more for a program that begins only now
+EXPLAINED_BY_FOREIGN = ("aborted", "tracking", "late", "link_lost")  # what another program looks like to the stream
 EXTERNAL_SIGNALS = (-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT)  # return codes that no library causes
 
 
@@ -104,6 +106,7 @@ class StreamRun:
         self.memory = SharedMemory.create(len(job.q) + SPARE_ROWS)
         self.memory.fields[shm.OUTPUT_SENT_S] = np.nan
         self.dashboard = DashboardClient(job.host)
+        self.programs = ProgramWatch(job.host)
         self.result: RunResult | None = None
         self._awake_core = job.core if keep_awake else realtime.ANY_CORE
         self._ended = threading.Event()
@@ -150,6 +153,7 @@ class StreamRun:
         try:
             failure = f"the dashboard at {self.dashboard.host}"
             self.dashboard.connect()
+            self.programs.connect()
             failure = "starting the streaming process"
             self._spawn()
             failure = self._watch()
@@ -175,6 +179,7 @@ class StreamRun:
         while not child.ends_within(PERIOD_S):
             now = time.monotonic()
             fields[shm.DAEMON_PULSE] = now
+            self.programs.poll()
             if self.state != state:
                 since, state = now, self.state
             if state == shm.FAULT:
@@ -212,11 +217,11 @@ class StreamRun:
 
     def _result(self, failure: str) -> RunResult:
         memory, fields = self.memory, self.memory.fields
-        reported = self.state in (shm.DONE, shm.FAULT)
+        outcome, reason = self._verdict(failure)
         sent = float(fields[shm.OUTPUT_SENT_S])
         return RunResult(
-            outcome=OUTCOMES[int(fields[shm.OUTCOME])] if reported else self._silent_outcome(),
-            reason=memory.text() if reported else failure,
+            outcome=outcome,
+            reason=reason,
             rows=np.frombuffer(memory.row_bytes()).reshape(-1, shm.ROW.size // 8),
             missed=int(fields[shm.MISSED]),
             realtime=bool(fields[shm.REALTIME]),
@@ -225,3 +230,14 @@ class StreamRun:
             timestamp_at_zero=float(fields[shm.TIMESTAMP_AT_ZERO]),
             in_order=not failure,
         )
+
+    def _verdict(self, failure: str) -> tuple[str, str]:
+        """Returns outcome and reason; where another client's program took over, that is what happened."""
+        reported = self.state in (shm.DONE, shm.FAULT)
+        outcome = OUTCOMES[int(self.memory.fields[shm.OUTCOME])] if reported else self._silent_outcome()
+        reason = self.memory.text() if reported else failure
+        foreign = ""
+        if failure and outcome in EXPLAINED_BY_FOREIGN:
+            foreign = self.programs.wait(FOREIGN_WAIT_S)
+        self.programs.close()
+        return ("foreign_program", f"another client's script took over: {foreign}") if foreign else (outcome, reason)

@@ -3,11 +3,13 @@
 from executor.robot import simulator_client
 from executor.robot.dashboard import DashboardClient
 from executor.robot.kinematics_client import KinematicsInfo, read_kinematics
+from executor.robot.primary import ProgramWatch
 from executor.robot.session import RobotSession, RobotState, receive_timestamps, robot_document
 
 __all__ = [
     "DashboardClient",
     "KinematicsInfo",
+    "ProgramWatch",
     "RobotSession",
     "RobotState",
     "read_kinematics",

@@ -27,6 +27,8 @@ def main(arguments: list[str] | None = None) -> int:
             restitution=options.restitution,
             protective_stop_lock_s=options.protective_stop_lock_s,
             stall_tolerant=not options.strict_clock,
+            remote_control_enabled=not options.no_remote_control,
+            programs=options.programs,
         )
         truth = load_truth(options.truth, cell, hidden=not options.reveal) if options.truth else truth_of(cell)
         simulation = Simulation(cell, settings, options.host or cell.link.host, truth)
@@ -60,6 +62,9 @@ def parse(arguments: list[str] | None) -> argparse.Namespace:
     lock_s = SimulatorSettings.protective_stop_lock_s
     lock_help = "time during which a protective stop cannot be unlocked"
     add("--protective-stop-lock-s", type=float, default=lock_s, help=lock_help)
+    add("--programs", type=Path, help="folder of stored programs: NAME.script is what the dashboard loads as NAME.urp")
+    remote_help = "remote control is not switched on in the settings, as on a new robot: no command is refused"
+    add("--no-remote-control", action="store_true", help=remote_help)
     strict_help = "keep the absolute grid of cycles where the machine stalls, instead of letting controller time slip"
     add("--strict-clock", action="store_true", help=strict_help)
     return parser.parse_args(arguments)

@@ -8,7 +8,9 @@ from executor.simulator.clock import Timeline
 from executor.simulator.interfaces import InputValues
 from executor.simulator.physics import Transform, Workcell, kinematics
 from executor.simulator.program import (
+    CONTROL_HEADER,
     Installation,
+    Program,
     ProgramContext,
     ProgramRunner,
     SafetyLimits,
@@ -18,6 +20,7 @@ from executor.simulator.program import (
 )
 from executor.simulator.settings import ControllerIdentity, SimulatorSettings
 from executor.simulator.truth import Truth, truth_of
+from executor.simulator.urscript import Script
 from planner.cell import Cell
 
 SCALING_PER_S = 5.0  # [1/s] chosen: rate at which the speed scaling follows the slider, full range in 0.2 s
@@ -48,7 +51,7 @@ class Controller:
         self.slider = self.speed_scaling = 1.0
         self._commanded: tuple[int, Transform, list[float]] = (-1, kinematics.IDENTITY, [])
         self.runner = ProgramRunner(
-            lambda text: load_control_program(self.context, text), lambda: self.arm.at_rest, self.timeline, settings
+            lambda text: load_program(self.context, text), lambda: self.arm.at_rest, self.timeline, settings
         )
         self.safety, self.registers, self.stream = self.runner.safety, self.runner.registers, self.runner.stream
         self.stops = Stops(self.runner)
@@ -62,6 +65,9 @@ class Controller:
             in_contact=self.workcell.in_contact,
             set_watchdog=self.runner.set_watchdog,
             protective_stop=self.stops.protective,
+            post=self.runner.board.post,
+            set_outputs=self.workcell.outputs.request,
+            output_bits=lambda: self.workcell.outputs.bits,
         )
 
     def take_inputs(self, inputs: InputValues) -> None:
@@ -76,6 +82,8 @@ class Controller:
                 self.stream.command_arrived(value)
         if inputs.others:
             self.workcell.outputs.request(inputs.others)
+            for name, value in inputs.others.items():
+                registers.write_bits(name, value)
             fraction = inputs.others.get("speed_slider_fraction", -1.0)
             if inputs.others.get("speed_slider_mask") and 0.0 <= fraction <= 1.0:
                 self.slider = fraction
@@ -113,6 +121,17 @@ class Controller:
             motion = self.arm.chain.motion(self.arm.q, self.arm.qd, self.installation.tcp)
             self._commanded = (self.timeline.cycles, *motion)
         return self._commanded[1:]
+
+
+def load_program(context: ProgramContext, text: str) -> Program:
+    """Returns the program of an uploaded text: that of ur_rtde, or any script.
+
+    Raises:
+        ProgramError: it does not compile.
+    """
+    if text.lstrip().startswith(CONTROL_HEADER):
+        return load_control_program(context, text)
+    return Script(context, text)
 
 
 def identity_of(cell: Cell, settings: SimulatorSettings) -> ControllerIdentity:

@@ -100,8 +100,9 @@ def offline(s: Simulation, on: bool = True, reset: bool = True) -> None:
         s.network.listen()
         return
     s.network.unlisten(keep=CONTROL_PORT_NAME)
-    for role in ("any", "dashboard", "script"):
-        close_connection(s, role, reset)
+    for connection, port in list(s.network.connections.values()):
+        if port.name != CONTROL_PORT_NAME:
+            s.network.drop(connection, reset)
 
 
 def mute(s: Simulation, port: str = "dashboard", on: bool = True) -> None:
@@ -131,11 +132,11 @@ def gripper_stuck(s: Simulation, on: bool = True) -> None:
 
 
 def _of_role(s: Simulation, role: str) -> list[Connection]:
-    """Returns the connections of control, receive, io, any (all three), dashboard or script."""
-    if role in ("dashboard", "script"):
+    """Returns the connections of control, receive, io, any (all three), dashboard, script, primary or secondary."""
+    if role in ("dashboard", "script", "primary", "secondary"):
         return [c for c, port in list(s.network.connections.values()) if port.name == role]
     if role not in ("control", "receive", "io", "any"):
-        raise BadRequest(f"role {role!r} is none of control, receive, io, any, dashboard, script")
+        raise BadRequest(f"role {role!r} is none of control, receive, io, any, dashboard, script, primary, secondary")
     return [c for c, session in list(s.rtde.sessions.items()) if role in ("any", session.role)]
 
 

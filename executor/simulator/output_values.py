@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from executor.simulator.controller import Controller
+from executor.simulator.derived_values import DerivedValues, linear_momentum
 from executor.simulator.interfaces import OUTPUT_TYPES, WIDTH
 from executor.simulator.physics import JointTorques, kinematics
 
@@ -10,6 +11,10 @@ JOINT_RUNNING = 253  # joint_mode; source: RTDE guide
 JOINT_TEMPERATURE_C = 30.0  # chosen
 VOLTAGE_V = 48.0  # source: UR user manual, robot supply
 CURRENT_IDLE_A = 0.5  # chosen
+CURRENT_WINDOW_A = 6.0  # chosen: allowed deviation of a joint's current
+TOOL_RUNNING = 253  # tool_mode; source: UR client interfaces, "Tool Modes"
+TOOL_VOLTAGE_V = 24  # source: UR user manual, tool I/O: 0, 12 or 24 V
+VOLTAGE_TYPES = 3  # both of a pair of analog lines are voltages; source: RTDE guide, analog_io_types
 AMPERE_PER_NM = 0.1  # chosen: the joints' torque constants are not published
 
 
@@ -18,6 +23,7 @@ class OutputValues:
 
     Attributes:
         values: output variable -> list of its numbers; output registers are the program's own lists.
+        derived: functions that return the numbers of variables which are computed on request only.
         torque_every: cycles between two computations of the joint torques.
     """
 
@@ -29,8 +35,11 @@ class OutputValues:
         registers = controller.registers
         self.values |= {f"output_int_register_{i}": output for i, output in enumerate(registers.int_out)}
         self.values |= {f"output_double_register_{i}": output for i, output in enumerate(registers.double_out)}
+        self.bodies = [(link.mass, link.com.tolist()) for link in controller.cell.robot.links]
+        self.derived = DerivedValues(controller).functions
         self._constants()
         self.torques()
+        self.cycle()
 
     def _constants(self) -> None:
         values = self.values
@@ -39,7 +48,16 @@ class OutputValues:
         values["actual_main_voltage"] = values["actual_robot_voltage"] = [VOLTAGE_V]
         values["actual_joint_voltage"] = [VOLTAGE_V] * 6
         values["actual_robot_current"] = [CURRENT_IDLE_A]
-        values["actual_execution_time"] = [0.0]
+        values["actual_current_window"] = [CURRENT_WINDOW_A] * 6
+        values["tool_temperature"] = [JOINT_TEMPERATURE_C]
+        values["tool_mode"] = [TOOL_RUNNING]
+        values["tool_analog_input_types"], values["analog_io_types"] = (
+            [VOLTAGE_TYPES],
+            [VOLTAGE_TYPES | VOLTAGE_TYPES << 2],
+        )
+        values["tool_digital_output0_mode"] = values["tool_digital_output1_mode"] = [1]  # sinking, the default
+        uses_tool_output = self.controller.cell.gripper.output == "tool_digital"
+        values["tool_output_voltage"] = [TOOL_VOLTAGE_V * uses_tool_output]
 
     def cycle(self) -> None:
         """Updates the values, except the joint torques."""
@@ -81,7 +99,7 @@ class OutputValues:
         values["actual_tool_accelerometer"] = [-ux, -uy, -uz]
 
     def torques(self) -> None:
-        """Updates the joint torques; too expensive for every cycle, they are held in between."""
+        """Updates joint torques and momentum; too expensive for every cycle, they are held in between."""
         arm, installation, values = self.controller.arm, self.controller.installation, self.values
         (ux, uy, uz), (x, y, z) = installation.gravity_m_s2, installation.payload_cog_m
         moments = self.joint_torques.of(arm.q, arm.qd, arm.qdd, (ux, uy, uz), installation.payload_kg, (x, y, z))
@@ -89,3 +107,13 @@ class OutputValues:
         values["target_current"] = values["actual_current"] = [AMPERE_PER_NM * m for m in moments]
         values["joint_control_output"] = values["target_current"]
         values["actual_current_as_torque"] = moments
+        values["actual_momentum"] = [self._momentum()]
+
+    def _momentum(self) -> float:
+        """Returns the norm of the linear momentum [kg m/s]: of the links, and of the payload on the last one."""
+        arm, installation = self.controller.arm, self.controller.installation
+        *others, (mass, com) = self.bodies
+        total = mass + installation.payload_kg
+        loads = zip(com, installation.payload_cog_m, strict=True)
+        common = [(mass * x + installation.payload_kg * y) / total for x, y in loads]
+        return linear_momentum(arm.chain.links, [*others, (total, common)], arm.measured_q, arm.measured_qd)

@@ -7,12 +7,17 @@ them.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 RTDE_PORT = 30004  # source: UR RTDE guide
-SCRIPT_PORT = 30003  # source: UR client interfaces; ur_rtde uploads its program here
+PRIMARY_PORT, SECONDARY_PORT = 30001, 30002  # source: UR client interfaces
+SCRIPT_PORT = 30003  # source: UR client interfaces, the real-time interface; ur_rtde uploads its program here
+READ_ONLY = 10  # added to a port's number: the same to read from only; source: UR client interfaces
 DASHBOARD_PORT = 29999  # source: UR dashboard manual
 CONTROL_PORT = 29900  # chosen: the simulator's own, not a port of UR
 
+BIT_REGISTERS = 128  # general purpose bits, input and output; source: RTDE guide
+BIT_WORDS_END = 64  # the bits below are read and written as two words of 32; source: RTDE guide
 REGISTERS = 48  # general purpose registers of each kind, input and output; source: RTDE guide
 REALTIME_PRIORITY = 60  # of SCHED_FIFO; above a client's, so that on one processor no client makes the controller late
 
@@ -40,7 +45,11 @@ class ControllerIdentity:
 
 @dataclass(frozen=True)
 class SimulatorSettings:
-    """Behaviour of the simulated controller that no cell file describes."""
+    """Behaviour of the simulated controller that no cell file describes.
+
+    Attributes:
+        programs: folder of stored programs; None: there are none.
+    """
 
     decelerations: Decelerations = Decelerations()
     position_noise_rad: float = 5e-6  # chosen: standard deviation of the measured joint position
@@ -54,4 +63,6 @@ class SimulatorSettings:
     restitution: float = 0.0  # chosen: an object stays where it lands; above 0 it bounces and lands again
     serial_number: str = "20235500001"  # chosen: digits only, as ur_rtde requires
     build: int = 123456  # chosen
+    programs: Path | None = None
+    remote_control_enabled: bool = True  # False as on a new robot and on URSim: not in remote control, nothing refused
     stall_tolerant: bool = True  # controller time slips where the machine stalls; False: a strict grid of cycles

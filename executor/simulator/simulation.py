@@ -5,11 +5,13 @@ from __future__ import annotations
 import time
 from typing import Any
 
+from executor.simulator.client_interfaces import ClientInterfaces
 from executor.simulator.clock import CyclePacing, LatenessHistogram, SlipCounts
 from executor.simulator.controller import Controller
-from executor.simulator.interfaces import DashboardServer, Network, RtdeServer, ScriptServer, ServicePort
+from executor.simulator.interfaces import DashboardServer, Network, RtdeServer, ServicePort
 from executor.simulator.output_values import OutputValues
-from executor.simulator.settings import DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORT, SimulatorSettings
+from executor.simulator.robot_facts import robot_facts
+from executor.simulator.settings import DASHBOARD_PORT, RTDE_PORT, SimulatorSettings
 from executor.simulator.truth import Truth
 from planner.cell import Cell
 
@@ -31,14 +33,15 @@ class Simulation:
         self.output_values = OutputValues(c)
         self.pacing = CyclePacing(c.timeline.dt, settings.stall_tolerant)
         self.freeze_s = 0.0
-        self.rtde = RtdeServer(c.identity, c.timeline, self.output_values.values, c.take_inputs)
-        script = ScriptServer(c.runner.upload, c.timeline.note)
-        dashboard = DashboardServer(c.identity, c.stops)
+        values, derived = self.output_values.values, self.output_values.derived
+        self.rtde = RtdeServer(c.identity, c.timeline, values, c.take_inputs, derived)
+        self.client_interfaces = ClientInterfaces(c, values, derived, robot_facts(cell, c.arm.chain.kinematics))
+        dashboard = DashboardServer(c.identity, c.stops, settings.programs)
         self.network = Network(host)
         self.network.add(
             ServicePort("rtde", RTDE_PORT, self.rtde),
-            ServicePort("script", SCRIPT_PORT, script),
             ServicePort("dashboard", DASHBOARD_PORT, dashboard),
+            *self.client_interfaces.ports(),
         )
 
     def tick(self) -> None:
@@ -46,6 +49,7 @@ class Simulation:
         self.controller.cycle()
         self.output_values.cycle()
         self.rtde.publish()
+        self.client_interfaces.publish()
         self.network.tick()
         if self.controller.timeline.cycles % self.output_values.torque_every == 0:
             self.output_values.torques()

@@ -34,6 +34,7 @@ VARIABLES = [
     "actual_current",
     "safety_status_bits",
     "runtime_state",
+    "robot_mode",
     "speed_scaling",
     "target_speed_fraction",
     "actual_digital_output_bits",
@@ -52,7 +53,7 @@ class RtdeConnection:
     Attributes:
         stamp: controller time of the newest state [s].
         q, qd, current: measured (6,), of that state [rad, rad/s, A].
-        safety_bits, runtime_state, scaling, outputs: of that state; as in the RTDE guide.
+        safety_bits, runtime_state, robot_mode, scaling, outputs: of that state; as in the RTDE guide.
         delayed_s: time this thread waited for a processor between the last two readings [s].
         call_s: duration of the last command [s].
         sent_at: monotonic time at which the last command began [s].
@@ -110,6 +111,7 @@ class RtdeConnection:
             self.stamp = receive.getTimestamp()
             self.q, self.qd, self.current = receive.getActualQ(), receive.getActualQd(), receive.getActualCurrent()
             self.safety_bits, self.runtime_state = receive.getSafetyStatusBits(), receive.getRuntimeState()
+            self.robot_mode = receive.getRobotMode()
             self.scaling = receive.getSpeedScalingCombined()
             self.outputs = receive.getActualDigitalOutputBits()
             if receive.getTimestamp() == self.stamp:
@@ -122,7 +124,7 @@ class RtdeConnection:
             StreamFault: the controller is not in normal operation.
         """
         runtime = state_checks.PLAYING if self.control is None else self.runtime_state
-        state_checks.check_state(self.safety_bits, runtime, self.scaling)
+        state_checks.check_state(self.safety_bits, runtime, self.scaling, self.robot_mode)
 
     def move(self, q: list[float]) -> None:
         """Starts a straight joint move to `q` (6,) [rad] and returns at once."""

@@ -14,6 +14,7 @@ from executor.shared_memory import ABORT, DAEMON_PULSE, SharedMemory
 
 NORMAL = 1  # safety_status_bits in normal operation
 PLAYING = 2  # runtime_state of a running program
+ROBOT_RUNNING, POWER_ON = 7, 4  # robot_mode in operation, and the lowest one of an arm with power
 EMERGENCY_BITS = 1 << 5 | 1 << 6 | 1 << 7
 SAFETY_WORDS = {
     1: "reduced mode",
@@ -47,16 +48,18 @@ class StreamFault(Exception):
         self.outcome, self.reason = outcome, reason
 
 
-def check_state(safety_bits: int, runtime_state: int, speed_scaling: float) -> None:
-    """Checks for normal operation: no safety stop, the program playing, full speed.
+def check_state(safety_bits: int, runtime_state: int, speed_scaling: float, robot_mode: int = ROBOT_RUNNING) -> None:
+    """Checks for normal operation: no safety stop, power on, the program playing, full speed.
 
     Raises:
-        StreamFault: for the first of safety state, program state and speed scaling that is wrong.
+        StreamFault: for the first of safety state, power, program state and speed scaling that is wrong.
     """
     if safety_bits != NORMAL:
         words = [name for bit, name in SAFETY_WORDS.items() if safety_bits >> bit & 1]
         outcome = "emergency_stop" if safety_bits & EMERGENCY_BITS else "protective_stop"
         raise StreamFault(outcome, ", ".join(words) or "safety state unknown")
+    if robot_mode < POWER_ON:
+        raise StreamFault("power_off", f"the arm has no power (robot mode {robot_mode})")
     if runtime_state != PLAYING:
         raise StreamFault("aborted", f"the program on the controller is {PROGRAM_WORDS.get(runtime_state, 'unknown')}")
     if not abs(speed_scaling - 1.0) <= SCALING_TOLERANCE:  # also true for NaN

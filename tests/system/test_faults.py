@@ -46,9 +46,16 @@ MATRIX = [
     Fault("R10 receive", "stall_connection", ("link_lost",), {"role": "receive"}),
     Fault("R10 frozen", "freeze", ("link_lost",), {"duration_s": 0.5}),
     Fault("R11", "disturb_connection", ("late", "link_lost"), {"role": "receive", "drop": 0.5}),
-    Fault("R12 power", "power_loss", ("protective_stop", "emergency_stop", "aborted")),
+    Fault("R12 power", "power_loss", ("power_off",)),
     Fault("R14", "disturb_connection", ("aborted",), {"role": "control", "drop": 1.0}),  # the watchdog trips
     Fault("R12 cable", "offline", ("link_lost",)),
+]
+
+
+FOREIGN = [  # port, script of another client, word of the reason
+    pytest.param(30002, "def other():\n  while True:\n    sync()\n  end\nend\n", "'other'", id="R16 plays"),
+    pytest.param(30001, "movej([0, -1, 1, 0, 0, 0], a=1.4, v=1)\n", "'unnamed'", id="R16 moves"),
+    pytest.param(30003, "def other():\n  no_such_function()\nend\n", "no_such_function", id="R16 does not compile"),
 ]
 
 
@@ -69,6 +76,35 @@ def test_in_mid_launch_every_fault_is_a_stop(rig: Rig, fault: Fault) -> None:
     assert len(rig.world()["releases"]) == released
     assert latched.outcome == "refused"
     assert "latched" in latched.reason
+
+
+@pytest.mark.parametrize(("port", "script", "word"), FOREIGN)
+def test_in_mid_launch_another_clients_script_is_a_stop(rig: Rig, port: int, script: str, word: str) -> None:
+    released = len(rig.world()["releases"])
+    id = rig.launch(FAST_RAD_S)
+    at = rig.state()["t"]
+    with socket.create_connection((rig.host, port)) as other:
+        other.sendall(script.encode())
+        rested = rig.rest_time(at)
+        row = rig.end(id)
+    latched = rig.throw(NUDGE)
+    rig.acknowledge()
+    assert row.outcome == "foreign_program", row.reason
+    assert "another client's script took over" in row.reason
+    assert word in row.reason
+    assert rested < REST_S, f"{rested:.3f} s: {row.reason}"
+    assert len(rig.world()["releases"]) == released
+    assert rig.world()["gripper_holds"] is not None
+    assert rig.state()["program"] is None  # nothing of the other script is left to move the arm
+    assert latched.outcome == "refused"
+
+
+def test_a_secondary_program_of_another_client_does_not_end_a_run(rig: Rig) -> None:
+    id = rig.launch(FAST_RAD_S)
+    with socket.create_connection((rig.host, 30002)) as other:
+        other.sendall(b'sec other():\n  textmsg("beside")\nend\n')
+        row = rig.end(id)
+    assert row.outcome == "completed", row.reason
 
 
 def test_after_a_fault_in_mid_launch_it_works_again(rig: Rig) -> None:

@@ -39,6 +39,7 @@ class Connection:
         self.delayed: deque[tuple[float, bytes, bool]] = deque()  # (due [s, monotonic], data, whether incoming)
         self.disturbance = Disturbance()
         self.open = True
+        self.backoff = self.waits = 0  # flushes to leave out after a full buffer, and those still to leave out
 
     def send(self, data: bytes) -> None:
         """Sends as much as the socket takes; `flush` sends the rest."""
@@ -52,10 +53,13 @@ class Connection:
         """Sends data left over from earlier calls."""
         if not self.unsent or self.disturbance.stalled or not self.open:
             return
+        if self.waits > 0:
+            self.waits -= 1
+            return
         try:
             del self.unsent[: self.socket.send(self.unsent)]
         except (BlockingIOError, InterruptedError):
-            self.open = len(self.unsent) < UNSENT_MAX
+            self.open, self.waits = len(self.unsent) < UNSENT_MAX, self.backoff
         except OSError:
             self.open = False
 
@@ -91,6 +95,16 @@ class Connection:
                 self.unsent += data
                 self.flush()
         return arrived
+
+    def expect_deaf_client(self, buffer: int, backoff: int) -> None:
+        """Makes a client that does not read cost next to nothing.
+
+        Args:
+            buffer: what the kernel keeps for it [bytes]; more would be out of date anyway.
+            backoff: flushes to leave out once that is full.
+        """
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, buffer)
+        self.backoff = backoff
 
     def take_lines(self) -> Iterator[bytes]:
         """Yields every complete line received and removes it; closes the connection if the rest is too long."""

@@ -18,16 +18,18 @@ RECIPES_MAX = 255  # the recipe id is one byte
 
 @dataclass(frozen=True)
 class OutputRecipe:
-    """Output variables of one connection, sent every `every` controller cycles."""
+    """Output variables of one connection, sent every `every` controller cycles; protocol 1 sends no recipe id."""
 
+    names: tuple[str, ...]
     every: int
+    head: tuple[int, ...]  # package type and, from protocol 2 on, recipe id
     layout: struct.Struct
     pick: Callable[[Mapping[str, Sequence[float]]], Iterable[Sequence[float]]]  # the values in order
 
     def encode(self, values: Mapping[str, Sequence[float]]) -> bytes:
         """Returns the data package with the present values; `values` maps each name to a sequence of numbers."""
         flat = chain.from_iterable(self.pick(values))
-        return self.layout.pack(self.layout.size, DATA_PACKAGE, OUTPUT_RECIPE_ID, *flat)
+        return self.layout.pack(self.layout.size, *self.head, *flat)
 
 
 @dataclass(frozen=True)
@@ -69,12 +71,14 @@ def output_types(names: Sequence[str], version: tuple[int, ...]) -> list[str]:
     return [OUTPUT_TYPES[n] if n in OUTPUT_TYPES and exists(n, version) else NOT_FOUND for n in names]
 
 
-def output_recipe(names: Sequence[str], every: int) -> OutputRecipe:
-    """Returns the compiled recipe of known output variables."""
+def output_recipe(names: Sequence[str], every: int, protocol: int = 2) -> OutputRecipe:
+    """Returns the compiled recipe of known output variables in a version of the protocol."""
     form = "".join(FORMAT[OUTPUT_TYPES[n]] for n in names)
     # for a single name, itemgetter returns the value without a tuple around it
     pick = itemgetter(*names) if len(names) > 1 else lambda values: (values[names[0]],)
-    return OutputRecipe(every, struct.Struct(f">{HEADER.format[1:]}B{form}"), pick)
+    head = (DATA_PACKAGE,) if protocol == 1 else (DATA_PACKAGE, OUTPUT_RECIPE_ID)
+    layout = struct.Struct(f">{HEADER.format[1:]}{'B' * (len(head) - 1)}{form}")
+    return OutputRecipe(tuple(names), every, head, layout, pick)
 
 
 def input_recipe(names: Sequence[str]) -> InputRecipe:

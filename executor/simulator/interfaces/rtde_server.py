@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, MutableMapping, Sequence
 from dataclasses import dataclass, field
 
 from executor.simulator.clock import Timeline
@@ -15,6 +15,8 @@ from executor.simulator.settings import ControllerIdentity
 VERSION = struct.Struct(">IIII")
 FREQUENCY = struct.Struct(">d")
 FREQUENCY_MIN_HZ = 0.1  # [Hz] lower frequencies are raised to this one
+PROTOCOL_1_HZ = 125.0  # [Hz] of the outputs in protocol 1, whose set-up names no frequency; source: RTDE guide
+Derived = Mapping[str, Callable[[], Sequence[float]]]
 
 
 @dataclass(eq=False)
@@ -22,8 +24,10 @@ class RtdeSession:
     """Set-up and counts of one RTDE connection."""
 
     connection: Connection
+    protocol: int = 1  # until the client requests another one; source: RTDE guide, "otherwise version 1 is assumed"
     inputs: dict[int, recipes.InputRecipe] = field(default_factory=dict)
     output: recipes.OutputRecipe | None = None
+    derived: tuple[str, ...] = ()  # output variables that are computed only for a client that asks for them
     started: bool = False
     packages_in: int = 0
     packages_out: int = 0
@@ -49,8 +53,9 @@ class RtdeServer(ConnectionHandler):
         self,
         identity: ControllerIdentity,
         timeline: Timeline,
-        outputs: Mapping[str, Sequence[float]],
+        outputs: MutableMapping[str, Sequence[float]],
         take_inputs: Callable[[recipes.InputValues], None],
+        derived: Derived | None = None,
     ) -> None:
         """Serves variables from plain values, independent of their origin.
 
@@ -59,8 +64,10 @@ class RtdeServer(ConnectionHandler):
             timeline: cycle count and cycle time.
             outputs: output variable -> its numbers, filled in by the controller every cycle.
             take_inputs: called with the values of every data package.
+            derived: output variables that are computed when a client is about to get them.
         """
         self.identity, self.timeline = identity, timeline
+        self.derived = derived or {}
         self.outputs, self.take_inputs = outputs, take_inputs
         self.sessions: dict[Connection, RtdeSession] = {}
         self.owners = recipes.InputOwners()
@@ -73,7 +80,7 @@ class RtdeServer(ConnectionHandler):
             wire.START: self._start,
             wire.PAUSE: self._pause,
             wire.DATA_PACKAGE: self._data,
-            wire.TEXT_MESSAGE: lambda session, body: None,
+            wire.TEXT_MESSAGE: self._text,
         }
 
     def opened(self, connection: Connection) -> None:
@@ -105,9 +112,15 @@ class RtdeServer(ConnectionHandler):
             answer = handler(session, body)
         except (wire.MalformedPackage, struct.error) as error:
             self._note_malformed(error)
+            self._warn(session, f"package of type {kind} ignored: {error}")
             return
         if answer is not None:
             session.connection.send(wire.package(kind, answer))
+
+    def _warn(self, session: RtdeSession, text: str) -> None:
+        """Sends a text message, but never where it could be taken for the answer of a set-up."""
+        if session.started:
+            session.connection.send(wire.text_message(session.protocol, text, wire.WARNING))
 
     def _note_malformed(self, cause: object) -> None:
         self.malformed += 1
@@ -115,23 +128,32 @@ class RtdeServer(ConnectionHandler):
 
     def _protocol(self, session: RtdeSession, body: bytes) -> bytes:
         (version,) = struct.unpack(">H", body)
-        return bytes([version == wire.PROTOCOL_VERSION])
+        if version in wire.PROTOCOL_VERSIONS:
+            session.protocol = version
+        return bytes([version in wire.PROTOCOL_VERSIONS])
 
     def _version(self, session: RtdeSession, body: bytes) -> bytes:
         return VERSION.pack(*self.identity.version, self.identity.build)
 
+    def _text(self, session: RtdeSession, body: bytes) -> None:
+        self.timeline.note(f"RTDE client: {wire.text_in(session.protocol, body)}")
+
     def _setup_outputs(self, session: RtdeSession, body: bytes) -> bytes:
-        (frequency,) = FREQUENCY.unpack_from(body)
-        names = wire.names_in(body[FREQUENCY.size :])
+        numbered = session.protocol > 1
+        (frequency,) = FREQUENCY.unpack_from(body) if numbered else (PROTOCOL_1_HZ,)
+        names = wire.names_in(body[FREQUENCY.size if numbered else 0 :])
         types = recipes.output_types(names, self.identity.version)
-        if not names or NOT_FOUND in types or not frequency > 0.0:
-            return bytes([0]) + ",".join(types).encode()
+        accepted = bool(names) and NOT_FOUND not in types and frequency > 0.0
+        if accepted:
+            self._accept_outputs(session, names, frequency)
+        return bytes([recipes.OUTPUT_RECIPE_ID * accepted] * numbered) + ",".join(types).encode()
+
+    def _accept_outputs(self, session: RtdeSession, names: list[str], frequency: float) -> None:
         every = max(1, round(1.0 / (self.timeline.dt * max(frequency, FREQUENCY_MIN_HZ))))
-        recipe = recipes.output_recipe(names, every)
+        recipe = recipes.output_recipe(names, every, session.protocol)
         if recipe.layout.size > wire.PACKAGE_MAX:
             raise wire.MalformedPackage(f"an output package of {recipe.layout.size} bytes")
-        session.output = recipe
-        return bytes([recipes.OUTPUT_RECIPE_ID]) + ",".join(types).encode()
+        session.output, session.derived = recipe, tuple(name for name in names if name in self.derived)
 
     def _setup_inputs(self, session: RtdeSession, body: bytes) -> bytes:
         names = wire.names_in(body)
@@ -174,5 +196,7 @@ class RtdeServer(ConnectionHandler):
                 session.skipped += 1
                 connection.flush()
                 continue
+            for name in session.derived:
+                self.outputs[name] = self.derived[name]()
             connection.send(session.output.encode(self.outputs))
             session.packages_out += 1

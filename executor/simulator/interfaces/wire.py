@@ -9,7 +9,7 @@ import struct
 from collections.abc import Iterator
 
 HEADER = struct.Struct(">HB")
-PROTOCOL_VERSION = 2
+PROTOCOL_VERSIONS = (1, 2)
 
 REQUEST_PROTOCOL_VERSION = 86  # V
 GET_CONTROLLER_VERSION = 118  # v
@@ -19,6 +19,10 @@ SETUP_OUTPUTS = 79  # O
 SETUP_INPUTS = 73  # I
 START = 83  # S
 PAUSE = 80  # P
+
+WARNING, ERROR = 2, 1  # levels of a text message; 0 is an exception, 3 an information
+TEXT_SOURCE = "RTDE"  # chosen: what a text message of the controller names as its source
+TEXT_MAX = 255  # [bytes] the length of a text is one byte in protocol 2
 
 PACKAGE_MAX = 65535  # [bytes] the size field is a uint16
 
@@ -66,3 +70,22 @@ def names_in(body: bytes) -> list[str]:
         return [name for name in body.decode("ascii").split(",") if name]
     except UnicodeDecodeError as error:
         raise MalformedPackage("variable names are not ASCII") from error
+
+
+def text_message(protocol: int, text: str, level: int) -> bytes:
+    """Returns a text message package: level and text, in protocol 2 text, source and level."""
+    message, source = text.encode("ascii", "replace")[:TEXT_MAX], TEXT_SOURCE.encode()
+    if protocol == 1:
+        return package(TEXT_MESSAGE, bytes([level]) + message)
+    return package(TEXT_MESSAGE, bytes([len(message)]) + message + bytes([len(source)]) + source + bytes([level]))
+
+
+def text_in(protocol: int, body: bytes) -> str:
+    """Returns the text of a client's text message.
+
+    Raises:
+        MalformedPackage: the body is empty, or shorter than its lengths say.
+    """
+    if not body or (protocol > 1 and len(body) <= body[0]):
+        raise MalformedPackage("a text message without its text")
+    return (body[1:] if protocol == 1 else body[1 : 1 + body[0]]).decode("ascii", "replace")

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
 from executor.simulator.physics import Arm, Transform, kinematics
+from executor.simulator.program.messages import Message
 from executor.simulator.program.safety import SafetyLimits
-from executor.simulator.settings import REGISTERS
+from executor.simulator.settings import BIT_REGISTERS, REGISTERS
 from planner.kinematics import inverse
 from planner.robots import Robot
 
@@ -23,14 +25,25 @@ class Registers:
         written_at: cycle of the last data package that carried each input integer register, -1 before the first.
         int_out: output integer registers, each a list of one number.
         double_out: output double registers, each a list of one number.
+        bit_in, bit_out: input and output bit registers.
     """
 
     def __init__(self) -> None:
+        self.bit_in = [False] * BIT_REGISTERS
+        self.bit_out = [False] * BIT_REGISTERS
         self.int_in = [0] * REGISTERS
         self.double_in = [0.0] * REGISTERS
         self.written_at = [-1] * REGISTERS
         self.int_out: list[list[float]] = [[0] for _ in range(REGISTERS)]
         self.double_out = [[0.0] for _ in range(REGISTERS)]
+
+    def write_bits(self, name: str, value: int) -> None:
+        """Writes the input bits of an RTDE variable: `input_bit_register_N` or `input_bit_registersA_to_B`."""
+        if name.startswith("input_bit_register_"):
+            self.bit_in[int(name.rpartition("_")[2])] = bool(value)
+        elif name.startswith("input_bit_registers"):
+            first = int(name.removeprefix("input_bit_registers").partition("_")[0])
+            self.bit_in[first : first + 32] = [bool(value >> i & 1) for i in range(32)]
 
 
 class OffsetRegisters:
@@ -102,6 +115,9 @@ class ProgramContext:
         in_contact: returns whether the tool touches something.
         set_watchdog: sets the RTDE watchdog: register, least frequency [Hz].
         protective_stop: triggers a protective stop with a reason.
+        post: passes a message on to the clients.
+        set_outputs: requests outputs, by the names of RTDE's inputs.
+        output_bits: returns the physical levels of the digital outputs.
     """
 
     robot: Robot
@@ -113,6 +129,9 @@ class ProgramContext:
     in_contact: Callable[[], bool]
     set_watchdog: Callable[[int, float], None]
     protective_stop: Callable[[str], None]
+    post: Callable[[Message], None]
+    set_outputs: Callable[[Mapping[str, Any]], None]
+    output_bits: Callable[[], int]
 
     @property
     def tcp(self) -> Transform:

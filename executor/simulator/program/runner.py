@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 
 from executor.simulator.clock import StreamCounts, Timeline
 from executor.simulator.physics import MotionConflict
+from executor.simulator.program import messages
 from executor.simulator.program.context import Registers
-from executor.simulator.program.control_program import HEADER
 from executor.simulator.program.safety import SafetyState
 from executor.simulator.program.threads import Program, ProgramError
 from executor.simulator.settings import SimulatorSettings
 
 STOPPED, PLAYING, PAUSED = 1, 2, 4  # runtime_state; source: RTDE guide
 
+SECONDARY = re.compile(r"\s*sec\s")  # beginning of a script that runs beside the program; source: URScript manual
 Load = Callable[[str], Program]  # text -> program; raises ProgramError for a text that does not compile
 
 
@@ -26,7 +28,9 @@ class ProgramRunner:
         stream: counts of the client's commands.
         program: the loaded program, None without one.
         runtime: RTDE's runtime_state.
-        due: (cycle, text) of an uploaded program that is about to start.
+        secondary: programs that run beside it.
+        board: messages to the clients.
+        due: (cycle, program) of an uploaded program that is about to start.
         watchdog: (register, longest silence [s]), None while it is off.
         remote_control: False in local control, where uploads are refused.
     """
@@ -38,9 +42,11 @@ class ProgramRunner:
         self.load, self.at_rest, self.timeline, self.settings = load, at_rest, timeline, settings
         self.safety = SafetyState(settings.decelerations.program_end)
         self.registers, self.stream = Registers(), StreamCounts()
+        self.board = messages.MessageBoard()
         self.program: Program | None = None
+        self.secondary: list[Program] = []
         self.runtime = STOPPED
-        self.due: tuple[int, str] | None = None
+        self.due: tuple[int, Program] | None = None
         self.watchdog: tuple[int, float] | None = None
         self.remote_control = True
 
@@ -49,30 +55,47 @@ class ProgramRunner:
         """Whether a program runs."""
         return self.runtime == PLAYING
 
+    @property
+    def in_remote_control(self) -> bool:
+        """Whether remote control is switched on at all, and not local control."""
+        return self.remote_control and self.settings.remote_control_enabled
+
     def upload(self, text: str) -> None:
-        """Replaces the running program by a script, which starts a little later; or notes why it is refused."""
-        refusal = self._refusal(text)
-        if refusal:
-            self.timeline.note(f"script refused: {refusal}")
+        """Takes a script: it ends what runs, and starts a little later in its place, if it compiles.
+
+        A secondary program (`sec`) runs beside what runs instead. In a state in which no program may run, a script is
+        refused, and nothing changes.
+        """
+        refusal = self._refusal()
+        if refusal is not None:
+            self.timeline.note(f"script refused: {refusal.text}")
+            self.board.post(refusal)
+            return
+        self.timeline.note(f"script received, {len(text)} characters")
+        if SECONDARY.match(text):
+            self._start_secondary(text)
             return
         self.stop("replaced by a new script")
-        self.due = (self.timeline.cycles + self.timeline.cycles_in(self.settings.program_start_s), text)
-        self.timeline.note(f"script received, {len(text)} characters")
+        program = self._loaded(text)
+        if program is not None:
+            self.due = (self.timeline.cycles + self.timeline.cycles_in(self.settings.program_start_s), program)
 
-    def _refusal(self, text: str) -> str | None:
-        if not self.safety.may_move:
-            return f"the robot is not in normal operation ({self.safety.reason or 'no power'})"
+    def _refusal(self) -> messages.ErrorCode | None:
         if not self.remote_control:
-            return "the robot is in local control"
-        if not text.lstrip().startswith(HEADER):
-            return "compile error: this controller knows the program of ur_rtde only"
-        return None
+            code, reason = messages.READ_ONLY_CODE, "the robot is in local control"
+        elif not self.safety.may_move:
+            code, reason = 0, f"the robot is not in normal operation ({self.safety.reason or 'no power'})"
+        else:
+            return None
+        return messages.ErrorCode(code, 0, messages.VIOLATION, reason)
 
     def stop(self, reason: str) -> None:
         """Ends the program, if there is one; the arm brakes."""
-        if self.program is not None:
-            self.timeline.note(f"program stopped: {reason}")
+        ended = self.program or (self.due[1] if self.due else None)
         self.program = self.watchdog = self.due = None
+        if ended is not None:
+            self.timeline.note(f"program stopped: {reason}")
+            self.board.post(messages.KeyMessage(messages.STOPPED_TITLE, ended.name))
         self._halt(STOPPED)
 
     def pause(self) -> bool:
@@ -114,22 +137,54 @@ class ProgramRunner:
                 self.stop("the RTDE watchdog expired")
         if self.playing and self.program is not None and self.safety.may_move:
             self._run(self.program)
+        if self.secondary and self.safety.may_move:
+            self._run_secondary()
 
-    def _start(self, text: str) -> None:
-        self.due = None
+    def _start(self, program: Program) -> None:
+        self.due, self.program, self.runtime = None, program, PLAYING
+        self.timeline.note(f"program {program.name} plays")
+        self.board.post(messages.KeyMessage(messages.STARTED, program.name))
+
+    def _start_secondary(self, text: str) -> None:
+        program = self._loaded(text)
+        if program is not None:
+            self.secondary.append(program)
+
+    def _loaded(self, text: str) -> Program | None:
+        """Returns the program of a text; None, and a message, if it does not compile."""
         try:
-            self.program = self.load(text)
+            return self.load(text)
         except ProgramError as error:
             self.timeline.note(f"script refused: {error}")
-            return
-        self.runtime = PLAYING
-        self.timeline.note(f"program {self.program.name} plays")
+            self._post_exception(error)
+            return None
+
+    def _post_exception(self, error: ProgramError) -> None:
+        self.board.post(messages.RuntimeException(max(error.line, 1), max(error.column, 1), str(error)))
 
     def _run(self, program: Program) -> None:
         try:
             if not program.step():
                 self.stop("it has come to its end")
         except MotionConflict:
-            self.stop("another thread is already controlling the robot")
+            conflict = "another thread is already controlling the robot"
+            self._post_exception(ProgramError(conflict))
+            self.stop(conflict)
         except (ProgramError, ArithmeticError, ValueError) as error:
+            self._post_exception(ProgramError(str(error), *_place_of(error)))
             self.stop(f"runtime error: {error}")
+
+    def _run_secondary(self) -> None:
+        for program in list(self.secondary):
+            try:
+                ended = not program.step()
+            except (MotionConflict, ProgramError, ArithmeticError, ValueError) as error:
+                self.timeline.note(f"secondary program {program.name}: {error}")
+                self._post_exception(ProgramError(f"SECONDARY_PROGRAM_EXCEPTION_XXX{error}", *_place_of(error)))
+                ended = True
+            if ended:
+                self.secondary.remove(program)
+
+
+def _place_of(error: Exception) -> tuple[int, int]:
+    return (error.line, error.column) if isinstance(error, ProgramError) else (0, 0)

@@ -46,7 +46,8 @@ class SafetyState:
             self.robot_mode = ROBOT_IDLE
 
     def release_brakes(self) -> None:
-        """Releases the brakes of a powered arm, unless a stop is in force."""
+        """Releases the brakes, unless a stop is in force; an arm without power gets it before."""
+        self.power_on()
         if not self.stopped and self.robot_mode == ROBOT_IDLE:
             self.robot_mode = ROBOT_RUNNING
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from executor.simulator.program import safety
+from executor.simulator.program import messages, safety
 from executor.simulator.program.runner import ProgramRunner
 
+CODES = {"target": messages.SUDDEN_TARGET_CODE, "position limit": messages.JOINT_LIMIT_CODE}  # word of a reason -> code
 PROGRAM_FATES = ("paused", "stopped", "playing")  # state of the program after a protective stop
 
 
@@ -20,6 +21,8 @@ class Stops:
         if self.safety.stopped:
             return
         self.timeline.note(f"protective stop: {reason}")
+        code = next((code for word, code in CODES.items() if word in reason), 0)
+        self.runner.board.post(messages.ErrorCode(code, 0, messages.WARNING, f"Protective stop: {reason}"))
         self._enter(safety.MODE_PROTECTIVE_STOP, safety.PROTECTIVE_STOPPED, reason, self.decelerations.protective_stop)
         fate = program or self.settings.protective_stop_runtime
         if fate == "stopped":
@@ -56,10 +59,11 @@ class Stops:
         self.runner.stop("power off")
         self.safety.deceleration = self.decelerations.power_loss
 
-    def unlock(self) -> bool:
-        """Ends a protective stop; returns False if it is too recent to be unlocked."""
+    def unlock(self, at_once: bool = False) -> bool:
+        """Ends a protective stop; returns False if it is too recent to be unlocked, unless `at_once`."""
         if self.safety.mode == safety.MODE_PROTECTIVE_STOP:
-            if self.timeline.t - self.safety.stopped_at < self.settings.protective_stop_lock_s:
+            recent = self.timeline.t - self.safety.stopped_at < self.settings.protective_stop_lock_s
+            if recent and not at_once:
                 return False
             self.safety.clear()
         return True

@@ -10,7 +10,15 @@ ENDED = object()  # returned by `next` once a generator is exhausted
 
 
 class ProgramError(Exception):
-    """A runtime error of the program: the controller stops it."""
+    """A text that is no program, or a runtime error of one: the controller stops it.
+
+    Attributes:
+        line, column: place in the text, from 1; 0 where it is not known.
+    """
+
+    def __init__(self, text: str, line: int = 0, column: int = 0) -> None:
+        super().__init__(text)
+        self.line, self.column = line, column
 
 
 class SuddenTargetChange(Exception):

@@ -22,7 +22,7 @@ from executor.simulator.interfaces import Connection, ConnectionHandler, Dashboa
 from executor.simulator.loop import SimulatorLoop
 from executor.simulator.physics import Arm
 from executor.simulator.physics.world import World
-from executor.simulator.program import Program, ProgramRunner, Stops
+from executor.simulator.program import Program, ProgramError, ProgramRunner, Stops, messages
 from executor.simulator.settings import SimulatorSettings
 from executor.simulator.simulation import Simulation
 from executor.simulator.truth import Truth, truth_of
@@ -263,18 +263,24 @@ def connect() -> Iterator[Connect]:
 
 
 class ProgramParts:
-    """Runner and stops of a program that counts its cycles: no controller, no arm.
+    """Runner and stops of a program that counts its cycles: no controller, no arm. The text "wrong" does not compile.
 
-    `at_rest` stands in for the arm; `failure` is raised by the program in its next cycle.
+    `said` are the messages to the clients; `at_rest` stands in for the arm; `failure` is raised by the program in its
+    next cycle.
     """
 
     def __init__(self, settings: SimulatorSettings = ORDINARY) -> None:
         self.timeline, self.at_rest, self.turns = Timeline(0.002), True, 0
         self.failure: Exception | None = None
-        self.runner = ProgramRunner(
-            lambda text: Program("counting", self._count()), lambda: self.at_rest, self.timeline, settings
-        )
+        self.runner = ProgramRunner(self._load, lambda: self.at_rest, self.timeline, settings)
+        self.said: list[messages.Message] = []
+        self.runner.board.listeners.append(self.said.append)
         self.safety, self.stops = self.runner.safety, Stops(self.runner)
+
+    def _load(self, text: str) -> Program:
+        if text == "wrong":
+            raise ProgramError("no such text", 2, 3)
+        return Program("counting", self._count())
 
     def _count(self) -> Iterator[None]:
         while self.turns < 1000:

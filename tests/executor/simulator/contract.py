@@ -307,6 +307,14 @@ def digital_outputs(c: ContractClient) -> None:
             assert c.wait(lambda bit=bit, level=level: c.receive.getDigitalOutState(bit) == level), (bit, level)
 
 
+def custom_scripts(c: ContractClient) -> None:
+    """Interpreted by the controller, in the place of the control program, which the client uploads again after it."""
+    assert c.control.sendCustomScriptFunction("mine", "  write_output_integer_register(18, 7)\n  sleep(0.02)\n")
+    assert c.wait(lambda: c.receive.getOutputIntRegister(18) == 7)
+    assert c.control.isProgramRunning()
+    assert c.control.isSteady()
+
+
 def analog_outputs(c: ContractClient) -> None:
     assert c.io.setAnalogOutputVoltage(0, 0.5)
     assert c.wait(lambda: abs(c.receive.getStandardAnalogOutput0() - 0.5) < 1.0)
@@ -481,6 +489,7 @@ CALLS = (
     stop_and_upload_again,
     digital_outputs,
     analog_outputs,
+    custom_scripts,
     speed_slider,
     input_registers_are_accepted,
     forward_and_inverse_kinematics,

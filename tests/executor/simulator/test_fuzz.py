@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 
 from executor.simulator.interfaces import wire
 from executor.simulator.interfaces.variables import INPUT_TYPES, OUTPUT_TYPES
-from executor.simulator.settings import CONTROL_PORT, DASHBOARD_PORT, RTDE_PORT, SCRIPT_PORT
+from executor.simulator.settings import CONTROL_PORT, DASHBOARD_PORT, PRIMARY_PORT, RTDE_PORT, SCRIPT_PORT
 from executor.simulator.simulation import Simulation
 
 from .conftest import Driven, Peer, Simulator, Start, dashboard_server, make_cell
 
-PORTS = [RTDE_PORT, SCRIPT_PORT, DASHBOARD_PORT, CONTROL_PORT]
+PORTS = [RTDE_PORT, SCRIPT_PORT, PRIMARY_PORT, DASHBOARD_PORT, CONTROL_PORT]
 NAMES = st.lists(st.sampled_from([*OUTPUT_TYPES, *INPUT_TYPES, "nonsense", "", "é"]), max_size=60).map(
     lambda names: ",".join(names).encode()
 )
@@ -42,6 +42,8 @@ LINES = st.one_of(
             b"quit\n",
             b"end\n",
             b"def rtde_control():\n",
+            b"sec x():\n",
+            b"set robotmode run\n",
             b'{"op": "state"}\n',
             b'{"op": "world", "after": "x"}\n',
             b'{"op": []}\n',
@@ -56,7 +58,7 @@ LINES = st.one_of(
 )
 
 
-@pytest.mark.parametrize("port", ["rtde", "script", "dashboard", "control"])
+@pytest.mark.parametrize("port", ["rtde", "script", "primary", "dashboard", "control"])
 @settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_no_bytes_break_the_loop(simulation: Simulation, port: str, data: st.DataObject) -> None:

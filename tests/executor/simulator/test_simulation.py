@@ -10,7 +10,7 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from executor.simulator.interfaces import wire
+from executor.simulator.interfaces import OUTPUT_TYPES, wire
 from executor.simulator.output_values import OutputValues
 from executor.simulator.program.runner import PAUSED, PLAYING, STOPPED
 from executor.simulator.simulation import Simulation
@@ -27,6 +27,7 @@ def packages(data: bytes) -> list[tuple[int, bytes]]:
 @pytest.fixture
 def rtde(simulation: Simulation) -> Iterator[Peer]:
     peer = Peer(simulation, "rtde")
+    assert peer.send(wire.package(wire.REQUEST_PROTOCOL_VERSION, b"\x00\x02"))
     yield peer
     peer.close()
 
@@ -38,7 +39,7 @@ def outputs(frequency: float, names: str) -> bytes:
 # -- RTDE
 def test_protocol_and_controller_version(rtde: Peer):
     assert packages(rtde.send(wire.package(86, b"\x00\x02"))) == [(86, b"\x01")]
-    assert packages(rtde.send(wire.package(86, b"\x00\x01"))) == [(86, b"\x00")]
+    assert packages(rtde.send(wire.package(86, b"\x00\x03"))) == [(86, b"\x00")]
     ((kind, body),) = packages(rtde.send(wire.package(118)))
     assert (kind, struct.unpack(">IIII", body)[:3]) == (118, (5, 11, 1))
 
@@ -55,6 +56,50 @@ def test_outputs_come_at_the_requested_frequency(rtde: Peer, simulation: Simulat
         np.testing.assert_allclose(np.diff(stamps), 20 / count * 0.002, atol=1e-12)
     assert packages(rtde.send(wire.package(wire.PAUSE)))[-1] == (80, b"\x01")
     assert rtde.send(b"", cycles=5) == b""
+
+
+def test_the_first_version_of_the_protocol_has_no_frequency_and_no_recipe_id(rtde: Peer, simulation: Simulation):
+    assert packages(rtde.send(wire.package(86, b"\x00\x01"))) == [(86, b"\x01")]
+    assert packages(rtde.send(wire.package(79, b"timestamp,runtime_state"))) == [(79, b"DOUBLE,UINT32")]
+    assert packages(rtde.send(wire.package(79, b"timestamp,nonsense"))) == [(79, b"DOUBLE,NOT_FOUND")]
+    simulation.controller.timeline.cycles = 0
+    rtde.send(wire.package(wire.START), cycles=0)
+    found = packages(rtde.send(b"", cycles=20))
+    assert [kind for kind, _ in found] == [85] * 5  # at 125 Hz
+    assert struct.unpack(">dI", found[-1][1]) == (0.04, simulation.controller.runner.runtime)
+
+
+def test_every_variable_of_the_guide_is_answered_with_its_type(rtde: Peer):
+    """The widths are the guide's; the values must be numbers of the type, so that the package can be built at all."""
+    types = OUTPUT_TYPES
+    ((kind, body),) = packages(rtde.send(outputs(500.0, ",".join(types))))
+    assert (kind, body[:1], body[1:].decode().split(",")) == (79, b"\x01", [*types.values()])
+    answers = packages(rtde.send(wire.package(wire.START)))
+    assert answers[0] == (83, b"\x01")
+    width = {"DOUBLE": 8, "INT32": 4, "UINT32": 4, "UINT64": 8, "UINT8": 1, "BOOL": 1}
+    width |= {"VECTOR3D": 24, "VECTOR6D": 48, "VECTOR6INT32": 24}
+    assert len(answers[1][1]) == 1 + sum(width[kind] for kind in types.values())
+
+
+def test_inputs_can_be_read_back_as_outputs(rtde: Peer):
+    names = ["input_int_register_5", "input_double_register_47", "input_bit_register_65", "input_bit_registers0_to_31"]
+    assert packages(rtde.send(wire.package(73, ",".join(names).encode())))[0][1] == b"\x01INT32,DOUBLE,BOOL,UINT32"
+    assert packages(rtde.send(outputs(500.0, ",".join(names))))[0][1] == b"\x01INT32,DOUBLE,BOOL,UINT32"
+    rtde.send(wire.package(wire.START))
+    sent = struct.pack(">Bid?I", 1, -5, 2.5, True, 1 << 31 | 5)
+    assert packages(rtde.send(wire.package(85, sent)))[-1] == (85, sent)
+
+
+def test_text_messages_go_both_ways(rtde: Peer, simulation: Simulation):
+    message = b"\x05hello\x04test\x03"
+    assert rtde.send(wire.package(77, message)) == b""
+    assert simulation.controller.timeline.events[-1][1] == "RTDE client: hello"
+    rtde.send(outputs(500.0, "timestamp"))
+    rtde.send(wire.package(wire.START))
+    kinds = dict(packages(rtde.send(wire.package(85, b"\x07"))))
+    text = kinds[77]
+    assert b"package of type 85 ignored" in text[1 : 1 + text[0]]
+    assert text[1 + text[0] :] == b"\x04RTDE\x02"
 
 
 def test_start_without_a_recipe_is_refused(rtde: Peer):

@@ -47,6 +47,15 @@ def test_anything_else_ends_the_run(bits: int, runtime: int, scaling: float, out
     assert word in caught.value.reason
 
 
+@pytest.mark.parametrize(
+    ("bits", "mode", "outcome"), [(1, 3, "power_off"), (1, -1, "power_off"), (1 << 6 | 1 << 7, 3, "emergency_stop")]
+)
+def test_an_arm_without_power_is_told_from_a_program_that_was_stopped(bits: int, mode: int, outcome: str) -> None:
+    with pytest.raises(StreamFault) as caught:
+        check_state(bits, 1, 1.0, mode)
+    assert caught.value.outcome == outcome
+
+
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 3.0001, -3.0001])
 def test_a_command_out_of_bounds_is_never_sent(bad: float) -> None:
     with pytest.raises(StreamFault, match=r"bug in Fling: joint 3 was commanded .*, limit 3"):

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from executor.simulator.interfaces import DashboardServer
 from executor.simulator.program import PAUSED
 from executor.simulator.settings import ControllerIdentity, SimulatorSettings
 
-from ..conftest import Connect, ProgramParts
+from ..conftest import SCRIPT, Connect, ProgramParts
 
 IDENTITY = ControllerIdentity((5, 22, 0), 9, "42", "UR10")
 
@@ -63,6 +65,62 @@ def test_local_control_refuses_commands_but_answers_questions(parts: ProgramPart
     parts.runner.remote_control = False
     for command in ("play", "stop", "power off", "load x.urp", "shutdown"):
         assert "not in remote control" in dashboard.answer(command)
+    assert dashboard.answer("robotmode") == "Robotmode: RUNNING"
+
+
+def test_a_stored_program_is_loaded_and_played(parts: ProgramParts, tmp_path: Path):
+    (tmp_path / "wait.script").write_text(SCRIPT)
+    dashboard = DashboardServer(IDENTITY, parts.stops, tmp_path)
+    assert dashboard.answer("get loaded program") == "No program loaded"
+    assert dashboard.answer("play") == "Failed to execute: play"
+    for missing in ("other.urp", "../wait.urp", "/etc/passwd", "\0"):
+        assert dashboard.answer(f"load {missing}").startswith("File not found")
+    for path in ("wait.urp", "/ursim/programs/wait.urp"):
+        assert dashboard.answer(f"load {path}") == f"Loading program: {path}"
+        assert dashboard.answer("get loaded program") == f"Loaded program: {path}"
+    assert dashboard.answer("programState") == "STOPPED wait.urp"
+    assert dashboard.answer("isProgramSaved") == "true wait.urp"
+    assert dashboard.answer("play") == "Starting program"
+    parts.cycle(30)
+    assert dashboard.answer("programState") == "PLAYING wait.urp"
+    dashboard.answer("pause")
+    assert dashboard.answer("play") == "Starting program"  # goes on where it was
+    assert (parts.runner.playing, parts.runner.due) == (True, None)
+
+
+def test_operational_mode_installation_and_reports(dashboard: DashboardServer):
+    assert dashboard.answer("get operational mode") == "NONE"
+    assert dashboard.answer("set operational mode AUTOMATIC") == "Operational mode 'AUTOMATIC' is set"
+    assert dashboard.answer("get operational mode") == "AUTOMATIC"
+    assert dashboard.answer("set operational mode x").startswith("Failed")
+    assert dashboard.answer("clear operational mode").startswith("No longer controlling the operational mode.")
+    assert dashboard.answer("get operational mode") == "NONE"
+    assert dashboard.answer("load installation default.installation") == "Loading installation: default.installation"
+    assert dashboard.answer("load installation x").startswith("File not found")
+    assert dashboard.answer("generate flight report controller") == "Flight Report generated with id: 1"
+    assert dashboard.answer("generate support file .") == "Completed successfully: ./support_2.zip"
+    assert dashboard.answer("saveLog") == "Log saved to disk"
+
+
+def test_each_generation_has_its_own_commands(parts: ProgramParts, dashboard: DashboardServer):
+    cb3 = DashboardServer(ControllerIdentity((3, 15, 0), 9, "42", "UR10"), parts.stops)
+    for command in ("safetystatus", "is in remote control", "set operational mode MANUAL"):
+        assert cb3.answer(command).startswith("could not understand")
+    assert cb3.answer("setUserRole PROGRAMMER") == "Setting user role: PROGRAMMER"
+    assert cb3.answer("getUserRole") == "PROGRAMMER"
+    assert dashboard.answer("getUserRole").startswith("could not understand")
+
+
+def test_without_remote_control_in_the_settings_nothing_is_refused():
+    parts = ProgramParts(SimulatorSettings(remote_control_enabled=False))
+    dashboard = DashboardServer(IDENTITY, parts.stops)
+    assert dashboard.answer("is in remote control") == "false"
+    assert dashboard.answer("power off") == "Powering off"
+
+
+def test_a_brake_release_powers_the_arm_too(dashboard: DashboardServer):
+    dashboard.answer("power off")
+    dashboard.answer("brake release")
     assert dashboard.answer("robotmode") == "Robotmode: RUNNING"
 
 

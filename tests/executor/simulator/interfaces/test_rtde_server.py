@@ -41,6 +41,7 @@ def packages(data: bytes) -> list[tuple[int, bytes]]:
 
 
 def set_up(line: Line, frequency: float, names: bytes) -> None:
+    assert line.send(wire.package(wire.REQUEST_PROTOCOL_VERSION, b"\x00\x02"))
     assert packages(line.send(wire.package(wire.SETUP_OUTPUTS, struct.pack(">d", frequency) + names)))[0][1][0] == 1
     assert packages(line.send(wire.package(wire.START))) == [(wire.START, b"\x01")]
 

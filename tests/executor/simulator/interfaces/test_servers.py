@@ -19,6 +19,25 @@ def test_programs_are_handed_on_whole_one_by_one(connect: Connect):
     assert uploaded == ["def a():\n  if x:\n  end\nend\n", "def b():\nend \r\n"]
 
 
+def test_blocks_are_counted_so_that_no_indentation_is_needed(connect: Connect):
+    uploaded: list[str] = []
+    line = connect(ScriptServer(uploaded.append, lambda note: None))
+    program = b"def a():\nif x:\nend_it()\nend\n#end\nwhile y:\nend\nend\n"
+    for byte in program + b"movej(q)\n":
+        line.send(bytes([byte]))
+    assert uploaded == [program.decode(), "movej(q)\n"]
+
+
+def test_single_lines_are_programs_and_known_commands_are_obeyed(connect: Connect):
+    uploaded: list[str] = []
+    obeyed: list[str] = []
+    commands = {"power on": lambda: obeyed.append("power on")}
+    line = connect(ScriptServer(uploaded.append, lambda note: None, commands))
+    line.send(b"\n  # a remark\nstopj(2)\nPower  On\r\npower offf\n")
+    assert uploaded == ["stopj(2)\n", "power offf\n"]
+    assert obeyed == ["power on"]
+
+
 def test_a_text_without_end_is_noted_and_ends_the_connection(connect: Connect):
     notes: list[str] = []
     line = connect(ScriptServer(lambda text: None, notes.append))

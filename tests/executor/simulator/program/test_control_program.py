@@ -243,10 +243,11 @@ def test_a_path_is_read_from_the_text():
     assert (second.joints_move, second.is_pose, second.acceleration) == (False, True, 1.0)
 
 
-def test_an_unknown_script_is_refused():
+def test_any_other_script_is_run_as_a_script():
     driven = Driven(make_cell())
     driven.controller.runner.stop("test")
-    driven.controller.runner.upload("def mine():\n  popup(1)\nend\n")
+    driven.controller.runner.upload("def mine():\n  write_output_integer_register(20, 5)\nend\n")
     driven.cycle(100)
+    assert driven.out_int(20) == 5
     assert driven.controller.runner.runtime == STOPPED
-    assert "script refused: compile error" in driven.controller.timeline.events[-1][1]
+    assert driven.controller.timeline.events[-1][1] == "program stopped: it has come to its end"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from executor.simulator.physics import MotionConflict
-from executor.simulator.program import PAUSED, PLAYING, STOPPED, ProgramError, SuddenTargetChange
+from executor.simulator.program import PAUSED, PLAYING, STOPPED, ProgramError, SuddenTargetChange, messages
 from executor.simulator.settings import Decelerations, SimulatorSettings
 
 from ..conftest import SCRIPT, ProgramParts
@@ -27,11 +27,45 @@ def test_an_upload_plays_after_its_start_time_and_replaces_what_runs(parts: Prog
     assert "program stopped: replaced by a new script" in parts.notes
 
 
-def test_a_foreign_text_is_refused_and_what_runs_goes_on(parts: ProgramParts):
+def test_a_text_that_does_not_compile_ends_what_runs_all_the_same(parts: ProgramParts):
     parts.play()
-    parts.runner.upload("popup(1)\n")
+    parts.said.clear()
+    parts.runner.upload("wrong")
+    assert (parts.runner.runtime, parts.runner.program, parts.runner.due) == (STOPPED, None, None)
+    assert parts.notes[-1] == "script refused: no such text"
+    stopped, exception = parts.said
+    assert stopped == messages.KeyMessage("PROGRAM_XXX_STOPPED", "counting")
+    assert exception == messages.RuntimeException(2, 3, "no such text")
+
+
+def test_a_secondary_program_runs_beside_and_ends_alone(parts: ProgramParts):
+    parts.play()
+    parts.runner.upload("sec beside():\nend\n")
     assert parts.runner.playing
-    assert parts.notes[-1].startswith("script refused: compile error")
+    parts.cycle(3)
+    assert len(parts.runner.secondary) == 1
+    parts.turns = 1000
+    parts.cycle(1)
+    assert not parts.runner.secondary
+
+
+def test_where_no_program_may_run_a_script_is_refused_with_an_error_code(parts: ProgramParts):
+    parts.play()
+    parts.runner.remote_control = False
+    parts.runner.upload(SCRIPT)
+    assert parts.runner.playing
+    assert parts.said[-1] == messages.ErrorCode(210, 0, messages.VIOLATION, "the robot is in local control")
+    parts.runner.remote_control = True
+    parts.stops.emergency()
+    parts.runner.upload(SCRIPT)
+    assert isinstance(parts.said[-1], messages.ErrorCode)
+    assert not parts.runner.due
+
+
+def test_a_program_that_was_about_to_start_is_named_when_it_is_stopped(parts: ProgramParts):
+    parts.runner.upload(SCRIPT)
+    parts.runner.stop("dashboard: stop")
+    assert parts.said == [messages.KeyMessage("PROGRAM_XXX_STOPPED", "counting")]
 
 
 def test_a_program_has_one_turn_a_cycle_while_it_plays(parts: ProgramParts):

@@ -1,0 +1,135 @@
+"""The syntax tree of a script: expressions and statements, each with its place in the text."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class Place:
+    """Line and column of the text, both from 1."""
+
+    line: int
+    column: int
+
+
+@dataclass(frozen=True)
+class Node:
+    """Any part of the tree."""
+
+    place: Place
+
+
+@dataclass(frozen=True)
+class Literal(Node):
+    """A number, a string, True or False."""
+
+    value: float | str | bool
+
+
+@dataclass(frozen=True)
+class Name(Node):
+    """A variable or a constant."""
+
+    name: str
+
+
+@dataclass(frozen=True)
+class Items(Node):
+    """`[a, b]`, or a pose `p[x, y, z, rx, ry, rz]`."""
+
+    items: tuple[Node, ...]
+    is_pose: bool
+
+
+@dataclass(frozen=True)
+class Operation(Node):
+    """An operator on one or two operands."""
+
+    operator: str
+    operands: tuple[Node, ...]
+
+
+@dataclass(frozen=True)
+class Index(Node):
+    """`container[index]`."""
+
+    container: Node
+    index: Node
+
+
+@dataclass(frozen=True)
+class Call(Node):
+    """A call; `run` starts it as a thread instead of waiting for it."""
+
+    name: str
+    arguments: tuple[Node, ...]
+    named: tuple[tuple[str, Node], ...]
+    run: bool = False
+
+
+@dataclass(frozen=True)
+class Assignment(Node):
+    """`target = value`; `scope` is "global", "local" or empty."""
+
+    target: Node
+    value: Node
+    scope: str
+
+
+@dataclass(frozen=True)
+class Branches(Node):
+    """`if`, `elif`, `else`: conditions with their blocks, the last one without a condition if there is an else."""
+
+    branches: tuple[tuple[Node | None, tuple[Node, ...]], ...]
+
+
+@dataclass(frozen=True)
+class While(Node):
+    """A loop."""
+
+    condition: Node
+    block: tuple[Node, ...]
+
+
+@dataclass(frozen=True)
+class Jump(Node):
+    """`return`, `break`, `continue`, `halt` or `pass`."""
+
+    word: str
+    value: Node | None = None
+
+
+@dataclass(frozen=True)
+class ThreadCommand(Node):
+    """`kill` or `join` of a thread's handle."""
+
+    word: str
+    handle: Node
+
+
+@dataclass(frozen=True)
+class Function(Node):
+    """`def`, `sec` or `thread`, with parameters and body."""
+
+    kind: str
+    name: str
+    parameters: tuple[str, ...]
+    block: tuple[Node, ...] = field(repr=False)
+
+
+def children(node: Node) -> Sequence[Node]:
+    """Returns the nodes directly below a node."""
+    found: list[Node] = []
+    for value in vars(node).values():
+        _collect(value, found)
+    return found
+
+
+def _collect(value: object, found: list[Node]) -> None:
+    if isinstance(value, Node):
+        found.append(value)
+    elif isinstance(value, tuple):
+        for item in value:
+            _collect(item, found)
