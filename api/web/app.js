@@ -57,6 +57,7 @@ async function showRobot() {
     if (!executor || !executor.alive) lines.push(`no executor: fling executor --cell ${cell}`);
     if (robot && robot.positions) lines.push(`joints ${robot.positions.map((q) => q.toFixed(2)).join("  ")} rad`);
     for (const reason of (robot && robot.refusals) || []) lines.push(reason);
+    for (const warning of (robot && robot.warnings) || []) lines.push(`warning: ${warning}`);
     if (fault) lines.push(`fault: ${fault.reason || JSON.stringify(fault)}`);
     if (execution_id) lines.push("an execution is running");
     $("robot").replaceChildren(...(lines.length ? lines : ["at rest"]).map((line) => element("div", line)));

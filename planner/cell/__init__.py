@@ -4,8 +4,9 @@ All facts about a site are in its cell file; the arm's own data are in `planner.
 """
 
 from planner.cell.fields import choice, merge_defaults, number, vector
-from planner.cell.file import CellSource, calibration_path, cell_of, load_cell, parse_cell, read_source
+from planner.cell.file import cell_of, load_cell, parse_cell
 from planner.cell.model import Box, Cell, Limits, Safety, ToolCapsule
+from planner.cell.source import CellSource, calibration_path, read_source
 
 __all__ = [
     "Box",

@@ -70,8 +70,9 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
         BackendUnavailable: casadi is not installed.
     """
     _require_casadi()
-    from planner.backends.casadi_nlp.answer import SPARE_TICKS, KnotStates, answer, solved, with_room
+    from planner.backends.casadi_nlp.answer import SPARE_TICKS, KnotStates, answer, solved
     from planner.backends.casadi_nlp.instance import Instance
+    from planner.backends.casadi_nlp.release_state import with_room
     from planner.backends.casadi_nlp.solver import Solver
 
     problem = with_room(problem)

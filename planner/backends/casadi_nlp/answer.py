@@ -8,15 +8,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from planner.backends.casadi_nlp.functions import evaluate
-from planner.backends.casadi_nlp.instance import Instance, drag_free_aim, release_parameters
-from planner.backends.casadi_nlp.layout import NZ, QD, QDD, TIME, Q, Vector
+from planner.backends.casadi_nlp.instance import Instance
+from planner.backends.casadi_nlp.layout import QD, QDD, TIME, Q, Vector
+from planner.backends.casadi_nlp.release_state import (
+    aimed,
+    corrected_at,
+    is_free_release_of_measured_arm,
+    measured_aim,
+    only_lands,
+    refined_release,
+)
 from planner.backends.casadi_nlp.solver import Solver
-from planner.backends.casadi_nlp.symbols import FORMULAS, RELEASE_ROWS
 from planner.errors import SolverFailed
 from planner.flight import landing_points
 from planner.geometry import tool_state
-from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.problem import ThrowProblem
 from planner.solution import Solution
 from planner.timing import RESERVES, onto_grid
 from planner.trajectory import Trajectory, join
@@ -28,14 +34,7 @@ LEAST_TICKS = 4  # [ticks] of a phase: three are needed to reach an end state
 EXTRA_TICKS = (1, 2, 3)  # [ticks] given to launch and brake where the least number breaks a limit
 LIMIT_ROUNDING = 1e-8  # [-] share of a limit that floating point may exceed
 DRAG_ROUNDS = 3  # corrections of the aim for drag; each leaves a tenth of the error or less
-REFINEMENT_ROUNDS = 6  # Newton iterations on the release state
-# [-] of a calibrated arm, whose Jacobian is known to a hundredth: each leaves a hundredth of the error or less
-CALIBRATED_ROUNDS = 12
 CORRECTIONS = 3  # [-] further solutions at most for a calibrated arm; each leaves some hundredths of the error
-CLOSE = 3e-3  # [m, m/s] error of a release that needs none of them, as solving on ticks corrects it as well
-ROOM = 3e-3  # [m, m/s, rad] that a correction moves place, speed and elevation of the release, at most as a rule
-REFINED = 1e-9  # [m, m/s] residual at which they stop: a ten-thousandth of the certificate's tolerance
-MISSED = 0.05  # [m, m/s] a solution this far from its release has none
 WINDOW_ROUNDS = 3  # further solutions at most that bring the landings of a window back into the tolerance
 OVERCORRECTION = 1.5  # [-] of a landing error beyond the tolerance between two knots: correction at the knots
 SAMPLES_PER_STAGE = 4  # landings evaluated in each stage of the window, once the motion is on ticks
@@ -85,26 +84,6 @@ class KnotStates:
         return q, self.qd[i] + s * (self.qdd[i] + s * jerk / 2.0), self.qdd[i] + s * jerk
 
 
-def with_room(problem: ThrowProblem) -> ThrowProblem:
-    """Returns the problem, for a calibrated arm with room in the bounds on the release.
-
-    The refined release keeps what is asked exactly, such as the landing, and moves within this room else.
-    """
-    release = problem.release
-    if problem.cell.robot.fixed is None or not isinstance(release, TargetRelease):
-        return problem
-    low, high = release.min_elevation_rad, release.max_elevation_rad
-    room = min(ROOM, max(high - low, 0.0) / 4.0)
-    inner = replace(
-        release,
-        max_speed_m_s=release.max_speed_m_s - ROOM,
-        min_elevation_rad=low + room if low > -math.pi / 2 else low,
-        max_elevation_rad=high - room if high < math.pi / 2 else high,
-        min_horizontal_distance_m=release.min_horizontal_distance_m + ROOM * (release.min_horizontal_distance_m > 0.0),
-    )
-    return replace(problem, release=inner)
-
-
 def solved(instance: Instance, solver: Solver) -> tuple[Instance, Vector]:
     """Returns the variables (N + 1, NZ) of the solution, in SI units, and the instance that it solves.
 
@@ -115,10 +94,10 @@ def solved(instance: Instance, solver: Solver) -> tuple[Instance, Vector]:
         SolverFailed: the solver gave up, or the budget is spent.
     """
     z = solver.solve(instance)
-    for _ in range(CORRECTIONS if _is_free_release_of_measured_arm(instance.problem) else 0):
+    for _ in range(CORRECTIONS if is_free_release_of_measured_arm(instance.problem) else 0):
         found = KnotStates.of(z, instance.stages.launch)
         state = (found.q[found.launch], found.qd[found.launch])
-        corrected = _corrected(instance, state)
+        corrected = corrected_at(instance, state)
         if corrected is None:
             break
         corrected = corrected.from_guess(found, instance.landing_offsets)
@@ -127,26 +106,6 @@ def solved(instance: Instance, solver: Solver) -> tuple[Instance, Vector]:
             break
         instance, z = corrected, again
     return instance, z
-
-
-def _is_free_release_of_measured_arm(problem: ThrowProblem) -> bool:
-    return problem.cell.robot.fixed is not None and not isinstance(problem.release, JointRelease | PoseRelease)
-
-
-def _corrected(instance: Instance, state: tuple[Vector, Vector]) -> Instance | None:
-    """Returns the instance with its arm fitted, then its aim moved, at a release q, qd (6,); None if that is close.
-
-    The arm is fitted once: the soonest throw among many like it moves with each fit.
-    """
-    problem = instance.problem
-    aim, z = _measured_aim(problem, state, instance.aim), _stage(instance, state)
-    rows, jacobian = _release_rows(instance, z, aim)
-    residual, _ = _release_residual(problem, z, _measured_rows(problem, rows, state, aim), jacobian)
-    if np.abs(residual).max() < CLOSE:
-        return None
-    if instance.fitted_at is None or not _only_lands(problem):
-        return replace(instance, fitted_at=state, aim=aim)
-    return _aimed(instance, state, aim)
 
 
 def answer(instance: Instance, z: Vector, solver: Solver) -> Solution:
@@ -224,7 +183,7 @@ def least_ticks(duration_s: float, dt: float) -> int:
 def _solved_on_times(instance: Instance, z: Vector, solver: Solver, ticks: tuple[int, int]) -> Trajectory | None:
     """Returns the motion solved again with its times fixed to `ticks`, None if the solver gives up."""
     made, dt, problem = None, instance.problem.dt, instance.problem
-    for correction in range(1 + (CORRECTIONS if _is_free_release_of_measured_arm(problem) else 0)):
+    for correction in range(1 + (CORRECTIONS if is_free_release_of_measured_arm(problem) else 0)):
         instance = instance.on_times(z, ticks[0] * dt, sum(ticks) * dt)
         again = solver.try_correction(instance) if correction else solver.try_solve(instance)
         if again is None:
@@ -242,36 +201,16 @@ def _through_release(instance: Instance, found: KnotStates, ticks: tuple[int, in
     Its aim is corrected for the drag, and for what the formulas' arm lacks of a calibrated one.
     """
     problem, state = instance.problem, (found.q[found.launch], found.qd[found.launch])
-    aim = instance.aim if problem.cell.robot.fixed is None else _measured_aim(problem, state, instance.aim)
+    aim = instance.aim if problem.cell.robot.fixed is None else measured_aim(problem, state, instance.aim)
     for _ in range(DRAG_ROUNDS if problem.drag > 0.0 else 1):
         state = refined_release(instance, state, aim)
-        aim = _measured_aim(problem, state, aim)
+        aim = measured_aim(problem, state, aim)
     if problem.drag > 0.0:
         state = refined_release(instance, state, aim)
     corrected = replace(instance, aim=aim)
-    if _is_free_release_of_measured_arm(problem):
-        corrected = _aimed(instance, state, aim) if _only_lands(problem) else replace(corrected, fitted_at=state)
+    if is_free_release_of_measured_arm(problem):
+        corrected = aimed(instance, state, aim) if only_lands(problem) else replace(corrected, fitted_at=state)
     return _sampled_on_ticks(problem, found, state, ticks), corrected
-
-
-def _only_lands(problem: ThrowProblem) -> bool:
-    """Returns whether nothing but the landing is asked of the release."""
-    return isinstance(problem.release, TargetRelease) and problem.release.release_position is None
-
-
-def _measured_aim(problem: ThrowProblem, state: tuple[Vector, Vector], otherwise: Vector) -> Vector:
-    """Returns the aim (3,) [m] of the flight without drag from a state q, qd (6,); `otherwise` without a target."""
-    if not isinstance(problem.release, TargetRelease):
-        return otherwise
-    tool = tool_state(problem.cell, *state)
-    return drag_free_aim(problem, problem.release.p_W, tool.p_WT, tool.v_WT)
-
-
-def _aimed(instance: Instance, state: tuple[Vector, Vector], aim: Vector) -> Instance:
-    """Returns the instance whose arm, aiming there from a state q, qd (6,), makes the calibrated one land on `aim`."""
-    rows, _ = _release_rows(instance, _stage(instance, state), aim)
-    apart = rows - _measured_rows(instance.problem, rows, state, aim)
-    return replace(instance, aim=aim + np.append(apart[RELEASE_ROWS.slices["landing"]], 0.0))
 
 
 def _sampled_on_ticks(
@@ -312,84 +251,6 @@ def _keeps_joint_limits(problem: ThrowProblem, made: Trajectory) -> bool:
     limits, room = problem.limits, 1.0 + LIMIT_ROUNDING
     pairs = ((made.qd, limits.qd_max), (made.qdd, limits.qdd_max), (made.jerk, limits.jerk_max))
     return all(bool((np.abs(values) <= limit * room).all()) for values, limit in pairs)
-
-
-def refined_release(instance: Instance, state: tuple[Vector, Vector], aim: Vector) -> tuple[Vector, Vector]:
-    """Returns the release state q, qd (6,) next to `state` that fulfils the request exactly.
-
-    A solver fulfils it to its tolerance, the certificate asks for more: Newton's iteration with the least change of
-    joint positions and scaled velocities.
-
-    Args:
-        instance: as it was solved.
-        state: q and qd (6,) of the solution.
-        aim: landing point of the drag-free flight (3,) [m].
-
-    Raises:
-        SolverFailed: the state is too far off.
-    """
-    problem = instance.problem
-    if isinstance(problem.release, JointRelease | PoseRelease):
-        return instance.candidate.q, instance.candidate.qd
-    z, is_measured = _stage(instance, state), problem.cell.robot.fixed is not None
-    for _ in range(CALIBRATED_ROUNDS if is_measured else REFINEMENT_ROUNDS):
-        rows, jacobian = _release_rows(instance, z, aim)
-        if is_measured:
-            rows = _measured_rows(problem, rows, (z[Q], z[QD] * instance.scales[QD]), aim)
-        residual, gradient = _release_residual(problem, z, rows, jacobian)
-        if np.abs(residual).max() < REFINED:
-            break
-        if np.abs(residual).max() > MISSED:
-            raise SolverFailed("the solution misses its release")
-        z[:12] = z[:12] - np.linalg.lstsq(gradient, residual, rcond=None)[0]
-    return z[Q], z[QD] * instance.scales[QD]
-
-
-def _stage(instance: Instance, state: tuple[Vector, Vector]) -> Vector:
-    """Returns the scaled variables (NZ,) of a stage that begins at q, qd (6,)."""
-    z = np.zeros(NZ)
-    z[Q], z[QD] = state[0], state[1] / instance.scales[QD]
-    return z
-
-
-def _release_rows(instance: Instance, z: Vector, aim: Vector) -> tuple[Vector, Vector]:
-    """Returns `RELEASE_ROWS` at z (NZ,) for an aim (3,) [m], and their Jacobian (m, 12) by q and scaled qd."""
-    given = {**instance.shared_parameters, "release": release_parameters(instance.problem, aim)}
-    parameters = np.concatenate([given[piece] for piece in FORMULAS["release"].parameters])
-    rows, jacobian = evaluate(instance.transcription.blocks["release"].slope, z, parameters)
-    return rows.ravel(), jacobian[:, :12]
-
-
-def _measured_rows(problem: ThrowProblem, rows: Vector, state: tuple[Vector, Vector], aim: Vector) -> Vector:
-    """Returns `RELEASE_ROWS` with position, velocity and landing of a calibrated arm's measured chain."""
-    tool, rows, at = tool_state(problem.cell, *state), rows.copy(), RELEASE_ROWS.slices
-    rows[at["position"]], rows[at["velocity"]] = tool.p_WT, tool.v_WT
-    landed = landing_points(tool.p_WT, tool.v_WT, float(aim[2]), problem.gravity)
-    rows[at["landing"]] = landed[:2] - aim[:2]
-    return rows
-
-
-def _release_residual(problem: ThrowProblem, z: Vector, rows: Vector, jacobian: Vector) -> tuple[Vector, Vector]:
-    """Returns the residuals that must vanish (m,), and their Jacobian (m, 12) with respect to q and scaled qd.
-
-    Args:
-        problem: its release.
-        z: variables of the release's stage (NZ,).
-        rows: of `RELEASE_ROWS`.
-        jacobian: theirs, with respect to q and scaled qd.
-    """
-    release, at = problem.release, RELEASE_ROWS.slices
-    if isinstance(release, PointRelease):
-        required = {"position": release.p_WT, "velocity": release.v_WT}
-        if problem.ends_at_rest:
-            residual = np.concatenate([rows[at["position"]] - release.p_WT, z[QD]])
-            return residual, np.concatenate([jacobian[at["position"]], np.eye(12)[6:]])
-    else:
-        assert isinstance(release, TargetRelease)
-        required = {"landing": np.zeros(2), "position": release.release_position}
-    required = {name: value for name, value in required.items() if value is not None}
-    residual = np.concatenate([rows[at[name]] - value for name, value in required.items()])
-    return residual, np.concatenate([jacobian[at[name]] for name in required])
 
 
 def landing_errors_in_window(instance: Instance, states: States, release_s: float) -> Vector:
