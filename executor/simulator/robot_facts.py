@@ -40,12 +40,10 @@ def nominal_kinematics(robot: Robot) -> DenavitHartenberg:
     return DenavitHartenberg(_six(table.theta), _six(table.a), _six(table.d), _six(table.alpha))
 
 
-def checksum(kinematics: DenavitHartenberg) -> tuple[int, int, int, int, int, int]:
+def checksum(kinematics: DenavitHartenberg) -> tuple[int, ...]:
     """Returns one number a joint that changes with its parameters; UR publishes no formula."""
     k = kinematics
-    joints = zip(k.theta, k.a, k.d, k.alpha, strict=True)
-    found = tuple(zlib.crc32(struct.pack(">4d", *joint)) for joint in joints)
-    return found  # pyright: ignore[reportReturnType]
+    return tuple(zlib.crc32(struct.pack(">4d", *joint)) for joint in zip(k.theta, k.a, k.d, k.alpha, strict=True))
 
 
 def _six(values: Any) -> Any:

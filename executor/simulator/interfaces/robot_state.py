@@ -42,14 +42,14 @@ class RobotFacts:
     Attributes:
         nominal: kinematics of the model.
         calibrated: kinematics of this very arm.
-        checksum: of the calibration, one number a joint.
+        checksum: of the calibration, one number for each of the six joints.
         q_lower, q_upper, qd_max, qdd_max: limits a joint [rad, rad/s, rad/s^2].
         robot_type, robot_sub_type: numbers of the model.
     """
 
     nominal: DenavitHartenberg
     calibrated: DenavitHartenberg
-    checksum: tuple[int, int, int, int, int, int]
+    checksum: tuple[int, ...]
     q_lower: Six
     q_upper: Six
     qd_max: Six

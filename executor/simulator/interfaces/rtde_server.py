@@ -53,7 +53,7 @@ class RtdeServer(ConnectionHandler):
         self,
         identity: ControllerIdentity,
         timeline: Timeline,
-        outputs: MutableMapping[str, Sequence[float]],
+        outputs: MutableMapping[str, list[float]],
         take_inputs: Callable[[recipes.InputValues], None],
         derived: Derived | None = None,
     ) -> None:
@@ -197,6 +197,6 @@ class RtdeServer(ConnectionHandler):
                 connection.flush()
                 continue
             for name in session.derived:
-                self.outputs[name] = self.derived[name]()
+                self.outputs[name] = [*self.derived[name]()]
             connection.send(session.output.encode(self.outputs))
             session.packages_out += 1

@@ -42,7 +42,6 @@ class Script(Program):
     Attributes:
         context: parts of the controller that its functions may use.
         functions: the script's own functions and threads by name.
-        is_secondary: whether it runs beside the program (`sec`) instead of in its place.
     """
 
     def __init__(self, context: ProgramContext, text: str) -> None:
@@ -58,7 +57,6 @@ class Script(Program):
         self.globals: Frame = {}
         self.functions = {f.name: f for f in _functions_in(body)}
         self.handles = self.spent = self.calls = 0
-        self.is_secondary = program is not None and program.kind == "sec"
         check_names(body, self.functions)
         super().__init__(program.name if program else UNNAMED, self._main(body))
 
@@ -101,18 +99,24 @@ class Script(Program):
     def assign(self, node: Assignment, frame: Frame) -> Evaluation:
         """Assigns to a variable or to an item."""
         value = yield from self.value(node.value, frame)
-        if isinstance(node.target, Index):
+        if isinstance(node.target, Name):
+            self._frame_of(node.target.name, node.scope, frame)[node.target.name] = value
+        elif isinstance(node.target, Index):
             container = yield from self.value(node.target.container, frame)
             index = yield from self.value(node.target.index, frame)
             before = self._item(node.target, container, index)
             if isinstance(before, list) != isinstance(value, list):
                 raise self.error(node, "an item keeps its type")
-            container[index] = self.combined(Items(node.place, (), False), [value])[0]
-        elif isinstance(node.target, Name):
-            name, is_global = node.target.name, node.scope == "global"
-            known = frame if name in frame or node.scope == "local" else self.globals
-            place = self.globals if is_global or (name in known and known is self.globals) else frame
-            place[name] = value
+            try:
+                container[index] = item(value)
+            except ValueError as error:
+                raise self.error(node, str(error)) from error
+
+    def _frame_of(self, name: str, scope: str, frame: Frame) -> Frame:
+        """Returns where a variable is assigned: where it is known already, unless its scope is given."""
+        if scope == "global" or (scope != "local" and name not in frame and name in self.globals):
+            return self.globals
+        return frame
 
     def branches(self, node: Branches, frame: Frame) -> Evaluation:
         """Runs the first block whose condition holds."""
@@ -240,7 +244,7 @@ class Script(Program):
             answer = function.body(self.context, *function.bound(arguments, named))
             return (yield from answer) if isinstance(answer, Generator) else answer
         except ProgramError as error:
-            raise self.error(node, str(error)) if not error.line else error from error
+            raise self.error(node, str(error)) from error
         except (TypeError, ValueError, ArithmeticError, LookupError) as error:
             raise self.error(node, f"{node.name}: {error}") from error
 
