@@ -1,13 +1,23 @@
-"""The database shared by service and executor: plans, executions, landings, cell status, idempotency keys, audit trail.
+"""The database shared by service and executor: plans, executions, experiments, landings, cells, keys, audit trail.
 
 `Store` is the only entry; all SQL of the project is in this package. SQLite in WAL mode by default, PostgreSQL by its
 URL. Times are seconds since the epoch.
 """
 
 from store.database import StoreError, StoreUnavailable, default_database_url
-from store.executions import CellBusy, UnknownExecution, UnknownPlan
+from store.executions import CellBusy, UnknownExecution, UnknownExperiment, UnknownPlan
 from store.idempotency_and_audit import KeyTaken
-from store.rows import CellRow, EventRow, ExecutionRow, IdempotencyKey, LandingRow, PlanRow, RecordingRow, new_id
+from store.rows import (
+    CellRow,
+    EventRow,
+    ExecutionRow,
+    ExperimentRow,
+    IdempotencyKey,
+    LandingRow,
+    PlanRow,
+    RecordingRow,
+    new_id,
+)
 from store.store import Store
 
 __all__ = [
@@ -15,6 +25,7 @@ __all__ = [
     "CellRow",
     "EventRow",
     "ExecutionRow",
+    "ExperimentRow",
     "IdempotencyKey",
     "KeyTaken",
     "LandingRow",
@@ -24,6 +35,7 @@ __all__ = [
     "StoreError",
     "StoreUnavailable",
     "UnknownExecution",
+    "UnknownExperiment",
     "UnknownPlan",
     "default_database_url",
     "new_id",

@@ -12,7 +12,7 @@ from sqlalchemy.exc import IntegrityError
 from store.database import Repository, StoreError, reading, writing
 from store.idempotency_and_audit import take_key
 from store.rows import EventRow, ExecutionRow, IdempotencyKey, RecordingRow, new_id
-from store.tables import events, executions, plans, recordings
+from store.tables import events, executions, experiments, plans, recordings
 
 UNFINISHED = executions.c.state != "finished"
 
@@ -27,6 +27,10 @@ class CellBusy(StoreError):
 
 class UnknownPlan(StoreError):
     """No plan has this id."""
+
+
+class UnknownExperiment(StoreError):
+    """No experiment has this id."""
 
 
 class UnknownExecution(StoreError):
@@ -47,20 +51,23 @@ class ExecutionRepository(Repository):
         dry_run: bool = False,
         requested_by: str = "",
         key: IdempotencyKey | None = None,
+        experiment_id: str | None = None,
     ) -> ExecutionRow:
-        """Queues one execution of a plan.
+        """Queues one execution of a plan, as part of an experiment if one is named.
 
         Raises:
             CellBusy: The cell has an unfinished execution.
             KeyTaken: `key` is bound to another execution.
-            UnknownPlan: There is no such plan.
+            UnknownPlan, UnknownExperiment: There is no such plan, or experiment.
         """
         id, now = new_id(), time.time()
         row = {"id": id, "plan_id": plan_id, "cell": cell, "mode": mode, "dry_run": dry_run}
+        row |= {"experiment_id": experiment_id}
         with writing(self._engine) as connection:
             take_key(connection, key, id, now)
             if connection.execute(select(plans.c.id).where(plans.c.id == plan_id)).one_or_none() is None:
                 raise UnknownPlan(f"no plan {plan_id!r}")
+            _require_experiment(connection, experiment_id)
             try:
                 insertion = insert(executions).values(**row, requested_by=requested_by, created_at=now, state="queued")
                 connection.execute(insertion)
@@ -170,6 +177,11 @@ class ExecutionRepository(Repository):
     def recording(self, execution_id: str) -> RecordingRow | None:
         """Returns the recording of an execution."""
         return self._row(RecordingRow, select(recordings).where(recordings.c.execution_id == execution_id))
+
+
+def _require_experiment(connection: Connection, id: str | None) -> None:
+    if id is not None and connection.execute(select(experiments.c.id).where(experiments.c.id == id)).first() is None:
+        raise UnknownExperiment(f"no experiment {id!r}")
 
 
 def _read_execution(connection: Connection, id: str) -> ExecutionRow:

@@ -53,6 +53,13 @@ STEPS: tuple[tuple[str, ...], ...] = (
             radius_m {float})""",
         "CREATE INDEX landings_of_execution ON landings (execution_id, id)",
     ),
+    (
+        """CREATE TABLE experiments (
+            id TEXT PRIMARY KEY, created_at {float} NOT NULL, name TEXT NOT NULL, created_by TEXT NOT NULL,
+            settings JSON NOT NULL)""",
+        "ALTER TABLE executions ADD COLUMN experiment_id TEXT REFERENCES experiments (id)",
+        "CREATE INDEX executions_of_experiment ON executions (experiment_id)",
+    ),
 )
 
 LATEST = len(STEPS)

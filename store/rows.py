@@ -55,6 +55,7 @@ class ExecutionRow:
     reason: str | None
     metrics: Mapping[str, Any] | None
     finished_at: float | None
+    experiment_id: str | None = None
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,17 @@ class LandingRow:
     std_m: float | None = None
     result: str | None = None
     radius_m: float | None = None
+
+
+@dataclass(frozen=True)
+class ExperimentRow:
+    """A series of executions; `settings` is what its client keeps with it."""
+
+    id: str
+    created_at: float
+    name: str
+    created_by: str
+    settings: Mapping[str, Any]
 
 
 @dataclass(frozen=True)

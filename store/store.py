@@ -10,13 +10,21 @@ from store import migrations
 from store.cell_status import CellStatusRepository
 from store.database import StoreError, StoreUnavailable, open_engine, reading
 from store.executions import ExecutionRepository
+from store.experiments import ExperimentRepository
 from store.idempotency_and_audit import ClientRepository
 from store.landings import LandingRepository
 from store.plans import PlanRepository
 
 
-class Store(PlanRepository, ExecutionRepository, LandingRepository, CellStatusRepository, ClientRepository):
-    """Plans, executions, events, recordings, landings, cell status, idempotency keys and the audit trail.
+class Store(
+    PlanRepository,
+    ExecutionRepository,
+    ExperimentRepository,
+    LandingRepository,
+    CellStatusRepository,
+    ClientRepository,
+):
+    """Plans, executions, events, recordings, experiments, landings, cell status, idempotency keys and the audit trail.
 
     Every method is one transaction. Threads may share a store; each process opens its own.
     """

@@ -26,6 +26,16 @@ plans = Table(  # written by api, never changed
     Column("document", LargeBinary, nullable=False),
 )
 
+experiments = Table(  # written by api, never changed
+    "experiments",
+    METADATA,
+    Column("id", Text, primary_key=True),
+    Column("created_at", Double, nullable=False),
+    Column("name", Text, nullable=False),
+    Column("created_by", Text, nullable=False),
+    Column("settings", JSON, nullable=False),
+)
+
 executions = Table(
     "executions",
     METADATA,
@@ -44,7 +54,9 @@ executions = Table(
     Column("reason", Text),  # executor
     Column("metrics", JSON(none_as_null=True)),  # executor
     Column("finished_at", Double),  # executor
+    Column("experiment_id", Text, ForeignKey("experiments.id")),  # api
 )
+executions_of_experiment = Index("executions_of_experiment", executions.c.experiment_id)
 
 # The database itself enforces one unfinished execution per cell.
 one_active = Index(

@@ -2,7 +2,15 @@
 
 from __future__ import annotations
 
-INVALID, INFEASIBLE, SOLVER_FAILED = 1, 2, 3
+import click
+
+INVALID, INFEASIBLE, SOLVER_FAILED, NOT_COMPLETED = 1, 2, 3, 4
+
+
+class NotCompleted(click.ClickException):
+    """An execution ended otherwise than completed."""
+
+    exit_code = NOT_COMPLETED
 
 
 def exit_status(problem: str) -> int:

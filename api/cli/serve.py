@@ -10,7 +10,7 @@ from typing import NoReturn
 
 import click
 
-from api.cli.truth_options import truth_arguments, truth_options
+from api.cli.simulator import truth_arguments, truth_options
 
 
 @click.command()

@@ -7,13 +7,26 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import click
 
-from api.cli.truth_options import truth_arguments, truth_options
-
 CONTROL_PORT = 29900  # of the simulator alone; source: docs/simulator.md
 TIMEOUT_S = 5.0  # [s] the simulator answers at once
+
+
+def truth_options(command: Any) -> Any:
+    """Adds the options --truth and --reveal of a simulated controller to a command."""
+    kind = click.Path(exists=True, dir_okay=False, path_type=Path)
+    command = click.option("--reveal", is_flag=True, help="Tell what --truth hides: the true release and landing.")(
+        command
+    )
+    return click.option("--truth", type=kind, help="How arm, gripper, object and camera really behave (TOML).")(command)
+
+
+def truth_arguments(truth: Path | None, reveal: bool) -> list[str]:
+    """Returns the arguments that give a simulated controller its truth file."""
+    return [*(["--truth", str(truth)] if truth else []), *(["--reveal"] if reveal else [])]
 
 
 @click.group(invoke_without_command=True)

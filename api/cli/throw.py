@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import os
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import click
 
-from api.cli.summary import landing_text, plan_text
+from api.cli.exit_status import NotCompleted
+from api.cli.progress import execute_plan, make_plan
+from api.cli.series import LOAD_HELP, LoadStep, load_step, read_targets, run_series, series_text
+from api.cli.summary import landing_text
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 BIN_HELP = "Throw into a round bin: its inner radius, and the height of its rim above X Y Z, the bottom's centre [m]."
@@ -27,9 +33,12 @@ def service_url(url: str | None) -> str:
 
 
 @click.command(context_settings={"ignore_unknown_options": True})  # negative coordinates are not options
-@click.argument("x", type=float)
-@click.argument("y", type=float)
-@click.argument("z", type=float)
+@click.argument("position", nargs=-1, type=float, metavar="X Y Z")
+@click.option("--targets", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="File: X Y Z a line [m].")
+@click.option("--repeat", type=click.IntRange(1, 10000), help="Throw this often at each target, as one experiment.")
+@click.option("--load", help=LOAD_HELP)
+@click.option("--name", default="", help="Name of the experiment.")
+@click.option("--json", "as_json", is_flag=True, help="Answer in JSON: the execution, or the experiment.")
 @click.option("--cell", help="Cell; default: the service's.")
 @click.option("--mode", type=click.Choice(["speedj", "servoj"]), default="speedj", show_default=True)
 @click.option("--dry-run", is_flag=True, help="Everything except motion.")
@@ -39,9 +48,12 @@ def service_url(url: str | None) -> str:
 @click.option("--bin", nargs=2, type=float, metavar="RADIUS RIM", help=BIN_HELP)
 @service_options
 def throw(
-    x: float,
-    y: float,
-    z: float,
+    position: tuple[float, ...],
+    targets: Path | None,
+    repeat: int | None,
+    load: str | None,
+    name: str,
+    as_json: bool,
     cell: str | None,
     mode: str,
     dry_run: bool,
@@ -54,26 +66,50 @@ def throw(
 ) -> None:
     """Plan a throw that lands on X Y Z [m, world frame], execute it, and print where it landed.
 
-    By default the object lands near the target also if the gripper opens a little early or late.
+    By default the object lands near the target also if the gripper opens a little early or late. --repeat and --targets
+    make a series of it, with one record: GET /experiments/{id}.
     """
     from api.cli.client import ServiceClient
 
+    if (len(position) != 3) == (targets is None) or (targets is not None and position):
+        raise click.UsageError("give X Y Z, or --targets FILE")
+    if dry_run and (targets is not None or repeat is not None):
+        raise click.UsageError("--dry-run moves nothing: there is no series of it")
     if soonest and window:
         raise click.UsageError("--soonest is a window of 0: it does not go together with --window")
-    request: dict[str, Any] = {"release": _target((x, y, z), bin)}
-    request |= {"cell": cell} if cell else {}
+    request: dict[str, Any] = {"cell": cell} if cell else {}
     request |= {"release_window_s": 0.0 if soonest else window} if soonest or window is not None else {}
     request |= {"landing_tolerance_m": tolerance} if tolerance is not None else {}
+    places = [position] if targets is None else read_targets(targets)
+    requests = [{**request, "release": _target(place, bin)} for place in places]
     with ServiceClient(service_url(url), token) as client:
-        execution = execute_plan(client, make_plan(client, request), mode, dry_run)
+        if targets is None and repeat is None:
+            _one_throw(client, requests[0], mode, dry_run, as_json)
+        else:
+            settings = {"name": name, "repeat": repeat or 1, "load": load, "requests": requests, "mode": mode}
+            _series(client, load_step(load), settings, as_json)
+
+
+def _one_throw(client: Any, request: dict[str, Any], mode: str, dry_run: bool, as_json: bool) -> None:
+    plan = make_plan(client, request, progress=not as_json)
+    execution = execute_plan(client, plan, mode, dry_run, progress=not as_json)
+    if as_json:
+        click.echo(json.dumps(execution))
     if execution["outcome"] != "completed":
-        raise click.ClickException(f"{execution['outcome']}: {execution['reason'] or 'no reason was given'}")
-    if execution["reason"]:
-        click.echo(execution["reason"])
-    click.echo(landing_text(execution))
+        raise NotCompleted(f"{execution['outcome']}: {execution['reason'] or 'no reason was given'}")
+    if not as_json:
+        click.echo("\n".join(filter(None, [execution["reason"], landing_text(execution)])))
 
 
-def _target(position: tuple[float, float, float], bin: tuple[float, float] | None) -> dict[str, Any]:
+def _series(client: Any, load: LoadStep, settings: dict[str, Any], as_json: bool) -> None:
+    experiment = run_series(client, load, settings)
+    click.echo(json.dumps(experiment) if as_json else series_text(experiment))
+    outcomes = experiment["statistics"]["outcomes"]
+    if set(outcomes) - {"completed"}:
+        raise NotCompleted(f"the series ended early: {outcomes}")
+
+
+def _target(position: Sequence[float], bin: tuple[float, float] | None) -> dict[str, Any]:
     """Returns the release of a request that hits a point, or the bottom of a bin (inner radius, rim height) [m]."""
     release: dict[str, Any] = {"kind": "target", "position": list(position)}
     return release | ({} if bin is None else {"opening": {"radius_m": bin[0], "rim_height_m": bin[1]}})
@@ -90,20 +126,3 @@ def acknowledge(cell: str | None, url: str | None, token: str | None) -> None:
     with ServiceClient(service_url(url), token) as client:
         answer = client.post(f"/cells/{name}/acknowledge")
     click.echo(f"{name}: {answer['fault'] or 'there was no fault'}; acknowledged by {answer['acknowledged_by']}")
-
-
-def make_plan(client: Any, request: dict[str, Any]) -> dict[str, Any]:
-    """Plans and prints what was planned. Returns the plan, without its trajectory."""
-    click.echo("planning …")
-    plan = client.post("/plan?trajectory=false", request)
-    click.echo(plan_text(plan))
-    return plan
-
-
-def execute_plan(client: Any, plan: dict[str, Any], mode: str, dry_run: bool) -> dict[str, Any]:
-    """Executes a plan and prints the progress. Returns the finished execution."""
-    execution = client.post("/execute", {"plan_id": plan["id"], "mode": mode, "dry_run": dry_run})
-    for kind, data in client.events(execution["id"]):
-        if kind == "state":
-            click.echo(f"  {data['state']}")
-    return client.get(f"/executions/{execution['id']}")

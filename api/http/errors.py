@@ -18,7 +18,7 @@ from starlette.exceptions import HTTPException
 
 from api.planning import PlanningQueueFull
 from planner.errors import BackendUnavailable, CellError, Infeasible, InvalidProblem, SolverFailed
-from store import CellBusy, KeyTaken, StoreUnavailable, UnknownExecution, UnknownPlan
+from store import CellBusy, KeyTaken, StoreUnavailable, UnknownExecution, UnknownExperiment, UnknownPlan
 
 MEDIA_TYPE = "application/problem+json"
 BODY_LIMIT_BYTES = 1_000_000  # [byte] far above the few hundred bytes of a request
@@ -42,7 +42,9 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     "forbidden": ProblemType(
         403, "Not allowed", "The token lacks the scope, or the service runs without tokens and the cell is a real arm."
     ),
-    "not-found": ProblemType(404, "Not found", "No plan, execution, cell, recording or page has this name."),
+    "not-found": ProblemType(
+        404, "Not found", "No plan, execution, experiment, cell, recording or page has this name."
+    ),
     "method-not-allowed": ProblemType(
         405, "Method not allowed", "The address exists, but does not accept this method; see /docs."
     ),
@@ -169,6 +171,7 @@ TRANSLATIONS: dict[type[Exception], Callable[[Any], ProblemDetails]] = {
     KeyTaken: lambda _: ProblemDetails("idempotency-conflict", "this Idempotency-Key was used with another body"),
     UnknownPlan: lambda e: ProblemDetails("not-found", str(e)),
     UnknownExecution: lambda e: ProblemDetails("not-found", str(e)),
+    UnknownExperiment: lambda e: ProblemDetails("not-found", str(e)),
     RequestValidationError: lambda e: invalid_request(e.errors()),
     HTTPException: _from_framework,
     Exception: lambda _: ProblemDetails("internal", "an internal error; the service's log has the details"),

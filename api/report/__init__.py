@@ -1,6 +1,7 @@
-"""A plan for people: the picture of motion and flight, and the report as one HTML file."""
+"""A plan for people: the picture of motion and flight, the report as one HTML file; the picture of landings."""
 
+from api.report.landings import landings_svg
 from api.report.page import report_html
 from api.report.picture import plan_svg
 
-__all__ = ["plan_svg", "report_html"]
+__all__ = ["landings_svg", "plan_svg", "report_html"]

@@ -1,6 +1,6 @@
 """The routes, one module per resource. An endpoint parses its request, makes one call and returns."""
 
-from api.routes import cells, execution_events, executions, health, landings, pages, plans
+from api.routes import cells, execution_events, executions, experiments, health, landings, pages, plans
 
 __all__ = ["ROUTERS"]
 
@@ -9,6 +9,7 @@ ROUTERS = (
     executions.router,
     execution_events.router,
     landings.router,
+    experiments.router,
     cells.router,
     health.router,
     pages.router,

@@ -44,7 +44,9 @@ def execute(body: ExecuteBody, service: ServiceDep, caller: OperateCaller, key: 
     plan = find_plan(service, body.plan_id, whole=False)
     _check_executable(service, plan, body)
     try:
-        row = service.store.queue_execution(plan.id, plan.cell, body.mode, body.dry_run, caller.name, key)
+        row = service.store.queue_execution(
+            plan.id, plan.cell, body.mode, body.dry_run, caller.name, key, body.experiment_id
+        )
     except KeyTaken as taken:
         if key is None or taken.body_sha256 != key.body_sha256:
             raise

@@ -1,5 +1,12 @@
 """Request and response bodies as pydantic models; OpenAPI is generated from them."""
 
+from api.schemas.experiments import (
+    EXPERIMENT_EXAMPLES,
+    ExperimentAnswer,
+    ExperimentHead,
+    ExperimentList,
+    ExperimentRequest,
+)
 from api.schemas.landings import LANDING_EXAMPLES, LandingAnswer, LandingList, LandingRequest
 from api.schemas.requests import EXECUTE_EXAMPLES, PLAN_EXAMPLES, ExecuteRequest, PlanRequest
 from api.schemas.responses import (
@@ -17,6 +24,7 @@ from api.schemas.responses import (
 
 __all__ = [
     "EXECUTE_EXAMPLES",
+    "EXPERIMENT_EXAMPLES",
     "LANDING_EXAMPLES",
     "PLAN_EXAMPLES",
     "Acknowledged",
@@ -25,6 +33,10 @@ __all__ = [
     "ExecuteRequest",
     "ExecutionAnswer",
     "ExecutionList",
+    "ExperimentAnswer",
+    "ExperimentHead",
+    "ExperimentList",
+    "ExperimentRequest",
     "LandingAnswer",
     "LandingList",
     "LandingRequest",

@@ -160,6 +160,7 @@ class ExecuteRequest(RequestModel):
     )
     mode: Literal["speedj", "servoj"] = Field("speedj", description="UR command that streams the motion.")
     dry_run: bool = Field(False, description="true: everything except motion.")
+    experiment_id: str | None = Field(None, description="Experiment that the execution belongs to.", max_length=64)
 
 
 _TARGET = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}

@@ -169,6 +169,7 @@ class ExecutionAnswer(BaseModel):
     )
     reason: str | None = Field(description="Reason of the outcome, in words.")
     metrics: dict[str, Any] | None = Field(description="Measured values; each name carries its unit.")
+    experiment_id: str | None = Field(None, description="Experiment that it belongs to.")
 
 
 class ExecutionList(BaseModel):
@@ -210,8 +211,12 @@ class CellState(BaseModel):
 
     cell: str
     executor: ExecutorAnswer | None
-    robot: dict[str, Any] | None = Field(description="Mode, safety, joint positions [rad]; null without an executor.")
-    fault: dict[str, Any] | None = Field(description="Latched until a person acknowledges it.")
+    robot: dict[str, Any] | None = Field(
+        description="Mode, safety, joint positions [rad], hash of the cell file in force; null without an executor."
+    )
+    fault: dict[str, Any] | None = Field(
+        description="Latched until a person acknowledges it; a refused cell file: until it is repaired."
+    )
     execution_id: str | None = Field(description="The unfinished execution of the cell.")
 
 

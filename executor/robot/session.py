@@ -37,6 +37,7 @@ OUTPUTS = {  # RTDE outputs, and the fields of `RobotState` that they fill
     "speed_scaling": "speed",
     "target_speed_fraction": "slider",
     "actual_digital_output_bits": "outputs",
+    "actual_digital_input_bits": "inputs",
     "payload": "payload_kg",
     "tcp_offset": "tcp_offset",
 }
@@ -53,7 +54,7 @@ class RobotState:
         target_qd: commanded velocities (6,) [rad/s].
         robot_mode, safety_bits, runtime_state: as in the RTDE guide.
         speed: speed scaling times slider [-].
-        outputs: digital output bits.
+        outputs, inputs: digital output and input bits.
         payload_kg: payload configured on the controller [kg]; None where its version does not publish it.
         tcp_offset: configured tool centre point (6,): position [m], rotation vector [rad]; None as above.
     """
@@ -70,6 +71,7 @@ class RobotState:
     outputs: int
     payload_kg: float | None = None
     tcp_offset: tuple[float, ...] | None = None
+    inputs: int = 0
 
 
 class Monitor(threading.Thread):
@@ -236,6 +238,7 @@ def robot_document(state: RobotState | None, refusals: list[str], warnings: list
         "runtime_state": state.runtime_state,
         "speed_scaling": state.speed,
         "digital_output_bits": state.outputs,
+        "digital_input_bits": state.inputs,
         "payload_kg": state.payload_kg,
         "tcp_offset": None if state.tcp_offset is None else list(state.tcp_offset),
     }

@@ -15,6 +15,7 @@ from executor.simulator.program import PROGRAM_FATES
 from executor.simulator.simulation import Simulation
 
 CONTROL_PORT_NAME = "control"
+INPUTS, INPUT_LINES = "actual_digital_input_bits", 18  # 8 standard, 8 configurable, 2 of the tool; RTDE guide
 FREEZE_MAX_S = 60.0  # [s]
 DELAY_MAX_S = 10.0  # [s]
 
@@ -131,6 +132,14 @@ def gripper_stuck(s: Simulation, on: bool = True) -> None:
     s.controller.workcell.gripper.stuck = on
 
 
+def digital_input(s: Simulation, index: int = 0, on: bool = True) -> None:
+    """Switches a digital input of the controller: something outside, such as a loader, signals."""
+    if not 0 <= index < INPUT_LINES:
+        raise BadRequest(f"index {index} is not within 0 and {INPUT_LINES - 1}")
+    bits = int(s.output_values.values[INPUTS][0])
+    s.output_values.values[INPUTS] = [bits | 1 << index if on else bits & ~(1 << index)]
+
+
 def _of_role(s: Simulation, role: str) -> list[Connection]:
     """Returns the connections of control, receive, io, any (all three), dashboard, script, primary or secondary."""
     if role in ("dashboard", "script", "primary", "secondary"):
@@ -143,7 +152,7 @@ def _of_role(s: Simulation, role: str) -> list[Connection]:
 _STOPS = (protective_stop, emergency_stop, safeguard_stop, power_loss, clear)
 _PENDANT = (stop_program, pause_program, resume_program, local_mode, speed_slider)
 _NETWORK = (close_connection, stall_connection, disturb_connection, offline, mute)
-_PROCESS = (freeze, kill, gripper_stuck)
+_PROCESS = (freeze, kill, gripper_stuck, digital_input)
 FAULTS: dict[str, Callable[..., None]] = {f.__name__: f for f in (*_STOPS, *_PENDANT, *_NETWORK, *_PROCESS)}
 
 

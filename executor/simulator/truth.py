@@ -32,6 +32,7 @@ SPEED_FACTOR_MAX = 1.5  # [-]
 DRAG_MAX = 10.0  # [-]
 OFFSET_MAX_M = 1.0  # [m] joints 2 and 3 are almost parallel: calibrated arms have large opposite offsets there
 DH_ANGLE_MAX_RAD = 0.5  # [rad]
+DH_BOUNDS = {"a_m": OFFSET_MAX_M, "d_m": OFFSET_MAX_M, "alpha_rad": DH_ANGLE_MAX_RAD, "theta_rad": DH_ANGLE_MAX_RAD}
 TURN_MAX_RAD = 3.2  # [rad] half a turn
 CAMERA_STD_MAX_M = 1.0  # [m]
 OUTLIER_STD_MAX_M = 10.0  # [m]
@@ -113,14 +114,14 @@ class ArmDeviation:
         overshoot: share by which a joint exceeds a step of its commanded speed (6,) [-].
         base_offset_m: true position of the base less the cell file's, in the world (3,) [m].
         base_rotation_vector_rad: turn of the true base against the cell file's, about axes of the world (3,) [rad].
-        dh_deviation: of the arm's own table.
+        dh_deviation: of the arm's own table from the published one; None: the arm is as the cell has it.
     """
 
     disturbance: str = "none"
     overshoot: SixNumbers = NONE_OF_SIX
     base_offset_m: tuple[float, ...] = (0.0,) * 3
     base_rotation_vector_rad: tuple[float, ...] = (0.0,) * 3
-    dh_deviation: DhDeviation = DhDeviation()
+    dh_deviation: DhDeviation | None = None
 
 
 @dataclass(frozen=True)
@@ -205,7 +206,7 @@ def _defaults(cell: Cell) -> dict[str, Any]:
             "overshoot": list(NONE_OF_SIX),
             "base_offset_m": [0.0] * 3,
             "base_rotation_vector_rad": [0.0] * 3,
-            "dh_deviation": {key: list(NONE_OF_SIX) for key in ("a_m", "d_m", "alpha_rad", "theta_rad")},
+            "dh_deviation": None,
         },
         "camera": {"std_m": 0.0, "outlier_share": 0.0, "outlier_std_m": 0.0},
     }
@@ -268,20 +269,25 @@ def _release(table: Mapping[str, Any]) -> ReleaseSpeed:
 
 
 def _arm(table: Mapping[str, Any]) -> ArmDeviation:
-    where, inner = "arm.", table["dh_deviation"]
-    lengths = {key: _six(inner, key, "arm.dh_deviation.", -OFFSET_MAX_M, OFFSET_MAX_M) for key in ("a_m", "d_m")}
-    angles = {
-        key: _six(inner, key, "arm.dh_deviation.", -DH_ANGLE_MAX_RAD, DH_ANGLE_MAX_RAD)
-        for key in ("alpha_rad", "theta_rad")
-    }
+    where = "arm."
     turn = vector(table, "base_rotation_vector_rad", where, 3, -TURN_MAX_RAD, TURN_MAX_RAD)
     return ArmDeviation(
         disturbance=choice(table, "disturbance", where, DISTURBANCES),
         overshoot=_six(table, "overshoot", where, 0.0, OVERSHOOT_MAX),
         base_offset_m=tuple(vector(table, "base_offset_m", where, 3, -OFFSET_MAX_M, OFFSET_MAX_M).tolist()),
         base_rotation_vector_rad=tuple(turn.tolist()),
-        dh_deviation=DhDeviation(**lengths, **angles),
+        dh_deviation=_dh_deviation(table["dh_deviation"]),
     )
+
+
+def _dh_deviation(given: object) -> DhDeviation | None:
+    where = "arm.dh_deviation"
+    if given is None:
+        return None
+    if not isinstance(given, Mapping):
+        raise CellError(where, given, "must be a table")
+    table, where = merge_defaults(given, {key: list(NONE_OF_SIX) for key in DH_BOUNDS}, f"{where}."), f"{where}."
+    return DhDeviation(**{key: _six(table, key, where, -most, most) for key, most in DH_BOUNDS.items()})
 
 
 def _camera(table: Mapping[str, Any]) -> CameraNoise:

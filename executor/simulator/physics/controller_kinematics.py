@@ -16,6 +16,7 @@ from planner.calibration import published_table, table_of
 from planner.robots import Robot
 
 Joints = tuple[float, ...]
+PUBLISHED = DhDeviation()  # no deviation
 
 
 @dataclass(frozen=True)
@@ -40,12 +41,12 @@ class ControllerKinematics:
         return tuple(zlib.crc32(struct.pack(">4d", *row)) for row in rows)
 
 
-def controller_kinematics(robot: Robot, deviation: DhDeviation) -> ControllerKinematics:
-    """Returns the table of an arm that deviates from the published one; without a deviation, that of the cell's arm.
-
-    A calibrated cell is about the arm that its calibration was read from, a deviation about the true arm.
-    """
-    table = table_of(robot) if deviation == DhDeviation() else published_table(robot)
+def controller_kinematics(robot: Robot, deviation: DhDeviation | None = PUBLISHED) -> ControllerKinematics:
+    """Returns the table of an arm that deviates from the published one; None: of the arm as the cell has it."""
+    if deviation is None:
+        table, deviation = table_of(robot), PUBLISHED
+    else:
+        table = published_table(robot)
     return ControllerKinematics(
         theta=_sums(table.theta.tolist(), deviation.theta_rad),
         a=_sums(table.a.tolist(), deviation.a_m),

@@ -167,7 +167,7 @@ class PublishedChain(KinematicChain):
     """
 
     def __init__(self, robot: Robot) -> None:
-        super().__init__(controller_kinematics(robot, DhDeviation()))
+        super().__init__(controller_kinematics(robot))
         self.lengths = tuple(float(x) for x in (robot.d[0], robot.a[1], robot.a[2], robot.d[3], robot.d[4], robot.d[5]))
 
     def motion(self, q: Vector, qd: Vector, tool: Transform = IDENTITY) -> tuple[Transform, list[float]]:
@@ -212,9 +212,9 @@ class PublishedChain(KinematicChain):
         ]  # fmt: skip
 
 
-def kinematic_chain(robot: Robot, deviation: DhDeviation) -> KinematicChain:
-    """Returns the chain of an arm that deviates from the published one or is calibrated, or is exactly that."""
-    if deviation == DhDeviation() and robot.fixed is None:
+def kinematic_chain(robot: Robot, deviation: DhDeviation | None) -> KinematicChain:
+    """Returns the chain of an arm that deviates from the published one; None: the arm as the cell has it."""
+    if deviation is None and robot.fixed is None:
         return PublishedChain(robot)
     return KinematicChain(controller_kinematics(robot, deviation))
 

@@ -70,6 +70,7 @@ def test_every_key_is_read(tmp_path: Path) -> None:
     assert truth.arm.base_offset_m == (0.004, -0.003, 0.002)
     assert truth.arm.base_rotation_vector_rad == (0.0, 0.0, 0.006)
     deviation = truth.arm.dh_deviation
+    assert deviation is not None
     nonzero = [max(values) for values in (deviation.a_m, deviation.d_m, deviation.alpha_rad, deviation.theta_rad)]
     assert nonzero == [0.001, 0.002, 0.003, 0.004]
     assert vars(truth.camera) == {"std_m": 0.003, "outlier_share": 0.05, "outlier_std_m": 0.2}
@@ -101,6 +102,8 @@ def test_what_is_absent_is_as_in_the_cell(tmp_path: Path) -> None:
         ("[object]\ndrag_coefficient = 'high'", "object.drag_coefficient = 'high': must be a number"),
         ('[arm]\ndisturbance = "ur10"', "must be one of none, ur5-measured"),
         ("[arm]\ndh_deviation = { b_m = [0, 0, 0, 0, 0, 0] }", "arm.dh_deviation.b_m: unknown key"),
+        ("[arm]\ndh_deviation = 3", "arm.dh_deviation = 3: must be a table"),
+        ("[arm]\ndh_deviation = { d_m = [0, 0, 0, 0, 0, 2] }", "arm.dh_deviation.d_m[5] = 2: must lie in [-1, 1]"),
         ("[camera]\nstd_m = true", "camera.std_m = True: must be a number"),
         ("camera = 3", "camera = 3: must be a table"),
         ("[timing", "truth.toml"),

@@ -70,7 +70,7 @@ def test_inverse_of_a_transform():
 def test_the_arm_of_a_calibrated_cell_is_the_planners(name: str) -> None:
     rng = np.random.default_rng(len(name))
     arm = measured_arm(name, deviated_table(name, rng))
-    chain = scalar.kinematic_chain(arm, DhDeviation())
+    chain = scalar.kinematic_chain(arm, None)
     for q in rng.uniform(-6.0, 6.0, (20, 6)):
         X, J = planner.forward(arm, q), planner.jacobian(arm, q)
         pose, twist = chain.motion(q.tolist(), (qd := rng.uniform(-2.0, 2.0, 6)).tolist())

@@ -1,0 +1,37 @@
+"""Planning and executing through a running service, with progress on the terminal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from api.cli.summary import plan_text
+
+
+def make_plan(client: Any, request: dict[str, Any], progress: bool = True) -> dict[str, Any]:
+    """Plans and prints what was planned. Returns the plan, without its trajectory."""
+    if progress:
+        click.echo("planning …")
+    plan = client.post("/plan?trajectory=false", request)
+    if progress:
+        click.echo(plan_text(plan))
+    return plan
+
+
+def execute_plan(
+    client: Any,
+    plan: dict[str, Any],
+    mode: str = "speedj",
+    dry_run: bool = False,
+    progress: bool = True,
+    experiment_id: str | None = None,
+) -> dict[str, Any]:
+    """Executes a plan and prints the progress. Returns the finished execution."""
+    request = {"plan_id": plan["id"], "mode": mode, "dry_run": dry_run}
+    request |= {"experiment_id": experiment_id} if experiment_id else {}
+    execution = client.post("/execute", request)
+    for kind, data in client.events(execution["id"]):
+        if kind == "state" and progress:
+            click.echo(f"  {data['state']}")
+    return client.get(f"/executions/{execution['id']}")

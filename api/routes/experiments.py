@@ -1,0 +1,142 @@
+"""Experiments: series of executions; create, list, read with statistics, as CSV, as a picture."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Body, Header, Response
+from fastapi.responses import JSONResponse
+
+from api.dependencies import AnyCaller, Key, OperateCaller, RemoteAddress, Service, ServiceDep, name_in_path
+from api.experiment_statistics import statistics_by_target, statistics_of, throws_of
+from api.http import ProblemDetails, json_answer, preferred_media_type, problem_answers
+from api.report import landings_svg
+from api.routes.plans import POST_PROBLEMS, PageCursor, PageLimit
+from api.schemas import (
+    EXPERIMENT_EXAMPLES,
+    ExperimentAnswer,
+    ExperimentHead,
+    ExperimentList,
+    ExperimentRequest,
+    iso_time,
+)
+from store import ExperimentRow, KeyTaken
+
+router = APIRouter(tags=["experiments"])
+
+ExperimentId = Annotated[
+    str, name_in_path("Id of an experiment, or `latest`.", "latest", "latest", "the newest experiment")
+]
+ExperimentBody = Annotated[ExperimentRequest, Body(openapi_examples=EXPERIMENT_EXAMPLES)]  # type: ignore[arg-type]
+AXES = ("x", "y", "z")
+COLUMNS = (
+    "execution_id", "plan_id", "state", "outcome", *(f"target_{axis}_m" for axis in AXES),
+    *(f"landing_{axis}_m" for axis in AXES), "error_m", "results",
+)  # fmt: skip
+ANSWER = {
+    "model": ExperimentAnswer,
+    "content": {"text/csv": {"schema": {"type": "string"}}},
+    "description": "JSON with statistics, or CSV with one row per throw, by `Accept`.",
+}
+
+
+@router.post(
+    "/experiments",
+    status_code=201,
+    summary="Begin an experiment",
+    responses=json_answer(201, ExperimentHead, "Executions that name it belong to it.", *POST_PROBLEMS),
+)
+def begin_experiment(
+    body: ExperimentBody, service: ServiceDep, caller: OperateCaller, key: Key, remote: RemoteAddress
+) -> JSONResponse:
+    """Begins a series of throws. Executions join it by `experiment_id`; it moves nothing by itself."""
+    existing = None if key is None else service.store.resource_of_key(key)
+    if existing is not None:
+        return _created(find_experiment(service, existing))
+    try:
+        row = service.store.add_experiment(body.name, caller.name, body.settings, key)
+    except KeyTaken as taken:
+        if key is None or taken.body_sha256 != key.body_sha256:
+            raise
+        return _created(find_experiment(service, taken.resource_id))
+    service.store.add_audit(caller.name, "experiment", f"/experiments/{row.id}", remote)
+    return _created(row)
+
+
+@router.get("/experiments", summary="List experiments", responses=json_answer(200, ExperimentList, "Newest first."))
+def list_experiments(
+    service: ServiceDep, caller: AnyCaller, limit: PageLimit = 50, cursor: PageCursor = None
+) -> JSONResponse:
+    """Lists experiments, newest first, without their throws."""
+    rows, following = service.store.experiments(limit, cursor)
+    return JSONResponse({"experiments": [_head(row) for row in rows], "next_cursor": following})
+
+
+@router.get(
+    "/experiments/{id}",
+    summary="Read an experiment",
+    responses={200: ANSWER, **problem_answers("not-found")},
+)
+def read_experiment(
+    id: ExperimentId,
+    service: ServiceDep,
+    caller: AnyCaller,
+    accept: Annotated[str | None, Header(description="application/json or text/csv.")] = None,
+) -> Response:
+    """Reads the state of each throw, and mean and spread of the landings so far."""
+    row = find_experiment(service, id)
+    throws = _throws(service, row)
+    headers = {"Vary": "Accept"}
+    if preferred_media_type(accept, ("application/json", "text/csv")) == "text/csv":
+        return Response(_csv(throws), headers=headers, media_type="text/csv")
+    document = {"throws": throws, "statistics": statistics_of(throws), "targets": statistics_by_target(throws)}
+    return JSONResponse({**_head(row), **document}, headers=headers)
+
+
+@router.get("/experiments/{id}/picture.svg", include_in_schema=False)
+def draw_experiment(id: ExperimentId, service: ServiceDep, caller: AnyCaller) -> Response:
+    """Draws the landings about their targets."""
+    throws = _throws(service, find_experiment(service, id))
+    return Response(landings_svg(throws), media_type="image/svg+xml")
+
+
+def find_experiment(service: Service, id: str) -> ExperimentRow:
+    """Returns an experiment by its id or `latest`.
+
+    Raises:
+        ProblemDetails: There is no such experiment.
+    """
+    if id == "latest":
+        id = next((row.id for row in service.store.experiments(limit=1)[0]), id)
+    row = service.store.experiment(id)
+    if row is None:
+        raise ProblemDetails("not-found", f"no experiment {id!r}")
+    return row
+
+
+def _throws(service: Service, row: ExperimentRow) -> list[dict[str, Any]]:
+    store = service.store
+    executions, landings = store.executions_of_experiment(row.id), store.landings_of_experiment(row.id)
+    return throws_of(executions, landings, store.plans_of_experiment(row.id))
+
+
+def _head(row: ExperimentRow) -> dict[str, Any]:
+    return {**vars(row), "created_at": iso_time(row.created_at)}
+
+
+def _created(row: ExperimentRow) -> JSONResponse:
+    return JSONResponse(_head(row), 201, {"Location": f"/experiments/{row.id}"})
+
+
+def _csv(throws: Sequence[dict[str, Any]]) -> str:
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for throw in throws:
+        places = [*(throw["target"] or [""] * 3), *(throw["landing"] or [""] * 3)]
+        head = [throw[name] for name in ("execution_id", "plan_id", "state", "outcome")]
+        writer.writerow([*head, *places, throw["error_m"], " ".join(throw["results"])])
+    return stream.getvalue()
