@@ -6,15 +6,15 @@ import time
 from pathlib import Path
 from typing import Any
 
-from planner.cell import Cell
+from planner.cell import Cell, calibration_path
 from planner.cell_folder import open_cell
 from planner.errors import CellError
 
-Signature = tuple[int, int, int]  # inode, size, time of the last change [ns]
+Signature = tuple[int, int, int]  # of a file: inode, size, time of the last change [ns]
 
 
 class CellWatch:
-    """Notices changes of a cell file.
+    """Notices changes of a cell file and of the calibration file that it names.
 
     Attributes:
         fault: why the file is refused as it is now, in the form of a latched fault; None while it is good.
@@ -23,12 +23,13 @@ class CellWatch:
     def __init__(self, cell: Cell, path: Path) -> None:
         self.sha256, self.path = cell.sha256, path
         self.fault: dict[str, Any] | None = None
-        self._seen: Signature | None = None
+        self._seen: tuple[Signature | None, Signature | None] = (None, None)
+        self._calibration: Path | None = None
         self._looked = False
 
     def look(self) -> Cell | None:
         """Returns the cell where the file has changed to another good one; None where there is nothing new."""
-        seen = self._signature()
+        seen = self._signatures()
         if self._looked and seen == self._seen:
             return None
         self._seen, self._looked = seen, True
@@ -48,9 +49,17 @@ class CellWatch:
         self.sha256 = cell.sha256
         return cell
 
-    def _signature(self) -> Signature | None:
-        try:
-            status = self.path.stat()
-        except OSError:
-            return None
-        return status.st_ino, status.st_size, status.st_mtime_ns
+    def _signatures(self) -> tuple[Signature | None, Signature | None]:
+        """Returns the signatures of the cell file and of its calibration file; None for one that is not there."""
+        own = _signature(self.path)
+        if not self._looked or own != self._seen[0]:
+            self._calibration = calibration_path(self.path)
+        return own, None if self._calibration is None else _signature(self._calibration)
+
+
+def _signature(path: Path) -> Signature | None:
+    try:
+        status = path.stat()
+    except OSError:
+        return None
+    return status.st_ino, status.st_size, status.st_mtime_ns

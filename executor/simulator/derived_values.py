@@ -56,7 +56,9 @@ class DerivedValues:
 
     def _elbow(self) -> tuple[list[float], list[float]]:
         arm = self.controller.arm
-        return point_motion(arm.chain.links[:2], arm.measured_q, arm.measured_qd, kinematics.IDENTITY)
+        # A measured table may have the second frame far along its axis: the elbow is where the published one has it.
+        links = kinematics.PublishedChain(self.controller.cell.robot.published).links[:2]
+        return point_motion(links, arm.measured_q, arm.measured_qd, kinematics.IDENTITY)
 
     def _tcp_acceleration(self) -> list[float]:
         """Returns the change of the commanded twist over the last cycle."""

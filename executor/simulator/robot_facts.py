@@ -7,6 +7,8 @@ import zlib
 from typing import Any
 
 from executor.simulator.interfaces import DenavitHartenberg, RobotFacts
+from executor.simulator.physics import ControllerKinematics
+from planner.calibration import published_table
 from planner.cell import Cell
 from planner.robots import Robot
 
@@ -15,10 +17,10 @@ SUB_TYPES = {"CB3": 1, "e-Series": 3}  # chosen; 3 is what an e-Series arm repor
 UNCALIBRATED = (0xFFFFFFFF,) * 6  # what URSim reports, whose arm is its model
 
 
-def robot_facts(cell: Cell) -> RobotFacts:
-    """Returns the facts of a cell's arm."""
-    robot = cell.robot
-    calibrated, nominal = calibrated_kinematics(cell), nominal_kinematics(robot)
+def robot_facts(cell: Cell, arm: ControllerKinematics) -> RobotFacts:
+    """Returns the facts of a cell's arm, whose own table is that of `arm`."""
+    robot, nominal = cell.robot, nominal_kinematics(cell.robot)
+    calibrated = DenavitHartenberg(arm.theta, arm.a, arm.d, arm.alpha)
     return RobotFacts(
         nominal=nominal,
         calibrated=calibrated,
@@ -34,12 +36,8 @@ def robot_facts(cell: Cell) -> RobotFacts:
 
 def nominal_kinematics(robot: Robot) -> DenavitHartenberg:
     """Returns the published parameters of a model."""
-    return DenavitHartenberg(_six([0.0] * 6), _six(robot.a), _six(robot.d), _six(robot.alpha))
-
-
-def calibrated_kinematics(cell: Cell) -> DenavitHartenberg:
-    """Returns the parameters of this very arm, as the controller knows them: today those of its model."""
-    return nominal_kinematics(cell.robot)
+    table = published_table(robot)
+    return DenavitHartenberg(_six(table.theta), _six(table.a), _six(table.d), _six(table.alpha))
 
 
 def checksum(kinematics: DenavitHartenberg) -> tuple[int, ...]:

@@ -72,3 +72,23 @@ def test_a_file_that_is_gone_is_a_fault(path: Path) -> None:
     path.write_text(text + "\n# back\n")
     assert watch.look() is not None
     assert watch.fault is None
+
+
+def test_a_change_of_the_calibration_file_is_noticed(path: Path) -> None:
+    published = (CELLS.parent / "tests" / "planner" / "published" / "ur5e" / "default_kinematics.yaml").read_text()
+    calibration = path.with_name("arm.yaml")
+    calibration.write_text(published)
+    path.write_text(path.read_text() + '\n[kinematics]\ncalibration = "arm.yaml"\n')
+    watch = watch_of(path)
+    assert watch.look() is None
+    calibration.write_text(published.replace("z: 0.1625", "z: 0.1627"))
+    changed = watch.look()
+    assert changed is not None
+    assert changed.robot.d[0] == pytest.approx(0.1627)
+    calibration.unlink()
+    assert watch.look() is None
+    assert watch.fault is not None
+    assert "arm.yaml" in watch.fault["reason"]
+    calibration.write_text(published)
+    assert watch.look() is not None
+    assert watch.fault is None

@@ -12,6 +12,7 @@ import zlib
 from dataclasses import dataclass
 
 from executor.simulator.truth import DhDeviation
+from planner.calibration import published_table, table_of
 from planner.robots import Robot
 
 Joints = tuple[float, ...]
@@ -40,13 +41,17 @@ class ControllerKinematics:
         return tuple(zlib.crc32(struct.pack(">4d", *row)) for row in rows)
 
 
-def controller_kinematics(robot: Robot, deviation: DhDeviation = PUBLISHED) -> ControllerKinematics:
-    """Returns the table of an arm that deviates from the published one."""
+def controller_kinematics(robot: Robot, deviation: DhDeviation | None = PUBLISHED) -> ControllerKinematics:
+    """Returns the table of an arm that deviates from the published one; None: of the arm as the cell has it."""
+    if deviation is None:
+        table, deviation = table_of(robot), PUBLISHED
+    else:
+        table = published_table(robot)
     return ControllerKinematics(
-        theta=deviation.theta_rad,
-        a=_sums(robot.a.tolist(), deviation.a_m),
-        d=_sums(robot.d.tolist(), deviation.d_m),
-        alpha=_sums(robot.alpha.tolist(), deviation.alpha_rad),
+        theta=_sums(table.theta.tolist(), deviation.theta_rad),
+        a=_sums(table.a.tolist(), deviation.a_m),
+        d=_sums(table.d.tolist(), deviation.d_m),
+        alpha=_sums(table.alpha.tolist(), deviation.alpha_rad),
     )
 
 

@@ -214,7 +214,7 @@ class PublishedChain(KinematicChain):
 
 def kinematic_chain(robot: Robot, deviation: DhDeviation | None) -> KinematicChain:
     """Returns the chain of an arm that deviates from the published one; None: the arm as the cell has it."""
-    if deviation is None:
+    if deviation is None and robot.fixed is None:
         return PublishedChain(robot)
     return KinematicChain(controller_kinematics(robot, deviation))
 

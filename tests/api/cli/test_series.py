@@ -29,17 +29,17 @@ def test_targets_are_read_a_line_each(tmp_path: Path):
         read_targets(file)
 
 
-class Script:
+class ScriptedService:
     """Stands in for the client of the service: answers states of the robot in turn, and executions by outcome."""
 
     def __init__(self, inputs: tuple[int, ...] = (), outcomes: tuple[str, ...] = ()) -> None:
         self.inputs, self.outcomes = list(inputs), list(outcomes)
         self.executed: list[dict[str, Any]] = []
 
-    def __call__(self, url: str, token: str | None) -> Script:
+    def __call__(self, url: str, token: str | None) -> ScriptedService:
         return self
 
-    def __enter__(self) -> Script:
+    def __enter__(self) -> ScriptedService:
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -68,13 +68,13 @@ class Script:
         return iter(())
 
 
-def fling(monkeypatch: pytest.MonkeyPatch, script: Script, *arguments: str, typed: str = "") -> Any:
+def fling(monkeypatch: pytest.MonkeyPatch, script: ScriptedService, *arguments: str, typed: str = "") -> Any:
     monkeypatch.setattr("api.cli.client.ServiceClient", script)
     return CliRunner().invoke(main, ["throw", *arguments], input=typed)
 
 
 def test_a_series_takes_the_targets_in_turns_and_loads_in_between(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
-    file, script = tmp_path / "targets.txt", Script(outcomes=("completed",) * 4)
+    file, script = tmp_path / "targets.txt", ScriptedService(outcomes=("completed",) * 4)
     file.write_text("1.2 0.3 0\n1.0 0.1 0\n")
     options = ("--targets", str(file), "--repeat", "2", "--load", "enter", "--soonest", "--name", "n")
     result = fling(monkeypatch, script, *options, typed="\n\n\n")
@@ -86,7 +86,7 @@ def test_a_series_takes_the_targets_in_turns_and_loads_in_between(monkeypatch: p
 
 
 def test_a_series_ends_at_the_first_throw_that_is_not_completed(monkeypatch: pytest.MonkeyPatch):
-    script = Script(outcomes=("completed", "late", "completed"))
+    script = ScriptedService(outcomes=("completed", "late", "completed"))
     result = fling(monkeypatch, script, "1.2", "-0.3", "0", "--repeat", "3", "--json")
     assert result.exit_code == 4
     assert len(script.executed) == 2
@@ -98,12 +98,12 @@ def test_a_series_ends_at_the_first_throw_that_is_not_completed(monkeypatch: pyt
     [("1.2", "0.3"), ("1.2", "0.3", "0", "--targets", __file__), (), ("1", "0", "0", "--repeat", "2", "--dry-run")],
 )
 def test_a_wrong_command_line(monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]):
-    assert fling(monkeypatch, Script(), *arguments).exit_code == 2
+    assert fling(monkeypatch, ScriptedService(), *arguments).exit_code == 2
 
 
 def test_a_load_step_waits_for_an_input_to_go_on(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("time.sleep", lambda _: None)
-    script = Script(inputs=(0b1000, 0b1000, 0b0110, 0b0110, 0b1000, 0b0000))
+    script = ScriptedService(inputs=(0b1000, 0b1000, 0b0110, 0b0110, 0b1000, 0b0000))
     load_step("input:3")(script, "ur5e-sim")
     assert script.inputs == [0b0000]  # on from before does not count
 

@@ -6,9 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from executor.simulator.physics import kinematics as scalar
+from executor.simulator.truth import DhDeviation
 from planner import kinematics as planner
 from planner.robots import ROBOT_NAMES, robot
 from planner.rotations import rotation_vector_to_matrix
+from tests.planner.calibration.arms import deviated_table, measured_arm
 
 TOOL = scalar.transform([0.01, -0.02, 0.17, 0.1, 0.2, -0.3])
 EXACT = 1e-12  # [m, rad, m/s] two orders of the same sums of products differ by rounding alone
@@ -62,3 +64,22 @@ def test_newton_finds_the_pose_again(q, step):
 
 def test_inverse_of_a_transform():
     np.testing.assert_allclose(matrix(scalar.product(TOOL, scalar.inverse(TOOL))), np.eye(4), atol=EXACT)
+
+
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_the_arm_of_a_calibrated_cell_is_the_planners(name: str) -> None:
+    rng = np.random.default_rng(len(name))
+    arm = measured_arm(name, deviated_table(name, rng))
+    chain = scalar.kinematic_chain(arm, None)
+    for q in rng.uniform(-6.0, 6.0, (20, 6)):
+        X, J = planner.forward(arm, q), planner.jacobian(arm, q)
+        pose, twist = chain.motion(q.tolist(), (qd := rng.uniform(-2.0, 2.0, 6)).tolist())
+        assert np.abs(np.array(pose).reshape(3, 4) - X[:3]).max() < 1e-9
+        assert np.abs(np.array(twist) - J @ qd).max() < 1e-9
+
+
+def test_a_true_arm_that_deviates_is_not_the_calibrated_one() -> None:
+    arm = measured_arm("ur5e", deviated_table("ur5e", np.random.default_rng(3)))
+    deviation = DhDeviation(a_m=(0.0, 0.003, 0.0, 0.0, 0.0, 0.0))
+    of_model = scalar.kinematic_chain(robot("ur5e"), deviation)
+    assert scalar.kinematic_chain(arm, deviation).kinematics == of_model.kinematics
