@@ -15,10 +15,10 @@ SUB_TYPES = {"CB3": 1, "e-Series": 3}  # chosen; 3 is what an e-Series arm repor
 UNCALIBRATED = (0xFFFFFFFF,) * 6  # what URSim reports, whose arm is its model
 
 
-def robot_facts(cell: Cell) -> RobotFacts:
-    """Returns the facts of a cell's arm."""
-    robot = cell.robot
-    calibrated, nominal = calibrated_kinematics(cell), nominal_kinematics(robot)
+def robot_facts(cell: Cell, measured: DenavitHartenberg | None = None) -> RobotFacts:
+    """Returns the facts of a cell's arm; `measured` are the parameters of this very arm, None: those of its model."""
+    robot, nominal = cell.robot, nominal_kinematics(cell.robot)
+    calibrated = measured or nominal
     return RobotFacts(
         nominal=nominal,
         calibrated=calibrated,
@@ -35,11 +35,6 @@ def robot_facts(cell: Cell) -> RobotFacts:
 def nominal_kinematics(robot: Robot) -> DenavitHartenberg:
     """Returns the published parameters of a model."""
     return DenavitHartenberg(_six([0.0] * 6), _six(robot.a), _six(robot.d), _six(robot.alpha))
-
-
-def calibrated_kinematics(cell: Cell) -> DenavitHartenberg:
-    """Returns the parameters of this very arm, as the controller knows them: today those of its model."""
-    return nominal_kinematics(cell.robot)
 
 
 def checksum(kinematics: DenavitHartenberg) -> tuple[int, ...]:
