@@ -12,8 +12,9 @@ import pytest
 
 from executor.simulator.interfaces.realtime_server import packet_size
 from executor.simulator.loop import SimulatorLoop
+from executor.simulator.physics import ControllerKinematics
 from executor.simulator.program.runner import PLAYING, STOPPED
-from executor.simulator.robot_facts import checksum, nominal_kinematics
+from executor.simulator.robot_facts import checksum, nominal_kinematics, robot_facts
 from executor.simulator.settings import SimulatorSettings
 from executor.simulator.simulation import Simulation
 from planner import kinematics
@@ -110,6 +111,15 @@ def test_kinematics_and_configuration_are_those_of_the_arm(clients: Any):
     np.testing.assert_array_equal(limits[::2], arm.q_lower)
     np.testing.assert_array_equal(motion[::2], arm.qd_max)
     assert struct.unpack_from(">4i", found[6], len(found[6]) - 16)[2:] == (1, 3)  # UR5, e-Series
+
+
+def test_an_arm_that_differs_from_its_model_has_kinematics_and_checksums_of_its_own():
+    cell = make_cell()
+    model = nominal_kinematics(cell.robot)
+    measured = type(model)(model.theta, tuple(a + 1e-4 for a in model.a), model.d, model.alpha)
+    facts = robot_facts(cell, ControllerKinematics(measured.theta, measured.a, measured.d, measured.alpha))
+    assert (facts.nominal, facts.calibrated) == (model, measured)
+    assert facts.checksum == checksum(measured)
 
 
 def test_a_checksum_changes_with_every_parameter():
