@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from benchmarks.learning.recorded_arms import Arm
+from benchmarks.learning.recorded_arms import RecordedArm
 from learning import estimate_timing
 
 CELLS, RUNS = 20, 5
@@ -31,7 +31,7 @@ def _line(name: str, seed: int) -> str:
     rng, errors, scores, gains = np.random.default_rng(seed), [], [], []
     for _ in range(CELLS):
         lag, gain = rng.uniform(0.005, 0.060), rng.uniform(0.96, 1.04, 6)
-        arm = Arm(lag, min(rng.uniform(0.0, 0.010), lag), gain, ramp, white, correlated)
+        arm = RecordedArm(lag, min(rng.uniform(0.0, 0.010), lag), gain, ramp, white, correlated)
         for _ in range(RUNS):
             found = estimate_timing(arm.run(rng, rate))
             errors.append(found.lag_s - lag)

@@ -14,7 +14,7 @@ STEP_S = 1e-4  # [s] of the integration: far below a tick
 
 
 @dataclass(frozen=True)
-class Arm:
+class RecordedArm:
     """Truth of an arm: lag, first-order part [s], gains, speedj's acceleration [rad/s^2], noise [rad/s]."""
 
     lag_s: float

@@ -9,17 +9,17 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.learning.recorded_arms import Arm
+from benchmarks.learning.recorded_arms import RecordedArm
 from learning import MotionRecording, RecordingError, estimate_timing, recording_from_csv
 from learning.recordings import COLUMNS
 
 WITHIN_S = 0.001  # [s] what a single run must give: the first figure
 
 
-def hidden_arm(rng: np.random.Generator, **known: float) -> Arm:
+def hidden_arm(rng: np.random.Generator, **known: float) -> RecordedArm:
     lag = rng.uniform(0.005, 0.060)
     first_order = min(rng.uniform(0.0, 0.010), lag)
-    return Arm(lag, first_order, rng.uniform(0.96, 1.04, 6), **known)
+    return RecordedArm(lag, first_order, rng.uniform(0.96, 1.04, 6), **known)
 
 
 @pytest.mark.parametrize(("rate_hz", "noise", "correlated"), [(500, 5e-4, 0.0), (125, 5e-3, 0.01)])
@@ -37,26 +37,26 @@ def test_lag_and_gains_of_hidden_arms(rate_hz: float, noise: float, correlated: 
 
 def test_a_first_order_part_is_told_from_a_delay() -> None:
     rng = np.random.default_rng(3)
-    found = estimate_timing(Arm(0.030, 0.008).run(rng, 500.0), ramp_rad_s2=math.inf)
+    found = estimate_timing(RecordedArm(0.030, 0.008).run(rng, 500.0), ramp_rad_s2=math.inf)
     assert found.lag_s == pytest.approx(0.030, abs=2e-4)
     assert [joint.first_order_s for joint in found.joints] == pytest.approx([0.008] * 6, abs=0.002)
 
 
 def test_a_ramp_that_holds_the_arm_back_is_found_and_does_not_pass_for_a_lag() -> None:
     rng = np.random.default_rng(5)
-    found = estimate_timing(Arm(0.020, 0.002, ramp=6.0, noise=5e-3).run(rng, 125.0))
+    found = estimate_timing(RecordedArm(0.020, 0.002, ramp=6.0, noise=5e-3).run(rng, 125.0))
     assert found.ramp_rad_s2 == pytest.approx(6.0, rel=0.02)
     assert found.lag_s == pytest.approx(0.020, abs=5e-4)
 
 
 def test_no_ramp_is_made_up() -> None:
     rng = np.random.default_rng(6)
-    assert estimate_timing(Arm(0.020, 0.008, noise=5e-3).run(rng, 125.0)).ramp_rad_s2 is None
+    assert estimate_timing(RecordedArm(0.020, 0.008, noise=5e-3).run(rng, 125.0)).ramp_rad_s2 is None
 
 
 def test_an_overshoot_is_seen_only_where_there_is_one() -> None:
     rng = np.random.default_rng(7)
-    calm = Arm(0.020, 0.002, noise=2e-3).run(rng, 500.0)
+    calm = RecordedArm(0.020, 0.002, noise=2e-3).run(rng, 500.0)
     speed = np.abs(calm.measured[:, 0])
     peak = calm.time_s[np.argmax(speed)]
     kick = 0.04 * speed.max() * np.where((calm.time_s > peak) & (calm.time_s < peak + 0.05), 1.0, 0.0)
@@ -70,7 +70,7 @@ def test_an_overshoot_is_seen_only_where_there_is_one() -> None:
 
 def test_lost_rows_and_joints_at_rest() -> None:
     rng = np.random.default_rng(8)
-    whole = Arm(0.025, 0.002, noise=2e-3).run(rng, 125.0)
+    whole = RecordedArm(0.025, 0.002, noise=2e-3).run(rng, 125.0)
     kept = np.delete(np.arange(len(whole.time_s)), [40, 41, 42, 70])
     command, measured = whole.command[kept].copy(), whole.measured[kept].copy()
     command[:, 5], measured[:, 5] = 0.0, rng.normal(0.0, 2e-3, len(kept))
@@ -89,7 +89,7 @@ def as_csv(recording: MotionRecording) -> str:
 
 
 def test_a_csv_reads_back() -> None:
-    recording = Arm(0.02).run(np.random.default_rng(9), 125.0)
+    recording = RecordedArm(0.02).run(np.random.default_rng(9), 125.0)
     read = recording_from_csv(as_csv(recording))
     assert np.array_equal(read.command, recording.command)
     assert np.array_equal(read.measured, recording.measured)
@@ -107,7 +107,7 @@ def test_a_csv_reads_back() -> None:
 )
 def test_a_csv_that_cannot_be_used_is_refused_with_the_reason(change, words: str) -> None:
     with pytest.raises(RecordingError, match=words):
-        recording_from_csv(change(as_csv(Arm(0.02).run(np.random.default_rng(9), 125.0))))
+        recording_from_csv(change(as_csv(RecordedArm(0.02).run(np.random.default_rng(9), 125.0))))
 
 
 def test_a_motion_that_stands_still_has_no_lag() -> None:
