@@ -17,7 +17,7 @@ COMMANDS = {
     "sim": ("simulator", "sim", "A simulated controller, or a fault in one."),
     "plan": ("plan", "plan", "Plan a request from a file, without a service."),
     "throw": ("throw", "throw", "Plan and execute a throw to a point."),
-    "profile": ("profile", "profile", "List, show, adopt or revert what was learnt of a cell."),
+    "profile": ("calibrate", "profile", "List, show, adopt or revert what was learnt of a cell."),
     "calibrate": ("calibrate", "calibrate", "Measure what a cell's own motions and throws teach."),
     "landing": ("landing", "landing", "Report where an object landed, or list the reports."),
     "report": ("plan", "report", "One plan as a self-contained HTML file."),

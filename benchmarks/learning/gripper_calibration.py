@@ -12,7 +12,7 @@ from learning import ObservedThrow, ReleasePosterior, ThrowTable, learn_release,
 
 THROWS = 10
 RESET_AFTER = (2, 6)  # throws after which the next ones are planned with what is known by then
-JUDGED_AFTER = (6, 10)
+ASSESSED_AFTER = (6, 10)
 NO_SHIFT = np.zeros(2)
 CAMERA_STD_M, SPEED_VARIANCE = 0.003, np.full(6, 0.005**2)  # [m], [rad^2/s^2]: what a user knows of the sensors
 DRAWS = 2000  # states from which a quantile is taken
@@ -39,7 +39,7 @@ def gripper_report(throws: list[PlannedThrow], seed: int, cells: int = 100) -> s
     ]
     lines[-1] += " 90 % interval covers | error / std, rms |"
     lines += ["|---|---|---|---|---|---|"]
-    for n in JUDGED_AFTER:
+    for n in ASSESSED_AFTER:
         some = [result for result in results if result.throws == n]
         errors = 1e3 * np.abs([r.delay_error_s for r in some])
         within = np.mean([abs(r.delay_error_s) <= r.tolerance_s for r in some])
@@ -76,10 +76,10 @@ def _calibrate(
         true = throw(rng, cell, soonest[i], float(cell.openings(rng, 1)[0]) - lead, NO_SHIFT)
         table = tables[i].deviated(true.deviation)
         seen.append(ObservedThrow(table, lead, true.seen, CAMERA_STD_M, SPEED_VARIANCE))
-        if n in (*RESET_AFTER, *JUDGED_AFTER):
+        if n in (*RESET_AFTER, *ASSESSED_AFTER):
             posterior = learn_release(seen, prior)
             lead = float(posterior.state[0]) if n in RESET_AFTER else lead
-            results += [_result(cell, posterior, n)] if n in JUDGED_AFTER else []
+            results += [_result(cell, posterior, n)] if n in ASSESSED_AFTER else []
     return results
 
 

@@ -1,7 +1,7 @@
 """Learning from ordinary throws with their recordings: landing errors, and whether predicted odds are honest.
 
-A cell throws mixed plans at random. After 0, 1, 2, 5 and 10 of them it is judged by further throws, aimed with what it
-knows then, and beside it an oracle that knows the truth. A moved aim is taken as a shift of the landing.
+A cell throws mixed plans at random. After 0, 1, 2, 5 and 10 of them further throws assess it, aimed with what it knows
+then, and beside it an oracle that knows the truth. A moved aim is taken as a shift of the landing.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from learning import (
     throw_table,
 )
 
-STAGES = (0, 1, 2, 5, 10)  # throws after which a cell is judged
-JUDGED = 8  # throws at each
+STAGES = (0, 1, 2, 5, 10)  # throws after which a cell is assessed
+ASSESSED = 8  # throws at each
 RADII_M = (0.05, 0.10)
 SAMPLES = (150, 4)  # of a forecast that gives odds
 AIMING_SAMPLES = (60, 3)
@@ -38,7 +38,7 @@ CERTAIN = 1e9  # shape of an inverse gamma without spread
 
 
 @dataclass(frozen=True)
-class JudgedThrow:
+class AssessedThrow:
     """One throw that judges what is known: its miss, the oracle's, and what was predicted."""
 
     cell: int
@@ -95,15 +95,15 @@ class LearningCell:
 
 def throws_report(throws: list[PlannedThrow], seed: int, cells: int = 200, diagram: Path | None = None) -> str:
     """Returns the learning curves and the honesty of the odds; writes the reliability diagram where asked to."""
-    judged = judged_throws(throws, seed, cells)
-    head = f"Ordinary throws: {cells} hidden cells, a third misspecified, {len(judged)} judged throws, seed {seed}"
+    assessed = assessed_throws(throws, seed, cells)
+    head = f"Ordinary throws: {cells} hidden cells, a third misspecified, {len(assessed)} assessed throws, seed {seed}"
     if diagram is not None:
-        diagram.write_text(reliability_svg(_reliability(judged), f"{len(judged)} throws in {cells} hidden cells"))
-    return "\n".join([head, "", *_curves(judged), "", *_odds(judged), "", *_bins(judged)])
+        diagram.write_text(reliability_svg(_reliability(assessed), f"{len(assessed)} throws in {cells} hidden cells"))
+    return "\n".join([head, "", *_curves(assessed), "", *_odds(assessed), "", *_bins(assessed)])
 
 
-def judged_throws(throws: list[PlannedThrow], seed: int, cells: int) -> list[JudgedThrow]:
-    """Returns every judged throw of `cells` hidden cells."""
+def assessed_throws(throws: list[PlannedThrow], seed: int, cells: int) -> list[AssessedThrow]:
+    """Returns every assessed throw of `cells` hidden cells."""
     tables = [throw_table(planned.problem, planned.trajectory) for planned in throws]
     found = []
     for k in range(cells):
@@ -112,18 +112,18 @@ def judged_throws(throws: list[PlannedThrow], seed: int, cells: int) -> list[Jud
         for n in range(max(STAGES) + 1):
             known = cell.learn()
             if n in STAGES:
-                found += [_judge(cell, known, k, n) for _ in range(JUDGED)]
+                found += [_assess(cell, known, k, n) for _ in range(ASSESSED)]
             if n < max(STAGES):
                 cell.ordinary_throw(known)
     return found
 
 
-def _judge(cell: LearningCell, known: tuple[ReleasePosterior, JointSpeeds, float], k: int, n: int) -> JudgedThrow:
+def _assess(cell: LearningCell, known: tuple[ReleasePosterior, JointSpeeds, float], k: int, n: int) -> AssessedThrow:
     i = int(cell.rng.integers(len(cell.plans)))
     target = cell.target(i)
     true, guess, _ = cell.one_throw(known, i, n > 0, SAMPLES)
     best, _, _ = cell.one_throw(_oracle(cell.truth), i, True, AIMING_SAMPLES)
-    return JudgedThrow(
+    return AssessedThrow(
         cell=k,
         misspecified=cell.truth.cling_share > 0.0,
         stage=n,
@@ -144,14 +144,14 @@ def _oracle(truth: HiddenCell) -> tuple[ReleasePosterior, JointSpeeds, float]:
     return posterior, JointSpeeds(truth.gain - 1.0, np.zeros(6), CERTAIN, CERTAIN * truth.noise_rad_s**2), delay
 
 
-def _curves(judged: list[JudgedThrow]) -> list[str]:
+def _curves(assessed: list[AssessedThrow]) -> list[str]:
     """Returns median misses by throws and cells: a cell's over the first, the oracle's beside."""
     lines = ["| throws | cells | " + " | ".join(f"after {n} [mm]" for n in STAGES) + " | oracle [mm] |"]
     lines[-1] += " after 5 / first | after 10 / oracle |"
     lines.append("|---" * (len(STAGES) + 5) + "|")
     for kind, wanted in (("soonest", {0.0}), ("robust", {0.01, 0.02})):
         for cells, choice in (("well specified", {False}), ("misspecified", {True}), ("all", {False, True})):
-            some = [t for t in judged if t.window_s in wanted and t.misspecified in choice]
+            some = [t for t in assessed if t.window_s in wanted and t.misspecified in choice]
             miss = [1e3 * float(np.median([t.miss_m for t in some if t.stage == n])) for n in STAGES]
             oracle = 1e3 * float(np.median([t.oracle_miss_m for t in some]))
             values = " | ".join(f"{m:.0f}" for m in miss)
@@ -161,11 +161,11 @@ def _curves(judged: list[JudgedThrow]) -> list[str]:
     return lines
 
 
-def _odds(judged: list[JudgedThrow]) -> list[str]:
+def _odds(assessed: list[AssessedThrow]) -> list[str]:
     lines = ["| cells | calibration error 5, 10 cm | Brier score 5, 10 cm / base rate's | 90 % miss radius covers |"]
     lines.append("|---|---|---|---|")
     for name, choice in (("all", {False, True}), ("well specified", {False}), ("misspecified", {True})):
-        some = [t for t in judged if t.misspecified in choice]
+        some = [t for t in assessed if t.misspecified in choice]
         errors, scores = [], []
         for r in range(len(RADII_M)):
             predicted, hit = hits_of(some, r)
@@ -176,19 +176,19 @@ def _odds(judged: list[JudgedThrow]) -> list[str]:
     return lines
 
 
-def _bins(judged: list[JudgedThrow]) -> list[str]:
+def _bins(assessed: list[AssessedThrow]) -> list[str]:
     lines = ["| predicted (5 cm) | hit | throws | 99 % band | inside |", "|---|---|---|---|---|"]
-    for b in _reliability(judged):
+    for b in _reliability(assessed):
         band = f"{b.band[0]:.3f} … {b.band[1]:.3f}"
         lines.append(f"| {b.predicted:.3f} | {b.hit:.3f} | {b.count} | {band} | {'yes' if b.is_inside else 'NO'} |")
     return lines
 
 
-def _reliability(judged: list[JudgedThrow]) -> list[Bin]:
-    return reliability_bins(*hits_of(judged, 0), np.array([t.cell for t in judged]))
+def _reliability(assessed: list[AssessedThrow]) -> list[Bin]:
+    return reliability_bins(*hits_of(assessed, 0), np.array([t.cell for t in assessed]))
 
 
-def hits_of(judged: list[JudgedThrow], radius: int) -> tuple[np.ndarray, np.ndarray]:
+def hits_of(assessed: list[AssessedThrow], radius: int) -> tuple[np.ndarray, np.ndarray]:
     """Returns predicted probabilities and hits of one of the radii."""
-    predicted = np.array([t.hit_probabilities[radius] for t in judged])
-    return predicted, np.array([float(t.miss_m <= RADII_M[radius]) for t in judged])
+    predicted = np.array([t.hit_probabilities[radius] for t in assessed])
+    return predicted, np.array([float(t.miss_m <= RADII_M[radius]) for t in assessed])

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.learning.recorded_arms import Arm
+from benchmarks.learning.recorded_arms import RecordedArm
 from executor.doctor import grade_lag, known_timing
 from learning import estimate_timing, lag_change
 from planner.cell import load_cell
@@ -17,7 +17,7 @@ CELL = "changing"  # a cell that no other test executes on
 
 def finished(service: RunningService, lag_s: float, seed: int) -> str:
     """Stores a finished execution whose recording shows this lag."""
-    found = estimate_timing(Arm(lag_s).run(np.random.default_rng(seed), 125.0), ramp_rad_s2=40.0)
+    found = estimate_timing(RecordedArm(lag_s).run(np.random.default_rng(seed), 125.0), ramp_rad_s2=40.0)
     change = lag_change(found.lag_s, found.lag_std_s, 0.020)
     timing: dict[str, Any] = {**found.as_document(), "mode": "speedj", "assumed_lag_s": 0.020, "lag_change_s": change}
     plan = service.plan(cell=CELL)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.learning.ordinary_throws import JudgedThrow, judged_throws
+from benchmarks.learning.ordinary_throws import AssessedThrow, assessed_throws
 from benchmarks.learning.plans import PlannedThrow
 from benchmarks.learning.reliability import brier_share, calibration_error, reliability_bins
 from learning import JointSpeeds, ReleasePosterior, forecast, learn_joint_speeds, throw_table
@@ -64,16 +64,16 @@ def test_gains_and_scatter_come_out_of_recordings():
 
 def test_learning_from_ordinary_throws_quickly(soonest: list[PlannedThrow]):
     """A small version of the benchmark, to see that its numbers are of the right size."""
-    judged = judged_throws(soonest, 7, 6)
+    assessed = assessed_throws(soonest, 7, 6)
 
     def median(n: int) -> float:
-        return float(np.median([t.miss_m for t in judged if t.stage == n]))
+        return float(np.median([t.miss_m for t in assessed if t.stage == n]))
 
     assert median(5) < 0.5 * median(0)
-    assert median(10) < 2.0 * float(np.median([t.oracle_miss_m for t in judged]))
-    covered = np.mean([t.miss_m <= t.miss_radius_m for t in judged if t.stage > 0])
+    assert median(10) < 2.0 * float(np.median([t.oracle_miss_m for t in assessed]))
+    covered = np.mean([t.miss_m <= t.miss_radius_m for t in assessed if t.stage > 0])
     assert 0.75 < covered <= 1.0
-    assert isinstance(judged[0], JudgedThrow)
+    assert isinstance(assessed[0], AssessedThrow)
 
 
 def test_honest_forecasts_are_called_honest_and_others_not():

@@ -8,11 +8,11 @@ import pytest
 from click.testing import CliRunner
 
 from api.cli import main
-from benchmarks.learning.recorded_arms import Arm
+from benchmarks.learning.recorded_arms import RecordedArm
 from learning.recordings import COLUMNS
 
 
-def csv_file(folder: Path, arm: Arm, rate_hz: float) -> Path:
+def csv_file(folder: Path, arm: RecordedArm, rate_hz: float) -> Path:
     run = arm.run(np.random.default_rng(4), rate_hz)
     table = np.column_stack([run.time_s, run.command, run.measured])
     file = folder / "run.csv"
@@ -23,7 +23,7 @@ def csv_file(folder: Path, arm: Arm, rate_hz: float) -> Path:
 @pytest.mark.parametrize("rate_hz", [125.0, 500.0])
 def test_the_lag_of_a_recorded_run_needs_no_service(tmp_path: Path, rate_hz: float):
     gain = np.array([1.02, 0.98, 1.0, 1.03, 0.97, 1.01])
-    file = csv_file(tmp_path, Arm(0.034, 0.004, gain), rate_hz)
+    file = csv_file(tmp_path, RecordedArm(0.034, 0.004, gain), rate_hz)
     result = CliRunner().invoke(main, ["calibrate", "lag", "--cell", "any", "--from-csv", str(file), "--json"])
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)
