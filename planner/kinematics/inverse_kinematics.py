@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner.arrays import Array, Index, Mask
+from planner.kernel import Kernel, twin_of
 from planner.kinematics.singularities import SINGULARITIES, signed_singularity_distances
 from planner.robots import Robot
-from planner.rotations import invert_pose
+from planner.robots import robot as robot_named
+from planner.rotations import invert_pose, pose, rotation_vector_to_matrix
 
 # signs of (shoulder, wrist, elbow) of the eight branches
 _SIGNS = np.array(list(product((1.0, -1.0), repeat=3)))
@@ -88,6 +90,24 @@ def inverse_branches(robot: Robot, X_BT: ArrayLike, X_FT: ArrayLike | None = Non
     X_BF = np.asarray(X_BT, dtype=np.float64)
     if X_FT is not None:
         X_BF = X_BF @ invert_pose(X_FT)
+    found = _branches(X_BF.reshape(-1, 4, 4), robot).reshape(*X_BF.shape[:-2], len(_SIGNS), 7)
+    return found[..., :6], found[..., 6]
+
+
+def _compiled(kernel: Kernel, X_BF: Array, robot: Robot) -> Array:
+    lengths = *robot.d[[0, 3, 4, 5]], *robot.a[[1, 2]], REACH_TOLERANCE_M, WRIST_FREE
+    return kernel.branches(X_BF, np.array(lengths))
+
+
+def _example() -> tuple[Array, Robot]:
+    """Returns poses within reach, the last with joint 6 free."""
+    turn = rotation_vector_to_matrix([[0.1, 0.2, 0.3], [2.0, 1.0, -1.0], [0.5 * np.pi, 0.0, 0.0]])
+    return pose([[0.3, -0.4, 0.2], [-0.5, 0.1, 0.4], [0.4, 0.3, 0.1]], turn), robot_named("ur5e")
+
+
+@twin_of(_compiled, _example)
+def _branches(X_BF: Array, robot: Robot) -> Array:
+    """Returns the branches (n, 8, 6) of flange poses (n, 4, 4), and how far each is out of reach: (n, 8, 7)."""
     x6, y6, z6 = (X_BF[..., None, :3, k] for k in range(3))
     p5 = X_BF[..., None, :3, 3] - robot.d[5] * z6
     q1, short = _shoulder(p5, robot.d[3])
@@ -103,7 +123,7 @@ def inverse_branches(robot: Robot, X_BT: ArrayLike, X_FT: ArrayLike | None = Non
     q = _wrapped(np.stack(np.broadcast_arrays(q1, q2, q3, q4, q5, q6), axis=-1))
     excess = np.maximum(short, beyond)
     q[excess > 0.0] = np.nan
-    return q, excess
+    return np.concatenate([q, excess[..., None]], axis=-1)
 
 
 def _shoulder(p5: Array, offset: float) -> tuple[Array, Array]:
