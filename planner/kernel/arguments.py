@@ -67,6 +67,6 @@ def indices(values: Index, shape: tuple[int, ...], count: int) -> bytes:
     return values.tobytes()
 
 
-def written(values: Array) -> ctypes.Array[Any]:
+def written(values: Array | Index) -> ctypes.Array[Any]:
     """Returns an argument that C writes to."""
     return MEMORY.from_buffer(values.data)

@@ -58,8 +58,8 @@ def largest_share(qd: Array, qd_max: Array) -> Array:
 
 def _example() -> tuple[Array, Array, Array, Array]:
     """Returns Jacobians, tool velocities, joint velocities and their limits."""
-    rng = np.random.default_rng(0)
-    return *(rng.uniform(-1.0, 1.0, shape) for shape in ((5, 3, 6), (5, 3), (5, 6))), np.linspace(2.0, 3.0, 6)
+    J, v, qd = (np.random.default_rng(0).uniform(-1.0, 1.0, (5, *shape)) for shape in ((3, 6), (3,), (6,)))
+    return J, v, qd, np.linspace(2.0, 3.0, 6)
 
 
 def _compiled_norm(kernel: Kernel, J: Array, v: Array, qd_max: Array) -> Array:
