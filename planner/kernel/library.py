@@ -6,14 +6,15 @@ import ctypes
 import logging
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from planner.arrays import Array, Index
+from planner.kernel.arguments import Pinned, indices, read, written
 from planner.kernel.compilation import SHARED, compile_once, library_path
 
-SOURCES = tuple(Path(__file__).with_name(name) for name in ("kernel.c", "bounds.c", "flights.c"))  # one after the other
+# One after the other.
+SOURCES = tuple(Path(__file__).with_name(f"{name}.c") for name in ("kernel", "bounds", "flights", "states"))
 # Multiplications and additions are not fused, and no processor is asked for: every machine rounds alike.
 FLAGS = ("-O3", "-ffp-contract=off", "-fno-math-errno", *SHARED)
 # Arguments of each function, in order: a count, a number, or the address of an array.
@@ -41,14 +42,20 @@ SIGNATURES = {
     "ways": "naaaaaa",
     "exit_cells": "naanaaaxxxa",
     "capsule_bounds": "nnaanaaaaaaaa",
+    "jacobians": "naaa",
+    "branches": "naaa",
+    "least_norms": "nanaaxa",
+    "largest_shares": "naaa",
+    "lower_shares": "naaaanaana",
+    "penalised_bounds": "nanaaaaxa",
+    "distinct_rows": "naxna",
 }
 TYPES = {"n": ctypes.c_ssize_t, "x": ctypes.c_double, "a": ctypes.c_void_p}
 LINKS, JOINTS = 7, 6  # base and links; joints
 STEPS_MAX = 100_000  # [-] of one interval of a flight
 STATE, LANDING = 6, 8  # position and velocity of a flight; with time and apex
 BODIES = 8  # links, tool and object
-COPIED_MAX = 4096  # [-] numbers that are copied in less time than their address takes
-MEMORY = ctypes.c_char * 0  # of an array: its address
+BRANCHES = 8  # of the inverse kinematics
 
 
 def compile_kernel() -> bool:
@@ -81,34 +88,6 @@ def path() -> Path:
     return library_path("kernel", FLAGS, (source.read_bytes() for source in SOURCES))
 
 
-class Pinned:
-    """Arrays that C reads in place again and again: their addresses are looked up once.
-
-    Attributes:
-        arrays: as given, contiguous.
-    """
-
-    def __init__(self, *arrays: Array) -> None:
-        """Takes arrays of doubles, which must not change."""
-        self.arrays = tuple(np.ascontiguousarray(values, dtype=np.float64) for values in arrays)
-        self._shapes = [values.shape for values in self.arrays]
-        self._addresses = [values.ctypes.data for values in self.arrays]
-
-    def __reduce__(self) -> tuple[type[Pinned], tuple[Array, ...]]:
-        """Returns how to copy it: a copy's arrays lie elsewhere."""
-        return Pinned, self.arrays
-
-    def of_shapes(self, *shapes: tuple[int, ...]) -> list[int]:
-        """Returns the addresses of the arrays.
-
-        Raises:
-            ValueError: the arrays have other shapes.
-        """
-        if self._shapes != list(shapes):
-            raise ValueError(f"arrays of the kernel are {self._shapes} instead of {shapes}")
-        return self._addresses
-
-
 class Kernel:
     """The functions of the library, on arrays of any layout. Shapes are checked here, because C would not."""
 
@@ -128,15 +107,15 @@ class Kernel:
         """Returns link poses (n, 7, 4, 4) for cosines and sines (n, 6) of the joints, see `kinematics.link_poses`."""
         n, X = len(cosine), np.empty((len(cosine), LINKS, 4, 4))
         rows = (n, JOINTS)
-        joints = _in(cosine, rows), _in(sine, rows)
-        self._library.link_poses(n, *joints, _in(dh, (4, JOINTS)), _in(base, (4, 4)), _out(X))
+        joints = read(cosine, rows), read(sine, rows)
+        self._library.link_poses(n, *joints, read(dh, (4, JOINTS)), read(base, (4, 4)), written(X))
         return X
 
     def flange_poses(self, cosine: Array, sine: Array, dh: Array, base: Array) -> Array:
         """Returns flange poses (n, 4, 4) for cosines and sines (n, 6) of the joints, as `link_poses` does."""
         n, X = len(cosine), np.empty((len(cosine), 4, 4))
-        joints = _in(cosine, (n, JOINTS)), _in(sine, (n, JOINTS))
-        self._library.flange_poses(n, *joints, _in(dh, (4, JOINTS)), _in(base, (4, 4)), _out(X))
+        joints = read(cosine, (n, JOINTS)), read(sine, (n, JOINTS))
+        self._library.flange_poses(n, *joints, read(dh, (4, JOINTS)), read(base, (4, 4)), written(X))
         return X
 
     def fixed_chain_poses(self, cosine: Array, sine: Array, fixed: Array, base: Array) -> Array:
@@ -151,44 +130,44 @@ class Kernel:
         """Returns ends (k, 2, 3, n) in the world of segments with `ends` (k, 2, 3) in `frames` (k,) of X."""
         n, k = len(X), len(frames)
         out = np.empty((k, 2, 3, n))
-        poses, places = _in(X, (n, LINKS, 4, 4)), _rows(frames, (k,), LINKS)
-        self._library.end_points(n, poses, k, places, _in(ends, (k, 2, 3)), _out(out))
+        poses, places = read(X, (n, LINKS, 4, 4)), indices(frames, (k,), LINKS)
+        self._library.end_points(n, poses, k, places, read(ends, (k, 2, 3)), written(out))
         return out
 
     def end_points_of(self, X: Array, frames: Index, ends: Array) -> Array:
         """Returns ends (n, 2, 3) in the world of one segment an instant with `ends` (n, 2, 3) in `frames` (n,) of X."""
         n = len(X)
         out = np.empty((n, 2, 3))
-        poses, places = _in(X, (n, LINKS, 4, 4)), _rows(frames, (n,), LINKS)
-        self._library.end_points_of(n, poses, places, _in(ends, (n, 2, 3)), _out(out))
+        poses, places = read(X, (n, LINKS, 4, 4)), indices(frames, (n,), LINKS)
+        self._library.end_points_of(n, poses, places, read(ends, (n, 2, 3)), written(out))
         return out
 
     def point_velocity(self, X: Array, qd: Array, point: Array) -> Array:
         """Returns velocities (3, n) of a point (3, n) that moves with the flange."""
         n, out = len(X), np.empty((3, len(X)))
-        motion = _in(X, (n, LINKS, 4, 4)), _in(qd, (n, JOINTS))
-        self._library.point_velocity(n, *motion, _in(point, (3, n)), _out(out))
+        motion = read(X, (n, LINKS, 4, 4)), read(qd, (n, JOINTS))
+        self._library.point_velocity(n, *motion, read(point, (3, n)), written(out))
         return out
 
     def point_acceleration(self, X: Array, qd: Array, qdd: Array, point: Array) -> Array:
         """Returns accelerations (3, n) of a point (3, n) that moves with the flange."""
         n, out = len(X), np.empty((3, len(X)))
-        motion = _in(X, (n, LINKS, 4, 4)), _in(qd, (n, JOINTS)), _in(qdd, (n, JOINTS))
-        self._library.point_acceleration(n, *motion, _in(point, (3, n)), _out(out))
+        motion = read(X, (n, LINKS, 4, 4)), read(qd, (n, JOINTS)), read(qdd, (n, JOINTS))
+        self._library.point_acceleration(n, *motion, read(point, (3, n)), written(out))
         return out
 
     def fastest(self, X: Array, qd: Array, frames: Index, places: Array) -> Array:
         """Returns speeds (n,) of the fastest of points at `places` (k, 3) of `frames` (k,)."""
         n, k = len(X), len(frames)
-        out, motion = np.empty(n), (_in(X, (n, LINKS, 4, 4)), _in(qd, (n, JOINTS)))
-        self._library.fastest(n, *motion, k, _rows(frames, (k,), LINKS), _in(places, (k, 3)), _out(out))
+        out, motion = np.empty(n), (read(X, (n, LINKS, 4, 4)), read(qd, (n, JOINTS)))
+        self._library.fastest(n, *motion, k, indices(frames, (k,), LINKS), read(places, (k, 3)), written(out))
         return out
 
     def momentum(self, X: Array, qd: Array, mass: Array, coms: Array) -> Array:
         """Returns the linear momentum (3, n) of links of `mass` (6,) with centres of mass `coms` (6, 3) in them."""
         n, out = len(X), np.empty((3, len(X)))
-        motion = _in(X, (n, LINKS, 4, 4)), _in(qd, (n, JOINTS))
-        self._library.momentum(n, *motion, _in(mass, (JOINTS,)), _in(coms, (JOINTS, 3)), _out(out))
+        motion = read(X, (n, LINKS, 4, 4)), read(qd, (n, JOINTS))
+        self._library.momentum(n, *motion, read(mass, (JOINTS,)), read(coms, (JOINTS, 3)), written(out))
         return out
 
     def chain_torques(
@@ -196,7 +175,7 @@ class Kernel:
     ) -> Array:
         """Returns torques (2, 6, n) of the links, and per kilogram at `p_F` of the flange; see `chain_torques`."""
         out = np.empty((2, JOINTS, len(X)))
-        self._library.chain_torques(len(X), *_chain(X, rates, bodies, upward, p_F), _out(out))
+        self._library.chain_torques(len(X), *_chain(X, rates, bodies, upward, p_F), written(out))
         return out
 
     def torque_terms(
@@ -204,21 +183,21 @@ class Kernel:
     ) -> Array:
         """Returns torques (3, 2, 6, n) as `chain_torques` does, see `torque_terms`."""
         out = np.empty((3, 2, JOINTS, len(X)))
-        self._library.torque_terms(len(X), *_chain(X, rates, bodies, upward, p_F), _out(out))
+        self._library.torque_terms(len(X), *_chain(X, rates, bodies, upward, p_F), written(out))
         return out
 
     def pair_distances(self, ends: Array, pairs: Index, shortest_m2: float) -> Array:
         """Returns the distances (p, n) of `pairs` (p, 2) of segments with `ends` (k, 2, 3, n)."""
         k, *_, n = ends.shape
-        out, chosen = np.empty((len(pairs), n)), _rows(pairs, (len(pairs), 2), k)
-        self._library.pair_distances(n, _in(ends, (k, 2, 3, n)), len(pairs), chosen, shortest_m2, _out(out))
+        out, chosen = np.empty((len(pairs), n)), indices(pairs, (len(pairs), 2), k)
+        self._library.pair_distances(n, read(ends, (k, 2, 3, n)), len(pairs), chosen, shortest_m2, written(out))
         return out
 
     def box_distances(self, p0: Array, p1: Array, lower: Array, upper: Array) -> Array:
         """Returns the distances (n,) of segments p0-p1 from boxes, each (n, 3)."""
         n = len(p0)
         out = np.empty(n)
-        self._library.box_distances(n, *(_in(x, (n, 3)) for x in (p0, p1, lower, upper)), _out(out))
+        self._library.box_distances(n, *(read(x, (n, 3)) for x in (p0, p1, lower, upper)), written(out))
         return out
 
     def drag_paths(self, states: Array, steps: Index, h: Array, air: tuple[float, float]) -> Array:
@@ -231,8 +210,8 @@ class Kernel:
             air: gravity and drag constant.
         """
         n, k = h.shape
-        out, given = np.empty((n, k, 3)), (_in(states, (n, STATE)), k, _rows(steps, (k,), STEPS_MAX))
-        self._library.drag_paths(n, *given, _in(h, (n, k)), *air, _out(out))
+        out, given = np.empty((n, k, 3)), (read(states, (n, STATE)), k, indices(steps, (k,), STEPS_MAX))
+        self._library.drag_paths(n, *given, read(h, (n, k)), *air, written(out))
         return out
 
     def drag_landings(
@@ -247,51 +226,51 @@ class Kernel:
             air: gravity and drag constant.
         """
         out = np.empty((len(states), LANDING))
-        self._library.drag_landings(len(states), _in(states, (len(states), STATE)), plane_z, *step, *air, _out(out))
+        self._library.drag_landings(len(states), read(states, (len(states), STATE)), plane_z, *step, *air, written(out))
         return out
 
     def states_at(self, t: Array, rate: float, samples: Pinned) -> Array:
         """Returns states (3, k, c) at times `t` (k,) of a motion with `samples` q, qd, qdd (n, c), jerk (n-1, c)."""
         (n, c), k = samples.arrays[0].shape, len(t)
         out, motion = np.empty((3, k, c)), samples.of_shapes(*3 * [(n, c)], (n - 1, c))
-        self._library.states_at(k, _in(t, (k,)), n, c, rate, *motion, _out(out))
+        self._library.states_at(k, read(t, (k,)), n, c, rate, *motion, written(out))
         return out
 
     def joint_rates(self, samples: Pinned, dt: float, rows: Index) -> Array:
         """Returns bounds (4, c, k-1) between `rows` (k,), see `joint_rates`, for q, qd, qdd (n, c), jerk (n-1, c)."""
         (n, c), k = samples.arrays[0].shape, len(rows)
         out, (_, *rates) = np.empty((4, c, k - 1)), samples.of_shapes(*3 * [(n, c)], (n - 1, c))
-        self._library.joint_rates(c, *rates, dt, k, _rows(rows, (k,), n), _out(out))
+        self._library.joint_rates(c, *rates, dt, k, indices(rows, (k,), n), written(out))
         return out
 
     def derivative_bounds(self, rates: Array) -> Array:
         """Returns bounds (11, c, m) for `rates` (3, c, m), see `Rates`."""
         _, c, m = rates.shape
         out = np.empty((11, c, m))
-        self._library.derivative_bounds(c, m, _in(rates, (3, c, m)), _out(out))
+        self._library.derivative_bounds(c, m, read(rates, (3, c, m)), written(out))
         return out
 
     def load_bounds(self, rates: tuple[Array, Array], bodies: tuple[Array, ...], inertia: float, g: float) -> Array:
         """Returns bounds (33, m), see `load_bounds`, for `rates` (4, 6, m) and their `derivative_bounds` (11, 6, m)."""
         m, out = rates[0].shape[-1], np.empty((33, rates[0].shape[-1]))
-        given = (_in(values, (rows, JOINTS, m)) for values, rows in zip(rates, (4, 11), strict=True))
+        given = (read(values, (rows, JOINTS, m)) for values, rows in zip(rates, (4, 11), strict=True))
         shapes = (BODIES, JOINTS), (BODIES, JOINTS), (BODIES,), (JOINTS,), (JOINTS, JOINTS)
-        moved = (_in(values, shape) for values, shape in zip(bodies, shapes, strict=True))
-        self._library.load_bounds(m, *given, *moved, inertia, g, _out(out))
+        moved = (read(values, shape) for values, shape in zip(bodies, shapes, strict=True))
+        self._library.load_bounds(m, *given, *moved, inertia, g, written(out))
         return out
 
     def joint_extremes(self, dt: float, samples: Pinned) -> Array:
         """Returns extremes (2, 6, 6), see `joint_extremes`, for `samples` q, qd, qdd (n, 6), jerk (n-1, 6)."""
         n, out = len(samples.arrays[0]), np.empty((2, 6, JOINTS))
         motion = samples.of_shapes(*3 * [(n, JOINTS)], (n - 1, JOINTS))
-        self._library.joint_extremes(n, dt, *motion, _out(out))
+        self._library.joint_extremes(n, dt, *motion, written(out))
         return out
 
     def ways(self, X: Array, X_FT: Array, fallen: Array, s: Array, felt: Array) -> Array:
         """Returns w (3, n), see `certificate.exits`: flange `X` (n, 4, 4), `X_FT` (4, 4), `fallen`, `felt` (3, n)."""
         n, out = len(X), np.empty((3, len(X)))
-        given = _in(X, (n, 4, 4)), _in(X_FT, (4, 4)), _in(fallen, (3, n)), _in(s, (n,)), _in(felt, (3, n))
-        self._library.ways(n, *given, _out(out))
+        given = read(X, (n, 4, 4)), read(X_FT, (4, 4)), read(fallen, (3, n)), read(s, (n,)), read(felt, (3, n))
+        self._library.ways(n, *given, written(out))
         return out
 
     def exit_cells(
@@ -300,8 +279,8 @@ class Kernel:
         """Returns rows (7, k), see `certificate.exits`, of cells with `corners` (4, k) among `w` (3, p), `s` (p,)."""
         p, k = len(s), corners.shape[1]
         out, (axis, *numbers) = np.empty((7, k)), cone
-        cells = k, _rows(corners, (4, k), p), _in(deviation, (k,))
-        self._library.exit_cells(p, _in(w, (3, p)), _in(s, (p,)), *cells, _in(axis, (3,)), *numbers, _out(out))
+        cells = k, indices(corners, (4, k), p), read(deviation, (k,))
+        self._library.exit_cells(p, read(w, (3, p)), read(s, (p,)), *cells, read(axis, (3,)), *numbers, written(out))
         return out
 
     def capsule_bounds(
@@ -324,11 +303,76 @@ class Kernel:
         (x, X, h), (frames, ends) = grid, capsules
         (_, rows, columns), c, n = x.shape, len(frames), len(h)
         out, scratch = np.empty((c, max(1, rows - 1), n)), np.empty((LINKS, rows, columns, 3))
-        given = _in(x, (3, rows, n + 1)), _in(X, (n + 1, LINKS, 4, 4))
-        bodies = c, _rows(frames, (c,), LINKS), _in(ends, (c, 2, 3))
-        moved = _in(rates, (2, LINKS, n)), _in(reach, (LINKS,)), _in(moving, (2, *out.shape[1:])), _in(h, (n,))
-        self._library.capsule_bounds(rows, n, *given, *bodies, *moved, _out(scratch), _out(out))
+        given = read(x, (3, rows, n + 1)), read(X, (n + 1, LINKS, 4, 4))
+        bodies = c, indices(frames, (c,), LINKS), read(ends, (c, 2, 3))
+        moved = read(rates, (2, LINKS, n)), read(reach, (LINKS,)), read(moving, (2, *out.shape[1:])), read(h, (n,))
+        self._library.capsule_bounds(rows, n, *given, *bodies, *moved, written(scratch), written(out))
         return out
+
+    def jacobians(self, X: Array, p_F: Array) -> Array:
+        """Returns Jacobians (n, 6, 6) of a point `p_F` (3,) of the flange, linear rows first."""
+        n, out = len(X), np.empty((len(X), JOINTS, JOINTS))
+        self._library.jacobians(n, read(X, (n, LINKS, 4, 4)), read(p_F, (3,)), written(out))
+        return out
+
+    def branches(self, X: Array, lengths: Array) -> Array:
+        """Returns joint positions and missing reach (n, 8, 7) of flange poses `X` (n, 4, 4); `lengths` (8,)."""
+        n, out = len(X), np.empty((len(X), BRANCHES, JOINTS + 1))
+        self._library.branches(n, read(X, (n, 4, 4)), read(lengths, (8,)), written(out))
+        return out
+
+    def least_norms(self, J: Array, weight: Array, v: Array, floor: float) -> Array:
+        """Returns joint velocities (k, 6) for velocities `v` (k, 3), Jacobians `J` (n, 3, 6) taken in turn."""
+        k, n, out = len(v), len(J), np.empty((len(v), JOINTS))
+        given = read(v, (k, 3)), n, read(J, (n, 3, JOINTS)), read(weight, (JOINTS,))
+        self._library.least_norms(k, *given, floor, written(out))
+        return out
+
+    def largest_shares(self, qd: Array, qd_max: Array) -> Array:
+        """Returns the largest shares (k,) of the limits (6,) in joint velocities `qd` (k, 6)."""
+        k, out = len(qd), np.empty(len(qd))
+        self._library.largest_shares(k, read(qd, (k, JOINTS)), read(qd_max, (JOINTS,)), written(out))
+        return out
+
+    def lower_shares(
+        self, states: tuple[Array, Array, Array], qd_max: Array, norms: Array, floors: tuple[float, float], times: int
+    ) -> Array:
+        """Returns joint velocities (k, 6) with smaller shares of the limits, see `_towards_maximum_norm`.
+
+        Args:
+            states: Jacobians (k, 3, 6), velocities (k, 3) and joint velocities (k, 6).
+            qd_max: the limits (6,).
+            norms: p of the norms in turn.
+            floors: least share, and of the Gram matrix.
+            times: refinements of each solution.
+        """
+        J, v, qd = states
+        k, out = len(qd), np.empty((len(qd), JOINTS))
+        given = read(J, (k, 3, JOINTS)), read(v, (k, 3)), read(qd, (k, JOINTS)), read(qd_max, (JOINTS,))
+        steps = len(norms), read(norms, norms.shape), read(np.array(floors), (2,)), times
+        self._library.lower_shares(k, *given, *steps, written(out))
+        return out
+
+    def penalised_bounds(self, q: Array, qd: Array, start: Array, bounds: tuple[Array, Array], penalty: float) -> Array:
+        """Returns lower bounds (k,) on launch times to `qd` (k, 6) in postures `q` (n, 6), taken in turn.
+
+        Args:
+            q, qd: joint states.
+            start: posture (6,) from which they are launched.
+            bounds: of velocity and acceleration (6,).
+            penalty: per multiple of a speed limit.
+        """
+        k, n, out = len(qd), len(q), np.empty(len(qd))
+        states = read(qd, (k, JOINTS)), n, read(q, (n, JOINTS))
+        fixed = (read(values, (JOINTS,)) for values in (start, *bounds))
+        self._library.penalised_bounds(k, *states, *fixed, penalty, written(out))
+        return out
+
+    def distinct_rows(self, q: Array, least: float, most: int) -> Index:
+        """Returns the first `most` rows of `q` (n, 6) that differ in some joint by more than `least` from others."""
+        n, rows = len(q), np.empty(most, dtype=np.intp)
+        self._library.distinct_rows(n, read(q, (n, JOINTS)), least, most, written(rows))
+        return rows[rows >= 0]
 
 
 def _chain(
@@ -336,36 +380,6 @@ def _chain(
 ) -> tuple[bytes | int, ...]:
     """Returns copies of poses (n, 7, 4, 4), qd and qdd (n, 6), masses, what is fixed in the links, and two vectors."""
     n, (mass, fixed, principal) = len(X), bodies
-    motion = _in(X, (n, LINKS, 4, 4)), *(_in(rate, (n, JOINTS)) for rate in rates)
-    masses = _in(mass, (JOINTS,)), _in(fixed, (4, JOINTS, 3)), _in(principal, (3, JOINTS))
-    return *motion, *masses, _in(upward, (3,)), _in(p_F, (3,))
-
-
-def _in(values: Array, shape: tuple[int, ...]) -> bytes | int:
-    """Returns an argument: a copy, or the address of a large array, which takes 2 us; the caller holds the array.
-
-    Raises:
-        ValueError: it has another shape, or does not hold doubles.
-    """
-    if values.shape != shape or values.dtype.char != "d":
-        raise ValueError(f"an array of the kernel is {values.dtype} {values.shape} instead of float64 {shape}")
-    is_copied = values.size < COPIED_MAX or not values.flags.c_contiguous
-    return values.tobytes() if is_copied else values.ctypes.data
-
-
-def _rows(values: Index, shape: tuple[int, ...], count: int) -> bytes:
-    """Returns a copy of indices of rows.
-
-    Raises:
-        ValueError: they have another shape or type.
-        IndexError: one is not a row of `count`.
-    """
-    if values.shape != shape or values.dtype != np.intp:
-        raise ValueError(f"indices of the kernel are {values.dtype} {values.shape} instead of {shape}")
-    if values.size and np.maximum.reduce(values.ravel().view(np.uintp)) >= count:  # a negative one is larger than any
-        raise IndexError(f"an index of the kernel is outside [0, {count})")
-    return values.tobytes()
-
-
-def _out(values: Array) -> ctypes.Array[Any]:
-    return MEMORY.from_buffer(values.data)
+    motion = read(X, (n, LINKS, 4, 4)), *(read(rate, (n, JOINTS)) for rate in rates)
+    masses = read(mass, (JOINTS,)), read(fixed, (4, JOINTS, 3)), read(principal, (3, JOINTS))
+    return *motion, *masses, read(upward, (3,)), read(p_F, (3,))

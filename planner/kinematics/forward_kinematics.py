@@ -117,9 +117,20 @@ def forward(robot: Robot, q: ArrayLike, X_FT: ArrayLike | None = None) -> Array:
 def jacobian(robot: Robot, q: ArrayLike, X_FT: ArrayLike | None = None) -> Array:
     """Returns the geometric Jacobian (..., 6, 6) of the tool in the base: linear [m/rad], then angular [1] rows."""
     X = link_poses(robot, q)
-    axes, origins = (np.moveaxis(X[..., :6, :3, k], -1, 0) for k in (2, 3))
-    J_v = cross(axes, np.moveaxis(_tool_point(X, X_FT), -1, 0)[..., None] - origins)
-    return np.moveaxis(np.concatenate([J_v, axes]), 0, -2)
+    p_F = np.zeros(3) if X_FT is None else np.asarray(X_FT, dtype=np.float64)[:3, 3]
+    return _jacobians(X.reshape(-1, 7, 4, 4), p_F).reshape(*X.shape[:-3], 6, 6)
+
+
+def _posed_example() -> tuple[Array, Array]:
+    return np.random.default_rng(0).uniform(-1.0, 1.0, (4, 7, 4, 4)), np.array([0.1, -0.2, 0.3])
+
+
+@twin_of(Kernel.jacobians, _posed_example)
+def _jacobians(X: Array, p_F: Array) -> Array:
+    """Returns the Jacobians (n, 6, 6) of a point `p_F` (3,) of the flange for link poses."""
+    axes, origins = (X[:, :6, :3, k].transpose(2, 0, 1) for k in (2, 3))
+    point = X[:, 6, :3, 3] + X[:, 6, :3, :3] @ p_F
+    return np.concatenate([cross(axes, point.T[..., None] - origins), axes]).transpose(1, 0, 2)
 
 
 def _tool_point(X: Array, X_FT: ArrayLike | None) -> Array:

@@ -17,10 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from planner.arrays import Array, Index, Mask
+from planner.kernel import Kernel, twin_of
 from planner.kinematics.forward_kinematics import forward, jacobian
 from planner.kinematics.singularities import SINGULARITIES, signed_singularity_distances
 from planner.robots import Robot
-from planner.rotations import invert_pose, matrix_to_rotation_vector
+from planner.robots import robot as robot_named
+from planner.rotations import invert_pose, matrix_to_rotation_vector, pose, rotation_vector_to_matrix
 
 # signs of (shoulder, wrist, elbow) of the eight branches
 _SIGNS = np.array(list(product((1.0, -1.0), repeat=3)))
@@ -98,11 +100,31 @@ def inverse_branches(robot: Robot, X_BT: ArrayLike, X_FT: ArrayLike | None = Non
     X_BF = np.asarray(X_BT, dtype=np.float64)
     if X_FT is not None:
         X_BF = X_BF @ invert_pose(X_FT)
-    q, excess = _closed_form(robot, X_BF)
     if robot.fixed is not None:
-        q, excess = _refined(robot, X_BF, q, excess)
+        q, excess = _refined(robot, X_BF, *_closed_form(robot, X_BF))
+        q[excess > 0.0] = np.nan
+        return q, excess
+    found = _branches(X_BF.reshape(-1, 4, 4), robot).reshape(*X_BF.shape[:-2], len(_SIGNS), 7)
+    return found[..., :6], found[..., 6]
+
+
+def _compiled(kernel: Kernel, X_BF: Array, robot: Robot) -> Array:
+    lengths = *robot.d[[0, 3, 4, 5]], *robot.a[[1, 2]], REACH_TOLERANCE_M, WRIST_FREE
+    return kernel.branches(X_BF, np.array(lengths))
+
+
+def _example() -> tuple[Array, Robot]:
+    """Returns poses within reach, the last with joint 6 free."""
+    turn = rotation_vector_to_matrix([[0.1, 0.2, 0.3], [2.0, 1.0, -1.0], [0.5 * np.pi, 0.0, 0.0]])
+    return pose([[0.3, -0.4, 0.2], [-0.5, 0.1, 0.4], [0.4, 0.3, 0.1]], turn), robot_named("ur5e")
+
+
+@twin_of(_compiled, _example)
+def _branches(X_BF: Array, robot: Robot) -> Array:
+    """Returns the branches (n, 8, 6) of flange poses (n, 4, 4), and how far each is out of reach: (n, 8, 7)."""
+    q, excess = _closed_form(robot, X_BF)
     q[excess > 0.0] = np.nan
-    return q, excess
+    return np.concatenate([q, excess[..., None]], axis=-1)
 
 
 def _refined(robot: Robot, X_BF: Array, q: Array, excess: Array) -> tuple[Array, Array]:

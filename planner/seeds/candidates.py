@@ -30,6 +30,7 @@ from planner.rotations import invert_pose
 from planner.seeds.flight_filter import has_flight_obstacles
 from planner.seeds.sampling import point_states, target_states
 from planner.seeds.soonest_states import least_time
+from planner.seeds.velocity_allocation import largest_share
 
 SPEED_SLACK = 1e-9  # [-] rounding allowed in the comparison with a speed limit
 FEW_CANDIDATES = 6  # for a target behind obstacles; fewer call for a thorough search of 0.2 to 0.3 s
@@ -167,7 +168,7 @@ def _usable(problem: ThrowProblem, states: _States) -> list[Candidate]:
     limits, q, qd = problem.limits, states.q, states.qd
     if len(q) == 0:
         raise Infeasible([Violation("joint_position", 0.0, 1.0, "1", detail=NO_STATES)])
-    excess = np.max(np.abs(qd) / limits.qd_max, axis=-1)
+    excess = largest_share(qd, limits.qd_max)
     distance = states.of_postures(lambda q: singularity_distances(problem.cell.robot, q).minimum)
     singular = (distance < limits.singularity_distance_min) & (not problem.ends_at_rest)
     good = (excess <= 1.0 + SPEED_SLACK) & ~singular

@@ -10,8 +10,8 @@ import math
 import numpy as np
 
 from planner.arrays import Array, Mask
-from planner.geometry import Arcs, tool_pose
-from planner.kinematics import tcp_acceleration
+from planner.geometry import Arcs
+from planner.kinematics import LinkMotion, dot, link_poses
 from planner.problem import TargetRelease, ThrowProblem
 
 FLIGHT_TIMES = (1.0, 0.8, 1.25, 0.6)  # [-] flight times tried, relative to that of the slowest throw
@@ -70,8 +70,8 @@ def leave_through_opening(problem: ThrowProblem, q: Array, qd: Array) -> Mask:
     cell, gripper = problem.cell, problem.cell.gripper
     if gripper.opening_direction is None or gripper.opening_cone_rad is None:
         return np.ones(len(q), dtype=bool)
-    R_WB, R_WT = cell.X_WB[:3, :3], tool_pose(cell, q)[:, :3, :3]
-    a_W = tcp_acceleration(cell.robot, q, qd, np.zeros_like(q), cell.tool.X_FT)[..., :3] @ R_WB.T
-    leaving = -a_W - np.array([0.0, 0.0, problem.gravity])
-    along = np.einsum("nij,j,ni->n", R_WT, gripper.opening_direction, leaving)
-    return along >= math.cos(gripper.opening_cone_rad) * np.linalg.norm(leaving, axis=-1)
+    links = LinkMotion(link_poses(cell.robot, q, cell.X_WB), qd, np.zeros_like(q))
+    leaving = -links.acceleration(links.on_flange(cell.tool.X_FT[:3, 3]))
+    leaving[2] -= problem.gravity
+    opening = links.X[:, 6, :3, :3] @ (cell.tool.X_FT[:3, :3] @ gripper.opening_direction)
+    return dot(opening.T, leaving) >= math.cos(gripper.opening_cone_rad) * np.sqrt(dot(leaving, leaving))

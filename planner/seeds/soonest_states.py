@@ -10,8 +10,10 @@ import numpy as np
 from planner.arrays import Array, Index, Mask, read_only
 from planner.cell import Limits
 from planner.geometry import body_model
+from planner.kernel import Kernel, twin_of
 from planner.problem import ThrowProblem
 from planner.seeds.quasi_random import joint_offsets
+from planner.seeds.velocity_allocation import largest_share
 
 STATES_MAX = 48  # states kept, those of the least lower bound that are apart from one another
 APART_RAD = 0.35  # [rad] least difference of two kept states in some joint
@@ -37,7 +39,10 @@ def least_time(distance: Array, qd: Array, limits: Limits) -> Array:
         qd: joint velocities (..., n) at the end [rad/s].
         limits: of velocity and acceleration.
     """
-    v_max, a_max = limits.qd_max, limits.qdd_max
+    return _least_time(distance, qd, limits.qd_max, limits.qdd_max)
+
+
+def _least_time(distance: Array, qd: Array, v_max: Array, a_max: Array) -> Array:
     turn = np.where(distance >= qd * np.abs(qd) / (2.0 * a_max), 1.0, -1.0)
     d, v = turn * distance, turn * qd
     peak = np.sqrt(np.maximum(a_max * d + v**2 / 2.0, 0.0))
@@ -89,23 +94,43 @@ def _moved_nearby(problem: ThrowProblem, q: Array, qd: Array, states_near: State
 
 
 def penalised_bound(problem: ThrowProblem, q: Array, qd: Array) -> Array:
-    """Returns the lower bounds (n,) [s] of states (n, 6), beyond all others where too fast; infinite for NaN."""
-    excess = np.max(np.abs(qd) / problem.limits.qd_max, axis=-1)
-    bound = least_time(q - problem.start, qd, problem.limits)
+    """Returns the lower bounds (..., n) [s] of states with velocities `qd` (..., n, 6) in postures `q` (n, 6).
+
+    Beyond all others for states that are too fast; infinite for NaN.
+    """
+    return _penalised(q, qd, problem.start, problem.limits.qd_max, problem.limits.qdd_max)
+
+
+def _compiled(kernel: Kernel, q: Array, qd: Array, start: Array, v_max: Array, a_max: Array) -> Array:
+    return kernel.penalised_bounds(q, qd.reshape(-1, 6), start, (v_max, a_max), TOO_FAST_S).reshape(qd.shape[:-1])
+
+
+def _example() -> tuple[Array, ...]:
+    """Returns slow and fast states, and one without a velocity."""
+    q, qd = np.random.default_rng(0).uniform(-2.0, 2.0, (2, 20, 6))
+    qd[0, 0] = np.nan
+    return q, np.stack([qd, 0.1 * qd, 3.0 * qd]), q[-1], np.linspace(2.0, 3.0, 6), np.linspace(4.0, 6.0, 6)
+
+
+@twin_of(_compiled, _example)
+def _penalised(q: Array, qd: Array, start: Array, v_max: Array, a_max: Array) -> Array:
+    excess, bound = largest_share(qd, v_max), _least_time(q - start, qd, v_max, a_max)
     return np.where(np.isnan(excess + bound), np.inf, np.where(excess <= 1.0, bound, TOO_FAST_S * excess))
 
 
 def _soonest(problem: ThrowProblem, q: Array, qd: Array) -> Index:
     """Returns the rows of up to `STATES_MAX` distinct states of least lower bound; if all are too fast, the slowest."""
-    excess = np.max(np.abs(qd) / problem.limits.qd_max, axis=1)
-    usable = np.flatnonzero(excess <= 1.0)
-    if len(usable) == 0:
-        return np.argsort(excess, kind="stable")[:STATES_MAX]
-    bound = least_time(q[usable] - problem.start, qd[usable], problem.limits)
-    order = usable[np.argsort(bound, kind="stable")]
-    return order[_apart(q[order])]
+    bound = penalised_bound(problem, q, qd)
+    order = np.argsort(bound, kind="stable")
+    usable = order[bound[order] < TOO_FAST_S]
+    return usable[_apart(q[usable])] if len(usable) else order[:STATES_MAX]
 
 
+def _compiled_rows(kernel: Kernel, q: Array) -> Index:
+    return kernel.distinct_rows(q, APART_RAD, STATES_MAX)
+
+
+@twin_of(_compiled_rows, lambda: (np.random.default_rng(0).uniform(-0.4, 0.4, (100, 6)),))
 def _apart(q: Array) -> Index:
     """Returns the first `STATES_MAX` rows of `q` (n, 6) that are apart from every row kept before them."""
     kept: list[int] = []

@@ -4,6 +4,7 @@ import pickle
 
 import pytest
 
+from planner.backends.casadi_nlp import SeedFailed
 from planner.errors import (
     BackendUnavailable,
     CellError,
@@ -29,6 +30,7 @@ EXAMPLES = [
     ),
     Infeasible([]),
     SolverFailed("iteration limit", 80, [{"backend": "casadi", "result": "iteration limit", "duration_s": 0.4}]),
+    SeedFailed("fatrop: gave up in 71 iterations", 71, frozenset({"flight"})),
     BackendUnavailable("toppra", "toppra"),
 ]
 

@@ -17,11 +17,11 @@ from planner.dynamics import joint_torques
 from planner.flight import fly, landing_states, paths, positions_after
 from planner.geometry import body_model, segment_box_distance, segment_segment_distance
 from planner.kernel import Kernel, compilation, library
-from planner.kinematics import link_poses
-from planner.problem import JointRelease, ThrowProblem
+from planner.kinematics import forward, inverse_branches, jacobian, link_poses
+from planner.problem import JointRelease, PointRelease, TargetRelease, ThrowProblem
 from planner.robots import ROBOT_NAMES, robot
 from planner.rotations import pose, rotation_vector_to_matrix
-from planner.seeds import Candidate
+from planner.seeds import Candidate, allocate_velocity, candidates
 from planner.trajectory import Trajectory, integrate
 from tests.planner.problems import cell
 
@@ -218,3 +218,47 @@ def test_nothing_has_no_distances():
     assert segment_segment_distance(none, none, none, none).shape == (0,)
     assert segment_box_distance(none, none, [0.0] * 3, [1.0] * 3).shape == (0,)
     assert body_model(cell()).clearances(np.zeros((0, 6))).least.shape == (0,)
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ROBOT_NAMES)
+def test_inverse_kinematics_is_the_same_with_and_without_it(name, numpy_alone):
+    """With poses out of reach, and one with joint 6 free."""
+    q = np.random.default_rng(8).uniform(-3.0, 3.0, (40, 6))
+    q[0, 4] = 0.0
+    X = forward(robot(name), q)
+    X[1:6, :3, 3] *= 3.0
+    compiled = inverse_branches(robot(name), X)
+    assert np.isnan(compiled[0]).any()
+    assert np.isfinite(compiled[0][0]).any()
+    numpy_alone()
+    for found, expected in zip(compiled, inverse_branches(robot(name), X), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9)
+
+
+@needs_compiler
+@pytest.mark.parametrize("release", [PointRelease, TargetRelease])
+def test_candidates_are_the_same_with_and_without_it(release, numpy_alone):
+    here = cell()
+    places = (np.array([0.4, -0.3, 0.6]), np.array([0.5, 0.2, 0.3])), (np.array([-1.2, 0.9, 0.1]),)
+    problem = ThrowProblem(here, here.home, release(*places[release is TargetRelease]), here.limits)
+    compiled = candidates(problem)
+    numpy_alone()
+    for found, expected in zip(compiled, candidates(problem), strict=True):
+        np.testing.assert_allclose([found.q, found.qd], [expected.q, expected.qd], rtol=0.0, atol=CLOSE)
+
+
+@needs_compiler
+def test_velocities_of_lowered_shares_are_exact(numpy_alone):
+    """Also where joints are weighted a million apart: they give the tool its velocity with and without the kernel."""
+    arm, rng = robot("ur5e"), np.random.default_rng(9)
+    J, v = jacobian(arm, rng.uniform(-3.0, 3.0, (400, 6)))[:, :3], rng.uniform(-1.5, 1.5, (400, 3))
+    least = allocate_velocity(J, v, arm.qd_max, np.zeros(400, dtype=bool))
+    compiled = allocate_velocity(J, v, arm.qd_max)
+    lowered = np.flatnonzero((compiled != least).any(axis=1))
+    assert len(lowered) > 20
+    numpy_alone()
+    for qd in (compiled, allocate_velocity(J, v, arm.qd_max)):
+        shares = [(np.abs(each[lowered]) / arm.qd_max).max(axis=1) for each in (qd, least)]
+        assert np.mean(shares[0] < shares[1]) > 0.9  # not all: it is no descent
+        np.testing.assert_allclose((J @ qd[..., None])[lowered, :, 0], v[lowered], rtol=0.0, atol=1e-10)

@@ -69,8 +69,8 @@ class SeedFailed(SolverFailed):
         held: groups of rows that were included by then.
     """
 
-    def __init__(self, failure: SolverFailed, held: frozenset[str]) -> None:
-        super().__init__(failure.status, failure.iterations)
+    def __init__(self, status: str, iterations: int, held: frozenset[str]) -> None:
+        super().__init__(status, iterations)
         self.held = held
 
 
@@ -101,7 +101,7 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
     try:
         return _answer(instance, seed, options, solver)
     except SolverFailed as failure:
-        raise SeedFailed(failure, solver.groups) from None
+        raise SeedFailed(failure.status, failure.iterations, solver.groups) from None
 
 
 def _answer(instance: Instance, seed: Seed, options: SolveOptions, solver: Solver) -> Solution:
