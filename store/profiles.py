@@ -27,6 +27,10 @@ class ProfileRepository(Repository):
         """Returns one profile."""
         return self._row(ProfileRow, select(profiles).where(profiles.c.id == id))
 
+    def latest_profile(self) -> ProfileRow | None:
+        """Returns the newest profile of any cell."""
+        return self._row(ProfileRow, select(profiles).order_by(profiles.c.id.desc()).limit(1))
+
     def profiles_of_cell(self, cell: str, limit: int = 200) -> list[ProfileRow]:
         """Returns the profiles of a cell, newest first."""
         query = select(profiles).where(profiles.c.cell == cell)

@@ -17,7 +17,9 @@ from store import ProfileRow
 
 router = APIRouter(tags=["profiles"])
 
-ProfileId = Annotated[str, name_in_path("Id of a profile.", "id", "0199…", "as the list gives it")]
+ProfileId = Annotated[
+    str, name_in_path("Id of a profile.", "id", "latest", "as the list gives it; 'latest' on a simulated cell")
+]
 WHOLE_ONLY = ("state", "covariance", "mixture", "joint_speeds", "timing", "cell_file")
 ACTING = ("unauthenticated", "forbidden")
 
@@ -102,8 +104,8 @@ def _use(service: Service, cell: str, profile_id: str | None, who: str, remote: 
 
 
 def _find(service: Service, id: str) -> ProfileRow:
-    row = service.store.profile(id)
-    if row is None:
+    row = service.store.latest_profile() if id == "latest" else service.store.profile(id)
+    if row is None or (id == "latest" and service.cell(row.cell).link.kind != "sim"):
         raise ProblemDetails("not-found", f"no profile {id!r}")
     return row
 

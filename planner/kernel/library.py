@@ -122,8 +122,8 @@ class Kernel:
         """Returns link poses (n, 7, 4, 4) of a measured chain with `fixed` transforms (6, 4, 4); see `link_poses`."""
         n, X = len(cosine), np.empty((len(cosine), LINKS, 4, 4))
         rows = (n, JOINTS)
-        joints = _in(cosine, rows), _in(sine, rows)
-        self._library.fixed_chain_poses(n, *joints, _in(fixed, (JOINTS, 4, 4)), _in(base, (4, 4)), _out(X))
+        joints = read(cosine, rows), read(sine, rows)
+        self._library.fixed_chain_poses(n, *joints, read(fixed, (JOINTS, 4, 4)), read(base, (4, 4)), written(X))
         return X
 
     def end_points(self, X: Array, frames: Index, ends: Array) -> Array:

@@ -39,6 +39,10 @@ def test_the_document_is_the_contract_s(plan):
         "trajectory",
         "certificate",
         "solver",
+        "profile",
+        "aim",
+        "hit_probability",
+        "landing_ellipse",
     ]
     assert plan["certificate"]["valid"] is True
     assert plan["release_time_s"] == plan["release"]["index"] / plan["sample_rate_hz"]
