@@ -20,7 +20,7 @@ UNCALIBRATED = (0xFFFFFFFF,) * 6  # what URSim reports, whose arm is its model
 def robot_facts(cell: Cell, arm: ControllerKinematics) -> RobotFacts:
     """Returns the facts of a cell's arm, whose own table is that of `arm`."""
     robot, nominal = cell.robot, nominal_kinematics(cell.robot)
-    calibrated = DenavitHartenberg(arm.theta, arm.a, arm.d, arm.alpha)
+    calibrated = DenavitHartenberg(_six(arm.theta), _six(arm.a), _six(arm.d), _six(arm.alpha))
     return RobotFacts(
         nominal=nominal,
         calibrated=calibrated,

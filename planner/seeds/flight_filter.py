@@ -10,13 +10,15 @@ import math
 import numpy as np
 
 from planner.arrays import Array, Mask
-from planner.geometry import Arcs
+from planner.geometry import Arcs, body_model, segment_segment_distance
 from planner.kinematics import LinkMotion, dot, link_poses
 from planner.problem import TargetRelease, ThrowProblem
 
 FLIGHT_TIMES = (1.0, 0.8, 1.25, 0.6)  # [-] flight times tried, relative to that of the slowest throw
 STEEP_TIMES = (1.5, 1.8, 2.2)  # [-] tried too where a box or a rim may have to be cleared; 2.2: 78 degrees on a plane
 STEEPEST_TIMES = (2.6,)  # [-] tried too in a thorough search: 82 degrees
+BESIDE_BASE_M = 0.1  # [m] a target this near to the arm's base has its flights compared with it
+LAST_SHARES = np.linspace(0.7, 1.0, 8)  # [-] of a flight: instants compared with the base, near the target
 FLIGHT_GAP_M = 0.005  # [m] between object and obstacle beyond what is required: room for release window and drag
 
 
@@ -35,7 +37,7 @@ def flight_times(problem: ThrowProblem, thorough: bool = False) -> tuple[float, 
 
 
 def clear_flights(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) -> Mask:
-    """Returns the mask (...,) of the drag-free flights that meet neither a keep-out box nor the target's bin.
+    """Returns the mask (...,) of the drag-free flights that meet no keep-out box, nor the target's bin, nor the base.
 
     Args:
         problem: its cell.
@@ -53,7 +55,29 @@ def clear_flights(problem: ThrowProblem, release: TargetRelease, p: Array, v: Ar
     if release.opening is not None:
         mouth = release.opening
         clear &= arcs.enter_mouth(release.p_W, mouth.radius_m, mouth.rim_height_m)
-    return clear
+    return clear & _miss_base(problem, arcs) if lands_beside_base(problem, release) else clear
+
+
+def lands_beside_base(problem: ThrowProblem, release: TargetRelease) -> bool:
+    """Returns whether a target is so near to the arm's base that flights to it may end there."""
+    gaps = _gaps_to_base(problem, release.p_W)
+    return bool((gaps < problem.cell.object.radius_m + BESIDE_BASE_M).any())
+
+
+def _miss_base(problem: ThrowProblem, arcs: Arcs) -> Mask:
+    """Returns the mask (...,) of the flights whose last part meets no shape that the base carries: they never move."""
+    x = arcs.at(LAST_SHARES.reshape(-1, *[1] * arcs.until_s.ndim) * arcs.until_s)
+    return np.asarray((_gaps_to_base(problem, x) >= problem.cell.object.radius_m).all(axis=(0, 1)))
+
+
+def _gaps_to_base(problem: ThrowProblem, x: Array) -> Array:
+    """Returns the distances (k, ...) of points (..., 3) from the k shapes that the base carries."""
+    body = body_model(problem.cell)
+    fixed = np.flatnonzero(body.frames == 0)
+    p0, p1 = np.moveaxis(body.end_points(body.link_poses(problem.start[None]))[fixed, :, :, 0], 1, 0)
+    across = (len(fixed), *[1] * (x.ndim - 1), 3)
+    gaps = segment_segment_distance(x[None], x[None], p0.reshape(across), p1.reshape(across))
+    return gaps - body.radii[fixed].reshape(across[:-1])
 
 
 def leave_through_opening(problem: ThrowProblem, q: Array, qd: Array) -> Mask:

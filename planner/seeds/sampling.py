@@ -23,6 +23,7 @@ from planner.seeds.flight_filter import (
     clear_flights,
     flight_times,
     has_flight_obstacles,
+    lands_beside_base,
     leave_through_opening,
 )
 from planner.seeds.quasi_random import joint_offsets, quaternions
@@ -243,7 +244,7 @@ def _best_flights(
     Where `reduced`, the largest share of a joint's speed limit is reduced: half of the time.
     """
     v, ok = _launches(problem, release, p, thorough)
-    if has_flight_obstacles(problem):
+    if has_flight_obstacles(problem) or lands_beside_base(problem, release):
         ok &= clear_flights(problem, release, p, v)
     J, R_BW = tool_jacobian(problem, q), problem.cell.X_WB[:3, :3].T
     qd = allocate_velocity(J, v @ R_BW.T, problem.limits.qd_max, ok & reduced)
@@ -345,5 +346,5 @@ def _no_flight(problem: ThrowProblem, release: TargetRelease, p: Array) -> Viola
 
 def _no_clear_flight() -> Violation:
     """Returns the violation of a target that no tried flight hits without meeting an obstacle."""
-    detail = "every flight tried to the target meets a keep-out box or the rim of its bin"
+    detail = "every flight tried to the target meets a keep-out box, the rim of its bin or the arm's base"
     return Violation("flight_clearance", 0.0, 0.0, "m", detail=detail)
