@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
-SOURCES := planner store api executor benchmarks
+SOURCES := planner store learning api executor benchmarks
 
 .PHONY: setup demo up test test-kernels check bench lock clean
 
