@@ -12,7 +12,7 @@ SKEW_SHAPE = 2.0  # chosen: shape of the gamma distribution of a skewed jitter; 
 
 
 class SimulatedGripper:
-    """Starts closed on object 1; takes the next object when it is closed again and the arm is at rest.
+    """Starts closed on object 1; takes the next object when it is closed again and the arm stands.
 
     Attributes:
         holds: number of the held object, None while the gripper is empty.
@@ -79,8 +79,8 @@ class SimulatedGripper:
         number, self.holds = self.objects, None
         return number
 
-    def rearm(self, arm_at_rest: bool) -> None:
-        """Inserts the next object if the gripper is closed and empty and the arm is at rest."""
-        if self.holds is None and not self.open and arm_at_rest:
+    def rearm(self, arm_stands: bool) -> None:
+        """Inserts the next object if the gripper is closed and empty and the arm does not move to speak of."""
+        if self.holds is None and not self.open and arm_stands:
             self.objects += 1
             self.holds = self.objects
