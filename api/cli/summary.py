@@ -20,7 +20,11 @@ def plan_text(plan: dict[str, Any]) -> str:
         lines.append(f"{_window_text(flight)}; 10 ms early or late moves the landing by {_shift_text(flight)}")
     if odds := plan.get("hit_probability"):
         low, high = odds["interval"]
-        known = "with what was learnt" if odds["profile"] else "with the cell file alone"
+        known = (
+            "with what was learnt"
+            if odds["profile"]
+            else "with the cell file alone: nothing was learnt of this cell yet"
+        )
         lines.append(
             f"hits within {_length(odds['radius_m'])} with {odds['value']:.0%} ({low:.0%} to {high:.0%}), {known}"
         )
