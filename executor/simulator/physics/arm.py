@@ -66,6 +66,11 @@ class Arm:
         return max(map(abs, self.qd)) < AT_REST and max(map(abs, self.true_qd)) < TRUE_AT_REST
 
     @property
+    def stands(self) -> bool:
+        """Whether no motion is commanded and the arm does not visibly move: a real one takes seconds to `at_rest`."""
+        return max(map(abs, self.qd)) < AT_REST and not self.moves
+
+    @property
     def moves(self) -> bool:
         """Whether the arm truly moves."""
         return max(map(abs, self.true_qd)) > MOVING

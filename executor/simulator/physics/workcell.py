@@ -57,7 +57,7 @@ class Workcell:
         left_at = self.gripper.take_release(t)
         if left_at is not None:
             self.world.release(self.gripper.let_go(), left_at, self._object_state(t - left_at), t)
-        self.gripper.rearm(arm_stands=not self.arm.moves)
+        self.gripper.rearm(self.arm.stands)
 
     def _object_state(self, back_s: float) -> tuple[float, ...]:
         """Returns position and velocity in the world with which the held object left, `back_s` [s] ago."""
