@@ -20,6 +20,16 @@ class KeyTaken(StoreError):
         self.resource_id = resource_id
         self.body_sha256 = body_sha256
 
+    def resource_of(self, key: IdempotencyKey | None) -> str:
+        """Returns the id of the resource that the same request made before.
+
+        Raises:
+            KeyTaken: Another body made it.
+        """
+        if key is None or self.body_sha256 != key.body_sha256:
+            raise self
+        return self.resource_id
+
 
 def take_key(connection: Connection, key: IdempotencyKey | None, resource_id: str, at: float) -> None:
     """Binds `key` to a new resource within the caller's transaction.

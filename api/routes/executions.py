@@ -49,9 +49,7 @@ def execute(body: ExecuteBody, service: ServiceDep, caller: OperateCaller, key: 
             plan.id, plan.cell, body.mode, body.dry_run, caller.name, key, body.experiment_id
         )
     except KeyTaken as taken:
-        if key is None or taken.body_sha256 != key.body_sha256:
-            raise
-        return _accepted(find_execution(service, taken.resource_id))
+        return _accepted(find_execution(service, taken.resource_of(key)))
     service.store.add_audit(caller.name, "execute", f"/executions/{row.id}", remote)
     return _accepted(row)
 

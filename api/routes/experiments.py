@@ -59,9 +59,7 @@ def begin_experiment(
     try:
         row = service.store.add_experiment(body.name, caller.name, body.settings, key)
     except KeyTaken as taken:
-        if key is None or taken.body_sha256 != key.body_sha256:
-            raise
-        return _created(find_experiment(service, taken.resource_id))
+        return _created(find_experiment(service, taken.resource_of(key)))
     service.store.add_audit(caller.name, "experiment", f"/experiments/{row.id}", remote)
     return _created(row)
 

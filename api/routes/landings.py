@@ -48,9 +48,7 @@ def report_landing(
             new_id(), row.id, time.time(), reported_by=caller.name, key=key, **body.model_dump()
         )
     except KeyTaken as taken:
-        if key is None or taken.body_sha256 != key.body_sha256:
-            raise
-        return _created(service.store.landing(taken.resource_id))
+        return _created(service.store.landing(taken.resource_of(key)))
     service.store.add_audit(caller.name, "landing", f"/executions/{row.id}/landing", remote)
     return _created(landing)
 

@@ -164,9 +164,7 @@ def _store_plan(service: Service, job: PlanningJob, planned: Planned, key: Idemp
         cell, made = job.cell, (planned.backend, planned.document, planned.summary)
         service.store.add_plan(job.plan_id, time.time(), cell.name, cell.sha256, *made, key)
     except KeyTaken as taken:
-        if key is None or taken.body_sha256 != key.body_sha256:
-            raise
-        return taken.resource_id
+        return taken.resource_of(key)
     return job.plan_id
 
 
