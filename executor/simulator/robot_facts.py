@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import struct
-import zlib
 from typing import Any
 
 from executor.simulator.interfaces import DenavitHartenberg, RobotFacts
@@ -24,7 +22,7 @@ def robot_facts(cell: Cell, arm: ControllerKinematics) -> RobotFacts:
     return RobotFacts(
         nominal=nominal,
         calibrated=calibrated,
-        checksum=UNCALIBRATED if calibrated == nominal else checksum(calibrated),
+        checksum=UNCALIBRATED if calibrated == nominal else arm.checksums,
         q_lower=_six(robot.q_lower),
         q_upper=_six(robot.q_upper),
         qd_max=_six(robot.qd_max),
@@ -38,12 +36,6 @@ def nominal_kinematics(robot: Robot) -> DenavitHartenberg:
     """Returns the published parameters of a model."""
     table = published_table(robot)
     return DenavitHartenberg(_six(table.theta), _six(table.a), _six(table.d), _six(table.alpha))
-
-
-def checksum(kinematics: DenavitHartenberg) -> tuple[int, ...]:
-    """Returns one number a joint that changes with its parameters; UR publishes no formula."""
-    k = kinematics
-    return tuple(zlib.crc32(struct.pack(">4d", *joint)) for joint in zip(k.theta, k.a, k.d, k.alpha, strict=True))
 
 
 def _six(values: Any) -> Any:

@@ -13,8 +13,9 @@ import pytest
 from executor.simulator.interfaces.realtime_server import packet_size
 from executor.simulator.loop import SimulatorLoop
 from executor.simulator.physics import ControllerKinematics
+from executor.simulator.physics.controller_kinematics import controller_kinematics
 from executor.simulator.program.runner import PLAYING, STOPPED
-from executor.simulator.robot_facts import checksum, nominal_kinematics, robot_facts
+from executor.simulator.robot_facts import nominal_kinematics, robot_facts
 from executor.simulator.settings import SimulatorSettings
 from executor.simulator.simulation import Simulation
 from planner import kinematics
@@ -117,15 +118,16 @@ def test_an_arm_that_differs_from_its_model_has_kinematics_and_checksums_of_its_
     cell = make_cell()
     model = nominal_kinematics(cell.robot)
     measured = type(model)(model.theta, tuple(a + 1e-4 for a in model.a), model.d, model.alpha)
-    facts = robot_facts(cell, ControllerKinematics(measured.theta, measured.a, measured.d, measured.alpha))
+    arm = ControllerKinematics(measured.theta, measured.a, measured.d, measured.alpha)
+    facts = robot_facts(cell, arm)
     assert (facts.nominal, facts.calibrated) == (model, measured)
-    assert facts.checksum == checksum(measured)
+    assert facts.checksum == arm.checksums
 
 
 def test_a_checksum_changes_with_every_parameter():
-    k = nominal_kinematics(robot("ur5e"))
+    k = controller_kinematics(robot("ur5e"))
     other = type(k)(k.theta, (k.a[0] + 1e-9, *k.a[1:]), k.d, k.alpha)
-    assert [a != b for a, b in zip(checksum(k), checksum(other), strict=True)] == [True, *[False] * 5]
+    assert [a != b for a, b in zip(k.checksums, other.checksums, strict=True)] == [True, *[False] * 5]
 
 
 def test_the_state_is_that_of_the_robot(clients: Any, sim: Simulation):
