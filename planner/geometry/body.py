@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -131,6 +131,13 @@ class BodyModel:
     def object(self) -> int:
         """Index of the held object."""
         return len(self.names) - 1
+
+    @cached_property
+    def base_shapes(self) -> tuple[Array, Array, Array]:
+        """Ends (k, 3) in the world and radii (k,) of the capsules that the base carries, which never move [m]."""
+        fixed = np.flatnonzero(self.frames == 0)
+        ends = self.end_points(self.link_poses(self.cell.home[None]))[fixed, :, :, 0]
+        return ends[:, 0], ends[:, 1], self.radii[fixed]
 
     def link_poses(self, q: Array) -> Array:
         """Returns the poses X_WL (n, 7, 4, 4) of base and links at postures `q` (n, 6) [rad]."""

@@ -72,12 +72,10 @@ def _miss_base(problem: ThrowProblem, arcs: Arcs) -> Mask:
 
 def _gaps_to_base(problem: ThrowProblem, x: Array) -> Array:
     """Returns the distances (k, ...) of points (..., 3) from the k shapes that the base carries."""
-    body = body_model(problem.cell)
-    fixed = np.flatnonzero(body.frames == 0)
-    p0, p1 = np.moveaxis(body.end_points(body.link_poses(problem.start[None]))[fixed, :, :, 0], 1, 0)
-    across = (len(fixed), *[1] * (x.ndim - 1), 3)
+    p0, p1, radii = body_model(problem.cell).base_shapes
+    across = (len(radii), *[1] * (x.ndim - 1), 3)
     gaps = segment_segment_distance(x[None], x[None], p0.reshape(across), p1.reshape(across))
-    return gaps - body.radii[fixed].reshape(across[:-1])
+    return gaps - radii.reshape(across[:-1])
 
 
 def leave_through_opening(problem: ThrowProblem, q: Array, qd: Array) -> Mask:
