@@ -1,9 +1,8 @@
 """Client of a controller's primary interface: the table of its arm, as measured in the factory.
 
-Source: Universal Robots, "Remote control via TCP/IP", and the parser of UR's client library (`KinematicsInfo`). All
-numbers are big-endian. Package: size (4, itself included), type (1), body. Robot state (type 16): such packages again,
-of which kinematics info (type 5) carries a checksum a joint (6 uint32), DH theta, a, d, alpha (6 doubles each), and the
-status of the calibration (uint32). Controllers before 3.6 send none.
+Source: Universal Robots, "Remote control via TCP/IP", and the parser of UR's client library (`KinematicsInfo`). In
+robot states (type 16), kinematics info (type 5) carries a checksum a joint (6 uint32), DH theta, a, d, alpha (6 doubles
+each), and the status of the calibration (uint32). Controllers before 3.6 send none.
 """
 
 from __future__ import annotations
@@ -14,17 +13,15 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from executor.robot.primary_packages import PORT, take_packages
 from planner.arrays import read_only
 from planner.calibration import DhTable
 
-PORT = 30001
 TIMEOUT_S = 1.0  # [s] to connect
 WAIT_S = 3.0  # [s] for the table: states come at 10 Hz, and the first on a connection has it
 KEEP_S = 60.0  # [s] for which a table is good: an arm is changed with the power off
 RETRY_S = 10.0  # [s] between two attempts
 ROBOT_STATE, KINEMATICS_INFO = 16, 5
-PACKAGE_MAX = 1 << 20  # [bytes] a larger size is no package
-HEADER = struct.Struct(">IB")
 BODY = struct.Struct(">6I6d6d6d6dI")
 
 
@@ -65,45 +62,26 @@ def _packages(connection: socket.socket, end: float) -> Iterator[tuple[int, byte
     Raises:
         TimeoutError: the time `end`, on `time.monotonic`, has come.
     """
-    buffer = b""
+    buffer = bytearray()
     while True:
-        while len(buffer) < HEADER.size or len(buffer) < _size(buffer, 0):
-            connection.settimeout(max(end - time.monotonic(), 1e-3))
-            received = connection.recv(65536)
-            if not received:
-                return
-            buffer += received
-            if time.monotonic() > end:
-                raise TimeoutError("the controller does not tell its kinematics")
-        size, kind = HEADER.unpack_from(buffer)
-        yield kind, buffer[HEADER.size : size]
-        buffer = buffer[size:]
+        yield from take_packages(buffer)
+        connection.settimeout(max(end - time.monotonic(), 1e-3))
+        received = connection.recv(65536)
+        if not received:
+            return
+        buffer += received
+        if time.monotonic() > end:
+            raise TimeoutError("the controller does not tell its kinematics")
 
 
 def _kinematics(state: bytes) -> KinematicsInfo | None:
     """Returns the kinematics info in a robot state, None where it has none."""
-    at = 0
-    while at + HEADER.size <= len(state):
-        size, kind = _size(state, at), state[at + 4]
-        body = state[at + HEADER.size : at + size]
+    for kind, body in take_packages(bytearray(state)):
         if kind == KINEMATICS_INFO and len(body) >= BODY.size:
             numbers = BODY.unpack_from(body)
             theta, a, d, alpha = (read_only(numbers[i : i + 6]) for i in (6, 12, 18, 24))
             return KinematicsInfo(DhTable(theta, a, d, alpha), tuple(numbers[:6]), numbers[30])
-        at += size
     return None
-
-
-def _size(data: bytes, at: int) -> int:
-    """Returns the size of the package at a place.
-
-    Raises:
-        ValueError: it is none.
-    """
-    size = int.from_bytes(data[at : at + 4], "big")
-    if not HEADER.size <= size <= PACKAGE_MAX:
-        raise ValueError(f"the controller sent a package of {size} bytes: this is no primary interface")
-    return size
 
 
 class KinematicsReader:

@@ -1,7 +1,7 @@
 """Listens to a controller's primary interface: which program took the place of ours.
 
-Source: Universal Robots, "Primary and secondary interfaces": port 30001; a package is int32 size, uint8 type and body,
-a robot message (type 20) uint64 timestamp, int8 source, uint8 message type and fields; big-endian, ten times a second.
+Source: Universal Robots, "Primary and secondary interfaces": the body of a robot message (type 20) is a timestamp
+(uint64), its source (int8), its own type (uint8) and fields.
 """
 
 from __future__ import annotations
@@ -10,15 +10,13 @@ import contextlib
 import socket
 import struct
 import time
-from collections.abc import Iterator
 
-PORT = 30001
+from executor.robot.primary_packages import PORT, take_packages
+
 CONNECT_S = 0.5  # [s] a controller answers within milliseconds; without this interface a run goes on
-HEADER = struct.Struct(">iB")
-MESSAGE = struct.Struct(">iBQbB")
+MESSAGE = struct.Struct(">QbB")
 KEY_HEADER = struct.Struct(">iiB")  # code, argument, length of the title
 ROBOT_MESSAGE, KEY, RUNTIME_EXCEPTION = 20, 7, 10
-PACKAGE_MAX = 1 << 20  # [bytes] a larger size is no package
 OWN_PROGRAM = "rtde_control"  # source: ur_rtde 1.6.5
 STARTED = "PROGRAM_XXX_STARTED"
 COMPILE_ERRORS = ("compile_error", "syntax_error")  # first words of errors in a script that has just arrived
@@ -63,8 +61,11 @@ class ProgramWatch:
             self.close()
             return
         self._buffer += data
-        for package in self._packages():
-            self.take(package)
+        try:
+            for kind, body in take_packages(self._buffer):
+                self._take(kind, body)
+        except ValueError:
+            self.close()
 
     def wait(self, duration_s: float) -> str:
         """Waits for a foreign program up to `duration_s` [s]; returns `foreign`."""
@@ -74,28 +75,16 @@ class ProgramWatch:
             self.poll()
         return self.foreign
 
-    def _packages(self) -> Iterator[bytes]:
-        while len(self._buffer) >= HEADER.size:
-            size, _ = HEADER.unpack_from(self._buffer)
-            if not HEADER.size <= size <= PACKAGE_MAX:
-                self.close()
-                return
-            if len(self._buffer) < size:
-                return
-            package = bytes(self._buffer[:size])
-            del self._buffer[:size]
-            yield package
-
-    def take(self, package: bytes) -> None:
-        """Takes in one package."""
-        if package[4] != ROBOT_MESSAGE or len(package) < MESSAGE.size:
+    def _take(self, kind: int, body: bytes) -> None:
+        if kind != ROBOT_MESSAGE or len(body) < MESSAGE.size:
             return
-        kind, body = package[MESSAGE.size - 1], package[MESSAGE.size :]
-        if kind == KEY and len(body) >= KEY_HEADER.size:
-            length = KEY_HEADER.size + body[KEY_HEADER.size - 1]
-            self._key(body[KEY_HEADER.size : length].decode(errors="replace"), body[length:].decode(errors="replace"))
-        elif kind == RUNTIME_EXCEPTION:
-            text = body[8:].decode(errors="replace")  # after line and column
+        message, fields = body[MESSAGE.size - 1], body[MESSAGE.size :]
+        if message == KEY and len(fields) >= KEY_HEADER.size:
+            length = KEY_HEADER.size + fields[KEY_HEADER.size - 1]
+            title, program = fields[KEY_HEADER.size : length], fields[length:]
+            self._key(title.decode(errors="replace"), program.decode(errors="replace"))
+        elif message == RUNTIME_EXCEPTION:
+            text = fields[8:].decode(errors="replace")  # after line and column
             if self._own_started and text.startswith(COMPILE_ERRORS):
                 self.foreign = self.foreign or f"a script that did not compile ({text})"
 
