@@ -10,9 +10,9 @@ from typing import Any
 
 import click
 
-from api.cli.client import ServiceClient, ServiceError
-from api.cli.exit_status import NotCompleted
-from api.cli.progress import execute_plan
+from api.cli.support.client import ServiceClient, ServiceError
+from api.cli.support.exit_status import NotCompleted
+from api.cli.support.progress import execute_plan
 from api.cli.throw import service_options, service_url
 
 AMPLITUDE_RAD = 0.25  # [rad] of a small motion: long enough for 1 rad/s, short enough to stay clear of most things

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from api.cli.progress import execute_plan, make_plan
-from api.cli.summary import landing_text
+from api.cli.support.progress import execute_plan, make_plan
+from api.cli.support.summary import landing_text
 
 if TYPE_CHECKING:
-    from api.cli.client import ServiceClient
-    from api.cli.processes import ChildProcesses
+    from api.cli.support.client import ServiceClient
+    from api.cli.support.processes import ChildProcesses
 
 TARGET_M = (1.2, 0.3, 0.0)  # [m] on the floor, 1.24 m from the base
 MISS_MAX_M = 0.010  # [m] a larger landing error is a failure
@@ -42,7 +42,7 @@ def demo(cell: str, keep: Path | None) -> None:
 
     Exit status 0 only where the ideal arm's object landed within 10 mm of the target.
     """
-    from api.cli.processes import catch_signals, cell_path
+    from api.cli.support.processes import catch_signals, cell_path
     from api.settings import ServiceSettings
 
     catch_signals()
@@ -80,8 +80,8 @@ def _throw(folder: Path, cell: str) -> tuple[float, list[float]]:
     Returns:
         The landing error of the ideal arm and those of the arm as measured [m]; NaN where nothing landed.
     """
-    from api.cli.client import ServiceClient, ServiceError
-    from api.cli.processes import ChildFailed, ChildProcesses, start_all
+    from api.cli.support.client import ServiceClient, ServiceError
+    from api.cli.support.processes import ChildFailed, ChildProcesses, start_all
 
     port, log = _free_port(), folder / "log.txt"
     url = f"http://127.0.0.1:{port}"
@@ -129,7 +129,7 @@ def _exchange_arm(children: ChildProcesses, client: ServiceClient, folder: Path,
     Raises:
         ThrowFailed: It does not connect.
     """
-    from api.cli.processes import start_simulator
+    from api.cli.support.processes import start_simulator
 
     click.echo("\nexchanging the arm for one as measured on a real UR5, and throwing again …")
     truth = folder / "measured-arm.truth"

@@ -38,7 +38,7 @@ def landing(
 
     EXECUTION is an id, or `latest` on a simulated cell. Without a report the ones so far are listed.
     """
-    from api.cli.client import ServiceClient
+    from api.cli.support.client import ServiceClient
 
     results = {name: radius for name, radius in (("hit", hit), ("edge", edge), ("miss", miss)) if radius is not None}
     report = _report(position, std_m, results)

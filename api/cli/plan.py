@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from api.cli.summary import plan_text
+from api.cli.support.summary import plan_text
 
 if TYPE_CHECKING:
     from api.planning import Planned
@@ -25,7 +25,7 @@ def plan(file: Path, cells: Path | None, cell: str | None) -> None:
     Standard error has a summary; or the problem (JSON), with exit status 2 for an infeasible request, 3 where its time
     limit ended the search, 1 for an invalid one.
     """
-    from api.cli.exit_status import exit_status
+    from api.cli.support.exit_status import exit_status
     from api.http import ProblemDetails, problem_document, translate
     from planner.errors import PlannerError
 

@@ -19,7 +19,7 @@ from api.cli.simulator import truth_arguments, truth_options
 @truth_options
 def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> None:
     """Run simulated controller, executor, service, SQLite and web page on this machine until Ctrl-C."""
-    from api.cli.processes import ChildFailed, ChildProcesses, catch_signals, start_all
+    from api.cli.support.processes import ChildFailed, ChildProcesses, catch_signals, start_all
     from api.settings import ServiceSettings
 
     settings = ServiceSettings()
@@ -83,7 +83,7 @@ def doctor(cell: str | None) -> None:
 
 def _prepare(cells: Path, name: str, database_url: str) -> bool:
     """Checks the cell and migrates the database. Returns whether the cell is simulated."""
-    from api.cli.processes import cell_path
+    from api.cli.support.processes import cell_path
     from planner.cell import load_cell
     from planner.errors import CellError
     from store import Store, StoreError

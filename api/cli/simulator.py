@@ -36,7 +36,7 @@ def truth_arguments(truth: Path | None, reveal: bool) -> list[str]:
 @click.pass_context
 def sim(context: click.Context, cell: str | None, host: str | None, truth: Path | None, reveal: bool) -> None:
     """Run a simulated controller; `fault` causes a fault in a running one, `state` shows its state."""
-    from api.cli.processes import cell_path
+    from api.cli.support.processes import cell_path
     from api.settings import ServiceSettings
 
     settings = ServiceSettings()

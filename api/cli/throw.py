@@ -10,10 +10,10 @@ from typing import Any
 
 import click
 
-from api.cli.exit_status import NotCompleted
-from api.cli.progress import execute_plan, make_plan
-from api.cli.series import LOAD_HELP, LoadStep, load_step, read_targets, run_series, series_text
-from api.cli.summary import landing_text
+from api.cli.support.exit_status import NotCompleted
+from api.cli.support.progress import execute_plan, make_plan
+from api.cli.support.series import LOAD_HELP, LoadStep, load_step, read_targets, run_series, series_text
+from api.cli.support.summary import landing_text
 
 DEFAULT_URL = "http://127.0.0.1:8000"
 BIN_HELP = "Throw into a round bin: its inner radius, and the height of its rim above X Y Z, the bottom's centre [m]."
@@ -69,7 +69,7 @@ def throw(
     By default the object lands near the target also if the gripper opens a little early or late. --repeat and --targets
     make a series of it, with one record: GET /experiments/{id}.
     """
-    from api.cli.client import ServiceClient
+    from api.cli.support.client import ServiceClient
 
     if (len(position) != 3) == (targets is None) or (targets is not None and position):
         raise click.UsageError("give X Y Z, or --targets FILE")
@@ -120,7 +120,7 @@ def _target(position: Sequence[float], bin: tuple[float, float] | None) -> dict[
 @service_options
 def acknowledge(cell: str | None, url: str | None, token: str | None) -> None:
     """Clear the fault that the executor latched, once a person has checked the robot."""
-    from api.cli.client import ServiceClient
+    from api.cli.support.client import ServiceClient
 
     name = cell or os.environ.get("FLING_DEFAULT_CELL", "ur5e-sim")
     with ServiceClient(service_url(url), token) as client:

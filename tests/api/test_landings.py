@@ -119,7 +119,7 @@ class ServiceClientHere:
 
 
 def test_the_command_line_reports_and_lists(service: RunningService, thrown: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("api.cli.client.ServiceClient", ServiceClientHere(service))
+    monkeypatch.setattr("api.cli.support.client.ServiceClient", ServiceClientHere(service))
 
     def fling(*arguments: str) -> Any:
         result = CliRunner().invoke(main, ["landing", thrown, *arguments])

@@ -14,7 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from api.cli import main
-from api.cli.series import load_step, read_targets, series_text
+from api.cli.support.series import load_step, read_targets, series_text
 
 
 def test_targets_are_read_a_line_each(tmp_path: Path):
@@ -69,7 +69,7 @@ class ScriptedService:
 
 
 def fling(monkeypatch: pytest.MonkeyPatch, script: ScriptedService, *arguments: str, typed: str = "") -> Any:
-    monkeypatch.setattr("api.cli.client.ServiceClient", script)
+    monkeypatch.setattr("api.cli.support.client.ServiceClient", script)
     return CliRunner().invoke(main, ["throw", *arguments], input=typed)
 
 

@@ -8,8 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from api.cli import main
-from api.cli.client import describe
-from api.cli.summary import landing_text, plan_text
+from api.cli.support.client import describe
+from api.cli.support.summary import landing_text, plan_text
 
 
 def plan(window_s: float, early_m: float | None) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from api.cli.summary import plan_text
+from api.cli.support.summary import plan_text
 
 
 def make_plan(client: Any, request: dict[str, Any], progress: bool = True) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import IO, Any, Self
 import click
 import httpx2
 
-from api.cli.exit_status import exit_status
+from api.cli.support.exit_status import exit_status
 
 TIMEOUT_S = 150.0  # [s] a plan may take its whole time limit
 PROBLEM_TYPE = "application/problem+json"

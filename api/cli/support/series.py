@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from api.cli.progress import execute_plan, make_plan
+from api.cli.support.progress import execute_plan, make_plan
 
 LOAD_TIMEOUT_S = 3600.0  # [s] for an object to be loaded
 POLL_S = 0.2  # [s] between two looks at an input; the executor reports four times a second

@@ -16,7 +16,7 @@ from typing import IO, Self
 
 import click
 
-from api.cli.client import ServiceClient, ServiceError
+from api.cli.support.client import ServiceClient, ServiceError
 
 STOP_S = 5.0  # [s] for a child to end; the executor brakes its robot first
 READY_S = 60.0  # [s] for a child to get ready; a cold machine imports and builds for a while

@@ -1,0 +1,1 @@
+"""What several commands share: the client of the service, child processes, progress, sentences, exit statuses."""
