@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 SOURCES := planner store learning api executor benchmarks
 
-.PHONY: setup demo up test test-kernels check bench lock clean
+.PHONY: setup demo up test verify test-kernels check bench lock clean
 
 setup: $(VENV)/dev.stamp $(VENV)/warm.stamp   ## .venv with everything pinned, and the generated solvers built
 
@@ -16,8 +16,11 @@ up: $(VENV)/warm.stamp          ## simulator, executor, service and web page unt
 	$(BIN)/fling up
 
 test: $(VENV)/dev.stamp $(VENV)/warm.stamp
-	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/system
+	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/system --ignore tests/verify
 	$(BIN)/python -m pytest tests/system  # in real time: nothing beside it
+
+verify: $(VENV)/dev.stamp $(VENV)/warm.stamp    ## what takes minutes: wheels, both databases, generated clients, notebooks
+	$(BIN)/python -m pytest tests/verify
 
 # What computes once more as other processors round: older kernels of numpy, BLAS and libm on one thread, then the
 # optimiser's functions compiled for x86-64-v3, which fuses multiplications and additions. About eight minutes.
