@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
-SOURCES := planner store learning api executor benchmarks
+SOURCES := fling planner store learning api executor benchmarks
 
 .PHONY: setup demo up test verify test-kernels check bench lock clean
 
@@ -47,7 +47,7 @@ bench: $(VENV)/bench.stamp $(VENV)/warm.stamp  ## writes docs/benchmarks, about 
 	$(BIN)/python -m benchmarks.conditions --count $(if $(SLOW),100,5) --out docs/benchmarks
 
 lock:                           ## pin requirements/*.in anew (needs uv)
-	for name in run dev bench; do \
+	for name in run dev docs bench; do \
 		uv pip compile --quiet --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
 			--no-emit-index-url --no-header --no-annotate requirements/$$name.in -o requirements/$$name.txt || exit 1; \
 	done

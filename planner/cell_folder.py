@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -27,8 +26,9 @@ def open_cell(path: Path | str) -> Cell:
 
 def default_cells_folder() -> Path:
     """Returns the first folder with cell files: `cells` here, in the checkout, or of the installed package."""
-    checkout = Path(__file__).parent.parent / "cells"
-    candidates = (Path("cells"), checkout, Path(sys.prefix) / "share" / "fling" / "cells")
+    packages = Path(__file__).parent.parent
+    checkout = packages / "cells"
+    candidates = (Path("cells"), checkout, packages / "fling" / "cells")
     return next((folder for folder in candidates if any(folder.glob("*.toml"))), checkout).resolve()
 
 

@@ -58,7 +58,7 @@ def kinematics(name: str | None, from_robot: bool, as_json: bool) -> None:
     Exit status 1 if the controller does not answer, or its arm is of another model.
     """
     arguments = [*(["--cell", name] if name else []), *(["--json"] if as_json else [])]
-    os.execv(sys.executable, [sys.executable, "-m", "executor", "--kinematics", *arguments])
+    os.execv(sys.executable, [sys.executable, "-P", "-m", "executor", "--kinematics", *arguments])
 
 
 @click.group()

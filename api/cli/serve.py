@@ -98,4 +98,4 @@ def _prepare(cells: Path, name: str, database_url: str) -> bool:
 
 def _exec(module: str, *arguments: str) -> NoReturn:
     """Replaces this process by `python -m module`, so that signals reach it directly."""
-    os.execv(sys.executable, [sys.executable, "-m", module, *arguments])
+    os.execv(sys.executable, [sys.executable, "-P", "-m", module, *arguments])

@@ -43,7 +43,7 @@ def sim(context: click.Context, cell: str | None, host: str | None, truth: Path 
     path = cell_path(settings.cells, cell or settings.default_cell)
     if context.invoked_subcommand is None:
         arguments = ["--cell", str(path), *(["--host", host] if host else []), *truth_arguments(truth, reveal)]
-        os.execv(sys.executable, [sys.executable, "-m", "executor.simulator", *arguments])
+        os.execv(sys.executable, [sys.executable, "-P", "-m", "executor.simulator", *arguments])
     context.obj = lambda: host or _host(path)
 
 

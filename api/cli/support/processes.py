@@ -58,7 +58,7 @@ class ChildProcesses:
         """
         libc = ctypes.CDLL(None)
         child = subprocess.Popen(
-            [sys.executable, "-m", module, *arguments],
+            [sys.executable, "-P", "-m", module, *arguments],
             env=self._environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
