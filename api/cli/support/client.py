@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-import sys
-from typing import IO, Any
+from typing import Any
 
 import click
 
-from api.cli.support.exit_status import exit_status
 from fling import Client
 
 
@@ -18,11 +16,6 @@ class ServiceError(click.ClickException):
     def __init__(self, problem: dict[str, Any]) -> None:
         super().__init__(describe(problem))
         self.problem = problem
-
-    def show(self, file: IO[Any] | None = None) -> None:
-        """Writes the problem to standard error and exits with the status of its type."""
-        super().show(file)
-        sys.exit(exit_status(str(self.problem.get("type", "")).rpartition("/")[2]))
 
 
 class ServiceClient(Client):
