@@ -78,7 +78,7 @@ class Execution:
         Raises:
             ExecutionRefused: there is none; with what is too close, and how to jog the arm.
         """
-        cell, now = self.session.cell, np.array(state.q)
+        cell, now = self.problem.cell_with_bin, np.array(state.q)
         goal, carried = self.trajectory.q[0], True
         approach, failures = find_approach(cell, now, goal, pace)
         if approach is None and gripper_is_open(cell, state):
