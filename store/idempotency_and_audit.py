@@ -6,6 +6,7 @@ import time
 from typing import Any
 
 from sqlalchemy import Connection, insert, select
+from sqlalchemy.dialects import postgresql, sqlite
 
 from store.database import Repository, StoreError, reading, writing
 from store.rows import IdempotencyKey
@@ -39,10 +40,14 @@ def take_key(connection: Connection, key: IdempotencyKey | None, resource_id: st
     """
     if key is None:
         return
-    if (taken := _find(connection, key)) is not None:
-        raise KeyTaken(*taken)
-    row = {"scope": key.scope, "key": key.key, "body_sha256": key.body_sha256}
-    connection.execute(insert(idempotency).values(**row, resource_id=resource_id, created_at=at))
+    row = {"scope": key.scope, "key": key.key, "body_sha256": key.body_sha256, "resource_id": resource_id}
+    insert_row = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}[connection.dialect.name](idempotency)
+    unless_taken = insert_row.values(**row, created_at=at).on_conflict_do_nothing()  # waits for the same key's request
+    if connection.execute(unless_taken.returning(idempotency.c.key)).first() is not None:
+        return
+    taken = _find(connection, key)
+    assert taken is not None  # keys are deleted by retention only, which never deletes young ones
+    raise KeyTaken(*taken)
 
 
 class ClientRepository(Repository):

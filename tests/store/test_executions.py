@@ -130,6 +130,21 @@ def test_a_key_is_not_spent_by_a_refused_execution(store, add_plan, queued):
     assert caught.value.resource_id == made.id == store.resource_of_key(key)
 
 
+def test_of_many_at_once_with_one_key_one_is_queued(store, add_plan):
+    key, plan_id = IdempotencyKey("me /execute", "k", "body"), add_plan()
+
+    def attempt(_: int) -> str:
+        try:
+            return store.queue_execution(plan_id, "ur5e-sim", key=key).id
+        except KeyTaken as taken:
+            return taken.resource_of(key)
+
+    with ThreadPoolExecutor(8) as pool:
+        answered = set(pool.map(attempt, range(24)))
+    assert answered == {row.id for row in store.executions()[0]}
+    assert len(answered) == 1
+
+
 def test_recordings_lists_and_counts(store, add_plan, queued):
     assert store.recording(queued.id) is None
     store.add_recording(queued.id, b"mcap", b"old")
