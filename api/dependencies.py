@@ -11,6 +11,7 @@ from fastapi import Depends, Header, Path, Request
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
 from api.cell_repository import CellRepository
+from api.execution_feed import ExecutionFeeds
 from api.http import Caller, ProblemDetails, StoredToken, find_caller
 from api.metrics import Metrics
 from api.planning import PlannerPool
@@ -33,6 +34,7 @@ class Service:
     pool: PlannerPool
     tokens: tuple[StoredToken, ...]
     metrics: Metrics
+    feeds: ExecutionFeeds
 
     def is_idle(self) -> bool:
         """Returns whether no cell has an open execution, as far as the store can be asked."""

@@ -1,5 +1,6 @@
 """HTTP in general, whatever the resource: errors, middleware, tokens, content negotiation, OpenAPI."""
 
+from api.http.draining import DrainingMiddleware
 from api.http.errors import (
     PROBLEM_TYPES,
     ProblemDetails,
@@ -7,6 +8,7 @@ from api.http.errors import (
     invalid_field,
     invalid_request,
     problem_document,
+    problem_status,
     translate,
 )
 from api.http.middleware import SecurityMiddleware
@@ -17,6 +19,7 @@ from api.http.tokens import Caller, StoredToken, create_token, find_caller, read
 __all__ = [
     "PROBLEM_TYPES",
     "Caller",
+    "DrainingMiddleware",
     "ProblemDetails",
     "SecurityMiddleware",
     "StoredToken",
@@ -30,6 +33,7 @@ __all__ = [
     "preferred_media_type",
     "problem_answers",
     "problem_document",
+    "problem_status",
     "read_tokens",
     "translate",
 ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 import threading
 from collections.abc import Mapping
 from contextlib import suppress
@@ -49,9 +50,14 @@ class Planned:
 
 
 def initialise(warm_up: PlanningJob | None) -> None:
-    """Prepares this process for planning: low priority, an end with its parent, solvers built, everything loaded."""
+    """Prepares this process for planning: low priority, an end with its parent, solvers built, everything loaded.
+
+    Signals to a whole group of processes are the parent's: it lets this one finish its plan.
+    """
     from planner.backends.casadi_nlp import build_solvers
 
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, signal.SIG_IGN)
     os.nice(NICENESS)
     parent = parent_process()
     if parent is not None:
