@@ -10,6 +10,7 @@ from contextlib import asynccontextmanager
 from functools import partial
 
 from fastapi import FastAPI
+from starlette.concurrency import run_in_threadpool
 
 from api import fling_version
 from api.cell_repository import CellRepository
@@ -17,12 +18,15 @@ from api.dependencies import Service
 from api.execution_feed import ExecutionFeeds
 from api.http import (
     DrainingMiddleware,
+    RequestLogMiddleware,
+    RequestRecord,
     SecurityMiddleware,
     StoredToken,
     install_error_handlers,
     openapi_schema,
     read_tokens,
 )
+from api.logs import REQUESTS, configure_logs
 from api.metrics import Metrics
 from api.planning import PlannerPool, PlanningJob, compile_when_idle
 from api.routes import ROUTERS
@@ -67,6 +71,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     app.state.is_draining = False
     app.add_middleware(DrainingMiddleware)
     app.add_middleware(SecurityMiddleware, local_only=not tokens)
+    app.add_middleware(RequestLogMiddleware, record=partial(_record_request, app))
     install_error_handlers(app)
     for router in ROUTERS:
         app.include_router(router)
@@ -99,9 +104,24 @@ def serve(settings: ServiceSettings) -> int:
     except (ValueError, RuntimeError, StoreError) as error:
         print(f"fling: {error}", file=sys.stderr)
         return 2
+    configure_logs(settings.request_log)
     config = server_config(app, settings.host, settings.port)
     DrainingServer(config, partial(_drain, app)).run()
     return 0
+
+
+async def _record_request(app: FastAPI, request: RequestRecord) -> None:
+    """Logs and counts an answered request, and audits an act that was refused."""
+    logging.getLogger(REQUESTS).info("request", extra={"fields": request.log_fields()})
+    service: Service | None = getattr(app.state, "service", None)
+    if service is None:
+        return
+    service.metrics.record_request(request.method, request.route, request.status, request.duration_s)
+    if (line := request.refused_act()) is not None:
+        try:
+            await run_in_threadpool(service.store.add_audit, line)
+        except StoreError as error:
+            logging.getLogger("fling").error("an audit line is lost: %s", error, extra={"fields": vars(line)})
 
 
 async def _drain(app: FastAPI) -> None:
@@ -117,7 +137,7 @@ def _service(settings: ServiceSettings, tokens: tuple[StoredToken, ...]) -> Serv
     for name, reason in cells.faults().items():
         logging.getLogger("fling").warning("cell %s is refused: %s", name, reason)
     pool = PlannerPool(settings.planner_workers, settings.planner_queue, _warm_up_job(settings, cells))
-    return Service(settings, store, cells, pool, tokens, Metrics(store.execution_counts), ExecutionFeeds(store))
+    return Service(settings, store, cells, pool, tokens, Metrics(store), ExecutionFeeds(store))
 
 
 async def _warm_up(service: Service) -> None:

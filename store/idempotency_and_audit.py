@@ -9,7 +9,7 @@ from sqlalchemy import Connection, insert, select
 from sqlalchemy.dialects import postgresql, sqlite
 
 from store.database import Repository, StoreError, reading, writing
-from store.rows import IdempotencyKey
+from store.rows import AuditLine, IdempotencyKey
 from store.tables import audit, idempotency
 
 
@@ -50,6 +50,18 @@ def take_key(connection: Connection, key: IdempotencyKey | None, resource_id: st
     raise KeyTaken(*taken)
 
 
+def write_audit(connection: Connection, line: AuditLine | None, resource: str) -> None:
+    """Appends a line to the audit trail within the transaction of the act.
+
+    Args:
+        connection: The act's transaction.
+        line: Who does what; None where the act is nobody's, as in tests.
+        resource: Path of what was acted on.
+    """
+    if line is not None:
+        connection.execute(insert(audit).values(**{**vars(line), "resource": resource, "at": time.time()}))
+
+
 class ClientRepository(Repository):
     """Tables `idempotency` and `audit`."""
 
@@ -65,11 +77,10 @@ class ClientRepository(Repository):
             raise KeyTaken(*found)
         return None if found is None else found[0]
 
-    def add_audit(self, who: str, action: str, resource: str, remote: str) -> None:
-        """Appends a line to the audit trail: who did what to which resource, from which address."""
+    def add_audit(self, line: AuditLine) -> None:
+        """Appends a line to the audit trail about what changed nothing: a refused act. Acts write theirs themselves."""
         with writing(self._engine) as connection:
-            line = {"at": time.time(), "who": who, "action": action, "resource": resource, "remote": remote}
-            connection.execute(insert(audit).values(**line))
+            write_audit(connection, line, line.resource)
 
     def audit_lines(self, limit: int = 100) -> list[dict[str, Any]]:
         """Returns the latest lines of the audit trail, newest first."""

@@ -14,6 +14,7 @@ from api.http.errors import (
 from api.http.middleware import SecurityMiddleware
 from api.http.negotiation import preferred_media_type
 from api.http.openapi import json_answer, openapi_schema, problem_answers
+from api.http.request_log import RequestLogMiddleware, RequestRecord, client_address
 from api.http.tokens import Caller, StoredToken, create_token, find_caller, read_tokens
 
 __all__ = [
@@ -21,8 +22,11 @@ __all__ = [
     "Caller",
     "DrainingMiddleware",
     "ProblemDetails",
+    "RequestLogMiddleware",
+    "RequestRecord",
     "SecurityMiddleware",
     "StoredToken",
+    "client_address",
     "create_token",
     "find_caller",
     "install_error_handlers",

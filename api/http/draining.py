@@ -27,7 +27,8 @@ class DrainingMiddleware:
         if scope["type"] != "http" or not scope["app"].state.is_draining:
             await self.app(scope, receive, send)
         elif scope["method"] == "POST" and NEW_WORK.fullmatch(scope["path"]):
-            await problem_response(shutting_down(), scope["path"])(scope, receive, _closing(send))
+            scope.setdefault("state", {})["problem"] = problem = shutting_down()
+            await problem_response(problem, scope["path"])(scope, receive, _closing(send))
         else:
             await self.app(scope, receive, _closing(send))
 

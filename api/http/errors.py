@@ -224,7 +224,8 @@ def install_error_handlers(app: FastAPI) -> None:
 
 
 async def _on_error(request: Request, error: Exception) -> Response:
-    return problem_response(translate(error), request.url.path)
+    request.state.problem = problem = translate(error)  # for the log and the audit trail
+    return problem_response(problem, request.url.path)
 
 
 def _field_path(location: Sequence[str | int]) -> str:

@@ -45,6 +45,7 @@ class SecurityMiddleware:
         headers = Headers(scope=scope)
         problem = self._rejection(scope["method"], headers)
         if problem is not None:
+            scope.setdefault("state", {})["problem"] = problem
             await problem_response(problem, scope["path"])(scope, receive, _with_security_headers(send))
         else:
             await self.app(scope, _limited(receive), _with_security_headers(send))

@@ -152,7 +152,9 @@ def test_recordings_lists_and_counts(store, add_plan, queued):
     assert store.recording(queued.id).csv == b"csv"
     store.finish_execution(queued.id, "completed")
     second = store.queue_execution(queued.plan_id, "ur5e-sim")
-    assert store.execution_counts() == {"completed": 1, "queued": 1}
+    assert [row.id for row in store.open_executions()] == [second.id] == [store.latest_execution_id()]
+    assert [row.id for row in store.executions_after(queued.id)] == [second.id]
+    assert len(store.executions_after("")) == 2
     rows, cursor = store.executions(limit=1)
     assert {rows[0].id} | {r.id for r in store.executions(cursor=cursor)[0]} == {queued.id, second.id}
 
