@@ -10,11 +10,23 @@ from contextlib import asynccontextmanager
 from functools import partial
 
 from fastapi import FastAPI
+from starlette.concurrency import run_in_threadpool
 
 from api import fling_version
 from api.cell_repository import CellRepository
 from api.dependencies import Service
-from api.http import SecurityMiddleware, StoredToken, install_error_handlers, openapi_schema, read_tokens
+from api.execution_feed import ExecutionFeeds
+from api.http import (
+    DrainingMiddleware,
+    RequestLogMiddleware,
+    RequestRecord,
+    SecurityMiddleware,
+    StoredToken,
+    install_error_handlers,
+    openapi_schema,
+    read_tokens,
+)
+from api.logs import REQUESTS, configure_logs
 from api.metrics import Metrics
 from api.planning import PlannerPool, PlanningJob, compile_when_idle
 from api.routes import ROUTERS
@@ -27,7 +39,6 @@ DESCRIPTION = (
     "`application/problem+json`. **Software stop is not a safety function.**"
 )
 WARM_UP_REQUEST = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}  # any throw loads and builds everything
-SHUTDOWN_S = 2  # [s] time for open event streams before they are cut
 
 
 class UnsafeSettings(ValueError):
@@ -57,7 +68,10 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         redoc_url=None,
         redirect_slashes=False,
     )
+    app.state.is_draining = False
+    app.add_middleware(DrainingMiddleware)
     app.add_middleware(SecurityMiddleware, local_only=not tokens)
+    app.add_middleware(RequestLogMiddleware, record=partial(_record_request, app))
     install_error_handlers(app)
     for router in ROUTERS:
         app.include_router(router)
@@ -81,8 +95,8 @@ async def _lifespan(settings: ServiceSettings, tokens: tuple[StoredToken, ...], 
 
 
 def serve(settings: ServiceSettings) -> int:
-    """Serves until SIGINT or SIGTERM. Returns the exit status of the process."""
-    import uvicorn
+    """Serves until SIGINT or SIGTERM, then drains. Returns the exit status of the process."""
+    from api.server import DrainingServer, server_config
 
     try:
         Store.open(settings.database_url).close()
@@ -90,16 +104,31 @@ def serve(settings: ServiceSettings) -> int:
     except (ValueError, RuntimeError, StoreError) as error:
         print(f"fling: {error}", file=sys.stderr)
         return 2
-    uvicorn.run(
-        app,
-        host=settings.host,
-        port=settings.port,
-        log_level="warning",
-        access_log=False,
-        server_header=False,
-        timeout_graceful_shutdown=SHUTDOWN_S,
-    )
+    configure_logs(settings.request_log)
+    config = server_config(app, settings.host, settings.port)
+    DrainingServer(config, partial(_drain, app)).run()
     return 0
+
+
+async def _record_request(app: FastAPI, request: RequestRecord) -> None:
+    """Logs and counts an answered request, and audits an act that was refused."""
+    logging.getLogger(REQUESTS).info("request", extra={"fields": request.log_fields()})
+    service: Service | None = getattr(app.state, "service", None)
+    if service is None:
+        return
+    service.metrics.record_request(request.method, request.route, request.status, request.duration_s)
+    if (line := request.refused_act()) is not None:
+        try:
+            await run_in_threadpool(service.store.add_audit, line)
+        except StoreError as error:
+            logging.getLogger("fling").error("an audit line is lost: %s", error, extra={"fields": vars(line)})
+
+
+async def _drain(app: FastAPI) -> None:
+    """Refuses new work and returns once what was begun is answered; ends the event streams."""
+    app.state.is_draining = True
+    await app.state.service.pool.drain()
+    app.state.service.feeds.close()
 
 
 def _service(settings: ServiceSettings, tokens: tuple[StoredToken, ...]) -> Service:
@@ -108,7 +137,7 @@ def _service(settings: ServiceSettings, tokens: tuple[StoredToken, ...]) -> Serv
     for name, reason in cells.faults().items():
         logging.getLogger("fling").warning("cell %s is refused: %s", name, reason)
     pool = PlannerPool(settings.planner_workers, settings.planner_queue, _warm_up_job(settings, cells))
-    return Service(settings, store, cells, pool, tokens, Metrics(store.execution_counts))
+    return Service(settings, store, cells, pool, tokens, Metrics(store), ExecutionFeeds(store))
 
 
 async def _warm_up(service: Service) -> None:

@@ -25,6 +25,7 @@ class ServiceSettings(BaseSettings):
         port: Port to listen on.
         planner_workers: Number of planner processes.
         planner_queue: Number of requests that may wait for a worker before further ones are answered 429.
+        request_log: Whether each request is a line in the log.
     """
 
     model_config = SettingsConfigDict(env_prefix="FLING_", frozen=True)
@@ -37,6 +38,7 @@ class ServiceSettings(BaseSettings):
     port: int = 8000
     planner_workers: int = Field(default_factory=lambda: max(1, (os.cpu_count() or 2) - 1), ge=1)  # one core streams
     planner_queue: int = Field(default=16, ge=0)
+    request_log: bool = True
 
 
 def is_loopback_host(host: str) -> bool:

@@ -151,7 +151,7 @@ class Execution:
         row, cell = self.row, self.session.cell
         age_s = time.monotonic() - telemetry.scalar("host_s")[0] if len(telemetry) else 0.0
         about = {"execution": row.id, "plan": row.plan_id, "cell": cell.name, "cell_sha256": cell.sha256}
-        about["outcome"] = outcome
+        about |= {"outcome": outcome, "request_id": row.request_id or ""}
         return records.to_mcap(telemetry, cell.robot.joint_names, time.time() - age_s, self.log, about)
 
     def _outcome(self, ended: records.RunResult) -> tuple[str, str]:

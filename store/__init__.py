@@ -8,6 +8,7 @@ from store.database import StoreError, StoreUnavailable, default_database_url
 from store.executions import CellBusy, UnknownExecution, UnknownExperiment, UnknownPlan
 from store.idempotency_and_audit import KeyTaken
 from store.rows import (
+    AuditLine,
     CellRow,
     EventRow,
     ExecutionRow,
@@ -22,6 +23,7 @@ from store.rows import (
 from store.store import Store
 
 __all__ = [
+    "AuditLine",
     "CellBusy",
     "CellRow",
     "EventRow",

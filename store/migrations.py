@@ -70,6 +70,13 @@ STEPS: tuple[tuple[str, ...], ...] = (
             adopted_by TEXT NOT NULL)""",
         "CREATE INDEX adoptions_of_cell ON adoptions (cell, id)",
     ),
+    (
+        "ALTER TABLE plans ADD COLUMN request_id TEXT",
+        "ALTER TABLE executions ADD COLUMN request_id TEXT",
+        "ALTER TABLE audit ADD COLUMN request_id TEXT",
+        "ALTER TABLE audit ADD COLUMN outcome TEXT",
+        "ALTER TABLE audit ADD COLUMN reason TEXT",
+    ),
 )
 
 LATEST = len(STEPS)

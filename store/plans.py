@@ -25,6 +25,7 @@ class PlanRepository(Repository):
         document: bytes,
         summary: bytes | None = None,
         key: IdempotencyKey | None = None,
+        request_id: str | None = None,
     ) -> None:
         """Stores one plan.
 
@@ -37,11 +38,13 @@ class PlanRepository(Repository):
             document: JSON of the whole plan.
             summary: The document without its trajectory; the document itself by default.
             key: Idempotency key of the request.
+            request_id: Id of the request.
 
         Raises:
             KeyTaken: `key` is bound to another plan; nothing is stored.
         """
-        row = PlanRow(id, created_at, cell, cell_sha256, backend, document if summary is None else summary, document)
+        short = document if summary is None else summary
+        row = PlanRow(id, created_at, cell, cell_sha256, backend, short, document, request_id)
         with writing(self._engine) as connection:
             take_key(connection, key, id, created_at)
             connection.execute(insert(plans).values(**vars(row)))

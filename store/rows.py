@@ -34,6 +34,7 @@ class PlanRow:
     backend: str
     summary: bytes
     document: bytes = b""
+    request_id: str | None = None
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,7 @@ class ExecutionRow:
     metrics: Mapping[str, Any] | None
     finished_at: float | None
     experiment_id: str | None = None
+    request_id: str | None = None
 
 
 @dataclass(frozen=True)
@@ -139,6 +141,29 @@ class CellRow:
     def is_alive(self) -> bool:
         """Whether the last heartbeat is younger than `HEARTBEAT_FRESH_S`."""
         return time.time() - self.heartbeat_at < HEARTBEAT_FRESH_S
+
+
+@dataclass(frozen=True)
+class AuditLine:
+    """Who did what, or was refused it.
+
+    Attributes:
+        who: Name of the token; "local" without tokens, "unknown" with a wrong one.
+        action: Such as "execute" or "abort".
+        remote: Address of the client.
+        request_id: Id of the HTTP request.
+        resource: Path of what was acted on.
+        outcome: "done", or the type of the problem.
+        reason: Why it was refused.
+    """
+
+    who: str
+    action: str
+    remote: str
+    request_id: str | None = None
+    resource: str = ""
+    outcome: str = "done"
+    reason: str | None = None
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ plans = Table(  # written by api, never changed
     Column("backend", Text, nullable=False),
     Column("summary", LargeBinary, nullable=False),  # the document without its trajectory
     Column("document", LargeBinary, nullable=False),
+    Column("request_id", Text),  # of the HTTP request that made it
 )
 
 experiments = Table(  # written by api, never changed
@@ -55,6 +56,7 @@ executions = Table(
     Column("metrics", JSON(none_as_null=True)),  # executor
     Column("finished_at", Double),  # executor
     Column("experiment_id", Text, ForeignKey("experiments.id")),  # api
+    Column("request_id", Text),  # api
 )
 executions_of_experiment = Index("executions_of_experiment", executions.c.experiment_id)
 
@@ -135,6 +137,9 @@ audit = Table(  # written by api, append only
     Column("action", Text, nullable=False),
     Column("resource", Text, nullable=False),
     Column("remote", Text, nullable=False),
+    Column("request_id", Text),
+    Column("outcome", Text),  # "done", or the problem that it was refused with; null: done, by an earlier version
+    Column("reason", Text),  # of a refusal
 )
 
 profiles = Table(  # written by api, never changed

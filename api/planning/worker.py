@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 import threading
 from collections.abc import Mapping
 from contextlib import suppress
@@ -30,6 +31,7 @@ class PlanningJob:
         cell: Content of the cell's files.
         request: The request as JSON, in the shape of `POST /plan`.
         profile: Id and document of the profile that the cell uses; None: the cell file's numbers.
+        request_id: Id of the HTTP request.
     """
 
     plan_id: str
@@ -37,6 +39,7 @@ class PlanningJob:
     cell: CellSource
     request: Mapping[str, Any]
     profile: tuple[str, bytes] | None = None
+    request_id: str | None = None
 
 
 @dataclass(frozen=True)
@@ -49,9 +52,14 @@ class Planned:
 
 
 def initialise(warm_up: PlanningJob | None) -> None:
-    """Prepares this process for planning: low priority, an end with its parent, solvers built, everything loaded."""
+    """Prepares this process for planning: low priority, an end with its parent, solvers built, everything loaded.
+
+    Signals to a whole group of processes are the parent's: it lets this one finish its plan.
+    """
     from planner.backends.casadi_nlp import build_solvers
 
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, signal.SIG_IGN)
     os.nice(NICENESS)
     parent = parent_process()
     if parent is not None:
@@ -89,6 +97,7 @@ def solve(job: PlanningJob) -> Planned:
     found = plan_aimed(problem, None if learnt is None else known)
     answer = plan_document(found, job.request, job.plan_id, job.created_at)
     answer |= learnt_fields(problem, found, known, None if job.profile is None else job.profile[0])
+    answer["request_id"] = job.request_id
     document = orjson.dumps(answer, option=orjson.OPT_SERIALIZE_NUMPY)
     del answer["trajectory"]
     return Planned(answer["backend"], document, orjson.dumps(answer, option=orjson.OPT_SERIALIZE_NUMPY))

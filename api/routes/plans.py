@@ -11,9 +11,9 @@ import orjson
 from fastapi import APIRouter, Body, Header, Query, Response
 from starlette.concurrency import run_in_threadpool
 
-from api.dependencies import AnyCaller, Key, PlanCaller, Service, ServiceDep, name_in_path
+from api.dependencies import AnyCaller, Key, Origin, PlanCaller, Service, ServiceDep, name_in_path
 from api.http import ProblemDetails, json_answer, preferred_media_type, problem_answers, translate
-from api.planning import Planned, PlanningJob, PlanningQueueFull
+from api.planning import Planned, PlanningEnded, PlanningJob, PlanningQueueFull
 from api.report import plan_svg
 from api.schemas import PLAN_EXAMPLES, PlanAnswer, PlanList, PlanRequest, TrajectoryAnswer, iso_time
 from planner.cell import CellSource
@@ -47,12 +47,17 @@ TRAJECTORY_ANSWER = {
     },
 )
 async def make_plan(
-    body: PlanBody, service: ServiceDep, caller: PlanCaller, key: Key, trajectory: WithTrajectory = True
+    body: PlanBody,
+    service: ServiceDep,
+    caller: PlanCaller,
+    key: Key,
+    origin: Origin,
+    trajectory: WithTrajectory = True,
 ) -> Response:
     """Solves, certifies and stores one plan. A plan that fails its certificate is never stored and never returned."""
     id = None if key is None else await run_in_threadpool(service.store.resource_of_key, key)
     if id is None:
-        id = await _solve_and_store(body, service, key)
+        id = await _solve_and_store(body, service, key, origin.request_id)
     row = await run_in_threadpool(service.store.plan, id)
     assert row is not None  # plans are never deleted
     content = row.document if trajectory else row.summary
@@ -122,21 +127,21 @@ def find_plan(service: Service, id: str, whole: bool = True) -> PlanRow:
     return row
 
 
-async def _solve_and_store(body: PlanRequest, service: Service, key: IdempotencyKey | None) -> str:
+async def _solve_and_store(body: PlanRequest, service: Service, key: IdempotencyKey | None, request_id: str) -> str:
     started_at = time.perf_counter()
-    job = await run_in_threadpool(_planning_job, body, service)
+    job = await run_in_threadpool(_planning_job, body, service, request_id)
     try:
         planned = await service.pool.solve(job, body.time_limit_s or TIME_LIMIT_S)
-    except (PlannerError, PlanningQueueFull) as error:
+    except (PlannerError, PlanningEnded, PlanningQueueFull) as error:
         service.metrics.plans.labels(translate(error).name).inc()
         raise
     finally:
         service.metrics.plan_seconds.observe(time.perf_counter() - started_at)
-    service.metrics.plans.labels("planned").inc()
+    service.metrics.record_plan(planned.summary)
     return await run_in_threadpool(_store_plan, service, job, planned, key)
 
 
-def _planning_job(body: PlanRequest, service: Service) -> PlanningJob:
+def _planning_job(body: PlanRequest, service: Service, request_id: str) -> PlanningJob:
     """Returns the job for a worker."""
     name = body.cell or service.settings.default_cell
     service.cell(name)  # refuses an unknown cell, and one whose file is wrong
@@ -146,7 +151,7 @@ def _planning_job(body: PlanRequest, service: Service) -> PlanningJob:
         request["start"] = {"positions": _current_positions(service, name)}
     adopted = service.store.adopted_profile(name)
     profile = None if adopted is None else (adopted.id, adopted.document)
-    return PlanningJob(new_id(), iso_time(time.time()) or "", source, request, profile)
+    return PlanningJob(new_id(), iso_time(time.time()) or "", source, request, profile, request_id)
 
 
 def _current_positions(service: Service, cell: str) -> list[float]:
@@ -162,7 +167,7 @@ def _store_plan(service: Service, job: PlanningJob, planned: Planned, key: Idemp
     """Stores the plan and returns its id; the first one's id if the same request arrived twice at once."""
     try:
         cell, made = job.cell, (planned.backend, planned.document, planned.summary)
-        service.store.add_plan(job.plan_id, time.time(), cell.name, cell.sha256, *made, key)
+        service.store.add_plan(job.plan_id, time.time(), cell.name, cell.sha256, *made, key, job.request_id)
     except KeyTaken as taken:
         return taken.resource_of(key)
     return job.plan_id

@@ -157,6 +157,7 @@ class PlanSummary(BaseModel):
     way_home: WayHomeAnswer | None = Field(None, description="Plans of earlier versions have none.")
     certificate: CertificateAnswer
     solver: SolverAnswer
+    request_id: str | None = Field(None, description="`X-Request-ID` of the request that made it.")
     profile: str | None = Field(None, description="The profile that was used; null: the cell file's numbers.")
     aim: AimAnswer | None = Field(None, description="null where the plan aims at the target itself.")
     hit_probability: HitProbability | None = Field(None, description="For a target.")
@@ -197,6 +198,7 @@ class ExecutionAnswer(BaseModel):
     reason: str | None = Field(description="Reason of the outcome, in words.")
     metrics: dict[str, Any] | None = Field(description="Measured values; each name carries its unit.")
     experiment_id: str | None = Field(None, description="Experiment that it belongs to.")
+    request_id: str | None = Field(None, description="`X-Request-ID` of the request that queued it.")
 
 
 class ExecutionList(BaseModel):

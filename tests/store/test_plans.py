@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+
 import pytest
 
 from store import IdempotencyKey, KeyTaken, Store, new_id
@@ -43,6 +45,23 @@ def test_an_idempotency_key_stands_for_the_first_plan(store):
         store.add_plan(new_id(), 1.0, "c", "s", "b", b"{}", key=key)
     assert caught.value.resource_id == first
     assert len(store.plans()[0]) == 1
+
+
+def test_of_many_at_once_with_one_key_one_is_stored(store):
+    key = IdempotencyKey("me /plan", "k", "body")
+
+    def attempt(_: int) -> str:
+        id = new_id()
+        try:
+            store.add_plan(id, 1.0, "c", "s", "b", b"{}", key=key)
+        except KeyTaken as taken:
+            return taken.resource_of(key)
+        return id
+
+    with ThreadPoolExecutor(8) as pool:
+        answered = set(pool.map(attempt, range(24)))
+    assert answered == {row.id for row in store.plans()[0]}
+    assert len(answered) == 1
 
 
 def test_a_key_with_another_body_is_refused(store):
