@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 CONTROL_PORT = 29900  # of the simulator alone; source: docs/simulator.md
+OTHER_HOST = "give its cell file another loopback address: link.host, such as 127.0.0.2"
 TIMEOUT_S = 5.0  # [s] the simulator answers at once
 
 
@@ -36,14 +37,17 @@ def truth_arguments(truth: Path | None, reveal: bool) -> list[str]:
 @click.pass_context
 def sim(context: click.Context, cell: str | None, host: str | None, truth: Path | None, reveal: bool) -> None:
     """Run a simulated controller; `fault` causes a fault in a running one, `state` shows its state."""
+    from api.cli.support.addresses import SIMULATOR_PORTS, require_free
     from api.cli.support.processes import cell_path
     from api.settings import ServiceSettings
 
     settings = ServiceSettings()
     path = cell_path(settings.cells, cell or settings.default_cell)
     if context.invoked_subcommand is None:
+        advice = f"or choose another loopback address: --host 127.0.0.2, and {OTHER_HOST}"
+        require_free(host or _host(path), SIMULATOR_PORTS, "the simulated controller", advice)
         arguments = ["--cell", str(path), *(["--host", host] if host else []), *truth_arguments(truth, reveal)]
-        os.execv(sys.executable, [sys.executable, "-m", "executor.simulator", *arguments])
+        os.execv(sys.executable, [sys.executable, "-P", "-m", "executor.simulator", *arguments])
     context.obj = lambda: host or _host(path)
 
 
