@@ -143,6 +143,8 @@ def _way_out(problem: ThrowProblem, arm: _Arm, delay: float, x: Vector) -> list[
         moved = arm.in_tool(place, k * STEP_S + delay)
         if np.linalg.norm(moved) >= out_m:
             return []
+        if np.linalg.norm(moved) < FREE_M:
+            continue
         angle = float(np.arccos(np.clip(moved @ gripper.opening_direction / np.linalg.norm(moved), -1.0, 1.0)))
         if angle > gripper.opening_cone_rad + ANGLE_SLACK:
             return [f"leaves the gripper at {angle} rad after {k * STEP_S} s"]
