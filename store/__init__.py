@@ -20,6 +20,7 @@ from store.rows import (
     RecordingRow,
     new_id,
 )
+from store.samples import join_plan, pack_samples, pack_trajectory, samples_of_csv, split_plan
 from store.store import Store
 
 __all__ = [
@@ -42,5 +43,10 @@ __all__ = [
     "UnknownExperiment",
     "UnknownPlan",
     "default_database_url",
+    "join_plan",
     "new_id",
+    "pack_samples",
+    "pack_trajectory",
+    "samples_of_csv",
+    "split_plan",
 ]

@@ -77,6 +77,10 @@ STEPS: tuple[tuple[str, ...], ...] = (
         "ALTER TABLE audit ADD COLUMN outcome TEXT",
         "ALTER TABLE audit ADD COLUMN reason TEXT",
     ),
+    (
+        "ALTER TABLE plans ADD COLUMN samples {bytes}",
+        "ALTER TABLE recordings ADD COLUMN samples {bytes}",
+    ),
 )
 
 LATEST = len(STEPS)

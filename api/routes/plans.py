@@ -166,7 +166,7 @@ def _current_positions(service: Service, cell: str) -> list[float]:
 def _store_plan(service: Service, job: PlanningJob, planned: Planned, key: IdempotencyKey | None) -> str:
     """Stores the plan and returns its id; the first one's id if the same request arrived twice at once."""
     try:
-        cell, made = job.cell, (planned.backend, planned.document, planned.summary)
+        cell, made = job.cell, (planned.backend, planned.summary, planned.samples)
         service.store.add_plan(job.plan_id, time.time(), cell.name, cell.sha256, *made, key, job.request_id)
     except KeyTaken as taken:
         return taken.resource_of(key)

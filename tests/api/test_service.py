@@ -12,6 +12,7 @@ import pytest
 from api.app import UnsafeSettings, create_app
 from api.http import PROBLEM_TYPES
 from api.settings import ServiceSettings
+from store import pack_samples
 from tests.api.conftest import FakeExecutor, RunningService
 from tests.api.test_bad_input import problem_of
 
@@ -163,7 +164,7 @@ def test_every_example_runs(service: RunningService, executor: FakeExecutor, pla
             response = service.client.request(method, path, json=body)
             assert response.status_code < 300, f"{method} {path}: {response.text}"
             if path == "/execute":
-                service.store.add_recording(response.json()["id"], b"m", b"c")
+                service.store.add_recording(response.json()["id"], b"m", pack_samples(["t"], [[0.0]]))
                 service.store.finish_execution(response.json()["id"], "completed")
 
 
