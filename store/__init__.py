@@ -7,6 +7,7 @@ URL. Times are seconds since the epoch.
 from store.database import StoreError, StoreUnavailable, default_database_url
 from store.executions import CellBusy, UnknownExecution, UnknownExperiment, UnknownPlan
 from store.idempotency_and_audit import KeyTaken
+from store.retention import Retention
 from store.rows import (
     AuditLine,
     CellRow,
@@ -36,6 +37,7 @@ __all__ = [
     "PlanRow",
     "ProfileRow",
     "RecordingRow",
+    "Retention",
     "Store",
     "StoreError",
     "StoreUnavailable",

@@ -81,6 +81,7 @@ STEPS: tuple[tuple[str, ...], ...] = (
         "ALTER TABLE plans ADD COLUMN samples {bytes}",
         "ALTER TABLE recordings ADD COLUMN samples {bytes}",
     ),
+    ("CREATE TABLE probes (id INTEGER PRIMARY KEY, at {float} NOT NULL)", "INSERT INTO probes VALUES (1, 0)"),
 )
 
 LATEST = len(STEPS)

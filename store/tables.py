@@ -167,3 +167,10 @@ adoptions = Table(  # written by api, append only; a cell's newest line is what 
     Column("adopted_by", Text, nullable=False),
 )
 adoptions_of_cell = Index("adoptions_of_cell", adoptions.c.cell, adoptions.c.id)
+
+probes = Table(  # written by api: one row, to see whether the database can be written to
+    "probes",
+    METADATA,
+    Column("id", Integer, primary_key=True, autoincrement=False),
+    Column("at", Double, nullable=False),
+)

@@ -59,7 +59,7 @@ async def make_plan(
     if id is None:
         id = await _solve_and_store(body, service, key, origin.request_id)
     row = await run_in_threadpool(service.store.plan, id)
-    assert row is not None  # plans are never deleted
+    assert row is not None  # retention deletes no young plan, and keys with their plans
     content = row.document if trajectory else row.summary
     return Response(content, 201, {"Location": f"/plans/{row.id}"}, "application/json")
 

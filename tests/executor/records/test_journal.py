@@ -148,9 +148,7 @@ def test_on_a_full_disk_a_result_waits_in_memory_and_leaves_nothing_half(
     assert journal.fault() is None
 
 
-def test_a_result_that_an_earlier_version_kept_is_delivered(
-    open_journal: Open, store: Store, execution_id: str
-) -> None:
+def test_what_an_earlier_version_kept_is_delivered(open_journal: Open, store: Store, execution_id: str) -> None:
     journal = open_journal()
     journal.keep(result(execution_id))
     (journal.folder / f"{execution_id}.samples").unlink()
