@@ -31,7 +31,8 @@ from api.metrics import Metrics
 from api.planning import PlannerPool, PlanningJob, compile_when_idle
 from api.routes import ROUTERS
 from api.settings import ServiceSettings, is_loopback_host
-from store import Store, StoreError
+from api.store_probe import StoreProbe
+from store import Retention, Store, StoreError
 
 DESCRIPTION = (
     "Plan a throw (or any move that must pass a state at speed) for a Universal Robots arm, get it certified, stream "
@@ -39,6 +40,7 @@ DESCRIPTION = (
     "`application/problem+json`. **Software stop is not a safety function.**"
 )
 WARM_UP_REQUEST = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}  # any throw loads and builds everything
+RETENTION_PERIOD_S = 600.0  # [s] between two times that old plans and executions are deleted
 
 
 class UnsafeSettings(ValueError):
@@ -84,12 +86,13 @@ async def _lifespan(settings: ServiceSettings, tokens: tuple[StoredToken, ...], 
     """Opens the service's parts, and closes them when the application ends."""
     service = _service(settings, tokens)
     app.state.service = service
-    warm_up = asyncio.create_task(_warm_up(service))
+    tasks = [asyncio.create_task(work(service)) for work in (_warm_up, _retain)]
     try:
         yield
     finally:
-        warm_up.cancel()
-        await asyncio.gather(warm_up, return_exceptions=True)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
         service.pool.close()
         service.store.close()
 
@@ -137,7 +140,7 @@ def _service(settings: ServiceSettings, tokens: tuple[StoredToken, ...]) -> Serv
     for name, reason in cells.faults().items():
         logging.getLogger("fling").warning("cell %s is refused: %s", name, reason)
     pool = PlannerPool(settings.planner_workers, settings.planner_queue, _warm_up_job(settings, cells))
-    return Service(settings, store, cells, pool, tokens, Metrics(store), ExecutionFeeds(store))
+    return Service(settings, store, cells, pool, tokens, Metrics(store), ExecutionFeeds(store), StoreProbe(store))
 
 
 async def _warm_up(service: Service) -> None:
@@ -145,6 +148,18 @@ async def _warm_up(service: Service) -> None:
     await service.pool.warm_up()
     if not service.pool.is_compiled and await compile_when_idle(service.is_idle):
         await service.pool.renew()
+
+
+async def _retain(service: Service) -> None:
+    """Deletes from time to time what the settings give up."""
+    while service.settings.retention != Retention():
+        try:
+            plans, runs = await run_in_threadpool(service.store.retain, service.settings.retention)
+            if plans or runs:
+                logging.getLogger("fling").info("retention deleted %d plans, %d executions", plans, runs)
+        except StoreError:  # the store has logged it; tried again next time
+            pass
+        await asyncio.sleep(RETENTION_PERIOD_S)
 
 
 def _warm_up_job(settings: ServiceSettings, cells: CellRepository) -> PlanningJob | None:

@@ -16,6 +16,7 @@ from api.http import Caller, ProblemDetails, StoredToken, client_address, find_c
 from api.metrics import Metrics
 from api.planning import PlannerPool
 from api.settings import ServiceSettings
+from api.store_probe import StoreProbe
 from planner.cell import Cell
 from store import AuditLine, IdempotencyKey, Store, StoreUnavailable
 
@@ -35,6 +36,7 @@ class Service:
     tokens: tuple[StoredToken, ...]
     metrics: Metrics
     feeds: ExecutionFeeds
+    probe: StoreProbe
 
     def is_idle(self) -> bool:
         """Returns whether no cell has an open execution, as far as the store can be asked."""

@@ -129,9 +129,11 @@ class Execution:
             verdict = records.release_verdict(self.problem, self.trajectory, numbers, landing)
             outcome, reason = verdict or (outcome, reason)
         self.note(f"{outcome}: {reason}" if reason else outcome)
-        mcap, csv = self._recording(telemetry, outcome), records.to_csv(telemetry)
+        mcap, samples = self._recording(telemetry, outcome), records.to_samples(telemetry)
         observed = None if landing is None else landing.observed
-        return records.ExecutionResult(self.row.id, outcome, reason, numbers, mcap, csv, self._observation(observed))
+        return records.ExecutionResult(
+            self.row.id, outcome, reason, numbers, mcap, samples, self._observation(observed)
+        )
 
     def _observation(self, observed: records.ObservedLanding | None) -> dict[str, Any] | None:
         """Returns the observation of the simulated camera, to be stored once."""

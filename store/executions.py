@@ -185,15 +185,18 @@ class ExecutionRepository(Repository):
         query = select(events).where(events.c.execution_id == execution_id, events.c.id > after_id)
         return self._rows(EventRow, query.order_by(events.c.id).limit(limit))
 
-    def add_recording(self, execution_id: str, mcap: bytes, csv: bytes) -> None:
-        """Stores the recording of an execution and replaces an earlier one."""
+    def add_recording(self, execution_id: str, mcap: bytes, samples: bytes) -> None:
+        """Stores the recording of an execution, with samples from `pack_samples`, and replaces an earlier one."""
         with writing(self._engine) as connection:
             connection.execute(delete(recordings).where(recordings.c.execution_id == execution_id))
-            connection.execute(insert(recordings).values(execution_id=execution_id, mcap=mcap, csv=csv))
+            row = {"execution_id": execution_id, "mcap": mcap, "samples": samples, "csv": b""}
+            connection.execute(insert(recordings).values(**row))
 
     def recording(self, execution_id: str) -> RecordingRow | None:
         """Returns the recording of an execution."""
-        return self._row(RecordingRow, select(recordings).where(recordings.c.execution_id == execution_id))
+        columns = recordings.c.execution_id, recordings.c.mcap, recordings.c.samples
+        query = select(*columns, recordings.c.csv.label("earlier_csv"))
+        return self._row(RecordingRow, query.where(recordings.c.execution_id == execution_id))
 
 
 def _require_experiment(connection: Connection, id: str | None) -> None:

@@ -77,6 +77,11 @@ STEPS: tuple[tuple[str, ...], ...] = (
         "ALTER TABLE audit ADD COLUMN outcome TEXT",
         "ALTER TABLE audit ADD COLUMN reason TEXT",
     ),
+    (
+        "ALTER TABLE plans ADD COLUMN samples {bytes}",
+        "ALTER TABLE recordings ADD COLUMN samples {bytes}",
+    ),
+    ("CREATE TABLE probes (id INTEGER PRIMARY KEY, at {float} NOT NULL)", "INSERT INTO probes VALUES (1, 0)"),
 )
 
 LATEST = len(STEPS)

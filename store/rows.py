@@ -9,6 +9,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from store.samples import join_plan, samples_csv
+
 HEARTBEAT_FRESH_S = 2.0  # [s] an executor beats several times a second
 
 
@@ -25,7 +27,13 @@ def new_id() -> str:
 
 @dataclass(frozen=True)
 class PlanRow:
-    """One plan. `document` is its JSON; `summary` is the same without the trajectory, and all that lists contain."""
+    """One plan.
+
+    Attributes:
+        summary: Its JSON without the trajectory, and all that lists contain.
+        samples: Its trajectory; see `store.samples`. Empty where it was not read.
+        earlier_document: Its whole JSON, where an earlier version of Fling stored it so.
+    """
 
     id: str
     created_at: float
@@ -33,8 +41,14 @@ class PlanRow:
     cell_sha256: str
     backend: str
     summary: bytes
-    document: bytes = b""
     request_id: str | None = None
+    samples: bytes | None = None
+    earlier_document: bytes = b""
+
+    @property
+    def document(self) -> bytes:
+        """The whole JSON; the summary where the trajectory was not read."""
+        return self.earlier_document or (join_plan(self.summary, self.samples) if self.samples else self.summary)
 
 
 @dataclass(frozen=True)
@@ -73,11 +87,23 @@ class EventRow:
 
 @dataclass(frozen=True)
 class RecordingRow:
-    """Planned and measured motion, one sample per tick, in two formats."""
+    """Planned and measured motion, one sample per tick: as MCAP, and as samples.
+
+    Attributes:
+        mcap: For Foxglove.
+        samples: The rows; see `store.samples`.
+        earlier_csv: The rows, where an earlier version of Fling stored them so.
+    """
 
     execution_id: str
     mcap: bytes
-    csv: bytes
+    samples: bytes | None
+    earlier_csv: bytes = b""
+
+    @property
+    def csv(self) -> bytes:
+        """The rows as CSV."""
+        return samples_csv(self.samples) if self.samples else self.earlier_csv
 
 
 @dataclass(frozen=True)

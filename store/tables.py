@@ -23,8 +23,9 @@ plans = Table(  # written by api, never changed
     Column("cell_sha256", Text, nullable=False),
     Column("backend", Text, nullable=False),
     Column("summary", LargeBinary, nullable=False),  # the document without its trajectory
-    Column("document", LargeBinary, nullable=False),
+    Column("document", LargeBinary, nullable=False),  # the whole document of an earlier version; else empty
     Column("request_id", Text),  # of the HTTP request that made it
+    Column("samples", LargeBinary),  # the trajectory; see `store.samples`
 )
 
 experiments = Table(  # written by api, never changed
@@ -85,7 +86,8 @@ recordings = Table(  # written by executor
     METADATA,
     Column("execution_id", Text, ForeignKey("executions.id"), primary_key=True),
     Column("mcap", LargeBinary, nullable=False),
-    Column("csv", LargeBinary, nullable=False),
+    Column("csv", LargeBinary, nullable=False),  # the rows of an earlier version; else empty
+    Column("samples", LargeBinary),  # the rows; see `store.samples`
 )
 
 landings = Table(  # written by api; by executor for what a simulated camera observed; never changed
@@ -165,3 +167,10 @@ adoptions = Table(  # written by api, append only; a cell's newest line is what 
     Column("adopted_by", Text, nullable=False),
 )
 adoptions_of_cell = Index("adoptions_of_cell", adoptions.c.cell, adoptions.c.id)
+
+probes = Table(  # written by api: one row, to see whether the database can be written to
+    "probes",
+    METADATA,
+    Column("id", Integer, primary_key=True, autoincrement=False),
+    Column("at", Double, nullable=False),
+)

@@ -190,9 +190,7 @@ TRANSLATIONS: dict[type[Exception], Callable[[Any], ProblemDetails]] = {
     CellError: lambda e: invalid_field("cell", f"the cell file is refused: {e}"),
     PlanningQueueFull: lambda e: ProblemDetails("overloaded", str(e), headers={"Retry-After": str(e.retry_after_s)}),
     PlanningEnded: lambda e: ProblemDetails("shutting-down", str(e), headers={"Retry-After": "5"}),
-    StoreUnavailable: lambda _: ProblemDetails(
-        "not-ready", "the store cannot be reached", headers={"Retry-After": "1"}
-    ),
+    StoreUnavailable: lambda e: ProblemDetails("not-ready", e.advice, headers={"Retry-After": "1"}, outage=e.kind),
     CellBusy: lambda e: ProblemDetails("robot-busy", str(e), cell=e.cell),
     KeyTaken: lambda _: ProblemDetails("idempotency-conflict", "this Idempotency-Key was used with another body"),
     UnknownPlan: lambda e: ProblemDetails("not-found", str(e)),

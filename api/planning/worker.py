@@ -17,6 +17,7 @@ import orjson
 
 from planner.cell import Cell, CellSource, cell_of
 from planner.errors import PlannerError
+from store import join_plan, pack_trajectory
 
 NICENESS = 10  # planning can wait for the stream to the arm, which has a deadline every tick
 
@@ -44,11 +45,16 @@ class PlanningJob:
 
 @dataclass(frozen=True)
 class Planned:
-    """A certified plan: JSON with the trajectory (`document`) and without (`summary`)."""
+    """A certified plan: its JSON without the trajectory (`summary`), and the trajectory's samples."""
 
     backend: str
-    document: bytes
     summary: bytes
+    samples: bytes
+
+    @property
+    def document(self) -> bytes:
+        """The JSON of the whole plan."""
+        return join_plan(self.summary, self.samples)
 
 
 def initialise(warm_up: PlanningJob | None) -> None:
@@ -86,6 +92,7 @@ def solve(job: PlanningJob) -> Planned:
         PlannerError: The planner refused the request, found no plan, or gave up.
     """
     from api.planning.aiming import learnt_fields, plan_aimed
+    from api.planning.duration import check_duration, check_limits
     from learning import cell_with_profile, knowledge_of, prior_knowledge
     from planner.plan_document import plan_document
     from planner.request import problem_from_request
@@ -93,16 +100,17 @@ def solve(job: PlanningJob) -> Planned:
     cell = _cell(job.cell)
     learnt = None if job.profile is None else orjson.loads(job.profile[1])
     problem = problem_from_request(job.request, cell_with_profile(cell, learnt))
+    check_limits(problem)
     known = prior_knowledge(cell) if learnt is None else knowledge_of(learnt)
     found = plan_aimed(problem, None if learnt is None else known)
+    check_duration(problem, found.trajectory)
     answer = plan_document(found, job.request, job.plan_id or "", job.created_at)
     if job.plan_id is None:
         del answer["id"]
     answer |= learnt_fields(problem, found, known, None if job.profile is None else job.profile[0])
     answer["request_id"] = job.request_id
-    document = orjson.dumps(answer, option=orjson.OPT_SERIALIZE_NUMPY)
-    del answer["trajectory"]
-    return Planned(answer["backend"], document, orjson.dumps(answer, option=orjson.OPT_SERIALIZE_NUMPY))
+    samples = pack_trajectory(answer.pop("trajectory"))
+    return Planned(answer["backend"], orjson.dumps(answer, option=orjson.OPT_SERIALIZE_NUMPY), samples)
 
 
 @lru_cache(maxsize=32)

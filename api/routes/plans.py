@@ -66,7 +66,7 @@ async def make_plan(
     if id is None:
         id = await _solve_and_store(body, service, key, origin.request_id)
     row = await run_in_threadpool(service.store.plan, id)
-    assert row is not None  # plans are never deleted
+    assert row is not None  # retention deletes no young plan, and keys with their plans
     content = row.document if trajectory else row.summary
     return Response(content, 201, {"Location": f"/plans/{row.id}"}, "application/json")
 
@@ -207,7 +207,7 @@ def _store_plan(service: Service, job: PlanningJob, planned: Planned, key: Idemp
     """Stores the plan and returns its id; the first one's id if the same request arrived twice at once."""
     assert job.plan_id is not None  # as of every job that is to be stored
     try:
-        cell, made = job.cell, (planned.backend, planned.document, planned.summary)
+        cell, made = job.cell, (planned.backend, planned.summary, planned.samples)
         service.store.add_plan(job.plan_id, time.time(), cell.name, cell.sha256, *made, key, job.request_id)
     except KeyTaken as taken:
         return taken.resource_of(key)

@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from store import CellBusy, IdempotencyKey, KeyTaken, Store, UnknownExecution, UnknownPlan
+from store import CellBusy, IdempotencyKey, KeyTaken, Store, UnknownExecution, UnknownPlan, pack_samples
 
 
 @pytest.fixture
@@ -147,9 +147,9 @@ def test_of_many_at_once_with_one_key_one_is_queued(store, add_plan):
 
 def test_recordings_lists_and_counts(store, add_plan, queued):
     assert store.recording(queued.id) is None
-    store.add_recording(queued.id, b"mcap", b"old")
-    store.add_recording(queued.id, b"mcap", b"csv")
-    assert store.recording(queued.id).csv == b"csv"
+    store.add_recording(queued.id, b"mcap", pack_samples(["t"], [[1.0]]))
+    store.add_recording(queued.id, b"mcap", pack_samples(["t"], [[2.5]]))
+    assert store.recording(queued.id).csv == b"t\n2.5\n"
     store.finish_execution(queued.id, "completed")
     second = store.queue_execution(queued.plan_id, "ur5e-sim")
     assert [row.id for row in store.open_executions()] == [second.id] == [store.latest_execution_id()]

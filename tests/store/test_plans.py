@@ -1,28 +1,26 @@
 from __future__ import annotations
 
+import json
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from store import IdempotencyKey, KeyTaken, Store, new_id
+from store import IdempotencyKey, KeyTaken, Store, new_id, split_plan
+from tests.store.conftest import TRAJECTORY
 
 
 def test_a_plan_comes_back_as_it_was_written(store, add_plan):
     row = store.plan(add_plan())
-    assert (row.cell, row.cell_sha256, row.backend, row.document, row.summary) == (
-        "ur5e-sim",
-        "sha",
-        "ruckig",
-        b'{"trajectory":[]}',
-        b"{}",
-    )
+    assert (row.cell, row.cell_sha256, row.backend, row.summary) == ("ur5e-sim", "sha", "ruckig", b'{"id":1}')
+    assert json.loads(row.document) == {"id": 1, "trajectory": TRAJECTORY}
+    assert split_plan(row.document) == (row.summary, row.samples)
     assert store.plan("nothing") is None
 
 
 def test_summaries_leave_the_document_out(store, add_plan):
     id = add_plan()
-    assert store.plan_summary(id).document == b""
-    assert store.plan_summary(id).summary == b"{}"
+    assert store.plan_summary(id).samples is None
+    assert store.plan_summary(id).document == store.plan_summary(id).summary == b'{"id":1}'
     assert store.plan_summary("nothing") is None
 
 
