@@ -11,6 +11,8 @@ from typing import Any
 
 import click
 
+from api.cli.support.errors import FlingGroup
+
 CONTROL_PORT = 29900  # of the simulator alone; source: docs/simulator.md
 OTHER_HOST = "give its cell file another loopback address: link.host, such as 127.0.0.2"
 TIMEOUT_S = 5.0  # [s] the simulator answers at once
@@ -30,7 +32,7 @@ def truth_arguments(truth: Path | None, reveal: bool) -> list[str]:
     return [*(["--truth", str(truth)] if truth else []), *(["--reveal"] if reveal else [])]
 
 
-@click.group(invoke_without_command=True)
+@click.group(cls=FlingGroup, invoke_without_command=True)
 @click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL.")
 @click.option("--host", help="Loopback address to listen on; default: the cell's link.host.")
 @truth_options
