@@ -14,7 +14,7 @@ from learning.evidence import ThrowEvidence, throw_evidence
 from learning.hit_evidence import weighed_by_outcomes
 from learning.joint_speeds import JointSpeeds, learn_joint_speeds
 from learning.predictions import LandingForecast, forecast
-from learning.release import DRAG, PRIOR_STD, STATE, ReleasePosterior, learn_release, prior_state
+from learning.release import DRAG, LEAD, PRIOR_STD, STATE, ReleasePosterior, learn_release, prior_state
 from learning.streamed_arm import StreamedArm
 from learning.throws import table_times, throw_table
 from learning.timing_history import pooled_document, timing_runs
@@ -46,6 +46,12 @@ class CellKnowledge:
     def delay_s(self) -> float:
         """Gripper delay to plan with [s]: the lead less the lag."""
         return float(self.release.state[0]) - self.arm.lag_s
+
+    @property
+    def release_std_s(self) -> float:
+        """Standard deviation of a release about its planned time [s]: jitter, and what is not known of the lead."""
+        release = self.release
+        return math.hypot(release.jitter, math.sqrt(float(release.state_covariance[LEAD, LEAD])))
 
     def predicted(self, problem: ThrowProblem, trajectory: Trajectory) -> LandingForecast:
         """Returns where throws of a plan land, with the lag and the delay that the problem's cell assumes."""

@@ -78,6 +78,7 @@ def solve(job: PlanningJob) -> Planned:
         PlannerError: The planner refused the request, found no plan, or gave up.
     """
     from api.planning.aiming import learnt_fields, plan_aimed
+    from api.planning.odds import plan_for_odds
     from learning import cell_with_profile, knowledge_of, prior_knowledge
     from planner.plan_document import plan_document
     from planner.request import problem_from_request
@@ -86,7 +87,11 @@ def solve(job: PlanningJob) -> Planned:
     learnt = None if job.profile is None else orjson.loads(job.profile[1])
     problem = problem_from_request(job.request, cell_with_profile(cell, learnt))
     known = prior_knowledge(cell) if learnt is None else knowledge_of(learnt)
-    found = plan_aimed(problem, None if learnt is None else known)
+    is_learnt, least = learnt is not None, float(job.request.get("min_hit_probability") or 0.0)
+    if least > 0.0:
+        found = plan_for_odds(problem, least, known, is_learnt)
+    else:
+        found = plan_aimed(problem, known if is_learnt else None)
     answer = plan_document(found, job.request, job.plan_id, job.created_at)
     answer |= learnt_fields(problem, found, known, None if job.profile is None else job.profile[0])
     document = orjson.dumps(answer, option=orjson.OPT_SERIALIZE_NUMPY)
