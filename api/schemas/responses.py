@@ -192,7 +192,7 @@ class ExecutionAnswer(BaseModel):
     state: str = Field(description="queued, preparing, approaching, streaming, braking, finished.")
     outcome: str | None = Field(
         description="completed, aborted, refused, protective_stop, emergency_stop, link_lost, late, tracking, "
-        "executor_lost, foreign_program, power_off; null before the end."
+        "executor_lost, foreign_program, power_off, held; null before the end."
     )
     reason: str | None = Field(description="Reason of the outcome, in words.")
     metrics: dict[str, Any] | None = Field(description="Measured values; each name carries its unit.")
