@@ -36,9 +36,7 @@ def _controller_options(command: Any) -> Any:
     kind = click.Path(exists=True, file_okay=False, path_type=Path)
     for option in (
         click.option("--strict-clock", is_flag=True, help="The clock never slips, for machines that do not stall."),
-        click.option(
-            "--no-remote-control", is_flag=True, help="Remote control is off in the settings, as on delivery."
-        ),
+        click.option("--no-remote-control", is_flag=True, help="Remote control is off in the settings."),
         click.option("--programs", type=kind, help="Folder of stored programs (NAME.script) for the dashboard."),
     ):
         command = option(command)

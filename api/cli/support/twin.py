@@ -74,7 +74,7 @@ def truth_text(truth: Mapping[str, Mapping[str, Any]]) -> str:
 
 
 def twin_file(profile: Mapping[str, Any]) -> str:
-    """Returns the path of an anonymous truth file of a profile, which a program started in place of this one can read."""
+    """Returns the path of an anonymous truth file, for a program that is started in place of this one."""
     descriptor = os.memfd_create("fling-twin", 0)
     os.write(descriptor, truth_text(truth_of_profile(profile)).encode())
     return f"/proc/self/fd/{descriptor}"
