@@ -93,6 +93,7 @@ def solve(job: PlanningJob) -> Planned:
     """
     from api.planning.aiming import learnt_fields, plan_aimed
     from api.planning.duration import check_duration, check_limits
+    from api.planning.odds import plan_for_odds
     from learning import cell_with_profile, knowledge_of, prior_knowledge
     from planner.plan_document import plan_document
     from planner.request import problem_from_request
@@ -102,7 +103,11 @@ def solve(job: PlanningJob) -> Planned:
     problem = problem_from_request(job.request, cell_with_profile(cell, learnt))
     check_limits(problem)
     known = prior_knowledge(cell) if learnt is None else knowledge_of(learnt)
-    found = plan_aimed(problem, None if learnt is None else known)
+    is_learnt, least = learnt is not None, float(job.request.get("min_hit_probability") or 0.0)
+    if least > 0.0:
+        found = plan_for_odds(problem, least, known, is_learnt)
+    else:
+        found = plan_aimed(problem, known if is_learnt else None)
     check_duration(problem, found.trajectory)
     answer = plan_document(found, job.request, job.plan_id or "", job.created_at)
     if job.plan_id is None:
