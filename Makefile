@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 SOURCES := planner store learning api executor benchmarks
 
-.PHONY: setup demo up test test-kernels check bench lock clean
+.PHONY: setup demo up test test-kernels check web bench lock clean
 
 setup: $(VENV)/dev.stamp $(VENV)/warm.stamp   ## .venv with everything pinned, and the generated solvers built
 
@@ -38,6 +38,15 @@ check: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/pyright --pythonpath $(BIN)/python
+
+web: $(VENV)/run.stamp web/node_modules/.package-lock.json   ## the page's bundle from web/ (needs Node 20.19 or newer)
+	mkdir -p web/build
+	$(BIN)/python web/schema.py > web/build/openapi.json
+	cd web && npm run --silent types && npm run --silent build
+
+web/node_modules/.package-lock.json: web/package.json web/package-lock.json
+	cd web && npm ci --silent
+	touch $@
 
 bench: $(VENV)/bench.stamp $(VENV)/warm.stamp  ## writes docs/benchmarks, about ten minutes; SLOW=1 for hours
 	$(BIN)/python -m benchmarks $(if $(SLOW),--slow)
