@@ -30,6 +30,7 @@ export interface Chart {
 }
 
 const FONT = "12px system-ui, sans-serif";
+const EDGE_S = 0.004; // [s] a cursor this far beyond the curve still stands at its end
 const ROOM = 0.08; // of the range, above and below
 
 /** Range of a quantity: its values and those limits that lie within reach of them. */
@@ -99,6 +100,7 @@ function drawRelease(plot: uPlot, options: ChartOptions, release_s: number, scal
 export function createChart(host: HTMLElement, quantity: Quantity, options: ChartOptions): Chart {
   const { colors } = options;
   const axis = { stroke: colors.ink, font: FONT, grid: { stroke: colors.grid, width: 1 }, ticks: { stroke: colors.grid, width: 1 } };
+  const stepped = uPlot.paths.stepped?.({ align: 1 });
   const plot = new uPlot(
     {
       width: Math.max(120, host.clientWidth),
@@ -108,7 +110,7 @@ export function createChart(host: HTMLElement, quantity: Quantity, options: Char
       scales: { x: { time: false }, y: { range: () => valueRange(quantity, options.visible) } },
       axes: [
         { ...axis, size: 28, values: (_, ticks) => ticks.map((tick) => `${Number(tick.toFixed(3))} s`) },
-        { ...axis, size: 52 },
+        { ...axis, size: 52, space: 26 },
       ],
       series: [
         {},
@@ -118,6 +120,7 @@ export function createChart(host: HTMLElement, quantity: Quantity, options: Char
           width: 1.75,
           show: options.visible[i] ?? true,
           points: { show: false },
+          ...(quantity.steps && stepped ? { paths: stepped } : {}),
         })),
       ],
       hooks: { draw: [(drawn) => drawLimits(drawn, quantity, options)] },
@@ -138,7 +141,9 @@ export function createChart(host: HTMLElement, quantity: Quantity, options: Char
   return {
     plot,
     setTime(time_s) {
-      const x = plot.valToPos(Math.min(time_s, quantity.times.at(-1) ?? 0), "x");
+      const [first, last] = [quantity.times[0] ?? 0, quantity.times.at(-1) ?? 0];
+      mark.hidden = time_s < first - EDGE_S || time_s > last + EDGE_S;
+      const x = plot.valToPos(time_s, "x");
       mark.style.transform = `translateX(${x}px)`;
     },
     resize(width) {

@@ -4,6 +4,7 @@ import type { CheckAnswer, ExecutionAnswer, PlanAnswer, PlanRequest, PlanSummary
 
 export type {
   CellList,
+  CellModel,
   CellState,
   CellSummary,
   ExecutionAnswer as Execution,
@@ -11,6 +12,7 @@ export type {
   LandingAnswer,
   LandingList,
   LandingRequest,
+  PlanCurves as Curves,
   PlanRequest,
   ProfileList,
   ProfileSummary,
@@ -21,11 +23,6 @@ export type Summary = PlanSummary;
 export type Check = CheckAnswer;
 export type ReleaseRequest = PlanRequest["release"];
 export type Outcome = NonNullable<ExecutionAnswer["outcome"]>;
-
-/** Answer of GET /cells/{name}/model. Provisional until the service's schema has it. */
-export type CellModel = any;
-/** Answer of GET /plans/{id}/curves. Provisional until the service's schema has it. */
-export type Curves = any;
 
 export interface Violation {
   readonly constraint: string;

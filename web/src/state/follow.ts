@@ -8,7 +8,7 @@ import type { CellList, CellModel, Execution, ExecutionList, LandingList, Plan, 
 import { loadCurves, refreshCell } from "./actions";
 import { isRunning } from "./machine";
 import {
-  cellName, cells, dispatch, failed, history, landings, model, playing, profiles, reached, running, runPlan, state,
+  cellName, cells, dispatch, endTime, failed, history, landings, model, playing, profiles, reached, running, runPlan, state,
   targets, time,
 } from "./store";
 
@@ -134,6 +134,7 @@ async function followRun(id: string, signal: AbortSignal): Promise<void> {
   }
   if (signal.aborted) return;
   await readExecution(id);
+  if (time.value > 0 && time.value < endTime.value) playing.value = 1; // the object is still in the air
   const { [id]: _, ...others } = landings.value;
   landings.value = others;
   await followHistory();

@@ -162,8 +162,8 @@ const CONSTRAINT_WORDS: Readonly<Record<string, string>> = {
   elbow_speed: "Elbow speed",
   momentum: "Momentum",
   power: "Power",
-  stopping_time: "Stopping time",
-  stopping_distance: "Stopping distance",
+  stopping_time: "Time to standstill",
+  stopping_distance: "Distance to standstill",
   way_home: "Way home",
   hit_probability: "Hit probability",
   min_hit_probability: "Hit probability",
@@ -209,21 +209,23 @@ export function timingWords(plan: Plan): string | null {
 export interface KeyNumber {
   readonly label: string;
   readonly value: string;
+  readonly note: string;
 }
 
 /** The three numbers that matter of an execution that has ended. */
 export function keyNumbers(run: Run | Execution, observed_m: number | null, plan: Plan | null): readonly KeyNumber[] {
-  const metrics = run.metrics ?? {};
-  const error = typeof metrics["landing_error_m"] === "number" ? metrics["landing_error_m"] : observed_m;
-  const speed = plan?.flight?.speed_m_s;
+  const metrics = (run.metrics ?? {}) as Readonly<Record<string, unknown>>;
+  const measured = metrics["landing_error_m"];
   const share = metrics["release_velocity_error_share"];
-  const released = typeof metrics["release_speed_m_s"] === "number" ? metrics["release_speed_m_s"] : speed;
+  const speed = plan?.flight?.speed_m_s;
+  const missed = metrics["missed_ticks"];
   return [
-    { label: "Landing error", value: length(error) },
+    { label: "Landing error", value: length(typeof measured === "number" ? measured : observed_m), note: "" },
     {
       label: "Release speed",
-      value: `${figure(released)} m/s${typeof share === "number" ? ` ±${figure(share * 100, 2)} %` : ""}`,
+      value: speed === undefined ? "–" : `${figure(speed)} m/s`,
+      note: typeof share === "number" ? `${figure(share * 100, 2)} % off` : "",
     },
-    { label: "Missed ticks", value: typeof metrics["missed_ticks"] === "number" ? String(metrics["missed_ticks"]) : "–" },
+    { label: "Missed ticks", value: typeof missed === "number" ? String(missed) : "–", note: "" },
   ];
 }

@@ -2,7 +2,7 @@
 
 import type { JSX } from "preact";
 
-import { bindingCheck, relativeMargin } from "../curves/quantities";
+import { bindingCheck, FORMAL, relativeMargin, unitText } from "../curves/quantities";
 import type { Check } from "../service/types";
 import { answered, playing, shown, standing, time } from "../state/store";
 import { constraintWords, figure } from "../state/words";
@@ -26,7 +26,7 @@ function Bars({ checks, missing }: { checks: readonly Check[]; missing: readonly
   const binding = bindingCheck(checks);
   const sorted = [...checks].sort((a, b) => (relativeMargin(a) ?? 1) - (relativeMargin(b) ?? 1));
   const failed = checks.filter((check) => !check.ok).length;
-  const hard = sorted.filter((check) => (relativeMargin(check) ?? 1) < 1);
+  const hard = sorted.filter((check) => !check.ok || (!FORMAL.has(check.name) && (relativeMargin(check) ?? 1) < 1));
   const easy = sorted.filter((check) => !hard.includes(check));
   return (
     <>
@@ -36,7 +36,7 @@ function Bars({ checks, missing }: { checks: readonly Check[]; missing: readonly
           : `All ${checks.length} checks hold, between samples too.${binding ? ` ${constraintWords(binding.name)} is the limit that binds.` : ""}`}
       </p>
       <ul class="bars">{hard.map((check) => <Bar key={check.name} check={check} binding={check === binding} />)}</ul>
-      {easy.length > 0 ? <p class="hint">With all of their margin: {easy.map((check) => constraintWords(check.name).toLowerCase()).join(", ")}.</p> : null}
+      {easy.length > 0 ? <p class="hint">Hold by far: {easy.map((check) => constraintWords(check.name).toLowerCase()).join(", ")}.</p> : null}
       {missing.length > 0 ? (
         <details class="options">
           <summary>Not checked ({missing.length})</summary>
@@ -53,7 +53,7 @@ function Bar({ check, binding }: { check: Check; binding: boolean }): JSX.Elemen
     playing.value = 0;
     if (check.at_s !== null) time.value = check.at_s;
   };
-  const unit = check.unit ? ` ${check.unit.replaceAll("^2", "²").replaceAll("^3", "³")}` : "";
+  const unit = ["", "1", "-"].includes(check.unit) ? "" : ` ${unitText(check.unit)}`;
   return (
     <li>
       <button type="button" class={`bar-row ${binding ? "binding" : ""} ${check.ok ? "" : "failed"}`} disabled={check.at_s === null} onClick={go}>

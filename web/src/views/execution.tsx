@@ -105,10 +105,13 @@ function Numbers({ run, plan }: { run: Run; plan: Plan | null }): JSX.Element {
   return (
     <>
       <dl class="key-numbers">
-        {keyNumbers(run, observed, plan).map(({ label, value }) => (
+        {keyNumbers(run, observed, plan).map(({ label, value, note }) => (
           <div key={label}>
             <dt>{label}</dt>
-            <dd>{value}</dd>
+            <dd>
+              {value}
+              {note ? <small>{note}</small> : null}
+            </dd>
           </div>
         ))}
       </dl>

@@ -13,10 +13,11 @@ interface NumberFieldProps {
   readonly unit?: string;
   readonly value: string;
   readonly placeholder?: string;
+  readonly name?: string; // accessible name, where the label alone is not enough
   readonly onInput: (value: string) => void;
 }
 
-export function NumberField({ label, unit, value, placeholder, onInput }: NumberFieldProps): JSX.Element {
+export function NumberField({ label, unit, value, placeholder, name, onInput }: NumberFieldProps): JSX.Element {
   const [typing, setTyping] = useState(false);
   return (
     <label class="field">
@@ -26,6 +27,7 @@ export function NumberField({ label, unit, value, placeholder, onInput }: Number
       </span>
       <input
         type="text"
+        aria-label={name}
         inputMode="decimal"
         autocomplete="off"
         spellcheck={false}
@@ -62,6 +64,7 @@ export function VectorField({ legend, unit, names, values, placeholder, onInput,
           <NumberField
             key={name}
             label={name}
+            name={`${legend === "Target" ? "" : `${legend} `}${name} [${unit}]`}
             value={values[i] ?? ""}
             {...(placeholder === undefined ? {} : { placeholder })}
             onInput={(value) => onInput(values.map((old, j) => (j === i ? value : old)))}

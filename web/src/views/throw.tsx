@@ -26,13 +26,11 @@ export function ThrowPanel(): JSX.Element {
       <PlanSummary />
       <div class="actions">
         <button type="submit" class={armed.value ? "quiet" : "primary"} disabled={planning || cellName.value === null}>
-          Plan
+          {planning ? "Plan …" : "Plan"}
         </button>
+        <span class="sr-only" role="status">{planning ? "Planning" : ""}</span>
         <ThrowButton />
       </div>
-      <p class="hint busy-line" role="status">
-        {planning ? "Planning …" : ""}
-      </p>
     </form>
   );
 }

@@ -55,17 +55,18 @@ function Transport(): JSX.Element {
 
 export const SLOW = 0.125;
 
+/** Limits for the samples of a preview, which has no curves of the service's. */
 function limitsOf(cellModel: CellModel | null, plan: Plan): JointLimits {
   const limits = cellModel?.limits ?? null;
   const asked = (plan.request["limits"] ?? {}) as Record<string, number | number[] | undefined>;
-  const each = (value: unknown): readonly number[] | null =>
-    typeof value === "number" ? Array.from({ length: 6 }, () => value) : Array.isArray(value) ? (value as number[]) : null;
+  const each = (value: number | readonly number[] | undefined): readonly number[] | null =>
+    value === undefined ? null : typeof value === "number" ? Array.from({ length: 6 }, () => value) : value;
   return {
-    lower: each(limits?.joint_position_lower_rad),
-    upper: each(limits?.joint_position_upper_rad),
-    velocity: each(asked["velocity"] ?? limits?.joint_velocity_rad_s),
-    acceleration: each(asked["acceleration"] ?? limits?.joint_acceleration_rad_s2),
-    jerk: each(asked["jerk"] ?? limits?.joint_jerk_rad_s3),
+    lower: each(limits?.position_lower_rad),
+    upper: each(limits?.position_upper_rad),
+    velocity: each(asked["velocity"] ?? limits?.velocity_rad_s),
+    acceleration: each(asked["acceleration"] ?? limits?.acceleration_rad_s2),
+    jerk: each(asked["jerk"] ?? limits?.jerk_rad_s3),
   };
 }
 
