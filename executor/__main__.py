@@ -14,6 +14,7 @@ from executor.calibration_import import ImportFailed, import_calibration
 from executor.calibration_import import report as import_report
 from executor.daemon import Daemon
 from executor.doctor import DURATION_S, examine, grade_lag, known_timing, report
+from executor.logs import configure_logs
 from executor.records import Journal, JournalLocked
 from executor.robot import RobotSession
 from executor.settings import ExecutorSettings
@@ -36,6 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--kinematics", action="store_true", help="import the controller's kinematics, then exit")
     parser.add_argument("--json", action="store_true", help="print the import as JSON")
     options = parser.parse_args(arguments)
+    configure_logs()
     ended = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: ended.set())

@@ -45,6 +45,7 @@ def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> 
         "FLING_CELLS": str(settings.cells),
         "FLING_DEFAULT_CELL": name,
         "FLING_DATABASE_URL": settings.database_url,
+        "FLING_REQUEST_LOG": os.environ.get("FLING_REQUEST_LOG", "off"),  # the terminal is for people
     }
     catch_signals()
     try:

@@ -17,6 +17,7 @@ from api.cli.support.series import LOAD_HELP, LoadStep, load_step, read_targets,
 from api.cli.support.summary import landing_text
 
 DEFAULT_URL = "http://127.0.0.1:8000"
+ODDS_HELP = "Least probability of a hit within --tolerance [-]; a later release where the soonest has less."
 BIN_HELP = "Throw into a round bin: its inner radius, and the height of its rim above X Y Z, the bottom's centre [m]."
 
 
@@ -46,6 +47,7 @@ def service_url(url: str | None) -> str:
 @click.option("--window", type=float, help="A release early or late by up to this [s] still lands …")
 @click.option("--tolerance", type=float, help="… within this distance of the target [m].")
 @click.option("--soonest", is_flag=True, help="Release as soon as possible, on time: --window 0.")
+@click.option("--odds", type=click.FloatRange(0.0, 1.0), help=ODDS_HELP)
 @click.option("--bin", nargs=2, type=float, metavar="RADIUS RIM", help=BIN_HELP)
 @service_options
 def throw(
@@ -61,13 +63,15 @@ def throw(
     window: float | None,
     tolerance: float | None,
     soonest: bool,
+    odds: float | None,
     bin: tuple[float, float] | None,
     url: str | None,
     token: str | None,
 ) -> None:
     """Plan a throw that lands on X Y Z [m, world frame], execute it, and print where it landed.
 
-    By default the object lands near the target also if the gripper opens a little early or late. --repeat and --targets
+    By default the object lands near the target also if the gripper opens a little early or late. --odds 0.9 asks for
+    the soonest release of those tried that hits with nine in ten at least. --repeat and --targets
     make a series of it, with one record: GET /experiments/{id}.
     """
     from api.cli.support.client import ServiceClient
@@ -81,6 +85,7 @@ def throw(
     request: dict[str, Any] = {"cell": cell} if cell else {}
     request |= {"release_window_s": 0.0 if soonest else window} if soonest or window is not None else {}
     request |= {"landing_tolerance_m": tolerance} if tolerance is not None else {}
+    request |= {"min_hit_probability": odds} if odds is not None else {}
     places = [position] if targets is None else read_targets(targets)
     requests = [{**request, "release": _target(place, bin)} for place in places]
     with ServiceClient(service_url(url), token) as client:

@@ -30,7 +30,7 @@ def describe(problem: dict[str, Any]) -> str:
     lines = [f"{title}:" if violations else f"{title}: {problem.get('detail', '')}"]
     lines += [f"  {_violation_text(violation)}" for violation in violations]
     if problem.get("nearest"):
-        lines.append(f"  {_nearest_text(problem['nearest']['release'])}")
+        lines.append(f"  {_nearest_text(problem['nearest'])}")
     return "\n".join(lines)
 
 
@@ -45,7 +45,10 @@ def _figure(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _nearest_text(release: dict[str, Any]) -> str:
+def _nearest_text(nearest: dict[str, Any]) -> str:
+    if nearest.get("min_hit_probability"):
+        return f"the best odds found: {nearest['min_hit_probability']:.3g}"
+    release = nearest["release"]
     if release["kind"] != "target":
         return f"the nearest feasible release: {json.dumps(release)}"
     return f"the nearest feasible target: {' '.join(f'{x:.6g}' for x in release['position'])}"

@@ -75,4 +75,7 @@ def test_a_refusal_says_each_constraint_once_and_what_to_try():
         "  keep_out: -0.01 m against a limit of 0.02 (forearm and keep_out[0])",
         "  the nearest feasible target: 0.88938 0 -0.1",
     ]
+    odds = {"release": nearest["release"], "min_hit_probability": 0.631}
+    text = describe({"title": "The arm cannot do this", "violations": rows, "nearest": odds})
+    assert text.splitlines()[-1] == "  the best odds found: 0.631"
     assert describe({"title": "Not found", "detail": "no cell"}) == "Not found: no cell"
