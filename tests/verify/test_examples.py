@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import os
 import re
-import shutil
-import signal
-import socket
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[2]
-HOST = "127.0.45.4"
 DEFAULT_URL = "http://127.0.0.1:8000"
-UP_WITHIN_S = 240.0  # [s] a busy machine
 PAGES = [
     ROOT / "README.md",
     *sorted((ROOT / "docs" / "tutorial").glob("*.md")),
@@ -46,41 +39,6 @@ def commands(page: Path) -> list[str]:
     """The commands of a page's terminal sessions."""
     text = "\n".join(blocks(page, "console")).replace("\\\n", "")
     return [line[2:].replace(".venv/bin/", "") for line in text.splitlines() if line.startswith("$ ")]
-
-
-@pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder as a user's: cells, and what the examples write."""
-    folder = tmp_path_factory.mktemp("examples")
-    shutil.copytree(ROOT / "cells", folder / "cells")
-    cell = folder / "cells" / "ur5e-sim.toml"
-    cell.write_text(re.sub(r'host = "127[^"]*"', f'host = "{HOST}"', cell.read_text()))
-    (folder / "corners.txt").write_text("1.2 0.3 0.0\n")
-    return folder
-
-
-@pytest.fixture(scope="module")
-def environment(place: Path) -> Iterator[dict[str, str]]:
-    """The environment of a user beside a running `fling up`."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    found = {
-        **os.environ, "FLING_DATABASE_URL": f"sqlite:///{place / 'fling.db'}", "FLING_DATA": str(place),
-        "FLING_PLANNER_WORKERS": "1", "FLING_PORT": str(port), "FLING_URL": f"http://127.0.0.1:{port}",
-        "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
-    }  # fmt: skip
-    log = place / "up.log"
-    with log.open("w") as output:
-        process = subprocess.Popen(["fling", "up"], cwd=place, env=found, stdout=output, stderr=output)
-    try:
-        deadline = time.monotonic() + UP_WITHIN_S
-        while "Fling is up" not in log.read_text():
-            assert process.poll() is None and time.monotonic() < deadline, log.read_text()
-            time.sleep(0.2)
-        yield found
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.wait(60)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
