@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import os
-import subprocess
+import socket
 import sys
+import tomllib
 import urllib.request
+from pathlib import Path
 
+CONTROL_PORT = 29900  # of the simulated controller; source: docs/simulator.md
 TIMEOUT_S = 4.0  # [s] below that of the health checks
 
 
@@ -31,8 +35,12 @@ def executor() -> bool:
 
 def simulator() -> bool:
     """Returns whether the simulated controller answers on its control port."""
-    command = ["fling", "sim", "--cell", os.environ["FLING_DEFAULT_CELL"], "state"]
-    return subprocess.run(command, stdout=subprocess.DEVNULL, timeout=TIMEOUT_S, check=False).returncode == 0
+    cell = Path(os.environ["FLING_CELLS"]) / f"{os.environ['FLING_DEFAULT_CELL']}.toml"
+    host = tomllib.loads(cell.read_text())["link"].get("host", "127.0.0.1")
+    with socket.create_connection((host, CONTROL_PORT), TIMEOUT_S) as connection, connection.makefile("rw") as text:
+        text.write('{"op": "state"}\n')
+        text.flush()
+        return bool(json.loads(text.readline() or "{}").get("ok"))
 
 
 CHECKS = {"service": service, "executor": executor, "simulator": simulator}

@@ -31,6 +31,7 @@ myst_heading_anchors = 4
 suppress_warnings = [
     "myst.xref_missing",  # links to files outside of docs/: tests/test_docs.py follows them
     "misc.highlighting_failure",
+    "toc.not_included",  # a page that is only linked to
 ]
 
 # Notebooks of the course run when the pages are built, unless they ran before, and any error ends the build.

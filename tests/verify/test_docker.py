@@ -107,7 +107,7 @@ def test_the_ursim_cell_is_good(root: Path):
 @pytest.mark.parametrize("target", TARGETS)
 def test_health_checks(target: str, root: Path, place: Path, environment: dict[str, str]):
     """Beside running processes each is healthy; where nobody is at work each is not."""
-    own = {**environment, "FLING_DEFAULT_CELL": "ur5e-sim"}
+    own = {**environment, "FLING_DEFAULT_CELL": "ur5e-sim", "FLING_CELLS": str(place / "cells")}
     nobody = {
         **own,
         "FLING_PORT": "9",

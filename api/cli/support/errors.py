@@ -7,7 +7,8 @@ import os
 import sys
 from collections.abc import Sequence
 from difflib import get_close_matches
-from typing import Any, NoReturn
+from types import TracebackType
+from typing import Any
 
 import click
 
@@ -38,15 +39,30 @@ class FlingGroup(click.Group):
         given = list(sys.argv[1:] if args is None else args)
         if not standalone_mode:
             return super().main(given, *rest, standalone_mode=False, **extra)
-        try:
+        with ErrorReport(as_json=JSON_FLAG in given):
             status = super().main(given, *rest, standalone_mode=False, **extra)
-        except (Exception, KeyboardInterrupt) as error:
-            _end(error, JSON_FLAG in given)
-        sys.exit(status if isinstance(status, int) else 0)
+            sys.exit(status if isinstance(status, int) else 0)
 
 
 def _takes_json(command: click.Command) -> bool:
     return any(JSON_FLAG in parameter.opts for parameter in command.params)
+
+
+class ErrorReport:
+    """Writes the error that leaves a block, and exits; a bug goes on with its traceback.
+
+    Args:
+        as_json: whether a machine reads it.
+    """
+
+    def __init__(self, as_json: bool) -> None:
+        self._as_json = as_json
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        if error is not None and not isinstance(error, SystemExit):
+            _end(error, self._as_json)
 
 
 class Coordinate(click.ParamType):
@@ -65,12 +81,8 @@ class Coordinate(click.ParamType):
         raise click.NoSuchOption(str(value), possibilities=known, ctx=ctx)
 
 
-def _end(error: BaseException, as_json: bool) -> NoReturn:
-    """Writes an error to standard error and exits.
-
-    Raises:
-        Exception: the error itself, where it is a bug: it needs its traceback.
-    """
+def _end(error: BaseException, as_json: bool) -> None:
+    """Writes an error to standard error and exits; returns where it is a bug, which needs its traceback."""
     if isinstance(error, BrokenPipeError):  # `fling … | head`: nobody reads on
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(INVALID)
@@ -79,7 +91,7 @@ def _end(error: BaseException, as_json: bool) -> NoReturn:
         sys.exit(WRONG_COMMAND_LINE)
     sentence = _sentence(error)
     if sentence is None:
-        raise error
+        return
     status = _status(error)
     if as_json:
         problem = getattr(error, "problem", None) or {"title": type(error).__name__, "detail": sentence}
