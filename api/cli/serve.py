@@ -17,6 +17,11 @@ from api.cli.support.terminal import BAD, GOOD, say
 if TYPE_CHECKING:
     from planner.cell import ControllerAddress
 
+COMPILING = (
+    "first use: where there is a C compiler, the optimiser is compiled for this machine while nothing is executed. "
+    "That takes a few minutes, once; plans are the same meanwhile, and take longer."
+)
+
 
 @click.command()
 @click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL.")
@@ -28,7 +33,7 @@ def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> 
     A process that ends by itself is started again, and named; one that ends again and again stops everything.
     """
     from api.cli.support.addresses import require_free
-    from api.cli.support.processes import ChildFailed, ChildProcesses, catch_signals, start_all
+    from api.cli.support.processes import ChildFailed, ChildProcesses, are_interpreted, catch_signals, start_all
     from api.settings import ServiceSettings
 
     settings = ServiceSettings()
@@ -51,6 +56,8 @@ def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> 
     try:
         with ChildProcesses(environment) as children:
             start_all(children, settings.cells, name, url, simulated, truth_arguments(truth, reveal))
+            if are_interpreted(url):
+                say(COMPILING, BAD)
             say(f"\nFling is up: {url}    (OpenAPI: {url}/docs)", GOOD)
             say("try: fling throw 1.2 0.3 0.0\nCtrl-C stops all.")
             while True:
