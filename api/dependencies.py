@@ -57,6 +57,13 @@ class Service:
             raise ProblemDetails("not-found", f"no cell {name!r}; there are {', '.join(self.cells.names())}")
         return cell
 
+    def cell_version(self, name: str) -> int | None:
+        """Returns the version of a cell's files as they are now, and notes it; None where there is no such cell."""
+        source = self.cells.source(name)
+        if source is None:
+            return None
+        return self.store.note_cell_version(name, source.sha256, source.text, source.calibration, "service")
+
 
 def service(request: Request) -> Service:
     """Returns the service that `create_app` assembled."""

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from api.cli.cell_versions import diff, history, restore
+
 if TYPE_CHECKING:
     from planner.cell import Cell
 
@@ -16,6 +18,10 @@ if TYPE_CHECKING:
 @click.group()
 def cell() -> None:
     """Check cell files, and import what belongs to them."""
+
+
+for command in (history, diff, restore):
+    cell.add_command(command)
 
 
 @cell.command()

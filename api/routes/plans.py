@@ -149,9 +149,10 @@ def _planning_job(body: PlanRequest, service: Service, request_id: str) -> Plann
     request = {**body.model_dump(exclude_none=True), "cell": name}
     if body.start is not None and body.start.current:
         request["start"] = {"positions": _current_positions(service, name)}
+    version = service.store.note_cell_version(name, source.sha256, source.text, source.calibration, "service")
     adopted = service.store.adopted_profile(name)
     profile = None if adopted is None else (adopted.id, adopted.document)
-    return PlanningJob(new_id(), iso_time(time.time()) or "", source, request, profile, request_id)
+    return PlanningJob(new_id(), iso_time(time.time()) or "", source, request, profile, request_id, version)
 
 
 def _current_positions(service: Service, cell: str) -> list[float]:

@@ -33,8 +33,9 @@ ACTING = ("unauthenticated", "forbidden")
 def add_profile(name: CellName, service: ServiceDep, caller: OperateCaller, origin: Origin) -> JSONResponse:
     """Estimates lag, gripper, base and object from every execution and landing of a cell. Plans do not use it yet."""
     cell = service.cell(name)
+    version = service.cell_version(name)
     document = profile_bytes(estimate_profile(service.store, cell))
-    row = service.store.add_profile(name, cell.sha256, caller.name, document, origin.act(caller, "profile"))
+    row = service.store.add_profile(name, cell.sha256, caller.name, document, origin.act(caller, "profile"), version)
     return JSONResponse(_whole(service, row), 201, {"Location": f"/profiles/{row.id}"})
 
 
@@ -116,4 +117,5 @@ def _adopted_id(service: Service, cell: str) -> str | None:
 def _whole(service: Service, row: ProfileRow) -> dict[str, Any]:
     """Returns the JSON of a profile."""
     head = {"id": row.id, "created_at": iso_time(row.created_at), "created_by": row.created_by, "sha256": row.sha256}
+    head["cell_version"] = row.cell_version
     return {**head, "adopted": _adopted_id(service, row.cell) == row.id, **orjson.loads(row.document)}

@@ -12,6 +12,7 @@ from api.schemas.profiles import Adoption, ProfileAnswer, ProfileList
 from api.schemas.requests import EXECUTE_EXAMPLES, PLAN_EXAMPLES, ExecuteRequest, PlanRequest
 from api.schemas.responses import (
     Acknowledged,
+    CellHistory,
     CellList,
     CellState,
     ExecutionAnswer,
@@ -31,6 +32,7 @@ __all__ = [
     "PLAN_EXAMPLES",
     "Acknowledged",
     "Adoption",
+    "CellHistory",
     "CellList",
     "CellState",
     "ExecuteRequest",

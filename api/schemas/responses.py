@@ -158,6 +158,7 @@ class PlanSummary(BaseModel):
     certificate: CertificateAnswer
     solver: SolverAnswer
     request_id: str | None = Field(None, description="`X-Request-ID` of the request that made it.")
+    cell_version: int | None = Field(None, description="Version of the cell file, as GET /cells/{name}/history counts.")
     profile: str | None = Field(None, description="The profile that was used; null: the cell file's numbers.")
     aim: AimAnswer | None = Field(None, description="null where the plan aims at the target itself.")
     hit_probability: HitProbability | None = Field(None, description="For a target.")
@@ -247,6 +248,31 @@ class CellState(BaseModel):
         description="Latched until a person acknowledges it; a refused cell file: until it is repaired."
     )
     execution_id: str | None = Field(description="The unfinished execution of the cell.")
+
+
+class CellChange(BaseModel):
+    """One key that differs from the version before."""
+
+    key: str = Field(description="Dotted path in the cell file, or `calibration file`.")
+    before: Any = Field(description="null where the file left it out.")
+    after: Any = Field(description="null where the file leaves it out.")
+
+
+class CellVersion(BaseModel):
+    """One version of a cell file."""
+
+    version: int
+    sha256: str
+    seen_at: str = Field(description="UTC, ISO 8601.")
+    seen_by: str = Field(description="service, executor or command line.")
+    changes: list[CellChange]
+
+
+class CellHistory(BaseModel):
+    """The versions of a cell file, newest first."""
+
+    cell: str
+    versions: list[CellVersion]
 
 
 class Acknowledged(BaseModel):
