@@ -17,7 +17,7 @@ from api.metrics import Metrics
 from api.planning import PlannerPool
 from api.settings import ServiceSettings
 from api.store_probe import StoreProbe
-from planner.cell import Cell
+from planner.cell import Cell, CellSource
 from store import AuditLine, IdempotencyKey, Store, StoreUnavailable
 
 KEY_LENGTH_MAX = 255
@@ -60,8 +60,11 @@ class Service:
     def cell_version(self, name: str) -> int | None:
         """Returns the version of a cell's files as they are now, and notes it; None where there is no such cell."""
         source = self.cells.source(name)
-        if source is None:
-            return None
+        return None if source is None else self.note_cell_version(source)
+
+    def note_cell_version(self, source: CellSource) -> int:
+        """Returns the version of a cell's files, and notes it."""
+        name = source.name
         return self.store.note_cell_version(name, source.sha256, source.text, source.calibration, "service")
 
 

@@ -24,7 +24,7 @@ TELEMETRY_S = 0.04  # [s] between two telemetry events: 25 Hz
 BEAT_S = 0.25  # [s] the service considers an executor gone after two seconds
 STORE_PAUSE_S = 1.0  # [s] without queries after one has failed: each may take five seconds
 STREAM_END_S = 30.0  # [s] longest wait for an aborted streaming process
-HARMLESS = ("completed", "refused")  # outcomes that latch no fault; neither does an abort that ended in order
+HARMLESS = ("completed", "refused", "held")  # outcomes that latch no fault; neither does an abort that ended in order
 
 STATES = ("preparing", "approaching", "streaming", "braking")  # public states of an execution, in order
 

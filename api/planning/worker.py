@@ -27,7 +27,7 @@ class PlanningJob:
     """One planning request.
 
     Attributes:
-        plan_id: Id of the plan to be.
+        plan_id: Id of the plan to be; None: it will not be stored, and its document has none.
         created_at: Time of the request (UTC, ISO 8601).
         cell: Content of the cell's files.
         request: The request as JSON, in the shape of `POST /plan`.
@@ -36,7 +36,7 @@ class PlanningJob:
         cell_version: Version of the cell's files; None: not known to a store.
     """
 
-    plan_id: str
+    plan_id: str | None
     created_at: str
     cell: CellSource
     request: Mapping[str, Any]
@@ -95,6 +95,7 @@ def solve(job: PlanningJob) -> Planned:
     """
     from api.planning.aiming import learnt_fields, plan_aimed
     from api.planning.duration import check_duration, check_limits
+    from api.planning.odds import plan_for_odds
     from learning import cell_with_profile, knowledge_of, prior_knowledge
     from planner.plan_document import plan_document
     from planner.request import problem_from_request
@@ -104,9 +105,15 @@ def solve(job: PlanningJob) -> Planned:
     problem = problem_from_request(job.request, cell_with_profile(cell, learnt))
     check_limits(problem)
     known = prior_knowledge(cell) if learnt is None else knowledge_of(learnt)
-    found = plan_aimed(problem, None if learnt is None else known)
+    is_learnt, least = learnt is not None, float(job.request.get("min_hit_probability") or 0.0)
+    if least > 0.0:
+        found = plan_for_odds(problem, least, known, is_learnt)
+    else:
+        found = plan_aimed(problem, known if is_learnt else None)
     check_duration(problem, found.trajectory)
-    answer = plan_document(found, job.request, job.plan_id, job.created_at)
+    answer = plan_document(found, job.request, job.plan_id or "", job.created_at)
+    if job.plan_id is None:
+        del answer["id"]
     answer |= learnt_fields(problem, found, known, None if job.profile is None else job.profile[0])
     answer |= {"request_id": job.request_id, "cell_version": job.cell_version}
     samples = pack_trajectory(answer.pop("trajectory"))

@@ -11,6 +11,7 @@ from api.routes import (
     pages,
     plans,
     profiles,
+    scene,
     timing,
 )
 
@@ -24,6 +25,7 @@ ROUTERS = (
     experiments.router,
     cells.router,
     cell_history.router,
+    scene.router,
     timing.router,
     profiles.router,
     health.router,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 from fastapi import APIRouter
 from fastapi.responses import JSONResponse
 
@@ -10,6 +12,7 @@ from api.dependencies import AnyCaller, ServiceDep
 from api.http import json_answer
 from api.routes.cells import CellName
 from api.schemas import CellHistory, iso_time
+from planner.errors import CellError
 
 router = APIRouter(tags=["cells"])
 
@@ -21,6 +24,7 @@ router = APIRouter(tags=["cells"])
 )
 def read_history(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
     """Lists the versions of a cell file that service or executor have seen, each with the keys that it changed."""
-    service.cell(name)
-    service.cell_version(name)
+    with suppress(CellError):  # a file that is refused has a history all the same
+        service.cell(name)
+        service.cell_version(name)
     return JSONResponse(history_document(name, service.store.cell_versions(name), iso_time))

@@ -16,7 +16,7 @@ router = APIRouter(tags=["executions"])
 
 EVENT_STREAM_ANSWER = {
     "content": {"text/event-stream": {"schema": {"type": "string"}}},
-    "description": "Events `state`, `telemetry`, `note`; ends with the execution.",
+    "description": "Events `state` (data: `StateEvent`) and `telemetry` (`TelemetryEvent`); ends with the execution.",
 }
 
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 import orjson
-from fastapi import APIRouter
+from fastapi import APIRouter, Response
 from fastapi.responses import JSONResponse
 
 from api.dependencies import AnyCaller, OperateCaller, Origin, RequestOrigin, Service, ServiceDep, name_in_path
 from api.http import Caller, ProblemDetails, json_answer, problem_answers
+from api.report import explained_svg
 from api.routes.cells import CellName
 from api.schemas import Adoption, ProfileAnswer, ProfileList, iso_time
 from learning import estimate_profile, profile_bytes
@@ -20,7 +21,7 @@ router = APIRouter(tags=["profiles"])
 ProfileId = Annotated[
     str, name_in_path("Id of a profile.", "id", "latest", "as the list gives it; 'latest' on a simulated cell")
 ]
-WHOLE_ONLY = ("state", "covariance", "mixture", "joint_speeds", "timing", "cell_file")
+WHOLE_ONLY = ("landings", "state", "covariance", "mixture", "joint_speeds", "timing", "cell_file")
 ACTING = ("unauthenticated", "forbidden")
 
 
@@ -61,6 +62,13 @@ def list_profiles(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSO
 def read_profile(id: ProfileId, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
     """Reads one profile with its evidence and its posterior."""
     return JSONResponse(_whole(service, _find(service, id)))
+
+
+@router.get("/profiles/{id}/picture.svg", include_in_schema=False)
+def draw_profile(id: ProfileId, service: ServiceDep, caller: AnyCaller) -> Response:
+    """Draws the throws behind a profile: off where they were to land, and off where the profile expects them."""
+    landings = _whole(service, _find(service, id)).get("landings") or []
+    return Response(explained_svg(landings), media_type="image/svg+xml")
 
 
 @router.post(

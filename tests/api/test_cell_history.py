@@ -38,6 +38,8 @@ def test_plans_name_the_version_and_the_history_says_what_changed(service: Runni
     assert service.plan(cell="changing")["cell_version"] == first + 1
     profile = service.client.post("/cells/changing/profiles").json()
     assert profile["cell_version"] == first + 1
+    changed("robot =", "nonsense =")
+    assert service.client.get("/cells/changing/history").json()["versions"][0]["version"] == first + 1
     problem_of(service.client.get("/cells/nowhere/history"), 404, "not-found")
 
 

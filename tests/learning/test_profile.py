@@ -72,6 +72,23 @@ def test_delay_speed_and_base_come_out_of_what_is_stored(learnt: SimpleNamespace
     assert found["evidence"]["recordings"] == [*learnt.ids, learnt.unseen]
 
 
+def test_a_profile_says_what_it_explains_of_the_landings(learnt: SimpleNamespace):
+    rows, found = learnt.document["landings"], learnt.document
+    assert [row["execution_id"] for row in rows] == learnt.ids
+    for k, row in enumerate(rows):
+        distance, angle = 1.0 + 0.06 * k, 0.8 * k
+        assert row["planned"] == pytest.approx([distance * np.cos(angle), distance * np.sin(angle)])
+        seen = learnt.store.landings(row["execution_id"])[0]
+        assert row["observed"] == pytest.approx(seen.position[:2])
+    off = {name: [np.subtract(row["observed"], row[name]) for row in rows] for name in ("planned", "expected")}
+    before, after = (float(np.median(np.linalg.norm(x, axis=1))) for x in off.values())
+    assert (found["landing_error_before_m"], found["landing_error_after_m"]) == (
+        pytest.approx(before),
+        pytest.approx(after),
+    )
+    assert after < 0.02 < 0.05 < before  # the jitter is 1 ms
+
+
 def test_a_profile_reads_back_as_the_knowledge_it_holds(learnt: SimpleNamespace):
     known = knowledge_of(learnt.document)
     assert known.delay_s == pytest.approx(learnt.document["delay_s"])
