@@ -20,9 +20,12 @@ from api.cli.simulator import truth_arguments, truth_options
 def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> None:
     """Run simulated controller, executor, service, SQLite and web page on this machine until Ctrl-C."""
     from api.cli.support.processes import ChildFailed, ChildProcesses, catch_signals, start_all
-    from api.settings import ServiceSettings
+    from api.settings import SettingsError, read_settings
 
-    settings = ServiceSettings()
+    try:
+        settings = read_settings(default_cell=cell, port=port)
+    except SettingsError as error:
+        raise click.ClickException(str(error)) from error
     name, number = cell or settings.default_cell, port or settings.port
     simulated = _prepare(settings.cells, name, settings.database_url)
     host = "127.0.0.1" if settings.host == "0.0.0.0" else settings.host
@@ -61,9 +64,13 @@ def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> 
 def serve(**flags: object) -> None:
     """Run the service alone: HTTP on one address, with its planner processes."""
     from api.app import serve as run
-    from api.settings import ServiceSettings
+    from api.settings import SettingsError, read_settings
 
-    sys.exit(run(ServiceSettings(**{name: value for name, value in flags.items() if value is not None})))  # type: ignore[arg-type]
+    try:
+        settings = read_settings(**flags)
+    except SettingsError as error:
+        raise click.ClickException(str(error)) from error
+    sys.exit(run(settings))
 
 
 @click.command()

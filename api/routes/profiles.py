@@ -8,7 +8,7 @@ import orjson
 from fastapi import APIRouter
 from fastapi.responses import JSONResponse
 
-from api.dependencies import AnyCaller, OperateCaller, RemoteAddress, Service, ServiceDep, name_in_path
+from api.dependencies import AnyCaller, OperateCaller, RemoteAddress, Service, ServiceDep, id_in_path
 from api.http import ProblemDetails, json_answer, problem_answers
 from api.routes.cells import CellName
 from api.schemas import Adoption, ProfileAnswer, ProfileList, iso_time
@@ -17,9 +17,7 @@ from store import ProfileRow
 
 router = APIRouter(tags=["profiles"])
 
-ProfileId = Annotated[
-    str, name_in_path("Id of a profile.", "id", "latest", "as the list gives it; 'latest' on a simulated cell")
-]
+ProfileId = Annotated[str, id_in_path("profile")]
 WHOLE_ONLY = ("state", "covariance", "mixture", "joint_speeds", "timing", "cell_file")
 ACTING = ("unauthenticated", "forbidden")
 
@@ -30,7 +28,9 @@ ACTING = ("unauthenticated", "forbidden")
     summary="Estimate a profile",
     responses=json_answer(201, ProfileAnswer, "Stored, not adopted.", "not-found", "invalid-request", *ACTING),
 )
-def add_profile(name: CellName, service: ServiceDep, caller: OperateCaller, remote: RemoteAddress) -> JSONResponse:
+def estimate_profile_of_cell(
+    name: CellName, service: ServiceDep, caller: OperateCaller, remote: RemoteAddress
+) -> JSONResponse:
     """Estimates lag, gripper, base and object from every execution and landing of a cell. Plans do not use it yet."""
     cell = service.cell(name)
     document = profile_bytes(estimate_profile(service.store, cell))
@@ -71,7 +71,7 @@ def read_profile(id: ProfileId, service: ServiceDep, caller: AnyCaller) -> JSONR
         **problem_answers("profile-not-adoptable", "robot-busy"),
     },
 )
-def adopt(id: ProfileId, service: ServiceDep, caller: OperateCaller, remote: RemoteAddress) -> JSONResponse:
+def adopt_profile(id: ProfileId, service: ServiceDep, caller: OperateCaller, remote: RemoteAddress) -> JSONResponse:
     """Uses a profile from now on; plans made before it cannot be executed any more. Limits and checks stay the same."""
     row = _find(service, id)
     if service.cell(row.cell).sha256 != row.cell_sha256:
@@ -88,7 +88,7 @@ def adopt(id: ProfileId, service: ServiceDep, caller: OperateCaller, remote: Rem
         **problem_answers("robot-busy", *ACTING),
     },
 )
-def revert(name: CellName, service: ServiceDep, caller: OperateCaller, remote: RemoteAddress) -> JSONResponse:
+def revert_profile(name: CellName, service: ServiceDep, caller: OperateCaller, remote: RemoteAddress) -> JSONResponse:
     """Uses the cell file's own numbers again."""
     service.cell(name)
     return _use(service, name, None, caller.name, remote)
