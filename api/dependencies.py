@@ -11,12 +11,14 @@ from fastapi import Depends, Header, Path, Request
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
 from api.cell_repository import CellRepository
-from api.http import Caller, ProblemDetails, StoredToken, find_caller
+from api.execution_feed import ExecutionFeeds
+from api.http import Caller, ProblemDetails, StoredToken, client_address, find_caller
 from api.metrics import Metrics
 from api.planning import PlannerPool
 from api.settings import ServiceSettings
+from api.store_probe import StoreProbe
 from planner.cell import Cell
-from store import IdempotencyKey, Store, StoreUnavailable
+from store import AuditLine, IdempotencyKey, Store, StoreUnavailable
 
 KEY_LENGTH_MAX = 255
 LOCAL_CALLER = Caller("local", frozenset({"plan", "operate"}))  # anyone on this machine, if there are no tokens
@@ -33,6 +35,8 @@ class Service:
     pool: PlannerPool
     tokens: tuple[StoredToken, ...]
     metrics: Metrics
+    feeds: ExecutionFeeds
+    probe: StoreProbe
 
     def is_idle(self) -> bool:
         """Returns whether no cell has an open execution, as far as the store can be asked."""
@@ -63,18 +67,20 @@ ServiceDep = Annotated[Service, Depends(service)]
 Credentials = Annotated[HTTPAuthorizationCredentials | None, Depends(BEARER)]
 
 
-def caller(service: ServiceDep, credentials: Credentials) -> Caller:
+def caller(request: Request, service: ServiceDep, credentials: Credentials) -> Caller:
     """Returns the caller of a request.
 
     Raises:
         ProblemDetails: The service uses tokens and the request has none or an unknown one.
     """
     if not service.tokens:
+        request.state.caller = LOCAL_CALLER.name
         return LOCAL_CALLER
     found = None if credentials is None else find_caller(service.tokens, credentials.credentials)
     if found is None:
         detail = "a bearer token is needed" if credentials is None else "this token is not known"
         raise ProblemDetails("unauthenticated", detail, headers={"WWW-Authenticate": "Bearer"})
+    request.state.caller = found.name
     return found
 
 
@@ -116,12 +122,24 @@ async def idempotency_key(
 Key = Annotated[IdempotencyKey | None, Depends(idempotency_key)]
 
 
-def remote_address(request: Request) -> str:
-    """Returns the address of the client."""
-    return request.client.host if request.client else "unknown"
+@dataclass(frozen=True)
+class RequestOrigin:
+    """Where a request came from: the client's address, and the request's id."""
+
+    remote: str
+    request_id: str
+
+    def act(self, caller: Caller, action: str) -> AuditLine:
+        """Returns the line of the audit trail for an action of `caller`; the store adds the resource."""
+        return AuditLine(caller.name, action, self.remote, self.request_id)
 
 
-RemoteAddress = Annotated[str, Depends(remote_address)]
+def request_origin(request: Request) -> RequestOrigin:
+    """Returns where a request came from."""
+    return RequestOrigin(client_address(request.scope), request.state.request_id)
+
+
+Origin = Annotated[RequestOrigin, Depends(request_origin)]
 
 
 def name_in_path(description: str, key: str, value: str, summary: str) -> Any:

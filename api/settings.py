@@ -10,7 +10,7 @@ from pydantic import Field
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from planner.cell_folder import default_cells_folder
-from store import default_database_url
+from store import Retention, default_database_url
 
 
 class ServiceSettings(BaseSettings):
@@ -25,6 +25,9 @@ class ServiceSettings(BaseSettings):
         port: Port to listen on.
         planner_workers: Number of planner processes.
         planner_queue: Number of requests that may wait for a worker before further ones are answered 429.
+        request_log: Whether each request is a line in the log.
+        keep_plans, keep_plans_days: Number and age of the plans without executions that are kept; None: all.
+        keep_executions, keep_executions_days: Number and age of the finished executions that are kept; None: all.
     """
 
     model_config = SettingsConfigDict(env_prefix="FLING_", frozen=True)
@@ -37,6 +40,16 @@ class ServiceSettings(BaseSettings):
     port: int = 8000
     planner_workers: int = Field(default_factory=lambda: max(1, (os.cpu_count() or 2) - 1), ge=1)  # one core streams
     planner_queue: int = Field(default=16, ge=0)
+    request_log: bool = True
+    keep_plans: int | None = Field(default=None, ge=1)
+    keep_plans_days: float | None = Field(default=None, gt=0.0)
+    keep_executions: int | None = Field(default=None, ge=1)
+    keep_executions_days: float | None = Field(default=None, gt=0.0)
+
+    @property
+    def retention(self) -> Retention:
+        """What is kept of plans and executions."""
+        return Retention(self.keep_plans, self.keep_plans_days, self.keep_executions, self.keep_executions_days)
 
 
 def is_loopback_host(host: str) -> bool:

@@ -89,7 +89,7 @@ class Execution:
         Raises:
             ExecutionRefused: there is none; with what is too close, and how to jog the arm.
         """
-        cell, now = self.session.cell, np.array(state.q)
+        cell, now = self.problem.cell_with_bin, np.array(state.q)
         goal, carried = self.trajectory.q[0], True
         approach, failures = find_approach(cell, now, goal, pace)
         if approach is None and gripper_is_open(cell, state):
@@ -142,9 +142,11 @@ class Execution:
         if outcome == "held":
             reason = "; ".join([reason, *records.timing_advice(self.problem, numbers)])
         self.note(f"{outcome}: {reason}" if reason else outcome)
-        mcap, csv = self._recording(telemetry, outcome), records.to_csv(telemetry)
+        mcap, samples = self._recording(telemetry, outcome), records.to_samples(telemetry)
         observed = None if landing is None else landing.observed
-        return records.ExecutionResult(self.row.id, outcome, reason, numbers, mcap, csv, self._observation(observed))
+        return records.ExecutionResult(
+            self.row.id, outcome, reason, numbers, mcap, samples, self._observation(observed)
+        )
 
     def _observation(self, observed: records.ObservedLanding | None) -> dict[str, Any] | None:
         """Returns the observation of the simulated camera, to be stored once."""
@@ -164,7 +166,7 @@ class Execution:
         row, cell = self.row, self.session.cell
         age_s = time.monotonic() - telemetry.scalar("host_s")[0] if len(telemetry) else 0.0
         about = {"execution": row.id, "plan": row.plan_id, "cell": cell.name, "cell_sha256": cell.sha256}
-        about["outcome"] = outcome
+        about |= {"outcome": outcome, "request_id": row.request_id or ""}
         return records.to_mcap(telemetry, cell.robot.joint_names, time.time() - age_s, self.log, about)
 
     def _outcome(self, ended: records.RunResult) -> tuple[str, str]:

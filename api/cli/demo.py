@@ -94,6 +94,7 @@ def _throw(folder: Path, cell: str) -> tuple[float, list[float]]:
         "FLING_DEFAULT_CELL": cell,
         "FLING_HOST": "127.0.0.1",
         "FLING_PORT": str(port),
+        "FLING_REQUEST_LOG": "off",
     }
     try:
         with ChildProcesses(environment, log) as children, ServiceClient(url) as client:

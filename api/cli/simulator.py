@@ -11,9 +11,11 @@ from typing import Any
 
 import click
 
+from api.cli.support.errors import FlingGroup
 from api.cli.throw import service_options, service_url
 
 CONTROL_PORT = 29900  # of the simulator alone; source: docs/simulator.md
+OTHER_HOST = "give its cell file another loopback address: link.host, such as 127.0.0.2"
 TIMEOUT_S = 5.0  # [s] the simulator answers at once
 
 
@@ -43,7 +45,7 @@ def _controller_options(command: Any) -> Any:
     return command
 
 
-@click.group(invoke_without_command=True)
+@click.group(cls=FlingGroup, invoke_without_command=True)
 @click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL.")
 @click.option("--host", help="Loopback address to listen on; default: the cell's link.host.")
 @click.option("--profile", help="Behave as this profile says: its id, or a file from `fling profile show --json`.")
@@ -57,14 +59,17 @@ def sim(context: click.Context, cell: str | None, host: str | None, **given: Any
     With --profile it is a timing twin of the real cell: what was learnt of it is how the simulated one behaves, and
     hidden from planner and executor. The cell file must say kind = "sim": give the twin a copy of the real cell's.
     """
+    from api.cli.support.addresses import SIMULATOR_PORTS, require_free
     from api.cli.support.processes import cell_path
     from api.settings import ServiceSettings
 
     settings = ServiceSettings()
     path = cell_path(settings.cells, cell or settings.default_cell)
     if context.invoked_subcommand is None:
+        advice = f"or choose another loopback address: --host 127.0.0.2, and {OTHER_HOST}"
+        require_free(host or _host(path), SIMULATOR_PORTS, "the simulated controller", advice)
         arguments = ["--cell", str(path), *(["--host", host] if host else []), *_behaviour(**given)]
-        os.execv(sys.executable, [sys.executable, "-m", "executor.simulator", *arguments])
+        os.execv(sys.executable, [sys.executable, "-P", "-m", "executor.simulator", *arguments])
     context.obj = lambda: host or _host(path)
 
 

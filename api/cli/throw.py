@@ -10,6 +10,7 @@ from typing import Any
 
 import click
 
+from api.cli.support.errors import Coordinate
 from api.cli.support.exit_status import NotCompleted
 from api.cli.support.progress import execute_plan, make_plan
 from api.cli.support.series import LOAD_HELP, LoadStep, load_step, read_targets, run_series, series_text
@@ -34,7 +35,7 @@ def service_url(url: str | None) -> str:
 
 
 @click.command(context_settings={"ignore_unknown_options": True})  # negative coordinates are not options
-@click.argument("position", nargs=-1, type=float, metavar="X Y Z")
+@click.argument("position", nargs=-1, type=Coordinate(), metavar="X Y Z")
 @click.option("--targets", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="File: X Y Z a line [m].")
 @click.option("--repeat", type=click.IntRange(1, 10000), help="Throw this often at each target, as one experiment.")
 @click.option("--load", help=LOAD_HELP)
