@@ -7,7 +7,8 @@
 import { BufferAttribute, BufferGeometry, Color } from "three";
 import { cross, norm, plus, type Vector } from "../../model/poses";
 
-export const SEGMENTS = 40; // around the axis: edges of 9°, which shading hides
+export const SEGMENTS = 36; // around the axis: edges of 10°, which shading hides
+const COARSE = 3; // a coarse mesh takes each third of them: 12 around the axis
 const SMOOTH_RAD = 0.7; // [rad] profile corners below it are shaded round
 
 /** A point of a profile: distance from the axis and place along it [m]. */
@@ -31,12 +32,19 @@ export function across(axis: Vector): [Vector, Vector] {
   return [first, cross(axis, first)];
 }
 
+/** A mesh for close looks, and one for shadows and slow machines. */
+export interface Mesh {
+  readonly fine: BufferGeometry;
+  readonly coarse: BufferGeometry;
+}
+
 /** Grows one indexed triangle mesh with colours. */
 export class MeshBuilder {
   private readonly positions: number[] = [];
   private readonly normals: number[] = [];
   private readonly colours: number[] = [];
   private readonly indices: number[] = [];
+  private readonly coarse: number[] = [];
 
   constructor(private readonly palette: Readonly<Record<string, Color>>) {}
 
@@ -49,7 +57,8 @@ export class MeshBuilder {
       const first = this.positions.length / 3;
       this.ring(part, u, v, part.profile[i]!, normals[i]![0], colour);
       this.ring(part, u, v, part.profile[i + 1]!, normals[i]![1], colour);
-      this.strip(first);
+      this.strip(first, 1, this.indices);
+      this.strip(first, COARSE, this.coarse);
     }
   }
 
@@ -64,19 +73,24 @@ export class MeshBuilder {
         this.normals.push(n[0] / norm(n), n[1] / norm(n), n[2] / norm(n));
         this.colours.push(r, g, b);
       }
-      for (let i = 1; i + 1 < face.length; i++) this.indices.push(first, first + i, first + i + 1);
+      for (let i = 1; i + 1 < face.length; i++) {
+        this.indices.push(first, first + i, first + i + 1);
+        this.coarse.push(first, first + i, first + i + 1);
+      }
     }
   }
 
-  /** Returns the mesh. */
-  geometry(): BufferGeometry {
-    const geometry = new BufferGeometry();
-    geometry.setAttribute("position", new BufferAttribute(new Float32Array(this.positions), 3));
-    geometry.setAttribute("normal", new BufferAttribute(new Float32Array(this.normals), 3));
-    geometry.setAttribute("color", new BufferAttribute(new Float32Array(this.colours), 3));
-    geometry.setIndex(this.indices);
-    geometry.computeBoundingSphere();
-    return geometry;
+  /** Returns the mesh, and one of a third of its triangles on the same vertices. */
+  geometry(): Mesh {
+    const fine = new BufferGeometry();
+    fine.setAttribute("position", new BufferAttribute(new Float32Array(this.positions), 3));
+    fine.setAttribute("normal", new BufferAttribute(new Float32Array(this.normals), 3));
+    fine.setAttribute("color", new BufferAttribute(new Float32Array(this.colours), 3));
+    const coarse = new BufferGeometry();
+    for (const [name, attribute] of Object.entries(fine.attributes)) coarse.setAttribute(name, attribute);
+    fine.setIndex(this.indices);
+    coarse.setIndex(this.coarse);
+    return { fine, coarse };
   }
 
   private ring(
@@ -96,10 +110,11 @@ export class MeshBuilder {
     }
   }
 
-  private strip(first: number): void {
+  private strip(first: number, step: number, indices: number[]): void {
     const second = first + SEGMENTS + 1;
-    for (let k = 0; k < SEGMENTS; k++) {
-      this.indices.push(first + k, first + k + 1, second + k, second + k, first + k + 1, second + k + 1);
+    for (let k = 0; k < SEGMENTS; k += step) {
+      const next = k + step;
+      indices.push(first + k, first + next, second + k, second + k, first + next, second + next);
     }
   }
 }
