@@ -59,6 +59,17 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         "This plan cannot be executed",
         "The cell file or the adopted profile has changed, or the certificate is not valid: plan again.",
     ),
+    "cell-changed": ProblemType(
+        409,
+        "The cell has changed",
+        "What was asked for rests on a cell file that is not there any more: plan again.",
+    ),
+    "executor-lost": ProblemType(
+        409,
+        "The executor is gone",
+        "The execution's executor does not report: nobody can be asked to brake. Use the emergency stop. The request "
+        "is kept for an executor that returns.",
+    ),
     "nothing-thrown": ProblemType(
         409, "Nothing was thrown", "A landing belongs to an execution that let go of its object: see 'detail'."
     ),

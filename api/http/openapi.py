@@ -7,8 +7,10 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 from pydantic import BaseModel, Field
+from pydantic.json_schema import models_json_schema
 
 from api.http.errors import MEDIA_TYPE, PROBLEM_TYPES
+from api.schemas import StateEvent, TelemetryEvent
 
 Responses = dict[int | str, dict[str, Any]]
 REF_TEMPLATE = "#/components/schemas/{model}"
@@ -34,6 +36,9 @@ class ProblemAnswer(BaseModel):
     nearest: dict[str, Any] | None = Field(None, description="infeasible: the closest feasible request.")
 
 
+UNROUTED = (ProblemAnswer, StateEvent, TelemetryEvent)  # models of media types that FastAPI does not know
+
+
 def json_answer(status: int, model: type[BaseModel], description: str, *problems: str) -> Responses:
     """Returns the OpenAPI entries of a successful JSON response and of these problem types."""
     return {status: {"model": model, "description": description}, **problem_answers(*problems)}
@@ -53,7 +58,7 @@ def openapi_schema(app: FastAPI) -> dict[str, Any]:
     """Returns the OpenAPI document of the service, generated once."""
     if app.openapi_schema is None:
         schema = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
-        answer = ProblemAnswer.model_json_schema(ref_template=REF_TEMPLATE)
-        schema["components"]["schemas"] |= {**answer.pop("$defs", {}), ProblemAnswer.__name__: answer}
+        _, added = models_json_schema([(model, "serialization") for model in UNROUTED], ref_template=REF_TEMPLATE)
+        schema["components"]["schemas"] |= added["$defs"]
         app.openapi_schema = schema
     return app.openapi_schema

@@ -25,14 +25,14 @@ class PlanningJob:
     """One planning request.
 
     Attributes:
-        plan_id: Id of the plan to be.
+        plan_id: Id of the plan to be; None: it will not be stored, and its document has none.
         created_at: Time of the request (UTC, ISO 8601).
         cell: Content of the cell's files.
         request: The request as JSON, in the shape of `POST /plan`.
         profile: Id and document of the profile that the cell uses; None: the cell file's numbers.
     """
 
-    plan_id: str
+    plan_id: str | None
     created_at: str
     cell: CellSource
     request: Mapping[str, Any]
@@ -87,7 +87,9 @@ def solve(job: PlanningJob) -> Planned:
     problem = problem_from_request(job.request, cell_with_profile(cell, learnt))
     known = prior_knowledge(cell) if learnt is None else knowledge_of(learnt)
     found = plan_aimed(problem, None if learnt is None else known)
-    answer = plan_document(found, job.request, job.plan_id, job.created_at)
+    answer = plan_document(found, job.request, job.plan_id or "", job.created_at)
+    if job.plan_id is None:
+        del answer["id"]
     answer |= learnt_fields(problem, found, known, None if job.profile is None else job.profile[0])
     document = orjson.dumps(answer, option=orjson.OPT_SERIALIZE_NUMPY)
     del answer["trajectory"]

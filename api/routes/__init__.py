@@ -10,6 +10,7 @@ from api.routes import (
     pages,
     plans,
     profiles,
+    scene,
     timing,
 )
 
@@ -22,6 +23,7 @@ ROUTERS = (
     landings.router,
     experiments.router,
     cells.router,
+    scene.router,
     timing.router,
     profiles.router,
     health.router,

@@ -25,7 +25,7 @@ KEEP_ALIVE_S = 10.0  # [s] silence before a comment is sent, so that proxies kee
 PAGE = 500  # events read at once
 EVENT_STREAM_ANSWER = {
     "content": {"text/event-stream": {"schema": {"type": "string"}}},
-    "description": "Events `state`, `telemetry`, `note`; ends with the execution.",
+    "description": "Events `state` (data: `StateEvent`) and `telemetry` (`TelemetryEvent`); ends with the execution.",
 }
 
 

@@ -41,7 +41,7 @@ def execute(body: ExecuteBody, service: ServiceDep, caller: OperateCaller, key: 
     """Queues one execution of a plan. **This moves the robot**; software stop is not a safety function."""
     existing = None if key is None else service.store.resource_of_key(key)
     if existing is not None:
-        return _accepted(find_execution(service, existing))
+        return _accepted(service, find_execution(service, existing))
     plan = find_plan(service, body.plan_id, whole=False)
     _check_executable(service, plan, body)
     try:
@@ -49,9 +49,9 @@ def execute(body: ExecuteBody, service: ServiceDep, caller: OperateCaller, key: 
             plan.id, plan.cell, body.mode, body.dry_run, caller.name, key, body.experiment_id
         )
     except KeyTaken as taken:
-        return _accepted(find_execution(service, taken.resource_of(key)))
+        return _accepted(service, find_execution(service, taken.resource_of(key)))
     service.store.add_audit(caller.name, "execute", f"/executions/{row.id}", remote)
-    return _accepted(row)
+    return _accepted(service, row)
 
 
 @router.get("/executions", summary="List executions", responses=json_answer(200, ExecutionList, "Newest first."))
@@ -60,7 +60,7 @@ def list_executions(
 ) -> JSONResponse:
     """Lists executions, newest first."""
     rows, following = service.store.executions(limit, cursor)
-    return JSONResponse({"executions": [execution_document(row) for row in rows], "next_cursor": following})
+    return JSONResponse({"executions": [_document(service, row) for row in rows], "next_cursor": following})
 
 
 @router.get(
@@ -70,7 +70,7 @@ def list_executions(
 )
 def read_execution(id: ExecutionId, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
     """Reads the state of an execution, and after its end the outcome and the metrics."""
-    return JSONResponse(execution_document(find_execution(service, id)))
+    return JSONResponse(_document(service, find_execution(service, id)))
 
 
 @router.get(
@@ -99,13 +99,16 @@ def read_recording(
     "/executions/{id}/abort",
     status_code=202,
     summary="Brake now",
-    responses=json_answer(202, ExecutionAnswer, "The executor brakes.", "not-found"),
+    responses=json_answer(202, ExecutionAnswer, "The executor brakes.", "not-found", "executor-lost"),
 )
 def abort(id: ExecutionId, service: ServiceDep, caller: AnyCaller, remote: RemoteAddress) -> JSONResponse:
     """Requests a brake; any valid token may. **Not a safety function**: use the emergency stop."""
     row = service.store.request_abort(find_execution(service, id).id)
     service.store.add_audit(caller.name, "abort", f"/executions/{row.id}", remote)
-    return JSONResponse(execution_document(row), 202)
+    if _executor_is_lost(service, row):
+        detail = f"the executor of cell {row.cell!r} does not report: nobody brakes; use the emergency stop"
+        raise ProblemDetails("executor-lost", detail, cell=row.cell, execution_id=row.id, state=row.state)
+    return JSONResponse(_document(service, row), 202)
 
 
 def find_execution(service: Service, id: str) -> ExecutionRow:
@@ -122,15 +125,23 @@ def find_execution(service: Service, id: str) -> ExecutionRow:
     return row
 
 
-def execution_document(row: ExecutionRow) -> dict[str, Any]:
+def _document(service: Service, row: ExecutionRow) -> dict[str, Any]:
     """Returns the JSON of an execution."""
     document = {name: iso_time(value) if name.endswith("_at") else value for name, value in vars(row).items()}
     del document["executor_id"]
-    return document
+    return {**document, "executor_lost": _executor_is_lost(service, row)}
 
 
-def _accepted(row: ExecutionRow) -> JSONResponse:
-    return JSONResponse(execution_document(row), 202, {"Location": f"/executions/{row.id}"})
+def _executor_is_lost(service: Service, row: ExecutionRow) -> bool:
+    """Returns whether nobody carries an unfinished execution: its executor is silent, or another has replaced it."""
+    if row.state == "finished":
+        return False
+    status = service.store.cell_status(row.cell)
+    return status is None or not status.is_alive or row.executor_id not in (None, status.executor_id)
+
+
+def _accepted(service: Service, row: ExecutionRow) -> JSONResponse:
+    return JSONResponse(_document(service, row), 202, {"Location": f"/executions/{row.id}"})
 
 
 def _check_executable(service: Service, plan: PlanRow, body: ExecuteRequest) -> None:

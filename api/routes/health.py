@@ -10,15 +10,15 @@ from starlette.concurrency import run_in_threadpool
 from api import fling_version
 from api.dependencies import AnyCaller, Service, ServiceDep
 from api.http import ProblemDetails, json_answer
-from api.schemas import Readiness
+from api.schemas import Health, Readiness
 
 router = APIRouter(tags=["service"])
 
 
 @router.get("/healthz", summary="Health")
-async def healthz() -> dict[str, str]:
+async def healthz() -> Health:
     """Answers as long as the process lives, also while it plans. Needs no token."""
-    return {"status": "ok", "version": fling_version()}
+    return Health(status="ok", version=fling_version())
 
 
 @router.get(

@@ -12,12 +12,12 @@ from fastapi import APIRouter, Body, Header, Query, Response
 from starlette.concurrency import run_in_threadpool
 
 from api.dependencies import AnyCaller, Key, PlanCaller, Service, ServiceDep, name_in_path
-from api.http import ProblemDetails, json_answer, preferred_media_type, problem_answers, translate
+from api.http import ProblemDetails, invalid_field, json_answer, preferred_media_type, problem_answers, translate
 from api.planning import Planned, PlanningJob, PlanningQueueFull
 from api.report import plan_svg
-from api.schemas import PLAN_EXAMPLES, PlanAnswer, PlanList, PlanRequest, TrajectoryAnswer, iso_time
-from planner.cell import CellSource
-from planner.errors import PlannerError
+from api.schemas import PLAN_EXAMPLES, PlanAnswer, PlanList, PlanPreview, PlanRequest, TrajectoryAnswer, iso_time
+from planner.cell import Cell, CellSource
+from planner.errors import CellError, PlannerError
 from planner.problem import TIME_LIMIT_S
 from store import IdempotencyKey, KeyTaken, PlanRow, new_id
 
@@ -29,6 +29,9 @@ PlanId = Annotated[str, name_in_path("Id of a plan, or `latest`.", "latest", "la
 PageLimit = Annotated[int, Query(ge=1, le=200, description="Maximum length of the page.")]
 PageCursor = Annotated[str | None, Query(description="`next_cursor` of the page before.", max_length=64)]
 WithTrajectory = Annotated[bool, Query(description="false leaves the trajectory out.")]
+WithStore = Annotated[
+    bool, Query(description="false: answer and forget. 200, without id and `Location`; not executable.")
+]
 PlanBody = Annotated[PlanRequest, Body(openapi_examples=PLAN_EXAMPLES)]  # type: ignore[arg-type]
 TRAJECTORY_ANSWER = {
     "model": TrajectoryAnswer,
@@ -42,14 +45,22 @@ TRAJECTORY_ANSWER = {
     status_code=201,
     summary="Plan a throw",
     responses={
+        **json_answer(200, PlanPreview, "Solved and certified, not stored: `?store=false`."),
         **json_answer(201, PlanAnswer, "Solved, certified and stored."),
-        **problem_answers(*POST_PROBLEMS, "not-found", "infeasible", "overloaded", "solver-failed"),
+        **problem_answers(*POST_PROBLEMS, "not-found", "robot-not-ready", "infeasible", "overloaded", "solver-failed"),
     },
 )
 async def make_plan(
-    body: PlanBody, service: ServiceDep, caller: PlanCaller, key: Key, trajectory: WithTrajectory = True
+    body: PlanBody,
+    service: ServiceDep,
+    caller: PlanCaller,
+    key: Key,
+    trajectory: WithTrajectory = True,
+    store: WithStore = True,
 ) -> Response:
     """Solves, certifies and stores one plan. A plan that fails its certificate is never stored and never returned."""
+    if not store:
+        return await _preview(body, service, key, trajectory)
     id = None if key is None else await run_in_threadpool(service.store.resource_of_key, key)
     if id is None:
         id = await _solve_and_store(body, service, key)
@@ -101,11 +112,7 @@ def read_trajectory(
 def draw_plan(id: PlanId, service: ServiceDep, caller: AnyCaller) -> Response:
     """Draws the motion and the flight of a plan, for the web page."""
     row = find_plan(service, id)
-    cell = service.cell(row.cell)
-    if cell.sha256 != row.cell_sha256:
-        detail = f"the cell file {row.cell!r} has changed since planning: the plan cannot be drawn"
-        raise ProblemDetails("not-found", detail)
-    return Response(plan_svg(orjson.loads(row.document), cell), media_type="image/svg+xml")
+    return Response(plan_svg(orjson.loads(row.document), cell_of_plan(service, row)), media_type="image/svg+xml")
 
 
 def find_plan(service: Service, id: str, whole: bool = True) -> PlanRow:
@@ -122,9 +129,43 @@ def find_plan(service: Service, id: str, whole: bool = True) -> PlanRow:
     return row
 
 
+def cell_of_plan(service: Service, row: PlanRow) -> Cell:
+    """Returns the cell that a plan was made for.
+
+    Raises:
+        ProblemDetails: Its file has changed since, or is gone.
+    """
+    try:
+        cell = service.cells.cell(row.cell)
+    except CellError as error:
+        raise ProblemDetails("cell-changed", f"the cell file is refused now: {error}", cell=row.cell) from error
+    if cell is None or cell.sha256 != row.cell_sha256:
+        change = "is gone" if cell is None else "has changed since planning"
+        raise ProblemDetails("cell-changed", f"the cell file {row.cell!r} {change}", cell=row.cell)
+    return cell
+
+
+async def _preview(body: PlanRequest, service: Service, key: IdempotencyKey | None, trajectory: bool) -> Response:
+    """Answers a plan and forgets it: no id, no `Location`, nothing to execute.
+
+    Raises:
+        ProblemDetails: The request has an idempotency key, which belongs to something stored.
+    """
+    if key is not None:
+        raise invalid_field("Idempotency-Key", "belongs to a plan that is stored, not to store=false")
+    job = await run_in_threadpool(_planning_job, body, service, False)
+    planned = await _solve(job, body, service)
+    return Response(planned.document if trajectory else planned.summary, 200, media_type="application/json")
+
+
 async def _solve_and_store(body: PlanRequest, service: Service, key: IdempotencyKey | None) -> str:
-    started_at = time.perf_counter()
     job = await run_in_threadpool(_planning_job, body, service)
+    planned = await _solve(job, body, service)
+    return await run_in_threadpool(_store_plan, service, job, planned, key)
+
+
+async def _solve(job: PlanningJob, body: PlanRequest, service: Service) -> Planned:
+    started_at = time.perf_counter()
     try:
         planned = await service.pool.solve(job, body.time_limit_s or TIME_LIMIT_S)
     except (PlannerError, PlanningQueueFull) as error:
@@ -133,10 +174,10 @@ async def _solve_and_store(body: PlanRequest, service: Service, key: Idempotency
     finally:
         service.metrics.plan_seconds.observe(time.perf_counter() - started_at)
     service.metrics.plans.labels("planned").inc()
-    return await run_in_threadpool(_store_plan, service, job, planned, key)
+    return planned
 
 
-def _planning_job(body: PlanRequest, service: Service) -> PlanningJob:
+def _planning_job(body: PlanRequest, service: Service, stored: bool = True) -> PlanningJob:
     """Returns the job for a worker."""
     name = body.cell or service.settings.default_cell
     service.cell(name)  # refuses an unknown cell, and one whose file is wrong
@@ -146,7 +187,7 @@ def _planning_job(body: PlanRequest, service: Service) -> PlanningJob:
         request["start"] = {"positions": _current_positions(service, name)}
     adopted = service.store.adopted_profile(name)
     profile = None if adopted is None else (adopted.id, adopted.document)
-    return PlanningJob(new_id(), iso_time(time.time()) or "", source, request, profile)
+    return PlanningJob(new_id() if stored else None, iso_time(time.time()) or "", source, request, profile)
 
 
 def _current_positions(service: Service, cell: str) -> list[float]:
@@ -160,6 +201,7 @@ def _current_positions(service: Service, cell: str) -> list[float]:
 
 def _store_plan(service: Service, job: PlanningJob, planned: Planned, key: IdempotencyKey | None) -> str:
     """Stores the plan and returns its id; the first one's id if the same request arrived twice at once."""
+    assert job.plan_id is not None  # as of every job that is to be stored
     try:
         cell, made = job.cell, (planned.backend, planned.document, planned.summary)
         service.store.add_plan(job.plan_id, time.time(), cell.name, cell.sha256, *made, key)

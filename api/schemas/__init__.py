@@ -1,5 +1,7 @@
 """Request and response bodies as pydantic models; OpenAPI is generated from them."""
 
+from api.schemas.cell_states import Acknowledged, CellList, CellState
+from api.schemas.execution_records import ExecutionAnswer, ExecutionList, StateEvent, TelemetryEvent
 from api.schemas.experiments import (
     EXPERIMENT_EXAMPLES,
     ExperimentAnswer,
@@ -11,17 +13,15 @@ from api.schemas.landings import LANDING_EXAMPLES, LandingAnswer, LandingList, L
 from api.schemas.profiles import Adoption, ProfileAnswer, ProfileList
 from api.schemas.requests import EXECUTE_EXAMPLES, PLAN_EXAMPLES, ExecuteRequest, PlanRequest
 from api.schemas.responses import (
-    Acknowledged,
-    CellList,
-    CellState,
-    ExecutionAnswer,
-    ExecutionList,
+    Health,
     PlanAnswer,
     PlanList,
+    PlanPreview,
     Readiness,
     TrajectoryAnswer,
     iso_time,
 )
+from api.schemas.scene import CellModel, PlanCurves
 from api.schemas.timing import TimingAnswer
 
 __all__ = [
@@ -32,6 +32,7 @@ __all__ = [
     "Acknowledged",
     "Adoption",
     "CellList",
+    "CellModel",
     "CellState",
     "ExecuteRequest",
     "ExecutionAnswer",
@@ -40,15 +41,20 @@ __all__ = [
     "ExperimentHead",
     "ExperimentList",
     "ExperimentRequest",
+    "Health",
     "LandingAnswer",
     "LandingList",
     "LandingRequest",
     "PlanAnswer",
+    "PlanCurves",
     "PlanList",
+    "PlanPreview",
     "PlanRequest",
     "ProfileAnswer",
     "ProfileList",
     "Readiness",
+    "StateEvent",
+    "TelemetryEvent",
     "TimingAnswer",
     "TrajectoryAnswer",
     "iso_time",

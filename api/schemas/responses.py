@@ -140,10 +140,9 @@ class AimAnswer(BaseModel):
     shift_m: list[float] = Field(description="Aim less target [m].")
 
 
-class PlanSummary(BaseModel):
-    """A plan without its trajectory."""
+class PlanContent(BaseModel):
+    """What every plan says, stored or not."""
 
-    id: str
     created_at: str = Field(description="UTC, ISO 8601.")
     cell: str
     cell_sha256: str = Field(description="Hash of the cell file at the time of planning.")
@@ -163,6 +162,18 @@ class PlanSummary(BaseModel):
     landing_ellipse: LandingEllipse | None = Field(None, description="For a target.")
 
 
+class PlanSummary(PlanContent):
+    """A plan without its trajectory."""
+
+    id: str
+
+
+class PlanPreview(PlanContent):
+    """A plan that is not stored and cannot be executed."""
+
+    trajectory: TrajectoryAnswer | None = Field(None, description="Left out by `?trajectory=false`.")
+
+
 class PlanAnswer(PlanSummary):
     """A plan: request, trajectory, certificate. Immutable."""
 
@@ -176,85 +187,6 @@ class PlanList(BaseModel):
     next_cursor: str | None = Field(description="Pass as `cursor` for the next page; null on the last page.")
 
 
-class ExecutionAnswer(BaseModel):
-    """One run of one plan on one cell."""
-
-    id: str
-    plan_id: str
-    cell: str
-    mode: str = Field(description="speedj or servoj.")
-    dry_run: bool
-    requested_by: str
-    created_at: str = Field(description="UTC, ISO 8601.")
-    claimed_at: str | None = Field(description="When an executor claimed it.")
-    finished_at: str | None
-    abort_requested_at: str | None
-    state: str = Field(description="queued, preparing, approaching, streaming, braking, finished.")
-    outcome: str | None = Field(
-        description="completed, aborted, refused, protective_stop, emergency_stop, link_lost, late, tracking, "
-        "executor_lost, foreign_program, power_off; null before the end."
-    )
-    reason: str | None = Field(description="Reason of the outcome, in words.")
-    metrics: dict[str, Any] | None = Field(description="Measured values; each name carries its unit.")
-    experiment_id: str | None = Field(None, description="Experiment that it belongs to.")
-
-
-class ExecutionList(BaseModel):
-    """A page of executions, newest first."""
-
-    executions: list[ExecutionAnswer]
-    next_cursor: str | None = Field(description="Pass as `cursor` for the next page; null on the last page.")
-
-
-class ExecutorAnswer(BaseModel):
-    """The executor of a cell."""
-
-    id: str
-    alive: bool = Field(description="Whether its last heartbeat is younger than two seconds.")
-    heartbeat_age_s: float = Field(description="Age of its last heartbeat [s].")
-    read_only: bool = Field(description="Whether it only observes and never moves the robot.")
-
-
-class CellSummary(BaseModel):
-    """One cell in the list."""
-
-    name: str
-    robot: str | None
-    link_kind: str | None = Field(description="sim or ur.")
-    default: bool
-    sha256: str | None
-    error: str | None = Field(description="Why the cell file is refused; null if it is valid.")
-    executor: ExecutorAnswer | None = Field(description="null if the cell never had one.")
-
-
-class CellList(BaseModel):
-    """Every cell file of the service."""
-
-    cells: list[CellSummary]
-
-
-class CellState(BaseModel):
-    """The live state of a cell's robot, as its executor last reported it."""
-
-    cell: str
-    executor: ExecutorAnswer | None
-    robot: dict[str, Any] | None = Field(
-        description="Mode, safety, joint positions [rad], hash of the cell file in force; null without an executor."
-    )
-    fault: dict[str, Any] | None = Field(
-        description="Latched until a person acknowledges it; a refused cell file: until it is repaired."
-    )
-    execution_id: str | None = Field(description="The unfinished execution of the cell.")
-
-
-class Acknowledged(BaseModel):
-    """An acknowledged fault."""
-
-    cell: str
-    acknowledged_by: str
-    fault: dict[str, Any] | None = Field(description="The fault that is being cleared.")
-
-
 class Readiness(BaseModel):
     """Whether the service can plan and reach its store, and which cells have an executor."""
 
@@ -265,6 +197,13 @@ class Readiness(BaseModel):
         description="Functions that the planner solves with; interpreted ones give the same plans, later."
     )
     cells: dict[str, bool] = Field(description="Whether each cell has an executor.")
+
+
+class Health(BaseModel):
+    """The service lives."""
+
+    status: Literal["ok"]
+    version: str = Field(description="Of Fling.")
 
 
 def iso_time(at: float | None) -> str | None:

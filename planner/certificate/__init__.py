@@ -7,19 +7,23 @@ by bisection with proven bounds on the deviation in between. The executor certif
 from planner.certificate.bounds import Rates, curvature_bound, point_bound, slope_bound
 from planner.certificate.certificate import Certificate, Check, NotChecked
 from planner.certificate.checks import certify
+from planner.certificate.curves import Curve, Series, motion_curves
 from planner.certificate.flight import FlightObstruction, flight_obstruction
 from planner.certificate.release import landing_errors, release_flight, window_landing_points
 
 __all__ = [
     "Certificate",
     "Check",
+    "Curve",
     "FlightObstruction",
     "NotChecked",
     "Rates",
+    "Series",
     "certify",
     "curvature_bound",
     "flight_obstruction",
     "landing_errors",
+    "motion_curves",
     "point_bound",
     "release_flight",
     "slope_bound",

@@ -25,8 +25,7 @@ def floor(motion: MotionSamples) -> Check:
         return np.where((capsule == body.object) & (t > motion.held_until_s), FAR_M, height)
 
     # The lower end of a capsule is the lower of two smooth functions: the curvature bound holds for both.
-    heights = body.heights(motion.ends)
-    heights[-1, t > motion.held_until_s] = FAR_M
+    heights = moving_heights(motion, t, motion.ends)
     rates = point_bound(body.levers[moving], motion.rates, 2)
     proof = prove_above(evaluate, t, heights, rates, around.clearance_m, curvature_bound)
     return _distance_check("floor", proof, around.clearance_m, body.names[moving[proof.item]])
@@ -109,12 +108,32 @@ def self_collision(motion: MotionSamples) -> Check | None:
         gap = pair_distances(ends[..., None], both)[:, 0] - thickness[item]
         return np.where((second[item] == body.object) & (t > motion.held_until_s), FAR_M, gap)
 
-    gaps = body.pair_distances(motion.ends[..., motion.sparse])
-    gaps[np.ix_(second == body.object, t > motion.held_until_s)] = FAR_M
+    gaps = pair_gaps(motion, t, motion.ends[..., motion.sparse])
     rates = body.pair_levers @ motion.sparse_speeds
     proof = prove_above(evaluate, t, gaps, rates, SELF_CLEARANCE_M, slope_bound)
     names = body.names[first[proof.item]], body.names[second[proof.item]]
     return _distance_check("self_collision", proof, SELF_CLEARANCE_M, ", ".join(names))
+
+
+def moving_heights(motion: MotionSamples, t: Array, ends: Array) -> Array:
+    """Returns heights of the j moving capsules above the floor (j, k) [m] for capsule ends (c, 2, 3, k) at `t` (k,)."""
+    heights = motion.body.heights(ends)
+    heights[-1, t > motion.held_until_s] = FAR_M
+    return heights
+
+
+def box_gaps(motion: MotionSamples, t: Array, ends: Array) -> Array:
+    """Returns distances of the j moving capsules from the b keep-out boxes (b, j, k) [m], otherwise alike."""
+    gaps = motion.body.box_distances(ends)
+    gaps[:, -1, t > motion.held_until_s] = FAR_M
+    return gaps
+
+
+def pair_gaps(motion: MotionSamples, t: Array, ends: Array) -> Array:
+    """Returns distances of the p pairs that can collide (p, k) [m], otherwise alike."""
+    gaps = motion.body.pair_distances(ends)
+    gaps[np.ix_(motion.body.pairs[:, 1] == motion.body.object, t > motion.held_until_s)] = FAR_M
+    return gaps
 
 
 def _distance_check(name: str, proof: Proof, required: float, detail: str) -> Check:

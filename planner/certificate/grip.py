@@ -27,12 +27,9 @@ def grip_acceleration(motion: MotionSamples) -> Check | NotChecked | None:
     if limit is None:
         return NotChecked(name)
     count = int(np.searchsorted(motion.at_knots.t, motion.held_until_s, side="right"))
-    R_FT = problem.cell.tool.X_FT[:3, :3]
 
     def room(arm: ArmSamples) -> Array:
-        felt = arm.felt
-        held = np.sqrt(dot(felt, felt)) if len(limit) == 1 else np.abs(_in_tool(arm.X_WL, R_FT, felt))
-        return 1.0 - held / limit[:, None]
+        return 1.0 - felt_sizes(arm, len(limit) == 3) / limit[:, None]
 
     def evaluate(t: Array, item: Index) -> Array:
         return room(motion.at(t))[item, np.arange(len(t))]
@@ -42,6 +39,14 @@ def grip_acceleration(motion: MotionSamples) -> Check | NotChecked | None:
     proof = prove_above(evaluate, motion.at_knots.t[:count], room(motion.at_knots)[:, :count], rates, 0.0, kinked_bound)
     bound, axis = float(limit[proof.item]), "xyz"[proof.item] if len(limit) == 3 else ""
     return at_most(name, (1.0 - proof.value) * bound, bound, "m/s^2", proof.at_s, axis).provided(proof.proven)
+
+
+def felt_sizes(arm: ArmSamples, in_tool: bool) -> Array:
+    """Returns the sizes of the acceleration that the grip feels (k,) [m/s^2], or along the tool's axes (3, k)."""
+    felt = arm.felt
+    if in_tool:
+        return np.abs(_in_tool(arm.X_WL, arm.cell.tool.X_FT[:3, :3], felt))
+    return np.sqrt(dot(felt, felt))
 
 
 def _acceleration_rates(motion: MotionSamples, in_tool: bool) -> tuple[Array, Array]:

@@ -36,32 +36,40 @@ def elbow_speed(motion: MotionSamples) -> Check | NotChecked:
 
 def linear_momentum(motion: MotionSamples) -> Check | NotChecked:
     """Checks the linear momentum of arm, tool, and the object while it may be held."""
-    cell, limit = motion.problem.cell, motion.problem.cell.safety.momentum_kg_m_s
+    limit = motion.problem.cell.safety.momentum_kg_m_s
     if limit is None:
         return NotChecked("momentum")
-    carried, object_kg = empty_bodies(cell), cell.object.mass_kg
 
     def room(arm: ArmSamples) -> Array:
-        empty = momentum(arm.links, carried)
-        held = empty + object_kg * arm.v_WT
-        return 1.0 - motion.worse_of(arm.t, *(np.sqrt((p * p).sum(axis=0)) for p in (held, empty))) / limit
+        return 1.0 - momentum_sizes(motion, arm) / limit
 
     return _check("momentum", limit, "kg m/s", _prove(motion, room, motion.load_bounds.momentum / limit))
 
 
 def power(motion: MotionSamples) -> Check | NotChecked:
     """Checks the mechanical power of all joints together, tau . qd, that drives or brakes arm, tool and object."""
-    problem, limit = motion.problem, motion.problem.cell.safety.power_w
+    limit = motion.problem.cell.safety.power_w
     if limit is None:
         return NotChecked("power")
-    object_kg = problem.cell.object.mass_kg
 
     def room(arm: ArmSamples) -> Array:
-        empty, per_kilogram = ((tau * arm.links.qd.T).sum(axis=0) for tau in arm.torques.whole)
-        return 1.0 - motion.worse_of(arm.t, np.abs(empty + object_kg * per_kilogram), np.abs(empty)) / limit
+        return 1.0 - power_sizes(motion, arm) / limit
 
     rates = motion.load_bounds.power[:, None] / limit
     return _check("power", limit, "W", _prove(motion, room, rates, kinked_bound))
+
+
+def momentum_sizes(motion: MotionSamples, arm: ArmSamples) -> Array:
+    """Returns the sizes of the momentum (k,) [kg m/s]; the larger one where the object may be held or gone."""
+    empty = momentum(arm.links, empty_bodies(arm.cell))
+    held = empty + arm.cell.object.mass_kg * arm.v_WT
+    return motion.worse_of(arm.t, *(np.sqrt((p * p).sum(axis=0)) for p in (held, empty)))
+
+
+def power_sizes(motion: MotionSamples, arm: ArmSamples) -> Array:
+    """Returns the sizes of the mechanical power (k,) [W]; the larger one where the object may be held or gone."""
+    empty, per_kilogram = ((tau * arm.links.qd.T).sum(axis=0) for tau in arm.torques.whole)
+    return motion.worse_of(arm.t, np.abs(empty + arm.cell.object.mass_kg * per_kilogram), np.abs(empty))
 
 
 def _prove(

@@ -34,7 +34,7 @@ def stopping_time(motion: MotionSamples) -> Check | NotChecked:
     rate = MEASURED_TIME / limit
     bending = rate * motion.load_bounds.joint_momentum[2]
     proof = _prove(motion, lambda arm: np.full(len(arm.t), rate), bending)
-    value, at_s = _worst(motion, lambda arm: MEASURED_TIME * _times(motion, arm), proof)
+    value, at_s = _worst(motion, lambda arm: stopping_times(motion, arm), proof)
     return at_most("stopping_time", value, limit, "s", at_s).provided(proof.proven)
 
 
@@ -54,16 +54,23 @@ def stopping_distance(motion: MotionSamples) -> Check | NotChecked:
     def inverse_time(arm: ArmSamples) -> Array:
         return half * arm.watched_speed
 
-    def distance(arm: ArmSamples) -> Array:
-        v, times = arm.watched_speed, _times(motion, arm)
-        return 0.5 * MEASURED_DISTANCE * v * np.where(v > 0.0, times, 0.0)
-
     b, b1, b2 = motion.load_bounds.joint_momentum
     v, a, c = _point_bounds(motion)
     v = v + c * np.diff(motion.at_knots.t) ** 2 / 8.0
     proof = _prove(motion, inverse_time, half * (2.0 * a * b1 + v * b2 + c * b))
-    value, at_s = _worst(motion, distance, proof)
+    value, at_s = _worst(motion, lambda arm: stopping_distances(motion, arm), proof)
     return at_most("stopping_distance", value, limit, "m", at_s).provided(proof.proven)
+
+
+def stopping_times(motion: MotionSamples, arm: ArmSamples) -> Array:
+    """Returns the times (k,) [s] that stops take; infinite where the rated torques do not hold the arm up."""
+    return MEASURED_TIME * _times(motion, arm)
+
+
+def stopping_distances(motion: MotionSamples, arm: ArmSamples) -> Array:
+    """Returns how far (k,) [m] the fastest of tool centre point, flange and elbow travels in stops."""
+    v, times = arm.watched_speed, _times(motion, arm)
+    return 0.5 * MEASURED_DISTANCE * v * np.where(v > 0.0, times, 0.0)
 
 
 def _point_bounds(motion: MotionSamples) -> tuple[Array, Array, Array]:

@@ -16,12 +16,10 @@ def joint_torque(motion: MotionSamples) -> Check:
     Within the release window the object may be held or gone: both are checked.
     """
     problem = motion.problem
-    limit, object_kg = problem.limits.tau_max, problem.cell.object.mass_kg
+    limit = problem.limits.tau_max
 
     def room(arm: ArmSamples) -> Array:
-        empty, per_kilogram = arm.torques.whole
-        held = np.abs(empty + object_kg * per_kilogram)
-        return 1.0 - motion.worse_of(arm.t, held, np.abs(empty)) / limit[:, None]
+        return 1.0 - torque_sizes(motion, arm) / limit[:, None]
 
     def evaluate(t: Array, item: Index) -> Array:
         return room(motion.at(t))[item, np.arange(len(t))]
@@ -32,3 +30,10 @@ def joint_torque(motion: MotionSamples) -> Check:
     bound, name = float(limit[proof.item]), problem.cell.robot.joint_names[proof.item]
     value = (1.0 - proof.value) * bound
     return at_most("joint_torque", value, bound, "N m", proof.at_s, name).provided(proof.proven)
+
+
+def torque_sizes(motion: MotionSamples, arm: ArmSamples) -> Array:
+    """Returns the sizes of the joint torques (6, k) [N m]; the larger one where the object may be held or gone."""
+    empty, per_kilogram = arm.torques.whole
+    held = np.abs(empty + motion.problem.cell.object.mass_kg * per_kilogram)
+    return motion.worse_of(arm.t, held, np.abs(empty))

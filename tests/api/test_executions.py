@@ -159,3 +159,26 @@ def test_the_recording_in_two_formats(service: RunningService, executor: FakeExe
     service.store.add_recording(id, b"\x89MCAP0\r\n", b"t\n0\n")
     assert service.client.get(path).content == b"\x89MCAP0\r\n"
     assert service.client.get(path, headers={"Accept": "text/csv"}).text == "t\n0\n"
+
+
+def test_an_execution_whose_executor_is_gone_says_so(
+    service: RunningService, executor: FakeExecutor, plan, monkeypatch: pytest.MonkeyPatch
+):
+    id = execute(service, plan["id"]).json()["id"]
+    service.store.claim_execution("ur5e-sim", "fake")
+    assert service.client.get(f"/executions/{id}").json()["executor_lost"] is False
+    executor.stop()
+    now = time.time
+    monkeypatch.setattr(time, "time", lambda: now() + 10.0)
+    assert service.client.get(f"/executions/{id}").json()["executor_lost"] is True
+    assert service.client.get("/executions").json()["executions"][0]["executor_lost"] is True
+    problem = problem_of(service.client.post(f"/executions/{id}/abort"), 409, "executor-lost")
+    assert (problem["execution_id"], problem["cell"]) == (id, "ur5e-sim")
+    assert service.store.abort_requested(id)  # kept for an executor that was only silent
+    service.store.record_heartbeat("ur5e-sim", "fake", "sim")
+    assert service.client.post(f"/executions/{id}/abort").status_code == 202
+    service.store.record_heartbeat("ur5e-sim", "another", "sim")
+    problem_of(service.client.post(f"/executions/{id}/abort"), 409, "executor-lost")
+    service.store.finish_execution(id, "executor_lost")
+    assert service.client.get(f"/executions/{id}").json()["executor_lost"] is False
+    assert service.client.post(f"/executions/{id}/abort").status_code == 202

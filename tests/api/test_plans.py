@@ -129,3 +129,18 @@ def test_the_base_frame(service: RunningService):
         service.plan(release=release, frame=frame)["release"]["pose"]["position"] for frame in ("world", "base")
     )
     assert np.allclose(world, base, atol=1e-9)  # this cell's base is the world's origin
+
+
+def test_a_plan_that_is_not_stored(service: RunningService):
+    before = service.client.get("/plans", params={"limit": 1}).json()["plans"]
+    response = service.client.post("/plan?store=false", json=REQUEST)
+    assert response.status_code == 200
+    assert "location" not in response.headers
+    answer = response.json()
+    assert "id" not in answer
+    assert answer["certificate"]["valid"] is True
+    assert len(answer["trajectory"]["positions"]) == round(answer["duration_s"] * answer["sample_rate_hz"]) + 1
+    assert "trajectory" not in service.client.post("/plan?store=false&trajectory=false", json=REQUEST).json()
+    assert service.client.get("/plans", params={"limit": 1}).json()["plans"] == before
+    keyed = service.client.post("/plan?store=false", json=REQUEST, headers={"Idempotency-Key": "none"})
+    assert problem_of(keyed, 422, "invalid-request")["errors"][0]["field"] == "Idempotency-Key"

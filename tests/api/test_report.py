@@ -80,7 +80,7 @@ def test_the_picture_is_served_while_the_cell_is_the_same(service: RunningServic
     file = cells / "changing.toml"
     before = file.read_text()
     file.write_text(before + "# changed\n")
-    problem_of(service.client.get(f"/plans/{other['id']}/picture.svg"), 404, "not-found")
+    problem_of(service.client.get(f"/plans/{other['id']}/picture.svg"), 409, "cell-changed")
     file.write_text(before)
 
 

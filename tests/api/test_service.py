@@ -112,6 +112,8 @@ def test_every_call_of_the_contract_is_there(service: RunningService):
         "POST /cells/{name}/acknowledge",
         "GET /cells",
         "GET /cells/{name}",
+        "GET /cells/{name}/model",
+        "GET /plans/{id}/curves",
         "GET /cells/{name}/timing",
         "GET /cells/{name}/profiles",
         "POST /cells/{name}/profiles",

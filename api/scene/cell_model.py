@@ -1,0 +1,99 @@
+"""The model of a cell as the planner sees it: chain, capsules, limits, surroundings; enough to draw and to move it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from planner.calibration import fixed_transforms
+from planner.cell import Box, Cell
+from planner.flight import drag_constant
+from planner.geometry import SELF_CLEARANCE_M, body_model
+
+
+def cell_model(cell: Cell) -> dict[str, Any]:
+    """Returns the document of `GET /cells/{name}/model`.
+
+    Link poses follow from it as X_WL[0] = base_in_world, X_WL[i] = X_WL[i-1] Rz(q_i) chain[i-1], of a calibrated arm
+    too; the tool centre point is X_WL[6] tool_in_flange.
+    """
+    robot = cell.robot
+    return {
+        "cell": cell.name,
+        "sha256": cell.sha256,
+        "robot": robot.name,
+        "link_kind": cell.link.kind,
+        "calibrated": robot.fixed is not None,
+        "sample_rate_hz": robot.sample_rate_hz,
+        "joint_names": list(robot.joint_names),
+        "base_in_world": cell.X_WB.tolist(),
+        "chain": fixed_transforms(robot).tolist(),
+        "a_m": robot.a.tolist(),
+        "d_m": robot.d.tolist(),
+        "shape": {f"{name}_m": length for name, length in vars(robot.shape).items()},
+        "tool_in_flange": cell.tool.X_FT.tolist(),
+        "home": cell.home.tolist(),
+        **_body(cell),
+        "limits": _limits(cell),
+        "safety": dict(vars(cell.safety)),
+        "surroundings": _surroundings(cell),
+        "object": {**vars(cell.object), "drag_per_m": _drag(cell)},
+        "gripper": _gripper(cell),
+        "lag_s": cell.timing.lag_s,
+    }
+
+
+def _body(cell: Cell) -> dict[str, Any]:
+    """Returns the capsules of arm, tool and held object, and which of them can collide."""
+    body = body_model(cell)
+    rows = zip(body.names, body.frames.tolist(), body.ends.tolist(), body.radii.tolist(), strict=True)
+    capsules = [
+        {"name": name, "part": _part(name), "frame": frame, "from_m": start, "to_m": end, "radius_m": radius}
+        for name, frame, (start, end), radius in rows
+    ]
+    return {"capsules": capsules, "colliding_pairs": body.pairs.tolist(), "self_clearance_m": SELF_CLEARANCE_M}
+
+
+def _part(name: str) -> str:
+    return "tool" if name.startswith("tool_") else "object" if name == "object" else "arm"
+
+
+def _limits(cell: Cell) -> dict[str, Any]:
+    limits = cell.limits
+    return {
+        "position_lower_rad": limits.q_lower.tolist(),
+        "position_upper_rad": limits.q_upper.tolist(),
+        "velocity_rad_s": limits.qd_max.tolist(),
+        "acceleration_rad_s2": limits.qdd_max.tolist(),
+        "jerk_rad_s3": limits.jerk_max.tolist(),
+        "torque_n_m": limits.tau_max.tolist(),
+        "tcp_speed_m_s": limits.tcp_speed_max,
+        "singularity_distance_min": limits.singularity_distance_min,
+    }
+
+
+def _surroundings(cell: Cell) -> dict[str, Any]:
+    around = cell.surroundings
+    heights = {"floor_z_m": around.floor_z_m, "clearance_m": around.clearance_m, "gravity_m_s2": around.gravity_m_s2}
+    return {**heights, "keep_in": _boxes(around.keep_in), "keep_out": _boxes(around.keep_out)}
+
+
+def _boxes(boxes: Sequence[Box]) -> list[dict[str, Any]]:
+    return [{"lower_m": box.lower.tolist(), "upper_m": box.upper.tolist()} for box in boxes]
+
+
+def _drag(cell: Cell) -> float:
+    thing = cell.object
+    return float(drag_constant(thing.mass_kg, thing.radius_m, thing.drag_coefficient))
+
+
+def _gripper(cell: Cell) -> dict[str, Any]:
+    gripper = cell.gripper
+    direction, hold = gripper.opening_direction, gripper.hold_acceleration_m_s2
+    return {
+        "delay_s": gripper.delay_s,
+        "jitter_s": gripper.jitter_s,
+        "opening_direction": None if direction is None else direction.tolist(),
+        "opening_cone_rad": gripper.opening_cone_rad,
+        "hold_acceleration_m_s2": None if hold is None else hold.tolist(),
+    }

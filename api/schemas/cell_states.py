@@ -1,0 +1,85 @@
+"""Documents about cells: their files, their executors, the live state of their robots."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, Field
+
+from api.schemas.requests import Joints
+
+
+class ExecutorAnswer(BaseModel):
+    """The executor of a cell."""
+
+    id: str
+    alive: bool = Field(description="Whether its last heartbeat is younger than two seconds.")
+    heartbeat_age_s: float = Field(description="Age of its last heartbeat [s].")
+    read_only: bool = Field(description="Whether it only observes and never moves the robot.")
+
+
+class CellSummary(BaseModel):
+    """One cell in the list."""
+
+    name: str
+    robot: str | None
+    link_kind: Literal["sim", "ur"] | None = Field(description="`ur` is a real arm.")
+    default: bool
+    sha256: str | None
+    error: str | None = Field(description="Why the cell file is refused; null if it is valid.")
+    executor: ExecutorAnswer | None = Field(description="null if the cell never had one.")
+
+
+class CellList(BaseModel):
+    """Every cell file of the service."""
+
+    cells: list[CellSummary]
+
+
+class RobotStateAnswer(BaseModel):
+    """The live state of a robot, four times a second; what its controller does not tell is absent or null."""
+
+    connected: bool = Field(False, description="Whether the controller sends its state.")
+    refusals: list[str] = Field([], description="Why the robot would not move now, in words; empty: it would.")
+    warnings: list[str] = Field([], description="What a person should know, and does not keep it from moving.")
+    cell_sha256: str | None = Field(None, description="Hash of the cell file that the executor uses.")
+    timestamp_s: float | None = Field(None, description="The controller's time [s].")
+    positions: Joints | None = Field(None, description="Measured joint positions [rad].")
+    velocities: Joints | None = Field(None, description="Measured joint velocities [rad/s].")
+    robot_mode: int | None = Field(None, description="`robot_mode` of UR's RTDE guide; 7: running.")
+    safety_status_bits: int | None = Field(None, description="`safety_status_bits` of UR's RTDE guide; 1: normal.")
+    runtime_state: int | None = Field(None, description="`runtime_state` of UR's RTDE guide; 2: playing.")
+    speed_scaling: float | None = Field(None, description="Speed scaling times slider [-].")
+    digital_output_bits: int | None = None
+    digital_input_bits: int | None = None
+    payload_kg: float | None = Field(None, description="Configured on the controller [kg].")
+    tcp_offset: Joints | None = Field(None, description="Configured: position [m], rotation vector [rad].")
+
+
+class FaultAnswer(BaseModel):
+    """A fault after which the executor refuses to move the robot."""
+
+    outcome: str | None = Field(None, description="Of the execution that ended with it.")
+    reason: str = Field(description="In words.")
+    execution_id: str | None = None
+    at: float | None = Field(None, description="Seconds since the epoch [s].")
+
+
+class CellState(BaseModel):
+    """The live state of a cell's robot, as its executor last reported it."""
+
+    cell: str
+    executor: ExecutorAnswer | None
+    robot: RobotStateAnswer | None = Field(description="null without an executor.")
+    fault: FaultAnswer | None = Field(
+        description="Latched until a person acknowledges it; a refused cell file: until it is repaired."
+    )
+    execution_id: str | None = Field(description="The unfinished execution of the cell.")
+
+
+class Acknowledged(BaseModel):
+    """An acknowledged fault."""
+
+    cell: str
+    acknowledged_by: str
+    fault: FaultAnswer | None = Field(description="The fault that is being cleared.")

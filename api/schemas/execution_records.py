@@ -1,0 +1,115 @@
+"""Documents about executions: their state, their metrics, their events."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import BaseModel, Field
+
+from api.schemas.requests import Joints, Vector3
+from api.schemas.timing import TimingNumbers
+
+ExecutionState = Literal["queued", "preparing", "approaching", "streaming", "braking", "finished"]
+Outcome = Literal[
+    "completed",
+    "aborted",
+    "refused",
+    "held",
+    "protective_stop",
+    "emergency_stop",
+    "link_lost",
+    "late",
+    "tracking",
+    "executor_lost",
+    "foreign_program",
+    "power_off",
+]
+
+
+class RunTiming(TimingNumbers):
+    """Timing of the arm in this run."""
+
+    assumed_lag_s: float = Field(description="Lag that the run was streamed with [s].")
+    ramp_rad_s2: float | None = Field(description="Acceleration of speedj, where it held the arm back [rad/s^2].")
+    residual_rms_rad_s: float = Field(description="What the timing does not explain, rms [rad/s].")
+    rows: int = Field(description="Rows of the recording.")
+
+
+class ExecutionMetrics(BaseModel):
+    """What was measured in one run; null where this run or this cell has no value."""
+
+    ticks: int | None = Field(None, description="Rows of the stream.")
+    missed_ticks: int | None = Field(None, description="Ticks that were lost.")
+    period_p50_s: float | None = Field(None, description="Median of the time between two ticks [s].")
+    period_p99_s: float | None = Field(None, description="99th percentile [s].")
+    period_max_s: float | None = Field(None, description="Longest [s].")
+    realtime: bool | None = Field(None, description="Whether the operating system granted real-time scheduling.")
+    timing: RunTiming | None = Field(None, description="What the run shows of the arm's timing.")
+    tracking_error_max_rad: float | None = Field(None, description="Largest joint error against the plan [rad].")
+    tracking_error_max_m: float | None = Field(None, description="Largest error of the tool centre point [m].")
+    path_error_max_m: float | None = Field(None, description="Largest distance from the planned path [m].")
+    release_velocity_error_rad_s: float | None = Field(None, description="Of a joint at the release [rad/s].")
+    release_velocity_error_share: float | None = Field(
+        None, description="The same as a share of the fastest planned joint speed [-]."
+    )
+    gripper_commanded_s: float | None = Field(None, description="When the output was sent, on the plan's clock [s].")
+    gripper_command_late_s: float | None = Field(None, description="How late that was [s].")
+    gripper_opened_s: float | None = Field(None, description="When the object left; simulated cells [s].")
+    gripper_opened_late_s: float | None = Field(None, description="That less the planned release [s].")
+    released: bool | None = Field(None, description="Whether the gripper was commanded to open.")
+    landing_point: Vector3 | None = Field(None, description="Where the object landed; simulated cells [m].")
+    landing_error_m: float | None = Field(None, description="Distance from the planned landing point [m].")
+    landed_on: str | None = Field(None, description="What the object landed on; simulated cells.")
+
+
+class ExecutionAnswer(BaseModel):
+    """One run of one plan on one cell."""
+
+    id: str
+    plan_id: str
+    cell: str
+    mode: Literal["speedj", "servoj"] = Field(description="UR command that streams the motion.")
+    dry_run: bool
+    requested_by: str
+    created_at: str = Field(description="UTC, ISO 8601.")
+    claimed_at: str | None = Field(description="When an executor claimed it.")
+    finished_at: str | None
+    abort_requested_at: str | None
+    state: ExecutionState
+    outcome: Outcome | None = Field(description="null before the end.")
+    reason: str | None = Field(description="Reason of the outcome, in words.")
+    metrics: ExecutionMetrics | None = Field(description="null where the run was refused, or its executor lost.")
+    experiment_id: str | None = Field(None, description="Experiment that it belongs to.")
+    executor_lost: bool = Field(
+        description="Whether it is unfinished and its executor does not report: nobody carries it, nobody can brake. "
+        "An executor that starts again ends it with the outcome `executor_lost`."
+    )
+
+
+class ExecutionList(BaseModel):
+    """A page of executions, newest first."""
+
+    executions: list[ExecutionAnswer]
+    next_cursor: str | None = Field(description="Pass as `cursor` for the next page; null on the last page.")
+
+
+class StateEvent(BaseModel):
+    """Event `state`: the execution has come to a state; with the last one its outcome."""
+
+    at: str = Field(description="UTC, ISO 8601.")
+    state: ExecutionState
+    outcome: Outcome | None = None
+    reason: str | None = None
+    metrics: ExecutionMetrics | None = None
+
+
+class TelemetryEvent(BaseModel):
+    """Event `telemetry`: the arm at one instant, planned and measured, 20 times a second or more."""
+
+    at: str = Field(description="UTC, ISO 8601.")
+    clock_s: float = Field(description="On the plan's clock; negative during the approach [s].")
+    positions: Joints = Field(description="Measured [rad].")
+    velocities: Joints = Field(description="Measured [rad/s].")
+    planned_positions: Joints = Field(description="[rad]")
+    planned_velocities: Joints = Field(description="[rad/s]")
+    missed_ticks: int = Field(description="So far.")

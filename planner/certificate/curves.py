@@ -1,0 +1,233 @@
+"""Curves of a motion over time, each with the limits that the certificate holds it to, for people to look at.
+
+The values come from the functions that the checks are made of, at samples of the trajectory. A check proves its bound
+between samples too, so its value may lie a little beyond its curve.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from planner.arrays import Array, Index
+from planner.certificate.clearance import box_gaps, moving_heights, pair_gaps
+from planner.certificate.flight import Flights, flights_of
+from planner.certificate.grip import felt_sizes
+from planner.certificate.safety_limits import momentum_sizes, power_sizes
+from planner.certificate.samples import ArmSamples, MotionSamples
+from planner.certificate.stopping import stopping_distances, stopping_times
+from planner.certificate.tool import SINGULARITY_WINDOW_S
+from planner.certificate.torque import torque_sizes
+from planner.dynamics import tool_points
+from planner.geometry import SELF_CLEARANCE_M
+from planner.kinematics import SINGULARITIES, signed_singularity_distances
+from planner.problem import ThrowProblem
+from planner.trajectory import Trajectory
+
+INSTANTS_MAX = 2000  # [-] of one curve: four seconds at 500 Hz; a longer motion is shown at every other tick, or fewer
+FLIGHT_STEP_S = 0.005  # [s] between the instants of a flight
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """One quantity over time.
+
+    Attributes:
+        name: of the joint, point, box or singularity.
+        values: (k,), in the curve's unit; NaN where there is none.
+        lower, upper: its limits; None where it has none.
+    """
+
+    name: str
+    values: Array
+    lower: float | None = None
+    upper: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Quantities that one check of the certificate judges.
+
+    Attributes:
+        name: of the check.
+        unit: of values and limits; "1" for a plain number.
+        t: instants (k,) [s].
+        series: the quantities.
+        holds_until_next: whether a value holds until the next instant; otherwise the quantity is continuous.
+        limited: span in which the limits hold [s]; None: everywhere.
+    """
+
+    name: str
+    unit: str
+    t: Array
+    series: tuple[Series, ...]
+    holds_until_next: bool = False
+    limited: tuple[float, float] | None = None
+
+
+class ShownMotion:
+    """A motion at the instants that are shown: every tick, or evenly spaced ones with the release and the last."""
+
+    def __init__(self, problem: ThrowProblem, trajectory: Trajectory) -> None:
+        self.problem, self.trajectory = problem, trajectory
+        self.motion = MotionSamples(problem, trajectory)
+
+    @cached_property
+    def rows(self) -> Index:
+        """Samples that are shown (k,)."""
+        count = len(self.trajectory.q)
+        every = np.arange(0, count, math.ceil(count / INSTANTS_MAX))
+        return np.union1d(every, [self.trajectory.release_index, count - 1])
+
+    @property
+    def t(self) -> Array:
+        """Their times (k,) [s]."""
+        return self.trajectory.t[self.rows]
+
+    @cached_property
+    def arm(self) -> ArmSamples:
+        """The arm there."""
+        return self.motion.at(self.t)
+
+    @cached_property
+    def ends(self) -> Array:
+        """Ends of the body's capsules there (c, 2, 3, k) [m]."""
+        return self.motion.body.end_points(self.arm.X_WL)
+
+    def of_joints(self, name: str, unit: str, values: Array, lower: Array, upper: Array, **more: bool) -> Curve:
+        """Returns the curve of a quantity (k, 6) of every joint with its limits (6,)."""
+        names = self.problem.cell.robot.joint_names
+        rows = zip(names, values.T, lower.tolist(), upper.tolist(), strict=True)
+        return Curve(name, unit, self.t, tuple(Series(*row) for row in rows), **more)
+
+    def of_one(
+        self, name: str, unit: str, values: Array, *, lower: float | None = None, upper: float | None = None
+    ) -> Curve:
+        """Returns the curve of one quantity (k,)."""
+        return Curve(name, unit, self.t, (Series(name, values, lower, upper),))
+
+
+def motion_curves(problem: ThrowProblem, trajectory: Trajectory) -> tuple[Curve, ...]:
+    """Returns the curves of a motion: of its joints, torques, speeds, clearances, singularity distances and flight."""
+    shown = ShownMotion(problem, trajectory)
+    return tuple(curve for curves in CURVES for curve in curves(shown))
+
+
+def _joints(shown: ShownMotion) -> list[Curve]:
+    limits, trajectory, rows = shown.problem.limits, shown.trajectory, shown.rows
+    jerk = np.append(trajectory.jerk, np.zeros((1, trajectory.q.shape[1])), axis=0)[rows]  # at rest after the end
+    speed, bend, jolt = limits.qd_max, limits.qdd_max, limits.jerk_max
+    return [
+        shown.of_joints("joint_position", "rad", trajectory.q[rows], limits.q_lower, limits.q_upper),
+        shown.of_joints("joint_velocity", "rad/s", trajectory.qd[rows], -speed, speed),
+        shown.of_joints("joint_acceleration", "rad/s^2", trajectory.qdd[rows], -bend, bend),
+        shown.of_joints("joint_jerk", "rad/s^3", jerk, -jolt, jolt, holds_until_next=True),
+        shown.of_joints("joint_torque", "N m", torque_sizes(shown.motion, shown.arm).T, 0.0 * bend, limits.tau_max),
+    ]
+
+
+def _speeds(shown: ShownMotion) -> list[Curve]:
+    arm, limits, safety = shown.arm, shown.problem.limits, shown.problem.cell.safety
+    tool, flange = (point.name for point in tool_points(shown.problem.cell))
+    points = (
+        Series(tool, arm.tool_speed, None, limits.tcp_speed_max),
+        Series(flange, arm.flange_speed, None, safety.tool_speed_m_s),
+    )
+    return [
+        Curve("tcp_speed", "m/s", shown.t, points),
+        shown.of_one("elbow_speed", "m/s", arm.elbow_speed, upper=safety.elbow_speed_m_s),
+    ]
+
+
+def _loads(shown: ShownMotion) -> list[Curve]:
+    motion, arm, safety = shown.motion, shown.arm, shown.problem.cell.safety
+    times, distances = stopping_times(motion, arm), stopping_distances(motion, arm)
+    return [
+        shown.of_one("momentum", "kg m/s", momentum_sizes(motion, arm), upper=safety.momentum_kg_m_s),
+        shown.of_one("power", "W", power_sizes(motion, arm), upper=safety.power_w),
+        shown.of_one("stopping_time", "s", times, upper=safety.stopping_time_s),
+        shown.of_one("stopping_distance", "m", distances, upper=safety.stopping_distance_m),
+    ]
+
+
+def _clearances(shown: ShownMotion) -> list[Curve]:
+    motion, t, ends, around = shown.motion, shown.t, shown.ends, shown.problem.cell.surroundings
+    found = [shown.of_one("floor", "m", moving_heights(motion, t, ends).min(axis=0), lower=around.clearance_m)]
+    if len(motion.body.pairs):
+        found.append(
+            shown.of_one("self_collision", "m", pair_gaps(motion, t, ends).min(axis=0), lower=SELF_CLEARANCE_M)
+        )
+    if around.keep_out:
+        gaps = box_gaps(motion, t, ends).min(axis=1)
+        boxes = tuple(Series(f"box {i}", gap, around.clearance_m) for i, gap in enumerate(gaps))
+        found.append(Curve("keep_out", "m", t, boxes))
+    if around.keep_in:
+        boxes = tuple(Series(f"box {i}", _inside(shown.arm.p_WT, box), 0.0) for i, box in enumerate(around.keep_in))
+        found.append(Curve("keep_in", "m", t, boxes))
+    return found
+
+
+def _inside(p: Array, box: object) -> Array:
+    """Returns how far points (3, k) are inside a box (k,) [m]."""
+    lower, upper = (np.asarray(getattr(box, side))[:, None] for side in ("lower", "upper"))
+    return np.minimum(p - lower, upper - p).min(axis=0)
+
+
+def _singularities(shown: ShownMotion) -> list[Curve]:
+    problem, released = shown.problem, shown.trajectory.release_time_s
+    distances = np.abs(signed_singularity_distances(problem.cell.robot, shown.trajectory.q[shown.rows]))
+    required = None if problem.ends_at_rest else problem.limits.singularity_distance_min
+    series = tuple(Series(name, d, required) for name, d in zip(SINGULARITIES, distances.T, strict=True))
+    span = (max(0.0, released - SINGULARITY_WINDOW_S), min(shown.t[-1], released + SINGULARITY_WINDOW_S))
+    return [Curve("singularity_distance", "1", shown.t, series, limited=None if problem.ends_at_rest else span)]
+
+
+def _grip(shown: ShownMotion) -> list[Curve]:
+    if not shown.problem.holds_object:
+        return []
+    limit, until = shown.problem.cell.gripper.hold_acceleration_m_s2, shown.motion.held_until_s
+    axes = limit is not None and len(limit) == 3
+    felt = np.where(shown.t > until, np.nan, np.atleast_2d(felt_sizes(shown.arm, axes)))
+    limits = [None] if limit is None else limit.tolist()
+    names = "xyz" if axes else ("grip_acceleration",)
+    series = tuple(Series(n, v, None, upper) for n, v, upper in zip(names, felt, limits, strict=True))
+    return [Curve("grip_acceleration", "m/s^2", shown.t, series)]
+
+
+def _flight(shown: ShownMotion) -> list[Curve]:
+    """Returns the distance of the object's surface from what it might meet, of a release on time."""
+    if shown.problem.ends_at_rest:
+        return []
+    flights = flights_of(shown.motion)
+    if flights.end is None:
+        return []
+    begin, end = flights.released_s, flights.end[1]
+    t = np.linspace(begin, end, 1 + max(1, math.ceil((end - begin) / FLIGHT_STEP_S)))
+    return [Curve("flight_clearance", "m", t, (Series("object", _least_gaps(flights, t), 0.0),))]
+
+
+def _least_gaps(flights: Flights, t: Array) -> Array:
+    """Returns the least gaps (k,) [m] at `t` (k,); what does not let go of the object at once is left out, as there."""
+    count = len(flights.names) - (flights.opening is None)
+    x = flights.positions(np.full(len(t), flights.released_s), t)
+    gaps = np.array([flights.gaps_at(np.full(len(t), item), x, t) for item in range(count)])
+    gripped = flights.gripped
+    gaps[gripped[gaps[gripped, 0] < 0.0]] = np.inf
+    if flights.opening is not None:
+        gaps[flights.rim, flights.in_bin(x)] = np.inf
+    return gaps.min(axis=0)
+
+
+CURVES: tuple[Callable[[ShownMotion], list[Curve]], ...] = (
+    _joints,
+    _speeds,
+    _loads,
+    _clearances,
+    _singularities,
+    _grip,
+    _flight,
+)
