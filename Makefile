@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 SOURCES := planner store learning api executor benchmarks
 
-.PHONY: setup demo up test test-kernels check web bench lock clean
+.PHONY: setup demo up test test-kernels check web web-check bench lock clean
 
 setup: $(VENV)/dev.stamp $(VENV)/warm.stamp   ## .venv with everything pinned, and the generated solvers built
 
@@ -39,10 +39,18 @@ check: $(VENV)/dev.stamp
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
-web: $(VENV)/run.stamp web/node_modules/.package-lock.json   ## the page's bundle from web/ (needs Node 20.19 or newer)
+web: $(VENV)/run.stamp web/node_modules/.package-lock.json   ## the page's bundle, api/web, from web/ (needs Node 20.19 or newer)
 	mkdir -p web/build
 	$(BIN)/python web/schema.py > web/build/openapi.json
 	cd web && npm run --silent types && npm run --silent build
+
+web-check: $(VENV)/run.stamp web/node_modules/.package-lock.json   ## tests of the page's modules; the bundle built again is the one in api/web
+	mkdir -p web/build
+	$(BIN)/python web/schema.py > web/build/openapi.json
+	cd web && npx openapi-typescript build/openapi.json --output build/schema.d.ts --root-types --root-types-no-schema-prefix
+	cmp web/build/schema.d.ts web/src/service/schema.d.ts || { echo "the service's schema has changed: make web"; exit 1; }
+	cd web && npm run --silent test && FLING_WEB_OUT=build/bundle npm run --silent build
+	diff -r web/build/bundle api/web || { echo "the bundle is not that of its source: make web"; exit 1; }
 
 web/node_modules/.package-lock.json: web/package.json web/package-lock.json
 	cd web && npm ci --silent

@@ -64,6 +64,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/cells/{name}/model": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read a cell's model
+         * @description Reads the kinematic chain, capsules, limits and surroundings that plans are made with: enough to draw them.
+         */
+        get: operations["read_model_cells__name__model_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/cells/{name}/profiles": {
         parameters: {
             query?: never;
@@ -436,6 +456,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/plans/{id}/curves": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read a plan's curves
+         * @description Reads joint motion, torque, speeds, clearances and singularity distances, each with its limits.
+         */
+        get: operations["read_curves_plans__id__curves_get"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/plans/{id}/trajectory": {
         parameters: {
             query?: never;
@@ -529,13 +569,8 @@ export interface components {
             acknowledged_by: string;
             /** Cell */
             cell: string;
-            /**
-             * Fault
-             * @description The fault that is being cleared.
-             */
-            fault: {
-                [key: string]: unknown;
-            } | null;
+            /** @description The fault that is being cleared. */
+            fault: components["schemas"]["FaultAnswer"] | null;
         };
         /**
          * Adoption
@@ -569,12 +604,251 @@ export interface components {
             shift_m: number[];
         };
         /**
+         * ArmShapeAnswer
+         * @description Outer dimensions of the arm model.
+         */
+        ArmShapeAnswer: {
+            /**
+             * Base Radius M
+             * @description Of the foot [m].
+             */
+            base_radius_m: number;
+            /**
+             * Elbow Offset M
+             * @description Offset of the forearm's tube along the same axis [m].
+             */
+            elbow_offset_m: number;
+            /**
+             * Elbow Radius M
+             * @description Of the housing [m].
+             */
+            elbow_radius_m: number;
+            /**
+             * Forearm Radius M
+             * @description Of the tube [m].
+             */
+            forearm_radius_m: number;
+            /**
+             * Shoulder Offset M
+             * @description Offset of the upper arm's tube along the axis of joint 2 [m].
+             */
+            shoulder_offset_m: number;
+            /**
+             * Shoulder Radius M
+             * @description Of the housing [m].
+             */
+            shoulder_radius_m: number;
+            /**
+             * Upper Arm Radius M
+             * @description Of the tube [m].
+             */
+            upper_arm_radius_m: number;
+            /**
+             * Wrist Radius M
+             * @description Of the housings [m].
+             */
+            wrist_radius_m: number;
+        };
+        /**
+         * BoxAnswer
+         * @description An axis-aligned box in the world.
+         */
+        BoxAnswer: {
+            /**
+             * Lower M
+             * @description Lower corner [m].
+             */
+            lower_m: number[];
+            /**
+             * Upper M
+             * @description Upper corner [m].
+             */
+            upper_m: number[];
+        };
+        /**
+         * CapsuleAnswer
+         * @description All points within a radius of a segment, in the frame of one link.
+         */
+        CapsuleAnswer: {
+            /**
+             * Frame
+             * @description Link that it moves with: 0 is the base, 6 the flange.
+             */
+            frame: number;
+            /**
+             * From M
+             * @description One end of the segment, in that frame [m].
+             */
+            from_m: number[];
+            /**
+             * Name
+             * @description Of the link's part; `tool_0`, `tool_1`, … of the tool's capsules; `object`.
+             */
+            name: string;
+            /**
+             * Part
+             * @enum {string}
+             */
+            part: "arm" | "tool" | "object";
+            /**
+             * Radius M
+             * @description [m]
+             */
+            radius_m: number;
+            /**
+             * To M
+             * @description The other end [m].
+             */
+            to_m: number[];
+        };
+        /**
+         * CellLimits
+         * @description Limits of the cell; a request may tighten them.
+         */
+        CellLimits: {
+            /**
+             * Acceleration Rad S2
+             * @description [rad/s^2]
+             */
+            acceleration_rad_s2: number[];
+            /**
+             * Jerk Rad S3
+             * @description [rad/s^3]
+             */
+            jerk_rad_s3: number[];
+            /**
+             * Position Lower Rad
+             * @description [rad]
+             */
+            position_lower_rad: number[];
+            /**
+             * Position Upper Rad
+             * @description [rad]
+             */
+            position_upper_rad: number[];
+            /**
+             * Singularity Distance Min
+             * @description [-]
+             */
+            singularity_distance_min: number;
+            /**
+             * Tcp Speed M S
+             * @description Speed of the tool centre point [m/s].
+             */
+            tcp_speed_m_s: number;
+            /**
+             * Torque N M
+             * @description [N m]
+             */
+            torque_n_m: number[];
+            /**
+             * Velocity Rad S
+             * @description [rad/s]
+             */
+            velocity_rad_s: number[];
+        };
+        /**
          * CellList
          * @description Every cell file of the service.
          */
         CellList: {
             /** Cells */
             cells: components["schemas"]["CellSummary"][];
+        };
+        /**
+         * CellModel
+         * @description A cell as the planner sees it.
+         *
+         *     Link poses in the world: X[0] = base_in_world, X[i] = X[i-1] Rz(q_i) chain[i-1]; X[6] is the flange, and
+         *     X[6] tool_in_flange the tool centre point.
+         */
+        CellModel: {
+            /**
+             * A M
+             * @description Denavit-Hartenberg a, or the distance between measured axes with its sign [m].
+             */
+            a_m: number[];
+            /**
+             * Base In World
+             * @description Pose of the arm's base in the world; rows [m].
+             */
+            base_in_world: number[][];
+            /**
+             * Calibrated
+             * @description Whether the chain is this arm's measured one.
+             */
+            calibrated: boolean;
+            /**
+             * Capsules
+             * @description Of arm, tool and held object; the object is last.
+             */
+            capsules: components["schemas"]["CapsuleAnswer"][];
+            /** Cell */
+            cell: string;
+            /**
+             * Chain
+             * @description Fixed transform after the rotation of each joint, measured where the arm is calibrated; rows [m].
+             */
+            chain: number[][][];
+            /**
+             * Colliding Pairs
+             * @description Indices of capsules that can collide with one another.
+             */
+            colliding_pairs: number[][];
+            /**
+             * D M
+             * @description Denavit-Hartenberg d, or the offset along the measured axis [m].
+             */
+            d_m: number[];
+            gripper: components["schemas"]["GripperAnswer"];
+            /**
+             * Home
+             * @description [rad]
+             */
+            home: number[];
+            /** Joint Names */
+            joint_names: string[];
+            /**
+             * Lag S
+             * @description From a command to its measured motion [s].
+             */
+            lag_s: number;
+            limits: components["schemas"]["CellLimits"];
+            /**
+             * Link Kind
+             * @description `ur` is a real arm.
+             * @enum {string}
+             */
+            link_kind: "sim" | "ur";
+            object: components["schemas"]["ObjectAnswer"];
+            /**
+             * Robot
+             * @description Arm model, such as ur5e.
+             */
+            robot: string;
+            safety: components["schemas"]["SafetyLimitsAnswer"];
+            /**
+             * Sample Rate Hz
+             * @description Ticks of the controller [Hz].
+             */
+            sample_rate_hz: number;
+            /**
+             * Self Clearance M
+             * @description Kept between them [m].
+             */
+            self_clearance_m: number;
+            /**
+             * Sha256
+             * @description Hash of the cell file and its calibration.
+             */
+            sha256: string;
+            shape: components["schemas"]["ArmShapeAnswer"];
+            surroundings: components["schemas"]["SurroundingsAnswer"];
+            /**
+             * Tool In Flange
+             * @description Pose of the tool centre point in the flange; rows [m].
+             */
+            tool_in_flange: number[][];
         };
         /**
          * CellState
@@ -589,20 +863,10 @@ export interface components {
              */
             execution_id: string | null;
             executor: components["schemas"]["ExecutorAnswer"] | null;
-            /**
-             * Fault
-             * @description Latched until a person acknowledges it; a refused cell file: until it is repaired.
-             */
-            fault: {
-                [key: string]: unknown;
-            } | null;
-            /**
-             * Robot
-             * @description Mode, safety, joint positions [rad], hash of the cell file in force; null without an executor.
-             */
-            robot: {
-                [key: string]: unknown;
-            } | null;
+            /** @description Latched until a person acknowledges it; a refused cell file: until it is repaired. */
+            fault: components["schemas"]["FaultAnswer"] | null;
+            /** @description null without an executor. */
+            robot: components["schemas"]["RobotStateAnswer"] | null;
         };
         /**
          * CellSummary
@@ -620,9 +884,9 @@ export interface components {
             executor: components["schemas"]["ExecutorAnswer"] | null;
             /**
              * Link Kind
-             * @description sim or ur.
+             * @description `ur` is a real arm.
              */
-            link_kind: string | null;
+            link_kind: ("sim" | "ur") | null;
             /** Name */
             name: string;
             /** Robot */
@@ -678,6 +942,56 @@ export interface components {
             value: number | null;
         };
         /**
+         * CurveAnswer
+         * @description Quantities that one check of the certificate judges, with its limits.
+         */
+        CurveAnswer: {
+            /**
+             * Clock
+             * @description Which of the times its values belong to.
+             * @enum {string}
+             */
+            clock: "motion" | "flight";
+            /**
+             * Holds Until Next
+             * @description Whether a value holds until the next instant: jerk.
+             */
+            holds_until_next: boolean;
+            /**
+             * Limited S
+             * @description Span in which the limits hold [s]; null: everywhere.
+             */
+            limited_s: number[] | null;
+            /**
+             * Name
+             * @description Of the certificate's check.
+             */
+            name: string;
+            /** Series */
+            series: components["schemas"]["SeriesAnswer"][];
+            /**
+             * Unit
+             * @description 1 for a plain number.
+             */
+            unit: string;
+        };
+        /**
+         * CurveTimes
+         * @description Instants of the curves, from the start of the motion.
+         */
+        CurveTimes: {
+            /**
+             * Flight
+             * @description From the release to the end of the flight; null without one [s].
+             */
+            flight: number[] | null;
+            /**
+             * Motion
+             * @description [s]
+             */
+            motion: number[];
+        };
+        /**
          * ExecuteRequest
          * @description One run of one plan.
          */
@@ -728,6 +1042,11 @@ export interface components {
             /** Dry Run */
             dry_run: boolean;
             /**
+             * Executor Lost
+             * @description Whether it is unfinished and its executor does not report: nobody carries it, nobody can brake. An executor that starts again ends it with the outcome `executor_lost`.
+             */
+            executor_lost: boolean;
+            /**
              * Experiment Id
              * @description Experiment that it belongs to.
              */
@@ -736,23 +1055,19 @@ export interface components {
             finished_at: string | null;
             /** Id */
             id: string;
-            /**
-             * Metrics
-             * @description Measured values; each name carries its unit.
-             */
-            metrics: {
-                [key: string]: unknown;
-            } | null;
+            /** @description null where the run was refused, or its executor lost. */
+            metrics: components["schemas"]["ExecutionMetrics"] | null;
             /**
              * Mode
-             * @description speedj or servoj.
+             * @description UR command that streams the motion.
+             * @enum {string}
              */
-            mode: string;
+            mode: "speedj" | "servoj";
             /**
              * Outcome
-             * @description completed, aborted, refused, protective_stop, emergency_stop, link_lost, late, tracking, executor_lost, foreign_program, power_off; null before the end.
+             * @description null before the end.
              */
-            outcome: string | null;
+            outcome: ("completed" | "aborted" | "refused" | "held" | "protective_stop" | "emergency_stop" | "link_lost" | "late" | "tracking" | "executor_lost" | "foreign_program" | "power_off") | null;
             /** Plan Id */
             plan_id: string;
             /**
@@ -764,9 +1079,9 @@ export interface components {
             requested_by: string;
             /**
              * State
-             * @description queued, preparing, approaching, streaming, braking, finished.
+             * @enum {string}
              */
-            state: string;
+            state: "queued" | "preparing" | "approaching" | "streaming" | "braking" | "finished";
         };
         /**
          * ExecutionList
@@ -780,6 +1095,131 @@ export interface components {
              * @description Pass as `cursor` for the next page; null on the last page.
              */
             next_cursor: string | null;
+        };
+        /**
+         * ExecutionMetrics
+         * @description What was measured in one run; null where this run or this cell has no value.
+         */
+        ExecutionMetrics: {
+            /**
+             * Gripper Command Late S
+             * @description How late that was [s].
+             * @default null
+             */
+            gripper_command_late_s: number | null;
+            /**
+             * Gripper Commanded S
+             * @description When the output was sent, on the plan's clock [s].
+             * @default null
+             */
+            gripper_commanded_s: number | null;
+            /**
+             * Gripper Opened Late S
+             * @description That less the planned release [s].
+             * @default null
+             */
+            gripper_opened_late_s: number | null;
+            /**
+             * Gripper Opened S
+             * @description When the object left; simulated cells [s].
+             * @default null
+             */
+            gripper_opened_s: number | null;
+            /**
+             * Landed On
+             * @description What the object landed on; simulated cells.
+             * @default null
+             */
+            landed_on: string | null;
+            /**
+             * Landing Error M
+             * @description Distance from the planned landing point [m].
+             * @default null
+             */
+            landing_error_m: number | null;
+            /**
+             * Landing Point
+             * @description Where the object landed; simulated cells [m].
+             * @default null
+             */
+            landing_point: number[] | null;
+            /**
+             * Missed Ticks
+             * @description Ticks that were lost.
+             * @default null
+             */
+            missed_ticks: number | null;
+            /**
+             * Path Error Max M
+             * @description Largest distance from the planned path [m].
+             * @default null
+             */
+            path_error_max_m: number | null;
+            /**
+             * Period Max S
+             * @description Longest [s].
+             * @default null
+             */
+            period_max_s: number | null;
+            /**
+             * Period P50 S
+             * @description Median of the time between two ticks [s].
+             * @default null
+             */
+            period_p50_s: number | null;
+            /**
+             * Period P99 S
+             * @description 99th percentile [s].
+             * @default null
+             */
+            period_p99_s: number | null;
+            /**
+             * Realtime
+             * @description Whether the operating system granted real-time scheduling.
+             * @default null
+             */
+            realtime: boolean | null;
+            /**
+             * Release Velocity Error Rad S
+             * @description Of a joint at the release [rad/s].
+             * @default null
+             */
+            release_velocity_error_rad_s: number | null;
+            /**
+             * Release Velocity Error Share
+             * @description The same as a share of the fastest planned joint speed [-].
+             * @default null
+             */
+            release_velocity_error_share: number | null;
+            /**
+             * Released
+             * @description Whether the gripper was commanded to open.
+             * @default null
+             */
+            released: boolean | null;
+            /**
+             * Ticks
+             * @description Rows of the stream.
+             * @default null
+             */
+            ticks: number | null;
+            /**
+             * @description What the run shows of the arm's timing.
+             * @default null
+             */
+            timing: components["schemas"]["RunTiming"] | null;
+            /**
+             * Tracking Error Max M
+             * @description Largest error of the tool centre point [m].
+             * @default null
+             */
+            tracking_error_max_m: number | null;
+            /**
+             * Tracking Error Max Rad
+             * @description Largest joint error against the plan [rad].
+             * @default null
+             */
+            tracking_error_max_rad: number | null;
         };
         /**
          * ExecutorAnswer
@@ -920,6 +1360,29 @@ export interface components {
             target: number[] | null;
         };
         /**
+         * FaultAnswer
+         * @description A fault after which the executor refuses to move the robot.
+         */
+        FaultAnswer: {
+            /**
+             * At
+             * @description Seconds since the epoch [s].
+             */
+            at?: number | null;
+            /** Execution Id */
+            execution_id?: string | null;
+            /**
+             * Outcome
+             * @description Of the execution that ended with it.
+             */
+            outcome?: string | null;
+            /**
+             * Reason
+             * @description In words.
+             */
+            reason: string;
+        };
+        /**
          * FieldReason
          * @description One refused field.
          */
@@ -1015,10 +1478,57 @@ export interface components {
              */
             linear: number[];
         };
+        /**
+         * GripperAnswer
+         * @description How the gripper lets go.
+         */
+        GripperAnswer: {
+            /**
+             * Delay S
+             * @description From the change of its output to the object leaving [s].
+             */
+            delay_s: number;
+            /**
+             * Hold Acceleration M S2
+             * @description Acceleration that the grip withstands, in any direction or along x, y, z of the tool [m/s^2].
+             */
+            hold_acceleration_m_s2: number[] | null;
+            /**
+             * Jitter S
+             * @description Standard deviation of that [s].
+             */
+            jitter_s: number;
+            /**
+             * Opening Cone Rad
+             * @description Largest angle of the object's way out to it [rad].
+             */
+            opening_cone_rad: number | null;
+            /**
+             * Opening Direction
+             * @description Unit vector in the tool's frame; null: any.
+             */
+            opening_direction: number[] | null;
+        };
         /** HTTPValidationError */
         HTTPValidationError: {
             /** Detail */
             detail?: components["schemas"]["ValidationError"][];
+        };
+        /**
+         * Health
+         * @description The service lives.
+         */
+        Health: {
+            /**
+             * Status
+             * @constant
+             */
+            status: "ok";
+            /**
+             * Version
+             * @description Of Fling.
+             */
+            version: string;
         };
         /**
          * HitProbability
@@ -1228,6 +1738,32 @@ export interface components {
             throws: number;
         };
         /**
+         * ObjectAnswer
+         * @description The object, a sphere.
+         */
+        ObjectAnswer: {
+            /**
+             * Drag Coefficient
+             * @description [-]; 0: no drag.
+             */
+            drag_coefficient: number;
+            /**
+             * Drag Per M
+             * @description k of the deceleration k v² in air [1/m].
+             */
+            drag_per_m: number;
+            /**
+             * Mass Kg
+             * @description [kg]
+             */
+            mass_kg: number;
+            /**
+             * Radius M
+             * @description [m]
+             */
+            radius_m: number;
+        };
+        /**
          * OpeningRequest
          * @description Mouth of a round bin that is open upwards; the target is the centre of its bottom.
          */
@@ -1311,6 +1847,29 @@ export interface components {
             way_home?: components["schemas"]["WayHomeAnswer"] | null;
         };
         /**
+         * PlanCurves
+         * @description Curves of a plan against their limits, computed by the certificate's functions at samples of the trajectory.
+         *
+         *     The certificate proves its bounds between samples too: its value may lie a little beyond the curve.
+         */
+        PlanCurves: {
+            /** Curves */
+            curves: components["schemas"]["CurveAnswer"][];
+            /**
+             * Duration S
+             * @description [s]
+             */
+            duration_s: number;
+            /** Plan Id */
+            plan_id: string;
+            /**
+             * Release Time S
+             * @description [s]
+             */
+            release_time_s: number;
+            time_from_start: components["schemas"]["CurveTimes"];
+        };
+        /**
          * PlanList
          * @description A page of plans, newest first.
          */
@@ -1322,6 +1881,71 @@ export interface components {
             next_cursor: string | null;
             /** Plans */
             plans: components["schemas"]["PlanSummary"][];
+        };
+        /**
+         * PlanPreview
+         * @description A plan that is not stored and cannot be executed.
+         */
+        PlanPreview: {
+            /** @description null where the plan aims at the target itself. */
+            aim?: components["schemas"]["AimAnswer"] | null;
+            /**
+             * Backend
+             * @description Back end that found the plan.
+             */
+            backend: string;
+            /** Cell */
+            cell: string;
+            /**
+             * Cell Sha256
+             * @description Hash of the cell file at the time of planning.
+             */
+            cell_sha256: string;
+            certificate: components["schemas"]["CertificateAnswer"];
+            /**
+             * Created At
+             * @description UTC, ISO 8601.
+             */
+            created_at: string;
+            /**
+             * Duration S
+             * @description [s]
+             */
+            duration_s: number;
+            /** @description null for a move that ends at rest. */
+            flight: components["schemas"]["FlightAnswer"] | null;
+            /** @description For a target. */
+            hit_probability?: components["schemas"]["HitProbability"] | null;
+            /** @description For a target. */
+            landing_ellipse?: components["schemas"]["LandingEllipse"] | null;
+            /**
+             * Profile
+             * @description The profile that was used; null: the cell file's numbers.
+             */
+            profile?: string | null;
+            release: components["schemas"]["ReleaseState"];
+            /**
+             * Release Time S
+             * @description [s]
+             */
+            release_time_s: number;
+            /**
+             * Request
+             * @description The request.
+             */
+            request: {
+                [key: string]: unknown;
+            };
+            /**
+             * Sample Rate Hz
+             * @description [Hz]
+             */
+            sample_rate_hz: number;
+            solver: components["schemas"]["SolverAnswer"];
+            /** @description Left out by `?trajectory=false`. */
+            trajectory?: components["schemas"]["TrajectoryAnswer"] | null;
+            /** @description Plans of earlier versions have none. */
+            way_home?: components["schemas"]["WayHomeAnswer"] | null;
         };
         /**
          * PlanRequest
@@ -1978,6 +2602,232 @@ export interface components {
             velocity?: number | number[] | null;
         };
         /**
+         * RobotStateAnswer
+         * @description The live state of a robot, four times a second; what its controller does not tell is absent or null.
+         */
+        RobotStateAnswer: {
+            /**
+             * Cell Sha256
+             * @description Hash of the cell file that the executor uses.
+             */
+            cell_sha256?: string | null;
+            /**
+             * Connected
+             * @description Whether the controller sends its state.
+             * @default false
+             */
+            connected: boolean;
+            /** Digital Input Bits */
+            digital_input_bits?: number | null;
+            /** Digital Output Bits */
+            digital_output_bits?: number | null;
+            /**
+             * Payload Kg
+             * @description Configured on the controller [kg].
+             */
+            payload_kg?: number | null;
+            /**
+             * Positions
+             * @description Measured joint positions [rad].
+             */
+            positions?: number[] | null;
+            /**
+             * Refusals
+             * @description Why the robot would not move now, in words; empty: it would.
+             * @default []
+             */
+            refusals: string[];
+            /**
+             * Robot Mode
+             * @description `robot_mode` of UR's RTDE guide; 7: running.
+             */
+            robot_mode?: number | null;
+            /**
+             * Runtime State
+             * @description `runtime_state` of UR's RTDE guide; 2: playing.
+             */
+            runtime_state?: number | null;
+            /**
+             * Safety Status Bits
+             * @description `safety_status_bits` of UR's RTDE guide; 1: normal.
+             */
+            safety_status_bits?: number | null;
+            /**
+             * Speed Scaling
+             * @description Speed scaling times slider [-].
+             */
+            speed_scaling?: number | null;
+            /**
+             * Tcp Offset
+             * @description Configured: position [m], rotation vector [rad].
+             */
+            tcp_offset?: number[] | null;
+            /**
+             * Timestamp S
+             * @description The controller's time [s].
+             */
+            timestamp_s?: number | null;
+            /**
+             * Velocities
+             * @description Measured joint velocities [rad/s].
+             */
+            velocities?: number[] | null;
+            /**
+             * Warnings
+             * @description What a person should know, and does not keep it from moving.
+             * @default []
+             */
+            warnings: string[];
+        };
+        /**
+         * RunTiming
+         * @description Timing of the arm in this run.
+         */
+        RunTiming: {
+            /**
+             * Assumed Lag S
+             * @description Lag that the run was streamed with [s].
+             */
+            assumed_lag_s: number;
+            /**
+             * First Order S
+             * @description Time constant of the first-order part [s].
+             */
+            first_order_s: (number | null)[];
+            /**
+             * First Order Std S
+             * @description [s]
+             */
+            first_order_std_s: (number | null)[];
+            /**
+             * Gain
+             * @description Measured over commanded velocity [-].
+             */
+            gain: (number | null)[];
+            /**
+             * Gain Std
+             * @description [-]
+             */
+            gain_std: (number | null)[];
+            /**
+             * Joint Lag S
+             * @description Lag of each joint [s].
+             */
+            joint_lag_s: (number | null)[];
+            /**
+             * Joint Lag Std S
+             * @description [s]
+             */
+            joint_lag_std_s: (number | null)[];
+            /**
+             * Lag Change S
+             * @description How far the lag is from the cell's, where that is significant [s].
+             */
+            lag_change_s: number | null;
+            /**
+             * Lag S
+             * @description From a command to its measured motion: delay and first-order part together [s].
+             */
+            lag_s: number;
+            /**
+             * Lag Std S
+             * @description Its standard error [s].
+             */
+            lag_std_s: number;
+            /**
+             * Mode
+             * @description speedj or servoj.
+             */
+            mode: string;
+            /**
+             * Overshoot
+             * @description Mean excess in the 40 ms after the peak, as a share of the peak [-].
+             */
+            overshoot: (number | null)[];
+            /**
+             * Overshoot Std
+             * @description [-]
+             */
+            overshoot_std: (number | null)[];
+            /**
+             * Ramp Rad S2
+             * @description Acceleration of speedj, where it held the arm back [rad/s^2].
+             */
+            ramp_rad_s2: number | null;
+            /**
+             * Residual Rms Rad S
+             * @description What the timing does not explain, rms [rad/s].
+             */
+            residual_rms_rad_s: number;
+            /**
+             * Rows
+             * @description Rows of the recording.
+             */
+            rows: number;
+        };
+        /**
+         * SafetyLimitsAnswer
+         * @description The arm's own safety limits; null: not limited.
+         */
+        SafetyLimitsAnswer: {
+            /**
+             * Elbow Speed M S
+             * @description [m/s]
+             */
+            elbow_speed_m_s: number | null;
+            /**
+             * Momentum Kg M S
+             * @description [kg m/s]
+             */
+            momentum_kg_m_s: number | null;
+            /**
+             * Power W
+             * @description [W]
+             */
+            power_w: number | null;
+            /**
+             * Stopping Distance M
+             * @description [m]
+             */
+            stopping_distance_m: number | null;
+            /**
+             * Stopping Time S
+             * @description [s]
+             */
+            stopping_time_s: number | null;
+            /**
+             * Tool Speed M S
+             * @description [m/s]
+             */
+            tool_speed_m_s: number | null;
+        };
+        /**
+         * SeriesAnswer
+         * @description One quantity over time.
+         */
+        SeriesAnswer: {
+            /**
+             * Lower
+             * @description Least allowed value; null: no such limit.
+             */
+            lower: number | null;
+            /**
+             * Name
+             * @description Joint, point, box or singularity.
+             */
+            name: string;
+            /**
+             * Upper
+             * @description Largest allowed value; null: no such limit.
+             */
+            upper: number | null;
+            /**
+             * Values
+             * @description One an instant, in the curve's unit; null where it has none.
+             */
+            values: (number | null)[];
+        };
+        /**
          * SolverAnswer
          * @description How the plan was found.
          */
@@ -2014,6 +2864,65 @@ export interface components {
              * @description Joint positions, base to wrist 3 [rad].
              */
             positions?: number[] | null;
+        };
+        /**
+         * StateEvent
+         * @description Event `state`: the execution has come to a state; with the last one its outcome.
+         */
+        StateEvent: {
+            /**
+             * At
+             * @description UTC, ISO 8601.
+             */
+            at: string;
+            /** @default null */
+            metrics: components["schemas"]["ExecutionMetrics"] | null;
+            /**
+             * Outcome
+             * @default null
+             */
+            outcome: ("completed" | "aborted" | "refused" | "held" | "protective_stop" | "emergency_stop" | "link_lost" | "late" | "tracking" | "executor_lost" | "foreign_program" | "power_off") | null;
+            /**
+             * Reason
+             * @default null
+             */
+            reason: string | null;
+            /**
+             * State
+             * @enum {string}
+             */
+            state: "queued" | "preparing" | "approaching" | "streaming" | "braking" | "finished";
+        };
+        /**
+         * SurroundingsAnswer
+         * @description Floor, boxes and gravity, in the world.
+         */
+        SurroundingsAnswer: {
+            /**
+             * Clearance M
+             * @description Least distance to the floor and to every keep-out box [m].
+             */
+            clearance_m: number;
+            /**
+             * Floor Z M
+             * @description Height of the floor [m].
+             */
+            floor_z_m: number;
+            /**
+             * Gravity M S2
+             * @description Along -z [m/s^2].
+             */
+            gravity_m_s2: number;
+            /**
+             * Keep In
+             * @description The tool centre point stays in every one.
+             */
+            keep_in: components["schemas"]["BoxAnswer"][];
+            /**
+             * Keep Out
+             * @description Nothing of arm, tool and object enters one.
+             */
+            keep_out: components["schemas"]["BoxAnswer"][];
         };
         /**
          * TargetReleaseRequest
@@ -2106,6 +3015,47 @@ export interface components {
             target: number[] | null;
             /** Throws */
             throws: number;
+        };
+        /**
+         * TelemetryEvent
+         * @description Event `telemetry`: the arm at one instant, planned and measured, 20 times a second or more.
+         */
+        TelemetryEvent: {
+            /**
+             * At
+             * @description UTC, ISO 8601.
+             */
+            at: string;
+            /**
+             * Clock S
+             * @description On the plan's clock; negative during the approach [s].
+             */
+            clock_s: number;
+            /**
+             * Missed Ticks
+             * @description So far.
+             */
+            missed_ticks: number;
+            /**
+             * Planned Positions
+             * @description [rad]
+             */
+            planned_positions: number[];
+            /**
+             * Planned Velocities
+             * @description [rad/s]
+             */
+            planned_velocities: number[];
+            /**
+             * Positions
+             * @description Measured [rad].
+             */
+            positions: number[];
+            /**
+             * Velocities
+             * @description Measured [rad/s].
+             */
+            velocities: number[];
         };
         /**
          * TimingAnswer
@@ -2314,25 +3264,36 @@ export interface components {
 export type Acknowledged = components['schemas']['Acknowledged'];
 export type Adoption = components['schemas']['Adoption'];
 export type AimAnswer = components['schemas']['AimAnswer'];
+export type ArmShapeAnswer = components['schemas']['ArmShapeAnswer'];
+export type BoxAnswer = components['schemas']['BoxAnswer'];
+export type CapsuleAnswer = components['schemas']['CapsuleAnswer'];
+export type CellLimits = components['schemas']['CellLimits'];
 export type CellList = components['schemas']['CellList'];
+export type CellModel = components['schemas']['CellModel'];
 export type CellState = components['schemas']['CellState'];
 export type CellSummary = components['schemas']['CellSummary'];
 export type CertificateAnswer = components['schemas']['CertificateAnswer'];
 export type CheckAnswer = components['schemas']['CheckAnswer'];
+export type CurveAnswer = components['schemas']['CurveAnswer'];
+export type CurveTimes = components['schemas']['CurveTimes'];
 export type ExecuteRequest = components['schemas']['ExecuteRequest'];
 export type ExecutionAnswer = components['schemas']['ExecutionAnswer'];
 export type ExecutionList = components['schemas']['ExecutionList'];
+export type ExecutionMetrics = components['schemas']['ExecutionMetrics'];
 export type ExecutorAnswer = components['schemas']['ExecutorAnswer'];
 export type ExperimentAnswer = components['schemas']['ExperimentAnswer'];
 export type ExperimentHead = components['schemas']['ExperimentHead'];
 export type ExperimentList = components['schemas']['ExperimentList'];
 export type ExperimentRequest = components['schemas']['ExperimentRequest'];
 export type ExperimentThrow = components['schemas']['ExperimentThrow'];
+export type FaultAnswer = components['schemas']['FaultAnswer'];
 export type FieldReason = components['schemas']['FieldReason'];
 export type FlightAnswer = components['schemas']['FlightAnswer'];
 export type FullPose = components['schemas']['FullPose'];
 export type FullTwist = components['schemas']['FullTwist'];
+export type GripperAnswer = components['schemas']['GripperAnswer'];
 export type HttpValidationError = components['schemas']['HTTPValidationError'];
+export type Health = components['schemas']['Health'];
 export type HitProbability = components['schemas']['HitProbability'];
 export type JointReleaseRequest = components['schemas']['JointReleaseRequest'];
 export type LandingAnswer = components['schemas']['LandingAnswer'];
@@ -2341,9 +3302,12 @@ export type LandingList = components['schemas']['LandingList'];
 export type LandingRequest = components['schemas']['LandingRequest'];
 export type LandingShift = components['schemas']['LandingShift'];
 export type LandingStatistics = components['schemas']['LandingStatistics'];
+export type ObjectAnswer = components['schemas']['ObjectAnswer'];
 export type OpeningRequest = components['schemas']['OpeningRequest'];
 export type PlanAnswer = components['schemas']['PlanAnswer'];
+export type PlanCurves = components['schemas']['PlanCurves'];
 export type PlanList = components['schemas']['PlanList'];
+export type PlanPreview = components['schemas']['PlanPreview'];
 export type PlanRequest = components['schemas']['PlanRequest'];
 export type PlanSummary = components['schemas']['PlanSummary'];
 export type PointReleaseRequest = components['schemas']['PointReleaseRequest'];
@@ -2357,10 +3321,17 @@ export type ProfileSummary = components['schemas']['ProfileSummary'];
 export type Readiness = components['schemas']['Readiness'];
 export type ReleaseState = components['schemas']['ReleaseState'];
 export type RequestLimits = components['schemas']['RequestLimits'];
+export type RobotStateAnswer = components['schemas']['RobotStateAnswer'];
+export type RunTiming = components['schemas']['RunTiming'];
+export type SafetyLimitsAnswer = components['schemas']['SafetyLimitsAnswer'];
+export type SeriesAnswer = components['schemas']['SeriesAnswer'];
 export type SolverAnswer = components['schemas']['SolverAnswer'];
 export type StartRequest = components['schemas']['StartRequest'];
+export type StateEvent = components['schemas']['StateEvent'];
+export type SurroundingsAnswer = components['schemas']['SurroundingsAnswer'];
 export type TargetReleaseRequest = components['schemas']['TargetReleaseRequest'];
 export type TargetStatistics = components['schemas']['TargetStatistics'];
+export type TelemetryEvent = components['schemas']['TelemetryEvent'];
 export type TimingAnswer = components['schemas']['TimingAnswer'];
 export type TimingRunAnswer = components['schemas']['TimingRunAnswer'];
 export type TrajectoryAnswer = components['schemas']['TrajectoryAnswer'];
@@ -2495,6 +3466,47 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["HTTPValidationError"];
+                };
+            };
+        };
+    };
+    read_model_cells__name__model_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Name of a cell. */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description As the planner sees the cell. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CellModel"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
         };
@@ -2944,6 +3956,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `executor-lost` */
+            409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description Validation Error */
             422: {
                 headers: {
@@ -2970,7 +3991,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description Events `state`, `telemetry`, `note`; ends with the execution. */
+            /** @description Events `state` (data: `StateEvent`) and `telemetry` (`TelemetryEvent`); ends with the execution. */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -3346,9 +4367,7 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": {
-                        [key: string]: string;
-                    };
+                    "application/json": components["schemas"]["Health"];
                 };
             };
         };
@@ -3379,6 +4398,8 @@ export interface operations {
             query?: {
                 /** @description false leaves the trajectory out. */
                 trajectory?: boolean;
+                /** @description false: answer and forget. 200, without id and `Location`; not executable. */
+                store?: boolean;
             };
             header?: {
                 /** @description Same key and body: same resource. */
@@ -3393,6 +4414,15 @@ export interface operations {
             };
         };
         responses: {
+            /** @description Solved and certified, not stored: `?store=false`. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["PlanPreview"];
+                };
+            };
             /** @description Solved, certified and stored. */
             201: {
                 headers: {
@@ -3422,6 +4452,15 @@ export interface operations {
             };
             /** @description `not-found` */
             404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `robot-not-ready` */
+            409: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -3536,6 +4575,56 @@ export interface operations {
             };
             /** @description `not-found` */
             404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description Validation Error */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["HTTPValidationError"];
+                };
+            };
+        };
+    };
+    read_curves_plans__id__curves_get: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of a plan, or `latest`. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description At samples of the trajectory. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["PlanCurves"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `cell-changed` */
+            409: {
                 headers: {
                     [name: string]: unknown;
                 };
