@@ -168,6 +168,7 @@ class ThrowScene implements face.Scene {
   }
 
   async png(): Promise<Blob> {
+    this.camera.finish();
     this.stage.drawNow();
     return new Promise((resolve, reject) => {
       this.stage.canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("the picture could not be drawn"))), "image/png");
@@ -176,6 +177,8 @@ class ThrowScene implements face.Scene {
 
   svg(): string {
     if (!this.cell || !this.geometry) throw new Error("there is nothing to draw yet");
+    this.camera.finish();
+    this.stage.controls.update();
     const { motion, target, landings, ellipse, time } = this;
     const object = motion?.flies && time >= motion.releaseTime ? motion.objectAt(time) : null;
     const drawn = { cell: this.cell, parts: this.geometry.parts, q: this.posture(), object, motion, target, landings, ellipse };

@@ -103,7 +103,8 @@ export class Stage {
   /** Draws at once and in full. */
   drawNow(): void {
     this.shadowDue = true;
-    this.draw(0);
+    this.controls.update();
+    this.draw(0, true);
   }
 
   private frame(now: number): void {

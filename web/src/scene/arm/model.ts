@@ -8,7 +8,7 @@ import { CASTERS, COARSE, FINE } from "../layers";
 import type { Palette } from "../palette";
 import { armParts } from "./shape";
 import { type Fingers, fingerFaces, fingersOf, OPEN_M, toolParts } from "./tool";
-import { type Mesh as Meshes, MeshBuilder, type Turned } from "./turned";
+import { type Mesh as Meshes, MeshBuilder, type Turned, visibleStrips } from "./turned";
 
 /** Geometry of an arm and its tool: a mesh for each link, and one for each finger in the frame of the flange. */
 export interface ArmGeometry {
@@ -24,7 +24,7 @@ export function armGeometry(cell: CellGeometry, palette: Palette): ArmGeometry {
   const parts = [...armParts(cell.capsules), ...toolParts(tool, fingers)];
   const links = Array.from({ length: JOINTS + 1 }, (_, link) => {
     const builder = new MeshBuilder(palette.arm);
-    parts.filter((part) => part.link === link).forEach((part) => builder.add(part));
+    parts.filter((part) => part.link === link).forEach((part) => builder.add(part, visibleStrips(part, parts)));
     return builder.geometry();
   });
   return { parts, links, fingers: fingers ? fingerGeometries(fingers, cell, palette) : [] };

@@ -32,6 +32,38 @@ export function across(axis: Vector): [Vector, Vector] {
   return [first, cross(axis, first)];
 }
 
+const HIDDEN_M = 0.0004; // [m] below another part's surface
+const HIDDEN_POINTS = 12; // around a ring, that are looked at
+
+/** Returns the strips of a part, pairs of neighbouring profile points, that are not inside other parts of its link. */
+export function visibleStrips(part: Turned, parts: readonly Turned[]): number[] {
+  const others = parts.filter((other) => other !== part && other.link === part.link);
+  const hidden = part.profile.map((point) => others.find((other) => ringPoints(part, point, HIDDEN_POINTS).every((at) => isInside(other, at))));
+  return part.profile.slice(1).flatMap((_, i) => (hidden[i] && hidden[i] === hidden[i + 1] ? [] : [i]));
+}
+
+/** Returns points around the axis of a part, at a point of its profile. */
+export function ringPoints(part: Turned, [radius, along]: ProfilePoint, count: number): Vector[] {
+  const [u, v] = across(part.axis);
+  const middle = plus(part.origin, part.axis, along);
+  return Array.from({ length: count }, (_, k) => {
+    const angle = (2 * Math.PI * k) / count;
+    return plus(plus(middle, u, radius * Math.cos(angle)), v, radius * Math.sin(angle));
+  });
+}
+
+/** Returns whether a point of the link's frame is inside a part. */
+export function isInside(part: Turned, point: Vector): boolean {
+  const from = plus(point, part.origin, -1);
+  const along = from[0] * part.axis[0] + from[1] * part.axis[1] + from[2] * part.axis[2];
+  const radius = norm(plus(from, part.axis, -along));
+  return part.profile.slice(1).some(([r1, z1], i) => {
+    const [r0, z0] = part.profile[i]!;
+    if (along < Math.min(z0, z1) || along > Math.max(z0, z1) || z0 === z1) return false;
+    return radius < r0 + ((r1 - r0) * (along - z0)) / (z1 - z0) - HIDDEN_M;
+  });
+}
+
 /** A mesh for close looks, and one for shadows and slow machines. */
 export interface Mesh {
   readonly fine: BufferGeometry;
@@ -48,12 +80,12 @@ export class MeshBuilder {
 
   constructor(private readonly palette: Readonly<Record<string, Color>>) {}
 
-  /** Adds a turned part. */
-  add(part: Turned): void {
+  /** Adds a turned part, or some strips of it. */
+  add(part: Turned, strips: readonly number[] = part.profile.slice(1).map((_, i) => i)): void {
     const [u, v] = across(part.axis);
     const normals = profileNormals(part.profile);
     const colour = this.palette[part.colour] ?? new Color("magenta");
-    for (let i = 0; i + 1 < part.profile.length; i++) {
+    for (const i of strips) {
       const first = this.positions.length / 3;
       this.ring(part, u, v, part.profile[i]!, normals[i]![0], colour);
       this.ring(part, u, v, part.profile[i + 1]!, normals[i]![1], colour);

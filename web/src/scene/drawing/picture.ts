@@ -126,7 +126,7 @@ function ghostLines({ cell, parts, motion }: Drawn, pen: Pen, palette: Palette):
 
 function armShapes({ cell, parts, q }: Drawn, pen: Pen, palette: Palette): string[] {
   const poses = linkPoses(cell.chain, q);
-  const shapes = parts.flatMap((part, i) => shapesOf(part, poses[part.link]!, palette.arm[part.colour] ?? palette.arrow, pen.view, `part-${i}`));
+  const shapes = parts.flatMap((part, i) => shapesOf(part, parts, poses[part.link]!, palette.arm[part.colour] ?? palette.arrow, pen.view, `part-${i}`));
   return shapes.sort((a, b) => b.depth - a.depth).map((shape) => shape.svg);
 }
 

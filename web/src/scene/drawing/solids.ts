@@ -6,7 +6,7 @@
 
 import { type Color, type PerspectiveCamera, Vector3 as ThreeVector } from "three";
 import { type Pose, plus, transformed, type Vector } from "../../model/poses";
-import { across, type ProfilePoint, type Turned } from "../arm/turned";
+import { type ProfilePoint, ringPoints, type Turned, visibleStrips } from "../arm/turned";
 import { brightness } from "../studio";
 
 const RING_POINTS = 20;
@@ -57,10 +57,10 @@ export class Projection {
   }
 }
 
-/** Returns the outlines of a turned part at the pose of its link; `id` makes the names of its gradients unique. */
-export function shapesOf(part: Turned, pose: Pose, colour: Color, view: Projection, id: string): Shape[] {
-  return part.profile.slice(1).flatMap((end, i) => {
-    const strip = stripOf(part, pose, [part.profile[i]!, end], colour, view, `${id}-${i}`);
+/** Returns the outlines of one of an arm's parts at the pose of its link; `id` makes the names of its gradients unique. */
+export function shapesOf(part: Turned, parts: readonly Turned[], pose: Pose, colour: Color, view: Projection, id: string): Shape[] {
+  return visibleStrips(part, parts).flatMap((i) => {
+    const strip = stripOf(part, pose, [part.profile[i]!, part.profile[i + 1]!], colour, view, `${id}-${i}`);
     return strip ? [strip] : [];
   });
 }
@@ -111,13 +111,8 @@ function reachOf(point: Seen, middle: Seen, aside: ThreeVector): number {
   return Math.abs((point.x - middle.x) * aside.x - (point.y - middle.y) * aside.y);
 }
 
-function ring(part: Turned, pose: Pose, [radius, along]: ProfilePoint): Vector[] {
-  const [u, v] = across(part.axis);
-  const middle = plus(part.origin, part.axis, along);
-  return Array.from({ length: RING_POINTS }, (_, k) => {
-    const angle = (2 * Math.PI * k) / RING_POINTS;
-    return transformed(pose, plus(plus(middle, u, radius * Math.cos(angle)), v, radius * Math.sin(angle)));
-  });
+function ring(part: Turned, pose: Pose, point: ProfilePoint): Vector[] {
+  return ringPoints(part, point, RING_POINTS).map((at) => transformed(pose, at));
 }
 
 function directionIn(pose: Pose, axis: Vector): Vector {
