@@ -55,6 +55,10 @@ class ServiceClient:
         """Returns the JSON of a GET."""
         return self._call("GET", path)
 
+    def text(self, path: str, media_type: str = "*/*") -> str:
+        """Returns the text of a GET, of the media type asked for."""
+        return self._response("GET", path, headers={"Accept": media_type}).text
+
     def post(self, path: str, body: Any = None) -> dict[str, Any]:
         """Returns the JSON of a POST."""
         return self._call("POST", path, body)
@@ -75,12 +79,15 @@ class ServiceClient:
             raise _unreachable(self._http, error) from error
 
     def _call(self, method: str, path: str, body: Any = None) -> dict[str, Any]:
+        return self._response(method, path, **({} if body is None else {"json": body})).json()
+
+    def _response(self, method: str, path: str, **more: Any) -> httpx2.Response:
         try:
-            response = self._http.request(method, path, **({} if body is None else {"json": body}))
+            response = self._http.request(method, path, **more)
         except httpx2.TransportError as error:
             raise _unreachable(self._http, error) from error
         _check(response)
-        return response.json()
+        return response
 
 
 def describe(problem: dict[str, Any]) -> str:

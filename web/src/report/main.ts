@@ -52,7 +52,7 @@ function start(): void {
   for (const button of document.querySelectorAll<HTMLButtonElement>("button[data-time]")) {
     button.addEventListener("click", () => player.go(Number(button.dataset["time"])));
   }
-  player.go(data.plan.release_time_s);
+  requestAnimationFrame(() => player.go(data.plan.release_time_s)); // charts know their scales after their first frame
   Object.assign(window, { report: { scene, player } });
 }
 
@@ -116,7 +116,10 @@ function mountCharts(quantities: readonly Quantity[], plan: Plan, theme: Theme, 
     host.append(figure);
     const visible = quantity.lines.map(() => true);
     const chart = createChart(place, quantity, { height: CHART_PX, colors, release_s, binding: false, visible, onTime: (t) => player.go(t) });
-    new ResizeObserver(() => chart.resize(place.clientWidth)).observe(place);
+    new ResizeObserver(() => {
+      chart.resize(place.clientWidth);
+      requestAnimationFrame(() => player.again());
+    }).observe(place);
     return chart;
   });
 }
