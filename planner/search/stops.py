@@ -18,7 +18,8 @@ from planner.geometry import body_model
 from planner.problem import ThrowProblem
 from planner.search.auto import search_optimised
 from planner.search.incumbent import CertifiedSolution, PlanningSearch
-from planner.search.policy import POLICY, Stage, no_incumbent
+from planner.search.policy import LAST_POLICY, POLICY, Stage, no_incumbent
+from planner.search.ranking import Ranking
 from planner.seeds import Candidate, candidates
 from planner.solution import Solution
 from planner.trajectory import Trajectory, in_a_row
@@ -33,7 +34,7 @@ WAYS_MAX = 4  # [-] postures to which a way is searched for; a search in vain ta
 RUN_UP_POLICY = (
     Stage("ruckig", "from a run-up posture", slice(0, 1), no_incumbent, variants=("free", "synchronised")),
 )
-HOME_POLICY = tuple(stage for stage in POLICY if not stage.with_ipopt)  # the second solver is as slow as all others
+HOME_POLICY = (*POLICY, *LAST_POLICY[:-1])  # the second solver is as slow as all others
 
 
 def search_with_stop(search: PlanningSearch, found: Sequence[Candidate]) -> None:
@@ -86,7 +87,7 @@ def _from(
     except (InvalidProblem, Infeasible):
         return None
     inner = PlanningSearch(problem, search.deadline_s)
-    search_optimised(inner, found, policy)
+    search_optimised(inner, Ranking(problem, found), policy)
     search.iterations += inner.iterations
     return inner.answer
 

@@ -11,7 +11,7 @@ from planner.geometry import tool_state
 from planner.planning import plan
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease
 from planner.request import problem_from_request
-from planner.search import POLICY, PlanningSearch, search_optimised
+from planner.search import POLICY, PlanningSearch, Ranking, search_optimised
 from planner.search.proofs import (
     farthest_from_shoulder,
     fastest_tool,
@@ -122,7 +122,7 @@ def test_the_motion_in_hand_is_given_rather_than_nothing():
     problem = joint_problem(release=TargetRelease(np.array([1.3, 0.2, 0.0])))
     search = PlanningSearch(problem, time.perf_counter() + 60.0)
     optimising = [replace(stage, iterations=0) for stage in POLICY if stage.backend == "casadi"]
-    search_optimised(search, candidates(problem), optimising)
+    search_optimised(search, Ranking(problem, candidates(problem)), optimising)
     assert search.incumbent is None
     assert search.answer is not None
     assert search.answer.certificate.valid
