@@ -8,8 +8,8 @@ the release where the request leaves it free. So:
 2. The optimiser starts from the two candidates that Ruckig reaches soonest, until one motion is certified. A throw that
    hardly improves on its candidates is optimised from further ones.
 3. Ruckig's motions that would release before the incumbent are certified, too.
-4. A doubtful search is repeated under tighter limits (`tighter`).
-5. While that has given no answer, further candidates are tried by both, and the slower second solver at last.
+4. While that has given no answer, further candidates are tried by both.
+5. A doubtful search is repeated under tighter limits (`tighter`), and the slower second solver is tried at last.
 
 Counts alone decide what is tried, so that the answer does not depend on the load of the machine. The only clock is the
 request's own deadline.
@@ -104,6 +104,10 @@ POLICY: tuple[Stage, ...] = (
     Stage("casadi", "soonest seeds", slice(0, 2), none_optimised, iterations=300),
     Stage("casadi", "further seeds for a slow throw", slice(0, SEEDS_MAX), throw_is_slow, iterations=300),
     Stage("ruckig", "sooner motions", slice(0, 6), always),
+    Stage("casadi", "one more seed", slice(2, 3), none_optimised, iterations=200),
+    Stage("casadi", "last seeds", slice(3, SEEDS_MAX), no_incumbent, iterations=100),
+    Stage("ruckig", "further motions", slice(6, 11), always),
+    Stage("ruckig", "sooner motions", slice(11, RANKED_MAX), has_incumbent),
 )
 # Under tighter limits, for motions sooner than what was found under the request's own.
 TIGHTER_POLICY: tuple[Stage, ...] = (
@@ -112,9 +116,5 @@ TIGHTER_POLICY: tuple[Stage, ...] = (
     Stage("ruckig", "sooner motions", slice(0, 6), always),
 )
 LAST_POLICY: tuple[Stage, ...] = (
-    Stage("casadi", "one more seed", slice(2, 3), none_optimised, iterations=200),
-    Stage("casadi", "last seeds", slice(3, SEEDS_MAX), no_incumbent, iterations=100),
-    Stage("ruckig", "further motions", slice(6, 11), always),
-    Stage("ruckig", "sooner motions", slice(11, RANKED_MAX), has_incumbent),
     Stage("casadi", "second solver", slice(0, 1), no_incumbent, iterations=200, with_ipopt=True),
 )

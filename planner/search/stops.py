@@ -18,7 +18,7 @@ from planner.geometry import body_model
 from planner.problem import ThrowProblem
 from planner.search.auto import search_optimised
 from planner.search.incumbent import CertifiedSolution, PlanningSearch
-from planner.search.policy import LAST_POLICY, POLICY, Stage, no_incumbent
+from planner.search.policy import POLICY, Stage, no_incumbent
 from planner.search.ranking import Ranking
 from planner.seeds import Candidate, candidates
 from planner.solution import Solution
@@ -34,7 +34,6 @@ WAYS_MAX = 4  # [-] postures to which a way is searched for; a search in vain ta
 RUN_UP_POLICY = (
     Stage("ruckig", "from a run-up posture", slice(0, 1), no_incumbent, variants=("free", "synchronised")),
 )
-HOME_POLICY = (*POLICY, *LAST_POLICY[:-1])  # the second solver is as slow as all others
 
 
 def search_with_stop(search: PlanningSearch, found: Sequence[Candidate]) -> None:
@@ -65,7 +64,7 @@ def _launches(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tu
     if problem.ends_at_rest:
         yield from ((candidate.q, None) for candidate in found[:CANDIDATES_MAX])
         return
-    if (throw := _from(search, problem.cell.home, None, HOME_POLICY)) is not None:
+    if (throw := _from(search, problem.cell.home, None, POLICY)) is not None:
         yield problem.cell.home, throw
     for candidate in found[:RUN_UP_CANDIDATES_MAX]:
         for run_up_s in RUN_UPS_S:

@@ -25,7 +25,7 @@ LEVELS = 2  # [-] times that the jerk is halved, the second time where the first
 
 
 def search_thoroughly(search: PlanningSearch, found: list[Candidate]) -> None:
-    """Searches under the request's own limits, where that is doubtful under tighter ones, and for any answer at last.
+    """Searches under the request's own limits, where that is doubtful under tighter ones, and by the second solver.
 
     Args:
         search: updated in place.
