@@ -227,5 +227,5 @@ def test_a_wrong_setting_is_one_sentence(monkeypatch: pytest.MonkeyPatch, variab
     monkeypatch.setenv(variable, value)
     result = CliRunner().invoke(main, ["serve"])
     assert result.exit_code == 1
-    assert f"Error: {sentence}" in result.output
+    assert f"fling: {sentence}" in result.output
     assert len(result.output.splitlines()) == 1
