@@ -87,6 +87,10 @@ class Client:
         """Returns the JSON of a GET."""
         return self._call("GET", path)
 
+    def text(self, path: str, media_type: str = "*/*") -> str:
+        """Returns the text of a GET, of the media type asked for."""
+        return self._response("GET", path, headers={"Accept": media_type}).text
+
     def post(self, path: str, body: Any = None) -> dict[str, Any]:
         """Returns the JSON of a POST."""
         return self._call("POST", path, body)
@@ -107,12 +111,15 @@ class Client:
             raise self._unreachable(error) from error
 
     def _call(self, method: str, path: str, body: Any = None) -> dict[str, Any]:
+        return self._response(method, path, **({} if body is None else {"json": body})).json()
+
+    def _response(self, method: str, path: str, **more: Any) -> httpx2.Response:
         try:
-            response = self._http.request(method, path, **({} if body is None else {"json": body}))
+            response = self._http.request(method, path, **more)
         except httpx2.TransportError as error:
             raise self._unreachable(error) from error
         self._check(response)
-        return response.json()
+        return response
 
     def _check(self, response: httpx2.Response) -> None:
         if response.status_code < 400:
