@@ -17,6 +17,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    __version__: str
     from fling.cells import cell_names, open_cell
     from fling.client import Client, ServiceRefusal
     from fling.planning import plan, plan_document, problem, warm

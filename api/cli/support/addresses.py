@@ -42,7 +42,7 @@ def _refusal(host: str, port: int) -> str | None:
         return None
     except OSError as error:
         if error.errno == errno.EADDRINUSE:
-            return f"it is used by {_user_of(address[0], port)}"
+            return f"it is used by {_user_of(str(address[0]), port)}"
         return error.strerror or str(error)
 
 
@@ -51,9 +51,11 @@ def _user_of(address: str, port: int) -> str:
     import psutil
 
     try:
-        listening = [c for c in psutil.net_connections("tcp") if c.status == psutil.CONN_LISTEN]
-        for connection in listening:
-            if connection.laddr.port == port and connection.laddr.ip in (address, *ANY) and connection.pid is not None:
+        for connection in psutil.net_connections("tcp"):
+            if connection.status != psutil.CONN_LISTEN or not connection.laddr or connection.pid is None:
+                continue
+            ip, number = connection.laddr
+            if number == port and ip in (address, *ANY):
                 command = " ".join(psutil.Process(connection.pid).cmdline()[:COMMAND_WORDS])
                 return f"process {connection.pid} ({command}): stop it"
     except psutil.Error:
