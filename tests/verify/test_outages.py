@@ -59,11 +59,17 @@ class RunningService:
         """Starts the process and waits until it is ready."""
         own = {"FLING_DATABASE_URL": self.url, "FLING_PORT": str(self.port), "FLING_CELLS": str(ROOT / "cells")}
         own |= {"FLING_PLANNER_WORKERS": str(self.workers)}
-        with self.log.open("ab") as stream:
-            self.process = subprocess.Popen(
-                [sys.executable, "-m", "api"], cwd=ROOT, env={**os.environ, **own}, stderr=stream
-            )
+        command = [sys.executable, "-m", "api"]
+        self.process = subprocess.Popen(command, cwd=ROOT, env={**os.environ, **own}, stderr=subprocess.PIPE)
+        threading.Thread(target=self._keep_log, args=(self.process,), daemon=True).start()
         self.until(lambda: self.get("/readyz").status_code == 200)
+
+    def _keep_log(self, process: subprocess.Popen[bytes]) -> None:
+        """Writes the log from outside: limits of the service's files leave it alone."""
+        assert process.stderr is not None
+        with self.log.open("ab", buffering=0) as log, process.stderr as stream:
+            for line in stream:
+                log.write(line)
 
     def stop(self) -> None:
         """Ends the process."""
