@@ -49,8 +49,8 @@ def text_diff(before: CellVersionRow, after: CellVersionRow) -> str:
     names = [
         f"{row.cell}.toml, version {row.version}" if row.version else f"{row.cell}.toml" for row in (before, after)
     ]
-    lines = [row.text.decode().splitlines(keepends=True) for row in (before, after)]
-    diff = "".join(difflib.unified_diff(*lines, *names))
+    old, new = (row.text.decode().splitlines(keepends=True) for row in (before, after))
+    diff = "".join(difflib.unified_diff(old, new, names[0], names[1]))
     apart = before.calibration != after.calibration
     return diff + (f"calibration file: {_size(before)} before, {_size(after)} after\n" if apart else "")
 

@@ -18,6 +18,7 @@ from api.schemas import iso_time
 from store import EventRow, Store, StoreUnavailable
 
 POLL_S = 0.02  # [s] telemetry is written at 20 Hz or more
+LISTENER_S = 0.0004  # [s] added for each listener: sending takes 0.1 ms each, and other requests want their turn
 OUTAGE_POLL_S = 0.5  # [s] between two attempts while the database does not answer
 KEEP_ALIVE_S = 10.0  # [s] silence before a comment is sent, so that proxies keep the connection
 PAGE = 500  # events read at once
@@ -90,7 +91,7 @@ class ExecutionFeed:
         self.has_ended = self.has_ended or is_over or any(_is_end(row) for row in rows)
         if rows:
             self._announce()
-        return 0.0 if len(rows) == PAGE else POLL_S
+        return 0.0 if len(rows) == PAGE else POLL_S + LISTENER_S * self.listeners
 
     def _is_over(self, last_id: int) -> bool:
         """Returns whether the execution is gone, or finished with no event left to read."""

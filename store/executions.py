@@ -194,8 +194,8 @@ class ExecutionRepository(Repository):
 
     def recording(self, execution_id: str) -> RecordingRow | None:
         """Returns the recording of an execution."""
-        columns = recordings.c.execution_id, recordings.c.mcap, recordings.c.samples
-        query = select(*columns, recordings.c.csv.label("earlier_csv"))
+        columns: list[Any] = [recordings.c.execution_id, recordings.c.mcap, recordings.c.samples]
+        query: Any = select(*columns, recordings.c.csv.label("earlier_csv"))
         return self._row(RecordingRow, query.where(recordings.c.execution_id == execution_id))
 
 

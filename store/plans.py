@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from sqlalchemy import insert, select
 
 from store.database import Repository, writing
@@ -10,7 +12,7 @@ from store.rows import IdempotencyKey, PlanRow
 from store.tables import plans
 
 SUMMARY_COLUMNS = [column for column in plans.c if column.name not in ("document", "samples")]
-ALL_COLUMNS = [*SUMMARY_COLUMNS, plans.c.samples, plans.c.document.label("earlier_document")]
+ALL_COLUMNS: list[Any] = [*SUMMARY_COLUMNS, plans.c.samples, plans.c.document.label("earlier_document")]
 
 
 class PlanRepository(Repository):
@@ -52,7 +54,8 @@ class PlanRepository(Repository):
 
     def plan(self, id: str) -> PlanRow | None:
         """Returns one plan with its trajectory."""
-        return self._row(PlanRow, select(*ALL_COLUMNS).where(plans.c.id == id))
+        query: Any = select(*ALL_COLUMNS).where(plans.c.id == id)
+        return self._row(PlanRow, query)
 
     def plan_summary(self, id: str) -> PlanRow | None:
         """Returns one plan without its trajectory."""
