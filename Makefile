@@ -3,9 +3,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
-SOURCES := planner store learning api executor benchmarks
+SOURCES := fling planner store learning api executor benchmarks
 
-.PHONY: setup demo up test test-kernels check bench lock clean
+.PHONY: setup demo up test verify test-kernels check web web-check bench lock clean
 
 setup: $(VENV)/dev.stamp $(VENV)/warm.stamp   ## .venv with everything pinned, and the generated solvers built
 
@@ -16,8 +16,11 @@ up: $(VENV)/warm.stamp          ## simulator, executor, service and web page unt
 	$(BIN)/fling up
 
 test: $(VENV)/dev.stamp $(VENV)/warm.stamp
-	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/system
+	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/system --ignore tests/verify
 	$(BIN)/python -m pytest tests/system  # in real time: nothing beside it
+
+verify: $(VENV)/verify.stamp $(VENV)/warm.stamp    ## what takes minutes: wheels, both databases, generated clients, notebooks
+	$(BIN)/python -m pytest tests/verify
 
 # What computes once more as other processors round: older kernels of numpy, BLAS and libm on one thread, then the
 # optimiser's functions compiled for x86-64-v3, which fuses multiplications and additions. About eight minutes.
@@ -39,12 +42,29 @@ check: $(VENV)/dev.stamp
 	$(BIN)/lint-imports --no-cache
 	$(BIN)/pyright --pythonpath $(BIN)/python
 
+web: $(VENV)/run.stamp web/node_modules/.package-lock.json   ## the page's bundle, api/web, from web/ (needs Node 20.19 or newer)
+	mkdir -p web/build
+	$(BIN)/python web/schema.py > web/build/openapi.json
+	cd web && npm run --silent types && npm run --silent build
+
+web-check: $(VENV)/run.stamp web/node_modules/.package-lock.json   ## tests of the page's modules; the bundle built again is the one in api/web
+	mkdir -p web/build
+	$(BIN)/python web/schema.py > web/build/openapi.json
+	cd web && npx openapi-typescript build/openapi.json --output build/schema.d.ts --root-types --root-types-no-schema-prefix
+	cmp web/build/schema.d.ts web/src/service/schema.d.ts || { echo "the service's schema has changed: make web"; exit 1; }
+	cd web && npm run --silent test && FLING_WEB_OUT=build/bundle npm run --silent build
+	diff -r web/build/bundle api/web || { echo "the bundle is not that of its source: make web"; exit 1; }
+
+web/node_modules/.package-lock.json: web/package.json web/package-lock.json
+	cd web && npm ci --silent
+	touch $@
+
 bench: $(VENV)/bench.stamp $(VENV)/warm.stamp  ## writes docs/benchmarks, about ten minutes; SLOW=1 for hours
 	$(BIN)/python -m benchmarks $(if $(SLOW),--slow)
 	$(BIN)/python -m benchmarks.conditions --count $(if $(SLOW),100,5) --out docs/benchmarks
 
 lock:                           ## pin requirements/*.in anew (needs uv)
-	for name in run dev bench; do \
+	for name in run dev docs verify bench; do \
 		uv pip compile --quiet --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
 			--no-emit-index-url --no-header --no-annotate requirements/$$name.in -o requirements/$$name.txt || exit 1; \
 	done
@@ -68,6 +88,10 @@ $(VENV)/warm.stamp: $(VENV)/run.stamp $(wildcard planner/backends/casadi_nlp/*.p
 
 $(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp
 	$(PIP) install --quiet --require-hashes -r requirements/dev.txt
+	touch $@
+
+$(VENV)/verify.stamp: requirements/verify.txt $(VENV)/dev.stamp
+	$(PIP) install --quiet --require-hashes -r requirements/verify.txt
 	touch $@
 
 $(VENV)/bench.stamp: requirements/bench.txt $(VENV)/dev.stamp

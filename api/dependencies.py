@@ -12,13 +12,15 @@ from fastapi import Depends, Header, Path, Request
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
 from api.cell_repository import CellRepository
-from api.http import Caller, ProblemDetails, TokenRegistry, WrongTokens
+from api.execution_feed import ExecutionFeeds
+from api.http import Caller, ProblemDetails, TokenRegistry, WrongTokens, client_address
 from api.metrics import Metrics
 from api.planning import PlannerPool
 from api.schemas import ID_PATTERN
 from api.settings import ServiceSettings
+from api.store_probe import StoreProbe
 from planner.cell import Cell
-from store import IdempotencyKey, Store, StoreUnavailable
+from store import AuditLine, IdempotencyKey, Store, StoreUnavailable
 
 KEY_LENGTH_MAX = 255
 LOCAL_CALLER = Caller("local", frozenset({"plan", "operate"}))  # anyone on this machine, if there are no tokens
@@ -35,6 +37,8 @@ class Service:
     pool: PlannerPool
     tokens: TokenRegistry
     metrics: Metrics
+    feeds: ExecutionFeeds
+    probe: StoreProbe
     wrong_tokens: WrongTokens = field(default_factory=WrongTokens)
 
     def is_idle(self) -> bool:
@@ -73,13 +77,15 @@ async def caller(request: Request, service: ServiceDep, credentials: Credentials
         ProblemDetails: The service uses tokens and the request has none, or one that is unknown or has expired.
     """
     if not service.tokens.is_guarded:
+        request.state.caller = LOCAL_CALLER.name
         return LOCAL_CALLER
     if credentials is None:
         raise _unauthenticated("a bearer token is needed")
     found = service.tokens.find(credentials.credentials)
     if found is None or found.has_expired:
-        await asyncio.sleep(service.wrong_tokens.delay_s(remote_address(request)))
+        await asyncio.sleep(service.wrong_tokens.delay_s(client_address(request.scope)))
         raise _unauthenticated("this token is not known" if found is None else "this token has expired")
+    request.state.caller = found.caller.name
     return found.caller
 
 
@@ -135,12 +141,24 @@ async def idempotency_key(
 Key = Annotated[IdempotencyKey | None, Depends(idempotency_key)]
 
 
-def remote_address(request: Request) -> str:
-    """Returns the address of the client."""
-    return request.client.host if request.client else "unknown"
+@dataclass(frozen=True)
+class RequestOrigin:
+    """Where a request came from: the client's address, and the request's id."""
+
+    remote: str
+    request_id: str
+
+    def act(self, caller: Caller, action: str) -> AuditLine:
+        """Returns the line of the audit trail for an action of `caller`; the store adds the resource."""
+        return AuditLine(caller.name, action, self.remote, self.request_id)
 
 
-RemoteAddress = Annotated[str, Depends(remote_address)]
+def request_origin(request: Request) -> RequestOrigin:
+    """Returns where a request came from."""
+    return RequestOrigin(client_address(request.scope), request.state.request_id)
+
+
+Origin = Annotated[RequestOrigin, Depends(request_origin)]
 
 
 def name_in_path(description: str, key: str, value: str, summary: str) -> Any:

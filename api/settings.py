@@ -11,7 +11,7 @@ from pydantic import Field, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from planner.cell_folder import default_cells_folder
-from store import default_database_url
+from store import Retention, default_database_url
 
 
 class ServiceSettings(BaseSettings):
@@ -26,6 +26,9 @@ class ServiceSettings(BaseSettings):
         port: Port to listen on.
         planner_workers: Number of planner processes.
         planner_queue: Number of requests that may wait for a worker before further ones are answered 429.
+        request_log: Whether each request is a line in the log.
+        keep_plans, keep_plans_days: Number and age of the plans without executions that are kept; None: all.
+        keep_executions, keep_executions_days: Number and age of the finished executions that are kept; None: all.
     """
 
     model_config = SettingsConfigDict(env_prefix="FLING_", frozen=True)
@@ -38,6 +41,16 @@ class ServiceSettings(BaseSettings):
     port: int = Field(default=8000, ge=0, le=65535)
     planner_workers: int = Field(default_factory=lambda: max(1, (os.cpu_count() or 2) - 1), ge=1)  # one core streams
     planner_queue: int = Field(default=16, ge=0)
+    request_log: bool = True
+    keep_plans: int | None = Field(default=None, ge=1)
+    keep_plans_days: float | None = Field(default=None, gt=0.0)
+    keep_executions: int | None = Field(default=None, ge=1)
+    keep_executions_days: float | None = Field(default=None, gt=0.0)
+
+    @property
+    def retention(self) -> Retention:
+        """What is kept of plans and executions."""
+        return Retention(self.keep_plans, self.keep_plans_days, self.keep_executions, self.keep_executions_days)
 
 
 class SettingsError(ValueError):
@@ -60,14 +73,15 @@ def read_settings(**flags: object) -> ServiceSettings:
         raise SettingsError(f"{_source(('cells',), given)} = '{settings.cells}': there is no such folder")
     if not (settings.cells / f"{settings.default_cell}.toml").is_file():
         name = _source(("default_cell",), given)
-        raise SettingsError(f"{name} = {settings.default_cell!r}: {settings.cells} has no such cell")
+        raise SettingsError(f"{name}: no cell {settings.default_cell!r} in {settings.cells}")
     return settings
 
 
 def _source(location: tuple[int | str, ...], given: Mapping[str, object]) -> str:
     """Returns the flag or the variable that a setting came from."""
     name = str(location[0]).lower()
-    return f"--{name.replace('_', '-')}" if name in given else f"FLING_{name.upper()}"
+    flag = "cell" if name == "default_cell" else name.replace("_", "-")
+    return f"--{flag}" if name in given else f"FLING_{name.upper()}"
 
 
 def is_loopback_host(host: str) -> bool:

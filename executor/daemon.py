@@ -11,6 +11,7 @@ from typing import TypeVar
 from executor import realtime
 from executor.cell_watch import CellWatch
 from executor.execution import Execution
+from executor.logs import log
 from executor.preflight import ExecutionRefused, session_refusals, session_warnings
 from executor.records import MIN_FREE_BYTES, ExecutionResult, Journal, row_document
 from executor.robot import RobotSession, robot_document
@@ -22,7 +23,7 @@ TELEMETRY_S = 0.04  # [s] between two telemetry events: 25 Hz
 BEAT_S = 0.25  # [s] the service considers an executor gone after two seconds
 STORE_PAUSE_S = 1.0  # [s] without queries after one has failed: each may take five seconds
 STREAM_END_S = 30.0  # [s] longest wait for an aborted streaming process
-HARMLESS = ("completed", "refused")  # outcomes that latch no fault; neither does an abort that ended in order
+HARMLESS = ("completed", "refused", "held")  # outcomes that latch no fault; neither does an abort that ended in order
 
 STATES = ("preparing", "approaching", "streaming", "braking")  # public states of an execution, in order
 
@@ -143,6 +144,7 @@ class Daemon:
     def _execute(self, row: ExecutionRow, ended: threading.Event) -> None:
         """Runs one execution; its result is on the disk before the store is informed."""
         execution = Execution(self.session, row)
+        log("claimed", **_log_fields(row))
         self.heartbeat.idle = False
         result = ExecutionResult(row.id, "executor_lost", "the executor failed", None)
         try:
@@ -215,6 +217,7 @@ class Daemon:
         if result.outcome not in HARMLESS and not (result.outcome == "aborted" and in_order):
             self._latch(result.outcome, result.reason, result.execution_id)
         self.journal.keep(result)
+        log("finished", **_log_fields(execution.row), outcome=result.outcome, reason=result.reason)
         self.heartbeat.beat()
         self._try_store(lambda: self.journal.deliver(self.store))
 
@@ -230,3 +233,7 @@ class Daemon:
         except StoreUnavailable:
             self._store_paused_until = time.monotonic() + STORE_PAUSE_S
             return None
+
+
+def _log_fields(row: ExecutionRow) -> dict[str, str | None]:
+    return {"cell": row.cell, "execution": row.id, "plan": row.plan_id, "request_id": row.request_id}

@@ -167,7 +167,7 @@ class StreamRun:
         job_fd, memory = self.job.write(), self.memory
         memory.fields[shm.DAEMON_PULSE] = memory.fields[shm.PULSE] = time.monotonic()
         pulse = threading.get_native_id()  # this thread writes the pulse: the child checks whether it is frozen
-        command = [sys.executable, "-m", "executor.streaming", *map(str, (job_fd, memory.fd, os.getpid(), pulse))]
+        command = [sys.executable, "-P", "-m", "executor.streaming", *map(str, (job_fd, memory.fd, os.getpid(), pulse))]
         self._child = ChildProcess(command, (job_fd, memory.fd), self.log)
         os.close(job_fd)
 

@@ -57,6 +57,7 @@ REQUEST_FIELDS = (
     "singularity_distance_min",
     "release_window_s",
     "landing_tolerance_m",
+    "min_hit_probability",
     "time_limit_s",
 )
 RELEASE_FIELDS = {  # by kind
@@ -91,6 +92,7 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
     start = _start(fields, cell)
     limits = _limits(fields, cell.limits)
     release = _release(fields, cell)
+    _refuse_odds(fields, release)
     window, tolerance = _window(fields, release, cell)
     time_limit = fields.number("time_limit_s", TIME_LIMIT_S)
     if fields.errors or release is None:
@@ -219,13 +221,25 @@ def _start(request: _Fields, cell: Cell) -> Array:
 
 
 def _window(request: _Fields, release: Release | None, cell: Cell) -> tuple[float, float]:
-    """Returns release window [s] and landing tolerance [m]; a target without them gets the gripper's and its own."""
+    """Returns release window [s] and landing tolerance [m]; a target without them gets the gripper's and its own.
+
+    A request for odds starts from no window: whoever knows the odds decides how long it must be.
+    """
     default_s = default_m = 0.0
     if isinstance(release, TargetRelease):
-        default_s = min(max(JITTER_DEVIATIONS * cell.gripper.jitter_s, WINDOW_MIN_S), WINDOW_MAX_S)
+        if not request.get("min_hit_probability"):
+            default_s = min(max(JITTER_DEVIATIONS * cell.gripper.jitter_s, WINDOW_MIN_S), WINDOW_MAX_S)
         default_m = _default_tolerance(release, cell)
     window = request.number("release_window_s", default_s, 0.0, WINDOW_MAX_S)
     return window, request.number("landing_tolerance_m", default_m, 0.0, TOLERANCE_MAX_M)
+
+
+def _refuse_odds(request: _Fields, release: Release | None) -> None:
+    """Records a hit probability that is none, or that is asked of a release without a target."""
+    key = "min_hit_probability"
+    asked = request.number(key, 0.0, 0.0, 1.0)
+    if asked > 0.0 and release is not None and not isinstance(release, TargetRelease):
+        request.refuse(key, f"{asked:g} is for a release of kind target: the others have nothing to hit")
 
 
 def _default_tolerance(release: TargetRelease, cell: Cell) -> float:

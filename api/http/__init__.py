@@ -1,5 +1,6 @@
 """HTTP in general, whatever the resource: errors, middleware, tokens, content negotiation, OpenAPI, the server."""
 
+from api.http.draining import DrainingMiddleware
 from api.http.errors import (
     PROBLEM_TYPES,
     ProblemDetails,
@@ -7,6 +8,7 @@ from api.http.errors import (
     invalid_field,
     invalid_request,
     problem_document,
+    problem_status,
     translate,
 )
 from api.http.head import HeadMiddleware
@@ -14,7 +16,7 @@ from api.http.json_body import StrictJsonRoute
 from api.http.middleware import SecurityMiddleware
 from api.http.negotiation import has_current, preferred_media_type, unchanging
 from api.http.openapi import json_answer, openapi_schema, operation_id, problem_answers
-from api.http.server import KEEP_ALIVE_S, ProblemProtocol
+from api.http.request_log import RequestLogMiddleware, RequestRecord, client_address
 from api.http.tokens import (
     Caller,
     StoredToken,
@@ -27,17 +29,19 @@ from api.http.tokens import (
 from api.http.wrong_tokens import WrongTokens
 
 __all__ = [
-    "KEEP_ALIVE_S",
     "PROBLEM_TYPES",
     "Caller",
+    "DrainingMiddleware",
     "HeadMiddleware",
     "ProblemDetails",
-    "ProblemProtocol",
+    "RequestLogMiddleware",
+    "RequestRecord",
     "SecurityMiddleware",
     "StoredToken",
     "StrictJsonRoute",
     "TokenRegistry",
     "WrongTokens",
+    "client_address",
     "create_token",
     "find_token",
     "has_current",
@@ -50,6 +54,7 @@ __all__ = [
     "preferred_media_type",
     "problem_answers",
     "problem_document",
+    "problem_status",
     "read_tokens",
     "revoke_token",
     "translate",

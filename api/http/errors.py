@@ -16,7 +16,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response
 from starlette.exceptions import HTTPException
 
-from api.planning import PlanningQueueFull
+from api.planning import PlanningEnded, PlanningQueueFull
 from planner.errors import BackendUnavailable, CellError, Infeasible, InvalidProblem, SolverFailed
 from store import CellBusy, KeyTaken, StoreUnavailable, UnknownExecution, UnknownExperiment, UnknownPlan
 
@@ -52,6 +52,9 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     ),
     "not-acceptable": ProblemType(
         406, "Not in this media type", "'offers' lists the media types that there are: name one in 'Accept'."
+    ),
+    "request-timeout": ProblemType(
+        408, "Too slow", "Headers and body of a request must each arrive within ten seconds: send it again."
     ),
     "robot-busy": ProblemType(
         409, "The robot is busy", "A cell runs one execution at a time: wait until it has finished, or abort it."
@@ -106,6 +109,11 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         "'time_limit_s' ended the search before it was decided whether there is a motion ('solver.status' is "
         "'time_limit'), or a planner process ended: allow more time. 'violations' are those of the best motion so far, "
         "'nearest' is the closest feasible request found, or null.",
+    ),
+    "shutting-down": ProblemType(
+        503,
+        "The service is shutting down",
+        "It finishes what it began and takes no new plans or executions: try again after 'Retry-After'.",
     ),
     "not-ready": ProblemType(503, "Not ready", "The store cannot be reached, or the planner is still starting."),
 }
@@ -183,6 +191,7 @@ def _refusal(error: Infeasible | SolverFailed) -> dict[str, Any]:
 
 FRAMEWORK_ERRORS = {
     404: ("not-found", "there is nothing at this address"),
+    408: ("request-timeout", "the body did not arrive in time"),
     405: ("method-not-allowed", "the method is not allowed here"),
     413: ("too-large", BODY_TOO_LARGE),
 }
@@ -194,9 +203,8 @@ TRANSLATIONS: dict[type[Exception], Callable[[Any], ProblemDetails]] = {
     BackendUnavailable: lambda e: invalid_field("backend", str(e)),
     CellError: lambda e: invalid_field("cell", f"the cell file is refused: {e}"),
     PlanningQueueFull: lambda e: ProblemDetails("overloaded", str(e), headers={"Retry-After": str(e.retry_after_s)}),
-    StoreUnavailable: lambda _: ProblemDetails(
-        "not-ready", "the store cannot be reached", headers={"Retry-After": "1"}
-    ),
+    PlanningEnded: lambda e: ProblemDetails("shutting-down", str(e), headers={"Retry-After": "5"}),
+    StoreUnavailable: lambda e: ProblemDetails("not-ready", e.advice, headers={"Retry-After": "1"}, outage=e.kind),
     CellBusy: lambda e: ProblemDetails("robot-busy", str(e), cell=e.cell),
     KeyTaken: lambda _: ProblemDetails("idempotency-conflict", "this Idempotency-Key was used with another body"),
     UnknownPlan: lambda e: ProblemDetails("not-found", str(e)),
@@ -223,11 +231,16 @@ def problem_document(problem: ProblemDetails, instance: str) -> dict[str, Any]:
     return {**head, "instance": instance, **_finite(problem.fields)}
 
 
+def problem_status(problem: ProblemDetails) -> int:
+    """Returns the status of a problem."""
+    return PROBLEM_TYPES[problem.name].status
+
+
 def problem_response(problem: ProblemDetails, instance: str) -> Response:
     """Returns the response of a problem. ASCII only, so that any text of the client can be quoted."""
     body = json.dumps(problem_document(problem, instance), allow_nan=False).encode()
     headers = {**problem.headers, "Cache-Control": "no-store"}
-    return Response(body, PROBLEM_TYPES[problem.name].status, headers, media_type=MEDIA_TYPE)
+    return Response(body, problem_status(problem), headers, media_type=MEDIA_TYPE)
 
 
 def install_error_handlers(app: FastAPI) -> None:
@@ -237,7 +250,8 @@ def install_error_handlers(app: FastAPI) -> None:
 
 
 async def _on_error(request: Request, error: Exception) -> Response:
-    return problem_response(translate(error), request.url.path)
+    request.state.problem = problem = translate(error)  # for the log and the audit trail
+    return problem_response(problem, request.url.path)
 
 
 def _field_path(location: Sequence[str | int]) -> str:

@@ -1,4 +1,4 @@
-"""Security middleware in front of every request: allowed hosts and origins, size and media type of bodies.
+"""Security middleware in front of every request: allowed hosts and origins; size, time and media type of bodies.
 
 Pure ASGI, so that it also covers requests that never reach the framework's routing. Without tokens the `Host` must be
 this machine (against DNS rebinding); a browser's `Origin` must be the service itself (against cross-site posts); a body
@@ -7,6 +7,8 @@ must be JSON. Every response carries headers that restrict what a browser may do
 
 from __future__ import annotations
 
+import asyncio
+import math
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -16,6 +18,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from api.http.errors import BODY_LIMIT_BYTES, BODY_TOO_LARGE, ProblemDetails, problem_response
 from api.settings import is_loopback_host
 
+BODY_S = 10.0  # [s] for a body of at most a megabyte, usually some hundred bytes
 PORTS = {"http": 80, "https": 443}  # of an origin that names none
 SECURITY_HEADERS = {
     "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'self'",
@@ -44,6 +47,7 @@ class SecurityMiddleware:
         headers = Headers(scope=scope)
         problem = self._rejection(scope["method"], headers)
         if problem is not None:
+            scope.setdefault("state", {})["problem"] = problem
             await problem_response(problem, scope["path"])(scope, receive, _with_security_headers(send))
         else:
             await self.app(scope, _limited(receive), _with_security_headers(send))
@@ -64,12 +68,18 @@ class SecurityMiddleware:
 
 
 def _limited(receive: Receive) -> Receive:
-    """Returns a `receive` that rejects a chunked body once it exceeds the limit."""
-    received = 0
+    """Returns a `receive` that rejects a body that is too large or takes too long."""
+    received, due_at = 0, asyncio.get_running_loop().time() + BODY_S
 
     async def limited() -> Message:
-        nonlocal received
-        message = await receive()
+        nonlocal received, due_at
+        try:
+            async with asyncio.timeout_at(due_at):
+                message = await receive()
+        except TimeoutError:
+            raise HTTPException(408, headers={"Connection": "close"}) from None
+        if not message.get("more_body", False):
+            due_at = math.inf  # what follows is the client's disconnect
         received += len(message.get("body", b""))
         if received > BODY_LIMIT_BYTES:
             raise HTTPException(413)

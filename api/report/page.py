@@ -13,7 +13,7 @@ import numpy as np
 from api.report.picture import plan_svg
 from planner.cell import Cell
 
-STYLE = Path(__file__).parents[1] / "web" / "style.css"
+STYLE = Path(__file__).with_name("style.css")
 WIDTH, HEIGHT, LEFT, RIGHT, EDGE = 900, 220, 60, 110, 22  # [px] of one chart and its margins
 CHARTS = (
     ("positions", "Joint positions [rad]"),

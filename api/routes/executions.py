@@ -8,7 +8,7 @@ import orjson
 from fastapi import APIRouter, Body, Header, Response
 from fastapi.responses import JSONResponse
 
-from api.dependencies import AnyCaller, Key, OperateCaller, RemoteAddress, Service, ServiceDep, id_in_path
+from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep, id_in_path
 from api.http import ProblemDetails, StrictJsonRoute, json_answer, preferred_media_type, problem_answers
 from api.routes.plans import POST_PROBLEMS, PageCursor, PageLimit, find_plan
 from api.schemas import EXECUTE_EXAMPLES, ExecuteRequest, ExecutionAnswer, ExecutionList, iso_time
@@ -35,9 +35,7 @@ RECORDING_ANSWER = {
         **problem_answers("robot-busy", "robot-not-ready", "plan-not-executable"),
     },
 )
-def execute_plan(
-    body: ExecuteBody, service: ServiceDep, caller: OperateCaller, key: Key, remote: RemoteAddress
-) -> Response:
+def execute_plan(body: ExecuteBody, service: ServiceDep, caller: OperateCaller, key: Key, origin: Origin) -> Response:
     """Queues one execution of a plan. **This moves the robot**; software stop is not a safety function."""
     existing = None if key is None else service.store.resource_of_key(key)
     if existing is not None:
@@ -46,11 +44,17 @@ def execute_plan(
     _check_executable(service, plan, body)
     try:
         row = service.store.queue_execution(
-            plan.id, plan.cell, body.mode, body.dry_run, caller.name, key, body.experiment_id
+            plan.id,
+            plan.cell,
+            body.mode,
+            body.dry_run,
+            caller.name,
+            key,
+            body.experiment_id,
+            origin.act(caller, "execute"),
         )
     except KeyTaken as taken:
         return _accepted(service, find_execution(service, taken.resource_of(key)))
-    service.store.add_audit(caller.name, "execute", f"/executions/{row.id}", remote)
     return _accepted(service, row)
 
 
@@ -102,10 +106,9 @@ def read_recording(
     summary="Brake now",
     responses=json_answer(202, ExecutionAnswer, "The executor brakes.", "not-found", "executor-lost"),
 )
-def abort_execution(id: ExecutionId, service: ServiceDep, caller: AnyCaller, remote: RemoteAddress) -> JSONResponse:
+def abort_execution(id: ExecutionId, service: ServiceDep, caller: AnyCaller, origin: Origin) -> JSONResponse:
     """Requests a brake; any valid token may. **Not a safety function**: use the emergency stop."""
-    row = service.store.request_abort(find_execution(service, id).id)
-    service.store.add_audit(caller.name, "abort", f"/executions/{row.id}", remote)
+    row = service.store.request_abort(find_execution(service, id).id, origin.act(caller, "abort"))
     if _executor_is_lost(service, row):
         detail = f"the executor of cell {row.cell!r} does not report: nobody brakes; use the emergency stop"
         raise ProblemDetails("executor-lost", detail, cell=row.cell, execution_id=row.id, state=row.state)

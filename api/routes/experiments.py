@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Body, Header, Response
 from fastapi.responses import JSONResponse
 
-from api.dependencies import AnyCaller, Key, OperateCaller, RemoteAddress, Service, ServiceDep, id_in_path
+from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep, id_in_path
 from api.experiment_statistics import statistics_by_target, statistics_of, throws_of
 from api.http import ProblemDetails, StrictJsonRoute, json_answer, preferred_media_type, problem_answers
 from api.report import landings_svg
@@ -48,17 +48,16 @@ ANSWER = {
     responses=json_answer(201, ExperimentHead, "Executions that name it belong to it.", *POST_PROBLEMS),
 )
 def begin_experiment(
-    body: ExperimentBody, service: ServiceDep, caller: OperateCaller, key: Key, remote: RemoteAddress
+    body: ExperimentBody, service: ServiceDep, caller: OperateCaller, key: Key, origin: Origin
 ) -> JSONResponse:
     """Begins a series of throws. Executions join it by `experiment_id`; it moves nothing by itself."""
     existing = None if key is None else service.store.resource_of_key(key)
     if existing is not None:
         return _created(find_experiment(service, existing))
     try:
-        row = service.store.add_experiment(body.name, caller.name, body.settings, key)
+        row = service.store.add_experiment(body.name, caller.name, body.settings, key, origin.act(caller, "experiment"))
     except KeyTaken as taken:
         return _created(find_experiment(service, taken.resource_of(key)))
-    service.store.add_audit(caller.name, "experiment", f"/experiments/{row.id}", remote)
     return _created(row)
 
 

@@ -12,29 +12,33 @@ from api.http import PROBLEM_TYPES, ProblemDetails
 
 router = APIRouter(include_in_schema=False)
 
-WEB = Path(__file__).parents[1] / "web"
-MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml"}
+WEB = Path(__file__).parents[1] / "web"  # the bundle that `make web` builds from web/
+MEDIA_TYPES = {".css": "text/css", ".js": "text/javascript", ".svg": "image/svg+xml", ".txt": "text/plain"}
+ASSETS = "assets/"  # files whose names change with their content
+FOR_EVER = {"Cache-Control": "public, max-age=31536000, immutable"}
+REVALIDATED = {"Cache-Control": "no-cache"}
 
 
 @router.get("/")
 def page() -> FileResponse:
     """Serves the web page."""
-    return FileResponse(WEB / "index.html", media_type="text/html")
+    return FileResponse(WEB / "index.html", headers=REVALIDATED, media_type="text/html")
 
 
 @router.get("/docs")
 def docs() -> FileResponse:
     """Serves the OpenAPI page, which the browser renders from /openapi.json."""
-    return FileResponse(WEB / "docs.html", media_type="text/html")
+    return FileResponse(WEB / "docs.html", headers=REVALIDATED, media_type="text/html")
 
 
-@router.get("/web/{name}")
+@router.get("/web/{name:path}")
 def asset(name: str) -> FileResponse:
     """Serves a script, style sheet or image of the pages."""
-    known = {path.name: path for path in WEB.iterdir() if path.suffix in MEDIA_TYPES}
+    known = {path.relative_to(WEB).as_posix(): path for path in WEB.rglob("*") if path.suffix in MEDIA_TYPES}
     if name not in known:
         raise ProblemDetails("not-found", "no such file")
-    return FileResponse(known[name], media_type=MEDIA_TYPES[known[name].suffix])
+    caching = FOR_EVER if name.startswith(ASSETS) else REVALIDATED
+    return FileResponse(known[name], headers=caching, media_type=MEDIA_TYPES[known[name].suffix])
 
 
 @router.get("/problems")
@@ -61,5 +65,7 @@ def _page(title: str, body: str) -> HTMLResponse:
     title = html.escape(title)
     return HTMLResponse(
         f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{title}</title>'
-        f'<link rel="stylesheet" href="/web/style.css"><main><h1>{title}</h1>{body}</main></html>'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        '<link rel="icon" href="/web/icon.svg"><link rel="stylesheet" href="/web/base.css">'
+        f'<main class="prose"><p><a href="/">Fling</a></p><h1>{title}</h1>{body}</main></html>'
     )

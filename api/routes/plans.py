@@ -12,7 +12,7 @@ from fastapi import APIRouter, Body, Header, Query, Response
 from starlette.concurrency import run_in_threadpool
 
 from api import fling_version
-from api.dependencies import AnyCaller, IfNoneMatch, Key, PlanCaller, Service, ServiceDep, id_in_path
+from api.dependencies import AnyCaller, IfNoneMatch, Key, Origin, PlanCaller, Service, ServiceDep, id_in_path
 from api.http import (
     ProblemDetails,
     StrictJsonRoute,
@@ -23,7 +23,7 @@ from api.http import (
     translate,
     unchanging,
 )
-from api.planning import Planned, PlanningJob, PlanningQueueFull
+from api.planning import Planned, PlanningEnded, PlanningJob, PlanningQueueFull
 from api.report import plan_svg
 from api.schemas import (
     PLAN_EXAMPLES,
@@ -75,17 +75,18 @@ async def make_plan(
     service: ServiceDep,
     caller: PlanCaller,
     key: Key,
+    origin: Origin,
     trajectory: WithTrajectory = True,
     store: WithStore = True,
 ) -> Response:
     """Solves, certifies and stores one plan. A plan that fails its certificate is never stored and never returned."""
     if not store:
-        return await _preview(body, service, key, trajectory)
+        return await _preview(body, service, key, origin.request_id, trajectory)
     id = None if key is None else await run_in_threadpool(service.store.resource_of_key, key)
     if id is None:
-        id = await _solve_and_store(body, service, key)
+        id = await _solve_and_store(body, service, key, origin.request_id)
     row = await run_in_threadpool(service.store.plan, id)
-    assert row is not None  # plans are never deleted
+    assert row is not None  # retention deletes no young plan, and keys with their plans
     content = row.document if trajectory else row.summary
     return Response(content, 201, {"Location": f"/plans/{row.id}"}, "application/json")
 
@@ -176,7 +177,9 @@ def cell_of_plan(service: Service, row: PlanRow) -> Cell:
     return cell
 
 
-async def _preview(body: PlanRequest, service: Service, key: IdempotencyKey | None, trajectory: bool) -> Response:
+async def _preview(
+    body: PlanRequest, service: Service, key: IdempotencyKey | None, request_id: str, trajectory: bool
+) -> Response:
     """Answers a plan and forgets it: no id, no `Location`, nothing to execute.
 
     Raises:
@@ -184,13 +187,13 @@ async def _preview(body: PlanRequest, service: Service, key: IdempotencyKey | No
     """
     if key is not None:
         raise invalid_field("Idempotency-Key", "belongs to a plan that is stored, not to store=false")
-    job = await run_in_threadpool(_planning_job, body, service, False)
+    job = await run_in_threadpool(_planning_job, body, service, request_id, False)
     planned = await _solve(job, body, service)
     return Response(planned.document if trajectory else planned.summary, 200, media_type="application/json")
 
 
-async def _solve_and_store(body: PlanRequest, service: Service, key: IdempotencyKey | None) -> str:
-    job = await run_in_threadpool(_planning_job, body, service)
+async def _solve_and_store(body: PlanRequest, service: Service, key: IdempotencyKey | None, request_id: str) -> str:
+    job = await run_in_threadpool(_planning_job, body, service, request_id)
     planned = await _solve(job, body, service)
     return await run_in_threadpool(_store_plan, service, job, planned, key)
 
@@ -199,16 +202,16 @@ async def _solve(job: PlanningJob, body: PlanRequest, service: Service) -> Plann
     started_at = time.perf_counter()
     try:
         planned = await service.pool.solve(job, body.time_limit_s or TIME_LIMIT_S)
-    except (PlannerError, PlanningQueueFull) as error:
+    except (PlannerError, PlanningEnded, PlanningQueueFull) as error:
         service.metrics.plans.labels(translate(error).name).inc()
         raise
     finally:
         service.metrics.plan_seconds.observe(time.perf_counter() - started_at)
-    service.metrics.plans.labels("planned").inc()
+    service.metrics.record_plan(planned.summary)
     return planned
 
 
-def _planning_job(body: PlanRequest, service: Service, stored: bool = True) -> PlanningJob:
+def _planning_job(body: PlanRequest, service: Service, request_id: str, stored: bool = True) -> PlanningJob:
     """Returns the job for a worker."""
     name = body.cell or service.settings.default_cell
     service.cell(name)  # refuses an unknown cell, and one whose file is wrong
@@ -218,7 +221,8 @@ def _planning_job(body: PlanRequest, service: Service, stored: bool = True) -> P
         request["start"] = {"positions": _current_positions(service, name)}
     adopted = service.store.adopted_profile(name)
     profile = None if adopted is None else (adopted.id, adopted.document)
-    return PlanningJob(new_id() if stored else None, iso_time(time.time()) or "", source, request, profile)
+    plan_id = new_id() if stored else None
+    return PlanningJob(plan_id, iso_time(time.time()) or "", source, request, profile, request_id)
 
 
 def _current_positions(service: Service, cell: str) -> list[float]:
@@ -234,8 +238,8 @@ def _store_plan(service: Service, job: PlanningJob, planned: Planned, key: Idemp
     """Stores the plan and returns its id; the first one's id if the same request arrived twice at once."""
     assert job.plan_id is not None  # as of every job that is to be stored
     try:
-        cell, made = job.cell, (planned.backend, planned.document, planned.summary)
-        service.store.add_plan(job.plan_id, time.time(), cell.name, cell.sha256, *made, key)
+        cell, made = job.cell, (planned.backend, planned.summary, planned.samples)
+        service.store.add_plan(job.plan_id, time.time(), cell.name, cell.sha256, *made, key, job.request_id)
     except KeyTaken as taken:
         return taken.resource_of(key)
     return job.plan_id

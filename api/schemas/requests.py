@@ -146,13 +146,22 @@ class PlanRequest(RequestModel):
         None,
         ge=0.0,
         description="A release early or late by up to this [s] still lands within `landing_tolerance_m`. Absent: for a"
-        " target three times the gripper's jitter, at least 0.005, otherwise 0; 0 asks for the soonest release.",
+        " target three times the gripper's jitter, at least 0.005, otherwise 0; 0 asks for the soonest release. With"
+        " `min_hit_probability` it is the shortest window that is tried; absent: 0.",
     )
     landing_tolerance_m: Number | None = Field(
         None,
         ge=0.0,
         description="Maximum landing error in the release window [m]; 0: only the nominal release. Absent: for a target"
         " the room in its opening, otherwise the object's radius, at least 0.01.",
+    )
+    min_hit_probability: Number | None = Field(
+        None,
+        ge=0.0,
+        le=1.0,
+        description="Least `hit_probability` of the plan [-], for a target. With the back end `auto` a later release is"
+        " planned where the soonest does not reach it: windows in steps of what is known of the release's timing, then"
+        " slower throws; `infeasible` where none of them does.",
     )
     time_limit_s: Number | None = Field(
         None, gt=0.0, description="Time limit of the planner, from when it takes the request [s]; absent: 120."
@@ -184,6 +193,7 @@ _JOINT = {
 _POINT = {"release": {"kind": "point", "position": [0.5, 0.2, 0.6], "velocity": [0.8, 0.3, 0.6]}, "backend": "ruckig"}
 
 _SOONEST = {**_TARGET, "release_window_s": 0.0}
+_ODDS = {**_TARGET, "landing_tolerance_m": 0.1, "min_hit_probability": 0.2}
 _BIN = {
     "release": {
         "kind": "target",
@@ -195,6 +205,7 @@ _BIN = {
 PLAN_EXAMPLES = {
     "target": {"summary": "Hit a point on the floor, whenever the gripper opens", "value": _TARGET},
     "soonest": {"summary": "Hit it as soon as possible", "value": _SOONEST},
+    "odds": {"summary": "Hit within 10 cm, at odds of 1 in 5 at least", "value": _ODDS},
     "bin": {"summary": "Throw into a bin", "value": _BIN},
     "joint": {"summary": "Pass a joint state, with tighter limits", "value": _JOINT},
     "point": {"summary": "Release at a point with a velocity", "value": _POINT},

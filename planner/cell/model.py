@@ -61,10 +61,11 @@ class Limits:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """An axis-aligned box: lower and upper corner in the world frame (3,) [m]."""
+    """An axis-aligned box: lower and upper corner in the world frame (3,) [m], and a name where it has one."""
 
     lower: Array
     upper: Array
+    name: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +85,11 @@ class Surroundings:
     gravity_m_s2: float
     keep_in: tuple[Box, ...]
     keep_out: tuple[Box, ...]
+
+    @property
+    def keep_out_names(self) -> tuple[str, ...]:
+        """What each keep-out box is called: by its name, or by its number."""
+        return tuple(box.name or f"box {i}" for i, box in enumerate(self.keep_out))
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,7 @@ def _from(
     search: PlanningSearch, stop: Array, candidate: Candidate | None, policy: Sequence[Stage]
 ) -> CertifiedSolution | None:
     """Returns the best certified motion from a posture to a candidate, or to all of its own; None if there is none."""
-    if search.out_of_time or body_model(search.problem.cell).clearances(stop[None]).least[0] < 0.0:
+    if search.out_of_time or body_model(search.problem.cell_with_bin).clearances(stop[None]).least[0] < 0.0:
         return None
     try:
         problem = replace(search.problem, start=stop)
@@ -93,5 +93,5 @@ def _from(
 
 def _way(problem: ThrowProblem, stop: Array) -> Trajectory | None:
     """Returns the motion from the start to a posture at rest, within the request's limits; None if none is found."""
-    way, _ = find_approach(problem.cell, problem.start, stop, PACE, limits=problem.limits)
+    way, _ = find_approach(problem.cell_with_bin, problem.start, stop, PACE, limits=problem.limits)
     return None if way is None else way.trajectory

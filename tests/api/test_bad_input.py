@@ -68,6 +68,8 @@ REFUSED_FIELDS = [
     ("time_limit_s", -1, "time_limit_s"),
     ("time_limit_s", 1e6, "time_limit_s"),
     ("release_window_s", 5.0, "release_window_s"),
+    ("min_hit_probability", 1.5, "min_hit_probability"),
+    ("min_hit_probability", 0.5, "min_hit_probability"),
     ("cell", 7, "cell"),
     ("cell", "x" * 1000, "cell"),
 ]

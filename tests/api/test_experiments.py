@@ -24,7 +24,7 @@ def add_plan(service: RunningService, target: list[float] | None) -> str:
     id = new_id()
     release = {"kind": "joint"} if target is None else {"kind": "target", "position": target}
     summary = orjson.dumps({"id": id, "request": {"release": release}})
-    service.store.add_plan(id, 1.0, "ur5e-sim", "sha", "ruckig", summary, summary)
+    service.store.add_plan(id, 1.0, "ur5e-sim", "sha", "ruckig", summary)
     return id
 
 

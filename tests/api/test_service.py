@@ -9,9 +9,11 @@ from typing import Any
 
 import pytest
 
+from api import store_probe
 from api.app import UnsafeSettings, create_app
 from api.http import PROBLEM_TYPES, create_token
 from api.settings import ServiceSettings
+from store import Store, StoreUnavailable, pack_samples
 from tests.api.conftest import FakeExecutor, RunningService
 from tests.api.test_bad_input import problem_of
 
@@ -27,10 +29,21 @@ def test_alive_ready_and_measured(service: RunningService, executor: FakeExecuto
     assert 'fling_executor_alive{cell="ur5e-sim"} 1.0' in text
 
 
-def test_a_store_that_is_gone_is_not_ready(service: RunningService, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(type(service.store), "is_reachable", lambda _: False)
-    assert problem_of(service.client.get("/readyz"), 503, "not-ready")["store"] is False
+@pytest.mark.parametrize(("cause", "kind"), [(OSError(28, "no room"), "disk_full"), (OSError("gone"), "unreachable")])
+def test_a_store_that_is_gone_or_full_is_not_ready(
+    service: RunningService, monkeypatch: pytest.MonkeyPatch, cause: OSError, kind: str
+):
+    def fail(_: Store) -> None:
+        raise StoreUnavailable(cause)
+
+    monkeypatch.setattr(type(service.store), "check_writable", fail)
+    monkeypatch.setattr(store_probe, "FRESH_S", 0.0)
+    problem = problem_of(service.client.get("/readyz"), 503, "not-ready")
+    assert (problem["store"], problem["outage"]) == (False, kind)
     assert service.client.get("/healthz").status_code == 200
+    monkeypatch.undo()
+    monkeypatch.setattr(store_probe, "FRESH_S", 0.0)
+    assert service.client.get("/readyz").status_code == 200
 
 
 def test_the_list_and_the_state_of_cells(service: RunningService, executor: FakeExecutor):
@@ -165,7 +178,7 @@ def test_every_example_runs(service: RunningService, executor: FakeExecutor, pla
             response = service.client.request(method, path, json=body)
             assert response.status_code < 300, f"{method} {path}: {response.text}"
             if path == "/execute":
-                service.store.add_recording(response.json()["id"], b"m", b"c")
+                service.store.add_recording(response.json()["id"], b"m", pack_samples(["t"], [[0.0]]))
                 service.store.finish_execution(response.json()["id"], "completed")
 
 

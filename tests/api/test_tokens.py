@@ -220,12 +220,12 @@ def test_tokens_on_the_command_line(tmp_path: Path):
         ("FLING_PORT", "70000", "FLING_PORT = '70000': Input should be less than or equal to 65535"),
         ("FLING_PLANNER_WORKERS", "0", "FLING_PLANNER_WORKERS = '0': Input should be greater than or equal to 1"),
         ("FLING_CELLS", "/nowhere", "FLING_CELLS = '/nowhere': there is no such folder"),
-        ("FLING_DEFAULT_CELL", "moon", "FLING_DEFAULT_CELL = 'moon': "),
+        ("FLING_DEFAULT_CELL", "moon", "FLING_DEFAULT_CELL: no cell 'moon' in "),
     ],
 )
 def test_a_wrong_setting_is_one_sentence(monkeypatch: pytest.MonkeyPatch, variable: str, value: str, sentence: str):
     monkeypatch.setenv(variable, value)
     result = CliRunner().invoke(main, ["serve"])
     assert result.exit_code == 1
-    assert f"Error: {sentence}" in result.output
+    assert f"fling: {sentence}" in result.output
     assert len(result.output.splitlines()) == 1

@@ -1,0 +1,19 @@
+"""The page's kinematics is tested against numbers from the planner: they must be the planner's of today."""
+
+from __future__ import annotations
+
+import json
+
+from tests.web.model_numbers import FILE, model_numbers, same
+
+
+def test_the_numbers_for_the_page_are_the_planners():
+    current, stored = model_numbers(), json.loads(FILE.read_text())
+    assert same(current, stored), "write them anew: python -m tests.web.model_numbers"
+
+
+def test_a_number_that_has_changed_is_noticed():
+    stored = json.loads(FILE.read_text())
+    changed = json.loads(FILE.read_text())
+    changed["arms"][3]["links"][1][2][0][3] += 1e-9
+    assert not same(changed, stored)

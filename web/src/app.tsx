@@ -1,0 +1,35 @@
+// The page: header with Stop, scene with the request beside it, timeline, and what there is to know below.
+
+import type { JSX } from "preact";
+
+import { Banners } from "./views/banners";
+import { CertificateSection } from "./views/certificate";
+import { ExecutionSection } from "./views/execution";
+import { Header } from "./views/header";
+import { HistorySection } from "./views/history";
+import { RobotsSection } from "./views/robots";
+import { SceneSection } from "./views/scene";
+import { ThrowPanel } from "./views/throw";
+import { TimelineSection } from "./views/timeline";
+
+export function App(): JSX.Element {
+  return (
+    <>
+      <Header />
+      <main>
+        <Banners />
+        <div class="stage">
+          <SceneSection />
+          <ThrowPanel />
+          <ExecutionSection />
+          <TimelineSection />
+        </div>
+        <div class="below">
+          <CertificateSection />
+          <HistorySection />
+          <RobotsSection />
+        </div>
+      </main>
+    </>
+  );
+}

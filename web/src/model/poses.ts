@@ -1,0 +1,84 @@
+/** Vectors and poses in double precision. A pose is a 4 × 4 matrix, row by row, as the service writes it. */
+
+export type Vector = readonly [number, number, number];
+export type Pose = Float64Array; // 16 numbers, row-major: three.js keeps its matrices in single precision, by columns
+
+export const IDENTITY: Pose = Float64Array.of(1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1);
+
+/** Returns a pose from its four rows. */
+export function poseOfRows(rows: readonly (readonly number[])[]): Pose {
+  return Float64Array.from(rows.flat());
+}
+
+/** Returns the product A B of two poses. */
+export function times(a: Pose, b: Pose): Pose {
+  const product = new Float64Array(16);
+  for (let row = 0; row < 16; row += 4) {
+    for (let column = 0; column < 4; column++) {
+      let sum = 0;
+      for (let k = 0; k < 4; k++) sum += a[row + k]! * b[4 * k + column]!;
+      product[row + column] = sum;
+    }
+  }
+  return product;
+}
+
+/** Returns X Rz(angle): the pose turned about its own z axis [rad]. */
+export function turnedAboutZ(pose: Pose, angle: number): Pose {
+  const [c, s] = [Math.cos(angle), Math.sin(angle)];
+  const turned = pose.slice();
+  for (let row = 0; row < 12; row += 4) {
+    const [x, y] = [pose[row]!, pose[row + 1]!];
+    turned[row] = c * x + s * y;
+    turned[row + 1] = c * y - s * x;
+  }
+  return turned;
+}
+
+/** Returns the position of a pose [m]. */
+export function positionOf(pose: Pose): Vector {
+  return [pose[3]!, pose[7]!, pose[11]!];
+}
+
+/** Returns one axis of a pose as a direction: 0 is x, 1 is y, 2 is z. */
+export function axisOf(pose: Pose, axis: 0 | 1 | 2): Vector {
+  return [pose[axis]!, pose[4 + axis]!, pose[8 + axis]!];
+}
+
+/** Returns a point of the pose's frame in the frame of the pose. */
+export function transformed(pose: Pose, [x, y, z]: Vector): Vector {
+  const row = (i: number): number => pose[i]! * x + pose[i + 1]! * y + pose[i + 2]! * z + pose[i + 3]!;
+  return [row(0), row(4), row(8)];
+}
+
+/** Returns a pose from a position [m] and a unit quaternion [x, y, z, w]. */
+export function poseOf(position: Vector, quaternion: readonly [number, number, number, number]): Pose {
+  const length = Math.hypot(...quaternion);
+  const [x, y, z, w] = quaternion.map((value) => value / length) as [number, number, number, number];
+  return Float64Array.of(
+    ...[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), position[0]],
+    ...[2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), position[1]],
+    ...[2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), position[2]],
+    ...[0, 0, 0, 1],
+  );
+}
+
+/** Returns a + s b. */
+export function plus(a: Vector, b: Vector, s = 1): Vector {
+  return [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]];
+}
+
+/** Returns the distance of two points [m]. */
+export function distance(a: Vector, b: Vector): number {
+  return Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);
+}
+
+/** Returns the length of a vector. */
+export function norm(v: Vector): number {
+  return Math.hypot(v[0], v[1], v[2]);
+}
+
+/** Returns the cross product of two vectors. */
+export function cross(a: Vector, b: Vector): Vector {
+  return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+}

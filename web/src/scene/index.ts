@@ -1,0 +1,332 @@
+/** The scene: the only module that the page loads of it, and the only one that knows all the others. */
+
+import { frozen, armGeometry, type ArmGeometry, SolidArm, castShadowOf } from "./arm/model";
+import { type CellDocument, type CellGeometry, geometryOf } from "../model/cell";
+import { linkPoses, toolPose } from "../model/chain";
+import { norm, plus, positionOf, type Vector } from "../model/poses";
+import { CameraMove, directionTo, type Subject, viewOf } from "./camera";
+import { Ghost } from "./ghost";
+import { Handles } from "./handles";
+import type * as face from "./interface";
+import { Layer } from "./layer";
+import { boxThings, hazardThings, landingThings, nearestThings, obstacleThings, targetThings } from "./marks";
+import { type Palette, paletteOf } from "./palette";
+import { PlanMotion, planThings } from "./plan";
+import { Stage } from "./stage";
+import { studioMaterial } from "./studio";
+import { ThrownObject } from "./thrown";
+
+const LAYERS = ["boxes", "hazard", "plan", "target", "nearest", "landings", "obstacles"] as const;
+const GRIPPER_OPENS_S = 0.06; // [s] in which the drawn fingers open
+const AROUND_ARM = 1.15; // of its reach: what the camera shows without a throw
+const GHOST_STRENGTHS = { start: 0.4, release: 0.75, rest: 0.32 } as const;
+
+class ThrowScene implements face.Scene {
+  private readonly stage: Stage;
+  private readonly layers = Object.fromEntries(LAYERS.map((name) => [name, new Layer()])) as Record<(typeof LAYERS)[number], Layer>;
+  private readonly material = studioMaterial();
+  private readonly thrown = new ThrownObject();
+  private readonly handles: Handles;
+  private readonly camera: CameraMove;
+  private palette: Palette;
+  private cell: CellGeometry | null = null;
+  private geometry: ArmGeometry | null = null;
+  private arm: SolidArm | null = null;
+  private ghosts: Ghost[] = [];
+  private follower: Ghost | null = null; // the plan while the solid arm is live
+  private motion: PlanMotion | null = null;
+  private appearance: face.PlanAppearance = "valid";
+  private time = 0;
+  private live: face.LiveState | null = null;
+  private target: face.Target | null = null;
+  private handle: face.Handle = "none";
+  private nearest: Vector | null = null;
+  private obstacles: readonly face.Obstacle[] = [];
+  private landings: readonly face.Landing[] = [];
+  private ellipse: face.Ellipse | null = null;
+  private real: boolean;
+  private preset: face.CameraPreset = "overview";
+  private framed = "";
+
+  constructor(
+    canvas: HTMLCanvasElement,
+    options: face.SceneOptions,
+  ) {
+    this.palette = paletteOf(options.theme);
+    this.real = options.realArm ?? false;
+    this.stage = new Stage(canvas, options.plain ?? false);
+    this.camera = new CameraMove(this.stage.camera, this.stage.lookedAt);
+    this.stage.setActors({ step: (now) => this.camera.step(now) });
+    this.stage.controls.addEventListener("start", () => this.camera.stop());
+    this.stage.scene.add(...Object.values(this.layers).map((layer) => layer.root), this.thrown.root);
+    castShadowOf(this.thrown.root);
+    this.handles = new Handles(
+      this.stage,
+      { ...options, changedTarget: (target) => this.draggedTo(target) },
+      () => this.palette,
+    );
+    canvas.addEventListener("webglcontextlost", () => options.onFailure?.("the browser has taken the graphics context away"));
+    this.paint();
+  }
+
+  setModel(model: unknown): void {
+    this.setPlan(null, "valid");
+    this.live = null;
+    this.cell = geometryOf(model as CellDocument);
+    this.framed = "";
+    this.handles.pickingFloor = this.handles.pickingZ = this.cell.floorZ;
+    this.thrown.setRadius(this.cell.objectRadius);
+    this.buildArm();
+    this.setLandings([], null);
+    this.setNearest(null);
+    this.setObstacles([]);
+    this.look(true);
+  }
+
+  setPlan(plan: Parameters<face.Scene["setPlan"]>[0], appearance: face.PlanAppearance): void {
+    this.appearance = appearance;
+    this.motion = plan && this.cell && plan.trajectory ? new PlanMotion(plan, this.cell) : null;
+    if (this.motion) this.time = Math.min(this.time, this.motion.end);
+    this.handles.pickingZ = plan?.flight?.landing_point[2] ?? this.cell?.floorZ ?? 0;
+    this.drawPlan();
+    this.pose();
+    if (this.motion && appearance === "valid") this.look(false);
+  }
+
+  setCurves(): void {} // everything that is drawn follows from plan and model
+
+  setTime(time_s: number): void {
+    this.time = time_s;
+    this.pose();
+  }
+
+  setLive(live: face.LiveState | null): void {
+    const changed = (live === null) !== (this.live === null);
+    this.live = live;
+    if (changed) this.drawGhosts();
+    this.pose();
+  }
+
+  setTarget(target: face.Target | null): void {
+    this.target = target;
+    this.handles.setTarget(target);
+    this.drawTarget();
+  }
+
+  setRelease(release: face.ReleaseGizmo | null): void {
+    this.handles.setRelease(release);
+  }
+
+  setHandle(handle: face.Handle): void {
+    this.handle = handle;
+    this.handles.setHandle(handle);
+    this.drawTarget();
+  }
+
+  setLandings(landings: readonly face.Landing[], ellipse: face.Ellipse | null): void {
+    [this.landings, this.ellipse] = [landings, ellipse];
+    this.show("landings", landingThings(landings, ellipse, this.palette));
+  }
+
+  setNearest(position: face.Vector3 | null): void {
+    this.nearest = this.handles.nearest = position;
+    this.show("nearest", position ? nearestThings(position, this.palette) : []);
+  }
+
+  setObstacles(obstacles: readonly face.Obstacle[]): void {
+    this.obstacles = obstacles;
+    this.show("obstacles", this.cell ? obstacleThings(obstacles, this.cell, this.posture(), this.palette) : []);
+  }
+
+  setPicking(on: boolean): void {
+    this.handles.picking = on;
+    this.stage.canvas.style.cursor = on ? "crosshair" : "";
+  }
+
+  setCamera(preset: face.CameraPreset): void {
+    this.preset = preset;
+    this.framed = "";
+    this.look(false);
+  }
+
+  setTheme(theme: face.Theme): void {
+    this.palette = paletteOf(theme);
+    this.paint();
+  }
+
+  setRealArm(real: boolean): void {
+    this.real = real;
+    this.show("hazard", real && this.cell ? hazardThings(this.cell, this.palette) : []);
+  }
+
+  resize(): void {
+    this.stage.resize();
+    this.framed = "";
+    this.look(true);
+  }
+
+  async png(): Promise<Blob> {
+    this.stage.drawNow();
+    return new Promise((resolve, reject) => {
+      this.stage.canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("the picture could not be drawn"))), "image/png");
+    });
+  }
+
+  svg(): string {
+    return "";
+  }
+
+  get statistics(): face.Scene["statistics"] {
+    const { frameMs, level, renderer } = this.stage;
+    return { frame_ms: frameMs, detail: level, draw_calls: renderer.info.render.calls };
+  }
+
+  dispose(): void {
+    this.handles.dispose();
+    for (const layer of Object.values(this.layers)) layer.clear();
+    this.clearGhosts();
+    this.thrown.dispose();
+    this.material.dispose();
+    this.stage.dispose();
+  }
+
+  /** Draws everything anew in the present palette. */
+  private paint(): void {
+    this.stage.setBackground(this.palette.background);
+    this.stage.floor.setPalette(this.palette);
+    this.thrown.colour = this.palette.object;
+    this.show("boxes", this.cell ? boxThings(this.cell, this.palette) : []);
+    this.setRealArm(this.real);
+    this.drawPlan();
+    this.drawTarget();
+    this.setNearest(this.nearest);
+    this.setLandings(this.landings, this.ellipse);
+    this.setObstacles(this.obstacles);
+    this.handles.show();
+  }
+
+  private buildArm(): void {
+    if (!this.cell) return;
+    if (this.arm) this.stage.scene.remove(this.arm.root);
+    for (const geometry of this.geometry?.links ?? []) geometry.dispose();
+    this.geometry = armGeometry(this.cell, this.palette);
+    this.arm = new SolidArm(this.cell, this.geometry, this.material);
+    castShadowOf(this.arm.root);
+    this.stage.scene.add(this.arm.root);
+    this.paint();
+    this.pose();
+  }
+
+  private drawPlan(): void {
+    this.show("plan", this.motion ? planThings(this.motion, this.palette, this.appearance === "stale") : []);
+    this.drawGhosts();
+  }
+
+  private drawGhosts(): void {
+    this.clearGhosts();
+    if (!this.motion || !this.cell || !this.geometry) return;
+    if (this.live) this.follower = this.addGhost(this.motion.at(this.time).positions, this.palette.ghostPlan, 0.7, 20);
+    if (this.live || this.appearance === "preview") return;
+    const stale = this.appearance === "stale";
+    const postures = [
+      { t: 0, colour: this.palette.ghostStart, strength: GHOST_STRENGTHS.start },
+      { t: this.motion.duration, colour: this.palette.ghostRest, strength: GHOST_STRENGTHS.rest },
+      { t: this.motion.releaseTime, colour: this.palette.ghostRelease, strength: GHOST_STRENGTHS.release },
+    ];
+    postures.forEach(({ t, colour, strength }, i) => {
+      this.addGhost(this.motion!.at(t).positions, stale ? this.palette.stale : colour, stale ? 0.6 * strength : strength, 10 + i);
+    });
+  }
+
+  private addGhost(q: readonly number[], colour: Palette["arrow"], strength: number, order: number): Ghost {
+    const ghost = new Ghost(frozen(this.cell!, this.geometry!, q), colour, strength, order);
+    this.ghosts.push(ghost);
+    this.stage.scene.add(ghost.root);
+    return ghost;
+  }
+
+  private clearGhosts(): void {
+    for (const ghost of this.ghosts) {
+      this.stage.scene.remove(ghost.root);
+      ghost.dispose();
+    }
+    this.ghosts = [];
+    this.follower = null;
+  }
+
+  private drawTarget(): void {
+    const floorZ = this.cell?.floorZ ?? 0;
+    this.show("target", this.target ? targetThings(this.target, floorZ, this.palette, this.handle === "target") : []);
+  }
+
+  private draggedTo(target: face.Target): void {
+    this.target = target;
+    this.drawTarget();
+  }
+
+  /** Returns the joint positions of the solid arm. */
+  private posture(): readonly number[] {
+    return this.live?.positions ?? this.motion?.at(this.time).positions ?? this.cell?.home ?? [0, 0, 0, 0, 0, 0];
+  }
+
+  /** Moves arm, object and the plan's ghost to where they are now. */
+  private pose(): void {
+    if (!this.cell || !this.arm) return;
+    const { motion, live, time } = this;
+    const since = motion?.flies ? time - motion.releaseTime : Number.NEGATIVE_INFINITY;
+    const gone = live ? live.object === "gone" : since >= 0;
+    this.arm.move(this.posture(), gone ? Math.min(1, live ? 1 : since / GRIPPER_OPENS_S) : 0);
+    const held = positionOf(toolPose(this.cell.chain, this.posture()));
+    this.thrown.root.visible = !gone || motion !== null;
+    this.thrown.place(gone && motion ? motion.objectAt(Math.max(time, motion.releaseTime)) : held, this.cell.floorZ);
+    this.material.color.set(live && !live.connected ? 0x9aa3ad : 0xffffff);
+    if (this.follower && motion && this.geometry) frozen(this.cell, this.geometry, motion.at(time).positions, this.follower.geometry);
+    this.stage.invalidate(true);
+  }
+
+  private show(layer: (typeof LAYERS)[number], things: Parameters<Layer["show"]>[0]): void {
+    this.layers[layer].show(things);
+    this.stage.invalidate();
+  }
+
+  /** Turns the camera to the present preset, where the throw is another one or a person asked for it. */
+  private look(atOnce: boolean): void {
+    if (!this.cell) return;
+    const landing = (this.motion?.plan.flight?.landing_point as Vector | undefined) ?? this.target?.position ?? null;
+    const key = `${this.cell.name} ${this.preset} ${this.motion ? landing?.map((x) => x.toFixed(1)) : "home"}`;
+    if (key === this.framed) return;
+    this.framed = key;
+    const still = atOnce || window.matchMedia("(prefers-reduced-motion: reduce)").matches;
+    const base = positionOf(this.cell.chain.base);
+    this.stage.resize();
+    this.placeFloor(base);
+    this.stage.drawNow();
+    this.camera.start(viewOf(this.preset, this.subject(base, landing), this.stage.camera), performance.now(), still);
+    this.stage.invalidate(true);
+  }
+
+  private subject(base: Vector, landing: Vector | null): Subject {
+    const postures = this.motion ? [0, this.motion.releaseTime, this.motion.duration].map((t) => this.motion!.at(t).positions) : [this.posture()];
+    const joints = postures.flatMap((q) => linkPoses(this.cell!.chain, q).map(positionOf));
+    const around = [0.12, -0.12].flatMap((r) => joints.map((point) => plus(point, [r, r, r])));
+    const marks = landing ? [plus(landing, [0.1, 0.1, 0]), plus(landing, [-0.1, -0.1, 0])] : [];
+    const points = [base, ...around, ...marks, ...(this.motion?.extent() ?? [])];
+    return { points, base, direction: directionTo(base, landing ?? plus(base, [0.001, -1, 0])), landing };
+  }
+
+  private placeFloor(base: Vector): void {
+    const landing = this.motion?.plan.flight?.landing_point ?? base;
+    const centre = [(base[0] + landing[0]!) / 2, (base[1] + landing[1]!) / 2] as const;
+    const extent = Math.max(1.8, Math.hypot(landing[0]! - base[0], landing[1]! - base[1]));
+    this.stage.floor.place(this.cell!.floorZ, centre, extent, [base[0], base[1]], this.reach() * AROUND_ARM);
+  }
+
+  /** Returns how far the arm reaches, roughly [m]. */
+  private reach(): number {
+    const { transforms, tool } = this.cell!.chain;
+    return [...transforms, tool].reduce((sum, X) => sum + norm(positionOf(X)), 0);
+  }
+}
+
+/** Returns the scene on a canvas. */
+export const createScene: face.CreateScene = (canvas, options) => new ThrowScene(canvas, options);

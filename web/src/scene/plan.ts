@@ -1,0 +1,139 @@
+/** What a plan looks like: the way of the tool, the release, the flight, early and late landings, three ghosts. */
+
+import type { Object3D } from "three";
+import type { CellGeometry } from "../model/cell";
+import { toolPose, toolState } from "../model/chain";
+import { fly, path, sampledPath } from "../model/flight";
+import { plus, positionOf, type Vector } from "../model/poses";
+import { durationOf, type JointState, type Samples, stateAt } from "../model/samples";
+import type { Plan } from "../service/types";
+import { polyline, thinned } from "./lines";
+import type { Palette } from "./palette";
+import { area, arrow, disc, ellipsePoints, ring } from "./shapes";
+
+const STEP_M = 0.006; // [m] between drawn points of the tool's way
+const FLIGHT_POINTS = 64;
+const SPEED_SCALE_S = 0.09; // [s] the release arrow shows this much of the flight
+const LANDING_M = 0.03; // [m] outer radius of a landing mark
+
+/** A flight to be drawn. */
+export interface Trace {
+  readonly delay: number; // [s] of the release against the plan
+  readonly points: readonly Vector[];
+}
+
+/** A plan as geometry in the world. */
+export class PlanMotion {
+  readonly samples: Samples;
+  readonly rate: number;
+  readonly releaseTime: number;
+  readonly duration: number; // [s] of the arm's motion
+  readonly end: number; // [s] of everything: arm at rest and object landed
+  readonly flies: boolean;
+  private readonly p: Vector;
+  private readonly v: Vector;
+  private readonly flightTime: number;
+
+  constructor(
+    readonly plan: Plan,
+    private readonly cell: CellGeometry,
+  ) {
+    this.samples = plan.trajectory as unknown as Samples;
+    this.rate = plan.sample_rate_hz;
+    this.releaseTime = plan.release_time_s;
+    this.duration = durationOf(this.samples, this.rate);
+    this.flies = plan.flight !== null && plan.flight !== undefined;
+    this.flightTime = plan.flight?.time_of_flight_s ?? 0;
+    this.end = Math.max(this.duration, this.releaseTime + this.flightTime);
+    this.p = plan.release.pose.position as unknown as Vector;
+    this.v = plan.release.twist.linear as unknown as Vector;
+  }
+
+  /** Returns the state of the joints at a time [s]. */
+  at(t: number): JointState {
+    return stateAt(this.samples, this.rate, t);
+  }
+
+  /** Returns where the object is at a time [s]: in the tool, in flight, at rest where it landed. */
+  objectAt(t: number): Vector {
+    if (!this.flies || t < this.releaseTime) return positionOf(toolPose(this.cell.chain, this.at(t).positions));
+    return path(this.p, this.v, [Math.min(t - this.releaseTime, this.flightTime)], this.cell.air)[0]!;
+  }
+
+  /** Returns the way of the tool, cut at the release. */
+  toolPath(): [Vector[], Vector[]] {
+    const points = this.samples.positions.map((q) => positionOf(toolPose(this.cell.chain, q)));
+    const k = this.plan.release.index;
+    return [thinned(points.slice(0, k + 1), STEP_M), thinned(points.slice(k), STEP_M)];
+  }
+
+  /** Returns the planned flight, empty for a move that ends at rest. */
+  flight(): Vector[] {
+    return this.flies ? sampledPath(this.p, this.v, this.flightTime, FLIGHT_POINTS, this.cell.air) : [];
+  }
+
+  /** Returns the flights of a release as early and as late as the plan's window says. */
+  windowFlights(): Trace[] {
+    const planeZ = this.plan.flight?.landing_point[2];
+    const delays = this.plan.flight?.window.map((row) => row.delay_s) ?? [];
+    if (planeZ === undefined || !delays.length) return [];
+    const ends = [Math.min(...delays), Math.max(...delays)].filter((delay) => delay !== 0);
+    return ends.flatMap((delay) => this.delayed(delay, planeZ));
+  }
+
+  private delayed(delay: number, planeZ: number): Trace[] {
+    const state = this.at(this.releaseTime + delay);
+    const tool = toolState(this.cell.chain, state.positions, state.velocities);
+    const p = positionOf(tool.pose);
+    const flight = fly(p, tool.velocity, planeZ, this.cell.air);
+    if (!flight) return [];
+    return [{ delay, points: sampledPath(p, tool.velocity, flight.timeOfFlight, FLIGHT_POINTS, this.cell.air) }];
+  }
+
+  /** Returns the points that a camera should have in view. */
+  extent(): Vector[] {
+    const [launch, brake] = this.toolPath();
+    return [...launch, ...brake, ...this.flight()];
+  }
+}
+
+/** Returns everything of a plan but its ghosts; a stale plan is drawn grey. */
+export function planThings(motion: PlanMotion, palette: Palette, stale: boolean): Object3D[] {
+  const [launch, brake] = motion.toolPath();
+  const tone = stale ? { launch: palette.stale, flight: palette.stale, arrow: palette.stale } : palette;
+  const opacity = stale ? 0.7 : 1;
+  const things: Object3D[] = [
+    polyline(launch, { colour: tone.launch, width: 3.2, opacity }),
+    polyline(brake, { colour: palette.brake, width: 1.8, opacity: 0.75 }),
+  ];
+  if (!motion.flies) return things;
+  const { release, flight } = motion.plan;
+  const [p, v] = [release.pose.position, release.twist.linear] as unknown as [Vector, Vector];
+  const landing = flight!.landing_point as unknown as Vector;
+  return [
+    ...things,
+    polyline(motion.flight(), { colour: tone.flight, width: 3, opacity }),
+    ...arrow(p, [SPEED_SCALE_S * v[0], SPEED_SCALE_S * v[1], SPEED_SCALE_S * v[2]], tone.arrow),
+    disc(landing, 0.5 * LANDING_M, tone.flight),
+    ...motion.windowFlights().flatMap((trace) => windowThings(trace, tone.flight)),
+    ...ellipseThings(motion.plan, palette, stale),
+  ];
+}
+
+function windowThings({ points }: Trace, colour: Palette["flight"]): Object3D[] {
+  const line = polyline(points, { colour, width: 1.3, opacity: 0.55, dash: 0.025 });
+  return [line, ring(points.at(-1)!, 0.55 * LANDING_M, 0.75 * LANDING_M, colour, 0.85)];
+}
+
+function ellipseThings(plan: Plan, palette: Palette, stale: boolean): Object3D[] {
+  const ellipse = (plan as { landing_ellipse?: { center: [number, number]; covariance_m2: number[][] } | null }).landing_ellipse;
+  if (!ellipse || !plan.flight) return [];
+  const points = ellipsePoints(ellipse.center, ellipse.covariance_m2, plan.flight.landing_point[2]!);
+  return points ? errorEllipse(points, stale ? palette.stale : palette.flight) : [];
+}
+
+/** Returns an error ellipse: its area and its edge. */
+export function errorEllipse(points: readonly Vector[], colour: Palette["flight"]): Object3D[] {
+  const edge = points.map((point) => plus(point, [0, 0, 0.003]));
+  return [area(points, colour, 0.16), polyline(edge, { colour, width: 1.4, opacity: 0.9 })];
+}

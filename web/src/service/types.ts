@@ -1,0 +1,47 @@
+// Names for the documents of the service. They come from its OpenAPI schema: `make web` writes schema.d.ts.
+
+import type { CheckAnswer, ExecutionAnswer, PlanAnswer, PlanRequest, PlanSummary } from "./schema";
+
+export type {
+  CellList,
+  CellModel,
+  CellState,
+  CellSummary,
+  ExecutionAnswer as Execution,
+  ExecutionList,
+  LandingAnswer,
+  LandingList,
+  LandingRequest,
+  PlanCurves as Curves,
+  PlanRequest,
+  ProfileList,
+  ProfileSummary,
+} from "./schema";
+
+export type Plan = PlanAnswer;
+export type Summary = PlanSummary;
+export type Check = CheckAnswer;
+export type ReleaseRequest = PlanRequest["release"];
+export type Outcome = NonNullable<ExecutionAnswer["outcome"]>;
+
+export interface Violation {
+  readonly constraint: string;
+  readonly value: number | null;
+  readonly limit: number | null;
+  readonly unit: string;
+  readonly detail?: string;
+  readonly proven?: boolean;
+}
+
+/** The nearest feasible request: complete, ready to be posted. */
+export type Nearest = PlanRequest;
+
+export interface ProblemDocument {
+  readonly type: string;
+  readonly title: string;
+  readonly status: number;
+  readonly detail: string;
+  readonly errors?: readonly { readonly field: string; readonly reason: string }[] | null;
+  readonly violations?: readonly Violation[] | null;
+  readonly nearest?: Nearest | null;
+}

@@ -1,0 +1,231 @@
+// What a person does: edit, plan, drag, throw, stop, acknowledge, report a landing, adopt a profile.
+
+import { call, get, keepToken, post, ProblemError, token } from "../service/client";
+import type { CellState, Curves, Execution, Plan, ProfileList } from "../service/types";
+import { type Draft, InvalidDraft, previewOf, requestOf, withNearest } from "./draft";
+import { isArmed } from "./machine";
+import {
+  access, cellStates, curves, dispatch, failed, landings, notice, picking, playing, profiles, reached, state, time,
+} from "./store";
+
+export function edit(fields: Partial<Draft>): void {
+  dispatch({ type: "edit", request: { ...state.value.request, ...fields } });
+}
+
+/** Asks for the full answer to the request as it is now. */
+export async function plan(): Promise<void> {
+  const { cell, request, revision } = state.value;
+  if (cell === null) return;
+  notice.value = null;
+  stopPreview();
+  dispatch({ type: "ask" });
+  try {
+    const answer = await post<Plan>("/plan", requestOf(request, cell));
+    reached();
+    dispatch({ type: "planned", revision, plan: answer });
+    if (revision === state.value.revision) {
+      time.value = 0;
+      playing.value = 1;
+    }
+    void loadCurves(answer);
+  } catch (error) {
+    refuse(revision, error);
+  }
+}
+
+function refuse(revision: number, error: unknown): void {
+  if (error instanceof ProblemError && error.problem.status !== 401) {
+    dispatch({ type: "refused", revision, problem: error.problem });
+    return;
+  }
+  dispatch({ type: "gave-up", revision });
+  notice.value = { kind: "bad", text: error instanceof InvalidDraft ? `In the request, ${error.message}.` : failed(error) };
+}
+
+export async function loadCurves(of: Plan): Promise<void> {
+  if (curves.value?.planId === of.id) return;
+  try {
+    curves.value = { planId: of.id, value: await get<Curves>(`/plans/${of.id}/curves`) };
+  } catch {
+    curves.value = null; // the curves of the trajectory are drawn without them
+  }
+}
+
+// Dragging: one preview is under way at most, and only the newest request is asked next.
+let wanted: Draft | null = null;
+let asking = false;
+let generation = 0;
+
+/** Edits the request and asks for a fast preview of it; the latest one wins. */
+export function drag(fields: Partial<Draft>): void {
+  edit(fields);
+  wanted = state.value.request;
+  if (!asking) void askPreviews();
+}
+
+function stopPreview(): void {
+  generation += 1;
+  wanted = null;
+}
+
+async function askPreviews(): Promise<void> {
+  asking = true;
+  while (wanted !== null) {
+    const draft = wanted;
+    const mine = generation;
+    wanted = null;
+    const { cell } = state.value;
+    if (cell === null) break;
+    try {
+      const answer = await call("POST", "/plan?store=false", { body: previewOf(draft, cell) });
+      const preview = (await answer.json()) as Plan;
+      if (mine === generation) dispatch({ type: "preview", plan: preview });
+    } catch (error) {
+      if (mine !== generation) continue;
+      dispatch({ type: "preview", plan: null });
+      if (error instanceof ProblemError && draft === state.value.request) {
+        dispatch({ type: "refused", revision: state.value.revision, problem: error.problem });
+      }
+    }
+  }
+  asking = false;
+}
+
+/** The end of a drag: the full answer. */
+export function drop(fields: Partial<Draft>): void {
+  edit(fields);
+  void plan();
+}
+
+export function takeNearest(): void {
+  const nearest = state.value.problem?.value.nearest;
+  if (!nearest) return;
+  dispatch({ type: "edit", request: withNearest(state.value.request, nearest) });
+  void plan();
+}
+
+/** Throws the plan on the screen; refuses where it is not the answer to the request on the screen. */
+export async function execute(mode: "speedj" | "servoj", dryRun: boolean): Promise<void> {
+  const now = state.value;
+  if (!isArmed(now) || now.plan === null || now.cell === null) return;
+  notice.value = null;
+  playing.value = 0;
+  try {
+    const body = { plan_id: now.plan.value.id, mode, dry_run: dryRun };
+    const execution = await post<Execution>("/execute", body, newKey());
+    reached();
+    dispatch({ type: "execution", execution });
+  } catch (error) {
+    notice.value = { kind: "bad", text: failed(error) };
+  }
+}
+
+/** A key that makes a repeated request harmless. */
+function newKey(): string {
+  return [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+}
+
+/** Brakes whatever runs on the cell on the screen, whoever started it. */
+export async function stop(): Promise<void> {
+  const { cell, execution } = state.value;
+  if (cell === null) return;
+  playing.value = 0;
+  try {
+    const known = execution !== null && execution.state !== "finished" ? execution.id : null;
+    const id = known ?? (await get<CellState>(`/cells/${cell}/state`)).execution_id;
+    if (id === null) {
+      notice.value = { kind: "good", text: `Nothing is running on ${cell}.` };
+      return;
+    }
+    dispatch({ type: "stopping", id });
+    dispatch({ type: "execution", execution: await post<Execution>(`/executions/${id}/abort`) });
+    notice.value = { kind: "good", text: `Stop was sent to ${cell}.` };
+  } catch (error) {
+    notice.value = { kind: "bad", text: `Stop did not get through: ${failed(error)} Use the emergency stop.` };
+  }
+}
+
+export async function acknowledge(cell: string): Promise<void> {
+  try {
+    await post(`/cells/${cell}/acknowledge`);
+    notice.value = { kind: "good", text: `${cell}: acknowledged. The executor looks at the robot again.` };
+    await refreshCell(cell);
+  } catch (error) {
+    notice.value = { kind: "bad", text: failed(error) };
+  }
+}
+
+export async function refreshCell(cell: string): Promise<CellState> {
+  const answer = await get<CellState>(`/cells/${cell}/state`);
+  cellStates.value = { ...cellStates.value, [cell]: answer };
+  return answer;
+}
+
+/** Where the robot stands now, for "from here" [rad]; null where no executor reports it. */
+export async function currentPositions(): Promise<readonly number[] | null> {
+  const { cell } = state.value;
+  if (cell === null) return null;
+  try {
+    const robot = (await refreshCell(cell)).robot as { positions?: number[] } | null;
+    if (robot?.positions) return robot.positions;
+    notice.value = { kind: "bad", text: `No executor reports where the arm of ${cell} stands.` };
+  } catch (error) {
+    notice.value = { kind: "bad", text: failed(error) };
+  }
+  return null;
+}
+
+/** Reports that a person saw the object land there [m]. */
+export async function reportLanding(position: readonly number[]): Promise<void> {
+  const id = picking.value;
+  if (id === null) return;
+  picking.value = null;
+  try {
+    await post(`/executions/${id}/landing`, { position, std_m: LANDING_STD_M });
+    const { [id]: _, ...others } = landings.value;
+    landings.value = others; // read again
+    notice.value = { kind: "good", text: `Landing at (${position.slice(0, 2).map((x) => x.toFixed(2)).join(", ")}) reported.` };
+  } catch (error) {
+    notice.value = { kind: "bad", text: failed(error) };
+  }
+}
+
+const LANDING_STD_M = 0.02; // [m] a click on the floor of a picture is about this good
+
+export async function learn(): Promise<void> {
+  await changeProfile(() => post(`/cells/${state.value.cell}/profiles`), "A profile was estimated. It is not in use yet.");
+}
+
+export async function adopt(id: string): Promise<void> {
+  await changeProfile(() => post(`/profiles/${id}/adopt`), "The cell uses this profile from now on.");
+}
+
+export async function revert(): Promise<void> {
+  await changeProfile(() => post(`/cells/${state.value.cell}/profiles/revert`), "The cell uses its file's numbers again.");
+}
+
+async function changeProfile(request: () => Promise<unknown>, text: string): Promise<void> {
+  const { cell } = state.value;
+  if (cell === null) return;
+  try {
+    await request();
+    profiles.value = await get<ProfileList>(`/cells/${cell}/profiles`);
+    // A plan of another profile is not executable: the request has to be planned again.
+    dispatch({ type: "edit", request: state.value.request });
+    notice.value = { kind: "good", text };
+  } catch (error) {
+    notice.value = { kind: "bad", text: failed(error) };
+  }
+}
+
+/** Keeps a token for this tab and tries it. */
+export async function useToken(value: string): Promise<void> {
+  keepToken(value);
+  try {
+    await get("/cells");
+    reached();
+  } catch (error) {
+    failed(error);
+    access.value = token() ? "token-refused" : "token-needed";
+  }
+}

@@ -1,0 +1,152 @@
+// What the page follows by itself: the cells, the robot of the chosen one, whatever runs on it, its past throws.
+
+import { effect } from "@preact/signals";
+
+import { get } from "../service/client";
+import { watchExecution } from "../service/events";
+import type { CellList, CellModel, Execution, ExecutionList, LandingList, Plan, ProfileList } from "../service/types";
+import { loadCurves, refreshCell } from "./actions";
+import { isRunning } from "./machine";
+import {
+  cellName, cells, dispatch, endTime, failed, history, landings, model, playing, profiles, reached, running, runPlan, state,
+  targets, time,
+} from "./store";
+
+const ROBOT_MS = 400; // state of the chosen cell
+const CELLS_MS = 2500; // the list, the other cells and the past
+const HISTORY = 40; // executions that are listed
+
+/** Starts following; never ends. */
+export function follow(): void {
+  void repeat(CELLS_MS, followCells);
+  void repeat(ROBOT_MS, followRobot);
+  void repeat(CELLS_MS, followHistory);
+  effect(() => void loadModel(cellName.value));
+  followRuns();
+}
+
+async function repeat(period: number, step: () => Promise<void>): Promise<never> {
+  for (;;) {
+    try {
+      await step();
+    } catch (error) {
+      failed(error);
+    }
+    await new Promise((resume) => setTimeout(resume, period));
+  }
+}
+
+async function followCells(): Promise<void> {
+  const list = (await get<CellList>("/cells")).cells;
+  reached();
+  if (JSON.stringify(list.map(fixed)) !== JSON.stringify((cells.value ?? []).map(fixed))) cells.value = list;
+  if (state.value.cell === null) {
+    const first = list.find((known) => known.default && !known.error) ?? list.find((known) => !known.error);
+    if (first) dispatch({ type: "cell", name: first.name });
+  }
+  for (const known of list) {
+    if (known.name !== state.value.cell && known.executor && !known.error) await refreshCell(known.name);
+  }
+}
+
+/** What the list shows of a cell; its heartbeat's age alone is no reason to draw it anew. */
+function fixed(known: CellList["cells"][number]): unknown {
+  return { ...known, executor: known.executor && { alive: known.executor.alive, read_only: known.executor.read_only } };
+}
+
+async function followRobot(): Promise<void> {
+  const { cell } = state.value;
+  if (cell === null) return;
+  const answer = await refreshCell(cell);
+  reached();
+  if (answer.execution_id !== null) dispatch({ type: "runs", cell, id: answer.execution_id });
+  // An executor that is gone ends no event stream: what the store says of the execution counts.
+  const { execution } = state.value;
+  if (execution !== null && isRunning(state.value) && answer.execution_id !== execution.id) await readExecution(execution.id);
+}
+
+async function readExecution(id: string): Promise<void> {
+  dispatch({ type: "execution", execution: await get<Execution>(`/executions/${id}`) });
+}
+
+async function followHistory(): Promise<void> {
+  const { cell } = state.value;
+  const page = await get<ExecutionList>(`/executions?limit=${HISTORY}`);
+  if (JSON.stringify(page.executions) !== JSON.stringify(history.value)) history.value = page.executions;
+  const own = page.executions.filter((run) => run.cell === cell && run.state === "finished");
+  for (const run of own.slice(0, HISTORY)) await loadPast(run);
+  if (cell !== null && (profiles.value === null || profiles.value.cell !== cell)) {
+    profiles.value = await get<ProfileList>(`/cells/${cell}/profiles`);
+  }
+}
+
+async function loadPast(run: Execution): Promise<void> {
+  if (landings.value[run.id] === undefined) {
+    const list = (await get<LandingList>(`/executions/${run.id}/landing`)).landings;
+    landings.value = { ...landings.value, [run.id]: list };
+  }
+  if (targets.value[run.plan_id] === undefined) {
+    const plan = await get<Plan>(`/plans/${run.plan_id}?trajectory=false`);
+    targets.value = { ...targets.value, [run.plan_id]: plan };
+  }
+}
+
+async function loadModel(cell: string | null): Promise<void> {
+  model.value = null;
+  if (cell === null) return;
+  try {
+    const answer = await get<CellModel>(`/cells/${cell}/model`);
+    if (state.value.cell === cell) model.value = answer;
+  } catch (error) {
+    failed(error);
+  }
+}
+
+let followed: { id: string; abort: AbortController } | null = null;
+
+/** Follows the events of whatever runs on the chosen cell. */
+function followRuns(): void {
+  effect(() => {
+    const run = state.value.execution;
+    const id = run !== null && run.state !== "finished" ? run.id : null;
+    if (id === null || followed?.id === id) {
+      if (run === null && followed) endFollowing();
+      return;
+    }
+    endFollowing();
+    followed = { id, abort: new AbortController() };
+    void followRun(id, followed.abort.signal).catch(failed);
+  });
+}
+
+function endFollowing(): void {
+  followed?.abort.abort();
+  followed = null;
+}
+
+async function followRun(id: string, signal: AbortSignal): Promise<void> {
+  playing.value = 0;
+  void loadRunPlan(id).catch(failed);
+  for await (const { kind, data } of watchExecution(id, signal)) {
+    dispatch({ type: "event", id, kind, data });
+    const clock = data["clock_s"];
+    if (kind === "telemetry" && typeof clock === "number" && running.value) time.value = Math.max(0, clock);
+  }
+  if (signal.aborted) return;
+  await readExecution(id);
+  if (time.value > 0 && time.value < endTime.value) playing.value = 1; // the object is still in the air
+  const { [id]: _, ...others } = landings.value;
+  landings.value = others;
+  await followHistory();
+}
+
+/** Loads the plan of an execution, which is shown while it runs. */
+async function loadRunPlan(id: string): Promise<void> {
+  const execution = await get<Execution>(`/executions/${id}`);
+  dispatch({ type: "execution", execution });
+  const known = state.value.plan?.value;
+  const plan = known?.id === execution.plan_id ? known : await get<Plan>(`/plans/${execution.plan_id}`);
+  runPlan.value = plan;
+  await loadCurves(plan);
+}
+

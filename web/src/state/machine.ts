@@ -1,0 +1,201 @@
+// The one state of the page, {cell, request, plan, execution}, and every way it changes. Pure: no network, no clock.
+//
+// Two rules keep it safe. A plan answers the request with the number `revision`; any edit raises that number, and a
+// plan of another number cannot be thrown. And what is shown as running belongs to the cell, whoever started it.
+
+import type { Execution, Plan, ProblemDocument } from "../service/types";
+import { type Draft, FIRST_DRAFT } from "./draft";
+
+/** An answer of the planner, with the request it answers. */
+export interface Answered<T> {
+  readonly revision: number;
+  readonly value: T;
+}
+
+export interface Sample {
+  readonly clock_s: number; // on the plan's clock
+  readonly positions: readonly number[]; // [rad]
+  readonly planned: readonly number[]; // [rad]
+  readonly velocities: readonly number[]; // [rad/s]
+  readonly plannedVelocities: readonly number[]; // [rad/s]
+  readonly missedTicks: number;
+}
+
+/** One execution of the cell, as it is followed. */
+export interface Run {
+  readonly id: string;
+  readonly planId: string | null;
+  readonly state: string; // queued … finished
+  readonly outcome: string | null;
+  readonly reason: string | null;
+  readonly metrics: Readonly<Record<string, unknown>> | null;
+  readonly samples: readonly Sample[];
+  readonly notes: readonly string[];
+  readonly stopping: boolean; // a stop was asked for
+}
+
+export interface State {
+  readonly cell: string | null;
+  readonly request: Draft;
+  readonly revision: number;
+  readonly planning: number | null; // revision of the request that is being planned
+  readonly plan: Answered<Plan> | null;
+  readonly preview: Plan | null; // while dragging
+  readonly problem: Answered<ProblemDocument> | null;
+  readonly execution: Run | null;
+}
+
+export const FIRST_STATE: State = {
+  cell: null,
+  request: FIRST_DRAFT,
+  revision: 0,
+  planning: null,
+  plan: null,
+  preview: null,
+  problem: null,
+  execution: null,
+};
+
+export type Change =
+  | { readonly type: "cell"; readonly name: string }
+  | { readonly type: "edit"; readonly request: Draft }
+  | { readonly type: "ask" }
+  | { readonly type: "planned"; readonly revision: number; readonly plan: Plan }
+  | { readonly type: "refused"; readonly revision: number; readonly problem: ProblemDocument }
+  | { readonly type: "gave-up"; readonly revision: number }
+  | { readonly type: "preview"; readonly plan: Plan | null }
+  | { readonly type: "cleared" }
+  | { readonly type: "runs"; readonly cell: string; readonly id: string }
+  | { readonly type: "execution"; readonly execution: Execution }
+  | { readonly type: "event"; readonly id: string; readonly kind: string; readonly data: Record<string, unknown> }
+  | { readonly type: "stopping"; readonly id: string };
+
+/** Returns the state after a change. */
+export function change(state: State, what: Change): State {
+  switch (what.type) {
+    case "cell":
+      return what.name === state.cell
+        ? state
+        : { ...state, cell: what.name, revision: state.revision + 1, preview: null, problem: null, execution: null };
+    case "edit":
+      return { ...state, request: what.request, revision: state.revision + 1, problem: null };
+    case "ask":
+      return { ...state, planning: state.revision, problem: null };
+    case "planned":
+      return {
+        ...state,
+        planning: ended(state, what.revision),
+        plan: { revision: what.revision, value: what.plan },
+        preview: null,
+      };
+    case "refused":
+      return refused(state, what.revision, what.problem);
+    case "gave-up":
+      return { ...state, planning: ended(state, what.revision) };
+    case "preview":
+      return { ...state, preview: what.plan };
+    case "cleared":
+      return { ...state, problem: null };
+    case "runs":
+      return what.cell === state.cell && state.execution?.id !== what.id
+        ? { ...state, execution: newRun(what.id, null) }
+        : state;
+    case "execution":
+      return withExecution(state, what.execution);
+    case "event":
+      return state.execution?.id === what.id
+        ? { ...state, execution: withEvent(state.execution, what.kind, what.data) }
+        : state;
+    case "stopping":
+      return state.execution?.id === what.id ? { ...state, execution: { ...state.execution, stopping: true } } : state;
+  }
+}
+
+function ended(state: State, revision: number): number | null {
+  return state.planning === revision ? null : state.planning;
+}
+
+/** A refusal of a request that has been edited since says nothing about the one on the screen. */
+function refused(state: State, revision: number, problem: ProblemDocument): State {
+  const planning = ended(state, revision);
+  if (revision !== state.revision) return { ...state, planning };
+  return { ...state, planning, preview: null, problem: { revision, value: problem } };
+}
+
+function newRun(id: string, planId: string | null): Run {
+  return {
+    id, planId, state: "queued", outcome: null, reason: null, metrics: null, samples: [], notes: [], stopping: false,
+  };
+}
+
+function withExecution(state: State, execution: Execution): State {
+  if (execution.cell !== state.cell) return state;
+  const before = state.execution?.id === execution.id ? state.execution : newRun(execution.id, execution.plan_id);
+  const run: Run = {
+    ...before,
+    planId: execution.plan_id,
+    state: execution.state,
+    outcome: execution.outcome,
+    reason: execution.reason,
+    metrics: execution.metrics ?? before.metrics,
+    stopping: before.stopping || execution.abort_requested_at !== null,
+  };
+  return { ...state, execution: run };
+}
+
+function withEvent(run: Run, kind: string, data: Record<string, unknown>): Run {
+  if (kind === "telemetry") {
+    const sample = sampleOf(data);
+    return sample === null ? run : { ...run, samples: [...run.samples, sample] };
+  }
+  if (kind === "state") {
+    return {
+      ...run,
+      state: String(data["state"] ?? run.state),
+      outcome: (data["outcome"] as string | null | undefined) ?? run.outcome,
+      reason: (data["reason"] as string | null | undefined) ?? run.reason,
+      metrics: (data["metrics"] as Run["metrics"] | undefined) ?? run.metrics,
+    };
+  }
+  const words = data["text"] ?? data["note"] ?? data["message"];
+  return typeof words === "string" ? { ...run, notes: [...run.notes, words] } : run;
+}
+
+function sampleOf(data: Record<string, unknown>): Sample | null {
+  const { clock_s, positions, velocities, planned_positions, planned_velocities, missed_ticks } = data;
+  if (typeof clock_s !== "number" || !Array.isArray(positions)) return null;
+  return {
+    clock_s,
+    positions: positions as number[],
+    planned: Array.isArray(planned_positions) ? (planned_positions as number[]) : [],
+    velocities: Array.isArray(velocities) ? (velocities as number[]) : [],
+    plannedVelocities: Array.isArray(planned_velocities) ? (planned_velocities as number[]) : [],
+    missedTicks: typeof missed_ticks === "number" ? missed_ticks : 0,
+  };
+}
+
+/** How the plan on the screen is to be read; `none` where there is none. */
+export type PlanStanding = "none" | "valid" | "stale";
+
+export function planStanding(state: State): PlanStanding {
+  if (state.plan === null) return "none";
+  return state.plan.revision === state.revision && state.plan.value.cell === state.cell ? "valid" : "stale";
+}
+
+export function isRunning(state: State): boolean {
+  return state.execution !== null && state.execution.state !== "finished";
+}
+
+/** Whether the plan on the screen may be thrown: it answers exactly this request on exactly this cell. */
+export function isArmed(state: State): boolean {
+  return planStanding(state) === "valid" && state.planning === null && state.preview === null && !isRunning(state);
+}
+
+/** Label of the button that moves the arm: names the cell and where the object goes. */
+export function throwLabel(plan: Plan | null): string {
+  if (plan === null) return "Throw";
+  const release = plan.request["release"] as { kind?: string; position?: number[] } | undefined;
+  const place = release?.kind === "target" && plan.request["frame"] !== "base" ? release.position : plan.flight?.landing_point;
+  if (!place) return `Throw on ${plan.cell}: a move that ends at rest`;
+  return `Throw on ${plan.cell} to (${place.slice(0, 2).map((x) => x.toFixed(2)).join(", ")})`;
+}

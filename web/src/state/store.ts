@@ -1,0 +1,90 @@
+// The signals that the views read: the one state, what the service reported of cells and executions, the cursor.
+
+import { computed, signal } from "@preact/signals";
+
+import { ConnectionLost, ProblemError } from "../service/client";
+import type { CellModel, CellState, CellSummary, Curves, Execution, LandingAnswer, Plan, ProfileList } from "../service/types";
+import { type Change, change, FIRST_STATE, isArmed, isRunning, planStanding, type State } from "./machine";
+
+export const state = signal<State>(FIRST_STATE);
+
+export function dispatch(what: Change): void {
+  state.value = change(state.value, what);
+}
+
+/** Cells of the service; null until the first answer. */
+export const cells = signal<readonly CellSummary[] | null>(null);
+export const cellStates = signal<Readonly<Record<string, CellState>>>({});
+export const model = signal<CellModel | null>(null);
+/** Samples and curves of the plan on the screen. */
+export const curves = signal<{ readonly planId: string; readonly value: Curves } | null>(null);
+/** The plan of the followed execution, where it is another than the one on the screen. */
+export const runPlan = signal<Plan | null>(null);
+
+export const history = signal<readonly Execution[] | null>(null);
+export const landings = signal<Readonly<Record<string, readonly LandingAnswer[]>>>({});
+export const targets = signal<Readonly<Record<string, Plan>>>({}); // summaries by plan id
+export const profiles = signal<ProfileList | null>(null);
+
+export type Connection = "connecting" | "open" | "lost";
+export const connection = signal<Connection>("connecting");
+export const access = signal<"open" | "token-needed" | "token-refused">("open");
+/** A sentence about the last thing that a person did and that did not work; empty where all is well. */
+export const notice = signal<{ readonly text: string; readonly kind: "bad" | "good" } | null>(null);
+
+/** The one cursor of scene and curves, on the plan's clock [s]. */
+export const time = signal(0);
+export const playing = signal<number>(0); // pace: 0 stands still, 1 real time
+export const picking = signal<string | null>(null); // execution whose landing is being pointed at
+export const dark = signal(false);
+
+// Parts of the state, so that telemetry redraws nothing but what shows it.
+export const cellName = computed(() => state.value.cell);
+export const draft = computed(() => state.value.request);
+export const answered = computed(() => state.value.plan?.value ?? null);
+export const preview = computed(() => state.value.preview);
+export const problem = computed(() => state.value.problem?.value ?? null);
+export const execution = computed(() => state.value.execution);
+export const isPlanning = computed(() => state.value.planning !== null);
+
+export const cell = computed(() => cells.value?.find((known) => known.name === cellName.value) ?? null);
+export const cellState = computed<CellState | null>(() => cellStates.value[cellName.value ?? ""] ?? null);
+export const isReal = computed(() => cell.value !== null && cell.value.link_kind === "ur");
+export const armed = computed(() => isArmed(state.value));
+export const running = computed(() => isRunning(state.value));
+export const standing = computed(() => planStanding(state.value));
+
+const runPlanId = computed(() => execution.value?.planId ?? null);
+
+/** What the scene and the curves show: what runs, else the preview, else the plan. */
+export const shown = computed<Plan | null>(() => {
+  const followed = runPlan.value !== null && runPlan.value.id === runPlanId.value ? runPlan.value : null;
+  if (followed !== null && (running.value || answered.value === null)) return followed;
+  return preview.value ?? answered.value;
+});
+
+/** End of what the cursor runs over: the plan, or the flight where that takes longer [s]. */
+export const endTime = computed(() => {
+  const plan = shown.value;
+  if (plan === null) return 0;
+  return Math.max(plan.duration_s, plan.release_time_s + (plan.flight?.time_of_flight_s ?? 0));
+});
+
+/** Notes what a failed call says about connection and access; returns it in words. */
+export function failed(error: unknown): string {
+  if (error instanceof ConnectionLost) {
+    connection.value = "lost";
+    return error.message;
+  }
+  if (error instanceof ProblemError) {
+    connection.value = "open";
+    if (error.problem.status === 401) access.value = access.value === "open" ? "token-needed" : access.value;
+    return `${error.problem.title}: ${error.problem.detail}`;
+  }
+  return error instanceof Error ? error.message : String(error);
+}
+
+export function reached(): void {
+  connection.value = "open";
+  access.value = "open";
+}

@@ -1,0 +1,231 @@
+// What the page says, in words: states, outcomes, stops and what to do after them, refusals. Pure.
+
+import type { CellState, CellSummary, Execution, Plan, Violation } from "../service/types";
+import type { Run } from "./machine";
+
+export type Tone = "good" | "bad" | "busy" | "idle";
+
+/** A number with so many significant digits, without trailing zeros; a dash for none. */
+export function figure(value: unknown, digits = 3): string {
+  if (typeof value !== "number" || !Number.isFinite(value)) return "–";
+  const text = Math.abs(value) >= 1000 ? value.toFixed(0) : String(Number(value.toPrecision(digits)));
+  return text.replace("-", "−");
+}
+
+/** A length in the unit people would say. */
+export function length(metres: unknown): string {
+  if (typeof metres !== "number") return "–";
+  return Math.abs(metres) < 1 ? `${figure(metres * 1000, metres < 0.01 ? 2 : 3)} mm` : `${figure(metres)} m`;
+}
+
+export function place(position: readonly number[] | null | undefined): string {
+  return position ? `(${position.slice(0, 2).map((x) => x.toFixed(2).replace("-", "−")).join(", ")})` : "–";
+}
+
+export const PHASES = ["queued", "preparing", "approaching", "streaming", "braking", "finished"] as const;
+export const PHASE_WORDS: Readonly<Record<string, string>> = {
+  queued: "Queued",
+  preparing: "Preflight",
+  approaching: "To the start",
+  streaming: "Throwing",
+  braking: "Braking",
+  finished: "Finished",
+};
+
+export const OUTCOME_WORDS: Readonly<Record<string, string>> = {
+  completed: "Thrown as planned",
+  aborted: "Stopped on request",
+  refused: "Not started: preflight refused",
+  protective_stop: "Protective stop",
+  emergency_stop: "Emergency stop",
+  link_lost: "Connection to the robot lost",
+  late: "Stopped: commands came too late",
+  tracking: "Stopped: the arm left the plan",
+  executor_lost: "The executor ended during the throw",
+  foreign_program: "Another program took over the robot",
+  power_off: "The arm lost its power",
+  held: "Kept the object: it would have missed",
+};
+
+/** What a person does after each kind of stop, before acknowledging it. */
+export const ADVICE: Readonly<Record<string, string>> = {
+  protective_stop:
+    "Look at the arm and remove what it met. Clear the protective stop on the pendant, then acknowledge it here.",
+  emergency_stop:
+    "Find out why it was pressed. Release the button, power the arm on and release its brakes on the pendant, then acknowledge.",
+  link_lost: "Look at cable, network and controller. When the robot reports again, acknowledge.",
+  late: "This machine was too busy to send a command every tick. End what loads it, then acknowledge; “fling doctor” judges its timing.",
+  tracking: "The arm did not follow its commands. Look for a collision, a wrong payload or a wrong tool, then acknowledge.",
+  executor_lost: "The executor's process ended. See that the arm stands still, start the executor again, then acknowledge.",
+  foreign_program: "Somebody else moved this robot. Settle who has it, then acknowledge.",
+  power_off: "Power the arm on and release its brakes on the pendant, then acknowledge.",
+  aborted: "The stop did not end in order. Look at the arm, then acknowledge.",
+};
+
+export function outcomeTone(outcome: string | null): Tone {
+  if (outcome === null) return "busy";
+  return outcome === "completed" ? "good" : outcome === "aborted" || outcome === "held" ? "idle" : "bad";
+}
+
+interface Fault {
+  readonly outcome?: string;
+  readonly reason?: string;
+}
+
+export interface CellWords {
+  readonly tone: Tone;
+  readonly headline: string;
+  readonly reasons: readonly string[];
+  readonly advice: string | null;
+  readonly fault: boolean;
+}
+
+/** The state of a cell in words, and what to do about it. */
+export function cellWords(summary: CellSummary, live: CellState | null): CellWords {
+  const plain = (tone: Tone, headline: string, reasons: readonly string[] = [], advice: string | null = null): CellWords => ({
+    tone, headline, reasons, advice, fault: false,
+  });
+  if (summary.error) return plain("bad", "Cell file refused", [summary.error], "Repair the cell file; “fling cell check” judges it.");
+  const executor = live?.executor ?? summary.executor;
+  if (!executor) return plain("idle", "No executor", [], `Start one: fling executor --cell ${summary.name}`);
+  const fault = (live?.fault ?? null) as Fault | null;
+  if (fault) {
+    const headline = OUTCOME_WORDS[fault.outcome ?? ""] ?? "Fault";
+    const advice = ADVICE[fault.outcome ?? ""] ?? "Look at the robot, then acknowledge.";
+    return { tone: "bad", headline, reasons: fault.reason ? [fault.reason] : [], advice, fault: true };
+  }
+  if (!executor.alive) return plain("bad", "The executor is gone", [], `Start it again: fling executor --cell ${summary.name}`);
+  const robot = (live?.robot ?? {}) as { refusals?: string[]; warnings?: string[]; connected?: boolean };
+  if (live?.execution_id) return plain("busy", "Throwing", robot.warnings ?? []);
+  const refusals = robot.refusals ?? [];
+  if (refusals.length > 0) return plain("bad", "Not ready to move", refusals);
+  if (executor.read_only) return plain("idle", "Watching only", ["The executor runs with --read-only."]);
+  return plain("good", "Ready", robot.warnings ?? []);
+}
+
+export interface PreflightItem {
+  readonly text: string;
+  readonly ok: boolean | null; // null: not known yet
+}
+
+/** What has to be in order before the arm moves: what the executor reports as in the way, by subject. */
+export function preflight(live: CellState | null, plan: Plan | null): readonly PreflightItem[] {
+  const robot = (live?.robot ?? null) as { refusals?: string[] } | null;
+  const refusals = [...(robot?.refusals ?? [])];
+  const items: PreflightItem[] = [
+    { text: "Executor runs", ok: live === null ? null : live.executor?.alive === true },
+    { text: "No fault is latched", ok: live === null ? null : live.fault === null },
+  ];
+  for (const [text, pattern] of SUBJECTS) {
+    const found = refusals.filter((reason) => pattern.test(reason));
+    for (const reason of found) refusals.splice(refusals.indexOf(reason), 1);
+    if (found.length > 0) items.push(...found.map((reason) => ({ text: reason, ok: false })));
+    else items.push({ text, ok: robot === null ? null : true });
+  }
+  items.push(...refusals.map((reason) => ({ text: reason, ok: false })));
+  items.push({ text: "Plan is certified", ok: plan === null ? null : plan.certificate.valid });
+  return items;
+}
+
+/** Subjects of the executor's refusals, by the words that they are told in (executor/preflight.py). */
+const SUBJECTS: readonly (readonly [string, RegExp])[] = [
+  ["Controller is connected, in remote control", /controller at|remote control|dashboard/],
+  ["Arm is powered, brakes released", /^the robot is /],
+  ["Safety is normal, speed at 100 %", /^safety|speed slider/],
+  ["Arm is at rest", /arm is moving/],
+  ["Payload and tool as in the cell", /payload|tool centre point|kinematic/],
+];
+
+const CONSTRAINT_WORDS: Readonly<Record<string, string>> = {
+  tcp_speed: "Tool speed",
+  joint_position: "Joint position",
+  joint_velocity: "Joint velocity",
+  joint_acceleration: "Joint acceleration",
+  joint_jerk: "Joint jerk",
+  joint_torque: "Joint torque",
+  floor: "Distance to the floor",
+  keep_in: "Inside its box",
+  keep_out: "Clear of the boxes",
+  self_collision: "Distance between the arm's links",
+  singularity_distance: "Distance to a singularity",
+  release_position: "Release position",
+  release_velocity: "Release velocity",
+  landing: "Landing error",
+  landing_window: "Landing in the release window",
+  end_at_rest: "At rest in the end",
+  continuity: "Continuity",
+  start: "Start",
+  reach: "Reach",
+  flight_clearance: "Clearance of the flight",
+  grip_acceleration: "Acceleration in the grip",
+  opening_direction: "Opening direction",
+  elbow_speed: "Elbow speed",
+  momentum: "Momentum",
+  power: "Power",
+  stopping_time: "Time to standstill",
+  stopping_distance: "Distance to standstill",
+  way_home: "Way home",
+  hit_probability: "Hit probability",
+  min_hit_probability: "Hit probability",
+};
+
+export function constraintWords(name: string): string {
+  return CONSTRAINT_WORDS[name] ?? name.replaceAll("_", " ").replace(/^./, (first) => first.toUpperCase());
+}
+
+/** One violation as a sentence: what it would take, what there is, why. */
+export function violationWords(violation: Violation): string {
+  const { constraint, value, limit, unit, detail } = violation;
+  const size =
+    value === null || limit === null
+      ? ""
+      : `: it would take ${figure(value)} ${unit}, the limit is ${figure(limit)} ${unit}`.replaceAll(" -", "");
+  return `${constraintWords(constraint)}${size}${detail ? ` (${detail})` : ""}.`;
+}
+
+/** What the plan promises, in a sentence or two. */
+export function planWords(plan: Plan): string {
+  const flight = plan.flight;
+  const release = `Release after ${plan.release_time_s.toFixed(2)} s`;
+  if (!flight) return `${release}; at rest after ${plan.duration_s.toFixed(2)} s. Nothing flies.`;
+  return (
+    `${release} at ${flight.speed_m_s.toFixed(1)} m/s, ${flight.time_of_flight_s.toFixed(2)} s of flight, ` +
+    `at rest after ${plan.duration_s.toFixed(2)} s.`
+  );
+}
+
+/** What the plan holds for a release that is not on time. */
+export function timingWords(plan: Plan): string | null {
+  const flight = plan.flight;
+  if (!flight) return null;
+  const robust = flight.release_window_s > 0 && flight.landing_tolerance_m > 0;
+  const { early, late } = flight.landing_shift_10ms_m;
+  const shift = early === null || late === null ? "" : ` 10 ms early or late moves the landing ${length(early)} or ${length(late)}.`;
+  if (!robust) return `Planned for a release on time alone.${shift}`;
+  const window = figure(flight.release_window_s * 1000, 2);
+  return `Up to ${window} ms early or late it lands within ${length(flight.landing_tolerance_m)}.${shift}`;
+}
+
+export interface KeyNumber {
+  readonly label: string;
+  readonly value: string;
+  readonly note: string;
+}
+
+/** The three numbers that matter of an execution that has ended. */
+export function keyNumbers(run: Run | Execution, observed_m: number | null, plan: Plan | null): readonly KeyNumber[] {
+  const metrics = (run.metrics ?? {}) as Readonly<Record<string, unknown>>;
+  const measured = metrics["landing_error_m"];
+  const share = metrics["release_velocity_error_share"];
+  const speed = plan?.flight?.speed_m_s;
+  const missed = metrics["missed_ticks"];
+  return [
+    { label: "Landing error", value: length(typeof measured === "number" ? measured : observed_m), note: "" },
+    {
+      label: "Release speed",
+      value: speed === undefined ? "–" : `${figure(speed)} m/s`,
+      note: typeof share === "number" ? `${figure(share * 100, 2)} % off` : "",
+    },
+    { label: "Missed ticks", value: typeof missed === "number" ? String(missed) : "–", note: "" },
+  ];
+}

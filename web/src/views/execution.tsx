@@ -1,0 +1,148 @@
+// The execution of the chosen cell, whoever started it: preflight, phases, tracking, and in the end the outcome.
+
+import type { JSX } from "preact";
+
+import type { Plan } from "../service/types";
+import type { Run, Sample } from "../state/machine";
+import { JOINTS } from "../curves/quantities";
+import { answered, cellName, cellState, execution, landings, picking, runPlan } from "../state/store";
+import {
+  ADVICE, figure, keyNumbers, OUTCOME_WORDS, outcomeTone, PHASE_WORDS, PHASES, preflight,
+} from "../state/words";
+import { Icon } from "./icons";
+
+export function ExecutionSection(): JSX.Element {
+  const run = execution.value;
+  return (
+    <section class="card execution" aria-labelledby="execution-title">
+      <h2 id="execution-title">Execution</h2>
+      {run === null || (run.state !== "finished" && !PAST_PREFLIGHT.has(run.state)) ? <Preflight /> : null}
+      {run === null ? <p class="soft">Nothing is running on {cellName.value ?? "this cell"}.</p> : <RunView run={run} />}
+    </section>
+  );
+}
+
+const PAST_PREFLIGHT = new Set(["approaching", "streaming", "braking"]);
+
+function Preflight(): JSX.Element {
+  return (
+    <ul class="preflight" aria-label="Preflight">
+      {preflight(cellState.value, answered.value).map((item) => (
+        <li key={item.text} class={item.ok === null ? "unknown" : item.ok ? "ok" : "no"}>
+          <Icon name={item.ok === null ? "wait" : item.ok ? "ok" : "no"} />
+          <span>
+            {item.text}
+            <span class="sr-only">{item.ok === null ? ": not known yet" : item.ok ? ": in order" : ": in the way"}</span>
+          </span>
+        </li>
+      ))}
+    </ul>
+  );
+}
+
+function RunView({ run }: { run: Run }): JSX.Element {
+  const ended = run.state === "finished";
+  const tone = ended ? outcomeTone(run.outcome) : "busy";
+  const plan = runPlan.value?.id === run.planId ? runPlan.value : null;
+  return (
+    <div class="run">
+      <ol class="phases" aria-label="Phases">
+        {PHASES.map((phase) => (
+          <li key={phase} class={phaseClass(phase, run.state)} aria-current={phase === run.state ? "step" : undefined}>
+            {PHASE_WORDS[phase]}
+          </li>
+        ))}
+      </ol>
+      <p class={`outcome ${tone}`} role="status">
+        {ended ? (OUTCOME_WORDS[run.outcome ?? ""] ?? run.outcome) : run.stopping ? "Stopping …" : `${PHASE_WORDS[run.state] ?? run.state} …`}
+        {run.outcome ? <code class="sr-only">{run.outcome}</code> : null}
+      </p>
+      {run.reason ? <p class="soft">{run.reason}</p> : null}
+      {run.notes.map((note) => <p class="hint" key={note}>{note}</p>)}
+      {ended && run.outcome !== "completed" && ADVICE[run.outcome ?? ""] && run.outcome !== "aborted" ? <p>{ADVICE[run.outcome ?? ""]}</p> : null}
+      {run.samples.length > 1 ? <Tracking samples={run.samples} plan={plan} /> : null}
+      {ended ? <Numbers run={run} plan={plan} /> : null}
+    </div>
+  );
+}
+
+function phaseClass(phase: string, now: string): string {
+  const at = PHASES.indexOf(now as (typeof PHASES)[number]);
+  const here = PHASES.indexOf(phase as (typeof PHASES)[number]);
+  return here < at || now === "finished" ? "done" : here === at ? "now" : "later";
+}
+
+const WIDTH = 300;
+const HEIGHT = 64;
+
+/** How far the arm is from its plan, joint by joint, as it comes in. */
+function Tracking({ samples, plan }: { samples: readonly Sample[]; plan: Plan | null }): JSX.Element {
+  const errors = samples.map((sample) => sample.positions.map((q, j) => 1000 * (q - (sample.planned[j] ?? q))));
+  const largest = Math.max(0.05, ...errors.flat().map(Math.abs));
+  const from = samples[0]?.clock_s ?? 0;
+  const to = Math.max(plan?.duration_s ?? 0, samples.at(-1)?.clock_s ?? 1);
+  const x = (t: number): number => (WIDTH * (t - from)) / Math.max(1e-3, to - from);
+  const y = (error: number): number => HEIGHT / 2 - (HEIGHT / 2 - 3) * (error / largest);
+  return (
+    <figure class="tracking">
+      <figcaption>
+        Measured less planned, at most {figure(largest, 2)} mrad
+      </figcaption>
+      <svg viewBox={`0 0 ${WIDTH} ${HEIGHT}`} preserveAspectRatio="none" role="img" aria-label={`Tracking error of six joints, at most ${figure(largest, 2)} mrad`}>
+        <line class="zero" x1="0" x2={WIDTH} y1={HEIGHT / 2} y2={HEIGHT / 2} />
+        {JOINTS.map((name, j) => (
+          <polyline key={name} class={`line-${j}`} points={samples.map((sample, i) => `${x(sample.clock_s).toFixed(1)},${y(errors[i]?.[j] ?? 0).toFixed(1)}`).join(" ")} />
+        ))}
+      </svg>
+    </figure>
+  );
+}
+
+function Numbers({ run, plan }: { run: Run; plan: Plan | null }): JSX.Element {
+  const observed = observedError(run.id, plan);
+  const metrics = run.metrics ?? {};
+  const rest = Object.entries(metrics).filter(([, value]) => value !== null && typeof value !== "object");
+  return (
+    <>
+      <dl class="key-numbers">
+        {keyNumbers(run, observed, plan).map(({ label, value, note }) => (
+          <div key={label}>
+            <dt>{label}</dt>
+            <dd>
+              {value}
+              {note ? <small>{note}</small> : null}
+            </dd>
+          </div>
+        ))}
+      </dl>
+      {run.metrics?.["released"] === true ? (
+        <button type="button" class="quiet small" aria-pressed={picking.value === run.id} onClick={() => (picking.value = picking.value === run.id ? null : run.id)}>
+          {picking.value === run.id ? "Click on the floor where it landed …" : "Report the landing"}
+        </button>
+      ) : null}
+      {rest.length > 0 ? (
+        <details class="options">
+          <summary>Everything that was measured</summary>
+          <dl class="all-numbers">
+            {rest.map(([name, value]) => (
+              <div key={name}>
+                <dt>{name}</dt>
+                <dd>{typeof value === "number" ? figure(value, 4) : String(value)}</dd>
+              </div>
+            ))}
+          </dl>
+        </details>
+      ) : null}
+    </>
+  );
+}
+
+/** Horizontal distance of the newest observed landing from the target [m]; null without either. */
+export function observedError(id: string, plan: Plan | null): number | null {
+  const seen = landings.value[id]?.filter((landing) => landing.position !== null).at(-1)?.position;
+  const release = plan?.request["release"] as { kind?: string; position?: number[] } | undefined;
+  const aim = release?.kind === "target" ? release.position : plan?.flight?.landing_point;
+  if (!seen || !aim) return null;
+  return Math.hypot((seen[0] ?? 0) - (aim[0] ?? 0), (seen[1] ?? 0) - (aim[1] ?? 0));
+}
+

@@ -1,0 +1,177 @@
+// Past throws of the chosen cell: a list, a scatter of the landings round their targets, and what was learnt of it.
+
+import type { JSX } from "preact";
+
+import { call } from "../service/client";
+import type { Execution } from "../service/types";
+import { ellipseOf, type Offset } from "../state/scatter";
+import { adopt, learn, revert } from "../state/actions";
+import { cellName, failed, history, landings, notice, profiles, targets } from "../state/store";
+import { figure, length, OUTCOME_WORDS, outcomeTone } from "../state/words";
+import { observedError } from "./execution";
+import { Icon } from "./icons";
+
+const ROWS = 8;
+
+export function HistorySection(): JSX.Element {
+  const own = history.value?.filter((run) => run.cell === cellName.value) ?? null;
+  return (
+    <section class="card history" aria-labelledby="history-title">
+      <h2 id="history-title">History</h2>
+      {own === null ? <p class="soft">Loading …</p> : null}
+      {own?.length === 0 ? <p class="soft">Nothing has been thrown on {cellName.value} yet.</p> : null}
+      {own && own.length > 0 ? (
+        <div class="past">
+          <Scatter runs={own} />
+          <Table runs={own.slice(0, ROWS)} />
+        </div>
+      ) : null}
+      <Profiles />
+    </section>
+  );
+}
+
+function Table({ runs }: { runs: readonly Execution[] }): JSX.Element {
+  return (
+    <div class="scroll" tabIndex={0} role="group" aria-label="Past throws">
+      <table>
+        <thead>
+          <tr>
+            <th scope="col">Time</th>
+            <th scope="col">Outcome</th>
+            <th scope="col" class="number">Landing error</th>
+            <th scope="col" class="number">Missed ticks</th>
+            <th scope="col">Recording</th>
+          </tr>
+        </thead>
+        <tbody>
+          {runs.map((run) => (
+            <tr key={run.id}>
+              <td>{new Date(run.created_at).toLocaleTimeString()}</td>
+              <td class={run.outcome ? outcomeTone(run.outcome) : "busy"}>
+                {run.outcome ? (OUTCOME_WORDS[run.outcome] ?? run.outcome) : "Running"}
+                {run.dry_run ? " (dry run)" : ""}
+              </td>
+              <td class="number">{length(errorOf(run))}</td>
+              <td class="number">{run.metrics?.["missed_ticks"] === undefined ? "–" : String(run.metrics["missed_ticks"])}</td>
+              <td>
+                {run.state === "finished" && run.outcome !== "refused" ? (
+                  <>
+                    <Download id={run.id} media="application/octet-stream" suffix="mcap" />{" "}
+                    <Download id={run.id} media="text/csv" suffix="csv" />
+                  </>
+                ) : null}
+              </td>
+            </tr>
+          ))}
+        </tbody>
+      </table>
+    </div>
+  );
+}
+
+function errorOf(run: Execution): number | null {
+  const measured = run.metrics?.["landing_error_m"];
+  return typeof measured === "number" ? measured : observedError(run.id, targets.value[run.plan_id] ?? null);
+}
+
+function Download({ id, media, suffix }: { id: string; media: string; suffix: string }): JSX.Element {
+  const save = async (): Promise<void> => {
+    try {
+      const response = await call("GET", `/executions/${id}/recording`, { accept: media });
+      const link = document.createElement("a");
+      link.href = URL.createObjectURL(await response.blob());
+      link.download = `fling-${id}.${suffix}`;
+      link.click();
+      URL.revokeObjectURL(link.href);
+    } catch (error) {
+      notice.value = { kind: "bad", text: failed(error) };
+    }
+  };
+  return (
+    <button type="button" class="link" aria-label={`Download the recording as ${suffix}`} onClick={() => void save()}>
+      <Icon name="download" /> {suffix}
+    </button>
+  );
+}
+
+/** Landings less their targets, seen from above. */
+function offsets(runs: readonly Execution[]): Offset[] {
+  const found: Offset[] = [];
+  for (const run of runs) {
+    const release = targets.value[run.plan_id]?.request["release"] as { kind?: string; position?: number[] } | undefined;
+    const seen = landings.value[run.id]?.filter((landing) => landing.position !== null).at(-1)?.position;
+    if (release?.kind !== "target" || !release.position || !seen) continue;
+    found.push([(seen[0] ?? 0) - (release.position[0] ?? 0), (seen[1] ?? 0) - (release.position[1] ?? 0)]);
+  }
+  return found;
+}
+
+const RINGS_M = [0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2];
+
+function Scatter({ runs }: { runs: readonly Execution[] }): JSX.Element | null {
+  const points = offsets(runs);
+  if (points.length === 0) return null;
+  const farthest = Math.max(...points.map(([x, y]) => Math.hypot(x, y)));
+  const outer = RINGS_M.find((ring) => ring >= farthest * 1.05) ?? farthest;
+  const inner = outer / 2;
+  const scale = 44 / outer;
+  const ellipse = ellipseOf(points);
+  return (
+    <figure class="scatter">
+      <svg viewBox="-50 -50 100 100" role="img" aria-label={`${points.length} landings round their targets, the farthest ${length(farthest)} away`}>
+        <circle class="ring" r={inner * scale} />
+        <circle class="ring" r={outer * scale} />
+        <path class="cross" d="M-3 0H3M0-3V3" />
+        {ellipse ? (
+          <ellipse
+            class="spread" cx={ellipse.center[0] * scale} cy={-ellipse.center[1] * scale} rx={Math.max(0.6, ellipse.axes[0] * scale)}
+            ry={Math.max(0.6, ellipse.axes[1] * scale)} transform={`rotate(${-ellipse.turn_deg} ${ellipse.center[0] * scale} ${-ellipse.center[1] * scale})`}
+          />
+        ) : null}
+        {points.map(([x, y], i) => <circle key={i} class={`dot ${i === 0 ? "newest" : ""}`} cx={x * scale} cy={-y * scale} r={i === 0 ? 2 : 1.5} />)}
+      </svg>
+      <figcaption>
+        {points.length} {points.length === 1 ? "landing" : "landings"}; the rings are {length(inner)} and {length(outer)} from the target
+        {ellipse ? "; ellipse: two standard deviations" : ""}.
+      </figcaption>
+    </figure>
+  );
+}
+
+/** What was learnt of the cell, and which of it is in use. */
+function Profiles(): JSX.Element | null {
+  const list = profiles.value;
+  if (list === null || list.cell !== cellName.value) return null;
+  const used = list.profiles.find((profile) => profile.id === list.adopted) ?? null;
+  const newest = list.profiles[0] ?? null;
+  return (
+    <details class="options profiles">
+      <summary>What was learnt of this cell</summary>
+      <p class="soft">
+        {used ? `In use: ${profileWords(used)}.` : "In use: the cell file's numbers."}
+        {newest && newest.id !== list.adopted ? ` Newest: ${profileWords(newest)}.` : ""}
+      </p>
+      <div class="actions">
+        <button type="button" class="quiet small" onClick={() => void learn()}>
+          Estimate a profile
+        </button>
+        {newest && newest.id !== list.adopted ? (
+          <button type="button" class="quiet small" onClick={() => void adopt(newest.id)}>
+            Adopt the newest
+          </button>
+        ) : null}
+        {used ? (
+          <button type="button" class="quiet small" onClick={() => void revert()}>
+            Revert to the cell file
+          </button>
+        ) : null}
+      </div>
+    </details>
+  );
+}
+
+function profileWords(profile: { lag_s: number; delay_s: number; jitter_s: number; created_at: string }): string {
+  const ms = (seconds: number): string => `${figure(seconds * 1000, 3)} ms`;
+  return `lag ${ms(profile.lag_s)}, gripper ${ms(profile.delay_s)} ± ${ms(profile.jitter_s)}, of ${new Date(profile.created_at).toLocaleString()}`;
+}

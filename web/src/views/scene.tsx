@@ -1,0 +1,246 @@
+// The region of the scene: loads three.js after the form has been painted, and keeps it in step with the state.
+
+import { effect, useSignal } from "@preact/signals";
+import type { JSX } from "preact";
+import { useEffect, useRef } from "preact/hooks";
+
+import type { CameraPreset, CreateScene, Landing, Obstacle, Scene, Vector3 } from "../scene/interface";
+import { call } from "../service/client";
+import { drag, drop, reportLanding, takeNearest } from "../state/actions";
+import { type Draft, vector } from "../state/draft";
+import {
+  answered, cellName, cellState, curves, dark, draft, execution, isReal, landings, model, picking, preview, problem, running, shown,
+  standing, time,
+} from "../state/store";
+
+const LOADERS = import.meta.glob<{ createScene: CreateScene }>("../scene/index.ts");
+
+const CAMERAS: readonly (readonly [CameraPreset, string])[] = [
+  ["overview", "Overview"],
+  ["side", "Side"],
+  ["top", "Top"],
+  ["front", "Front"],
+  ["target", "Target"],
+];
+
+export function SceneSection(): JSX.Element {
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const scene = useRef<Scene | null>(null);
+  const failure = useSignal<string | null>(null);
+  useEffect(() => {
+    let ends: (() => void) | null = null;
+    let over = false;
+    void loadScene(canvas.current, (reason) => (failure.value = reason)).then((loaded) => {
+      if (loaded === null) return;
+      if (over) return loaded.dispose();
+      scene.current = loaded;
+      ends = keepInStep(loaded, canvas.current);
+    });
+    return () => {
+      over = true;
+      ends?.();
+      scene.current?.dispose();
+    };
+  }, []);
+  return (
+    <section class={`scene ${standing.value} ${picking.value ? "picking" : ""}`} aria-label="Scene">
+      <canvas ref={canvas} tabIndex={0} role="img" aria-label={sceneWords()} hidden={failure.value !== null} />
+      {failure.value === null ? null : <Picture reason={failure.value} />}
+      <div class="cameras" role="group" aria-label="Camera">
+        {CAMERAS.map(([preset, text]) => (
+          <button key={preset} type="button" class="chip" disabled={failure.value !== null} onClick={() => scene.current?.setCamera(preset)}>
+            {text}
+          </button>
+        ))}
+        <button type="button" class="chip" disabled={failure.value !== null} onClick={() => void saveView(scene.current, "png")}>
+          PNG
+        </button>
+        <button type="button" class="chip" disabled={failure.value !== null} onClick={() => void saveView(scene.current, "svg")}>
+          SVG
+        </button>
+      </div>
+    </section>
+  );
+}
+
+/** What the picture shows, for those who do not see it. */
+function sceneWords(): string {
+  const plan = shown.value;
+  const cell = cellName.value ?? "no cell";
+  if (plan === null) return `The arm of ${cell}. There is no plan yet.`;
+  const landing = plan.flight?.landing_point;
+  const where = landing ? `; the object lands at (${landing.map((x) => x.toFixed(2)).join(", ")})` : "";
+  return `The arm of ${plan.cell} along its plan of ${plan.duration_s.toFixed(2)} s${where}.`;
+}
+
+async function loadScene(canvas: HTMLCanvasElement | null, onFailure: (reason: string) => void): Promise<Scene | null> {
+  const load = LOADERS["../scene/index.ts"];
+  if (canvas === null || load === undefined) {
+    onFailure("");
+    return null;
+  }
+  await new Promise((painted) => requestAnimationFrame(() => setTimeout(painted)));
+  try {
+    const { createScene } = await load();
+    return createScene(canvas, {
+      theme: dark.value ? "dark" : "light",
+      realArm: isReal.value,
+      onTargetMoved: (position) => drag(asTarget(position)),
+      onTargetDropped: (position) => drop(asTarget(position)),
+      onReleaseMoved: (release) => drag(asRelease(release)),
+      onReleaseDropped: (release) => drop(asRelease(release)),
+      onFloorPicked: (position) => void reportLanding(position),
+      onNearestPicked: takeNearest,
+      onFailure,
+    });
+  } catch (error) {
+    onFailure(error instanceof Error ? error.message : String(error));
+    return null;
+  }
+}
+
+const rounded = (values: readonly number[]): string[] => values.map((value) => String(Number(value.toFixed(3))));
+
+function asTarget(position: Vector3): Partial<Draft> {
+  return { target: rounded(position), frame: "world" };
+}
+
+function asRelease(release: { position: Vector3; velocity: Vector3; quaternion: readonly number[] | null }): Partial<Draft> {
+  const pose = { position: rounded(release.position), velocity: rounded(release.velocity), frame: "world" as const };
+  return release.quaternion ? { ...pose, orientation: "quaternion", quaternion: release.quaternion.map((x) => x.toFixed(6)) } : pose;
+}
+
+/** Hands every change of the state on to the scene; returns what ends that. */
+function keepInStep(scene: Scene, canvas: HTMLCanvasElement | null): () => void {
+  const observer = new ResizeObserver(() => scene.resize());
+  if (canvas?.parentElement) observer.observe(canvas.parentElement);
+  const ends = [
+    effect(() => {
+      if (model.value !== null) scene.setModel(model.value);
+    }),
+    effect(() => showPlan(scene)),
+    effect(() => scene.setCurves(curves.value !== null && curves.value.planId === shown.value?.id ? curves.value.value : null)),
+    effect(() => scene.setTime(time.value)),
+    effect(() => showLive(scene)),
+    effect(() => showRequest(scene)),
+    effect(() => showRefusal(scene)),
+    effect(() => showLandings(scene)),
+    effect(() => scene.setTheme(dark.value ? "dark" : "light")),
+    effect(() => scene.setRealArm(isReal.value)),
+    effect(() => scene.setPicking(picking.value !== null)),
+  ];
+  return () => {
+    observer.disconnect();
+    for (const end of ends) end();
+  };
+}
+
+function showPlan(scene: Scene): void {
+  void model.value; // a new model clears the scene
+  const plan = shown.value;
+  const dragged = plan !== null && plan === preview.value;
+  const own = plan !== null && plan === answered.value;
+  scene.setPlan(plan, dragged ? "preview" : own && standing.value === "stale" ? "stale" : "valid");
+}
+
+/** The solid arm: from telemetry while something runs, from the plan while nothing does. */
+function showLive(scene: Scene): void {
+  void model.value;
+  const run = execution.value;
+  const robot = cellState.value?.robot as { positions?: number[]; connected?: boolean } | null | undefined;
+  const sample = run?.samples.at(-1);
+  const release = shown.value?.release_time_s ?? Infinity;
+  if (running.value) {
+    const positions = sample?.positions ?? robot?.positions;
+    if (positions) scene.setLive({ positions, connected: true, object: sample && sample.clock_s > release ? "gone" : "held" });
+    return;
+  }
+  if (shown.value === null && robot?.positions) scene.setLive({ positions: robot.positions, connected: robot.connected !== false, object: "held" });
+  else scene.setLive(null);
+}
+
+function showRequest(scene: Scene): void {
+  void model.value;
+  const asked = draft.value;
+  const target = asked.kind === "target" && asked.frame === "world" ? vector(asked.target) : null;
+  const opening = asked.bin ? { radius_m: Number(asked.binRadius) || 0.1, rim_height_m: Number(asked.binRim) || 0 } : null;
+  scene.setTarget(target ? { position: target, opening } : null);
+  const tool = (asked.kind === "point" || asked.kind === "pose") && asked.frame === "world";
+  const position = tool ? vector(asked.position) : null;
+  const velocity = tool ? vector(asked.velocity) : null;
+  const quaternion = asked.kind === "pose" && asked.orientation === "quaternion" ? (asked.quaternion.map(Number) as [number, number, number, number]) : null;
+  scene.setRelease(position && velocity ? { position, velocity, quaternion } : null);
+  scene.setHandle(running.value ? "none" : target ? "target" : position ? "release" : "none");
+}
+
+function showRefusal(scene: Scene): void {
+  void model.value;
+  const refusal = problem.value;
+  const nearest = refusal?.nearest?.release as { position?: number[] } | undefined;
+  scene.setNearest(nearest?.position ? (nearest.position as unknown as Vector3) : null);
+  scene.setObstacles((refusal?.violations ?? []).map((violation) => obstacleOf(violation)));
+}
+
+const JOINT_NAMES = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3"];
+
+/** Finds joint and box of a violation in its words. */
+function obstacleOf(violation: { constraint: string; value: number | null; limit: number | null; detail?: string }): Obstacle {
+  const detail = violation.detail ?? "";
+  const joint = JOINT_NAMES.findIndex((name) => detail.startsWith(`${name}_joint`) || detail.includes(` ${name}_joint`));
+  const box = /keep_(in|out)\D*(\d+)/.exec(`${detail} ${violation.constraint}`);
+  return {
+    constraint: violation.constraint,
+    value: violation.value,
+    limit: violation.limit,
+    joint: joint < 0 ? null : joint,
+    box: box ? { kind: box[1] === "in" ? "keep_in" : "keep_out", index: Number(box[2]) } : null,
+  };
+}
+
+function showLandings(scene: Scene): void {
+  void model.value;
+  const newest = execution.value?.id;
+  const dots: Landing[] = Object.entries(landings.value).flatMap(([id, list]) => {
+    const seen = list.filter((landing) => landing.position !== null).at(-1)?.position;
+    return seen ? [{ id, position: seen as unknown as Vector3, newest: id === newest }] : [];
+  });
+  const plan = shown.value;
+  const spread = plan?.landing_ellipse ?? null;
+  const height = plan?.flight?.landing_point[2] ?? 0;
+  scene.setLandings(dots, spread ? { center: spread.center as [number, number], covariance_m2: spread.covariance_m2, height_m: height } : null);
+}
+
+async function saveView(scene: Scene | null, form: "png" | "svg"): Promise<void> {
+  if (scene === null) return;
+  const content = form === "png" ? await scene.png() : new Blob([scene.svg()], { type: "image/svg+xml" });
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(content);
+  link.download = `fling-scene.${form}`;
+  link.click();
+  URL.revokeObjectURL(link.href);
+}
+
+/** Two views of the plan, drawn by the service: where the browser cannot draw the scene. */
+function Picture({ reason }: { reason: string }): JSX.Element {
+  const host = useRef<HTMLDivElement>(null);
+  const id = shown.value?.id ?? null;
+  useEffect(() => {
+    if (id) void drawPicture(id, host.current);
+    else host.current?.replaceChildren();
+  }, [id]);
+  return (
+    <>
+      {reason ? <p class="soft picture-reason">This browser cannot draw the scene ({reason}); two views instead.</p> : null}
+      <div class="picture-host" ref={host} />
+    </>
+  );
+}
+
+async function drawPicture(id: string, host: HTMLElement | null): Promise<void> {
+  try {
+    const text = await (await call("GET", `/plans/${id}/picture.svg`)).text();
+    host?.replaceChildren(document.importNode(new DOMParser().parseFromString(text, "image/svg+xml").documentElement, true));
+  } catch {
+    host?.replaceChildren();
+  }
+}

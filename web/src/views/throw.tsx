@@ -1,0 +1,176 @@
+// The panel of the request: form, Plan, what came back in words, and the button that moves the arm.
+
+import type { JSX } from "preact";
+import { useSignal } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
+
+import { execute, plan, takeNearest } from "../state/actions";
+import { throwLabel } from "../state/machine";
+import { answered, armed, cellName, isPlanning, isReal, preview, problem, running, standing } from "../state/store";
+import { constraintWords, figure, planWords, timingWords } from "../state/words";
+import { RequestFields } from "./request";
+
+export function ThrowPanel(): JSX.Element {
+  const planning = isPlanning.value;
+  return (
+    <form
+      class="panel request"
+      aria-label="Request"
+      onSubmit={(event) => {
+        event.preventDefault();
+        void plan();
+      }}
+    >
+      <RequestFields />
+      <ProblemCard />
+      <PlanSummary />
+      <div class="actions">
+        <button type="submit" class={armed.value ? "quiet" : "primary"} disabled={planning || cellName.value === null}>
+          {planning ? "Plan …" : "Plan"}
+        </button>
+        <span class="sr-only" role="status">{planning ? "Planning" : ""}</span>
+        <ThrowButton />
+      </div>
+    </form>
+  );
+}
+
+function PlanSummary(): JSX.Element | null {
+  const dragged = preview.value;
+  if (dragged) {
+    return (
+      <div class="summary preview">
+        <strong>Preview while dragging</strong>
+        <p>Ruckig alone, for a release on time; not stored. Let go for the full answer.</p>
+        <p>{planWords(dragged)}</p>
+      </div>
+    );
+  }
+  const current = answered.value;
+  if (current === null) return null;
+  const odds = current.hit_probability;
+  return (
+    <div class={`summary ${standing.value}`}>
+      {standing.value === "stale" ? <strong>The request has changed since this was planned.</strong> : null}
+      <p>{planWords(current)}</p>
+      <p class="soft">{timingWords(current)}</p>
+      {odds ? (
+        <p class="soft">
+          Hits within {figure(odds.radius_m * 1000)} mm with a probability of {figure(odds.value * 100, 2)} % (
+          {figure(odds.interval.map((p) => p * 100)[0], 2)} to {figure(odds.interval.map((p) => p * 100)[1], 2)} %).
+        </p>
+      ) : null}
+      <p class="soft">
+        Found by {current.backend} in {figure(current.solver.solve_time_s, 2)} s.
+      </p>
+    </div>
+  );
+}
+
+/** What stands in the way, in words, and what can be done instead. */
+function ProblemCard(): JSX.Element | null {
+  const refusal = problem.value;
+  if (refusal === null) return null;
+  return (
+    <div class="problem" role="alert">
+      <strong>{refusal.title}</strong>
+      {refusal.violations && refusal.violations.length > 0 ? (
+        <ul>
+          {refusal.violations.map((violation) => (
+            <li key={violation.constraint}>
+              <b>{constraintWords(violation.constraint)}</b>
+              {violation.value !== null && violation.limit !== null
+                ? `: ${figure(violation.value)} ${violation.unit} against a limit of ${figure(violation.limit)} ${violation.unit}`
+                : ""}
+              {violation.detail ? ` (${violation.detail})` : ""}
+              <span class="soft">{violation.proven ? " – proven" : " – searched for in vain"}</span>
+            </li>
+          ))}
+        </ul>
+      ) : (
+        <p>{refusal.detail}</p>
+      )}
+      {refusal.nearest ? (
+        <p>
+          <button type="button" class="quiet" onClick={takeNearest}>
+            Take nearest
+          </button>{" "}
+          <span class="soft">{nearestWords(refusal.nearest.release)}</span>
+        </p>
+      ) : null}
+    </div>
+  );
+}
+
+function nearestWords(release: { kind: string; position?: number[] }): string {
+  if (release.position) return `the closest that this cell can do: (${release.position.map((x) => x.toFixed(2)).join(", ")})`;
+  return "the closest that this cell can do";
+}
+
+function ThrowButton(): JSX.Element {
+  const mode = useSignal<"speedj" | "servoj">("speedj");
+  const dry = useSignal(false);
+  const asking = useSignal(false);
+  const current = answered.value;
+  const real = isReal.value;
+  const act = (): void => {
+    if (real && !dry.value) asking.value = true;
+    else void execute(mode.value, dry.value);
+  };
+  return (
+    <>
+      <button type="button" class={`throw ${real ? "real" : "primary"}`} disabled={!armed.value} onClick={act}>
+        {throwLabel(current)}
+      </button>
+      <details class="options how">
+        <summary>How it is executed</summary>
+        <div class="numbers of-2">
+          <label class="field">
+            <span>Stream by</span>
+            <select value={mode.value} onChange={(event) => (mode.value = event.currentTarget.value as "speedj")}>
+              <option value="speedj">speedj</option>
+              <option value="servoj">servoj</option>
+            </select>
+          </label>
+          <label class="check">
+            <input type="checkbox" checked={dry.value} onChange={(event) => (dry.value = event.currentTarget.checked)} />
+            <span>Dry run: everything but motion</span>
+          </label>
+        </div>
+      </details>
+      {asking.value && armed.value && !running.value ? (
+        <AskOnceMore
+          onYes={() => {
+            asking.value = false;
+            void execute(mode.value, dry.value);
+          }}
+          onNo={() => (asking.value = false)}
+        />
+      ) : null}
+    </>
+  );
+}
+
+/** A real arm asks once more. Escape and the first focus are on the side of not moving. */
+function AskOnceMore({ onYes, onNo }: { onYes: () => void; onNo: () => void }): JSX.Element {
+  const dialog = useRef<HTMLDialogElement>(null);
+  useEffect(() => dialog.current?.showModal(), []);
+  const current = answered.value;
+  return (
+    <dialog ref={dialog} class="ask" aria-labelledby="ask-title" onClose={onNo}>
+      <h2 id="ask-title">A real arm will move</h2>
+      <p>
+        <b>{current?.cell}</b> is not a simulation. {current ? planWords(current) : ""} Is everybody out of reach of the arm and of
+        the flight, and the emergency stop in your hand?
+      </p>
+      <div class="actions">
+        <button type="button" class="quiet" autofocus onClick={onNo}>
+          No, keep still
+        </button>
+        <button type="button" class="real" onClick={onYes}>
+          Yes, move the arm
+        </button>
+      </div>
+    </dialog>
+  );
+}

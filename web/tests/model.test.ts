@@ -1,0 +1,74 @@
+import { describe, expect, it } from "vitest";
+import { type Chain, linkPoses, toolPose, toolState, transformOfRow } from "../src/model/chain";
+import { dragConstant, fly, path } from "../src/model/flight";
+import { type Pose, poseOfRows, type Vector } from "../src/model/poses";
+import { durationOf, stateAt } from "../src/model/samples";
+import numbers from "./model-numbers.json";
+
+const TOLERANCE = 1e-12; // [m, 1] what the issue asks of nine arms
+
+function chainOf(arm: (typeof numbers.arms)[number]): Chain {
+  const transforms = arm.transforms
+    ? arm.transforms.map(poseOfRows)
+    : arm.a!.map((a, i) => transformOfRow({ a, d: arm.d![i]!, alpha: arm.alpha[i]! }));
+  return { base: poseOfRows(arm.base), transforms, tool: poseOfRows(arm.tool) };
+}
+
+function expectNear(found: ArrayLike<number>, meant: readonly number[], tolerance = TOLERANCE): void {
+  const worst = Math.max(...meant.map((value, i) => Math.abs(value - found[i]!)));
+  expect(found.length).toBe(meant.length);
+  expect(worst).toBeLessThanOrEqual(tolerance);
+}
+
+const rows = (pose: Pose): Float64Array => pose.subarray(0, 12);
+
+describe.each(numbers.arms)("$name, calibrated: $calibrated", (arm) => {
+  it("has the links, the tool and its velocity where the planner has them", () => {
+    arm.positions.forEach((q, n) => {
+      linkPoses(chainOf(arm), q)
+        .slice(1)
+        .forEach((pose, i) => expectNear(rows(pose), arm.links[n]![i]!.flat()));
+      expectNear(rows(toolPose(chainOf(arm), q)), arm.tool_pose[n]!.flat());
+      const state = toolState(chainOf(arm), q, arm.velocities[n]!);
+      expectNear(rows(state.pose), arm.tool_pose[n]!.flat());
+      expectNear(state.velocity, arm.tool_velocity[n]!, 1e-11); // [m/s] of joints at up to 3 rad/s
+    });
+  });
+});
+
+describe.each(numbers.flights)("flight with drag $drag from height $position.2 to $plane_z", (flight) => {
+  const [p, v] = [flight.position as unknown as Vector, flight.velocity as unknown as Vector];
+
+  it("lands where the planner's does", () => {
+    const found = fly(p, v, flight.plane_z, flight);
+    expect(found === null).toBe(flight.landing === null);
+    if (!found || !flight.landing) return;
+    expectNear(found.landingPoint, flight.landing.point);
+    expectNear(found.landingVelocity, flight.landing.velocity);
+    expectNear([found.timeOfFlight, found.apexHeight], [flight.landing.time_of_flight_s, flight.landing.apex_height_m]);
+  });
+
+  it("goes the planner's way", () => {
+    path(p, v, flight.times, flight).forEach((point, i) => expectNear(point, flight.path[i]!));
+  });
+});
+
+it("takes flights of both kinds, and some that never come down to their plane", () => {
+  const landed = numbers.flights.map((flight) => flight.landing !== null);
+  expect(new Set(landed)).toEqual(new Set([true, false]));
+});
+
+it("has the deceleration of a sphere", () => {
+  expect(dragConstant(0.05, 0.02, 0.4)).toBeCloseTo((0.5 * 1.204 * 0.4 * Math.PI * 0.02 ** 2) / 0.05, 15);
+});
+
+it("has the motion between samples as the planner has it, clipped to its ends", () => {
+  const { samples, sample_rate_hz, times, found } = numbers.motion;
+  expect(durationOf(samples, sample_rate_hz)).toBe(0.032);
+  times.forEach((t, i) => {
+    const state = stateAt(samples, sample_rate_hz, t);
+    expectNear(state.positions, found.positions[i]!);
+    expectNear(state.velocities, found.velocities[i]!);
+    expectNear(state.accelerations, found.accelerations[i]!, 1e-11);
+  });
+});
