@@ -19,7 +19,7 @@ test: $(VENV)/dev.stamp $(VENV)/warm.stamp
 	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/system --ignore tests/verify
 	$(BIN)/python -m pytest tests/system  # in real time: nothing beside it
 
-verify: $(VENV)/docs.stamp $(VENV)/warm.stamp   ## what takes minutes: wheels, both databases, generated clients, notebooks
+verify: $(VENV)/docs.stamp $(VENV)/verify.stamp $(VENV)/warm.stamp   ## what takes minutes: wheels, both databases, generated clients, notebooks
 	$(BIN)/python -m pytest tests/verify
 
 # What computes once more as other processors round: older kernels of numpy, BLAS and libm on one thread, then the
@@ -68,7 +68,7 @@ docs: $(VENV)/docs.stamp        ## writes build/docs: tutorial, course, referenc
 	@echo "build/docs/index.html"
 
 lock:                           ## pin requirements/*.in anew (needs uv)
-	for name in run dev docs bench; do \
+	for name in run dev docs verify bench; do \
 		uv pip compile --quiet --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
 			--no-emit-index-url --no-header --no-annotate requirements/$$name.in -o requirements/$$name.txt || exit 1; \
 	done
@@ -96,6 +96,10 @@ $(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp
 
 $(VENV)/docs.stamp: requirements/docs.txt $(VENV)/dev.stamp
 	$(PIP) install --quiet --require-hashes -r requirements/docs.txt
+	touch $@
+
+$(VENV)/verify.stamp: requirements/verify.txt $(VENV)/dev.stamp
+	$(PIP) install --quiet --require-hashes -r requirements/verify.txt
 	touch $@
 
 $(VENV)/bench.stamp: requirements/bench.txt $(VENV)/dev.stamp

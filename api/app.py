@@ -43,9 +43,9 @@ DESCRIPTION = (
     "`application/problem+json`. **Software stop is not a safety function.**"
 )
 WARM_UP_REQUEST = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}  # any throw loads and builds everything
-RETENTION_PERIOD_S = 600.0  # [s] between two times that old plans and executions are deleted
 COMPRESSED_BYTES = 1000  # answers from this size on are compressed for clients that can read it
 COMPRESSION = 4  # of 9: a plan shrinks to a third in milliseconds; more costs much and saves little
+RETENTION_PERIOD_S = 600.0  # [s] between two times that old plans and executions are deleted
 
 
 class UnsafeSettings(ValueError):
@@ -77,9 +77,9 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         generate_unique_id_function=operation_id,
     )
     app.state.tokens, app.state.is_draining = tokens, False
-    app.add_middleware(DrainingMiddleware)
     app.add_middleware(GZipMiddleware, minimum_size=COMPRESSED_BYTES, compresslevel=COMPRESSION)
     app.add_middleware(HeadMiddleware)
+    app.add_middleware(DrainingMiddleware)
     app.add_middleware(SecurityMiddleware, local_only=not tokens.is_guarded)
     app.add_middleware(RequestLogMiddleware, record=partial(_record_request, app))
     install_error_handlers(app)
@@ -115,9 +115,9 @@ def serve(settings: ServiceSettings) -> int:
     except (ValueError, RuntimeError, StoreError) as error:
         print(f"fling: {error}", file=sys.stderr)
         return 2
-    configure_logs(settings.request_log)
     if settings.tokens_file is not None:
         signal.signal(signal.SIGHUP, lambda *_: app.state.tokens.reload())
+    configure_logs(settings.request_log)
     config = server_config(app, settings.host, settings.port)
     DrainingServer(config, partial(_drain, app)).run()
     return 0

@@ -86,19 +86,16 @@ async def caller(request: Request, service: ServiceDep, credentials: Credentials
     Raises:
         ProblemDetails: The service uses tokens and the request has none, or one that is unknown or has expired.
     """
-    found = LOCAL_CALLER if not service.tokens.is_guarded else await _known_caller(request, service, credentials)
-    request.state.caller = found.name
-    return found
-
-
-async def _known_caller(request: Request, service: Service, credentials: Credentials) -> Caller:
-    """Returns the owner of a request's token; wrong ones from one address are answered later and later."""
+    if not service.tokens.is_guarded:
+        request.state.caller = LOCAL_CALLER.name
+        return LOCAL_CALLER
     if credentials is None:
         raise _unauthenticated("a bearer token is needed")
     found = service.tokens.find(credentials.credentials)
     if found is None or found.has_expired:
         await asyncio.sleep(service.wrong_tokens.delay_s(client_address(request.scope)))
         raise _unauthenticated("this token is not known" if found is None else "this token has expired")
+    request.state.caller = found.caller.name
     return found.caller
 
 

@@ -73,14 +73,15 @@ def read_settings(**flags: object) -> ServiceSettings:
         raise SettingsError(f"{_source(('cells',), given)} = '{settings.cells}': there is no such folder")
     if not (settings.cells / f"{settings.default_cell}.toml").is_file():
         name = _source(("default_cell",), given)
-        raise SettingsError(f"{name} = {settings.default_cell!r}: {settings.cells} has no such cell")
+        raise SettingsError(f"{name}: no cell {settings.default_cell!r} in {settings.cells}")
     return settings
 
 
 def _source(location: tuple[int | str, ...], given: Mapping[str, object]) -> str:
     """Returns the flag or the variable that a setting came from."""
     name = str(location[0]).lower()
-    return f"--{name.replace('_', '-')}" if name in given else f"FLING_{name.upper()}"
+    flag = "cell" if name == "default_cell" else name.replace("_", "-")
+    return f"--{flag}" if name in given else f"FLING_{name.upper()}"
 
 
 def is_loopback_host(host: str) -> bool:

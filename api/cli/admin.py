@@ -122,8 +122,9 @@ def create(scopes: tuple[str, ...], name: str, file: Path, days: float | None, a
 
 
 @token.command("list")
+@json_option
 @tokens_file
-def list_tokens(file: Path) -> None:
+def list_tokens(file: Path, as_json: bool) -> None:
     """List the tokens of the file: name, scopes, and when each expires."""
     from api.http import read_tokens
 
@@ -131,16 +132,27 @@ def list_tokens(file: Path) -> None:
         tokens = read_tokens(file)
     except ValueError as error:
         raise click.ClickException(str(error)) from error
-    for stored in tokens:
-        ends = "never" if stored.expires_at is None else stored.expires_at.isoformat()
-        state = " (has expired)" if stored.has_expired else ""
-        click.echo(f"{stored.caller.name}: {', '.join(sorted(stored.caller.scopes))}; expires {ends}{state}")
+    rows = [
+        {
+            "name": stored.caller.name,
+            "scopes": sorted(stored.caller.scopes),
+            "expires_at": None if stored.expires_at is None else stored.expires_at.isoformat(),
+            "expired": stored.has_expired,
+        }
+        for stored in tokens
+    ]
+    if as_json:
+        click.echo(json.dumps(rows))
+    for row in () if as_json else rows:
+        state = " (has expired)" if row["expired"] else ""
+        click.echo(f"{row['name']}: {', '.join(row['scopes'])}; expires {row['expires_at'] or 'never'}{state}")
 
 
 @token.command()
+@json_option
 @click.argument("name")
 @tokens_file
-def revoke(name: str, file: Path) -> None:
+def revoke(name: str, file: Path, as_json: bool) -> None:
     """Revoke the token called NAME: the service refuses it from its next request on."""
     from api.http import revoke_token
 
@@ -148,6 +160,8 @@ def revoke(name: str, file: Path) -> None:
         revoke_token(file, name)
     except (ValueError, OSError) as error:
         raise click.ClickException(str(error)) from error
+    if as_json:
+        click.echo(json.dumps({"revoked": name}))
 
 
 @click.group(cls=FlingGroup)

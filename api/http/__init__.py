@@ -8,6 +8,7 @@ from api.http.errors import (
     invalid_field,
     invalid_request,
     problem_document,
+    problem_status,
     translate,
 )
 from api.http.head import HeadMiddleware
@@ -16,7 +17,6 @@ from api.http.middleware import SecurityMiddleware
 from api.http.negotiation import has_current, preferred_media_type, unchanging
 from api.http.openapi import json_answer, openapi_schema, operation_id, problem_answers
 from api.http.request_log import RequestLogMiddleware, RequestRecord, client_address
-from api.http.server import KEEP_ALIVE_S, ProblemProtocol
 from api.http.tokens import (
     Caller,
     StoredToken,
@@ -29,13 +29,11 @@ from api.http.tokens import (
 from api.http.wrong_tokens import WrongTokens
 
 __all__ = [
-    "KEEP_ALIVE_S",
     "PROBLEM_TYPES",
     "Caller",
     "DrainingMiddleware",
     "HeadMiddleware",
     "ProblemDetails",
-    "ProblemProtocol",
     "RequestLogMiddleware",
     "RequestRecord",
     "SecurityMiddleware",
@@ -56,6 +54,7 @@ __all__ = [
     "preferred_media_type",
     "problem_answers",
     "problem_document",
+    "problem_status",
     "read_tokens",
     "revoke_token",
     "translate",

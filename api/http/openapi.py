@@ -63,6 +63,7 @@ class ProblemAnswer(BaseModel):
     offers: list[str] | None = Field(None, description="not-acceptable: the media types that there are.")
 
 
+OF_BODIES = {"invalid-request", "too-large", "unsupported-media-type", "request-timeout", "shutting-down"}
 UNROUTED = (ProblemAnswer, StateEvent, TelemetryEvent)  # models of media types that FastAPI does not know
 
 
@@ -124,7 +125,7 @@ def _complete(operation: dict[str, Any], secured: bool) -> None:
     places = {parameter["in"] for parameter in operation.get("parameters", ())}
     names |= {"not-found"} if "path" in places else set()
     names |= {"invalid-request"} if places & {"query", "header"} else set()
-    names |= {"invalid-request", "too-large", "unsupported-media-type"} if "requestBody" in operation else set()
+    names |= OF_BODIES if "requestBody" in operation else set()
     successes = {code: answer for code, answer in operation["responses"].items() if code < "400"}
     problems = {str(status): answer for status, answer in problem_answers(*names).items()}
     operation["responses"] = {**successes, **problems}

@@ -19,8 +19,8 @@ from planner.errors import SolverFailed
 
 GRACE_S = 20.0  # [s] beyond `time_limit_s`: solver calls under way, the search for the nearest request, a busy machine
 TYPICAL_PLAN_S = 0.5  # [s] duration of a usual plan, for the advice in Retry-After
-DRAIN_POLL_S = 0.02  # [s] between two looks at whether everything is answered
 RETRY_MAX_S = 60  # [s] longest advice: connections are kept for longer
+DRAIN_POLL_S = 0.02  # [s] between two looks at whether everything is answered
 TRIES = 2  # a job whose worker was killed is tried once more
 
 

@@ -220,7 +220,7 @@ def test_tokens_on_the_command_line(tmp_path: Path):
         ("FLING_PORT", "70000", "FLING_PORT = '70000': Input should be less than or equal to 65535"),
         ("FLING_PLANNER_WORKERS", "0", "FLING_PLANNER_WORKERS = '0': Input should be greater than or equal to 1"),
         ("FLING_CELLS", "/nowhere", "FLING_CELLS = '/nowhere': there is no such folder"),
-        ("FLING_DEFAULT_CELL", "moon", "FLING_DEFAULT_CELL = 'moon': "),
+        ("FLING_DEFAULT_CELL", "moon", "FLING_DEFAULT_CELL: no cell 'moon' in "),
     ],
 )
 def test_a_wrong_setting_is_one_sentence(monkeypatch: pytest.MonkeyPatch, variable: str, value: str, sentence: str):
