@@ -45,7 +45,7 @@ class OffArm:
         self.rng = np.random.default_rng(5)
         self.tick, self.sent_at, self.watchdog_hz, self.delayed_s, self.call_s = 0, 0.0, 20.0, 0.0, 0.0
         self.stamp = self.safety_bits = self.runtime_state = self.scaling = self.outputs = 0.0
-        self.current = [0.0] * 6
+        self.current = self.target_qd = [0.0] * 6
         self.true_q, self.true_qd = np.array(self.job.q[0]), np.zeros(6)
 
     def timestamp(self) -> float:
