@@ -177,10 +177,10 @@ def sitting(seed: int, count: int) -> str:
     return "\n".join([*lines, "", f"Seed {seed}; {numbers}; calibrated in {minutes:.1f} minutes.", "", truth.text])
 
 
-def grippers(seed: int, cells: int, throws: int) -> str:
+def grippers(seed: int, cells: range, throws: int) -> str:
     """Returns delay and jitter of hidden grippers as `fling calibrate` finds them."""
     lines = [*GRIPPERS_HEAD]
-    for i in range(cells):
+    for i in cells:
         truth = drawn_truth(np.random.default_rng([seed, i]))
         with running_cell(truth) as lab:
             lab.command("calibrate", "lag", "--cell", CELL, "--adopt", "--throws", "2")
@@ -218,13 +218,14 @@ def main() -> None:
     parser.add_argument("--seed", type=int, help="of the hidden cells; default: a random one")
     parser.add_argument("--throws", type=int, help="before and after a sitting (30); of a gripper's calibration (6)")
     parser.add_argument("--cells", type=int, default=10, help="grippers")
+    parser.add_argument("--first", type=int, default=0, help="number of the first gripper")
     options = parser.parse_args()
     seed = secrets.randbelow(1_000_000) if options.seed is None else options.seed
     print(f"seed {seed}", flush=True)
     if options.what == "sitting":
         print(sitting(seed, options.throws or 30))
     else:
-        print(grippers(seed, options.cells, options.throws or 6))
+        print(grippers(seed, range(options.first, options.first + options.cells), options.throws or 6))
 
 
 if __name__ == "__main__":
