@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import signal
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -11,6 +12,7 @@ from functools import partial
 
 from fastapi import FastAPI
 from starlette.concurrency import run_in_threadpool
+from starlette.middleware.gzip import GZipMiddleware
 
 from api import fling_version
 from api.cell_repository import CellRepository
@@ -18,13 +20,14 @@ from api.dependencies import Service
 from api.execution_feed import ExecutionFeeds
 from api.http import (
     DrainingMiddleware,
+    HeadMiddleware,
     RequestLogMiddleware,
     RequestRecord,
     SecurityMiddleware,
-    StoredToken,
+    TokenRegistry,
     install_error_handlers,
     openapi_schema,
-    read_tokens,
+    operation_id,
 )
 from api.logs import REQUESTS, configure_logs
 from api.metrics import Metrics
@@ -41,6 +44,8 @@ DESCRIPTION = (
 )
 WARM_UP_REQUEST = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}  # any throw loads and builds everything
 RETENTION_PERIOD_S = 600.0  # [s] between two times that old plans and executions are deleted
+COMPRESSED_BYTES = 1000  # answers from this size on are compressed for clients that can read it
+COMPRESSION = 4  # of 9: a plan shrinks to a third in milliseconds; more costs much and saves little
 
 
 class UnsafeSettings(ValueError):
@@ -52,10 +57,10 @@ def create_app(settings: ServiceSettings) -> FastAPI:
 
     Raises:
         UnsafeSettings: There are no tokens and the address can be reached from other machines.
-        ValueError: The tokens file cannot be read.
+        ValueError: The tokens file cannot be read, or names no token.
     """
-    tokens = read_tokens(settings.tokens_file)
-    if not tokens and not is_loopback_host(settings.host):
+    tokens = TokenRegistry(settings.tokens_file)
+    if not tokens.is_guarded and not is_loopback_host(settings.host):
         raise UnsafeSettings(
             f"{settings.host} can be reached from other machines: create a token ('fling token create') and set "
             "FLING_TOKENS_FILE"
@@ -69,20 +74,23 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         docs_url=None,
         redoc_url=None,
         redirect_slashes=False,
+        generate_unique_id_function=operation_id,
     )
-    app.state.is_draining = False
+    app.state.tokens, app.state.is_draining = tokens, False
     app.add_middleware(DrainingMiddleware)
-    app.add_middleware(SecurityMiddleware, local_only=not tokens)
+    app.add_middleware(GZipMiddleware, minimum_size=COMPRESSED_BYTES, compresslevel=COMPRESSION)
+    app.add_middleware(HeadMiddleware)
+    app.add_middleware(SecurityMiddleware, local_only=not tokens.is_guarded)
     app.add_middleware(RequestLogMiddleware, record=partial(_record_request, app))
     install_error_handlers(app)
     for router in ROUTERS:
         app.include_router(router)
-    app.openapi = lambda: openapi_schema(app)
+    app.openapi = lambda: openapi_schema(app, tokens.is_guarded)
     return app
 
 
 @asynccontextmanager
-async def _lifespan(settings: ServiceSettings, tokens: tuple[StoredToken, ...], app: FastAPI) -> AsyncIterator[None]:
+async def _lifespan(settings: ServiceSettings, tokens: TokenRegistry, app: FastAPI) -> AsyncIterator[None]:
     """Opens the service's parts, and closes them when the application ends."""
     service = _service(settings, tokens)
     app.state.service = service
@@ -108,6 +116,8 @@ def serve(settings: ServiceSettings) -> int:
         print(f"fling: {error}", file=sys.stderr)
         return 2
     configure_logs(settings.request_log)
+    if settings.tokens_file is not None:
+        signal.signal(signal.SIGHUP, lambda *_: app.state.tokens.reload())
     config = server_config(app, settings.host, settings.port)
     DrainingServer(config, partial(_drain, app)).run()
     return 0
@@ -134,7 +144,7 @@ async def _drain(app: FastAPI) -> None:
     app.state.service.feeds.close()
 
 
-def _service(settings: ServiceSettings, tokens: tuple[StoredToken, ...]) -> Service:
+def _service(settings: ServiceSettings, tokens: TokenRegistry) -> Service:
     store = Store.open(settings.database_url)
     cells = CellRepository(settings.cells)
     for name, reason in cells.faults().items():

@@ -7,24 +7,21 @@ when what was begun is answered. A second signal ends it at once.
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import Awaitable, Callable
 from types import FrameType
 
 import h11
 import uvicorn
-from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from api.http import ProblemDetails, problem_document, problem_status
+from api.http import KEEP_ALIVE_S, ProblemDetails, ProblemProtocol
 
 HEADERS_S = 10.0  # [s] from a request's first byte (or the connection) to the end of its headers: a few packets
 STALL_S = 10.0  # [s] between two looks at a client that does not read its answer
 READ_RATE_MIN_B_S = 1000.0  # [byte/s] slowest accepted reader, slower than any modem
-KEEP_ALIVE_S = 75.0  # [s] idle connections are kept longer than any `Retry-After` that was given
 ANSWERS_S = 10  # [s] for the answers of what was drained: storing a plan waits up to 5 s for a busy database
 
 
-class ImpatientProtocol(H11Protocol):
+class ImpatientProtocol(ProblemProtocol):
     """HTTP/1.1 whose clients must finish their headers in time and read their answers at a lowest rate."""
 
     headers_s, stall_s = HEADERS_S, STALL_S
@@ -76,17 +73,8 @@ class ImpatientProtocol(H11Protocol):
             return
         if self.conn.our_state is h11.IDLE and self.conn.trailing_data[0]:
             detail = f"the headers took longer than {self.headers_s:g} s"
-            self._refuse(ProblemDetails("request-timeout", detail))
+            self.refuse(ProblemDetails("request-timeout", detail))
         self.transport.close()
-
-    def _refuse(self, problem: ProblemDetails) -> None:
-        """Answers a request that the application never saw."""
-        body = json.dumps(problem_document(problem, "")).encode()
-        headers = [("Content-Type", "application/problem+json"), ("Connection", "close")]
-        headers.append(("Content-Length", str(len(body))))
-        head = h11.Response(status_code=problem_status(problem), headers=headers)
-        for event in (head, h11.Data(data=body), h11.EndOfMessage()):
-            self.transport.write(self.conn.send(event) or b"")
 
     def _await_reader(self) -> None:
         unread = self.transport.get_write_buffer_size()
@@ -142,7 +130,7 @@ def server_config(app: Callable[..., object], host: str, port: int) -> uvicorn.C
         log_level="warning",
         access_log=False,
         server_header=False,
-        timeout_keep_alive=int(KEEP_ALIVE_S),
+        timeout_keep_alive=KEEP_ALIVE_S,
         timeout_graceful_shutdown=ANSWERS_S,
     )
 

@@ -15,7 +15,8 @@ from executor.logs import log
 from executor.preflight import ExecutionRefused, session_refusals, session_warnings
 from executor.records import MIN_FREE_BYTES, ExecutionResult, Journal, row_document
 from executor.robot import RobotSession, robot_document
-from planner.cell import Cell
+from planner.cell import Cell, read_source
+from planner.errors import CellError
 from store import ExecutionRow, Store, StoreUnavailable, new_id
 
 POLL_S = 0.02  # [s] between two queries for a queued execution
@@ -89,6 +90,7 @@ class Daemon:
     def run(self, ended: threading.Event) -> None:
         """Serves until `ended`; a running execution brakes first."""
         self.recover()
+        self._note_version()
         self.session.monitor.start()
         self.heartbeat.start()
         try:
@@ -103,7 +105,7 @@ class Daemon:
     def recover(self) -> None:
         """Delivers the results of an earlier daemon and closes its executions; latches a fault if one was claimed."""
         self._try_store(lambda: self.journal.deliver(self.store))
-        reason = "the executor was restarted"
+        reason = f"the executor was restarted{self._safety_words()}"
         left = self._try_store(lambda: self.store.close_open_executions(self.cell, reason=reason)) or []
         rows = [self._try_store(lambda id=id: self.store.execution(id)) for id in left]
         claimed = [row for row in rows if row and row.claimed_at]
@@ -113,10 +115,28 @@ class Daemon:
         with contextlib.suppress(OSError):  # no controller: nothing moves
             self.session.dashboard.ask("stop")
 
+    def _safety_words(self) -> str:
+        """Returns the controller's safety state for a reason, where it is not the normal one."""
+        try:
+            answer = self.session.dashboard.ask("safetystatus")
+        except OSError:
+            return ""
+        return "" if "NORMAL" in answer else f"; the controller reports '{answer}'"
+
     def _new_heartbeat(self) -> Heartbeat:
         session = self.session
         own = RobotSession.open(session.cell, session.settings, session.monitor)
         return Heartbeat(own, self.store, self.journal, self.watch, self.executor_id)
+
+    def _note_version(self) -> None:
+        """Keeps the cell's files as a version, as the executor uses them from now on."""
+        try:
+            source = read_source(self.session.settings.cell_path)
+        except CellError:  # gone: the watch reports it
+            return
+        if source.sha256 == self.session.cell.sha256:  # not changed again meanwhile
+            files = source.sha256, source.text, source.calibration
+            self._try_store(lambda: self.store.note_cell_version(self.cell, *files, "executor"))
 
     def _continue_with(self, cell: Cell) -> None:
         """Continues with another version of the cell file, at another address if it has one; nothing is executed."""
@@ -130,6 +150,7 @@ class Daemon:
             self.session.monitor.start()
         self.heartbeat = self._new_heartbeat()
         self.heartbeat.start()
+        self._note_version()
 
     def _poll(self, ended: threading.Event) -> None:
         changed = self.watch.look()

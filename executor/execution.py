@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from planner.plan_reading import aimed_problem, promised_tolerance
 from store import ExecutionRow, ProfileRow, new_id
 
 SAFETY_WAIT_S = 0.2  # [s] after a fault, for a state that is newer than the fault
+MONITOR_WAIT_S = 1.0  # [s] longest wait for it: the machine may be busy, the link may be gone
 POLL_S = 0.02  # [s] between two readings of that state
 STATES = {
     shm.CONNECTED: "approaching",
@@ -109,6 +110,7 @@ class Execution:
         if self.session.cell.link.kind == "sim":
             self._announce()
         settings = self.session.settings
+        self.session.monitor.forget_stops()
         self.run = StreamRun(job, settings.data / "streaming.log", settings.keep_awake)
         self.run.start()
 
@@ -132,6 +134,8 @@ class Execution:
         """Returns the result of the ended run; waits for the landing where that can be observed."""
         assert self.run is not None and self.run.result is not None
         ended = self.run.result
+        if self.row.dry_run:
+            ended = replace(ended, output_sent_s=None)  # its time came, and nothing was switched
         outcome, reason = self._outcome(ended)
         telemetry, landing = records.Telemetry(ended.rows), None if outcome == "held" else self._landing()
         timing = self._timing(telemetry)
@@ -170,17 +174,28 @@ class Execution:
         return records.to_mcap(telemetry, cell.robot.joint_names, time.time() - age_s, self.log, about)
 
     def _outcome(self, ended: records.RunResult) -> tuple[str, str]:
-        """Returns outcome and reason; after a fault the controller's own safety state takes precedence."""
+        """Returns outcome and reason; after a fault a stop that the daemon has seen itself takes precedence.
+
+        The streaming process may have died of what stopped the robot, or have seen the program stop before the reason.
+        """
         if ended.in_order or ended.outcome in ("protective_stop", "emergency_stop", "refused"):
             return ended.outcome, ended.reason
-        until = time.monotonic() + SAFETY_WAIT_S
-        while time.monotonic() < until:
-            state = self.session.monitor.fresh()
-            if state is not None and state.safety_bits != NORMAL:
-                kind = "emergency_stop" if state.safety_bits & EMERGENCY_BITS else "protective_stop"
-                return kind, f"the controller stopped: {ended.reason}"
+        monitor, began_at = self.session.monitor, time.monotonic()
+        while monitor.stop_seen is None and not self._has_looked(began_at):
             time.sleep(POLL_S)
-        return ended.outcome, ended.reason
+        stop = monitor.stop_seen
+        if stop is None:
+            return ended.outcome, ended.reason
+        if stop.safety_bits == NORMAL:
+            return "power_off", f"the arm has no power (robot mode {stop.robot_mode}): {ended.reason}"
+        kind = "emergency_stop" if stop.safety_bits & EMERGENCY_BITS else "protective_stop"
+        return kind, f"the controller stopped: {ended.reason}"
+
+    def _has_looked(self, began_at: float) -> bool:
+        """Returns whether the monitor has seen the controller long enough after a fault; gives up without it."""
+        waited_s, state = time.monotonic() - began_at, self.session.monitor.state
+        seen_s = 0.0 if state is None else state.seen_at - began_at
+        return seen_s > SAFETY_WAIT_S or waited_s > MONITOR_WAIT_S
 
     def _landing(self) -> records.Landing | None:
         """Returns the observed landing; None where the cell cannot observe one."""

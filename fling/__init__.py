@@ -6,7 +6,7 @@ Everything that documentation and examples use is reached from here, and loaded 
 
     cell = fling.open_cell("ur5e-sim")
     answer = fling.plan({"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}, cell)
-    print(answer.release_time_s, answer.certificate.valid)
+    print(answer.trajectory.release_time_s, answer.certificate.valid)
 
 Names that are not listed in `__all__` may change without notice.
 """
@@ -21,15 +21,14 @@ if TYPE_CHECKING:
     from fling.client import Client, ServiceRefusal
     from fling.planning import plan, plan_document, problem, warm
     from fling.ros import as_joint_trajectory
-    from planner import flight, kinematics, rotations
-    from planner.backends import profiles
+    from planner import flight, kinematics, rotations, timing
     from planner.cell import Cell
     from planner.certificate import Certificate, Check, certify
     from planner.errors import CellError, Infeasible, InvalidProblem, PlannerError, SolverFailed, Violation
     from planner.planning import Plan
     from planner.problem import ThrowProblem
     from planner.robots import Robot, robot
-    from planner.trajectory import Trajectory
+    from planner.trajectory import Trajectory, integrate
 
 __all__ = [
     "Cell",
@@ -52,14 +51,15 @@ __all__ = [
     "cell_names",
     "certify",
     "flight",
+    "integrate",
     "kinematics",
     "open_cell",
     "plan",
     "plan_document",
     "problem",
-    "profiles",
     "robot",
     "rotations",
+    "timing",
     "warm",
 ]
 
@@ -70,15 +70,14 @@ _HOMES = {  # module: the public names that it holds
     "fling.client": ("Client", "ServiceRefusal"),
     "fling.planning": ("plan", "plan_document", "problem", "warm"),
     "fling.ros": ("as_joint_trajectory",),
-    "planner": ("flight", "kinematics", "rotations"),
-    "planner.backends": ("profiles",),
+    "planner": ("flight", "kinematics", "rotations", "timing"),
     "planner.cell": ("Cell",),
     "planner.certificate": ("Certificate", "Check", "certify"),
     "planner.errors": ("CellError", "Infeasible", "InvalidProblem", "PlannerError", "SolverFailed", "Violation"),
     "planner.planning": ("Plan",),
     "planner.problem": ("ThrowProblem",),
     "planner.robots": ("Robot", "robot"),
-    "planner.trajectory": ("Trajectory",),
+    "planner.trajectory": ("Trajectory", "integrate"),
 }
 _HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Self
@@ -11,7 +12,7 @@ import httpx2
 
 TIMEOUT_S = 150.0  # [s] a plan may take its whole time limit
 PROBLEM_TYPE = "application/problem+json"
-DEFAULT_URL = "http://127.0.0.1:8000"
+DEFAULT_URL = "http://127.0.0.1:8000"  # unless FLING_URL names another service
 
 
 class ServiceRefusal(Exception):
@@ -35,8 +36,8 @@ class Client:
     """Calls a running service: `with fling.Client() as client: client.plan({...})`.
 
     Args:
-        url: Base URL of the service.
-        token: Bearer token.
+        url: Base URL of the service; default: FLING_URL, or this machine at port 8000.
+        token: Bearer token; default: FLING_TOKEN.
 
     Raises:
         ServiceRefusal: From every call that does not succeed.
@@ -44,7 +45,8 @@ class Client:
 
     refusal: Callable[[dict[str, Any]], Exception] = ServiceRefusal  # what the calls raise
 
-    def __init__(self, url: str = DEFAULT_URL, token: str | None = None) -> None:
+    def __init__(self, url: str | None = None, token: str | None = None) -> None:
+        url, token = url or os.environ.get("FLING_URL") or DEFAULT_URL, token or os.environ.get("FLING_TOKEN")
         headers = {"Authorization": f"Bearer {token}"} if token else {}
         self._http = httpx2.Client(base_url=url, headers=headers, timeout=TIMEOUT_S, trust_env=False)
 
@@ -85,6 +87,10 @@ class Client:
         """Returns the JSON of a GET."""
         return self._call("GET", path)
 
+    def text(self, path: str, media_type: str = "*/*") -> str:
+        """Returns the text of a GET, of the media type asked for."""
+        return self._response("GET", path, headers={"Accept": media_type}).text
+
     def post(self, path: str, body: Any = None) -> dict[str, Any]:
         """Returns the JSON of a POST."""
         return self._call("POST", path, body)
@@ -105,12 +111,15 @@ class Client:
             raise self._unreachable(error) from error
 
     def _call(self, method: str, path: str, body: Any = None) -> dict[str, Any]:
+        return self._response(method, path, **({} if body is None else {"json": body})).json()
+
+    def _response(self, method: str, path: str, **more: Any) -> httpx2.Response:
         try:
-            response = self._http.request(method, path, **({} if body is None else {"json": body}))
+            response = self._http.request(method, path, **more)
         except httpx2.TransportError as error:
             raise self._unreachable(error) from error
         self._check(response)
-        return response.json()
+        return response
 
     def _check(self, response: httpx2.Response) -> None:
         if response.status_code < 400:

@@ -27,11 +27,13 @@ from planner.problem import (
     TargetRelease,
     ThrowProblem,
 )
-from planner.rotations import matrix_to_quaternion, pose, quaternion_to_matrix, rotation_vector_to_matrix
+from planner.rotations import angle_between, matrix_to_quaternion, pose, quaternion_to_matrix, rotation_vector_to_matrix
 
-__all__ = ["problem_from_request", "release_document", "request_document"]
+__all__ = ["NUMBER_MAX", "problem_from_request", "release_document", "request_document"]
 
 
+NUMBER_MAX = 1e6  # of a request, in any unit: no robot has such a number, and squares and sums of them are finite
+AGREEMENT_RAD = 1e-3  # [rad] by which two orientations of one pose may differ: somebody rounded them
 UNIT_TOLERANCE = 1e-3  # [-] deviation of a quaternion's length from 1 up to which it is normalised
 WINDOW_MAX_S = 0.2  # [s] longest release window
 TOLERANCE_MAX_M = 10.0  # [m] largest landing tolerance
@@ -188,8 +190,8 @@ class _Fields:
         if array.shape != (size,) or array.dtype.kind not in "fiu":
             self.refuse(key, f"must be a list of {size} numbers")
             return np.zeros(size)
-        if not np.isfinite(array).all():
-            self.refuse(key, "must be finite")
+        if not (np.abs(array) <= NUMBER_MAX).all():
+            self.refuse(key, f"must be finite and within {NUMBER_MAX:g}")
             return np.zeros(size)
         return read_only(array)
 
@@ -198,8 +200,8 @@ class _Fields:
         value = self.get(key)
         if value is None:
             return default
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-            self.refuse(key, f"{value!r} must be a finite number")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= NUMBER_MAX:
+            self.refuse(key, f"{value!r} must be a finite number within {NUMBER_MAX:g}")
             return default
         if not lower <= value <= upper:
             self.refuse(key, f"{value:g} must lie in [{lower:g}, {upper:g}]")
@@ -322,11 +324,21 @@ def _pose_release(release: _Fields, X_WR: Array) -> PoseRelease:
 
 def _rotation(release: _Fields, given: _Fields) -> Array:
     """Returns the rotation matrix of a pose, identity where its orientation is refused."""
-    if (given.get("quaternion") is None) == (given.get("rotation_vector") is None):
-        release.refuse("pose", "needs either quaternion or rotation_vector")
+    if given.get("quaternion") is None and given.get("rotation_vector") is None:
+        release.refuse("pose", "needs quaternion or rotation_vector")
         return np.eye(3)
-    if given.get("rotation_vector") is not None:
+    if given.get("quaternion") is None:
         return rotation_vector_to_matrix(given.vector("rotation_vector", 3))
+    R = _of_quaternion(given)
+    if given.get("rotation_vector") is not None:  # answers give both
+        apart = angle_between(R, rotation_vector_to_matrix(given.vector("rotation_vector", 3)))
+        if not given.errors and apart > AGREEMENT_RAD:
+            release.refuse("pose", f"quaternion and rotation_vector are {apart:.3g} rad apart")
+    return R
+
+
+def _of_quaternion(given: _Fields) -> Array:
+    """Returns the rotation matrix of a pose's quaternion, identity where it is refused."""
     quaternion = given.vector("quaternion", 4)
     length = float(np.linalg.norm(quaternion))
     if abs(length - 1.0) > UNIT_TOLERANCE:

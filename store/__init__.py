@@ -11,6 +11,7 @@ from store.retention import Retention
 from store.rows import (
     AuditLine,
     CellRow,
+    CellVersionRow,
     EventRow,
     ExecutionRow,
     ExperimentRow,
@@ -28,6 +29,7 @@ __all__ = [
     "AuditLine",
     "CellBusy",
     "CellRow",
+    "CellVersionRow",
     "EventRow",
     "ExecutionRow",
     "ExperimentRow",

@@ -17,11 +17,17 @@ class ProfileRepository(Repository):
     """Tables `profiles` and `adoptions`."""
 
     def add_profile(
-        self, cell: str, cell_sha256: str, created_by: str, document: bytes, audit: AuditLine | None = None
+        self,
+        cell: str,
+        cell_sha256: str,
+        created_by: str,
+        document: bytes,
+        audit: AuditLine | None = None,
+        cell_version: int | None = None,
     ) -> ProfileRow:
         """Stores one profile; it is not adopted by that."""
         hash = hashlib.sha256(document).hexdigest()
-        row = ProfileRow(new_id(), time.time(), cell, cell_sha256, created_by, hash, document)
+        row = ProfileRow(new_id(), time.time(), cell, cell_sha256, created_by, hash, document, cell_version)
         with writing(self._engine) as connection:
             connection.execute(insert(profiles).values(**vars(row)))
             write_audit(connection, audit, f"/profiles/{row.id}")

@@ -146,6 +146,20 @@ class ProfileRow:
     created_by: str
     sha256: str
     document: bytes
+    cell_version: int | None = None
+
+
+@dataclass(frozen=True)
+class CellVersionRow:
+    """One version of a cell's files, from when on it was seen, and by whom."""
+
+    cell: str
+    version: int
+    sha256: str
+    text: bytes
+    calibration: bytes | None
+    seen_at: float
+    seen_by: str
 
 
 @dataclass(frozen=True)

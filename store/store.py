@@ -10,6 +10,7 @@ from sqlalchemy import text, update
 
 from store import migrations
 from store.cell_status import CellStatusRepository
+from store.cell_versions import CellVersionRepository
 from store.database import StoreError, StoreUnavailable, free_bytes, open_engine, outage_log, probing, reading
 from store.executions import ExecutionRepository
 from store.experiments import ExperimentRepository
@@ -32,6 +33,7 @@ class Store(
     ClientRepository,
     ProfileRepository,
     RetentionRepository,
+    CellVersionRepository,
 ):
     """Plans, executions, events, recordings, experiments, landings, profiles, cell status, keys and the audit trail.
 

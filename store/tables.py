@@ -154,6 +154,7 @@ profiles = Table(  # written by api, never changed
     Column("created_by", Text, nullable=False),
     Column("sha256", Text, nullable=False),  # of the document
     Column("document", LargeBinary, nullable=False),
+    Column("cell_version", Integer),  # null: of an earlier version of Fling
 )
 profiles_of_cell = Index("profiles_of_cell", profiles.c.cell, profiles.c.id)
 
@@ -173,4 +174,16 @@ probes = Table(  # written by api: one row, to see whether the database can be w
     METADATA,
     Column("id", Integer, primary_key=True, autoincrement=False),
     Column("at", Double, nullable=False),
+)
+
+cell_versions = Table(  # written by api and executor, append only: whoever sees a version first
+    "cell_versions",
+    METADATA,
+    Column("cell", Text, primary_key=True),
+    Column("version", Integer, primary_key=True, autoincrement=False),
+    Column("sha256", Text, nullable=False),
+    Column("text", LargeBinary, nullable=False),
+    Column("calibration", LargeBinary),
+    Column("seen_at", Double, nullable=False),
+    Column("seen_by", Text, nullable=False),
 )

@@ -22,7 +22,7 @@ COMMANDS = {
     "profile": ("calibrate", "profile", "List, show, adopt or revert what was learnt of a cell."),
     "calibrate": ("calibrate", "calibrate", "Measure what a cell's own motions and throws teach."),
     "landing": ("landing", "landing", "Report where an object landed, or list the reports."),
-    "report": ("plan", "report", "One plan as a self-contained HTML file."),
+    "report": ("report", "report", "A plan, an execution or an experiment as a self-contained HTML file."),
     "acknowledge": ("throw", "acknowledge", "Clear a latched fault, after checking the robot."),
     "doctor": ("serve", "doctor", "Check this machine's timing and the link to the controller."),
     "cell": ("admin", "cell", "Check cell files, import an arm's kinematics."),

@@ -6,11 +6,13 @@ import json
 import os
 import sys
 from collections.abc import Sequence
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from api.cli.cell_versions import diff, history, restore
 from api.cli.support.errors import JSON_FLAG, FlingGroup
 from api.cli.support.terminal import GOOD, say
 
@@ -24,6 +26,10 @@ json_option = click.option(JSON_FLAG, "as_json", is_flag=True, help="Answer in J
 @click.group(cls=FlingGroup)
 def cell() -> None:
     """Check cell files, and import what belongs to them."""
+
+
+for command in (history, diff, restore):
+    cell.add_command(command)
 
 
 @cell.command()
@@ -83,31 +89,65 @@ def kinematics(name: str | None, from_robot: bool, as_json: bool) -> None:
     os.execv(sys.executable, [sys.executable, "-P", "-m", "executor", "--kinematics", *arguments])
 
 
-@click.group(cls=FlingGroup)
-def token() -> None:
-    """Create tokens for the service."""
-
-
-@token.command()
-@json_option
-@click.option("--scope", "scopes", multiple=True, required=True, type=click.Choice(["plan", "operate"]))
-@click.option("--name", required=True, help="Owner of the token, as the audit trail shows it.")
-@click.option(
+tokens_file = click.option(
     "--file",
     type=click.Path(path_type=Path),
     envvar="FLING_TOKENS_FILE",
     required=True,
     help="Tokens file; FLING_TOKENS_FILE.",
 )
-def create(scopes: tuple[str, ...], name: str, file: Path, as_json: bool) -> None:
-    """Create a token and print it; the file keeps only its hash. Restart the service to use it."""
+
+
+@click.group(cls=FlingGroup)
+def token() -> None:
+    """Create, list and revoke tokens for the service."""
+
+
+@token.command()
+@json_option
+@click.option("--scope", "scopes", multiple=True, required=True, type=click.Choice(["plan", "operate"]))
+@click.option("--name", required=True, help="Owner of the token, as the audit trail shows it.")
+@tokens_file
+@click.option("--days", type=click.FloatRange(min=0.0, min_open=True), help="Days until it expires; default: never.")
+def create(scopes: tuple[str, ...], name: str, file: Path, days: float | None, as_json: bool) -> None:
+    """Create a token and print it; the file keeps only its hash. A running service knows it at once."""
     from api.http import create_token
 
+    ends = None if days is None else datetime.now(UTC).replace(microsecond=0) + timedelta(days=days)
     try:
-        text = create_token(file, name, scopes)
+        text = create_token(file, name, scopes, ends)
     except (ValueError, OSError) as error:
         raise click.ClickException(str(error)) from error
     click.echo(json.dumps({"token": text, "name": name, "scopes": scopes}) if as_json else text)
+
+
+@token.command("list")
+@tokens_file
+def list_tokens(file: Path) -> None:
+    """List the tokens of the file: name, scopes, and when each expires."""
+    from api.http import read_tokens
+
+    try:
+        tokens = read_tokens(file)
+    except ValueError as error:
+        raise click.ClickException(str(error)) from error
+    for stored in tokens:
+        ends = "never" if stored.expires_at is None else stored.expires_at.isoformat()
+        state = " (has expired)" if stored.has_expired else ""
+        click.echo(f"{stored.caller.name}: {', '.join(sorted(stored.caller.scopes))}; expires {ends}{state}")
+
+
+@token.command()
+@click.argument("name")
+@tokens_file
+def revoke(name: str, file: Path) -> None:
+    """Revoke the token called NAME: the service refuses it from its next request on."""
+    from api.http import revoke_token
+
+    try:
+        revoke_token(file, name)
+    except (ValueError, OSError) as error:
+        raise click.ClickException(str(error)) from error
 
 
 @click.group(cls=FlingGroup)

@@ -1,4 +1,4 @@
-"""Commands that work without a service: plan, report, warm."""
+"""Commands that work without a service: plan, warm."""
 
 from __future__ import annotations
 
@@ -41,27 +41,6 @@ def plan(file: Path, cells: Path | None, cell: str | None, odds: float | None) -
     click.echo(document)
     click.echo(plan_text(json.loads(document)), err=True)
     _note_uncompiled(planned.summary)
-
-
-@click.command()
-@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="PLAN")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="HTML file; default: PLAN with the suffix .html.")
-@click.option("--cells", type=click.Path(exists=True, file_okay=False, path_type=Path), help="FLING_CELLS.")
-def report(file: Path, output: Path | None, cells: Path | None) -> None:
-    """Write the plan in PLAN (JSON as from `fling plan` or GET /plans/{id}) as one self-contained HTML file."""
-    from api.cell_repository import CellRepository
-    from api.report import report_html
-    from api.settings import ServiceSettings
-    from planner.errors import PlannerError
-
-    target = output or file.with_suffix(".html")
-    try:
-        plan = json.loads(file.read_text())
-        repository = CellRepository(cells or ServiceSettings().cells)
-        target.write_text(report_html(plan, repository.cell(plan["cell"])))
-    except (KeyError, TypeError, ValueError, PlannerError) as error:
-        raise click.ClickException(f"{file} is not a plan: {error!r}") from error
-    click.echo(target)
 
 
 @click.command()

@@ -23,7 +23,8 @@ from store import CellBusy, KeyTaken, StoreUnavailable, UnknownExecution, Unknow
 MEDIA_TYPE = "application/problem+json"
 BODY_LIMIT_BYTES = 1_000_000  # [byte] far above the few hundred bytes of a request
 BODY_TOO_LARGE = f"the body is larger than {BODY_LIMIT_BYTES} bytes"
-UNION_TAGS = {"float", "int", "pose", "point", "joint", "target", "body"}  # of unions, in pydantic's error locations
+# of unions, in pydantic's error locations
+UNION_TAGS = {"float", "constrained-float", "int", "pose", "point", "joint", "target", "body"}
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,7 @@ class ProblemType:
 
 
 PROBLEM_TYPES: dict[str, ProblemType] = {
+    "bad-request": ProblemType(400, "Not HTTP", "What arrived on the connection is no HTTP request."),
     "unauthenticated": ProblemType(
         401, "A token is needed", "Send 'Authorization: Bearer <token>'. Create a token with 'fling token create'."
     ),
@@ -47,6 +49,9 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     ),
     "method-not-allowed": ProblemType(
         405, "Method not allowed", "The address exists, but does not accept this method; see /docs."
+    ),
+    "not-acceptable": ProblemType(
+        406, "Not in this media type", "'offers' lists the media types that there are: name one in 'Accept'."
     ),
     "request-timeout": ProblemType(
         408, "Too slow", "Headers and body of a request must each arrive within ten seconds: send it again."
@@ -153,6 +158,15 @@ def translate(error: Exception) -> ProblemDetails:
     return TRANSLATIONS[kind](error)
 
 
+def _invalid(error: RequestValidationError) -> ProblemDetails:
+    """Returns the problem of a refused request: nothing is at an address with an id of the wrong form."""
+    errors = error.errors()
+    wrong = next((found for found in errors if found["loc"][0] == "path"), None)
+    if wrong is not None:
+        return ProblemDetails("not-found", f"{wrong['loc'][1]} {str(wrong['input'])[:80]!a}: {wrong['msg']}")
+    return invalid_request(errors)
+
+
 def _from_framework(error: HTTPException) -> ProblemDetails:
     if error.status_code == 400:  # a body that is not JSON
         return invalid_field("body", str(error.detail))
@@ -196,7 +210,7 @@ TRANSLATIONS: dict[type[Exception], Callable[[Any], ProblemDetails]] = {
     UnknownPlan: lambda e: ProblemDetails("not-found", str(e)),
     UnknownExecution: lambda e: ProblemDetails("not-found", str(e)),
     UnknownExperiment: lambda e: ProblemDetails("not-found", str(e)),
-    RequestValidationError: lambda e: invalid_request(e.errors()),
+    RequestValidationError: lambda e: _invalid(e),
     HTTPException: _from_framework,
     Exception: lambda _: ProblemDetails("internal", "an internal error; the service's log has the details"),
 }
@@ -211,6 +225,9 @@ def problem_document(problem: ProblemDetails, instance: str) -> dict[str, Any]:
     """
     kind = PROBLEM_TYPES[problem.name]
     head = {"type": f"/problems/{problem.name}", "title": kind.title, "status": kind.status, "detail": problem.detail}
+    taken = {*head, "instance"} & problem.fields.keys()
+    if taken:
+        raise ValueError(f"{sorted(taken)} belong to the problem itself")
     return {**head, "instance": instance, **_finite(problem.fields)}
 
 
@@ -252,7 +269,7 @@ def _is_tag(location: Sequence[str | int], i: int) -> bool:
     part = location[i]
     if part == "body":
         return i == 0
-    return part in ("float", "int") or (i > 0 and location[i - 1] == "release")
+    return part in ("float", "constrained-float", "int") or (i > 0 and location[i - 1] == "release")
 
 
 def _finite(value: Any) -> Any:

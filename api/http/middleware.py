@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import math
+from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.exceptions import HTTPException
@@ -18,6 +19,7 @@ from api.http.errors import BODY_LIMIT_BYTES, BODY_TOO_LARGE, ProblemDetails, pr
 from api.settings import is_loopback_host
 
 BODY_S = 10.0  # [s] for a body of at most a megabyte, usually some hundred bytes
+PORTS = {"http": 80, "https": 443}  # of an origin that names none
 SECURITY_HEADERS = {
     "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'self'",
     "X-Content-Type-Options": "nosniff",
@@ -55,7 +57,7 @@ class SecurityMiddleware:
         if self.local_only and not is_loopback_host(host):
             return ProblemDetails("forbidden", "without tokens the service answers on loopback addresses only")
         origin = headers.get("origin")
-        if origin and method not in ("GET", "HEAD") and origin.split("://")[-1] != headers.get("host"):
+        if origin is not None and method not in ("GET", "HEAD") and not _is_own(origin, headers.get("host", "")):
             return ProblemDetails("forbidden", f"requests from pages of {origin!a} are not accepted")
         length = headers.get("content-length", "0")
         if length.isdecimal() and int(length) > BODY_LIMIT_BYTES:
@@ -88,6 +90,20 @@ def _limited(receive: Receive) -> Receive:
 
 def _host_name(host: str) -> str:
     return host[: host.index("]") + 1] if host.startswith("[") and "]" in host else host.split(":")[0]
+
+
+def _is_own(origin: str, host: str) -> bool:
+    """Returns whether a page of `origin` comes from `host`: the same name and port (RFC 6454, section 7).
+
+    The scheme may differ, as behind a proxy that ends TLS; it gives the port where none is written.
+    """
+    try:
+        page = urlsplit(origin)
+        own = urlsplit(f"{page.scheme}://{host}")
+        same = (page.hostname, page.port or PORTS[page.scheme]) == (own.hostname, own.port or PORTS[page.scheme])
+    except (ValueError, KeyError):
+        return False
+    return same and "@" not in page.netloc and origin.lower() == f"{page.scheme}://{page.netloc}".lower()
 
 
 def _has_body(headers: Headers) -> bool:

@@ -20,6 +20,7 @@ from planner.errors import SolverFailed
 GRACE_S = 20.0  # [s] beyond `time_limit_s`: solver calls under way, the search for the nearest request, a busy machine
 TYPICAL_PLAN_S = 0.5  # [s] duration of a usual plan, for the advice in Retry-After
 DRAIN_POLL_S = 0.02  # [s] between two looks at whether everything is answered
+RETRY_MAX_S = 60  # [s] longest advice: connections are kept for longer
 TRIES = 2  # a job whose worker was killed is tried once more
 
 
@@ -92,7 +93,8 @@ class PlannerPool:
             PlannerError: The planner refused the request, or its process died or did not answer in time.
         """
         if self.waiting >= self._capacity:
-            raise PlanningQueueFull(max(1, math.ceil(self.waiting * TYPICAL_PLAN_S / self._count)))
+            advice = math.ceil(self.waiting * TYPICAL_PLAN_S / self._count)
+            raise PlanningQueueFull(min(max(1, advice), RETRY_MAX_S))
         self.waiting += 1
         try:
             async with self._free:

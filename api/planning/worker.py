@@ -33,6 +33,7 @@ class PlanningJob:
         request: The request as JSON, in the shape of `POST /plan`.
         profile: Id and document of the profile that the cell uses; None: the cell file's numbers.
         request_id: Id of the HTTP request.
+        cell_version: Version of the cell's files; None: not known to a store.
     """
 
     plan_id: str | None
@@ -41,6 +42,7 @@ class PlanningJob:
     request: Mapping[str, Any]
     profile: tuple[str, bytes] | None = None
     request_id: str | None = None
+    cell_version: int | None = None
 
 
 @dataclass(frozen=True)
@@ -113,7 +115,7 @@ def solve(job: PlanningJob) -> Planned:
     if job.plan_id is None:
         del answer["id"]
     answer |= learnt_fields(problem, found, known, None if job.profile is None else job.profile[0])
-    answer["request_id"] = job.request_id
+    answer |= {"request_id": job.request_id, "cell_version": job.cell_version}
     samples = pack_trajectory(answer.pop("trajectory"))
     return Planned(answer["backend"], orjson.dumps(answer, option=orjson.OPT_SERIALIZE_NUMPY), samples)
 

@@ -46,7 +46,7 @@ def read_cell(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONRes
     summary="Read a robot's state",
     responses=json_answer(200, CellState, "As its executor last reported.", "not-found"),
 )
-def read_state(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
+def read_robot_state(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
     """Reads the live state of a cell's robot: mode, safety, joint positions; and a latched fault."""
     service.cell(name)
     row = service.store.cell_status(name)
@@ -63,7 +63,7 @@ def read_state(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONRe
         **problem_answers("robot-not-ready", "unauthenticated", "forbidden"),
     },
 )
-def acknowledge(name: CellName, service: ServiceDep, caller: OperateCaller, origin: Origin) -> JSONResponse:
+def acknowledge_fault(name: CellName, service: ServiceDep, caller: OperateCaller, origin: Origin) -> JSONResponse:
     """Clears the fault that the executor latched, once a person has checked the robot."""
     service.cell(name)
     row = service.store.cell_status(name)

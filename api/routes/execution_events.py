@@ -23,6 +23,7 @@ EVENT_STREAM_ANSWER = {
 @router.get(
     "/executions/{id}/events",
     summary="Watch an execution",
+    response_class=StreamingResponse,
     responses={200: EVENT_STREAM_ANSWER, **problem_answers("not-found", "invalid-request")},
 )
 async def watch_execution(

@@ -10,9 +10,16 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Body, Header, Response
 from fastapi.responses import JSONResponse
 
-from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep, name_in_path
+from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep, id_in_path
 from api.experiment_statistics import statistics_by_target, statistics_of, throws_of
-from api.http import ProblemDetails, invalid_field, json_answer, preferred_media_type, problem_answers
+from api.http import (
+    ProblemDetails,
+    StrictJsonRoute,
+    invalid_field,
+    json_answer,
+    preferred_media_type,
+    problem_answers,
+)
 from api.report import landings_svg
 from api.routes.plans import POST_PROBLEMS, PageCursor, PageLimit
 from api.schemas import (
@@ -25,11 +32,9 @@ from api.schemas import (
 )
 from store import ExperimentRow, KeyTaken
 
-router = APIRouter(tags=["experiments"])
+router = APIRouter(route_class=StrictJsonRoute, tags=["experiments"])
 
-ExperimentId = Annotated[
-    str, name_in_path("Id of an experiment, or `latest`.", "latest", "latest", "the newest experiment")
-]
+ExperimentId = Annotated[str, id_in_path("experiment")]
 ExperimentBody = Annotated[ExperimentRequest, Body(openapi_examples=EXPERIMENT_EXAMPLES)]  # type: ignore[arg-type]
 AXES = ("x", "y", "z")
 COLUMNS = (
@@ -79,7 +84,7 @@ def list_experiments(
 @router.get(
     "/experiments/{id}",
     summary="Read an experiment",
-    responses={200: ANSWER, **problem_answers("not-found", "invalid-request")},
+    responses={200: ANSWER, **problem_answers("not-found", "not-acceptable", "invalid-request")},
 )
 def read_experiment(
     id: ExperimentId,
@@ -90,14 +95,14 @@ def read_experiment(
     ] = None,
 ) -> Response:
     """Reads the state of each throw, and mean and spread of the landings so far."""
+    media = preferred_media_type(accept, ("application/json", "text/csv", PARQUET))
     row = find_experiment(service, id)
     throws = _throws(service, row)
     headers = {"Vary": "Accept"}
-    kind = preferred_media_type(accept, ("application/json", "text/csv", PARQUET))
-    if kind == "text/csv":
-        return Response(_csv(throws), headers=headers, media_type=kind)
-    if kind == PARQUET:
-        return Response(_parquet(throws), headers=headers, media_type=kind)
+    if media == "text/csv":
+        return Response(_csv(throws), headers=headers, media_type=media)
+    if media == PARQUET:
+        return Response(_parquet(throws), headers=headers, media_type=media)
     document = {"throws": throws, "statistics": statistics_of(throws), "targets": statistics_by_target(throws)}
     return JSONResponse({**_head(row), **document}, headers=headers)
 

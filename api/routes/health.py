@@ -16,7 +16,7 @@ router = APIRouter(tags=["service"])
 
 
 @router.get("/healthz", summary="Health")
-async def healthz() -> Health:
+async def read_health() -> Health:
     """Answers as long as the process lives, also while it plans. Needs no token."""
     return Health(status="ok", version=fling_version())
 
@@ -26,7 +26,7 @@ async def healthz() -> Health:
     summary="Readiness",
     responses=json_answer(200, Readiness, "Able to plan and to reach the store.", "not-ready"),
 )
-async def readyz(request: Request, service: ServiceDep) -> JSONResponse:
+async def read_readiness(request: Request, service: ServiceDep) -> JSONResponse:
     """Returns whether the service can plan and reach its store, and which cells have an executor. Needs no token."""
     outage = await run_in_threadpool(service.probe.outage)
     cells = {} if outage else await run_in_threadpool(_executors, service)
@@ -46,9 +46,10 @@ async def readyz(request: Request, service: ServiceDep) -> JSONResponse:
 @router.get(
     "/metrics",
     summary="Prometheus metrics",
+    response_class=Response,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}, "description": "Prometheus' format."}},
 )
-def metrics(service: ServiceDep, caller: AnyCaller) -> Response:
+def read_metrics(service: ServiceDep, caller: AnyCaller) -> Response:
     """Returns planning requests and their durations, executions by outcome, executors alive."""
     service.metrics.waiting.set(service.pool.waiting)
     for cell, alive in _executors(service).items():

@@ -9,14 +9,14 @@ from fastapi import APIRouter, Body
 from fastapi.responses import JSONResponse
 
 from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep
-from api.http import ProblemDetails, invalid_field, json_answer, problem_answers
+from api.http import ProblemDetails, StrictJsonRoute, invalid_field, json_answer, problem_answers
 from api.routes.executions import ExecutionId, find_execution
 from api.routes.plans import POST_PROBLEMS
 from api.schemas import LANDING_EXAMPLES, LandingAnswer, LandingList, LandingRequest, iso_time
 from planner.errors import CellError
 from store import ExecutionRow, KeyTaken, LandingRow, new_id
 
-router = APIRouter(tags=["executions"])
+router = APIRouter(route_class=StrictJsonRoute, tags=["executions"])
 
 OWN_SOURCES = ("sim-camera",)  # written by executors alone
 NOT_THROWN_YET = ("queued", "preparing", "approaching")  # states

@@ -11,28 +11,48 @@ import orjson
 from fastapi import APIRouter, Body, Header, Query, Response
 from starlette.concurrency import run_in_threadpool
 
-from api.dependencies import AnyCaller, Key, Origin, PlanCaller, Service, ServiceDep, name_in_path
-from api.http import ProblemDetails, invalid_field, json_answer, preferred_media_type, problem_answers, translate
+from api import fling_version
+from api.dependencies import AnyCaller, IfNoneMatch, Key, Origin, PlanCaller, Service, ServiceDep, id_in_path
+from api.http import (
+    ProblemDetails,
+    StrictJsonRoute,
+    invalid_field,
+    json_answer,
+    preferred_media_type,
+    problem_answers,
+    translate,
+    unchanging,
+)
 from api.planning import Planned, PlanningEnded, PlanningJob, PlanningQueueFull
 from api.report import plan_svg
-from api.schemas import PLAN_EXAMPLES, PlanAnswer, PlanList, PlanPreview, PlanRequest, TrajectoryAnswer, iso_time
+from api.schemas import (
+    PLAN_EXAMPLES,
+    UUID_PATTERN,
+    PlanAnswer,
+    PlanList,
+    PlanPreview,
+    PlanRequest,
+    TrajectoryAnswer,
+    iso_time,
+)
 from planner.cell import Cell, CellSource
 from planner.errors import CellError, PlannerError
 from planner.problem import TIME_LIMIT_S
 from store import IdempotencyKey, KeyTaken, PlanRow, new_id
 
-router = APIRouter(tags=["plans"])
+router = APIRouter(route_class=StrictJsonRoute, tags=["plans"])
 
 TOKEN_PROBLEMS = ("unauthenticated", "forbidden")
 POST_PROBLEMS = (*TOKEN_PROBLEMS, "invalid-request", "idempotency-conflict", "too-large", "unsupported-media-type")
-PlanId = Annotated[str, name_in_path("Id of a plan, or `latest`.", "latest", "latest", "the newest plan")]
+PlanId = Annotated[str, id_in_path("plan")]
 PageLimit = Annotated[int, Query(ge=1, le=200, description="Maximum length of the page.")]
-PageCursor = Annotated[str | None, Query(description="`next_cursor` of the page before.", max_length=64)]
+PageCursor = Annotated[str | None, Query(description="`next_cursor` of the page before.", pattern=UUID_PATTERN)]
 WithTrajectory = Annotated[bool, Query(description="false leaves the trajectory out.")]
 WithStore = Annotated[
     bool, Query(description="false: answer and forget. 200, without id and `Location`; not executable.")
 ]
 PlanBody = Annotated[PlanRequest, Body(openapi_examples=PLAN_EXAMPLES)]  # type: ignore[arg-type]
+UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "The client has it: `If-None-Match`."}}
 TRAJECTORY_ANSWER = {
     "model": TrajectoryAnswer,
     "content": {"text/csv": {"schema": {"type": "string"}}},
@@ -82,31 +102,42 @@ def list_plans(service: ServiceDep, caller: AnyCaller, limit: PageLimit = 50, cu
 @router.get(
     "/plans/{id}",
     summary="Read a plan",
-    responses=json_answer(200, PlanAnswer, "As it was stored.", "not-found"),
+    responses={**UNCHANGED, **json_answer(200, PlanAnswer, "As it was stored.", "not-found")},
 )
-def read_plan(id: PlanId, service: ServiceDep, caller: AnyCaller, trajectory: WithTrajectory = True) -> Response:
-    """Reads one plan as it was stored."""
+def read_plan(
+    id: PlanId, service: ServiceDep, caller: AnyCaller, known: IfNoneMatch, trajectory: WithTrajectory = True
+) -> Response:
+    """Reads one plan as it was stored. It never changes: `ETag` and `If-None-Match` save a second download."""
     row = find_plan(service, id, whole=trajectory)
-    return Response(row.document if trajectory else row.summary, media_type="application/json")
+
+    def answer() -> Response:
+        return Response(row.document if trajectory else row.summary, media_type="application/json")
+
+    return unchanging(known, f"{row.id}-{'whole' if trajectory else 'summary'}-{fling_version()}", answer)
 
 
 @router.get(
     "/plans/{id}/trajectory",
     summary="Read a trajectory",
-    responses={200: TRAJECTORY_ANSWER, **problem_answers("not-found")},
+    responses={200: TRAJECTORY_ANSWER, **UNCHANGED, **problem_answers("not-found", "not-acceptable")},
 )
 def read_trajectory(
     id: PlanId,
     service: ServiceDep,
     caller: AnyCaller,
+    known: IfNoneMatch,
     accept: Annotated[str | None, Header(description="application/json or text/csv.")] = None,
 ) -> Response:
     """Reads the trajectory of a plan, as JSON or CSV."""
-    trajectory = orjson.loads(find_plan(service, id).document)["trajectory"]
-    headers = {"Vary": "Accept"}
-    if preferred_media_type(accept, ("application/json", "text/csv")) == "text/csv":
-        return Response(_trajectory_csv(trajectory), headers=headers, media_type="text/csv")
-    return Response(orjson.dumps(trajectory), headers=headers, media_type="application/json")
+    media = preferred_media_type(accept, ("application/json", "text/csv"))
+    row = find_plan(service, id)
+
+    def answer() -> Response:
+        trajectory = orjson.loads(row.document)["trajectory"]
+        content = _trajectory_csv(trajectory) if media == "text/csv" else orjson.dumps(trajectory)
+        return Response(content, headers={"Vary": "Accept"}, media_type=media)
+
+    return unchanging(known, f"{row.id}-{media.rpartition('/')[2]}-{fling_version()}", answer)
 
 
 @router.get("/plans/{id}/picture.svg", include_in_schema=False)
@@ -188,10 +219,11 @@ def _planning_job(body: PlanRequest, service: Service, request_id: str, stored: 
     request = {**body.model_dump(exclude_none=True), "cell": name}
     if body.start is not None and body.start.current:
         request["start"] = {"positions": _current_positions(service, name)}
+    version = service.note_cell_version(source)
     adopted = service.store.adopted_profile(name)
     profile = None if adopted is None else (adopted.id, adopted.document)
-    plan_id = new_id() if stored else None
-    return PlanningJob(plan_id, iso_time(time.time()) or "", source, request, profile, request_id)
+    plan_id, at = new_id() if stored else None, iso_time(time.time()) or ""
+    return PlanningJob(plan_id, at, source, request, profile, request_id, version)
 
 
 def _current_positions(service: Service, cell: str) -> list[float]:

@@ -8,7 +8,7 @@ import orjson
 from fastapi import APIRouter, Response
 from fastapi.responses import JSONResponse
 
-from api.dependencies import AnyCaller, OperateCaller, Origin, RequestOrigin, Service, ServiceDep, name_in_path
+from api.dependencies import AnyCaller, OperateCaller, Origin, RequestOrigin, Service, ServiceDep, id_in_path
 from api.http import Caller, ProblemDetails, json_answer, problem_answers
 from api.report import explained_svg
 from api.routes.cells import CellName
@@ -18,9 +18,7 @@ from store import ProfileRow
 
 router = APIRouter(tags=["profiles"])
 
-ProfileId = Annotated[
-    str, name_in_path("Id of a profile.", "id", "latest", "as the list gives it; 'latest' on a simulated cell")
-]
+ProfileId = Annotated[str, id_in_path("profile")]
 WHOLE_ONLY = ("landings", "state", "covariance", "mixture", "joint_speeds", "timing", "cell_file")
 ACTING = ("unauthenticated", "forbidden")
 
@@ -31,11 +29,14 @@ ACTING = ("unauthenticated", "forbidden")
     summary="Estimate a profile",
     responses=json_answer(201, ProfileAnswer, "Stored, not adopted.", "not-found", "invalid-request", *ACTING),
 )
-def add_profile(name: CellName, service: ServiceDep, caller: OperateCaller, origin: Origin) -> JSONResponse:
+def estimate_profile_of_cell(
+    name: CellName, service: ServiceDep, caller: OperateCaller, origin: Origin
+) -> JSONResponse:
     """Estimates lag, gripper, base and object from every execution and landing of a cell. Plans do not use it yet."""
     cell = service.cell(name)
+    version = service.cell_version(name)
     document = profile_bytes(estimate_profile(service.store, cell))
-    row = service.store.add_profile(name, cell.sha256, caller.name, document, origin.act(caller, "profile"))
+    row = service.store.add_profile(name, cell.sha256, caller.name, document, origin.act(caller, "profile"), version)
     return JSONResponse(_whole(service, row), 201, {"Location": f"/profiles/{row.id}"})
 
 
@@ -78,7 +79,7 @@ def draw_profile(id: ProfileId, service: ServiceDep, caller: AnyCaller) -> Respo
         **problem_answers("profile-not-adoptable", "robot-busy"),
     },
 )
-def adopt(id: ProfileId, service: ServiceDep, caller: OperateCaller, origin: Origin) -> JSONResponse:
+def adopt_profile(id: ProfileId, service: ServiceDep, caller: OperateCaller, origin: Origin) -> JSONResponse:
     """Uses a profile from now on; plans made before it cannot be executed any more. Limits and checks stay the same."""
     row = _find(service, id)
     if service.cell(row.cell).sha256 != row.cell_sha256:
@@ -95,7 +96,7 @@ def adopt(id: ProfileId, service: ServiceDep, caller: OperateCaller, origin: Ori
         **problem_answers("robot-busy", *ACTING),
     },
 )
-def revert(name: CellName, service: ServiceDep, caller: OperateCaller, origin: Origin) -> JSONResponse:
+def revert_profile(name: CellName, service: ServiceDep, caller: OperateCaller, origin: Origin) -> JSONResponse:
     """Uses the cell file's own numbers again."""
     service.cell(name)
     return _use(service, name, None, caller, origin)
@@ -124,4 +125,5 @@ def _adopted_id(service: Service, cell: str) -> str | None:
 def _whole(service: Service, row: ProfileRow) -> dict[str, Any]:
     """Returns the JSON of a profile."""
     head = {"id": row.id, "created_at": iso_time(row.created_at), "created_by": row.created_by, "sha256": row.sha256}
+    head["cell_version"] = row.cell_version
     return {**head, "adopted": _adopted_id(service, row.cell) == row.id, **orjson.loads(row.document)}

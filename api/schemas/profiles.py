@@ -26,6 +26,7 @@ class ProfileSummary(BaseModel):
     created_by: str
     cell: str
     cell_sha256: str = Field(description="Hash of the cell file that it was learnt with.")
+    cell_version: int | None = Field(None, description="Version of the cell file that it was learnt with.")
     sha256: str = Field(description="Hash of the profile's document.")
     adopted: bool = Field(description="Whether the cell uses it now.")
     lag_s: float = Field(description="[s]")

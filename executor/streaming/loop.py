@@ -10,6 +10,7 @@ import math
 from executor import shared_memory as shm
 from executor.stream_job import Row, StreamJob
 from executor.streaming.clock import ControllerClock, LostTicks
+from executor.streaming.command_watch import CommandWatch
 from executor.streaming.landing_watch import LandingWatch
 from executor.streaming.rtde_connection import SERVO_CONSTANT_S, RtdeConnection
 from executor.streaming.state_checks import StopRequests, StreamFault
@@ -87,6 +88,7 @@ class Stream:
         self.clock = ControllerClock(connection, job.dt)
         self.verdict = ("completed", "")
         self.output_sent = False
+        self.commands = CommandWatch()
         self.watch = None if job.landing is None or job.dry_run else LandingWatch(job, job.landing)
         self.fields[shm.TIMESTAMP_AT_ZERO] = self.clock.first - job.first_clock_s + job.lag_ticks * job.dt
 
@@ -99,6 +101,7 @@ class Stream:
         while self.clock.tick <= self.schedule.last:
             self.clock.wait()
             self.connection.read()
+            self.commands.look(self.connection.target_qd, self.connection.stamp)
             self._check()
             row = self.clock.tick
             reference = self.schedule.reference(row)
@@ -113,14 +116,19 @@ class Stream:
         return self.verdict
 
     def _check(self) -> None:
-        """Checks the controller's state; after a stop by the watchdog the outcome is `late`."""
+        """Checks the controller's state; after a stop by its watchdog the outcome is `late`, or `link_lost`."""
         try:
             self.connection.check()
         except StreamFault as fault:
             silent = max(self.clock.missed * self.job.dt, self.clock.host_s - self.connection.sent_at)
-            if fault.outcome == "aborted" and silent > WATCHDOG_SHARE / self.connection.watchdog_hz:
+            trips_s = WATCHDOG_SHARE / self.connection.watchdog_hz
+            if fault.outcome == "aborted" and silent > trips_s:
                 reason = f"no command for {silent * 1e3:.0f} ms: the controller's watchdog stopped the program"
                 raise StreamFault("late", reason) from fault
+            lost = self.commands.lost_s(self.connection.stamp)
+            if fault.outcome == "aborted" and lost > trips_s:
+                reason = f"commands were lost on the way for {lost * 1e3:.0f} ms: {fault.reason}"
+                raise StreamFault("link_lost", reason) from fault
             raise
 
     def _stop(self, reference_q: Row) -> tuple[str, str] | None:
@@ -156,6 +164,7 @@ class Stream:
         limits = self.job.qd_max
         command = [v + b if -m <= v + b <= m else v for v, b, m in zip(qd, feedback, limits, strict=True)]
         self.connection.speed(command)
+        self.commands.sent(command)
         return command
 
     def _open_gripper(self, row: int, reference: tuple[Row, Row], command: Row) -> None:

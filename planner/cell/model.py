@@ -10,6 +10,8 @@ from planner.arrays import Array
 from planner.calibration import CalibrationFile
 from planner.robots import Robot
 
+OUT_M = 0.01  # [m] least displacement at which an object is out of the grip
+
 
 @dataclass(frozen=True, eq=False)
 class ToolCapsule:
@@ -99,6 +101,11 @@ class ThrownObject:
     mass_kg: float
     radius_m: float
     drag_coefficient: float
+
+    @property
+    def way_out_m(self) -> float:
+        """The displacement in the gripper by which it is out of the grip [m]: its radius, but no less than `OUT_M`."""
+        return max(self.radius_m, OUT_M)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ from planner.problem import ThrowProblem
 from planner.search.auto import search_optimised
 from planner.search.incumbent import CertifiedSolution, PlanningSearch
 from planner.search.policy import POLICY, Stage, no_incumbent
+from planner.search.ranking import Ranking
 from planner.seeds import Candidate, candidates
 from planner.solution import Solution
 from planner.trajectory import Trajectory, in_a_row
@@ -33,7 +34,6 @@ WAYS_MAX = 4  # [-] postures to which a way is searched for; a search in vain ta
 RUN_UP_POLICY = (
     Stage("ruckig", "from a run-up posture", slice(0, 1), no_incumbent, variants=("free", "synchronised")),
 )
-HOME_POLICY = tuple(stage for stage in POLICY if not stage.with_ipopt)  # the second solver is as slow as all others
 
 
 def search_with_stop(search: PlanningSearch, found: Sequence[Candidate]) -> None:
@@ -64,7 +64,7 @@ def _launches(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tu
     if problem.ends_at_rest:
         yield from ((candidate.q, None) for candidate in found[:CANDIDATES_MAX])
         return
-    if (throw := _from(search, problem.cell.home, None, HOME_POLICY)) is not None:
+    if (throw := _from(search, problem.cell.home, None, POLICY)) is not None:
         yield problem.cell.home, throw
     for candidate in found[:RUN_UP_CANDIDATES_MAX]:
         for run_up_s in RUN_UPS_S:
@@ -86,7 +86,7 @@ def _from(
     except (InvalidProblem, Infeasible):
         return None
     inner = PlanningSearch(problem, search.deadline_s)
-    search_optimised(inner, found, policy)
+    search_optimised(inner, Ranking(problem, found), policy)
     search.iterations += inner.iterations
     return inner.answer
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from store import pack_samples
-from tests.api.conftest import FakeExecutor, RunningService
+from tests.api.conftest import NO_ID, FakeExecutor, RunningService
 from tests.api.test_bad_input import problem_of
 
 
@@ -61,7 +61,8 @@ def test_a_cell_without_an_executor_is_not_ready(service: RunningService, plan):
         "no executor"
         in problem_of(execute(service, service.plan(cell="changing")["id"]), 409, "robot-not-ready")["detail"]
     )
-    problem_of(execute(service, "nothing"), 404, "not-found")
+    problem_of(execute(service, NO_ID), 404, "not-found")
+    assert problem_of(execute(service, "nothing"), 422, "invalid-request")["errors"][0]["field"] == "plan_id"
 
 
 def test_an_executor_without_heartbeats_is_not_ready(service: RunningService, plan, monkeypatch: pytest.MonkeyPatch):

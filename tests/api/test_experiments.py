@@ -14,7 +14,7 @@ import pytest
 from api.http import ProblemDetails
 from api.routes import experiments
 from store import new_id
-from tests.api.conftest import FakeExecutor, RunningService
+from tests.api.conftest import NO_ID, FakeExecutor, RunningService
 from tests.api.test_bad_input import problem_of
 
 TARGETS = ([1.2, 0.3, 0.0], [1.0, -0.2, 0.1])
@@ -156,6 +156,6 @@ def test_executions_join_by_name_and_keys_repeat(service: RunningService, execut
     listed = service.client.get("/experiments?limit=1").json()
     assert listed["experiments"][0]["id"] == id
     service.store.close_open_executions("ur5e-sim")
-    problem_of(service.client.post("/execute", json={**body, "experiment_id": "nothing"}), 404, "not-found")
+    problem_of(service.client.post("/execute", json={**body, "experiment_id": NO_ID}), 404, "not-found")
     problem_of(service.client.get("/experiments/nothing"), 404, "not-found")
     problem_of(service.client.post("/experiments", json={"title": "x"}), 422, "invalid-request")

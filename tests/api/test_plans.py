@@ -43,6 +43,7 @@ def test_the_document_is_the_contract_s(plan):
         "hit_probability",
         "landing_ellipse",
         "request_id",
+        "cell_version",
         "trajectory",
     ]
     assert plan["certificate"]["valid"] is True

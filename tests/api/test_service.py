@@ -11,7 +11,7 @@ import pytest
 
 from api import store_probe
 from api.app import UnsafeSettings, create_app
-from api.http import PROBLEM_TYPES
+from api.http import PROBLEM_TYPES, create_token
 from api.settings import ServiceSettings
 from store import Store, StoreUnavailable, pack_samples
 from tests.api.conftest import FakeExecutor, RunningService
@@ -125,6 +125,7 @@ def test_every_call_of_the_contract_is_there(service: RunningService):
         "POST /cells/{name}/acknowledge",
         "GET /cells",
         "GET /cells/{name}",
+        "GET /cells/{name}/history",
         "GET /cells/{name}/model",
         "GET /plans/{id}/curves",
         "GET /cells/{name}/timing",
@@ -202,3 +203,50 @@ def test_another_page_may_not_post(service: RunningService):
     problem_of(service.client.post("/executions/latest/abort", headers=headers), 403, "forbidden")
     own = service.client.post("/executions/nothing/abort", headers={"Origin": "http://127.0.0.1:8000"})
     problem_of(own, 404, "not-found")
+
+
+def test_every_operation_lists_what_it_may_answer(service: RunningService):
+    schema = service.client.get("/openapi.json").json()
+    assert "securitySchemes" not in schema["components"]
+    for method, path, operation in operations(schema):
+        answers, body = operation["responses"], "requestBody" in operation
+        expected = {"403", "500", *(("422", "413", "415") if body else ()), *(("404",) if "{" in path else ())}
+        assert expected <= set(answers), path
+        assert "401" not in answers
+        assert "security" not in operation
+        assert "HTTPValidationError" not in str(operation)
+        for status, answer in answers.items():
+            if status >= "400":
+                assert list(answer["content"]) == ["application/problem+json"], (path, status)
+                assert all(PROBLEM_TYPES[name].status == int(status) for name in answer["x-problems"])
+        assert re.fullmatch(r"[a-z]+(_[a-z]+)+", operation["operationId"]), method
+    assert len({operation["operationId"] for _, _, operation in operations(schema)}) == len(list(operations(schema)))
+
+
+def test_with_tokens_every_guarded_operation_says_so(tmp_path: Path, cells: Path):
+    file = tmp_path / "tokens.toml"
+    create_token(file, "x", ("plan",))
+    schema = create_app(ServiceSettings(cells=cells, tokens_file=file)).openapi()
+    for _, path, operation in operations(schema):
+        is_open = path in ("/healthz", "/readyz")
+        assert ("401" in operation["responses"]) is not is_open, path
+        assert ("security" in operation) is not is_open, path
+    assert schema["components"]["securitySchemes"]["HTTPBearer"]["scheme"] == "bearer"
+
+
+MEDIA_TYPES = {
+    "/plans/{id}/trajectory": {"application/json", "text/csv"},
+    "/experiments/{id}": {"application/json", "text/csv"},
+    "/executions/{id}/recording": {"application/octet-stream", "text/csv"},
+    "/executions/{id}/events": {"text/event-stream"},
+    "/metrics": {"text/plain"},
+}
+
+
+def test_media_types_are_those_that_are_answered(service: RunningService):
+    for method, path, operation in operations(service.client.get("/openapi.json").json()):
+        for status, answer in operation["responses"].items():
+            if status.startswith("2"):
+                expected = MEDIA_TYPES.get(path, {"application/json"})
+                assert set(answer["content"]) == expected, (method, path)
+                assert all(content["schema"] for content in answer["content"].values()), (method, path)

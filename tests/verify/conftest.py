@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
+import signal
 import socket
 import subprocess
 import sys
@@ -15,6 +17,8 @@ from pathlib import Path
 import psycopg
 import pytest
 
+HOST = "127.0.45.4"  # of the simulated controller beside which examples run
+UP_WITHIN_S = 240.0  # [s] a busy machine
 LONG_S = 900  # [s] for one test of this folder
 SERVER_FOLDERS = Path("/usr/lib/postgresql")  # where Debian keeps servers, a folder a version
 
@@ -91,3 +95,39 @@ def _wait_until_listening(process: subprocess.Popen[bytes], port: int) -> None:
         except psycopg.OperationalError:
             assert time.monotonic() < deadline, "the PostgreSQL server does not answer"
             time.sleep(0.1)
+
+
+@pytest.fixture(scope="session")
+def place(tmp_path_factory: pytest.TempPathFactory, root: Path) -> Path:
+    """A folder as a user's: cells, and what the examples write."""
+    folder = tmp_path_factory.mktemp("examples")
+    shutil.copytree(root / "cells", folder / "cells")
+    cell = folder / "cells" / "ur5e-sim.toml"
+    cell.write_text(re.sub(r'host = "127[^"]*"', f'host = "{HOST}"', cell.read_text()))
+    (folder / "request.json").write_text('{"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}')
+    (folder / "corners.txt").write_text("1.2 0.3 0.0\n")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def environment(place: Path) -> Iterator[dict[str, str]]:
+    """The environment of a user beside a running `fling up`."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    found = {
+        **os.environ, "FLING_DATABASE_URL": f"sqlite:///{place / 'fling.db'}", "FLING_DATA": str(place),
+        "FLING_PLANNER_WORKERS": "1", "FLING_PORT": str(port), "FLING_URL": f"http://127.0.0.1:{port}",
+        "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
+    }  # fmt: skip
+    log = place / "up.log"
+    with log.open("w") as output:
+        process = subprocess.Popen(["fling", "up"], cwd=place, env=found, stdout=output, stderr=output)
+    try:
+        deadline = time.monotonic() + UP_WITHIN_S
+        while "Fling is up" not in log.read_text():
+            assert process.poll() is None and time.monotonic() < deadline, log.read_text()
+            time.sleep(0.2)
+        yield found
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(60)

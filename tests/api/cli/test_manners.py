@@ -46,7 +46,7 @@ def test_a_mistyped_command_gets_a_suggestion(arguments: list[str], hint: str):
         (["plan", "missing.json"], 1, "missing.json"),
         (["throw", "1", "0", "0", "--url", f"http://{HOST}:9"], 1, "start one with 'fling up'"),
         (["up", "--cell", "nowhere"], 1, "no cell 'nowhere'"),
-        (["db", "upgrade", "--database-url", "nonsense"], 1, "the database cannot be used"),
+        (["db", "upgrade", "--database-url", "nonsense"], 1, "the database cannot be reached"),
     ],
 )
 def test_every_error_is_one_sentence_or_one_document(arguments: list[str], status: int, words: str):
