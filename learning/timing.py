@@ -103,8 +103,8 @@ def estimate_timing(recording: MotionRecording, ramp_rad_s2: float | None = None
     Raises:
         RecordingError: no joint moves.
     """
-    moving = np.abs(recording.command).max(axis=0) > MOVING_RAD_S
-    if not moving.any():
+    moving = [j for j, most in enumerate(np.abs(recording.command).max(axis=0)) if most > MOVING_RAD_S]
+    if not moving:
         raise RecordingError(f"no joint is commanded above {MOVING_RAD_S:g} rad/s")
     ramp = _shown_ramp(recording) if ramp_rad_s2 is None else ramp_rad_s2
     fits = _joint_fits(recording, ramp, moving)
@@ -127,12 +127,11 @@ class _JointFit:
     predicted: Array
 
 
-def _joint_fits(recording: MotionRecording, ramp: float, moving: Array) -> dict[int, _JointFit]:
+def _joint_fits(recording: MotionRecording, ramp: float, moving: list[int]) -> dict[int, _JointFit]:
     """Returns the fits of the moving joints behind a ramp [rad/s^2]."""
     motion = commanded_motion(recording, ramp)
     start = _first_lag(motion, recording)
-    return {j: _fit_joint(_column(motion, j), recording.time_s, recording.measured[:, j], start)
-            for j in map(int, np.flatnonzero(moving))}  # fmt: skip
+    return {j: _fit_joint(_column(motion, j), recording.time_s, recording.measured[:, j], start) for j in moving}
 
 
 def _pooled_lag(fits: dict[int, _JointFit]) -> tuple[float, float]:
@@ -144,7 +143,7 @@ def _lag_spread_by_ramp(recording: MotionRecording, ramp: float, fits: dict[int,
 
     The ramp's own, of its logarithm, is that of the curvature of its likelihood; the lag is fitted again on both sides.
     """
-    at, moving = math.log(ramp), np.isin(np.arange(JOINTS), list(fits))
+    at, moving = math.log(ramp), list(fits)
     low, here, high = (_least_misfit(recording, math.exp(at + x)) for x in (-RAMP_DIFFERENCE, 0.0, RAMP_DIFFERENCE))
     independent = sum(_independent_rows(fit.residual, recording.time_s) for fit in fits.values())
     curvature = 0.5 * independent * (low + high - 2.0 * here) / (here * RAMP_DIFFERENCE**2)
