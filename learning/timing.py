@@ -38,6 +38,8 @@ RAMP_ITERATIONS = 3  # of the lag, for each of them
 RAMP_STEPS = 12  # accelerations that are tried for an unknown ramp, evenly in their logarithm
 RAMP_REFINEMENTS = 12  # of the golden section around the best of them: a thousandth
 RAMP_EVIDENCE = 10.0  # [-] of the log likelihood, for a ramp that nobody announced: "very strong", Kass and Raftery
+RAMP_DIFFERENCE = 0.1  # [-] of the ramp's logarithm, for the curvature of its likelihood
+RAMP_STD_MAX = 0.3  # [-] of the same: where the likelihood is flat, a third of the ramp
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
@@ -101,18 +103,17 @@ def estimate_timing(recording: MotionRecording, ramp_rad_s2: float | None = None
     Raises:
         RecordingError: no joint moves.
     """
-    moving = np.abs(recording.command).max(axis=0) > MOVING_RAD_S
-    if not moving.any():
+    moving = [j for j, most in enumerate(np.abs(recording.command).max(axis=0)) if most > MOVING_RAD_S]
+    if not moving:
         raise RecordingError(f"no joint is commanded above {MOVING_RAD_S:g} rad/s")
     ramp = _shown_ramp(recording) if ramp_rad_s2 is None else ramp_rad_s2
-    motion = commanded_motion(recording, ramp)
-    start = _first_lag(motion, recording)
-    fits = {j: _fit_joint(_column(motion, j), recording.time_s, recording.measured[:, j], start)
-            for j in map(int, np.flatnonzero(moving))}  # fmt: skip
-    lag, std = _pooled([fit.theta[0] for fit in fits.values()], [fit.std[0] for fit in fits.values()])
+    fits = _joint_fits(recording, ramp, moving)
+    lag, std = _pooled_lag(fits)
     joints = [_joint_timing(fits[j], recording.time_s) if j in fits else _unmoved() for j in range(JOINTS)]
     rms = math.sqrt(float(np.mean([np.mean(fit.residual**2) for fit in fits.values()])))
     binding = ramp if leading_rates(recording).max() > ramp else None
+    if binding is not None and ramp_rad_s2 is None:
+        std = math.hypot(std, _lag_spread_by_ramp(recording, ramp, fits))
     return TimingEstimate(lag, std, tuple(joints), binding, rms, len(recording.time_s))
 
 
@@ -124,6 +125,40 @@ class _JointFit:
     std: Array
     residual: Array
     predicted: Array
+
+
+def _joint_fits(recording: MotionRecording, ramp: float, moving: list[int]) -> dict[int, _JointFit]:
+    """Returns the fits of the moving joints behind a ramp [rad/s^2]."""
+    motion = commanded_motion(recording, ramp)
+    start = _first_lag(motion, recording)
+    return {j: _fit_joint(_column(motion, j), recording.time_s, recording.measured[:, j], start) for j in moving}
+
+
+def _pooled_lag(fits: dict[int, _JointFit]) -> tuple[float, float]:
+    return _pooled([fit.theta[0] for fit in fits.values()], [fit.std[0] for fit in fits.values()])
+
+
+def _lag_spread_by_ramp(recording: MotionRecording, ramp: float, fits: dict[int, _JointFit]) -> float:
+    """Returns the standard error of the lag [s] that comes from not knowing a ramp but by the recording.
+
+    The ramp's own, of its logarithm, is that of the curvature of its likelihood; the lag is fitted again on both sides.
+    """
+    at, moving = math.log(ramp), list(fits)
+    low, here, high = (_least_misfit(recording, math.exp(at + x)) for x in (-RAMP_DIFFERENCE, 0.0, RAMP_DIFFERENCE))
+    independent = sum(_independent_rows(fit.residual, recording.time_s) for fit in fits.values())
+    curvature = 0.5 * independent * (low + high - 2.0 * here) / (here * RAMP_DIFFERENCE**2)
+    spread = min(1.0 / math.sqrt(max(curvature, 1e-12)), RAMP_STD_MAX)
+    lags = [_pooled_lag(_joint_fits(recording, math.exp(at + x), moving))[0] for x in (-spread, spread)]
+    return 0.5 * abs(lags[1] - lags[0])
+
+
+def _independent_rows(residual: Array, times: Array) -> float:
+    """Returns how many of a joint's residuals count as independent, by their autocorrelation (Bartlett's weights)."""
+    span = max(1, round(CORRELATION_S / float(np.median(np.diff(times)))))
+    power, inflation = float(residual @ residual), 1.0
+    for k in range(1, min(span, len(residual) - 1)):
+        inflation += 2.0 * (1.0 - k / span) * float(residual[k:] @ residual[:-k]) / power
+    return len(residual) / max(inflation, 1.0)
 
 
 def _fit_joint(motion: CommandedMotion, times: Array, measured: Array, lag_s: float) -> _JointFit:

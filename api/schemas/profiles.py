@@ -6,6 +6,8 @@ from typing import Any
 
 from pydantic import BaseModel, Field
 
+from api.schemas.timing import PerJoint, PooledTimingAnswer
+
 
 class ExplainedLanding(BaseModel):
     """One throw behind a profile: where it was to land, where it did, where the profile expects it."""
@@ -29,7 +31,7 @@ class ProfileSummary(BaseModel):
     adopted: bool = Field(description="Whether the cell uses it now.")
     lag_s: float = Field(description="[s]")
     lag_std_s: float | None = Field(description="null where no run shows it [s].")
-    gain: list[float | None] | None = Field(description="Measured over commanded velocity of each joint [-].")
+    gain: PerJoint | None = Field(description="Measured over commanded velocity of each joint [-].")
     delay_s: float = Field(description="From the change of the gripper's output to the object leaving [s].")
     delay_std_s: float = Field(description="[s]")
     jitter_s: float = Field(description="Standard deviation of the opening [s].")
@@ -59,7 +61,7 @@ class ProfileAnswer(ProfileSummary):
     covariance: list[list[float]]
     mixture: dict[str, Any] = Field(description="The posterior: Gaussians over the state, a point of jitter each.")
     joint_speeds: dict[str, Any] = Field(description="Gain errors and scatter of the joints at the release.")
-    timing: dict[str, Any] | None
+    timing: PooledTimingAnswer | None = Field(description="Of the arm, pooled over runs; null where no run shows it.")
     landings: list[ExplainedLanding] = Field([], description="Throws whose landing was observed, oldest first.")
     cell_file: dict[str, float] = Field(description="The numbers that the cell file gives [s].")
 

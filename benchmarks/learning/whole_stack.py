@@ -110,7 +110,7 @@ class Laboratory:
                 return dict(json.loads(done.stdout))
             print(f"  {' '.join(words)}: {done.stderr.strip().splitlines()[-1:]}", flush=True)
             self.acknowledge()
-        raise RuntimeError(f"fling {' '.join(words)} fails: {done.stderr}")
+        raise RuntimeError(f"fling {' '.join(words)} fails: see above")
 
     def acknowledge(self) -> None:
         """Clears a fault that this machine, not the cell, has caused."""
@@ -121,11 +121,12 @@ class Laboratory:
         """Plans and executes one throw; returns plan and execution."""
         request = {"release": {"kind": "target", "position": target}, **release}
         plan = make_plan(self.client, request, progress=False)
-        for _ in range(TRIES):
-            done = execute_plan(self.client, plan, progress=False)
+        done = execute_plan(self.client, plan, progress=False)
+        for _ in range(TRIES - 1):
             if done["outcome"] in ("completed", "held"):
                 break
             self.acknowledge()
+            done = execute_plan(self.client, plan, progress=False)
         return plan, done
 
 
@@ -165,22 +166,26 @@ def sitting(seed: int, count: int) -> str:
     rng = np.random.default_rng(seed)
     truth, lines = drawn_truth(rng), [*HEAD]
     with running_cell(truth) as lab:
-        for when in ("before", "after"):
-            if when == "after":
-                began = time.monotonic()
-                lab.command("calibrate", "lag", "--cell", CELL, "--adopt")
-                found = lab.command("calibrate", "gripper", "--cell", CELL, "--adopt")
-                minutes = (time.monotonic() - began) / 60.0
-            lines += [thrown_row(lab, rng, kind, (count + i) // 2, when) for i, kind in enumerate(RELEASES)]
-            print("\n".join(lines), flush=True)
+        lines += _thrown_rows(lab, rng, count, "before")
+        began = time.monotonic()
+        lab.command("calibrate", "lag", "--cell", CELL, "--adopt")
+        found = lab.command("calibrate", "gripper", "--cell", CELL, "--adopt")
+        minutes = (time.monotonic() - began) / 60.0
+        lines += _thrown_rows(lab, rng, count, "after")
     numbers = f"lag {_ms(truth.lag_s)} ms, found {_ms(found['lag_s'])}; {_gripper_text(truth, found)}"
     return "\n".join([*lines, "", f"Seed {seed}; {numbers}; calibrated in {minutes:.1f} minutes.", "", truth.text])
 
 
-def grippers(seed: int, cells: int, throws: int) -> str:
+def _thrown_rows(lab: Laboratory, rng: np.random.Generator, count: int, when: str) -> list[str]:
+    rows = [thrown_row(lab, rng, kind, (count + i) // 2, when) for i, kind in enumerate(RELEASES)]
+    print("\n".join(rows), flush=True)
+    return rows
+
+
+def grippers(seed: int, cells: range, throws: int) -> str:
     """Returns delay and jitter of hidden grippers as `fling calibrate` finds them."""
     lines = [*GRIPPERS_HEAD]
-    for i in range(cells):
+    for i in cells:
         truth = drawn_truth(np.random.default_rng([seed, i]))
         with running_cell(truth) as lab:
             lab.command("calibrate", "lag", "--cell", CELL, "--adopt", "--throws", "2")
@@ -218,13 +223,14 @@ def main() -> None:
     parser.add_argument("--seed", type=int, help="of the hidden cells; default: a random one")
     parser.add_argument("--throws", type=int, help="before and after a sitting (30); of a gripper's calibration (6)")
     parser.add_argument("--cells", type=int, default=10, help="grippers")
+    parser.add_argument("--first", type=int, default=0, help="number of the first gripper")
     options = parser.parse_args()
     seed = secrets.randbelow(1_000_000) if options.seed is None else options.seed
     print(f"seed {seed}", flush=True)
     if options.what == "sitting":
         print(sitting(seed, options.throws or 30))
     else:
-        print(grippers(seed, options.cells, options.throws or 6))
+        print(grippers(seed, range(options.first, options.first + options.cells), options.throws or 6))
 
 
 if __name__ == "__main__":

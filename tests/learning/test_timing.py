@@ -49,6 +49,14 @@ def test_a_ramp_that_holds_the_arm_back_is_found_and_does_not_pass_for_a_lag() -
     assert found.lag_s == pytest.approx(0.020, abs=5e-4)
 
 
+def test_not_knowing_the_ramp_is_in_the_lags_standard_error() -> None:
+    run = RecordedArm(0.020, 0.002, ramp=6.0, noise=5e-3).run(np.random.default_rng(8), 125.0)
+    looked_for, announced = estimate_timing(run), estimate_timing(run, ramp_rad_s2=6.0)
+    assert looked_for.ramp_rad_s2 == pytest.approx(6.0, rel=0.02)
+    assert 1.2 * announced.lag_std_s < looked_for.lag_std_s < 10.0 * announced.lag_std_s
+    assert abs(looked_for.lag_s - 0.020) < 3.5 * looked_for.lag_std_s
+
+
 def test_no_ramp_is_made_up() -> None:
     rng = np.random.default_rng(6)
     assert estimate_timing(RecordedArm(0.020, 0.008, noise=5e-3).run(rng, 125.0)).ramp_rad_s2 is None
