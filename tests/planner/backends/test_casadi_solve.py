@@ -66,7 +66,7 @@ def test_a_joint_release_is_sooner_than_ruckig_and_not_below_the_bound(cell: Cel
 
 
 def test_a_target_is_hit_sooner_than_by_ruckig(cell: Cell) -> None:
-    made, _, by_ruckig = _solve(_problem(cell, TARGET))
+    made, _, by_ruckig = _solve(_problem(cell, TargetRelease(np.array([0.9, -0.5, 0.0]))))
     assert made.release_time_s < 0.95 * by_ruckig.release_time_s
 
 
