@@ -6,6 +6,8 @@ from importlib import import_module
 
 import click
 
+from api.cli.support.errors import FlingGroup
+
 __all__ = ["COMMANDS", "main"]
 
 # name: (module, attribute, summary); the summaries are here so that `fling --help` imports nothing else.
@@ -20,7 +22,7 @@ COMMANDS = {
     "profile": ("calibrate", "profile", "List, show, adopt or revert what was learnt of a cell."),
     "calibrate": ("calibrate", "calibrate", "Measure what a cell's own motions and throws teach."),
     "landing": ("landing", "landing", "Report where an object landed, or list the reports."),
-    "report": ("plan", "report", "One plan as a self-contained HTML file."),
+    "report": ("report", "report", "A plan, an execution or an experiment as a self-contained HTML file."),
     "acknowledge": ("throw", "acknowledge", "Clear a latched fault, after checking the robot."),
     "doctor": ("serve", "doctor", "Check this machine's timing and the link to the controller."),
     "cell": ("admin", "cell", "Check cell files, import an arm's kinematics."),
@@ -31,7 +33,7 @@ COMMANDS = {
 }
 
 
-class LazyGroup(click.Group):
+class LazyGroup(FlingGroup):
     """A group that imports its commands when they are called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -56,4 +58,7 @@ def main() -> None:
     """Plan a throw for a Universal Robots arm, get it certified, stream it to the arm.
 
     Settings come from FLING_* environment variables; flags override them. Software stop is not a safety function.
+
+    Exit status: 0 done; 1 wrong input, missing file or not reachable; 2 infeasible; 3 solver failed; 4 executed, but
+    not completed; 64 wrong command line. With --json errors are JSON on standard error.
     """

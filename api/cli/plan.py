@@ -1,4 +1,4 @@
-"""Commands that work without a service: plan, report, warm."""
+"""Commands that work without a service: plan, warm."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, allow_dash=True, path_type=Path))
 @click.option("--cells", type=click.Path(exists=True, file_okay=False, path_type=Path), help="FLING_CELLS.")
 @click.option("--cell", help="Cell of a request that names none; default: FLING_DEFAULT_CELL.")
-def plan(file: Path, cells: Path | None, cell: str | None) -> None:
+@click.option("--odds", type=click.FloatRange(0.0, 1.0), help="min_hit_probability of the request [-].")
+def plan(file: Path, cells: Path | None, cell: str | None, odds: float | None) -> None:
     """Plan the request in FILE (JSON as for POST /plan; - reads standard input) and write the plan to standard output.
 
     Standard error has a summary; or the problem (JSON), with exit status 2 for an infeasible request, 3 where its time
@@ -30,7 +31,8 @@ def plan(file: Path, cells: Path | None, cell: str | None) -> None:
     from planner.errors import PlannerError
 
     try:
-        planned = _plan(_read(file), cells, cell)
+        body = _read(file)
+        planned = _plan(body if odds is None else body.model_copy(update={"min_hit_probability": odds}), cells, cell)
     except (ProblemDetails, PlannerError) as error:
         problem = translate(error)
         click.echo(json.dumps(problem_document(problem, str(file)), indent=2), err=True)
@@ -39,27 +41,6 @@ def plan(file: Path, cells: Path | None, cell: str | None) -> None:
     click.echo(document)
     click.echo(plan_text(json.loads(document)), err=True)
     _note_uncompiled(planned.summary)
-
-
-@click.command()
-@click.argument("file", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="PLAN")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="HTML file; default: PLAN with the suffix .html.")
-@click.option("--cells", type=click.Path(exists=True, file_okay=False, path_type=Path), help="FLING_CELLS.")
-def report(file: Path, output: Path | None, cells: Path | None) -> None:
-    """Write the plan in PLAN (JSON as from `fling plan` or GET /plans/{id}) as one self-contained HTML file."""
-    from api.cell_repository import CellRepository
-    from api.report import report_html
-    from api.settings import ServiceSettings
-    from planner.errors import PlannerError
-
-    target = output or file.with_suffix(".html")
-    try:
-        plan = json.loads(file.read_text())
-        repository = CellRepository(cells or ServiceSettings().cells)
-        target.write_text(report_html(plan, repository.cell(plan["cell"])))
-    except (KeyError, TypeError, ValueError, PlannerError) as error:
-        raise click.ClickException(f"{file} is not a plan: {error!r}") from error
-    click.echo(target)
 
 
 @click.command()

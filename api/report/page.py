@@ -1,139 +1,149 @@
-"""The report of a plan as one self-contained HTML file: request, pictures, joints over time, certificate."""
+"""The report as one self-contained HTML file: scene and curves that move, facts, certificate, request.
+
+Facts and tables are plain HTML; scene and curves are drawn by the program of `web/src/report`, which the file holds
+inline. Where it does not run, the file shows the pictures of `api.report.picture` and `api.report.charts`.
+"""
 
 from __future__ import annotations
 
+import csv
 import html
+import io
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
+from api.report.charts import joint_charts
+from api.report.facts import certificate_section, execution_section, experiment_section, plan_section
 
-from api.report.picture import plan_svg
-from planner.cell import Cell
-
-STYLE = Path(__file__).with_name("style.css")
-WIDTH, HEIGHT, LEFT, RIGHT, EDGE = 900, 220, 60, 110, 22  # [px] of one chart and its margins
-CHARTS = (
-    ("positions", "Joint positions [rad]"),
-    ("velocities", "Joint velocities [rad/s]"),
-    ("accelerations", "Joint accelerations [rad/s²]"),
-)
-COLOURS = ("#0b6bcb", "#e07b00", "#1a7f37", "#c62828", "#7a4fbf", "#0097a7")
+PROGRAM = Path(__file__).parents[1] / "web" / "report"
+NO_PICTURE = "<p>The plan's cell file is missing or has changed since planning: no picture of the arm.</p>"
+# A report asks no other machine for anything: the browser is told to refuse it.
+POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
+JOINTS = ("Base", "Shoulder", "Elbow", "Wrist 1", "Wrist 2", "Wrist 3")
 
 
-def report_html(plan: Mapping[str, Any], cell: Cell | None) -> str:
-    """Returns the report of a plan as HTML.
+@dataclass(frozen=True)
+class ReportContent:
+    """What a report is about; JSON documents as the service answers them.
 
-    Args:
-        plan: The plan as JSON, as `GET /plans/{id}` answers it.
-        cell: Its cell; without it, or if the file has changed since, the report has no picture of the arm.
+    Attributes:
+        plan: of `GET /plans/{id}`, with its trajectory.
+        picture: the plan drawn as SVG; None where its cell is unknown now.
+        model: of `GET /cells/{name}/model`; None where the plan's cell is unknown now.
+        curves: of `GET /plans/{id}/curves`; None likewise.
+        execution: of `GET /executions/{id}`, None for a plan.
+        landings: of `GET /executions/{id}/landing`.
+        recording: of `GET /executions/{id}/recording`, as CSV; empty without one.
+        experiment: of `GET /experiments/{id}`, None for a plan or an execution.
     """
-    if cell is not None and cell.sha256 == plan["cell_sha256"]:
-        picture = plan_svg(plan, cell)
-    else:
-        picture = "<p>The plan's cell file is missing or has changed since planning: no picture of the arm.</p>"
-    release = plan["release_time_s"]
-    trajectory = plan["trajectory"]
-    charts = "".join(
-        f"<h2>{title}</h2>{_chart(trajectory['time_from_start'], trajectory[name], trajectory['joint_names'], release)}"
-        for name, title in CHARTS
-    )
+
+    plan: Mapping[str, Any]
+    picture: str | None = None
+    model: Mapping[str, Any] | None = None
+    curves: Mapping[str, Any] | None = None
+    execution: Mapping[str, Any] | None = None
+    landings: Sequence[Mapping[str, Any]] = ()
+    recording: str = ""
+    experiment: Mapping[str, Any] | None = None
+
+
+def report_html(content: ReportContent) -> str:
+    """Returns the report as HTML."""
+    plan, title = content.plan, html.escape(_title(content))
     request = html.escape(json.dumps(plan["request"], indent=2))
     parts = (
-        _facts(plan),
-        f"<section>{picture}</section>",
-        f"<section>{charts}</section>",
-        _checks(plan["certificate"]),
+        f"<header><h1>{title}</h1><p>{html.escape(_subtitle(plan))}</p></header>",
+        _moving(content) if content.model is not None else f"<section>{NO_PICTURE}{joint_charts(plan)}</section>",
+        experiment_section(content.experiment) if content.experiment is not None else "",
+        execution_section(content.execution, content.landings) if content.execution is not None else "",
+        plan_section(plan),
+        certificate_section(plan["certificate"]),
         f"<section><h2>Request</h2><pre>{request}</pre></section>",
     )
-    title = html.escape(f"Plan {plan['id']}")
-    return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
-        f"<style>{STYLE.read_text()}</style></head><body><main><header><h1>{title}</h1></header>{''.join(parts)}"
-        "</main></body></html>\n"
+    style = (PROGRAM / "report.css").read_text(encoding="utf-8")
+    head = (
+        '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}"><title>{title}</title><style>{style}</style>'
     )
+    body = f"<main>{''.join(parts)}</main>{_program(content) if content.model is not None else ''}"
+    return f'<!doctype html>\n<html lang="en"><head>{head}</head><body>{body}</body></html>\n'
 
 
-def _facts(plan: Mapping[str, Any]) -> str:
-    solver, flight = plan["solver"], plan["flight"]
-    facts = [
-        ("planned", plan["created_at"]),
-        ("cell", f"{plan['cell']} (sha256 {plan['cell_sha256'][:12]}…)"),
-        ("back end", f"{plan['backend']}, {1000 * solver['solve_time_s']:.1f} ms: {solver['status']}"),
-        ("release", f"after {plan['release_time_s']:.3f} s of {plan['duration_s']:.3f} s"),
+def _title(content: ReportContent) -> str:
+    if content.experiment is not None:
+        return f"Experiment {content.experiment['name'] or content.experiment['id']}"
+    if content.execution is not None:
+        return f"Execution {content.execution['id']}"
+    return f"Plan {content.plan['id']}"
+
+
+def _subtitle(plan: Mapping[str, Any]) -> str:
+    flight = plan["flight"]
+    where = "" if flight is None else f", lands at ({', '.join(f'{x:.2f}' for x in flight['landing_point'])}) m"
+    return f"{plan['cell']}: release after {plan['release_time_s']:.3f} s{where}"
+
+
+def _moving(content: ReportContent) -> str:
+    """Returns the places of scene and curves, and the still pictures for where the program does not run."""
+    still = f"<noscript><section>{content.picture or NO_PICTURE}{joint_charts(content.plan)}</section></noscript>"
+    curves = '<section aria-label="Curves"><h2>Curves and their limits</h2><div id="curves"></div></section>'
+    return f'<section id="stage" aria-label="Scene"></section>{curves}{still}'
+
+
+def _program(content: ReportContent) -> str:
+    """Returns the data of scene and curves and the program that draws them."""
+    data = {
+        "plan": content.plan,
+        "model": content.model,
+        "curves": content.curves,
+        "landings": _landing_marks(content),
+        "ellipse": _ellipse(content.experiment),
+        "tracking": _tracking(content.recording),
+    }
+    text = json.dumps(data, separators=(",", ":")).replace("</", "<\\/")
+    program = (PROGRAM / "report.js").read_text(encoding="utf-8").replace("</script", "<\\/script")
+    return f'<script type="application/json" id="report-data">{text}</script><script>{program}</script>'
+
+
+def _landing_marks(content: ReportContent) -> list[dict[str, Any]]:
+    """Returns where objects landed: one execution's observations, or an experiment's throws."""
+    places = [landing["position"] for landing in content.landings]
+    if content.experiment is not None:
+        places = [throw["landing"] for throw in content.experiment["throws"] if throw["plan_id"] == content.plan["id"]]
+    marks = [{"id": str(i), "position": place, "newest": False} for i, place in enumerate(places) if place is not None]
+    return marks if content.experiment is not None or not marks else [*marks[:-1], {**marks[-1], "newest": True}]
+
+
+def _ellipse(experiment: Mapping[str, Any] | None) -> dict[str, Any] | None:
+    """Returns the ellipse of an experiment's landings about its target, where it has one target."""
+    if experiment is None or len(experiment["targets"]) != 1:
+        return None
+    target = experiment["targets"][0]
+    if target["target"] is None or target["covariance_m2"] is None:
+        return None
+    x, y, z = target["target"]
+    mean = target["mean_error_m"]
+    return {"center": [x + mean[0], y + mean[1]], "covariance_m2": target["covariance_m2"], "height_m": z}
+
+
+def _tracking(recording: str) -> dict[str, Any] | None:
+    """Returns the measured less the planned joint positions of a recording as a curve, None without one."""
+    rows = list(csv.DictReader(io.StringIO(recording)))
+    if not rows:
+        return None
+    errors = [
+        [float(row[f"q_{joint}_rad"]) - float(row[f"planned_q_{joint}_rad"]) for row in rows] for joint in range(6)
     ]
-    if plan.get("way_home"):
-        facts.append(("way home", f"{plan['way_home']['duration_s']:.1f} s from the plan's end"))
-    if flight is not None:
-        point = ", ".join(f"{value:.4f}" for value in flight["landing_point"])
-        speed_and_time = f"{flight['speed_m_s']:.2f} m/s, {flight['time_of_flight_s']:.3f} s"
-        facts.append(("flight", f"{speed_and_time}, lands at ({point}) m"))
-        facts += _release_facts(flight)
-    for attempt in solver["attempts"]:
-        facts.append((f"tried {attempt['backend']}", f"{attempt['result']} ({1000 * attempt['duration_s']:.0f} ms)"))
-    return f"<section><table>{_rows(facts)}</table></section>"
-
-
-def _release_facts(flight: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Returns what the plan holds for a release that is not on time; plans of version 0.1 do not state it."""
-    facts = []
-    if flight.get("release_window_s"):
-        window_ms, tolerance_mm = 1000 * flight["release_window_s"], 1000 * flight["landing_tolerance_m"]
-        facts.append(("release window", f"± {window_ms:.3g} ms: lands within {tolerance_mm:.3g} mm"))
-    for when, shift in flight.get("landing_shift_10ms_m", {}).items():
-        moved = "it may never land" if shift is None else f"the landing moves by {1000 * shift:.0f} mm"
-        facts.append((f"release 10 ms {when}", moved))
-    return facts
-
-
-def _checks(certificate: Mapping[str, Any]) -> str:
-    columns = ("name", "value", "limit", "unit", "margin", "at_s")
-    rows = [
-        (*(_cell(check[column]) for column in columns), "ok" if check["ok"] else "VIOLATED")
-        for check in certificate["checks"]
-    ]
-    head = "<tr><th>check</th><th>value</th><th>limit</th><th>unit</th><th>margin</th><th>at [s]</th><th></th></tr>"
-    return f"<section><h2>Certificate</h2><table>{head}{_rows(rows)}</table></section>"
-
-
-def _rows(rows: Sequence[Sequence[str]]) -> str:
-    return "".join("<tr>" + "".join(f"<td>{html.escape(str(cell))}</td>" for cell in row) + "</tr>" for row in rows)
-
-
-def _cell(value: str | float | None) -> str:
-    return value if isinstance(value, str) else "" if value is None else f"{value:.4g}"
-
-
-def _chart(times: Sequence[float], values: Sequence[Sequence[float]], names: Sequence[str], release_s: float) -> str:
-    """Returns a chart of all joints over time, with the release marked."""
-    t, y = np.asarray(times), np.asarray(values)
-    low, high = float(y.min()), float(y.max())
-    x_of = LEFT + (WIDTH - LEFT - RIGHT) * t / max(float(t[-1]), 1e-9)
-    y_of = EDGE + (HEIGHT - 2 * EDGE) * (high - y) / max(high - low, 1e-9)
-    lines = [_axis(low, high, float(t[-1])), _release_line(LEFT + (WIDTH - LEFT - RIGHT) * release_s / float(t[-1]))]
-    for joint, (name, colour) in enumerate(zip(names, COLOURS, strict=True)):
-        points = " ".join(f"{px:.1f},{py:.1f}" for px, py in zip(x_of, y_of[:, joint], strict=True))
-        lines.append(f'<polyline fill="none" stroke="{colour}" stroke-width="1.6" points="{points}"/>')
-        at = f'x="{WIDTH - RIGHT + 8}" y="{EDGE + 16 * joint + 8}" font-size="12" fill="{colour}"'
-        lines.append(f"<text {at}>{name.removesuffix('_joint')}</text>")
-    return f'<svg class="picture" viewBox="0 0 {WIDTH} {HEIGHT}" role="img">{"".join(lines)}</svg>'
-
-
-def _axis(low: float, high: float, end_s: float) -> str:
-    bottom = HEIGHT - EDGE
-    return (
-        f'<rect x="{LEFT}" y="{EDGE}" width="{WIDTH - LEFT - RIGHT}" height="{bottom - EDGE}" class="frame"/>'
-        f'<text class="label" x="4" y="{EDGE + 6}">{high:.3g}</text>'
-        f'<text class="label" x="4" y="{bottom}">{low:.3g}</text>'
-        f'<text class="label" x="{LEFT}" y="{HEIGHT - 4}">0 s</text>'
-        f'<text class="label" x="{WIDTH - RIGHT - 40}" y="{HEIGHT - 4}">{end_s:.3f} s</text>'
-    )
-
-
-def _release_line(x: float) -> str:
-    return (
-        f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{EDGE}" y2="{HEIGHT - EDGE}" stroke="#8888" stroke-dasharray="4 3"/>'
-        f'<text class="label" x="{x + 4:.1f}" y="{EDGE - 6}">release</text>'
-    )
+    return {
+        "key": "tracking",
+        "label": "Measured less planned",
+        "unit": "rad",
+        "check": None,
+        "times": [float(row["clock_s"]) for row in rows],
+        "steps": False,
+        "lines": [{"label": name, "values": values} for name, values in zip(JOINTS, errors, strict=True)],
+        "limits": [],
+    }

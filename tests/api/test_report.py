@@ -1,6 +1,9 @@
 from __future__ import annotations
 
+import json
 import re
+from dataclasses import replace
+from html.parser import HTMLParser
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -8,8 +11,11 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import api.report.page
 from api.cli import main
-from api.report import plan_svg, report_html
+from api.experiment_statistics import statistics_of
+from api.report import ReportContent, plan_svg, report_html
+from api.scene import cell_model, plan_curves
 from planner.cell import load_cell
 from planner.plan_document import plan_document
 from planner.planning import plan as plan_request
@@ -17,6 +23,7 @@ from planner.request import problem_from_request
 from tests.api.conftest import RunningService
 from tests.api.test_bad_input import problem_of
 
+PROGRAM = Path(api.report.page.__file__).parents[1] / "web" / "report"
 SVG = "{http://www.w3.org/2000/svg}"
 TARGET = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}, "backend": "ruckig"}
 
@@ -64,12 +71,12 @@ def test_a_bin_is_drawn_to_scale_from_the_side_and_from_above(root: Path):
 
 
 def test_the_report_says_what_a_release_10_ms_off_does(throw, root: Path):
-    text, shift = report_html(throw, None), throw["flight"]["landing_shift_10ms_m"]
+    text, shift = report_html(ReportContent(throw)), throw["flight"]["landing_shift_10ms_m"]
     for when in ("early", "late"):
         assert f"<td>release 10 ms {when}</td><td>the landing moves by {1000 * shift[when]:.0f} mm</td>" in text
     assert "lands within 20 mm" in text
     old = {**throw, "flight": {k: v for k, v in throw["flight"].items() if not k.startswith(("release", "landing_s"))}}
-    assert "release 10 ms" not in report_html(old, None)
+    assert "release 10 ms" not in report_html(ReportContent(old))
 
 
 def test_the_picture_is_served_while_the_cell_is_the_same(service: RunningService, throw, cells: Path):
@@ -84,14 +91,98 @@ def test_the_picture_is_served_while_the_cell_is_the_same(service: RunningServic
     file.write_text(before)
 
 
-def test_the_report_is_one_file(throw, root: Path):
-    text = report_html(throw, load_cell(root / "cells" / "ur5e-sim.toml"))
-    assert not re.search(r"(src|href)=", text)
-    assert "<script" not in text
-    assert set(re.findall(r"https?://[^\"' <]+", text)) == {"http://www.w3.org/2000/svg"}
+@pytest.fixture
+def content(throw, root: Path) -> ReportContent:
+    cell = load_cell(root / "cells" / "ur5e-sim.toml")
+    return ReportContent(throw, plan_svg(throw, cell), cell_model(cell), plan_curves(throw, cell))
+
+
+class Outline(HTMLParser):
+    """Elements of a page, and what its scripts hold."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag == "script":
+            self.scripts.append("")
+
+    def handle_data(self, data):
+        if self.cdata_elem == "script":
+            self.scripts[-1] += data
+
+
+def test_the_report_is_one_file(content: ReportContent, throw):
+    text = report_html(content)
+    outline = Outline(text)
+    assert not [(tag, at) for tag, at in outline.tags if {"src", "href", "srcset", "action"} & at.keys()]
+    assert "default-src 'none'" in text
+    assert not re.search(r"@import|url\((?!#)", (PROGRAM / "report.css").read_text())
     for check in throw["certificate"]["checks"]:
         assert f"<td>{check['name']}</td>" in text
-    assert "no picture" in report_html({**throw, "cell_sha256": "other"}, load_cell(root / "cells" / "ur5e-sim.toml"))
+    assert "no picture" not in text
+    assert "no picture" in report_html(ReportContent(throw))
+
+
+def test_the_report_carries_what_its_program_draws(content: ReportContent, throw):
+    data, program = Outline(report_html(content)).scripts
+    carried = json.loads(data)
+    assert carried["plan"] == throw
+    assert carried["model"] == content.model
+    assert carried["curves"] == content.curves
+    assert len(program) > 100_000  # three.js and all
+
+
+def test_nothing_in_a_plan_ends_the_script(content: ReportContent):
+    nasty = replace(content, plan={**content.plan, "id": "</script><script>alert(1)</script>"})
+    outline = Outline(report_html(nasty))
+    assert [tag for tag, _ in outline.tags].count("script") == 2
+    assert json.loads(outline.scripts[0])["plan"]["id"] == nasty.plan["id"]
+
+
+def test_the_report_of_an_execution_has_its_outcome_and_its_recording(content: ReportContent):
+    landing = {"source": "sim-camera", "position": [1.21, 0.3, 0.0], "std_m": 0.0, "result": None, "radius_m": None}
+    metrics = {"landing_error_m": 0.0123, "missed_ticks": 0, "ticks": 279, "released": True}
+    execution = {"id": "e", "outcome": "completed", "state": "finished", "reason": None, "metrics": metrics}
+    names = [f"{kind}_{joint}_rad" for kind in ("q", "planned_q") for joint in range(6)]
+    rows = [
+        [0.002 * i, *(0.1 * joint + 0.01 for joint in range(6)), *(0.1 * joint for joint in range(6))] for i in (0, 1)
+    ]
+    recording = "\n".join([",".join(["clock_s", *names]), *(",".join(map(repr, row)) for row in rows)])
+    text = report_html(replace(content, execution=execution, landings=[landing], recording=recording))
+    assert "<td>completed</td>" in text
+    assert "<td>12.3 mm</td>" in text
+    carried = json.loads(Outline(text).scripts[0])
+    assert carried["landings"] == [{"id": "0", "position": [1.21, 0.3, 0.0], "newest": True}]
+    assert carried["tracking"]["times"] == [0.0, 0.002]
+    assert np.allclose([line["values"] for line in carried["tracking"]["lines"]], 0.01)
+
+
+def test_the_report_of_an_experiment_has_its_throws_and_their_ellipse(content: ReportContent, throw):
+    target = throw["request"]["release"]["position"]
+    landings = [[1.21, 0.3, 0.0], [1.19, 0.31, 0.0], None]
+    throws = [
+        {
+            **{"execution_id": str(i), "plan_id": throw["id"], "state": "finished", "outcome": "completed"},
+            **{"target": target, "landing": landing, "error_m": landing and 0.01, "results": [], "reason": None},
+        }
+        for i, landing in enumerate(landings)
+    ]
+    statistics = statistics_of(throws)
+    experiment = {
+        **{"id": "x", "name": "new fingers", "throws": throws, "statistics": statistics},
+        "targets": [{"target": target, **statistics}],
+    }
+    text = report_html(replace(content, experiment=experiment))
+    assert "<h1>Experiment new fingers</h1>" in text
+    assert text.count("10.0 mm") >= 2
+    carried = json.loads(Outline(text).scripts[0])
+    assert [mark["position"] for mark in carried["landings"]] == landings[:2]
+    assert np.allclose(carried["ellipse"]["center"], np.mean(landings[:2], axis=0)[:2])
 
 
 def test_a_move_that_ends_at_rest_has_no_flight(shared: RunningService, root: Path):
@@ -103,12 +194,11 @@ def test_a_move_that_ends_at_rest_has_no_flight(shared: RunningService, root: Pa
 
 
 def test_fling_report(throw, root: Path, tmp_path: Path):
-    import json
-
     file = tmp_path / "plan.json"
     file.write_text(json.dumps(throw))
     result = CliRunner().invoke(main, ["report", str(file), "--cells", str(root / "cells")])
     assert result.exit_code == 0, result.output
     assert (tmp_path / "plan.html").read_text().startswith("<!doctype html>")
+    assert CliRunner().invoke(main, ["report", str(file), "--plan", "latest"]).exit_code != 0
     file.write_text("{}")
     assert CliRunner().invoke(main, ["report", str(file)]).exit_code == 1

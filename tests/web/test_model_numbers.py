@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+from tests.web import cell_models
 from tests.web.model_numbers import FILE, model_numbers, same
 
 
@@ -17,3 +18,8 @@ def test_a_number_that_has_changed_is_noticed():
     changed = json.loads(FILE.read_text())
     changed["arms"][3]["links"][1][2][0][3] += 1e-9
     assert not same(changed, stored)
+
+
+def test_the_models_for_the_page_are_the_services():
+    stored = json.loads(cell_models.FILE.read_text())
+    assert same(cell_models.cell_models(), stored), "write them anew: python -m tests.web.cell_models"

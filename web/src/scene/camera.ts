@@ -66,6 +66,11 @@ export class CameraMove {
     return this.to !== null;
   }
 
+  /** Goes to the end of its way. */
+  finish(): void {
+    if (this.to) this.step(Number.POSITIVE_INFINITY);
+  }
+
   stop(): void {
     this.to = null;
   }

@@ -7,14 +7,15 @@
 export interface Detail {
   readonly resolution: number; // as a share of the screen's own
   readonly shadow: boolean;
+  readonly fine: boolean; // meshes for close looks
 }
 
 export const LEVELS: readonly Detail[] = [
-  { resolution: 1, shadow: true },
-  { resolution: 0.8, shadow: true },
-  { resolution: 0.66, shadow: false },
-  { resolution: 0.5, shadow: false },
-  { resolution: 0.36, shadow: false },
+  { resolution: 1, shadow: true, fine: true },
+  { resolution: 0.8, shadow: true, fine: false },
+  { resolution: 0.65, shadow: false, fine: false },
+  { resolution: 0.5, shadow: false, fine: false },
+  { resolution: 0.36, shadow: false, fine: false },
 ];
 
 const SLOW_MS = 31; // [ms] a frame: below 32 frames a second something goes

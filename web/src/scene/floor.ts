@@ -15,12 +15,12 @@ import {
   WebGLRenderTarget,
   type WebGLRenderer,
 } from "three";
+import { CASTERS } from "./layers";
 import type { Palette } from "./palette";
 
 const RADIUS_M = 14; // [m] of the disc that is drawn
 const SHADOW_PX = 192; // side of the shadow's picture: soft anyway
 const SHADOW_REACH_M = 0.9; // [m] height at which a thing no longer darkens the floor
-export const CASTERS = 1; // layer of what casts a shadow
 
 const FLOOR_VERTEX = /* glsl */ `
 varying vec2 place;
@@ -31,9 +31,8 @@ void main() {
 
 const FLOOR_FRAGMENT = /* glsl */ `
 uniform vec3 background, ground, fineLine, boldLine;
-uniform vec2 centre, shadowCentre;
-uniform float fadeFrom, fadeTo, shadowSide, shadowStrength;
-uniform sampler2D shadow;
+uniform vec2 centre;
+uniform float fadeFrom, fadeTo;
 varying vec2 place;
 float lines(float cell, float width) {
   vec2 p = place / cell;
@@ -47,11 +46,18 @@ void main() {
   float seen = 1.0 - smoothstep(fadeFrom, fadeTo, away);
   vec3 colour = mix(ground, fineLine, lines(0.1, 1.0));
   colour = mix(colour, boldLine, lines(1.0, 1.3));
-  vec2 uv = vec2(-1.0, 1.0) * (place - shadowCentre) / shadowSide + 0.5; // the shadow is seen from below
-  if (uv.x > 0.0 && uv.x < 1.0 && uv.y > 0.0 && uv.y < 1.0) colour *= 1.0 - shadowStrength * texture2D(shadow, uv).r;
   gl_FragColor = vec4(mix(background, colour, seen), 1.0);
   #include <colorspace_fragment>
 }`;
+
+const SHADE_VERTEX = /* glsl */ `
+varying vec2 at;
+void main() { at = vec2(1.0 - uv.x, uv.y); gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0); }`; // seen from below
+const SHADE_FRAGMENT = /* glsl */ `
+uniform float strength;
+uniform sampler2D shadow;
+varying vec2 at;
+void main() { gl_FragColor = vec4(0.0, 0.0, 0.0, strength * texture2D(shadow, at).r); }`;
 
 const CAST_VERTEX = /* glsl */ `
 varying float height;
@@ -82,8 +88,9 @@ void main() {
 /** The floor with its shadow. */
 export class Floor {
   readonly mesh: Mesh;
+  readonly shadow: Mesh; // lies on the floor
   private readonly material: ShaderMaterial;
-  private strength = 0;
+  private readonly shade: ShaderMaterial;
   private readonly targets = [0, 1].map(() => new WebGLRenderTarget(SHADOW_PX, SHADOW_PX, { type: UnsignedByteType }));
   private readonly camera = new OrthographicCamera();
   private readonly cast: ShaderMaterial;
@@ -99,10 +106,17 @@ export class Floor {
         ...{ background: { value: new Color() }, ground: { value: new Color() } },
         ...{ fineLine: { value: new Color() }, boldLine: { value: new Color() } },
         ...{ centre: { value: new Vector2() }, fadeFrom: { value: 2 }, fadeTo: { value: 6 } },
-        ...{ shadowCentre: { value: new Vector2() }, shadowSide: { value: 3 }, shadowStrength: { value: 0 } },
-        shadow: { value: this.targets[0]!.texture as Texture },
       },
     });
+    this.shade = new ShaderMaterial({
+      vertexShader: SHADE_VERTEX,
+      fragmentShader: SHADE_FRAGMENT,
+      uniforms: { strength: { value: 0 }, shadow: { value: this.targets[0]!.texture as Texture } },
+      transparent: true,
+      depthWrite: false,
+    });
+    this.shadow = new Mesh(new PlaneGeometry(1, 1), this.shade);
+    this.shadow.renderOrder = -1;
     this.mesh = new Mesh(new CircleGeometry(RADIUS_M, 64), this.material);
     this.cast = new ShaderMaterial({
       vertexShader: CAST_VERTEX,
@@ -123,18 +137,13 @@ export class Floor {
     this.camera.layers.set(CASTERS);
   }
 
-  /** Shows the soft shadow, or the bare floor. */
-  setShadow(on: boolean): void {
-    this.material.uniforms.shadowStrength!.value = on ? this.strength : 0;
-  }
-
   setPalette(palette: Palette): void {
     const uniforms = this.material.uniforms;
     (uniforms.background!.value as Color).copy(palette.background);
     (uniforms.ground!.value as Color).copy(palette.floor);
     (uniforms.fineLine!.value as Color).copy(palette.gridFine);
     (uniforms.boldLine!.value as Color).copy(palette.gridBold);
-    this.strength = palette.shadow;
+    this.shade.uniforms.strength!.value = palette.shadow;
   }
 
   /** Places the floor: its height, the middle of what stands on it, how far that reaches [m]. */
@@ -146,8 +155,8 @@ export class Floor {
     (uniforms.centre!.value as Vector2).set(...centre);
     uniforms.fadeFrom!.value = 0.7 * extent;
     uniforms.fadeTo!.value = 2.6 * extent;
-    (uniforms.shadowCentre!.value as Vector2).set(...arm);
-    uniforms.shadowSide!.value = 2 * reach;
+    this.shadow.position.set(arm[0], arm[1], z + 0.0004);
+    this.shadow.scale.set(2 * reach, 2 * reach, 1);
     this.cast.uniforms.floorZ!.value = z;
     Object.assign(this.camera, { left: -reach, right: reach, top: reach, bottom: -reach, near: 0, far: 10 });
     this.camera.position.set(arm[0], arm[1], z - 0.01); // looks up from below, so that the lowest surface is seen
@@ -183,6 +192,7 @@ export class Floor {
 
   dispose(): void {
     this.mesh.geometry.dispose();
-    for (const item of [this.material, this.cast, this.blur, ...this.targets]) item.dispose();
+    this.shadow.geometry.dispose();
+    for (const item of [this.material, this.shade, this.cast, this.blur, ...this.targets]) item.dispose();
   }
 }

@@ -44,7 +44,7 @@ export class Handles {
     private readonly palette: () => Palette,
   ) {
     this.gizmos = (["translate", "rotate"] as const).map((mode) => this.gizmo(mode));
-    stage.scene.add(this.layer.root, this.proxy, ...this.gizmos.map((gizmo) => gizmo.getHelper()));
+    stage.still.add(this.layer.root, this.proxy, ...this.gizmos.map((gizmo) => gizmo.getHelper()));
     this.listen("pointerdown", (event) => this.down(event));
     this.listen("pointermove", (event) => this.move(event));
     this.listen("pointerup", (event) => this.up(event));

@@ -1,10 +1,11 @@
 /** The scene: the only module that the page loads of it, and the only one that knows all the others. */
 
-import { frozen, armGeometry, type ArmGeometry, SolidArm, castShadowOf } from "./arm/model";
+import { type ArmGeometry, armGeometry, frozen, SolidArm } from "./arm/model";
 import { type CellDocument, type CellGeometry, geometryOf } from "../model/cell";
 import { linkPoses, toolPose } from "../model/chain";
 import { norm, plus, positionOf, type Vector } from "../model/poses";
 import { CameraMove, directionTo, type Subject, viewOf } from "./camera";
+import { drawing } from "./drawing/picture";
 import { Ghost } from "./ghost";
 import { Handles } from "./handles";
 import type * as face from "./interface";
@@ -18,6 +19,7 @@ import { ThrownObject } from "./thrown";
 
 const LAYERS = ["boxes", "hazard", "plan", "target", "nearest", "landings", "obstacles"] as const;
 const GRIPPER_OPENS_S = 0.06; // [s] in which the drawn fingers open
+const FOLLOWER = 20; // place in the order of drawing of the ghost that moves
 const AROUND_ARM = 1.15; // of its reach: what the camera shows without a throw
 const GHOST_STRENGTHS = { start: 0.4, release: 0.75, rest: 0.32 } as const;
 
@@ -58,8 +60,8 @@ class ThrowScene implements face.Scene {
     this.camera = new CameraMove(this.stage.camera, this.stage.lookedAt);
     this.stage.setActors({ step: (now) => this.camera.step(now) });
     this.stage.controls.addEventListener("start", () => this.camera.stop());
-    this.stage.scene.add(...Object.values(this.layers).map((layer) => layer.root), this.thrown.root);
-    castShadowOf(this.thrown.root);
+    this.stage.still.add(...Object.values(this.layers).map((layer) => layer.root));
+    this.stage.moving.add(this.thrown.root);
     this.handles = new Handles(
       this.stage,
       { ...options, changedTarget: (target) => this.draggedTo(target) },
@@ -166,6 +168,7 @@ class ThrowScene implements face.Scene {
   }
 
   async png(): Promise<Blob> {
+    this.camera.finish();
     this.stage.drawNow();
     return new Promise((resolve, reject) => {
       this.stage.canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("the picture could not be drawn"))), "image/png");
@@ -173,7 +176,14 @@ class ThrowScene implements face.Scene {
   }
 
   svg(): string {
-    return "";
+    if (!this.cell || !this.geometry) throw new Error("there is nothing to draw yet");
+    this.camera.finish();
+    this.stage.controls.update();
+    const { motion, target, landings, ellipse, time } = this;
+    const object = motion?.flies && time >= motion.releaseTime ? motion.objectAt(time) : null;
+    const drawn = { cell: this.cell, parts: this.geometry.parts, q: this.posture(), object, motion, target, landings, ellipse };
+    const { clientWidth, clientHeight } = this.stage.canvas;
+    return drawing(drawn, this.stage.camera, clientWidth, clientHeight, paletteOf("light"));
   }
 
   get statistics(): face.Scene["statistics"] {
@@ -207,12 +217,14 @@ class ThrowScene implements face.Scene {
 
   private buildArm(): void {
     if (!this.cell) return;
-    if (this.arm) this.stage.scene.remove(this.arm.root);
-    for (const geometry of this.geometry?.links ?? []) geometry.dispose();
+    if (this.arm) this.stage.moving.remove(this.arm.root);
+    for (const { fine, coarse } of [...(this.geometry?.links ?? []), ...(this.geometry?.fingers ?? []).map((finger) => finger.geometry)]) {
+      fine.dispose();
+      coarse.dispose();
+    }
     this.geometry = armGeometry(this.cell, this.palette);
     this.arm = new SolidArm(this.cell, this.geometry, this.material);
-    castShadowOf(this.arm.root);
-    this.stage.scene.add(this.arm.root);
+    this.stage.moving.add(this.arm.root);
     this.paint();
     this.pose();
   }
@@ -225,7 +237,7 @@ class ThrowScene implements face.Scene {
   private drawGhosts(): void {
     this.clearGhosts();
     if (!this.motion || !this.cell || !this.geometry) return;
-    if (this.live) this.follower = this.addGhost(this.motion.at(this.time).positions, this.palette.ghostPlan, 0.7, 20);
+    if (this.live) this.follower = this.addGhost(this.motion.at(this.time).positions, this.palette.ghostPlan, 0.7, FOLLOWER);
     if (this.live || this.appearance === "preview") return;
     const stale = this.appearance === "stale";
     const postures = [
@@ -241,13 +253,13 @@ class ThrowScene implements face.Scene {
   private addGhost(q: readonly number[], colour: Palette["arrow"], strength: number, order: number): Ghost {
     const ghost = new Ghost(frozen(this.cell!, this.geometry!, q), colour, strength, order);
     this.ghosts.push(ghost);
-    this.stage.scene.add(ghost.root);
+    (order === FOLLOWER ? this.stage.moving : this.stage.ghosts).add(ghost.root);
     return ghost;
   }
 
   private clearGhosts(): void {
     for (const ghost of this.ghosts) {
-      this.stage.scene.remove(ghost.root);
+      ghost.root.removeFromParent();
       ghost.dispose();
     }
     this.ghosts = [];
@@ -281,7 +293,7 @@ class ThrowScene implements face.Scene {
     this.thrown.place(gone && motion ? motion.objectAt(Math.max(time, motion.releaseTime)) : held, this.cell.floorZ);
     this.material.color.set(live && !live.connected ? 0x9aa3ad : 0xffffff);
     if (this.follower && motion && this.geometry) frozen(this.cell, this.geometry, motion.at(time).positions, this.follower.geometry);
-    this.stage.invalidate(true);
+    this.stage.moved();
   }
 
   private show(layer: (typeof LAYERS)[number], things: Parameters<Layer["show"]>[0]): void {
@@ -302,7 +314,8 @@ class ThrowScene implements face.Scene {
     this.placeFloor(base);
     this.stage.drawNow();
     this.camera.start(viewOf(this.preset, this.subject(base, landing), this.stage.camera), performance.now(), still);
-    this.stage.invalidate(true);
+    this.stage.moved();
+    this.stage.invalidate();
   }
 
   private subject(base: Vector, landing: Vector | null): Subject {

@@ -1,13 +1,15 @@
 /** The stage: renderer, camera, floor; it draws on demand, less finely while things move on a slow machine. */
 
-import { Color, PerspectiveCamera, Scene, Vector3 as ThreeVector, WebGLRenderer } from "three";
+import { Color, Group, type Matrix4, PerspectiveCamera, Scene, Vector3 as ThreeVector, WebGLRenderer } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { DetailControl, LEVELS } from "./detail";
 import { Floor } from "./floor";
+import { COARSE, FINE } from "./layers";
+import { StillPicture } from "./still";
 
 const FIELD_OF_VIEW_DEG = 34;
 const PIXEL_RATIO_MAX = 2; // more is not seen
-const REST_MS = 160; // [ms] without motion, after which the picture is drawn in full
+const REST_MS = 220; // [ms] without motion, after which the picture is drawn in full
 const PLAIN_LEVEL = 3; // first level of detail where a person wants little
 
 /** What the stage asks before each frame. */
@@ -18,6 +20,9 @@ export interface Actors {
 
 export class Stage {
   readonly scene = new Scene();
+  readonly still = new Group(); // floor, plan, marks
+  readonly ghosts = new Group(); // see-through, and still as well
+  readonly moving = new Group(); // arm and object
   readonly camera = new PerspectiveCamera(FIELD_OF_VIEW_DEG, 1, 0.03, 60);
   readonly floor = new Floor();
   readonly controls: OrbitControls;
@@ -31,17 +36,24 @@ export class Stage {
   private shadowDue = true;
   private drawnLevel = -1;
   private disposed = false;
+  private readonly picture = new StillPicture();
+  private readonly software: boolean; // no graphics processor
+  private readonly seenFrom: Matrix4;
 
   constructor(
     readonly canvas: HTMLCanvasElement,
     plain: boolean,
   ) {
-    this.renderer = new WebGLRenderer({ canvas, antialias: true, powerPreference: "high-performance" });
+    this.software = drawsInSoftware();
+    this.renderer = new WebGLRenderer({ canvas, antialias: !this.software, powerPreference: "high-performance" });
     this.renderer.info.autoReset = false;
     this.detail = new DetailControl(plain ? PLAIN_LEVEL : 0);
     this.camera.up.set(0, 0, 1);
     this.camera.position.set(1.5, -3, 1.7);
-    this.scene.add(this.floor.mesh);
+    this.seenFrom = this.camera.matrixWorld.clone();
+    this.still.add(this.floor.mesh);
+    this.moving.add(this.floor.shadow);
+    this.scene.add(this.still, this.ghosts, this.moving);
     this.controls = new OrbitControls(this.camera, canvas);
     Object.assign(this.controls, { maxPolarAngle: 1.62, minDistance: 0.25, maxDistance: 14, zoomSpeed: 1.2 });
     this.controls.addEventListener("change", () => this.invalidate());
@@ -65,9 +77,19 @@ export class Stage {
     return this.detail.level;
   }
 
-  /** Asks for a frame; `casters` says that something with a shadow has moved. */
-  invalidate(casters = false): void {
-    this.shadowDue ||= casters;
+  /** Asks for a frame because of what stands still, or of the camera. */
+  invalidate(): void {
+    this.picture.fresh = false;
+    this.request();
+  }
+
+  /** Asks for a frame because the arm or the object has moved. */
+  moved(): void {
+    this.shadowDue = true;
+    this.request();
+  }
+
+  private request(): void {
     if (this.disposed || this.requested) return;
     this.requested = requestAnimationFrame((now) => this.frame(now));
   }
@@ -80,7 +102,9 @@ export class Stage {
 
   /** Draws at once and in full. */
   drawNow(): void {
-    this.draw(0);
+    this.shadowDue = true;
+    this.controls.update();
+    this.draw(0, true);
   }
 
   private frame(now: number): void {
@@ -90,7 +114,7 @@ export class Stage {
     this.controls.update();
     this.detail.frame(now);
     this.draw(this.detail.level);
-    if (goesOn) this.invalidate();
+    if (goesOn) this.request();
     window.clearTimeout(this.rest);
     this.rest = window.setTimeout(() => this.settle(), REST_MS);
   }
@@ -99,21 +123,55 @@ export class Stage {
   private settle(): void {
     if (this.disposed || this.requested) return;
     this.detail.pause();
-    if (this.detail.level > 0) this.draw(0);
+    if (this.detail.level > 0 || this.software) this.draw(0, true);
   }
 
-  private draw(level: number): void {
+  /** Draws at a level of detail; `whole` draws what stands still anew and in order. */
+  private draw(level: number, whole = false): void {
     const began = performance.now();
-    this.fit(level);
     const detail = LEVELS[level]!;
+    this.fit(level);
+    this.camera.layers.set(0);
+    this.camera.layers.enable(detail.fine ? FINE : COARSE);
     this.renderer.info.reset();
-    this.floor.setShadow(detail.shadow);
+    this.floor.shadow.visible = detail.shadow;
     if (detail.shadow && this.shadowDue) {
       this.floor.drawShadow(this.renderer, this.scene);
       this.shadowDue = false;
     }
-    this.renderer.render(this.scene, this.camera);
+    this.camera.updateMatrixWorld();
+    if (whole || !this.camera.matrixWorld.equals(this.seenFrom) || !(this.software || level > 0)) this.drawWhole();
+    else this.drawMoving();
     this.frameMs = performance.now() - began;
+  }
+
+  private drawWhole(): void {
+    this.renderer.render(this.scene, this.camera);
+    this.seenFrom.copy(this.camera.matrixWorld);
+    this.picture.fresh = false;
+  }
+
+  /** Draws what moves before the picture of what does not. */
+  private drawMoving(): void {
+    if (!this.picture.fresh) this.takePicture();
+    this.renderer.autoClear = false;
+    this.picture.show(this.renderer);
+    this.only(this.moving);
+    this.renderer.render(this.scene, this.camera);
+    this.only(this.still, this.ghosts, this.moving);
+    this.renderer.autoClear = true;
+  }
+
+  private takePicture(): void {
+    this.picture.take(this.renderer, (ghosts) => {
+      this.only(this.still, ...(ghosts ? [this.ghosts] : []));
+      this.renderer.render(this.scene, this.camera);
+    });
+    this.only(this.still, this.ghosts, this.moving);
+  }
+
+  private only(...shown: readonly Group[]): void {
+    for (const group of [this.still, this.ghosts, this.moving]) group.visible = shown.includes(group);
   }
 
   /** Gives the picture the resolution of a level. */
@@ -126,6 +184,7 @@ export class Stage {
     this.camera.aspect = width / height;
     this.camera.updateProjectionMatrix();
     this.drawnLevel = level;
+    this.picture.fresh = false;
   }
 
   dispose(): void {
@@ -134,6 +193,16 @@ export class Stage {
     cancelAnimationFrame(this.requested);
     this.controls.dispose();
     this.floor.dispose();
+    this.picture.dispose();
     this.renderer.dispose();
   }
+}
+
+/** Returns whether this machine draws without a graphics processor. */
+function drawsInSoftware(): boolean {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const info = gl?.getExtension("WEBGL_debug_renderer_info");
+  const name = gl ? String(gl.getParameter(info?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER)) : "";
+  gl?.getExtension("WEBGL_lose_context")?.loseContext();
+  return /swiftshader|llvmpipe|softpipe|basic render/i.test(name);
 }

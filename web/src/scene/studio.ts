@@ -60,7 +60,7 @@ function draw(): DataTexture {
 }
 
 /** Returns the light that a surface facing (x, y, z) sends to the camera, 0 to 1. */
-function brightness(x: number, y: number, z: number): number {
+export function brightness(x: number, y: number, z: number): number {
   const ambient = GROUND + (SKY - GROUND) * (0.5 + 0.5 * y);
   const rim = RIM * (1 - z) ** 3 * (0.6 + 0.4 * y);
   const lit = LIGHTS.map(({ from, strength, sharpness }) => {

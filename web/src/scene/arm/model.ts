@@ -1,20 +1,20 @@
 /** The arm with its tool: one mesh a link, moved by the links' poses; and the same arm frozen in one posture. */
 
-import { BufferAttribute, BufferGeometry, Group, type Material, Matrix4, Mesh, type Object3D } from "three";
+import { BufferAttribute, BufferGeometry, Group, type Material, Matrix4, Mesh } from "three";
 import type { CellGeometry } from "../../model/cell";
 import { JOINTS, linkPoses } from "../../model/chain";
 import { axisOf, type Pose, plus, positionOf, type Vector } from "../../model/poses";
-import { CASTERS } from "../floor";
+import { CASTERS, COARSE, FINE } from "../layers";
 import type { Palette } from "../palette";
 import { armParts } from "./shape";
 import { type Fingers, fingerFaces, fingersOf, OPEN_M, toolParts } from "./tool";
-import { MeshBuilder, type Turned } from "./turned";
+import { type Mesh as Meshes, MeshBuilder, type Turned, visibleStrips } from "./turned";
 
 /** Geometry of an arm and its tool: a mesh for each link, and one for each finger in the frame of the flange. */
 export interface ArmGeometry {
   readonly parts: readonly Turned[]; // what the links are made of, for drawings
-  readonly links: readonly BufferGeometry[];
-  readonly fingers: readonly { readonly geometry: BufferGeometry; readonly side: Vector }[];
+  readonly links: readonly Meshes[];
+  readonly fingers: readonly { readonly geometry: Meshes; readonly side: Vector }[];
 }
 
 /** Returns the geometry of a cell's arm and tool. */
@@ -24,7 +24,7 @@ export function armGeometry(cell: CellGeometry, palette: Palette): ArmGeometry {
   const parts = [...armParts(cell.capsules), ...toolParts(tool, fingers)];
   const links = Array.from({ length: JOINTS + 1 }, (_, link) => {
     const builder = new MeshBuilder(palette.arm);
-    parts.filter((part) => part.link === link).forEach((part) => builder.add(part));
+    parts.filter((part) => part.link === link).forEach((part) => builder.add(part, visibleStrips(part, parts)));
     return builder.geometry();
   });
   return { parts, links, fingers: fingers ? fingerGeometries(fingers, cell, palette) : [] };
@@ -47,40 +47,47 @@ export function setMatrix(matrix: Matrix4, X: Pose): void {
 /** The arm that moves. */
 export class SolidArm {
   readonly root = new Group();
-  private readonly links: Mesh[];
-  private readonly fingers: { readonly mesh: Mesh; readonly side: Vector }[];
+  private readonly links: readonly Group[];
+  private readonly fingers: readonly { readonly group: Group; readonly side: Vector }[];
 
   constructor(
     private readonly cell: CellGeometry,
     geometry: ArmGeometry,
     material: Material,
   ) {
-    this.links = geometry.links.map((link) => new Mesh(link, material));
-    this.fingers = geometry.fingers.map(({ geometry: finger, side }) => ({ mesh: new Mesh(finger, material), side }));
-    for (const mesh of [...this.links, ...this.fingers.map((finger) => finger.mesh)]) {
-      mesh.matrixAutoUpdate = false;
-      this.root.add(mesh);
-    }
+    this.links = geometry.links.map((link) => bodyOf(link, material));
+    this.fingers = geometry.fingers.map(({ geometry: finger, side }) => ({ group: bodyOf(finger, material), side }));
+    this.root.add(...this.links, ...this.fingers.map((finger) => finger.group));
   }
 
   /** Moves the arm to joint positions [rad]; `open` is how far the fingers are, 0 to 1. */
   move(q: ArrayLike<number>, open: number): void {
     const poses = linkPoses(this.cell.chain, q);
-    this.links.forEach((mesh, i) => setMatrix(mesh.matrix, poses[i]!));
-    const flange = poses[JOINTS]!;
-    for (const { mesh, side } of this.fingers) {
-      setMatrix(mesh.matrix, flange);
-      mesh.matrix.multiply(new Matrix4().makeTranslation(...plus([0, 0, 0], side, open * OPEN_M)));
+    this.links.forEach((group, i) => setMatrix(group.matrix, poses[i]!));
+    for (const { group, side } of this.fingers) {
+      setMatrix(group.matrix, poses[JOINTS]!);
+      group.matrix.multiply(new Matrix4().makeTranslation(...plus([0, 0, 0], side, open * OPEN_M)));
     }
   }
+}
+
+/** Returns a rigid body: its fine mesh, and the coarse one that casts its shadow. */
+function bodyOf({ fine, coarse }: Meshes, material: Material): Group {
+  const [close, far] = [new Mesh(fine, material), new Mesh(coarse, material)];
+  close.layers.set(FINE);
+  far.layers.set(COARSE);
+  far.layers.enable(CASTERS);
+  const group = new Group();
+  group.matrixAutoUpdate = false;
+  return group.add(close, far);
 }
 
 /** Writes what moves of the arm at one posture into `into`, or into a new geometry: positions in the world, and normals. */
 export function frozen(cell: CellGeometry, arm: ArmGeometry, q: ArrayLike<number>, into?: BufferGeometry): BufferGeometry {
   const poses = linkPoses(cell.chain, q);
   const pieces = [
-    ...arm.links.slice(1).map((geometry, i) => ({ geometry, pose: poses[i + 1]! })),
-    ...arm.fingers.map(({ geometry }) => ({ geometry, pose: poses[JOINTS]! })),
+    ...arm.links.slice(1).map(({ fine: geometry }, i) => ({ geometry, pose: poses[i + 1]! })),
+    ...arm.fingers.map(({ geometry: { fine: geometry } }) => ({ geometry, pose: poses[JOINTS]! })),
   ];
   const geometry = into ?? emptyOf(pieces.map((piece) => piece.geometry));
   const [positions, normals] = [geometry.getAttribute("position"), geometry.getAttribute("normal")];
@@ -118,9 +125,4 @@ function turn(from: ArrayLike<number>, X: Pose, w: number, to: Float32Array, fir
     to[k + 1] = X[4]! * x + X[5]! * y + X[6]! * z + w * X[7]!;
     to[k + 2] = X[8]! * x + X[9]! * y + X[10]! * z + w * X[11]!;
   }
-}
-
-/** Lets everything below `root` cast a shadow. */
-export function castShadowOf(root: Object3D): void {
-  root.traverse((thing) => thing.layers.enable(CASTERS));
 }

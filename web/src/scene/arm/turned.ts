@@ -7,7 +7,8 @@
 import { BufferAttribute, BufferGeometry, Color } from "three";
 import { cross, norm, plus, type Vector } from "../../model/poses";
 
-export const SEGMENTS = 40; // around the axis: edges of 9°, which shading hides
+export const SEGMENTS = 36; // around the axis: edges of 10°, which shading hides
+const COARSE = 3; // a coarse mesh takes each third of them: 12 around the axis
 const SMOOTH_RAD = 0.7; // [rad] profile corners below it are shaded round
 
 /** A point of a profile: distance from the axis and place along it [m]. */
@@ -31,25 +32,65 @@ export function across(axis: Vector): [Vector, Vector] {
   return [first, cross(axis, first)];
 }
 
+const HIDDEN_M = 0.0004; // [m] below another part's surface
+const HIDDEN_POINTS = 12; // around a ring, that are looked at
+
+/** Returns the strips of a part, pairs of neighbouring profile points, that are not inside other parts of its link. */
+export function visibleStrips(part: Turned, parts: readonly Turned[]): number[] {
+  const others = parts.filter((other) => other !== part && other.link === part.link);
+  const hidden = part.profile.map((point) => others.find((other) => ringPoints(part, point, HIDDEN_POINTS).every((at) => isInside(other, at))));
+  return part.profile.slice(1).flatMap((_, i) => (hidden[i] && hidden[i] === hidden[i + 1] ? [] : [i]));
+}
+
+/** Returns points around the axis of a part, at a point of its profile. */
+export function ringPoints(part: Turned, [radius, along]: ProfilePoint, count: number): Vector[] {
+  const [u, v] = across(part.axis);
+  const middle = plus(part.origin, part.axis, along);
+  return Array.from({ length: count }, (_, k) => {
+    const angle = (2 * Math.PI * k) / count;
+    return plus(plus(middle, u, radius * Math.cos(angle)), v, radius * Math.sin(angle));
+  });
+}
+
+/** Returns whether a point of the link's frame is inside a part. */
+export function isInside(part: Turned, point: Vector): boolean {
+  const from = plus(point, part.origin, -1);
+  const along = from[0] * part.axis[0] + from[1] * part.axis[1] + from[2] * part.axis[2];
+  const radius = norm(plus(from, part.axis, -along));
+  return part.profile.slice(1).some(([r1, z1], i) => {
+    const [r0, z0] = part.profile[i]!;
+    if (along < Math.min(z0, z1) || along > Math.max(z0, z1) || z0 === z1) return false;
+    return radius < r0 + ((r1 - r0) * (along - z0)) / (z1 - z0) - HIDDEN_M;
+  });
+}
+
+/** A mesh for close looks, and one for shadows and slow machines. */
+export interface Mesh {
+  readonly fine: BufferGeometry;
+  readonly coarse: BufferGeometry;
+}
+
 /** Grows one indexed triangle mesh with colours. */
 export class MeshBuilder {
   private readonly positions: number[] = [];
   private readonly normals: number[] = [];
   private readonly colours: number[] = [];
   private readonly indices: number[] = [];
+  private readonly coarse: number[] = [];
 
   constructor(private readonly palette: Readonly<Record<string, Color>>) {}
 
-  /** Adds a turned part. */
-  add(part: Turned): void {
+  /** Adds a turned part, or some strips of it. */
+  add(part: Turned, strips: readonly number[] = part.profile.slice(1).map((_, i) => i)): void {
     const [u, v] = across(part.axis);
     const normals = profileNormals(part.profile);
     const colour = this.palette[part.colour] ?? new Color("magenta");
-    for (let i = 0; i + 1 < part.profile.length; i++) {
+    for (const i of strips) {
       const first = this.positions.length / 3;
       this.ring(part, u, v, part.profile[i]!, normals[i]![0], colour);
       this.ring(part, u, v, part.profile[i + 1]!, normals[i]![1], colour);
-      this.strip(first);
+      this.strip(first, 1, this.indices);
+      this.strip(first, COARSE, this.coarse);
     }
   }
 
@@ -64,19 +105,24 @@ export class MeshBuilder {
         this.normals.push(n[0] / norm(n), n[1] / norm(n), n[2] / norm(n));
         this.colours.push(r, g, b);
       }
-      for (let i = 1; i + 1 < face.length; i++) this.indices.push(first, first + i, first + i + 1);
+      for (let i = 1; i + 1 < face.length; i++) {
+        this.indices.push(first, first + i, first + i + 1);
+        this.coarse.push(first, first + i, first + i + 1);
+      }
     }
   }
 
-  /** Returns the mesh. */
-  geometry(): BufferGeometry {
-    const geometry = new BufferGeometry();
-    geometry.setAttribute("position", new BufferAttribute(new Float32Array(this.positions), 3));
-    geometry.setAttribute("normal", new BufferAttribute(new Float32Array(this.normals), 3));
-    geometry.setAttribute("color", new BufferAttribute(new Float32Array(this.colours), 3));
-    geometry.setIndex(this.indices);
-    geometry.computeBoundingSphere();
-    return geometry;
+  /** Returns the mesh, and one of a third of its triangles on the same vertices. */
+  geometry(): Mesh {
+    const fine = new BufferGeometry();
+    fine.setAttribute("position", new BufferAttribute(new Float32Array(this.positions), 3));
+    fine.setAttribute("normal", new BufferAttribute(new Float32Array(this.normals), 3));
+    fine.setAttribute("color", new BufferAttribute(new Float32Array(this.colours), 3));
+    const coarse = new BufferGeometry();
+    for (const [name, attribute] of Object.entries(fine.attributes)) coarse.setAttribute(name, attribute);
+    fine.setIndex(this.indices);
+    coarse.setIndex(this.coarse);
+    return { fine, coarse };
   }
 
   private ring(
@@ -96,10 +142,11 @@ export class MeshBuilder {
     }
   }
 
-  private strip(first: number): void {
+  private strip(first: number, step: number, indices: number[]): void {
     const second = first + SEGMENTS + 1;
-    for (let k = 0; k < SEGMENTS; k++) {
-      this.indices.push(first + k, first + k + 1, second + k, second + k, first + k + 1, second + k + 1);
+    for (let k = 0; k < SEGMENTS; k += step) {
+      const next = k + step;
+      indices.push(first + k, first + next, second + k, second + k, first + next, second + next);
     }
   }
 }

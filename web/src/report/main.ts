@@ -1,0 +1,163 @@
+/**
+ * The report that `fling report` writes: scene and curves of one plan in a single file, without a service.
+ *
+ * Facts, certificate and tables are in the file as plain HTML; this program adds what moves.
+ */
+
+import "./report.css";
+import { type Chart, createChart } from "../curves/chart";
+import { type Quantity, quantitiesOf } from "../curves/quantities";
+import { createScene } from "../scene/index";
+import type { CameraPreset, Ellipse, Landing, Scene, Theme } from "../scene/interface";
+import type { CellModel, Curves, Plan } from "../service/types";
+import { curveDrawing } from "./curve-drawing";
+import { Player } from "./player";
+
+/** What the file carries. */
+interface ReportData {
+  readonly plan: Plan;
+  readonly model: CellModel;
+  readonly curves: Curves | null;
+  readonly landings: readonly Landing[];
+  readonly ellipse: Ellipse | null;
+  readonly tracking: Quantity | null; // of an execution: measured less planned
+}
+
+const CAMERAS: readonly CameraPreset[] = ["overview", "side", "top", "front", "target"];
+const CHART_PX = 170;
+const LINES = {
+  light: ["#0b6bcb", "#b85c00", "#14804a", "#cf2a3c", "#7a3fbf", "#0b7a8a"],
+  dark: ["#62aef7", "#ffab40", "#4cc38a", "#ff6b76", "#c39bff", "#4dd0e1"],
+} as const;
+
+function start(): void {
+  const text = document.getElementById("report-data")?.textContent;
+  const host = document.getElementById("stage");
+  if (!text || !host) return;
+  const data = JSON.parse(text) as ReportData;
+  const dark = window.matchMedia("(prefers-color-scheme: dark)");
+  const scene = mountScene(host, data, dark.matches ? "dark" : "light");
+  const player = new Player(host, endOf(data.plan), data.plan.release_time_s);
+  const quantities = [...quantitiesOf(data.plan, NO_LIMITS, data.curves), ...(data.tracking ? [data.tracking] : [])];
+  let charts = mountCharts(quantities, data.plan, dark.matches ? "dark" : "light", player);
+  player.onTime((t) => {
+    scene?.setTime(t);
+    for (const chart of charts) chart.setTime(t);
+  });
+  dark.addEventListener("change", () => {
+    scene?.setTheme(dark.matches ? "dark" : "light");
+    for (const chart of charts) chart.destroy();
+    charts = mountCharts(quantities, data.plan, dark.matches ? "dark" : "light", player);
+  });
+  for (const button of document.querySelectorAll<HTMLButtonElement>("button[data-time]")) {
+    button.addEventListener("click", () => player.go(Number(button.dataset["time"])));
+  }
+  requestAnimationFrame(() => player.go(data.plan.release_time_s)); // charts know their scales after their first frame
+  Object.assign(window, { report: { scene, player } });
+}
+
+const NO_LIMITS = { lower: null, upper: null, velocity: null, acceleration: null, jerk: null };
+
+function endOf(plan: Plan): number {
+  return Math.max(plan.duration_s, plan.release_time_s + (plan.flight?.time_of_flight_s ?? 0));
+}
+
+/** Returns the scene in its place, null where the browser cannot draw it. */
+function mountScene(host: HTMLElement, data: ReportData, theme: Theme): Scene | null {
+  const canvas = document.createElement("canvas");
+  Object.assign(canvas, { tabIndex: 0, role: "img" });
+  canvas.setAttribute("aria-label", `The arm of ${data.plan.cell} along its plan, and the flight of the object`);
+  host.prepend(canvas);
+  try {
+    const scene = createScene(canvas, { theme });
+    scene.setModel(data.model);
+    scene.setTarget(targetOf(data.plan));
+    scene.setPlan(data.plan, "valid");
+    scene.setCurves(data.curves);
+    scene.setLandings(data.landings, data.ellipse);
+    new ResizeObserver(() => scene.resize()).observe(canvas);
+    host.append(toolbar(scene, data.plan.id));
+    return scene;
+  } catch (error) {
+    canvas.replaceWith(`This browser cannot draw in three dimensions: ${error instanceof Error ? error.message : error}`);
+    return null;
+  }
+}
+
+function targetOf(plan: Plan): Parameters<Scene["setTarget"]>[0] {
+  const release = (plan.request as { release?: { kind?: string; position?: number[]; opening?: { radius_m: number; rim_height_m: number } } }).release;
+  if (release?.kind !== "target" || !plan.flight) return null;
+  return { position: plan.flight.landing_point as unknown as [number, number, number], opening: release.opening ?? null };
+}
+
+function toolbar(scene: Scene, name: string): HTMLElement {
+  const bar = element("div", "cameras");
+  bar.setAttribute("role", "group");
+  bar.setAttribute("aria-label", "View");
+  for (const preset of CAMERAS) bar.append(button(preset[0]!.toUpperCase() + preset.slice(1), () => scene.setCamera(preset)));
+  bar.append(button("PNG", () => void scene.png().then((blob) => save(blob, `${name}.png`))));
+  bar.append(button("SVG", () => save(new Blob([scene.svg()], { type: "image/svg+xml" }), `${name}.svg`)));
+  return bar;
+}
+
+function mountCharts(quantities: readonly Quantity[], plan: Plan, theme: Theme, player: Player): Chart[] {
+  const host = document.getElementById("curves");
+  if (!host) return [];
+  host.replaceChildren();
+  const style = getComputedStyle(document.documentElement);
+  const colour = (name: string): string => style.getPropertyValue(name).trim();
+  const colors = { lines: LINES[theme], ink: colour("--ink"), grid: colour("--line"), limit: colour("--bad"), cursor: colour("--accent") };
+  const release_s = plan.flight ? plan.release_time_s : null;
+  return quantities.map((quantity) => {
+    const figure = element("figure", "curve");
+    figure.append(caption(quantity, LINES[theme], release_s, plan.id));
+    const place = element("div", "plot");
+    figure.append(place);
+    host.append(figure);
+    const visible = quantity.lines.map(() => true);
+    const chart = createChart(place, quantity, { height: CHART_PX, colors, release_s, binding: false, visible, onTime: (t) => player.go(t) });
+    new ResizeObserver(() => {
+      chart.resize(place.clientWidth);
+      requestAnimationFrame(() => player.again());
+    }).observe(place);
+    return chart;
+  });
+}
+
+function caption(quantity: Quantity, lines: readonly string[], release_s: number | null, name: string): HTMLElement {
+  const text = element("figcaption");
+  text.append(element("b", "", `${quantity.label} [${quantity.unit}]`));
+  quantity.lines.forEach((line, i) => {
+    const key = element("span", "key", line.label);
+    key.style.color = lines[i % lines.length]!;
+    text.append(key);
+  });
+  const picture = button("SVG", () => save(new Blob([curveDrawing(quantity, release_s)], { type: "image/svg+xml" }), `${name}-${quantity.key}.svg`));
+  picture.setAttribute("aria-label", `Save ${quantity.label} as SVG`);
+  text.append(picture);
+  return text;
+}
+
+function save(blob: Blob, name: string): void {
+  const link = document.createElement("a");
+  link.href = URL.createObjectURL(blob);
+  link.download = `fling-${name}`;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+}
+
+function button(text: string, onClick: () => void): HTMLButtonElement {
+  const made = document.createElement("button");
+  Object.assign(made, { type: "button", textContent: text });
+  made.addEventListener("click", onClick);
+  return made;
+}
+
+function element(tag: string, name = "", text = ""): HTMLElement {
+  const made = document.createElement(tag);
+  if (name) made.className = name;
+  if (text) made.textContent = text;
+  return made;
+}
+
+start();

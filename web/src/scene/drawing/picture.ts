@@ -1,0 +1,153 @@
+/** The scene as a vector drawing for a paper: white ground, grid of half metres, arm, ghosts, flight, target, labels. */
+
+import type { Color, PerspectiveCamera } from "three";
+import type { CellGeometry } from "../../model/cell";
+import { linkPoses, toolPose } from "../../model/chain";
+import { plus, positionOf, type Vector } from "../../model/poses";
+import type { Turned } from "../arm/turned";
+import type { Ellipse, Landing, Target } from "../interface";
+import type { Palette } from "../palette";
+import type { PlanMotion } from "../plan";
+import { ellipsePoints } from "../shapes";
+import { outlineOf, pathOf, Projection, type Seen, shapesOf } from "./solids";
+
+const GRID_M = 0.5; // [m] between lines of the floor
+const GRID_LINES = 5; // to each side of the middle of what is shown
+const CIRCLE_POINTS = 48;
+
+/** What a drawing shows. */
+export interface Drawn {
+  readonly cell: CellGeometry;
+  readonly parts: readonly Turned[];
+  readonly q: readonly number[];
+  readonly object: Vector | null;
+  readonly motion: PlanMotion | null;
+  readonly target: Target | null;
+  readonly landings: readonly Landing[];
+  readonly ellipse: Ellipse | null;
+}
+
+/** Returns a drawing as SVG text. */
+export function drawing(drawn: Drawn, camera: PerspectiveCamera, width: number, height: number, palette: Palette): string {
+  const pen = new Pen(new Projection(camera, width, height));
+  const body = [
+    ...floorLines(drawn, pen, palette),
+    ...boxLines(drawn.cell, pen, palette),
+    ...markLines(drawn, pen, palette),
+    ...ghostLines(drawn, pen, palette),
+    ...armShapes(drawn, pen, palette),
+    ...throwLines(drawn, pen, palette),
+  ];
+  const head = `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${width} ${height}" width="${width}" height="${height}" role="img">`;
+  const title = `<title>${drawn.motion ? "Planned throw" : "Arm"} of ${drawn.cell.robot}</title>`;
+  return `${head}${title}<g stroke-linejoin="round" stroke-linecap="round" font-family="sans-serif" font-size="13">${body.join("\n")}</g></svg>\n`;
+}
+
+/** Writes lines and shapes of the world as SVG. */
+class Pen {
+  constructor(readonly view: Projection) {}
+
+  line(points: readonly Vector[], colour: Color, width: number, more = ""): string {
+    const seen = points.filter((point) => this.view.faces(point)).map((point) => this.view.see(point));
+    return seen.length < 2 ? "" : `<path d="${pathOf(seen)}" fill="none" stroke="#${colour.getHexString()}" stroke-width="${width}"${more}/>`;
+  }
+
+  area(points: readonly Vector[], colour: Color, opacity: number, stroke = 0): string {
+    return this.outline(points.map((point) => this.view.see(point)), colour, opacity, stroke);
+  }
+
+  outline(seen: readonly Seen[], colour: Color, opacity: number, stroke = 0): string {
+    const hex = `#${colour.getHexString()}`;
+    const edge = stroke ? ` stroke="${hex}" stroke-width="${stroke}" stroke-opacity="0.8"` : "";
+    return `<path d="${pathOf(seen)}Z" fill="${hex}" fill-opacity="${opacity}"${edge}/>`;
+  }
+
+  label(at: Vector, text: string, colour: Color): string {
+    const { x, y } = this.view.see(at);
+    return `<text x="${(x + 10).toFixed(1)}" y="${(y - 8).toFixed(1)}" fill="#${colour.getHexString()}">${text}</text>`;
+  }
+}
+
+function circle([x, y, z]: Vector, radius: number): Vector[] {
+  return Array.from({ length: CIRCLE_POINTS + 1 }, (_, i) => {
+    const angle = (2 * Math.PI * i) / CIRCLE_POINTS;
+    return [x + radius * Math.cos(angle), y + radius * Math.sin(angle), z];
+  });
+}
+
+function floorLines({ cell, motion }: Drawn, pen: Pen, palette: Palette): string[] {
+  const [bx, by] = positionOf(cell.chain.base);
+  const landing = motion?.plan.flight?.landing_point ?? [bx, by];
+  const middle = (a: number, b: number): number => GRID_M * Math.round((a + b) / 2 / GRID_M);
+  const [cx, cy, reach] = [middle(bx, landing[0]!), middle(by, landing[1]!), GRID_LINES * GRID_M];
+  return Array.from({ length: 2 * GRID_LINES + 1 }, (_, i) => (i - GRID_LINES) * GRID_M).flatMap((step) => [
+    pen.line([[cx + step, cy - reach, cell.floorZ], [cx + step, cy + reach, cell.floorZ]], palette.gridFine, 0.7),
+    pen.line([[cx - reach, cy + step, cell.floorZ], [cx + reach, cy + step, cell.floorZ]], palette.gridFine, 0.7),
+  ]);
+}
+
+function boxLines(cell: CellGeometry, pen: Pen, palette: Palette): string[] {
+  const edges = [...cell.keepIn.map((box) => ({ box, colour: palette.keepIn })), ...cell.keepOut.map((box) => ({ box, colour: palette.keepOut }))];
+  return edges.flatMap(({ box: { lower, upper }, colour }) => {
+    const corner = (i: number): Vector => [i & 1 ? upper[0] : lower[0], i & 2 ? upper[1] : lower[1], i & 4 ? upper[2] : lower[2]];
+    const pairs = [0, 1, 2, 3, 4, 5, 6, 7].flatMap((i) => [1, 2, 4].filter((bit) => !(i & bit)).map((bit) => [corner(i), corner(i | bit)]));
+    return pairs.map((pair) => pen.line(pair, colour, 1));
+  });
+}
+
+function markLines({ target, landings, ellipse, motion }: Drawn, pen: Pen, palette: Palette): string[] {
+  const planned = (motion?.plan as { landing_ellipse?: { center: [number, number]; covariance_m2: number[][] } | null } | undefined)?.landing_ellipse;
+  const height = motion?.plan.flight?.landing_point[2] ?? 0;
+  const ellipses = [
+    planned ? { points: ellipsePoints(planned.center, planned.covariance_m2, height), colour: palette.flight } : null,
+    ellipse ? { points: ellipsePoints(ellipse.center, ellipse.covariance_m2, ellipse.height_m), colour: palette.landing } : null,
+  ];
+  const bin = target?.opening;
+  return [
+    ...ellipses.flatMap((item) => (item?.points ? [pen.area(item.points, item.colour, 0.14, 1)] : [])),
+    ...(target ? [pen.area(circle(target.position, 0.06), palette.target, 0.12, 1.6), pen.area(circle(target.position, 0.01), palette.target, 1)] : []),
+    ...(target && bin ? [0, bin.rim_height_m].map((z) => pen.line(circle(plus(target.position, [0, 0, z]), bin.radius_m), palette.target, 1.3)) : []),
+    ...landings.map(({ position, newest }) => pen.area(circle(position, newest ? 0.018 : 0.011), palette.landing, 0.8)),
+  ];
+}
+
+function ghostLines({ cell, parts, motion }: Drawn, pen: Pen, palette: Palette): string[] {
+  if (!motion) return [];
+  const postures = [
+    { t: 0, colour: palette.ghostStart, opacity: 0.1 },
+    { t: motion.duration, colour: palette.ghostRest, opacity: 0.08 },
+    { t: motion.releaseTime, colour: palette.ghostRelease, opacity: 0.16 },
+  ];
+  return postures.flatMap(({ t, colour, opacity }) => {
+    const poses = linkPoses(cell.chain, motion.at(t).positions);
+    return parts.filter((part) => part.link > 0 && part.name !== "seal").map((part) => pen.outline(outlineOf(part, poses[part.link]!, pen.view), colour, opacity));
+  });
+}
+
+function armShapes({ cell, parts, q }: Drawn, pen: Pen, palette: Palette): string[] {
+  const poses = linkPoses(cell.chain, q);
+  const shapes = parts.flatMap((part, i) => shapesOf(part, parts, poses[part.link]!, palette.arm[part.colour] ?? palette.arrow, pen.view, `part-${i}`));
+  return shapes.sort((a, b) => b.depth - a.depth).map((shape) => shape.svg);
+}
+
+function throwLines({ motion, object, cell, q }: Drawn, pen: Pen, palette: Palette): string[] {
+  const at = object ?? positionOf(toolPose(cell.chain, q));
+  const ball = pen.view.see(at);
+  const rim = pen.view.see(plus(at, [0, 0, Math.max(cell.objectRadius, 0.018)]));
+  const dot = `<circle cx="${ball.x.toFixed(1)}" cy="${ball.y.toFixed(1)}" r="${Math.hypot(rim.x - ball.x, rim.y - ball.y).toFixed(1)}" fill="#${palette.object.getHexString()}"/>`;
+  if (!motion) return [dot];
+  const [launch, brake] = motion.toolPath();
+  const lines = [pen.line(brake, palette.brake, 1.2), pen.line(launch, palette.launch, 2.4)];
+  if (!motion.flies) return [...lines, dot];
+  const { release, flight } = motion.plan;
+  const [p, v] = [release.pose.position, release.twist.linear] as unknown as [Vector, Vector];
+  return [
+    ...lines,
+    ...motion.windowFlights().map((trace) => pen.line(trace.points, palette.flight, 0.9, ' stroke-dasharray="6 4"')),
+    pen.line(motion.flight(), palette.flight, 2.2),
+    pen.line([p, plus(p, v, 0.09)], palette.arrow, 2),
+    pen.label(plus(p, v, 0.09), `release, ${flight!.speed_m_s.toFixed(2)} m/s`, palette.arrow),
+    pen.label(flight!.landing_point as unknown as Vector, `landing after ${flight!.time_of_flight_s.toFixed(2)} s`, palette.target),
+    dot,
+  ];
+}
