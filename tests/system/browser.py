@@ -19,10 +19,16 @@ from tests.system.test_over_http import ROOT, Up
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 MISSING = "CHROMIUM IS MISSING: the page is not tested; apt-get install chromium"
 # Software rendering, and no traffic of the browser's own.
-FLAGS = (
-    "--no-first-run --disable-background-networking --disable-component-update --disable-sync "
-    "--use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader --ignore-gpu-blocklist"
-).split()
+FLAGS = [
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+]
 PLAN_MS = 30_000  # [ms] a busy machine plans slowly
 THROW_MS = 60_000
 STEP_PX = 12  # [px] a handle is taken within 14

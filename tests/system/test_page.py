@@ -27,6 +27,7 @@ PHONE = {"width": 390, "height": 844}
 def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PageStack]:
     """One `fling up` for all tests."""
     running = PageStack(tmp_path_factory.mktemp("page"))
+    assert running.process.poll() is None, "`fling up` was not ready in its 60 s"
     yield running
     if running.process.poll() is None:
         running.down()
