@@ -64,6 +64,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/cells/{name}/history": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List the versions of a cell
+         * @description Lists the versions of a cell file that service or executor have seen, each with the keys that it changed.
+         */
+        get: operations["read_history"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/cells/{name}/model": {
         parameters: {
             query?: never;
@@ -702,6 +722,37 @@ export interface components {
             to_m: number[];
         };
         /**
+         * CellChange
+         * @description One key that differs from the version before.
+         */
+        CellChange: {
+            /**
+             * After
+             * @description null where the file leaves it out.
+             */
+            after: unknown;
+            /**
+             * Before
+             * @description null where the file left it out.
+             */
+            before: unknown;
+            /**
+             * Key
+             * @description Dotted path in the cell file, or `calibration file`.
+             */
+            key: string;
+        };
+        /**
+         * CellHistory
+         * @description The versions of a cell file, newest first.
+         */
+        CellHistory: {
+            /** Cell */
+            cell: string;
+            /** Versions */
+            versions: components["schemas"]["CellVersion"][];
+        };
+        /**
          * CellLimits
          * @description Limits of the cell; a request may tighten them.
          */
@@ -893,6 +944,28 @@ export interface components {
             robot: string | null;
             /** Sha256 */
             sha256: string | null;
+        };
+        /**
+         * CellVersion
+         * @description One version of a cell file.
+         */
+        CellVersion: {
+            /** Changes */
+            changes: components["schemas"]["CellChange"][];
+            /**
+             * Seen At
+             * @description UTC, ISO 8601.
+             */
+            seen_at: string;
+            /**
+             * Seen By
+             * @description service, executor or command line.
+             */
+            seen_by: string;
+            /** Sha256 */
+            sha256: string;
+            /** Version */
+            version: number;
         };
         /**
          * CertificateAnswer
@@ -1821,6 +1894,11 @@ export interface components {
              * @description Hash of the cell file at the time of planning.
              */
             cell_sha256: string;
+            /**
+             * Cell Version
+             * @description Version of the cell file, as GET /cells/{name}/history counts.
+             */
+            cell_version?: number | null;
             certificate: components["schemas"]["CertificateAnswer"];
             /**
              * Created At
@@ -1929,6 +2007,11 @@ export interface components {
              * @description Hash of the cell file at the time of planning.
              */
             cell_sha256: string;
+            /**
+             * Cell Version
+             * @description Version of the cell file, as GET /cells/{name}/history counts.
+             */
+            cell_version?: number | null;
             certificate: components["schemas"]["CertificateAnswer"];
             /**
              * Created At
@@ -2058,6 +2141,11 @@ export interface components {
              * @description Hash of the cell file at the time of planning.
              */
             cell_sha256: string;
+            /**
+             * Cell Version
+             * @description Version of the cell file, as GET /cells/{name}/history counts.
+             */
+            cell_version?: number | null;
             certificate: components["schemas"]["CertificateAnswer"];
             /**
              * Created At
@@ -2338,6 +2426,11 @@ export interface components {
              */
             cell_sha256: string;
             /**
+             * Cell Version
+             * @description Version of the cell file that it was learnt with.
+             */
+            cell_version?: number | null;
+            /**
              * Cling Share
              * @description Share of throws in which the object leaves slower [-].
              */
@@ -2512,6 +2605,11 @@ export interface components {
              * @description Hash of the cell file that it was learnt with.
              */
             cell_sha256: string;
+            /**
+             * Cell Version
+             * @description Version of the cell file that it was learnt with.
+             */
+            cell_version?: number | null;
             /**
              * Cling Share
              * @description Share of throws in which the object leaves slower [-].
@@ -3403,11 +3501,14 @@ export type AimAnswer = components['schemas']['AimAnswer'];
 export type ArmShapeAnswer = components['schemas']['ArmShapeAnswer'];
 export type BoxAnswer = components['schemas']['BoxAnswer'];
 export type CapsuleAnswer = components['schemas']['CapsuleAnswer'];
+export type CellChange = components['schemas']['CellChange'];
+export type CellHistory = components['schemas']['CellHistory'];
 export type CellLimits = components['schemas']['CellLimits'];
 export type CellList = components['schemas']['CellList'];
 export type CellModel = components['schemas']['CellModel'];
 export type CellState = components['schemas']['CellState'];
 export type CellSummary = components['schemas']['CellSummary'];
+export type CellVersion = components['schemas']['CellVersion'];
 export type CertificateAnswer = components['schemas']['CertificateAnswer'];
 export type CheckAnswer = components['schemas']['CheckAnswer'];
 export type CurveAnswer = components['schemas']['CurveAnswer'];
@@ -3634,6 +3735,74 @@ export interface operations {
             };
             /** @description `robot-not-ready` */
             409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    read_history: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Name of a cell. */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Newest first, with what changed. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CellHistory"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -4112,15 +4281,6 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description `request-timeout` */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["ProblemAnswer"];
-                };
-            };
             /** @description `robot-busy`, `robot-not-ready`, `plan-not-executable` */
             409: {
                 headers: {
@@ -4166,7 +4326,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description `shutting-down`, `not-ready` */
+            /** @description `not-ready` */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4541,15 +4701,6 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description `request-timeout` */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["ProblemAnswer"];
-                };
-            };
             /** @description `nothing-thrown` */
             409: {
                 headers: {
@@ -4595,7 +4746,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description `shutting-down`, `not-ready` */
+            /** @description `not-ready` */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4782,15 +4933,6 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description `request-timeout` */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["ProblemAnswer"];
-                };
-            };
             /** @description `too-large` */
             413: {
                 headers: {
@@ -4827,7 +4969,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description `shutting-down`, `not-ready` */
+            /** @description `not-ready` */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4842,7 +4984,7 @@ export interface operations {
         parameters: {
             query?: never;
             header?: {
-                /** @description application/json or text/csv. */
+                /** @description application/json, text/csv or application/vnd.apache.parquet. */
                 accept?: string | null;
             };
             path: {
@@ -4853,13 +4995,14 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description JSON with statistics, or CSV with one row per throw, by `Accept`. */
+            /** @description JSON with statistics, or CSV or Parquet with one row per throw, by `Accept`. */
             200: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
                     "application/json": components["schemas"]["ExperimentAnswer"];
+                    "application/vnd.apache.parquet": string;
                     "text/csv": string;
                 };
             };
@@ -5061,15 +5204,6 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description `request-timeout` */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["ProblemAnswer"];
-                };
-            };
             /** @description `robot-not-ready` */
             409: {
                 headers: {
@@ -5124,7 +5258,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description `solver-failed`, `shutting-down`, `not-ready` */
+            /** @description `solver-failed`, `not-ready` */
             503: {
                 headers: {
                     [name: string]: unknown;

@@ -1,0 +1,87 @@
+// The state machine: what may be thrown, and what is shown as running.
+
+import { describe, expect, it } from "vitest";
+
+import type { Execution, Plan, ProblemDocument } from "../src/service/types";
+import { FIRST_DRAFT } from "../src/state/draft";
+import { type Change, change, FIRST_STATE, isArmed, isRunning, planStanding, type State, throwLabel } from "../src/state/machine";
+
+const PLAN = {
+  id: "p1", cell: "ur5e-sim", request: { release: { kind: "target", position: [1.2, 0.3, 0] } }, flight: { landing_point: [1.2, 0.3, 0] },
+} as unknown as Plan;
+const PROBLEM: ProblemDocument = { type: "/problems/infeasible", title: "The arm cannot do this", status: 422, detail: "too far" };
+const execution = (fields: Partial<Execution>): Execution =>
+  ({ id: "e1", plan_id: "p1", cell: "ur5e-sim", state: "queued", outcome: null, reason: null, metrics: null, abort_requested_at: null, ...fields }) as Execution;
+
+function after(...changes: Change[]): State {
+  return changes.reduce(change, FIRST_STATE);
+}
+
+const CHOSEN: Change = { type: "cell", name: "ur5e-sim" };
+const PLANNED: readonly Change[] = [CHOSEN, { type: "ask" }, { type: "planned", revision: 1, plan: PLAN }];
+const EDIT: Change = { type: "edit", request: { ...FIRST_DRAFT, target: ["1.3", "0.3", "0"] } };
+
+describe("what may be thrown", () => {
+  it("is a plan that answers the request on the screen", () => {
+    expect(isArmed(after(...PLANNED))).toBe(true);
+    expect(planStanding(after(...PLANNED))).toBe("valid");
+  });
+  it("is nothing after an edit, even one that is taken back", () => {
+    expect(planStanding(after(...PLANNED, EDIT))).toBe("stale");
+    expect(isArmed(after(...PLANNED, EDIT))).toBe(false);
+    expect(isArmed(after(...PLANNED, EDIT, { type: "edit", request: FIRST_DRAFT }))).toBe(false);
+  });
+  it("is nothing on another cell, nor after coming back from it", () => {
+    const away = after(...PLANNED, { type: "cell", name: "ur10e-sim" });
+    expect(isArmed(away)).toBe(false);
+    expect(isArmed(change(away, CHOSEN))).toBe(false);
+  });
+  it("is nothing that was edited while it was planned", () => {
+    const late = after(CHOSEN, { type: "ask" }, EDIT, { type: "planned", revision: 1, plan: PLAN });
+    expect(planStanding(late)).toBe("stale");
+    expect(isArmed(late)).toBe(false);
+  });
+  it("is nothing while a preview is shown, or while something runs", () => {
+    expect(isArmed(after(...PLANNED, { type: "preview", plan: PLAN }))).toBe(false);
+    const running = after(...PLANNED, { type: "runs", cell: "ur5e-sim", id: "e1" });
+    expect(isRunning(running)).toBe(true);
+    expect(isArmed(running)).toBe(false);
+    expect(isArmed(change(running, { type: "execution", execution: execution({ state: "finished", outcome: "completed" }) }))).toBe(true);
+  });
+  it("is named by cell and place", () => {
+    expect(throwLabel(PLAN)).toBe("Throw on ur5e-sim to (1.20, 0.30)");
+    expect(throwLabel(null)).toBe("Throw");
+  });
+});
+
+describe("a refusal", () => {
+  it("belongs to the request that was refused", () => {
+    expect(after(CHOSEN, { type: "ask" }, { type: "refused", revision: 1, problem: PROBLEM }).problem?.value).toBe(PROBLEM);
+    expect(after(CHOSEN, { type: "ask" }, EDIT, { type: "refused", revision: 1, problem: PROBLEM }).problem).toBeNull();
+    expect(after(CHOSEN, { type: "ask" }, { type: "refused", revision: 1, problem: PROBLEM }, EDIT).problem).toBeNull();
+  });
+  it("ends the planning", () => {
+    expect(after(CHOSEN, { type: "ask" }, { type: "refused", revision: 1, problem: PROBLEM }).planning).toBeNull();
+    expect(after(CHOSEN, { type: "ask" }, { type: "gave-up", revision: 1 }).planning).toBeNull();
+  });
+});
+
+describe("the execution", () => {
+  it("is the chosen cell's, whoever started it", () => {
+    expect(after(CHOSEN, { type: "runs", cell: "ur5e-sim", id: "e9" }).execution?.id).toBe("e9");
+    expect(after(CHOSEN, { type: "runs", cell: "ur10e-sim", id: "e9" }).execution).toBeNull();
+    expect(after(CHOSEN, { type: "execution", execution: execution({ cell: "ur10e-sim" }) }).execution).toBeNull();
+  });
+  it("collects telemetry and keeps it when its document is read again", () => {
+    const sample = { clock_s: 0.1, positions: [1, 2, 3, 4, 5, 6], planned_positions: [1, 2, 3, 4, 5, 6], missed_ticks: 2 };
+    const seen = after(CHOSEN, { type: "runs", cell: "ur5e-sim", id: "e1" }, { type: "event", id: "e1", kind: "telemetry", data: sample });
+    expect(seen.execution?.samples).toHaveLength(1);
+    expect(change(seen, { type: "execution", execution: execution({ state: "finished" }) }).execution?.samples[0]?.missedTicks).toBe(2);
+    expect(change(seen, { type: "event", id: "e2", kind: "telemetry", data: sample }).execution?.samples).toHaveLength(1);
+  });
+  it("is marked as being stopped, also by somebody else", () => {
+    const run = after(CHOSEN, { type: "runs", cell: "ur5e-sim", id: "e1" });
+    expect(change(run, { type: "stopping", id: "e1" }).execution?.stopping).toBe(true);
+    expect(change(run, { type: "execution", execution: execution({ abort_requested_at: "2026-01-01T00:00:00Z" }) }).execution?.stopping).toBe(true);
+  });
+});
