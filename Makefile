@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 SOURCES := planner store learning api executor benchmarks
 
-.PHONY: setup demo up test test-kernels check web web-check bench lock clean
+.PHONY: setup demo up test test-kernels check web web-check bench pictures lock clean
 
 setup: $(VENV)/dev.stamp $(VENV)/warm.stamp   ## .venv with everything pinned, and the generated solvers built
 
@@ -59,6 +59,10 @@ web/node_modules/.package-lock.json: web/package.json web/package-lock.json
 bench: $(VENV)/bench.stamp $(VENV)/warm.stamp  ## writes docs/benchmarks, about ten minutes; SLOW=1 for hours
 	$(BIN)/python -m benchmarks $(if $(SLOW),--slow)
 	$(BIN)/python -m benchmarks.conditions --count $(if $(SLOW),100,5) --out docs/benchmarks
+	$(BIN)/python -m benchmarks.page.frames
+
+pictures: $(VENV)/dev.stamp $(VENV)/warm.stamp  ## the README's pictures and animation of a throw (needs chromium)
+	$(BIN)/python -m benchmarks.page.pictures
 
 lock:                           ## pin requirements/*.in anew (needs uv)
 	for name in run dev bench; do \
