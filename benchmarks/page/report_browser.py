@@ -20,6 +20,7 @@ from planner.request import problem_from_request
 ROOT = Path(__file__).parents[2]
 REQUEST = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}
 SOFTWARE = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+PATIENCE_MS = 180_000  # [ms] on a busy machine without a graphics processor
 CHROMIUM = ("chromium", "chromium-browser", "google-chrome")
 WHOLE_WINDOW = (
     "body { overflow: hidden } main { max-width: none; padding: 0; display: block }"
@@ -67,9 +68,12 @@ def scene_page(
             device_scale_factor=scale,
             color_scheme="dark" if dark else "light",
         )
+        page.set_default_timeout(PATIENCE_MS)
         page.goto(file.as_uri())
         page.add_style_tag(content=WHOLE_WINDOW)
         page.wait_for_function("window.report && report.scene && report.scene.statistics.draw_calls > 0")
+        page.wait_for_function("document.querySelector('canvas').clientWidth === innerWidth")
+        page.evaluate("report.scene.resize()")
         page.evaluate("new Promise(done => setTimeout(done, 1500))")  # the camera settles after the change of size
         yield page
         page.close()
