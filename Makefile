@@ -3,9 +3,9 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
-SOURCES := planner store learning api executor benchmarks
+SOURCES := fling planner store learning api executor benchmarks
 
-.PHONY: setup demo up test test-kernels check web web-check bench pictures lock clean
+.PHONY: setup demo up test verify test-kernels check web web-check bench pictures docs lock clean
 
 setup: $(VENV)/dev.stamp $(VENV)/warm.stamp   ## .venv with everything pinned, and the generated solvers built
 
@@ -16,8 +16,11 @@ up: $(VENV)/warm.stamp          ## simulator, executor, service and web page unt
 	$(BIN)/fling up
 
 test: $(VENV)/dev.stamp $(VENV)/warm.stamp
-	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/system
+	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/system --ignore tests/verify
 	$(BIN)/python -m pytest tests/system  # in real time: nothing beside it
+
+verify: $(VENV)/docs.stamp $(VENV)/warm.stamp   ## what takes minutes: wheels, both databases, generated clients, notebooks
+	$(BIN)/python -m pytest tests/verify
 
 # What computes once more as other processors round: older kernels of numpy, BLAS and libm on one thread, then the
 # optimiser's functions compiled for x86-64-v3, which fuses multiplications and additions. About eight minutes.
@@ -64,8 +67,12 @@ bench: $(VENV)/bench.stamp $(VENV)/warm.stamp  ## writes docs/benchmarks, about 
 pictures: $(VENV)/dev.stamp $(VENV)/warm.stamp  ## the README's pictures and animation of a throw (needs chromium)
 	$(BIN)/python -m benchmarks.page.pictures
 
+docs: $(VENV)/docs.stamp        ## writes build/docs: tutorial, course, reference; runs the course's notebooks
+	$(BIN)/python -P -m sphinx -W --keep-going -q -d build/doctrees docs build/docs
+	@echo "build/docs/index.html"
+
 lock:                           ## pin requirements/*.in anew (needs uv)
-	for name in run dev bench; do \
+	for name in run dev docs bench; do \
 		uv pip compile --quiet --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
 			--no-emit-index-url --no-header --no-annotate requirements/$$name.in -o requirements/$$name.txt || exit 1; \
 	done
@@ -89,6 +96,10 @@ $(VENV)/warm.stamp: $(VENV)/run.stamp $(wildcard planner/backends/casadi_nlp/*.p
 
 $(VENV)/dev.stamp: requirements/dev.txt $(VENV)/run.stamp
 	$(PIP) install --quiet --require-hashes -r requirements/dev.txt
+	touch $@
+
+$(VENV)/docs.stamp: requirements/docs.txt $(VENV)/dev.stamp
+	$(PIP) install --quiet --require-hashes -r requirements/docs.txt
 	touch $@
 
 $(VENV)/bench.stamp: requirements/bench.txt $(VENV)/dev.stamp

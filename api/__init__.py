@@ -10,9 +10,6 @@ __all__ = ["fling_version"]
 
 def fling_version() -> str:
     """Returns the installed version, or "0+unknown" in a checkout that was never installed."""
-    from importlib.metadata import PackageNotFoundError, version
+    import fling
 
-    try:
-        return version("fling")
-    except PackageNotFoundError:
-        return "0+unknown"
+    return fling.__version__

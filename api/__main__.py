@@ -5,7 +5,18 @@ from __future__ import annotations
 import sys
 
 from api.app import serve
-from api.settings import ServiceSettings
+from api.settings import SettingsError, read_settings
+
+
+def main() -> int:
+    """Serves until it is ended. Returns the exit status of the process."""
+    try:
+        settings = read_settings()
+    except SettingsError as error:
+        print(f"fling: {error}", file=sys.stderr)
+        return 2
+    return serve(settings)
+
 
 if __name__ == "__main__":
-    sys.exit(serve(ServiceSettings()))
+    sys.exit(main())

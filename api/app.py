@@ -4,22 +4,38 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import signal
 import sys
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
 
 from fastapi import FastAPI
+from starlette.concurrency import run_in_threadpool
+from starlette.middleware.gzip import GZipMiddleware
 
 from api import fling_version
 from api.cell_repository import CellRepository
 from api.dependencies import Service
-from api.http import SecurityMiddleware, StoredToken, install_error_handlers, openapi_schema, read_tokens
+from api.execution_feed import ExecutionFeeds
+from api.http import (
+    DrainingMiddleware,
+    HeadMiddleware,
+    RequestLogMiddleware,
+    RequestRecord,
+    SecurityMiddleware,
+    TokenRegistry,
+    install_error_handlers,
+    openapi_schema,
+    operation_id,
+)
+from api.logs import REQUESTS, configure_logs
 from api.metrics import Metrics
 from api.planning import PlannerPool, PlanningJob, compile_when_idle
 from api.routes import ROUTERS
 from api.settings import ServiceSettings, is_loopback_host
-from store import Store, StoreError
+from api.store_probe import StoreProbe
+from store import Retention, Store, StoreError
 
 DESCRIPTION = (
     "Plan a throw (or any move that must pass a state at speed) for a Universal Robots arm, get it certified, stream "
@@ -27,7 +43,9 @@ DESCRIPTION = (
     "`application/problem+json`. **Software stop is not a safety function.**"
 )
 WARM_UP_REQUEST = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}  # any throw loads and builds everything
-SHUTDOWN_S = 2  # [s] time for open event streams before they are cut
+RETENTION_PERIOD_S = 600.0  # [s] between two times that old plans and executions are deleted
+COMPRESSED_BYTES = 1000  # answers from this size on are compressed for clients that can read it
+COMPRESSION = 4  # of 9: a plan shrinks to a third in milliseconds; more costs much and saves little
 
 
 class UnsafeSettings(ValueError):
@@ -39,10 +57,10 @@ def create_app(settings: ServiceSettings) -> FastAPI:
 
     Raises:
         UnsafeSettings: There are no tokens and the address can be reached from other machines.
-        ValueError: The tokens file cannot be read.
+        ValueError: The tokens file cannot be read, or names no token.
     """
-    tokens = read_tokens(settings.tokens_file)
-    if not tokens and not is_loopback_host(settings.host):
+    tokens = TokenRegistry(settings.tokens_file)
+    if not tokens.is_guarded and not is_loopback_host(settings.host):
         raise UnsafeSettings(
             f"{settings.host} can be reached from other machines: create a token ('fling token create') and set "
             "FLING_TOKENS_FILE"
@@ -56,33 +74,40 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         docs_url=None,
         redoc_url=None,
         redirect_slashes=False,
+        generate_unique_id_function=operation_id,
     )
-    app.add_middleware(SecurityMiddleware, local_only=not tokens)
+    app.state.tokens, app.state.is_draining = tokens, False
+    app.add_middleware(DrainingMiddleware)
+    app.add_middleware(GZipMiddleware, minimum_size=COMPRESSED_BYTES, compresslevel=COMPRESSION)
+    app.add_middleware(HeadMiddleware)
+    app.add_middleware(SecurityMiddleware, local_only=not tokens.is_guarded)
+    app.add_middleware(RequestLogMiddleware, record=partial(_record_request, app))
     install_error_handlers(app)
     for router in ROUTERS:
         app.include_router(router)
-    app.openapi = lambda: openapi_schema(app)
+    app.openapi = lambda: openapi_schema(app, tokens.is_guarded)
     return app
 
 
 @asynccontextmanager
-async def _lifespan(settings: ServiceSettings, tokens: tuple[StoredToken, ...], app: FastAPI) -> AsyncIterator[None]:
+async def _lifespan(settings: ServiceSettings, tokens: TokenRegistry, app: FastAPI) -> AsyncIterator[None]:
     """Opens the service's parts, and closes them when the application ends."""
     service = _service(settings, tokens)
     app.state.service = service
-    warm_up = asyncio.create_task(_warm_up(service))
+    tasks = [asyncio.create_task(work(service)) for work in (_warm_up, _retain)]
     try:
         yield
     finally:
-        warm_up.cancel()
-        await asyncio.gather(warm_up, return_exceptions=True)
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
         service.pool.close()
         service.store.close()
 
 
 def serve(settings: ServiceSettings) -> int:
-    """Serves until SIGINT or SIGTERM. Returns the exit status of the process."""
-    import uvicorn
+    """Serves until SIGINT or SIGTERM, then drains. Returns the exit status of the process."""
+    from api.server import DrainingServer, server_config
 
     try:
         Store.open(settings.database_url).close()
@@ -90,25 +115,42 @@ def serve(settings: ServiceSettings) -> int:
     except (ValueError, RuntimeError, StoreError) as error:
         print(f"fling: {error}", file=sys.stderr)
         return 2
-    uvicorn.run(
-        app,
-        host=settings.host,
-        port=settings.port,
-        log_level="warning",
-        access_log=False,
-        server_header=False,
-        timeout_graceful_shutdown=SHUTDOWN_S,
-    )
+    configure_logs(settings.request_log)
+    if settings.tokens_file is not None:
+        signal.signal(signal.SIGHUP, lambda *_: app.state.tokens.reload())
+    config = server_config(app, settings.host, settings.port)
+    DrainingServer(config, partial(_drain, app)).run()
     return 0
 
 
-def _service(settings: ServiceSettings, tokens: tuple[StoredToken, ...]) -> Service:
+async def _record_request(app: FastAPI, request: RequestRecord) -> None:
+    """Logs and counts an answered request, and audits an act that was refused."""
+    logging.getLogger(REQUESTS).info("request", extra={"fields": request.log_fields()})
+    service: Service | None = getattr(app.state, "service", None)
+    if service is None:
+        return
+    service.metrics.record_request(request.method, request.route, request.status, request.duration_s)
+    if (line := request.refused_act()) is not None:
+        try:
+            await run_in_threadpool(service.store.add_audit, line)
+        except StoreError as error:
+            logging.getLogger("fling").error("an audit line is lost: %s", error, extra={"fields": vars(line)})
+
+
+async def _drain(app: FastAPI) -> None:
+    """Refuses new work and returns once what was begun is answered; ends the event streams."""
+    app.state.is_draining = True
+    await app.state.service.pool.drain()
+    app.state.service.feeds.close()
+
+
+def _service(settings: ServiceSettings, tokens: TokenRegistry) -> Service:
     store = Store.open(settings.database_url)
     cells = CellRepository(settings.cells)
     for name, reason in cells.faults().items():
         logging.getLogger("fling").warning("cell %s is refused: %s", name, reason)
     pool = PlannerPool(settings.planner_workers, settings.planner_queue, _warm_up_job(settings, cells))
-    return Service(settings, store, cells, pool, tokens, Metrics(store.execution_counts))
+    return Service(settings, store, cells, pool, tokens, Metrics(store), ExecutionFeeds(store), StoreProbe(store))
 
 
 async def _warm_up(service: Service) -> None:
@@ -116,6 +158,18 @@ async def _warm_up(service: Service) -> None:
     await service.pool.warm_up()
     if not service.pool.is_compiled and await compile_when_idle(service.is_idle):
         await service.pool.renew()
+
+
+async def _retain(service: Service) -> None:
+    """Deletes from time to time what the settings give up."""
+    while service.settings.retention != Retention():
+        try:
+            plans, runs = await run_in_threadpool(service.store.retain, service.settings.retention)
+            if plans or runs:
+                logging.getLogger("fling").info("retention deleted %d plans, %d executions", plans, runs)
+        except StoreError:  # the store has logged it; tried again next time
+            pass
+        await asyncio.sleep(RETENTION_PERIOD_S)
 
 
 def _warm_up_job(settings: ServiceSettings, cells: CellRepository) -> PlanningJob | None:

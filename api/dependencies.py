@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 from fastapi import Depends, Header, Path, Request
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
 from api.cell_repository import CellRepository
-from api.http import Caller, ProblemDetails, StoredToken, find_caller
+from api.execution_feed import ExecutionFeeds
+from api.http import Caller, ProblemDetails, TokenRegistry, WrongTokens, client_address
 from api.metrics import Metrics
 from api.planning import PlannerPool
+from api.schemas import ID_PATTERN
 from api.settings import ServiceSettings
-from planner.cell import Cell
-from store import IdempotencyKey, Store, StoreUnavailable
+from api.store_probe import StoreProbe
+from planner.cell import Cell, CellSource
+from store import AuditLine, IdempotencyKey, Store, StoreUnavailable
 
 KEY_LENGTH_MAX = 255
 LOCAL_CALLER = Caller("local", frozenset({"plan", "operate"}))  # anyone on this machine, if there are no tokens
@@ -31,8 +35,11 @@ class Service:
     store: Store
     cells: CellRepository
     pool: PlannerPool
-    tokens: tuple[StoredToken, ...]
+    tokens: TokenRegistry
     metrics: Metrics
+    feeds: ExecutionFeeds
+    probe: StoreProbe
+    wrong_tokens: WrongTokens = field(default_factory=WrongTokens)
 
     def is_idle(self) -> bool:
         """Returns whether no cell has an open execution, as far as the store can be asked."""
@@ -53,6 +60,16 @@ class Service:
             raise ProblemDetails("not-found", f"no cell {name!r}; there are {', '.join(self.cells.names())}")
         return cell
 
+    def cell_version(self, name: str) -> int | None:
+        """Returns the version of a cell's files as they are now, and notes it; None where there is no such cell."""
+        source = self.cells.source(name)
+        return None if source is None else self.note_cell_version(source)
+
+    def note_cell_version(self, source: CellSource) -> int:
+        """Returns the version of a cell's files, and notes it."""
+        name = source.name
+        return self.store.note_cell_version(name, source.sha256, source.text, source.calibration, "service")
+
 
 def service(request: Request) -> Service:
     """Returns the service that `create_app` assembled."""
@@ -63,19 +80,30 @@ ServiceDep = Annotated[Service, Depends(service)]
 Credentials = Annotated[HTTPAuthorizationCredentials | None, Depends(BEARER)]
 
 
-def caller(service: ServiceDep, credentials: Credentials) -> Caller:
+async def caller(request: Request, service: ServiceDep, credentials: Credentials) -> Caller:
     """Returns the caller of a request.
 
     Raises:
-        ProblemDetails: The service uses tokens and the request has none or an unknown one.
+        ProblemDetails: The service uses tokens and the request has none, or one that is unknown or has expired.
     """
-    if not service.tokens:
-        return LOCAL_CALLER
-    found = None if credentials is None else find_caller(service.tokens, credentials.credentials)
-    if found is None:
-        detail = "a bearer token is needed" if credentials is None else "this token is not known"
-        raise ProblemDetails("unauthenticated", detail, headers={"WWW-Authenticate": "Bearer"})
+    found = LOCAL_CALLER if not service.tokens.is_guarded else await _known_caller(request, service, credentials)
+    request.state.caller = found.name
     return found
+
+
+async def _known_caller(request: Request, service: Service, credentials: Credentials) -> Caller:
+    """Returns the owner of a request's token; wrong ones from one address are answered later and later."""
+    if credentials is None:
+        raise _unauthenticated("a bearer token is needed")
+    found = service.tokens.find(credentials.credentials)
+    if found is None or found.has_expired:
+        await asyncio.sleep(service.wrong_tokens.delay_s(client_address(request.scope)))
+        raise _unauthenticated("this token is not known" if found is None else "this token has expired")
+    return found.caller
+
+
+def _unauthenticated(detail: str) -> ProblemDetails:
+    return ProblemDetails("unauthenticated", detail, headers={"WWW-Authenticate": "Bearer"})
 
 
 AnyCaller = Annotated[Caller, Depends(caller)]
@@ -92,6 +120,16 @@ def _with_scope(scope: str) -> Callable[[Caller], Caller]:
 
 PlanCaller = Annotated[Caller, Depends(_with_scope("plan"))]
 OperateCaller = Annotated[Caller, Depends(_with_scope("operate"))]
+
+
+def conditional(
+    if_none_match: Annotated[str | None, Header(description="ETags that the client has.", max_length=4096)] = None,
+) -> str | None:
+    """Returns the `If-None-Match` of a request."""
+    return if_none_match
+
+
+IfNoneMatch = Annotated[str | None, Depends(conditional)]
 
 
 async def idempotency_key(
@@ -116,14 +154,32 @@ async def idempotency_key(
 Key = Annotated[IdempotencyKey | None, Depends(idempotency_key)]
 
 
-def remote_address(request: Request) -> str:
-    """Returns the address of the client."""
-    return request.client.host if request.client else "unknown"
+@dataclass(frozen=True)
+class RequestOrigin:
+    """Where a request came from: the client's address, and the request's id."""
+
+    remote: str
+    request_id: str
+
+    def act(self, caller: Caller, action: str) -> AuditLine:
+        """Returns the line of the audit trail for an action of `caller`; the store adds the resource."""
+        return AuditLine(caller.name, action, self.remote, self.request_id)
 
 
-RemoteAddress = Annotated[str, Depends(remote_address)]
+def request_origin(request: Request) -> RequestOrigin:
+    """Returns where a request came from."""
+    return RequestOrigin(client_address(request.scope), request.state.request_id)
+
+
+Origin = Annotated[RequestOrigin, Depends(request_origin)]
 
 
 def name_in_path(description: str, key: str, value: str, summary: str) -> Any:
     """Returns a path parameter of at most 64 characters; `key` names its example `value` in OpenAPI."""
     return Path(description=description, max_length=64, openapi_examples={key: {"summary": summary, "value": value}})
+
+
+def id_in_path(thing: str) -> Any:
+    """Returns a path parameter that is a UUID, or `latest`."""
+    examples = {"latest": {"summary": f"the newest {thing}", "value": "latest"}}
+    return Path(description=f"Id of the {thing}, or `latest`.", pattern=ID_PATTERN, openapi_examples=examples)

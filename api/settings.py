@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from ipaddress import ip_address
 from pathlib import Path
 
-from pydantic import Field
+from pydantic import Field, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from planner.cell_folder import default_cells_folder
-from store import default_database_url
+from store import Retention, default_database_url
 
 
 class ServiceSettings(BaseSettings):
@@ -25,6 +26,9 @@ class ServiceSettings(BaseSettings):
         port: Port to listen on.
         planner_workers: Number of planner processes.
         planner_queue: Number of requests that may wait for a worker before further ones are answered 429.
+        request_log: Whether each request is a line in the log.
+        keep_plans, keep_plans_days: Number and age of the plans without executions that are kept; None: all.
+        keep_executions, keep_executions_days: Number and age of the finished executions that are kept; None: all.
     """
 
     model_config = SettingsConfigDict(env_prefix="FLING_", frozen=True)
@@ -34,9 +38,49 @@ class ServiceSettings(BaseSettings):
     default_cell: str = "ur5e-sim"
     tokens_file: Path | None = None
     host: str = "127.0.0.1"
-    port: int = 8000
+    port: int = Field(default=8000, ge=0, le=65535)
     planner_workers: int = Field(default_factory=lambda: max(1, (os.cpu_count() or 2) - 1), ge=1)  # one core streams
     planner_queue: int = Field(default=16, ge=0)
+    request_log: bool = True
+    keep_plans: int | None = Field(default=None, ge=1)
+    keep_plans_days: float | None = Field(default=None, gt=0.0)
+    keep_executions: int | None = Field(default=None, ge=1)
+    keep_executions_days: float | None = Field(default=None, gt=0.0)
+
+    @property
+    def retention(self) -> Retention:
+        """What is kept of plans and executions."""
+        return Retention(self.keep_plans, self.keep_plans_days, self.keep_executions, self.keep_executions_days)
+
+
+class SettingsError(ValueError):
+    """A setting is wrong: which, its value, and what is allowed, in one sentence."""
+
+
+def read_settings(**flags: object) -> ServiceSettings:
+    """Returns the settings: flags before the environment before the defaults; flags that are None do not count.
+
+    Raises:
+        SettingsError: One is wrong, or the folder of cells or the default cell is not there.
+    """
+    given = {name: value for name, value in flags.items() if value is not None}
+    try:
+        settings = ServiceSettings(**given)  # type: ignore[arg-type]
+    except ValidationError as error:
+        wrong = [f"{_source(found['loc'], given)} = {found['input']!r}: {found['msg']}" for found in error.errors()]
+        raise SettingsError("; ".join(wrong)) from error
+    if not settings.cells.is_dir():
+        raise SettingsError(f"{_source(('cells',), given)} = '{settings.cells}': there is no such folder")
+    if not (settings.cells / f"{settings.default_cell}.toml").is_file():
+        name = _source(("default_cell",), given)
+        raise SettingsError(f"{name} = {settings.default_cell!r}: {settings.cells} has no such cell")
+    return settings
+
+
+def _source(location: tuple[int | str, ...], given: Mapping[str, object]) -> str:
+    """Returns the flag or the variable that a setting came from."""
+    name = str(location[0]).lower()
+    return f"--{name.replace('_', '-')}" if name in given else f"FLING_{name.upper()}"
 
 
 def is_loopback_host(host: str) -> bool:

@@ -8,17 +8,24 @@ import os
 import signal
 import sys
 import threading
+from importlib.util import find_spec
 
 from executor.calibration_import import ImportFailed, import_calibration
 from executor.calibration_import import report as import_report
 from executor.daemon import Daemon
 from executor.doctor import DURATION_S, examine, grade_lag, known_timing, report
+from executor.logs import configure_logs
 from executor.records import Journal, JournalLocked
 from executor.robot import RobotSession
 from executor.settings import ExecutorSettings
 from planner.cell import Cell, load_cell
 from planner.errors import CellError
 from store import Store, StoreUnavailable
+
+NO_CLIENT = (
+    "ur_rtde is not installed, which streams to the arm: pip install 'fling-robotics[executor]' (it has wheels for "
+    "Python 3.11 and 3.12)"
+)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -30,6 +37,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--kinematics", action="store_true", help="import the controller's kinematics, then exit")
     parser.add_argument("--json", action="store_true", help="print the import as JSON")
     options = parser.parse_args(arguments)
+    configure_logs()
     ended = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: ended.set())
@@ -40,6 +48,8 @@ def main(arguments: list[str] | None = None) -> int:
         cell = load_cell(settings.cell_path)
         if options.doctor:
             return run_doctor(cell, settings.database_url)
+        if find_spec("rtde_control") is None and not settings.read_only:
+            raise ValueError(NO_CLIENT)
         journal = Journal(settings.data)
         store = Store.open(settings.database_url)
     except (ValueError, CellError, OSError, JournalLocked, StoreUnavailable) as error:

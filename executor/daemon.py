@@ -11,10 +11,12 @@ from typing import TypeVar
 from executor import realtime
 from executor.cell_watch import CellWatch
 from executor.execution import Execution
+from executor.logs import log
 from executor.preflight import ExecutionRefused, session_refusals, session_warnings
 from executor.records import MIN_FREE_BYTES, ExecutionResult, Journal, row_document
 from executor.robot import RobotSession, robot_document
-from planner.cell import Cell
+from planner.cell import Cell, read_source
+from planner.errors import CellError
 from store import ExecutionRow, Store, StoreUnavailable, new_id
 
 POLL_S = 0.02  # [s] between two queries for a queued execution
@@ -22,7 +24,7 @@ TELEMETRY_S = 0.04  # [s] between two telemetry events: 25 Hz
 BEAT_S = 0.25  # [s] the service considers an executor gone after two seconds
 STORE_PAUSE_S = 1.0  # [s] without queries after one has failed: each may take five seconds
 STREAM_END_S = 30.0  # [s] longest wait for an aborted streaming process
-HARMLESS = ("completed", "refused")  # outcomes that latch no fault; neither does an abort that ended in order
+HARMLESS = ("completed", "refused", "held")  # outcomes that latch no fault; neither does an abort that ended in order
 
 STATES = ("preparing", "approaching", "streaming", "braking")  # public states of an execution, in order
 
@@ -88,6 +90,7 @@ class Daemon:
     def run(self, ended: threading.Event) -> None:
         """Serves until `ended`; a running execution brakes first."""
         self.recover()
+        self._note_version()
         self.session.monitor.start()
         self.heartbeat.start()
         try:
@@ -102,7 +105,7 @@ class Daemon:
     def recover(self) -> None:
         """Delivers the results of an earlier daemon and closes its executions; latches a fault if one was claimed."""
         self._try_store(lambda: self.journal.deliver(self.store))
-        reason = "the executor was restarted"
+        reason = f"the executor was restarted{self._safety_words()}"
         left = self._try_store(lambda: self.store.close_open_executions(self.cell, reason=reason)) or []
         rows = [self._try_store(lambda id=id: self.store.execution(id)) for id in left]
         claimed = [row for row in rows if row and row.claimed_at]
@@ -112,10 +115,28 @@ class Daemon:
         with contextlib.suppress(OSError):  # no controller: nothing moves
             self.session.dashboard.ask("stop")
 
+    def _safety_words(self) -> str:
+        """Returns the controller's safety state for a reason, where it is not the normal one."""
+        try:
+            answer = self.session.dashboard.ask("safetystatus")
+        except OSError:
+            return ""
+        return "" if "NORMAL" in answer else f"; the controller reports '{answer}'"
+
     def _new_heartbeat(self) -> Heartbeat:
         session = self.session
         own = RobotSession.open(session.cell, session.settings, session.monitor)
         return Heartbeat(own, self.store, self.journal, self.watch, self.executor_id)
+
+    def _note_version(self) -> None:
+        """Keeps the cell's files as a version, as the executor uses them from now on."""
+        try:
+            source = read_source(self.session.settings.cell_path)
+        except CellError:  # gone: the watch reports it
+            return
+        if source.sha256 == self.session.cell.sha256:  # not changed again meanwhile
+            files = source.sha256, source.text, source.calibration
+            self._try_store(lambda: self.store.note_cell_version(self.cell, *files, "executor"))
 
     def _continue_with(self, cell: Cell) -> None:
         """Continues with another version of the cell file, at another address if it has one; nothing is executed."""
@@ -129,6 +150,7 @@ class Daemon:
             self.session.monitor.start()
         self.heartbeat = self._new_heartbeat()
         self.heartbeat.start()
+        self._note_version()
 
     def _poll(self, ended: threading.Event) -> None:
         changed = self.watch.look()
@@ -143,6 +165,7 @@ class Daemon:
     def _execute(self, row: ExecutionRow, ended: threading.Event) -> None:
         """Runs one execution; its result is on the disk before the store is informed."""
         execution = Execution(self.session, row)
+        log("claimed", **_log_fields(row))
         self.heartbeat.idle = False
         result = ExecutionResult(row.id, "executor_lost", "the executor failed", None)
         try:
@@ -215,6 +238,7 @@ class Daemon:
         if result.outcome not in HARMLESS and not (result.outcome == "aborted" and in_order):
             self._latch(result.outcome, result.reason, result.execution_id)
         self.journal.keep(result)
+        log("finished", **_log_fields(execution.row), outcome=result.outcome, reason=result.reason)
         self.heartbeat.beat()
         self._try_store(lambda: self.journal.deliver(self.store))
 
@@ -230,3 +254,7 @@ class Daemon:
         except StoreUnavailable:
             self._store_paused_until = time.monotonic() + STORE_PAUSE_S
             return None
+
+
+def _log_fields(row: ExecutionRow) -> dict[str, str | None]:
+    return {"cell": row.cell, "execution": row.id, "plan": row.plan_id, "request_id": row.request_id}

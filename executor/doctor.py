@@ -218,5 +218,5 @@ def grade_kinematics(cell: Cell, info: KinematicsInfo | None) -> DoctorFinding:
 
 def _run_python(code: str, *arguments: str) -> str:
     """Returns the output of a fresh process; real-time scheduling must not stay with this one."""
-    command = [sys.executable, "-c", code, *arguments]
+    command = [sys.executable, "-P", "-c", code, *arguments]
     return subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT).stdout

@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import orjson
 
 from executor import records
 from executor import shared_memory as shm
 from executor.preflight import ExecutionRefused, gripper_is_open, session_refusals, session_warnings, verify_plan
-from executor.preparation import prepare_job
+from executor.preparation import expected_landing, prepare_job
 from executor.robot import RobotSession, RobotState
-from executor.stream_job import StreamJob
+from executor.stream_job import ExpectedLanding, StreamJob
 from executor.streaming.state_checks import EMERGENCY_BITS, NORMAL
 from executor.supervision import StreamRun
+from learning import knowledge_of
 from planner.approach import Approach, find_approach, jog_advice, obstacle_words
 from planner.certificate import Check, release_flight
-from planner.plan_reading import aimed_problem
+from planner.plan_reading import aimed_problem, promised_tolerance
 from store import ExecutionRow, ProfileRow, new_id
 
 SAFETY_WAIT_S = 0.2  # [s] after a fault, for a state that is newer than the fault
+MONITOR_WAIT_S = 1.0  # [s] longest wait for it: the machine may be busy, the link may be gone
 POLL_S = 0.02  # [s] between two readings of that state
 STATES = {
     shm.CONNECTED: "approaching",
@@ -67,7 +70,16 @@ class Execution:
         if not approach.is_straight and approach.trajectory is not None:
             duration_s = approach.trajectory.duration_s
             self.note(f"planned approach of {duration_s:.1f} s; a straight move: {obstacle_words(failures)}")
-        return prepare_job(self.problem, self.trajectory, approach, self.row.mode, self.row.dry_run, session.settings)
+        how = (self.row.mode, self.row.dry_run, session.settings, self._expected_landing(document))
+        return prepare_job(self.problem, self.trajectory, approach, *how)
+
+    def _expected_landing(self, document: bytes) -> ExpectedLanding | None:
+        """Returns where the object is to land; None where the plan promises no tolerance."""
+        tolerance = promised_tolerance(orjson.loads(document), self.problem)
+        if tolerance is None:
+            return None
+        known = None if self.profile is None else knowledge_of(orjson.loads(self.profile.document))
+        return expected_landing(self.problem, self.trajectory, tolerance, known)
 
     def _approach(self, state: RobotState, pace: float) -> tuple[Approach, tuple[Check, ...]]:
         """Returns the approach, and the checks that a straight move fails.
@@ -78,7 +90,7 @@ class Execution:
         Raises:
             ExecutionRefused: there is none; with what is too close, and how to jog the arm.
         """
-        cell, now = self.session.cell, np.array(state.q)
+        cell, now = self.problem.cell_with_bin, np.array(state.q)
         goal, carried = self.trajectory.q[0], True
         approach, failures = find_approach(cell, now, goal, pace)
         if approach is None and gripper_is_open(cell, state):
@@ -98,6 +110,7 @@ class Execution:
         if self.session.cell.link.kind == "sim":
             self._announce()
         settings = self.session.settings
+        self.session.monitor.forget_stops()
         self.run = StreamRun(job, settings.data / "streaming.log", settings.keep_awake)
         self.run.start()
 
@@ -121,17 +134,23 @@ class Execution:
         """Returns the result of the ended run; waits for the landing where that can be observed."""
         assert self.run is not None and self.run.result is not None
         ended = self.run.result
+        if self.row.dry_run:
+            ended = replace(ended, output_sent_s=None)  # its time came, and nothing was switched
         outcome, reason = self._outcome(ended)
-        telemetry, landing = records.Telemetry(ended.rows), self._landing()
+        telemetry, landing = records.Telemetry(ended.rows), None if outcome == "held" else self._landing()
         timing = self._timing(telemetry)
         numbers = records.metrics(self.problem, self.trajectory, ended, landing, timing, self.aim_shift)
         if outcome == "completed" and not self.row.dry_run:
             verdict = records.release_verdict(self.problem, self.trajectory, numbers, landing)
             outcome, reason = verdict or (outcome, reason)
+        if outcome == "held":
+            reason = "; ".join([reason, *records.timing_advice(self.problem, numbers)])
         self.note(f"{outcome}: {reason}" if reason else outcome)
-        mcap, csv = self._recording(telemetry, outcome), records.to_csv(telemetry)
+        mcap, samples = self._recording(telemetry, outcome), records.to_samples(telemetry)
         observed = None if landing is None else landing.observed
-        return records.ExecutionResult(self.row.id, outcome, reason, numbers, mcap, csv, self._observation(observed))
+        return records.ExecutionResult(
+            self.row.id, outcome, reason, numbers, mcap, samples, self._observation(observed)
+        )
 
     def _observation(self, observed: records.ObservedLanding | None) -> dict[str, Any] | None:
         """Returns the observation of the simulated camera, to be stored once."""
@@ -151,21 +170,32 @@ class Execution:
         row, cell = self.row, self.session.cell
         age_s = time.monotonic() - telemetry.scalar("host_s")[0] if len(telemetry) else 0.0
         about = {"execution": row.id, "plan": row.plan_id, "cell": cell.name, "cell_sha256": cell.sha256}
-        about["outcome"] = outcome
+        about |= {"outcome": outcome, "request_id": row.request_id or ""}
         return records.to_mcap(telemetry, cell.robot.joint_names, time.time() - age_s, self.log, about)
 
     def _outcome(self, ended: records.RunResult) -> tuple[str, str]:
-        """Returns outcome and reason; after a fault the controller's own safety state takes precedence."""
+        """Returns outcome and reason; after a fault a stop that the daemon has seen itself takes precedence.
+
+        The streaming process may have died of what stopped the robot, or have seen the program stop before the reason.
+        """
         if ended.in_order or ended.outcome in ("protective_stop", "emergency_stop", "refused"):
             return ended.outcome, ended.reason
-        until = time.monotonic() + SAFETY_WAIT_S
-        while time.monotonic() < until:
-            state = self.session.monitor.fresh()
-            if state is not None and state.safety_bits != NORMAL:
-                kind = "emergency_stop" if state.safety_bits & EMERGENCY_BITS else "protective_stop"
-                return kind, f"the controller stopped: {ended.reason}"
+        monitor, began_at = self.session.monitor, time.monotonic()
+        while monitor.stop_seen is None and not self._has_looked(began_at):
             time.sleep(POLL_S)
-        return ended.outcome, ended.reason
+        stop = monitor.stop_seen
+        if stop is None:
+            return ended.outcome, ended.reason
+        if stop.safety_bits == NORMAL:
+            return "power_off", f"the arm has no power (robot mode {stop.robot_mode}): {ended.reason}"
+        kind = "emergency_stop" if stop.safety_bits & EMERGENCY_BITS else "protective_stop"
+        return kind, f"the controller stopped: {ended.reason}"
+
+    def _has_looked(self, began_at: float) -> bool:
+        """Returns whether the monitor has seen the controller long enough after a fault; gives up without it."""
+        waited_s, state = time.monotonic() - began_at, self.session.monitor.state
+        seen_s = 0.0 if state is None else state.seen_at - began_at
+        return seen_s > SAFETY_WAIT_S or waited_s > MONITOR_WAIT_S
 
     def _landing(self) -> records.Landing | None:
         """Returns the observed landing; None where the cell cannot observe one."""

@@ -11,10 +11,14 @@ from numpy.typing import NDArray
 
 from executor import realtime
 from executor.settings import ExecutorSettings
-from executor.stream_job import JobRows, StreamJob
+from executor.stream_job import ExpectedLanding, JobRows, StreamJob
+from learning import CellKnowledge
 from planner.approach import APPROACH_ACCELERATION, APPROACH_SPEED, Approach, Brakes, find_brakes
 from planner.cell import Cell
+from planner.certificate import window_landing_points
 from planner.feedback import FEEDBACK_GAIN, FEEDBACK_MAX
+from planner.flight import landing_points
+from planner.geometry import tool_state
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 
@@ -23,6 +27,9 @@ Vector = NDArray[np.float64]
 LEAD_IN_S = 0.020  # [s] at rest before the plan begins: the stream is running smoothly by then
 SETTLE_S = 0.060  # [s] at rest after it: the measured motion, one lag behind, comes to its end
 TRACKING_MAX_RAD = 0.05  # [rad] 20 times the error of a gap of 10 ms at 15 rad/s^2
+LATENESS_MAX_S, LATENESS_STEP_S = 0.1, 0.002  # [s] of the table of landings of an arm that is late, or early
+DIFFERENCE = 1e-5  # [rad, rad/s] step of the central differences of the landing
+NOWHERE_M = 1e3  # [m] shift where the object never lands
 APPROACH_BRAKE_EVERY = 5  # [rows] at 1 rad/s and 500 Hz 1 cm of motion; saves a second of preparation
 SILENT_S = 0.100  # [s] the daemon's pulse comes every 5 ms; this long without one it is frozen or dead
 SILENT_ORDINARY_S = 0.250  # [s] without real-time scheduling gaps of 20 to 100 ms were measured on a busy machine
@@ -78,8 +85,18 @@ def prepare_job(
     mode: str,
     dry_run: bool,
     settings: ExecutorSettings,
+    landing: ExpectedLanding | None = None,
 ) -> StreamJob:
-    """Returns the stream job of a certified plan and an approach to its start."""
+    """Returns the stream job of a certified plan and an approach to its start.
+
+    Args:
+        problem, trajectory: of the plan.
+        approach: to its start.
+        mode: "speedj" or "servoj".
+        dry_run: connect and record without any motion.
+        settings: of the executor.
+        landing: where the object is to land; None: it is let go wherever it lands.
+    """
     cell, dt = problem.cell, 1.0 / problem.cell.robot.sample_rate_hz
     rows, plan_brakes = _sample(problem, trajectory)
     approach_rows = None
@@ -99,6 +116,7 @@ def prepare_job(
         output_index=cell.gripper.index,
         output_level=cell.gripper.open_level,
         start=rows.q[0].tolist(),
+        landing=None if problem.ends_at_rest else landing,
         approach=approach_rows,
         approach_speed=settings.approach_pace * APPROACH_SPEED,
         approach_acceleration=settings.approach_pace**2 * APPROACH_ACCELERATION,
@@ -112,6 +130,57 @@ def prepare_job(
         priority=realtime.STREAM_PRIORITY,
         daemon_silent_s=SILENT_S if realtime.is_permitted() else SILENT_ORDINARY_S,
     )
+
+
+def expected_landing(
+    problem: ThrowProblem, trajectory: Trajectory, tolerance_m: float, known: CellKnowledge | None
+) -> ExpectedLanding:
+    """Returns where a throw is to land, for the streaming process to judge the arm by.
+
+    Args:
+        problem, trajectory: of the plan.
+        tolerance_m: landing error beyond which the object is to be kept [m].
+        known: of the cell, as its profile says: the aim makes up for that, so it is no reason to keep the object.
+    """
+    lateness = np.arange(-LATENESS_MAX_S, LATENESS_MAX_S + 0.5 * LATENESS_STEP_S, LATENESS_STEP_S)
+    when = np.clip(trajectory.release_time_s - lateness, 0.0, trajectory.duration_s)
+    points = window_landing_points(problem, trajectory, when - trajectory.release_time_s)[:, :2]
+    k = trajectory.release_index
+    q, qd = trajectory.q[k], trajectory.qd[k]
+    nominal = _landings(problem, q[None], qd[None])[0]
+    by_q, by_qd = _landing_derivatives(problem, q, qd)
+    shift = np.zeros(2)
+    if known is not None:
+        at = np.array([trajectory.release_time_s])
+        off_q, off_qd = known.arm.deviation(trajectory, problem.cell.timing.lag_s, at)
+        shift = by_q @ off_q[0] + by_qd @ (off_qd[0] + known.speeds.expected(qd))
+    return ExpectedLanding(
+        tolerance_m=tolerance_m,
+        shift=shift.tolist(),
+        late_from_s=-LATENESS_MAX_S,
+        late_step_s=LATENESS_STEP_S,
+        by_lateness=np.nan_to_num(points - nominal, nan=NOWHERE_M).tolist(),
+        q=q.tolist(),
+        qd=qd.tolist(),
+        by_q=by_q.tolist(),
+        by_qd=by_qd.tolist(),
+    )
+
+
+def _landing_derivatives(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[Vector, Vector]:
+    """Returns the landing's derivatives (2, 6) by joint positions [m/rad] and joint velocities [m s/rad]."""
+    steps, n = DIFFERENCE * np.eye(6), np.zeros((6, 6))
+    off_q = np.concatenate([steps, -steps, n, n])
+    off_qd = np.concatenate([n, n, steps, -steps])
+    points = np.nan_to_num(_landings(problem, q + off_q, qd + off_qd)).reshape(4, 6, 2)
+    scale = 0.5 / DIFFERENCE
+    return scale * (points[0] - points[1]).T, scale * (points[2] - points[3]).T
+
+
+def _landings(problem: ThrowProblem, q: Vector, qd: Vector) -> Vector:
+    """Returns the landing points (n, 2) [m] of releases in joint states (n, 6); NaN where the object never lands."""
+    state = tool_state(problem.cell, q, qd)
+    return landing_points(state.p_WT, state.v_WT, problem.plane_z, problem.gravity, problem.drag)[:, :2]
 
 
 def _sample(problem: ThrowProblem, trajectory: Trajectory, brake_every: int = 1) -> tuple[StreamRows, Brakes]:

@@ -23,7 +23,42 @@ OUTCOMES = (
     "executor_lost",
     "foreign_program",
     "power_off",
+    "held",
 )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ExpectedLanding:
+    """Where a throw is to land, and how an arm that is off its plan moves that, about the release.
+
+    Shifts are along x and y of the world, from where the plan lands.
+
+    Attributes:
+        tolerance_m: landing error beyond which the object is kept [m].
+        shift: what is known of the arm already, so that the plan's aim makes up for it (2,) [m].
+        late_from_s, late_step_s: first lateness of `by_lateness`, and from one to the next [s].
+        by_lateness: shifts where the arm is late by so much (n, 2) [m]; 1 km where the object never lands.
+        q, qd: planned state at the release (6,) [rad, rad/s].
+        by_q, by_qd: derivatives of the shift by that state (2, 6) [m/rad, m s/rad].
+    """
+
+    tolerance_m: float
+    shift: Row
+    late_from_s: float
+    late_step_s: float
+    by_lateness: list[Row]
+    q: Row
+    qd: Row
+    by_q: list[Row]
+    by_qd: list[Row]
+
+    def shift_when_late(self, late_s: float) -> Row:
+        """Returns the shift (2,) of an arm that is `late_s` late [s]; beyond the table that of its end."""
+        last = len(self.by_lateness) - 1
+        at = min(max((late_s - self.late_from_s) / self.late_step_s, 0.0), float(last))
+        i = min(int(at), last - 1)
+        share, before, after = at - i, self.by_lateness[i], self.by_lateness[i + 1]
+        return [(1.0 - share) * a + share * b for a, b in zip(before, after, strict=True)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +98,7 @@ class StreamJob(JobRows):
         output: "tool_digital", "standard_digital" or "configurable_digital".
         output_index, output_level: index of that output, and the level that opens the gripper.
         start: joint positions (6,) at which the plan begins [rad].
+        landing: where the object is to land; None: it is let go wherever it lands.
         approach: rows of a planned approach to `start`; None: one straight joint move leads there.
         approach_speed, approach_acceleration: of that move [rad/s, rad/s^2].
         qd_max: bounds of every command (6,) [rad/s].
@@ -86,6 +122,7 @@ class StreamJob(JobRows):
     output_index: int
     output_level: bool
     start: Row
+    landing: ExpectedLanding | None
     approach: JobRows | None
     approach_speed: float
     approach_acceleration: float
@@ -109,11 +146,16 @@ class StreamJob(JobRows):
     def read(cls, fd: int) -> StreamJob:
         """Returns the job behind an inherited descriptor."""
         fields = json.loads(os.pread(fd, os.fstat(fd).st_size, 0))
-        approach = fields.pop("approach")
-        return cls(**fields, approach=None if approach is None else JobRows(**approach))
+        approach, landing = fields.pop("approach"), fields.pop("landing")
+        return cls(
+            **fields,
+            approach=None if approach is None else JobRows(**approach),
+            landing=None if landing is None else ExpectedLanding(**landing),
+        )
 
     def approach_job(self) -> StreamJob:
         """Returns the job that streams the planned approach; it never opens the gripper."""
         assert self.approach is not None
         rows = vars(self.approach)
-        return replace(self, **rows, mode="speedj", output_row=-1, release_row=len(self.approach.q) - 1, approach=None)
+        throws_nothing = {"output_row": -1, "release_row": len(self.approach.q) - 1, "landing": None}
+        return replace(self, **rows, **throws_nothing, mode="speedj", approach=None)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from executor import realtime
 from executor import shared_memory as shm
 from executor.records import RunResult
-from executor.robot import DashboardClient, ProgramWatch
+from executor.robot import DashboardClient, GripperHold, ProgramWatch
 from executor.shared_memory import SharedMemory
 from executor.stream_job import OUTCOMES, StreamJob
 
@@ -107,6 +107,7 @@ class StreamRun:
         self.memory.fields[shm.OUTPUT_SENT_S] = np.nan
         self.dashboard = DashboardClient(job.host)
         self.programs = ProgramWatch(job.host)
+        self.gripper = GripperHold(job.host)
         self.result: RunResult | None = None
         self._awake_core = job.core if keep_awake else realtime.ANY_CORE
         self._ended = threading.Event()
@@ -154,6 +155,7 @@ class StreamRun:
             failure = f"the dashboard at {self.dashboard.host}"
             self.dashboard.connect()
             self.programs.connect()
+            self.gripper.connect()
             failure = "starting the streaming process"
             self._spawn()
             failure = self._watch()
@@ -167,7 +169,7 @@ class StreamRun:
         job_fd, memory = self.job.write(), self.memory
         memory.fields[shm.DAEMON_PULSE] = memory.fields[shm.PULSE] = time.monotonic()
         pulse = threading.get_native_id()  # this thread writes the pulse: the child checks whether it is frozen
-        command = [sys.executable, "-m", "executor.streaming", *map(str, (job_fd, memory.fd, os.getpid(), pulse))]
+        command = [sys.executable, "-P", "-m", "executor.streaming", *map(str, (job_fd, memory.fd, os.getpid(), pulse))]
         self._child = ChildProcess(command, (job_fd, memory.fd), self.log)
         os.close(job_fd)
 
@@ -180,6 +182,7 @@ class StreamRun:
             now = time.monotonic()
             fields[shm.DAEMON_PULSE] = now
             self.programs.poll()
+            self.gripper.drain()
             if self.state != state:
                 since, state = now, self.state
             if state == shm.FAULT:
@@ -203,10 +206,21 @@ class StreamRun:
         if child is not None:
             if failure:
                 child.kill()  # first: a call that hangs in the library may resume and upload the program again
+                self._hold_object()
                 with contextlib.suppress(OSError):  # then only the controller's own watchdog is left, and it is armed
                     self.dashboard.ask("stop")
             child.reap()
         self.dashboard.close()
+        self.gripper.close()
+
+    def _hold_object(self) -> None:
+        """Takes the gripper's command back where the object has not left: the arm stops, and would drop it."""
+        job, row = self.job, self.latest_row()
+        if row is None or np.isnan(self.memory.fields[shm.OUTPUT_SENT_S]):
+            return
+        clock = row[shm.SCALARS.index("clock_s")] + time.monotonic() - row[shm.SCALARS.index("host_s")]
+        if clock < job.first_clock_s + job.release_row * job.dt:
+            self.gripper.hold(job.output, job.output_index, not job.output_level)
 
     def _silent_outcome(self) -> str:
         """Returns the outcome of a process that reported none; where it failed in the library, the link failed."""

@@ -16,9 +16,10 @@ from learning.streamed_arm import StreamedArm
 from learning.throws import ThrowTable, table_times, throw_table
 from planner.arrays import Array
 from planner.cell import Cell
+from planner.certificate import release_flight
 from planner.errors import PlannerError
 from planner.plan_reading import aim_shift, aimed_problem, plan_from_document
-from planner.problem import Release, TargetRelease
+from planner.problem import Release, TargetRelease, ThrowProblem
 from planner.trajectory import Trajectory
 from store import ExecutionRow, LandingRow, Store
 
@@ -38,6 +39,7 @@ class ThrowEvidence:
 
     Attributes:
         execution_id, landing_ids: where the evidence is.
+        landing: where the plan was to land: its target, else where its flight ends (2,) [m].
         planned_qd: joint speeds planned at the release (6,) [rad/s].
         deviation: recorded less what the arm's lag and gains make of the plan (6,) [rad/s]; None without a recording.
         observed: where it landed; None where no position was reported.
@@ -46,6 +48,7 @@ class ThrowEvidence:
 
     execution_id: str
     landing_ids: tuple[str, ...]
+    landing: Array
     planned_qd: Array
     deviation: Array | None
     observed: ObservedThrow | None
@@ -87,16 +90,25 @@ def _evidence(store: Store, cell: Cell, arm: StreamedArm, row: ExecutionRow) -> 
     landings = [] if _in_the_way(numbers) else store.landings(row.id)
     position, lead = _position(landings), trajectory.release_time_s - float(sent)
     table = throw_table(problem, trajectory, off) if landings else None
+    target = aimed_problem(problem, -aim_shift(document))
     observed = outcome = None
     if table is not None and position is not None:
         std = SPEED_STD_RAD_S if columns else UNRECORDED_RAD_S
         observed = ObservedThrow(table, lead, *position, np.full(6, std**2))
     elif table is not None:
-        target = aimed_problem(problem, -aim_shift(document)).release
-        outcome = _outcome(table, lead, target, landings, SPEED_STD_RAD_S if columns else UNRECORDED_RAD_S)
+        outcome = _outcome(table, lead, target.release, landings, SPEED_STD_RAD_S if columns else UNRECORDED_RAD_S)
     k = trajectory.release_index
     deviation = None if off is None else off[1][len(off[1]) // 2] - _expected(arm, trajectory, numbers)
-    return ThrowEvidence(row.id, tuple(x.id for x in landings), trajectory.qd[k], deviation, observed, outcome)
+    ids, landing = tuple(x.id for x in landings), _planned_landing(target, trajectory)
+    return ThrowEvidence(row.id, ids, landing, trajectory.qd[k], deviation, observed, outcome)
+
+
+def _planned_landing(problem: ThrowProblem, trajectory: Trajectory) -> Array:
+    """Returns where a plan was to land (2,) [m]; NaN where its object never does."""
+    if isinstance(problem.release, TargetRelease):
+        return problem.release.p_W[:2]
+    flight = release_flight(problem, trajectory)
+    return np.full(2, np.nan) if flight is None else flight.landing_point[:2]
 
 
 def _columns(csv: bytes) -> dict[str, Array]:

@@ -14,7 +14,7 @@ from learning.evidence import ThrowEvidence, throw_evidence
 from learning.hit_evidence import weighed_by_outcomes
 from learning.joint_speeds import JointSpeeds, learn_joint_speeds
 from learning.predictions import LandingForecast, forecast
-from learning.release import DRAG, PRIOR_STD, STATE, ReleasePosterior, learn_release, prior_state
+from learning.release import DRAG, LEAD, PRIOR_STD, STATE, ReleasePosterior, learn_release, prior_state
 from learning.streamed_arm import StreamedArm
 from learning.throws import table_times, throw_table
 from learning.timing_history import pooled_document, timing_runs
@@ -46,6 +46,12 @@ class CellKnowledge:
     def delay_s(self) -> float:
         """Gripper delay to plan with [s]: the lead less the lag."""
         return float(self.release.state[0]) - self.arm.lag_s
+
+    @property
+    def release_std_s(self) -> float:
+        """Standard deviation of a release about its planned time [s]: jitter, and what is not known of the lead."""
+        release = self.release
+        return math.hypot(release.jitter, math.sqrt(float(release.state_covariance[LEAD, LEAD])))
 
     def predicted(self, problem: ThrowProblem, trajectory: Trajectory) -> LandingForecast:
         """Returns where throws of a plan land, with the lag and the delay that the problem's cell assumes."""
@@ -86,8 +92,8 @@ def estimate_profile(store: Store, cell: Cell) -> dict[str, Any]:
     speeds = learn_joint_speeds(pairs[:, 0], pairs[:, 1])
     known = CellKnowledge(arm, release, speeds)
     head = {"version": VERSION, "cell": cell.name, "cell_sha256": cell.sha256}
-    evidence = _evidence_document(throws, [row.id for row, _ in runs])
-    return {**head, **_numbers(cell, known, timing), "timing": timing, "evidence": evidence, **_posterior(known)}
+    found = {"timing": timing, "evidence": _evidence_document(throws, [row.id for row, _ in runs])}
+    return {**head, **_numbers(cell, known, timing), **_landings(throws, release), **found, **_posterior(known)}
 
 
 def knowledge_of(document: Mapping[str, Any]) -> CellKnowledge:
@@ -156,6 +162,19 @@ def _numbers(cell: Cell, known: CellKnowledge, timing: Mapping[str, Any] | None)
         "covariance": release.state_covariance.tolist(),
         "cell_file": {"lag_s": cell.timing.lag_s, "delay_s": cell.gripper.delay_s, "jitter_s": cell.gripper.jitter_s},
     }
+
+
+def _landings(throws: Sequence[ThrowEvidence], release: ReleasePosterior) -> dict[str, Any]:
+    """Returns where each throw was to land, did, and would be expected to by what was learnt, with median distances."""
+    rows, distances = [], []
+    for throw in throws:
+        if throw.observed is not None and np.isfinite(throw.landing).all():
+            seen, expected = throw.observed.landing, release.expected_landing(throw.observed)
+            points = {"planned": throw.landing.tolist(), "observed": seen.tolist(), "expected": expected.tolist()}
+            rows.append({"execution_id": throw.execution_id, **points})
+            distances.append([np.linalg.norm(seen - throw.landing), np.linalg.norm(seen - expected)])
+    before, after = np.median(distances, axis=0).tolist() if distances else (None, None)
+    return {"landings": rows, "landing_error_before_m": before, "landing_error_after_m": after}
 
 
 def _evidence_document(throws: list[ThrowEvidence], timing_ids: list[str]) -> dict[str, Any]:

@@ -100,6 +100,12 @@ class ReleasePosterior:
         """Mean of the jitter [s]."""
         return float(self.weight @ self.jitter_s)
 
+    def expected_landing(self, throw: ObservedThrow) -> Array:
+        """Returns where the mean state puts the landing of a throw (2,) [m], without jitter."""
+        at = self.state[:, None]
+        c = Circumstances(at[LEAD] - throw.lead_s, at[FACTOR], self.state[None, OFFSET], at[DRAG], at[TURN])
+        return Throws([throw.table]).landings(c)[0]
+
     def drawn(self, rng: np.random.Generator, count: int) -> tuple[Array, Array, Array]:
         """Returns states (count, 6), jitters (count,) [s] and scatters (count,) [rad/s]."""
         g = rng.choice(len(self.weight), size=count, p=self.weight)

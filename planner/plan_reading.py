@@ -43,6 +43,22 @@ def aim_shift(document: Mapping[str, Any]) -> Array:
     return np.zeros(3) if aim is None else np.array(aim["shift_m"], float)
 
 
+def promised_tolerance(document: Mapping[str, Any], problem: ThrowProblem) -> float | None:
+    """Returns the landing error that a plan promises not to exceed [m]; None where it promises nothing.
+
+    A window promises its tolerance, a bin its room, and a request what it states; a soonest throw that states none is
+    for whoever accepts any landing.
+
+    Args:
+        document: the plan.
+        problem: read from it.
+    """
+    release, stated = problem.release, document["request"].get("landing_tolerance_m")
+    if not isinstance(release, TargetRelease) or not (problem.is_robust or stated or release.opening is not None):
+        return None
+    return problem.landing_tolerance_m or None
+
+
 def aimed_problem(problem: ThrowProblem, shift: Array) -> ThrowProblem:
     """Returns the problem with its target, and the bin around it, moved by `shift` (3,) [m]."""
     release = problem.release

@@ -22,8 +22,8 @@ from planner.search import (
     nearest_problem,
     of_candidates,
     refuse_impossible,
-    search_optimised,
     search_sequential,
+    search_thoroughly,
     search_with_stop,
 )
 from planner.seeds import candidates
@@ -114,7 +114,7 @@ def _run(search: PlanningSearch) -> None:
     if problem.backend in VARIANTS_BY_BACKEND:
         search_sequential(search, problem.backend, found)
     else:
-        search_optimised(search, found)
+        search_thoroughly(search, found)
     if search.answer is None and problem.backend == "auto":
         search_with_stop(search, found)
     if search.answer is None:

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from planner.arrays import Array
-from planner.cell import Cell, Limits
+from planner.cell import Box, Cell, Limits
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import drag_constant
 from planner.geometry import passable
@@ -138,6 +138,21 @@ class ThrowProblem:
         lower, upper = passable(self.cell.robot, self.cell.tool.capsules, self.start)
         limits = self.limits
         return replace(limits, q_lower=np.maximum(limits.q_lower, lower), q_upper=np.minimum(limits.q_upper, upper))
+
+    @cached_property
+    def cell_with_bin(self) -> Cell:
+        """The cell as arm, tool and held object find it: a request's bin is one more keep-out box.
+
+        The block that surrounds the bin, from its bottom to its rim: no part of the arm has business inside.
+        """
+        release = self.release
+        if not isinstance(release, TargetRelease) or release.opening is None:
+            return self.cell
+        radius, rim = release.opening.radius_m, release.opening.rim_height_m
+        aside, top = np.array([radius, radius, 0.0]), np.array([radius, radius, rim])
+        block = Box(release.p_W - aside, release.p_W + top, "bin")
+        around = self.cell.surroundings
+        return replace(self.cell, surroundings=replace(around, keep_out=(*around.keep_out, block)))
 
     @property
     def dt(self) -> float:

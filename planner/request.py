@@ -27,11 +27,13 @@ from planner.problem import (
     TargetRelease,
     ThrowProblem,
 )
-from planner.rotations import matrix_to_quaternion, pose, quaternion_to_matrix, rotation_vector_to_matrix
+from planner.rotations import angle_between, matrix_to_quaternion, pose, quaternion_to_matrix, rotation_vector_to_matrix
 
-__all__ = ["problem_from_request", "release_document", "request_document"]
+__all__ = ["NUMBER_MAX", "problem_from_request", "release_document", "request_document"]
 
 
+NUMBER_MAX = 1e6  # of a request, in any unit: no robot has such a number, and squares and sums of them are finite
+AGREEMENT_RAD = 1e-3  # [rad] by which two orientations of one pose may differ: somebody rounded them
 UNIT_TOLERANCE = 1e-3  # [-] deviation of a quaternion's length from 1 up to which it is normalised
 WINDOW_MAX_S = 0.2  # [s] longest release window
 TOLERANCE_MAX_M = 10.0  # [m] largest landing tolerance
@@ -55,6 +57,7 @@ REQUEST_FIELDS = (
     "singularity_distance_min",
     "release_window_s",
     "landing_tolerance_m",
+    "min_hit_probability",
     "time_limit_s",
 )
 RELEASE_FIELDS = {  # by kind
@@ -89,6 +92,7 @@ def problem_from_request(request: Mapping[str, Any], cell: Cell) -> ThrowProblem
     start = _start(fields, cell)
     limits = _limits(fields, cell.limits)
     release = _release(fields, cell)
+    _refuse_odds(fields, release)
     window, tolerance = _window(fields, release, cell)
     time_limit = fields.number("time_limit_s", TIME_LIMIT_S)
     if fields.errors or release is None:
@@ -186,8 +190,8 @@ class _Fields:
         if array.shape != (size,) or array.dtype.kind not in "fiu":
             self.refuse(key, f"must be a list of {size} numbers")
             return np.zeros(size)
-        if not np.isfinite(array).all():
-            self.refuse(key, "must be finite")
+        if not (np.abs(array) <= NUMBER_MAX).all():
+            self.refuse(key, f"must be finite and within {NUMBER_MAX:g}")
             return np.zeros(size)
         return read_only(array)
 
@@ -196,8 +200,8 @@ class _Fields:
         value = self.get(key)
         if value is None:
             return default
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-            self.refuse(key, f"{value!r} must be a finite number")
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= NUMBER_MAX:
+            self.refuse(key, f"{value!r} must be a finite number within {NUMBER_MAX:g}")
             return default
         if not lower <= value <= upper:
             self.refuse(key, f"{value:g} must lie in [{lower:g}, {upper:g}]")
@@ -217,13 +221,25 @@ def _start(request: _Fields, cell: Cell) -> Array:
 
 
 def _window(request: _Fields, release: Release | None, cell: Cell) -> tuple[float, float]:
-    """Returns release window [s] and landing tolerance [m]; a target without them gets the gripper's and its own."""
+    """Returns release window [s] and landing tolerance [m]; a target without them gets the gripper's and its own.
+
+    A request for odds starts from no window: whoever knows the odds decides how long it must be.
+    """
     default_s = default_m = 0.0
     if isinstance(release, TargetRelease):
-        default_s = min(max(JITTER_DEVIATIONS * cell.gripper.jitter_s, WINDOW_MIN_S), WINDOW_MAX_S)
+        if not request.get("min_hit_probability"):
+            default_s = min(max(JITTER_DEVIATIONS * cell.gripper.jitter_s, WINDOW_MIN_S), WINDOW_MAX_S)
         default_m = _default_tolerance(release, cell)
     window = request.number("release_window_s", default_s, 0.0, WINDOW_MAX_S)
     return window, request.number("landing_tolerance_m", default_m, 0.0, TOLERANCE_MAX_M)
+
+
+def _refuse_odds(request: _Fields, release: Release | None) -> None:
+    """Records a hit probability that is none, or that is asked of a release without a target."""
+    key = "min_hit_probability"
+    asked = request.number(key, 0.0, 0.0, 1.0)
+    if asked > 0.0 and release is not None and not isinstance(release, TargetRelease):
+        request.refuse(key, f"{asked:g} is for a release of kind target: the others have nothing to hit")
 
 
 def _default_tolerance(release: TargetRelease, cell: Cell) -> float:
@@ -308,11 +324,21 @@ def _pose_release(release: _Fields, X_WR: Array) -> PoseRelease:
 
 def _rotation(release: _Fields, given: _Fields) -> Array:
     """Returns the rotation matrix of a pose, identity where its orientation is refused."""
-    if (given.get("quaternion") is None) == (given.get("rotation_vector") is None):
-        release.refuse("pose", "needs either quaternion or rotation_vector")
+    if given.get("quaternion") is None and given.get("rotation_vector") is None:
+        release.refuse("pose", "needs quaternion or rotation_vector")
         return np.eye(3)
-    if given.get("rotation_vector") is not None:
+    if given.get("quaternion") is None:
         return rotation_vector_to_matrix(given.vector("rotation_vector", 3))
+    R = _of_quaternion(given)
+    if given.get("rotation_vector") is not None:  # answers give both
+        apart = angle_between(R, rotation_vector_to_matrix(given.vector("rotation_vector", 3)))
+        if not given.errors and apart > AGREEMENT_RAD:
+            release.refuse("pose", f"quaternion and rotation_vector are {apart:.3g} rad apart")
+    return R
+
+
+def _of_quaternion(given: _Fields) -> Array:
+    """Returns the rotation matrix of a pose's quaternion, identity where it is refused."""
     quaternion = given.vector("quaternion", 4)
     length = float(np.linalg.norm(quaternion))
     if abs(length - 1.0) > UNIT_TOLERANCE:

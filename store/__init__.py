@@ -7,8 +7,11 @@ URL. Times are seconds since the epoch.
 from store.database import StoreError, StoreUnavailable, default_database_url
 from store.executions import CellBusy, UnknownExecution, UnknownExperiment, UnknownPlan
 from store.idempotency_and_audit import KeyTaken
+from store.retention import Retention
 from store.rows import (
+    AuditLine,
     CellRow,
+    CellVersionRow,
     EventRow,
     ExecutionRow,
     ExperimentRow,
@@ -19,11 +22,14 @@ from store.rows import (
     RecordingRow,
     new_id,
 )
+from store.samples import join_plan, pack_samples, pack_trajectory, samples_of_csv, split_plan
 from store.store import Store
 
 __all__ = [
+    "AuditLine",
     "CellBusy",
     "CellRow",
+    "CellVersionRow",
     "EventRow",
     "ExecutionRow",
     "ExperimentRow",
@@ -33,6 +39,7 @@ __all__ = [
     "PlanRow",
     "ProfileRow",
     "RecordingRow",
+    "Retention",
     "Store",
     "StoreError",
     "StoreUnavailable",
@@ -40,5 +47,10 @@ __all__ = [
     "UnknownExperiment",
     "UnknownPlan",
     "default_database_url",
+    "join_plan",
     "new_id",
+    "pack_samples",
+    "pack_trajectory",
+    "samples_of_csv",
+    "split_plan",
 ]

@@ -9,7 +9,8 @@ from typing import Any
 from sqlalchemy import insert, select, update
 
 from store.database import Repository, writing
-from store.rows import CellRow
+from store.idempotency_and_audit import write_audit
+from store.rows import AuditLine, CellRow
 from store.tables import cells
 
 
@@ -40,12 +41,14 @@ class CellStatusRepository(Repository):
         """Returns the last heartbeat of every executor, sorted by cell name."""
         return self._rows(CellRow, select(cells).order_by(cells.c.cell))
 
-    def request_acknowledge(self, cell: str, who: str) -> bool:
+    def request_acknowledge(self, cell: str, who: str, audit: AuditLine | None = None) -> bool:
         """Records that a person acknowledged the fault. Returns False if the cell never had an executor."""
         with writing(self._engine) as connection:
             status = update(cells).where(cells.c.cell == cell)
             values = {"acknowledge_requested_at": time.time(), "acknowledged_by": who}
-            return bool(connection.execute(status.values(**values)).rowcount)
+            known = bool(connection.execute(status.values(**values)).rowcount)
+            write_audit(connection, audit, f"/cells/{cell}")
+            return known
 
     def acknowledge_requested(self, cell: str) -> bool:
         """Returns whether an acknowledgement waits for the executor."""

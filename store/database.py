@@ -7,7 +7,9 @@ a busy timeout.
 
 from __future__ import annotations
 
+import math
 import os
+import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,7 +18,10 @@ from typing import Any, TypeVar
 from sqlalchemy import Connection, Engine, Select, Table, create_engine, event, make_url
 from sqlalchemy.exc import SQLAlchemyError
 
+from store.outages import WORDS, OutageLog, kind_of
+
 BUSY_TIMEOUT_MS = 5000  # [ms] how long a writer waits for another; a transaction takes about a millisecond
+PROBE_TIMEOUT_MS = 300  # [ms] how long a probe waits: longer than any transaction of ours
 READ_ONLY = {"fling_read_only": True}
 RowT = TypeVar("RowT")
 
@@ -26,10 +31,17 @@ class StoreError(Exception):
 
 
 class StoreUnavailable(StoreError):
-    """The database does not answer, is locked for too long, full or corrupt. The cause is the driver's error."""
+    """The database does not answer, is locked for too long, full or corrupt. The cause is the driver's error.
+
+    Attributes:
+        kind: disk_full, locked, read_only, corrupt or unreachable.
+        advice: The kind in words.
+    """
 
     def __init__(self, cause: Exception) -> None:
-        super().__init__(f"the database cannot be used: {getattr(cause, 'orig', None) or cause}")
+        self.kind = kind_of(cause)
+        self.advice = WORDS[self.kind]
+        super().__init__(f"{self.advice}: {getattr(cause, 'orig', None) or cause}")
 
 
 def default_database_url() -> str:
@@ -44,14 +56,15 @@ def open_engine(url: str) -> Engine:
     Raises:
         StoreUnavailable: The URL is malformed, its driver is not installed, or the folder cannot be created.
     """
+    options = {"fling_outage_log": OutageLog()}
     try:
         address = make_url(url)
         if address.get_backend_name() != "sqlite":
-            return create_engine(address, pool_pre_ping=True)
+            return create_engine(address, pool_pre_ping=True, execution_options=options)
         Path(address.database or "").parent.mkdir(parents=True, exist_ok=True)
     except (SQLAlchemyError, ImportError, OSError) as error:
         raise StoreUnavailable(error) from error
-    engine = create_engine(address)
+    engine = create_engine(address, execution_options=options)
     event.listen(engine, "connect", _configure)
     event.listen(engine, "begin", _begin)
     return engine
@@ -68,7 +81,7 @@ def reading(engine: Engine) -> Iterator[Connection]:
         with engine.connect().execution_options(**READ_ONLY) as connection, connection.begin():
             yield connection
     except SQLAlchemyError as error:
-        raise StoreUnavailable(error) from error
+        raise _noted(engine, error) from error
 
 
 @contextmanager
@@ -82,7 +95,45 @@ def writing(engine: Engine) -> Iterator[Connection]:
         with engine.begin() as connection:
             yield connection
     except SQLAlchemyError as error:
-        raise StoreUnavailable(error) from error
+        raise _noted(engine, error) from error
+    outage_log(engine).wrote()
+
+
+@contextmanager
+def probing(engine: Engine) -> Iterator[Connection]:
+    """Opens a write transaction that waits for other writers for a moment only.
+
+    Raises:
+        StoreUnavailable: The database cannot be written to now.
+    """
+    is_sqlite = engine.dialect.name == "sqlite"
+    try:
+        with engine.connect() as connection:
+            driver: Any = connection.connection.driver_connection
+            if is_sqlite:
+                driver.execute(f"PRAGMA busy_timeout = {PROBE_TIMEOUT_MS}")
+            try:
+                with connection.begin():
+                    if not is_sqlite:
+                        connection.exec_driver_sql(f"SET LOCAL lock_timeout = {PROBE_TIMEOUT_MS}")
+                    yield connection
+            finally:
+                if is_sqlite:
+                    driver.execute(f"PRAGMA busy_timeout = {BUSY_TIMEOUT_MS}")
+    except SQLAlchemyError as error:
+        raise _noted(engine, error) from error
+    outage_log(engine).wrote()
+
+
+def free_bytes(engine: Engine) -> float:
+    """Returns the room on the disk of a SQLite file [byte]; infinite for a server, which reports by itself."""
+    file = engine.url.database
+    return shutil.disk_usage(file).free if engine.dialect.name == "sqlite" and file else math.inf
+
+
+def outage_log(engine: Engine) -> OutageLog:
+    """Returns the log of the outages of an engine's database."""
+    return engine.get_execution_options()["fling_outage_log"]
 
 
 class Repository:
@@ -113,6 +164,13 @@ class Repository:
         """Returns the only value of `query`; None if there is none."""
         with reading(self._engine) as connection:
             return connection.execute(query).scalar_one_or_none()
+
+
+def _noted(engine: Engine, error: SQLAlchemyError) -> StoreUnavailable:
+    """Returns the store's error for one of SQLAlchemy, logged once an outage."""
+    unavailable = StoreUnavailable(error)
+    outage_log(engine).failed(unavailable.kind, str(error.__cause__ or error).splitlines()[0])
+    return unavailable
 
 
 def _configure(connection: Any, _record: object) -> None:

@@ -9,9 +9,9 @@ from typing import Any
 from sqlalchemy import Connection, delete, func, insert, select, update
 from sqlalchemy.exc import IntegrityError
 
-from store.database import Repository, StoreError, reading, writing
-from store.idempotency_and_audit import take_key
-from store.rows import EventRow, ExecutionRow, IdempotencyKey, RecordingRow, new_id
+from store.database import Repository, StoreError, writing
+from store.idempotency_and_audit import take_key, write_audit
+from store.rows import AuditLine, EventRow, ExecutionRow, IdempotencyKey, RecordingRow, new_id
 from store.tables import events, executions, experiments, plans, recordings
 
 UNFINISHED = executions.c.state != "finished"
@@ -52,8 +52,9 @@ class ExecutionRepository(Repository):
         requested_by: str = "",
         key: IdempotencyKey | None = None,
         experiment_id: str | None = None,
+        audit: AuditLine | None = None,
     ) -> ExecutionRow:
-        """Queues one execution of a plan, as part of an experiment if one is named.
+        """Queues one execution of a plan, as part of an experiment if one is named; the same transaction audits it.
 
         Raises:
             CellBusy: The cell has an unfinished execution.
@@ -62,7 +63,7 @@ class ExecutionRepository(Repository):
         """
         id, now = new_id(), time.time()
         row = {"id": id, "plan_id": plan_id, "cell": cell, "mode": mode, "dry_run": dry_run}
-        row |= {"experiment_id": experiment_id}
+        row |= {"experiment_id": experiment_id, "request_id": audit and audit.request_id}
         with writing(self._engine) as connection:
             take_key(connection, key, id, now)
             if connection.execute(select(plans.c.id).where(plans.c.id == plan_id)).one_or_none() is None:
@@ -74,6 +75,7 @@ class ExecutionRepository(Repository):
             except IntegrityError as error:
                 raise CellBusy(cell) from error
             _write_event(connection, id, "state", {"state": "queued"}, now)
+            write_audit(connection, audit, f"/executions/{id}")
             return _read_execution(connection, id)
 
     def execution(self, id: str) -> ExecutionRow | None:
@@ -93,13 +95,21 @@ class ExecutionRepository(Repository):
         """Returns the id of the cell's unfinished execution, or None."""
         return self._value(select(executions.c.id).where(executions.c.cell == cell, UNFINISHED))
 
-    def execution_counts(self) -> dict[str, int]:
-        """Returns the number of executions by outcome; unfinished ones count under their state."""
-        label = func.coalesce(executions.c.outcome, executions.c.state)
-        with reading(self._engine) as connection:
-            return {name: count for name, count in connection.execute(select(label, func.count()).group_by(label))}
+    def open_executions(self) -> list[ExecutionRow]:
+        """Returns the unfinished executions of all cells."""
+        return self._rows(ExecutionRow, select(executions).where(UNFINISHED))
 
-    def request_abort(self, id: str) -> ExecutionRow:
+    def latest_execution_id(self) -> str:
+        """Returns the id of the newest execution; empty without one."""
+        return self._value(select(func.max(executions.c.id))) or ""
+
+    def executions_after(self, id: str, limit: int = 1000) -> list[ExecutionRow]:
+        """Returns the executions that were queued after another, oldest first."""
+        return self._rows(
+            ExecutionRow, select(executions).where(executions.c.id > id).order_by(executions.c.id).limit(limit)
+        )
+
+    def request_abort(self, id: str, audit: AuditLine | None = None) -> ExecutionRow:
         """Requests a brake. A queued execution ends at once; a repeated request changes nothing.
 
         Raises:
@@ -110,7 +120,9 @@ class ExecutionRepository(Repository):
             requested = update(executions).where(executions.c.id == id, executions.c.abort_requested_at.is_(None))
             connection.execute(requested.where(UNFINISHED).values(abort_requested_at=now))
             _abort_unclaimed(connection, id, now)
-            return _read_execution(connection, id)
+            row = _read_execution(connection, id)
+            write_audit(connection, audit, f"/executions/{id}")
+            return row
 
     def abort_requested(self, id: str) -> bool:
         """Returns whether an abort was requested."""
@@ -173,15 +185,18 @@ class ExecutionRepository(Repository):
         query = select(events).where(events.c.execution_id == execution_id, events.c.id > after_id)
         return self._rows(EventRow, query.order_by(events.c.id).limit(limit))
 
-    def add_recording(self, execution_id: str, mcap: bytes, csv: bytes) -> None:
-        """Stores the recording of an execution and replaces an earlier one."""
+    def add_recording(self, execution_id: str, mcap: bytes, samples: bytes) -> None:
+        """Stores the recording of an execution, with samples from `pack_samples`, and replaces an earlier one."""
         with writing(self._engine) as connection:
             connection.execute(delete(recordings).where(recordings.c.execution_id == execution_id))
-            connection.execute(insert(recordings).values(execution_id=execution_id, mcap=mcap, csv=csv))
+            row = {"execution_id": execution_id, "mcap": mcap, "samples": samples, "csv": b""}
+            connection.execute(insert(recordings).values(**row))
 
     def recording(self, execution_id: str) -> RecordingRow | None:
         """Returns the recording of an execution."""
-        return self._row(RecordingRow, select(recordings).where(recordings.c.execution_id == execution_id))
+        columns = recordings.c.execution_id, recordings.c.mcap, recordings.c.samples
+        query = select(*columns, recordings.c.csv.label("earlier_csv"))
+        return self._row(RecordingRow, query.where(recordings.c.execution_id == execution_id))
 
 
 def _require_experiment(connection: Connection, id: str | None) -> None:

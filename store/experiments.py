@@ -9,9 +9,9 @@ from typing import Any
 from sqlalchemy import insert, select
 
 from store.database import Repository, writing
-from store.idempotency_and_audit import take_key
+from store.idempotency_and_audit import take_key, write_audit
 from store.plans import SUMMARY_COLUMNS
-from store.rows import ExecutionRow, ExperimentRow, IdempotencyKey, LandingRow, PlanRow, new_id
+from store.rows import AuditLine, ExecutionRow, ExperimentRow, IdempotencyKey, LandingRow, PlanRow, new_id
 from store.tables import executions, experiments, landings, plans
 
 
@@ -19,7 +19,12 @@ class ExperimentRepository(Repository):
     """Table `experiments`, and the executions that belong to one."""
 
     def add_experiment(
-        self, name: str, created_by: str, settings: Mapping[str, Any], key: IdempotencyKey | None = None
+        self,
+        name: str,
+        created_by: str,
+        settings: Mapping[str, Any],
+        key: IdempotencyKey | None = None,
+        audit: AuditLine | None = None,
     ) -> ExperimentRow:
         """Stores a new experiment.
 
@@ -28,6 +33,7 @@ class ExperimentRepository(Repository):
             created_by: Who created it.
             settings: What the client wants to keep with it, such as targets and repetitions.
             key: Idempotency key of the request.
+            audit: Who creates it.
 
         Raises:
             KeyTaken: `key` is bound to another experiment; nothing is stored.
@@ -36,6 +42,7 @@ class ExperimentRepository(Repository):
         with writing(self._engine) as connection:
             take_key(connection, key, row.id, row.created_at)
             connection.execute(insert(experiments).values(**vars(row)))
+            write_audit(connection, audit, f"/experiments/{row.id}")
         return row
 
     def experiment(self, id: str) -> ExperimentRow | None:

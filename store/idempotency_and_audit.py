@@ -6,9 +6,10 @@ import time
 from typing import Any
 
 from sqlalchemy import Connection, insert, select
+from sqlalchemy.dialects import postgresql, sqlite
 
 from store.database import Repository, StoreError, reading, writing
-from store.rows import IdempotencyKey
+from store.rows import AuditLine, IdempotencyKey
 from store.tables import audit, idempotency
 
 
@@ -39,10 +40,26 @@ def take_key(connection: Connection, key: IdempotencyKey | None, resource_id: st
     """
     if key is None:
         return
-    if (taken := _find(connection, key)) is not None:
-        raise KeyTaken(*taken)
-    row = {"scope": key.scope, "key": key.key, "body_sha256": key.body_sha256}
-    connection.execute(insert(idempotency).values(**row, resource_id=resource_id, created_at=at))
+    row = {"scope": key.scope, "key": key.key, "body_sha256": key.body_sha256, "resource_id": resource_id}
+    insert_row = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}[connection.dialect.name](idempotency)
+    unless_taken = insert_row.values(**row, created_at=at).on_conflict_do_nothing()  # waits for the same key's request
+    if connection.execute(unless_taken.returning(idempotency.c.key)).first() is not None:
+        return
+    taken = _find(connection, key)
+    assert taken is not None  # keys are deleted by retention only, which never deletes young ones
+    raise KeyTaken(*taken)
+
+
+def write_audit(connection: Connection, line: AuditLine | None, resource: str) -> None:
+    """Appends a line to the audit trail within the transaction of the act.
+
+    Args:
+        connection: The act's transaction.
+        line: Who does what; None where the act is nobody's, as in tests.
+        resource: Path of what was acted on.
+    """
+    if line is not None:
+        connection.execute(insert(audit).values(**{**vars(line), "resource": resource, "at": time.time()}))
 
 
 class ClientRepository(Repository):
@@ -60,11 +77,10 @@ class ClientRepository(Repository):
             raise KeyTaken(*found)
         return None if found is None else found[0]
 
-    def add_audit(self, who: str, action: str, resource: str, remote: str) -> None:
-        """Appends a line to the audit trail: who did what to which resource, from which address."""
+    def add_audit(self, line: AuditLine) -> None:
+        """Appends a line to the audit trail about what changed nothing: a refused act. Acts write theirs themselves."""
         with writing(self._engine) as connection:
-            line = {"at": time.time(), "who": who, "action": action, "resource": resource, "remote": remote}
-            connection.execute(insert(audit).values(**line))
+            write_audit(connection, line, line.resource)
 
     def audit_lines(self, limit: int = 100) -> list[dict[str, Any]]:
         """Returns the latest lines of the audit trail, newest first."""

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from sqlalchemy import insert, select
 
 from store.database import Repository, writing
-from store.idempotency_and_audit import take_key
-from store.rows import IdempotencyKey, LandingRow
+from store.idempotency_and_audit import take_key, write_audit
+from store.rows import AuditLine, IdempotencyKey, LandingRow
 from store.tables import landings
 
 
@@ -27,6 +27,7 @@ class LandingRepository(Repository):
         result: str | None = None,
         radius_m: float | None = None,
         key: IdempotencyKey | None = None,
+        audit: AuditLine | None = None,
     ) -> LandingRow:
         """Stores one observation, a position or a result; an id that is stored already changes nothing.
 
@@ -41,6 +42,7 @@ class LandingRepository(Repository):
             result: hit, edge or miss.
             radius_m: Radius of the target that the result is about [m].
             key: Idempotency key of the request.
+            audit: Who reports it.
 
         Raises:
             KeyTaken: `key` is bound to another observation; nothing is stored.
@@ -51,6 +53,7 @@ class LandingRepository(Repository):
             take_key(connection, key, id, at)
             if connection.execute(select(landings.c.id).where(landings.c.id == id)).one_or_none() is None:
                 connection.execute(insert(landings).values(**vars(row)))
+            write_audit(connection, audit, f"/executions/{execution_id}/landing")
         return row
 
     def landing(self, id: str) -> LandingRow | None:

@@ -70,6 +70,24 @@ STEPS: tuple[tuple[str, ...], ...] = (
             adopted_by TEXT NOT NULL)""",
         "CREATE INDEX adoptions_of_cell ON adoptions (cell, id)",
     ),
+    (
+        "ALTER TABLE plans ADD COLUMN request_id TEXT",
+        "ALTER TABLE executions ADD COLUMN request_id TEXT",
+        "ALTER TABLE audit ADD COLUMN request_id TEXT",
+        "ALTER TABLE audit ADD COLUMN outcome TEXT",
+        "ALTER TABLE audit ADD COLUMN reason TEXT",
+    ),
+    (
+        "ALTER TABLE plans ADD COLUMN samples {bytes}",
+        "ALTER TABLE recordings ADD COLUMN samples {bytes}",
+    ),
+    ("CREATE TABLE probes (id INTEGER PRIMARY KEY, at {float} NOT NULL)", "INSERT INTO probes VALUES (1, 0)"),
+    (
+        """CREATE TABLE cell_versions (
+            cell TEXT NOT NULL, version INTEGER NOT NULL, sha256 TEXT NOT NULL, text {bytes} NOT NULL,
+            calibration {bytes}, seen_at {float} NOT NULL, seen_by TEXT NOT NULL, PRIMARY KEY (cell, version))""",
+        "ALTER TABLE profiles ADD COLUMN cell_version INTEGER",
+    ),
 )
 
 LATEST = len(STEPS)

@@ -9,7 +9,8 @@ from store.idempotency_and_audit import take_key
 from store.rows import IdempotencyKey, PlanRow
 from store.tables import plans
 
-SUMMARY_COLUMNS = [column for column in plans.c if column.name != "document"]
+SUMMARY_COLUMNS = [column for column in plans.c if column.name not in ("document", "samples")]
+ALL_COLUMNS = [*SUMMARY_COLUMNS, plans.c.samples, plans.c.document.label("earlier_document")]
 
 
 class PlanRepository(Repository):
@@ -22,9 +23,10 @@ class PlanRepository(Repository):
         cell: str,
         cell_sha256: str,
         backend: str,
-        document: bytes,
-        summary: bytes | None = None,
+        summary: bytes,
+        samples: bytes | None = None,
         key: IdempotencyKey | None = None,
+        request_id: str | None = None,
     ) -> None:
         """Stores one plan.
 
@@ -34,21 +36,23 @@ class PlanRepository(Repository):
             cell: Name of the cell.
             cell_sha256: Hash of the cell file.
             backend: Back end that found the plan.
-            document: JSON of the whole plan.
-            summary: The document without its trajectory; the document itself by default.
+            summary: JSON of the plan without its trajectory.
+            samples: Its trajectory, from `pack_trajectory`.
             key: Idempotency key of the request.
+            request_id: Id of the request.
 
         Raises:
             KeyTaken: `key` is bound to another plan; nothing is stored.
         """
-        row = PlanRow(id, created_at, cell, cell_sha256, backend, document if summary is None else summary, document)
+        row = {"id": id, "created_at": created_at, "cell": cell, "cell_sha256": cell_sha256, "backend": backend}
+        row |= {"summary": summary, "document": b"", "samples": samples, "request_id": request_id}
         with writing(self._engine) as connection:
             take_key(connection, key, id, created_at)
-            connection.execute(insert(plans).values(**vars(row)))
+            connection.execute(insert(plans).values(**row))
 
     def plan(self, id: str) -> PlanRow | None:
         """Returns one plan with its trajectory."""
-        return self._row(PlanRow, select(plans).where(plans.c.id == id))
+        return self._row(PlanRow, select(*ALL_COLUMNS).where(plans.c.id == id))
 
     def plan_summary(self, id: str) -> PlanRow | None:
         """Returns one plan without its trajectory."""

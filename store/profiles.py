@@ -8,19 +8,29 @@ import time
 from sqlalchemy import insert, select
 
 from store.database import Repository, reading, writing
-from store.rows import ProfileRow, new_id
+from store.idempotency_and_audit import write_audit
+from store.rows import AuditLine, ProfileRow, new_id
 from store.tables import adoptions, profiles
 
 
 class ProfileRepository(Repository):
     """Tables `profiles` and `adoptions`."""
 
-    def add_profile(self, cell: str, cell_sha256: str, created_by: str, document: bytes) -> ProfileRow:
+    def add_profile(
+        self,
+        cell: str,
+        cell_sha256: str,
+        created_by: str,
+        document: bytes,
+        audit: AuditLine | None = None,
+        cell_version: int | None = None,
+    ) -> ProfileRow:
         """Stores one profile; it is not adopted by that."""
         hash = hashlib.sha256(document).hexdigest()
-        row = ProfileRow(new_id(), time.time(), cell, cell_sha256, created_by, hash, document)
+        row = ProfileRow(new_id(), time.time(), cell, cell_sha256, created_by, hash, document, cell_version)
         with writing(self._engine) as connection:
             connection.execute(insert(profiles).values(**vars(row)))
+            write_audit(connection, audit, f"/profiles/{row.id}")
         return row
 
     def profile(self, id: str) -> ProfileRow | None:
@@ -36,11 +46,12 @@ class ProfileRepository(Repository):
         query = select(profiles).where(profiles.c.cell == cell)
         return self._rows(ProfileRow, query.order_by(profiles.c.id.desc()).limit(limit))
 
-    def adopt_profile(self, cell: str, profile_id: str | None, who: str) -> None:
+    def adopt_profile(self, cell: str, profile_id: str | None, who: str, audit: AuditLine | None = None) -> None:
         """Makes a cell use a profile from now on; None: the cell file's numbers again."""
         line = {"at": time.time(), "cell": cell, "profile_id": profile_id, "adopted_by": who}
         with writing(self._engine) as connection:
             connection.execute(insert(adoptions).values(**line))
+            write_audit(connection, audit, f"/cells/{cell}/profiles/{profile_id or ''}")
 
     def adopted_profile(self, cell: str) -> ProfileRow | None:
         """Returns the profile that a cell uses; None where it uses the cell file's numbers."""

@@ -9,6 +9,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from store.samples import join_plan, samples_csv
+
 HEARTBEAT_FRESH_S = 2.0  # [s] an executor beats several times a second
 
 
@@ -25,7 +27,13 @@ def new_id() -> str:
 
 @dataclass(frozen=True)
 class PlanRow:
-    """One plan. `document` is its JSON; `summary` is the same without the trajectory, and all that lists contain."""
+    """One plan.
+
+    Attributes:
+        summary: Its JSON without the trajectory, and all that lists contain.
+        samples: Its trajectory; see `store.samples`. Empty where it was not read.
+        earlier_document: Its whole JSON, where an earlier version of Fling stored it so.
+    """
 
     id: str
     created_at: float
@@ -33,7 +41,14 @@ class PlanRow:
     cell_sha256: str
     backend: str
     summary: bytes
-    document: bytes = b""
+    request_id: str | None = None
+    samples: bytes | None = None
+    earlier_document: bytes = b""
+
+    @property
+    def document(self) -> bytes:
+        """The whole JSON; the summary where the trajectory was not read."""
+        return self.earlier_document or (join_plan(self.summary, self.samples) if self.samples else self.summary)
 
 
 @dataclass(frozen=True)
@@ -56,6 +71,7 @@ class ExecutionRow:
     metrics: Mapping[str, Any] | None
     finished_at: float | None
     experiment_id: str | None = None
+    request_id: str | None = None
 
 
 @dataclass(frozen=True)
@@ -71,11 +87,23 @@ class EventRow:
 
 @dataclass(frozen=True)
 class RecordingRow:
-    """Planned and measured motion, one sample per tick, in two formats."""
+    """Planned and measured motion, one sample per tick: as MCAP, and as samples.
+
+    Attributes:
+        mcap: For Foxglove.
+        samples: The rows; see `store.samples`.
+        earlier_csv: The rows, where an earlier version of Fling stored them so.
+    """
 
     execution_id: str
     mcap: bytes
-    csv: bytes
+    samples: bytes | None
+    earlier_csv: bytes = b""
+
+    @property
+    def csv(self) -> bytes:
+        """The rows as CSV."""
+        return samples_csv(self.samples) if self.samples else self.earlier_csv
 
 
 @dataclass(frozen=True)
@@ -118,6 +146,20 @@ class ProfileRow:
     created_by: str
     sha256: str
     document: bytes
+    cell_version: int | None = None
+
+
+@dataclass(frozen=True)
+class CellVersionRow:
+    """One version of a cell's files, from when on it was seen, and by whom."""
+
+    cell: str
+    version: int
+    sha256: str
+    text: bytes
+    calibration: bytes | None
+    seen_at: float
+    seen_by: str
 
 
 @dataclass(frozen=True)
@@ -139,6 +181,29 @@ class CellRow:
     def is_alive(self) -> bool:
         """Whether the last heartbeat is younger than `HEARTBEAT_FRESH_S`."""
         return time.time() - self.heartbeat_at < HEARTBEAT_FRESH_S
+
+
+@dataclass(frozen=True)
+class AuditLine:
+    """Who did what, or was refused it.
+
+    Attributes:
+        who: Name of the token; "local" without tokens, "unknown" with a wrong one.
+        action: Such as "execute" or "abort".
+        remote: Address of the client.
+        request_id: Id of the HTTP request.
+        resource: Path of what was acted on.
+        outcome: "done", or the type of the problem.
+        reason: Why it was refused.
+    """
+
+    who: str
+    action: str
+    remote: str
+    request_id: str | None = None
+    resource: str = ""
+    outcome: str = "done"
+    reason: str | None = None
 
 
 @dataclass(frozen=True)

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import errno
+import time
 from typing import Self
 
-from sqlalchemy import text
+from sqlalchemy import text, update
 
 from store import migrations
 from store.cell_status import CellStatusRepository
-from store.database import StoreError, StoreUnavailable, open_engine, reading
+from store.cell_versions import CellVersionRepository
+from store.database import StoreError, StoreUnavailable, free_bytes, open_engine, outage_log, probing, reading
 from store.executions import ExecutionRepository
 from store.experiments import ExperimentRepository
 from store.idempotency_and_audit import ClientRepository
 from store.landings import LandingRepository
 from store.plans import PlanRepository
 from store.profiles import ProfileRepository
+from store.retention import RetentionRepository
+from store.tables import probes
+
+FREE_MIN_BYTES = 20e6  # [byte] some hundred plans; the write-ahead log alone may grow to 4 MB
 
 
 class Store(
@@ -25,6 +32,8 @@ class Store(
     CellStatusRepository,
     ClientRepository,
     ProfileRepository,
+    RetentionRepository,
+    CellVersionRepository,
 ):
     """Plans, executions, events, recordings, experiments, landings, profiles, cell status, keys and the audit trail.
 
@@ -48,6 +57,7 @@ class Store(
         except (RuntimeError, StoreError):
             engine.dispose()
             raise
+        outage_log(engine).is_muted = False
         return cls(engine)
 
     @staticmethod
@@ -67,6 +77,17 @@ class Store(
         except StoreUnavailable:
             return False
         return True
+
+    def check_writable(self) -> None:
+        """Writes one row; a database that is locked is waited for a moment only.
+
+        Raises:
+            StoreUnavailable: The database cannot be written to, or has no room left, with the kind of the outage.
+        """
+        with probing(self._engine) as connection:
+            connection.execute(update(probes).values(at=time.time()))
+        if free_bytes(self._engine) < FREE_MIN_BYTES:
+            raise StoreUnavailable(OSError(errno.ENOSPC, "less than 20 MB are left"))
 
     def close(self) -> None:
         """Closes all connections."""

@@ -23,7 +23,9 @@ plans = Table(  # written by api, never changed
     Column("cell_sha256", Text, nullable=False),
     Column("backend", Text, nullable=False),
     Column("summary", LargeBinary, nullable=False),  # the document without its trajectory
-    Column("document", LargeBinary, nullable=False),
+    Column("document", LargeBinary, nullable=False),  # the whole document of an earlier version; else empty
+    Column("request_id", Text),  # of the HTTP request that made it
+    Column("samples", LargeBinary),  # the trajectory; see `store.samples`
 )
 
 experiments = Table(  # written by api, never changed
@@ -55,6 +57,7 @@ executions = Table(
     Column("metrics", JSON(none_as_null=True)),  # executor
     Column("finished_at", Double),  # executor
     Column("experiment_id", Text, ForeignKey("experiments.id")),  # api
+    Column("request_id", Text),  # api
 )
 executions_of_experiment = Index("executions_of_experiment", executions.c.experiment_id)
 
@@ -83,7 +86,8 @@ recordings = Table(  # written by executor
     METADATA,
     Column("execution_id", Text, ForeignKey("executions.id"), primary_key=True),
     Column("mcap", LargeBinary, nullable=False),
-    Column("csv", LargeBinary, nullable=False),
+    Column("csv", LargeBinary, nullable=False),  # the rows of an earlier version; else empty
+    Column("samples", LargeBinary),  # the rows; see `store.samples`
 )
 
 landings = Table(  # written by api; by executor for what a simulated camera observed; never changed
@@ -135,6 +139,9 @@ audit = Table(  # written by api, append only
     Column("action", Text, nullable=False),
     Column("resource", Text, nullable=False),
     Column("remote", Text, nullable=False),
+    Column("request_id", Text),
+    Column("outcome", Text),  # "done", or the problem that it was refused with; null: done, by an earlier version
+    Column("reason", Text),  # of a refusal
 )
 
 profiles = Table(  # written by api, never changed
@@ -147,6 +154,7 @@ profiles = Table(  # written by api, never changed
     Column("created_by", Text, nullable=False),
     Column("sha256", Text, nullable=False),  # of the document
     Column("document", LargeBinary, nullable=False),
+    Column("cell_version", Integer),  # null: of an earlier version of Fling
 )
 profiles_of_cell = Index("profiles_of_cell", profiles.c.cell, profiles.c.id)
 
@@ -160,3 +168,22 @@ adoptions = Table(  # written by api, append only; a cell's newest line is what 
     Column("adopted_by", Text, nullable=False),
 )
 adoptions_of_cell = Index("adoptions_of_cell", adoptions.c.cell, adoptions.c.id)
+
+probes = Table(  # written by api: one row, to see whether the database can be written to
+    "probes",
+    METADATA,
+    Column("id", Integer, primary_key=True, autoincrement=False),
+    Column("at", Double, nullable=False),
+)
+
+cell_versions = Table(  # written by api and executor, append only: whoever sees a version first
+    "cell_versions",
+    METADATA,
+    Column("cell", Text, primary_key=True),
+    Column("version", Integer, primary_key=True, autoincrement=False),
+    Column("sha256", Text, nullable=False),
+    Column("text", LargeBinary, nullable=False),
+    Column("calibration", LargeBinary),
+    Column("seen_at", Double, nullable=False),
+    Column("seen_by", Text, nullable=False),
+)

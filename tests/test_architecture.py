@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-ROOMS = ("planner", "store", "learning", "api", "executor", "benchmarks")
+ROOMS = ("fling", "planner", "store", "learning", "api", "executor", "benchmarks")
 FOLDERS = (*ROOMS, "tests", "docs")  # that hold code of this project
 FUNCTION_LINES_MAX = 40
 MODULE_LINES_MAX = 400
@@ -24,6 +24,8 @@ FOLDER_MODULES_MAX = 15
 # contract: (module of the copy, the module that a forbidden import of it names). One line each; every wing has one.
 PLANTED = {
     "rooms": ("api/routes/plans.py", "executor.stream_job"),
+    "fling-levels": ("fling/ros.py", "fling.planning"),
+    "fling-without-service": ("fling/planning.py", "store"),
     "learning-levels": ("learning/recordings.py", "learning.timing"),
     "learning-without-web": ("learning/recordings.py", "casadi"),
     "planner-levels": ("planner/certificate/__init__.py", "planner.backends.ruckig_otg"),
@@ -93,6 +95,7 @@ PLANTED = {
 
 # Packages that other packages enter by `__init__` alone: they import nothing deeper, and nothing outside `__all__`.
 FACES = (
+    "fling",
     "planner.search",
     "planner.backends.casadi_nlp",
     "planner.backends.ruckig_otg",

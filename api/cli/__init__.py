@@ -6,6 +6,8 @@ from importlib import import_module
 
 import click
 
+from api.cli.support.errors import FlingGroup
+
 __all__ = ["COMMANDS", "main"]
 
 # name: (module, attribute, summary); the summaries are here so that `fling --help` imports nothing else.
@@ -31,7 +33,7 @@ COMMANDS = {
 }
 
 
-class LazyGroup(click.Group):
+class LazyGroup(FlingGroup):
     """A group that imports its commands when they are called."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -56,4 +58,7 @@ def main() -> None:
     """Plan a throw for a Universal Robots arm, get it certified, stream it to the arm.
 
     Settings come from FLING_* environment variables; flags override them. Software stop is not a safety function.
+
+    Exit status: 0 done; 1 wrong input, missing file or not reachable; 2 infeasible; 3 solver failed; 4 executed, but
+    not completed; 64 wrong command line. With --json errors are JSON on standard error.
     """

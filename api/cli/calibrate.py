@@ -27,12 +27,18 @@ TRIES = 5  # candidates for each throw; the surroundings forbid some
 EYE_STD_M = 0.01  # [m] of a position that a person reports
 PROPOSED = ("lag_s", "lag_std_s", "gain", "delay_s", "delay_std_s", "jitter_s", "jitter_std_s", "speed_factor",
             "speed_factor_std", "landing_offset_m", "landing_offset_std_m", "drag_coefficient", "base_turn_rad",
-            "cell_file", "evidence", "adopted")  # fmt: skip
+            "landing_error_before_m", "landing_error_after_m", "cell_file", "evidence", "adopted")  # fmt: skip
 
 
 def json_option(command: Any) -> Any:
     """Adds the option --json to a command."""
     return click.option("--json", "as_json", is_flag=True, help="Answer as JSON.")(command)
+
+
+def picture_option(command: Any) -> Any:
+    """Adds the option --picture to a command."""
+    kind = click.Path(dir_okay=False, writable=True, path_type=Path)
+    return click.option("--picture", type=kind, help="SVG of the landings, before and after.")(command)
 
 
 @click.group()
@@ -68,9 +74,12 @@ def lag(
 @click.option("--cell", required=True, help="Cell.")
 @click.option("--throws", type=click.IntRange(2, 100), default=THROWS, show_default=True, help="Number of throws.")
 @click.option("--adopt", is_flag=True, help="Use the profile from now on.")
+@picture_option
 @json_option
 @service_options
-def gripper(cell: str, throws: int, adopt: bool, as_json: bool, url: str | None, token: str | None) -> None:
+def gripper(
+    cell: str, throws: int, adopt: bool, picture: Path | None, as_json: bool, url: str | None, token: str | None
+) -> None:
     """Measure the gripper's delay and jitter by soonest throws to targets all around, no two alike.
 
     **It throws.** A robust throw is blind to the delay that it protects against. On a real arm you are asked to put an
@@ -82,18 +91,19 @@ def gripper(cell: str, throws: int, adopt: bool, as_json: bool, url: str | None,
             text = _throw_and_observe(client, plan, document["link"]["kind"] == "sim")
             if not as_json:
                 click.echo(f"throw {i} of {throws}: {text}")
-        _propose(client, cell, adopt, as_json)
+        _propose(client, cell, adopt, as_json, picture)
 
 
 @calibrate.command()
 @click.option("--cell", required=True, help="Cell.")
 @click.option("--adopt", is_flag=True, help="Use the profile from now on.")
+@picture_option
 @json_option
 @service_options
-def landings(cell: str, adopt: bool, as_json: bool, url: str | None, token: str | None) -> None:
+def landings(cell: str, adopt: bool, picture: Path | None, as_json: bool, url: str | None, token: str | None) -> None:
     """Learn from every execution and landing that is known already; nothing moves."""
     with ServiceClient(service_url(url), token) as client:
-        _propose(client, cell, adopt, as_json)
+        _propose(client, cell, adopt, as_json, picture)
 
 
 def _soonest_plans(client: ServiceClient, cell: dict[str, Any], count: int) -> Iterator[dict[str, Any]]:
@@ -147,13 +157,19 @@ def _estimate(client: ServiceClient, cell: str, adopt: bool) -> dict[str, Any]:
     return {**profile, "adopted": adopt}
 
 
-def _propose(client: ServiceClient, cell: str, adopt: bool, as_json: bool) -> None:
-    """Estimates a profile, prints it, and says how to adopt it."""
+def _propose(client: ServiceClient, cell: str, adopt: bool, as_json: bool, picture: Path | None) -> None:
+    """Estimates a profile, prints it, draws its landings, and says how to adopt it."""
+    from api.report import explained_svg
+
     profile = _estimate(client, cell, adopt)
+    if picture is not None:
+        picture.write_text(explained_svg(profile["landings"]))
     if as_json:
         click.echo(json.dumps({"cell": cell, "profile": profile["id"], **{k: profile[k] for k in PROPOSED}}))
         return
     click.echo(profile_text(profile))
+    if picture is not None:
+        click.echo(f"landings before and after: {picture}")
     if not adopt:
         click.echo(f"to use it: fling profile adopt {profile['id']}")
 
@@ -226,7 +242,17 @@ def _lag_text(found: dict[str, Any]) -> str:
         lines.append(found["advice"] or f"as in the cell file: timing.lag_s = {found['assumed_lag_s']:g}")
     else:
         lines.append(f"for the cell file: timing.lag_s = {found['lag_s']:.4f}")
-    return "\n".join(lines)
+    return "\n".join([*lines, *_lag_change_text(found)])
+
+
+def _lag_change_text(found: dict[str, Any]) -> list[str]:
+    """Returns what the measured lag changes: by how much a joint was behind its plan, and is then."""
+    if "assumed_lag_s" not in found:
+        return []
+    before, after = abs(found["lag_s"] - found["assumed_lag_s"]), found["lag_std_s"]
+    return [
+        f"a joint at 1 rad/s was {1e3 * before:.2f} mrad off its plan, and is within {1e3 * after:.2f} with this lag"
+    ]
 
 
 def _milliseconds(timing: dict[str, Any]) -> str:
@@ -314,4 +340,15 @@ def profile_text(row: dict[str, Any]) -> str:
         f"  base {1e3 * offset[0]:.1f} ± {1e3 * spread[0]:.1f}, {1e3 * offset[1]:.1f} ± {1e3 * spread[1]:.1f} mm off, "
         f"turned by {1e3 * row['base_turn_rad']:.1f} ± {1e3 * row['base_turn_std_rad']:.1f} mrad",
     ]
-    return "\n".join(lines)
+    return "\n".join([*lines, *_explained_text(row)])
+
+
+def _explained_text(row: dict[str, Any]) -> list[str]:
+    """Returns how far the observed landings were from the plans, and are from what the profile expects."""
+    before, after = row.get("landing_error_before_m"), row.get("landing_error_after_m")
+    if before is None or after is None:
+        return []
+    return [
+        f"  landings {1e3 * before:.0f} mm from where they were planned in the median, {1e3 * after:.0f} mm from where "
+        "this profile expects them"
+    ]

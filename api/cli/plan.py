@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, allow_dash=True, path_type=Path))
 @click.option("--cells", type=click.Path(exists=True, file_okay=False, path_type=Path), help="FLING_CELLS.")
 @click.option("--cell", help="Cell of a request that names none; default: FLING_DEFAULT_CELL.")
-def plan(file: Path, cells: Path | None, cell: str | None) -> None:
+@click.option("--odds", type=click.FloatRange(0.0, 1.0), help="min_hit_probability of the request [-].")
+def plan(file: Path, cells: Path | None, cell: str | None, odds: float | None) -> None:
     """Plan the request in FILE (JSON as for POST /plan; - reads standard input) and write the plan to standard output.
 
     Standard error has a summary; or the problem (JSON), with exit status 2 for an infeasible request, 3 where its time
@@ -30,7 +31,8 @@ def plan(file: Path, cells: Path | None, cell: str | None) -> None:
     from planner.errors import PlannerError
 
     try:
-        planned = _plan(_read(file), cells, cell)
+        body = _read(file)
+        planned = _plan(body if odds is None else body.model_copy(update={"min_hit_probability": odds}), cells, cell)
     except (ProblemDetails, PlannerError) as error:
         problem = translate(error)
         click.echo(json.dumps(problem_document(problem, str(file)), indent=2), err=True)

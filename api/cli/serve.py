@@ -6,11 +6,16 @@ import os
 import sys
 import time
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from api.cli.simulator import truth_arguments, truth_options
+from api.cli.simulator import OTHER_HOST, truth_arguments, truth_options
+from api.cli.support.addresses import SIMULATOR_PORTS
+from api.cli.support.terminal import BAD, GOOD, say
+
+if TYPE_CHECKING:
+    from planner.cell import ControllerAddress
 
 
 @click.command()
@@ -18,13 +23,24 @@ from api.cli.simulator import truth_arguments, truth_options
 @click.option("--port", type=int, help="Port of the service; default: FLING_PORT, or 8000.")
 @truth_options
 def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> None:
-    """Run simulated controller, executor, service, SQLite and web page on this machine until Ctrl-C."""
-    from api.cli.support.processes import ChildFailed, ChildProcesses, catch_signals, start_all
-    from api.settings import ServiceSettings
+    """Run simulated controller, executor, service, SQLite and web page on this machine until Ctrl-C.
 
-    settings = ServiceSettings()
+    A process that ends by itself is started again, and named; one that ends again and again stops everything.
+    """
+    from api.cli.support.addresses import require_free
+    from api.cli.support.processes import ChildFailed, ChildProcesses, catch_signals, start_all
+    from api.settings import SettingsError, read_settings
+
+    try:
+        settings = read_settings(default_cell=cell, port=port)
+    except SettingsError as error:
+        raise click.ClickException(str(error)) from error
     name, number = cell or settings.default_cell, port or settings.port
-    simulated = _prepare(settings.cells, name, settings.database_url)
+    address = _prepare(settings.cells, name, settings.database_url)
+    simulated = address.kind == "sim"
+    require_free(settings.host, [number], "the service", "or choose another port: --port")
+    if simulated:
+        require_free(address.host, SIMULATOR_PORTS, "the simulated controller", f"or {OTHER_HOST}")
     host = "127.0.0.1" if settings.host == "0.0.0.0" else settings.host
     url = f"http://{host}:{number}"
     environment = {
@@ -32,16 +48,18 @@ def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> 
         "FLING_CELLS": str(settings.cells),
         "FLING_DEFAULT_CELL": name,
         "FLING_DATABASE_URL": settings.database_url,
+        "FLING_REQUEST_LOG": os.environ.get("FLING_REQUEST_LOG", "off"),  # the terminal is for people
     }
     catch_signals()
     try:
         with ChildProcesses(environment) as children:
             start_all(children, settings.cells, name, url, simulated, truth_arguments(truth, reveal))
-            click.echo(f"\nFling is up: {url}    (OpenAPI: {url}/docs)")
-            click.echo("try: fling throw 1.2 0.3 0.0\nCtrl-C stops all.")
+            say(f"\nFling is up: {url}    (OpenAPI: {url}/docs)", GOOD)
+            say("try: fling throw 1.2 0.3 0.0\nCtrl-C stops all.")
             while True:
                 time.sleep(0.5)
-                children.check()
+                for sentence in children.revive():
+                    say(f"fling: {sentence}", BAD, err=True)
     except KeyboardInterrupt:
         click.echo("\nstopped.")
     except ChildFailed as error:
@@ -61,9 +79,15 @@ def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> 
 def serve(**flags: object) -> None:
     """Run the service alone: HTTP on one address, with its planner processes."""
     from api.app import serve as run
-    from api.settings import ServiceSettings
+    from api.cli.support.addresses import require_free
+    from api.settings import SettingsError, read_settings
 
-    sys.exit(run(ServiceSettings(**{name: value for name, value in flags.items() if value is not None})))  # type: ignore[arg-type]
+    try:
+        settings = read_settings(**flags)
+    except SettingsError as error:
+        raise click.ClickException(str(error)) from error
+    require_free(settings.host, [settings.port], "the service", "or choose another port: --port")
+    sys.exit(run(settings))
 
 
 @click.command()
@@ -81,21 +105,21 @@ def doctor(cell: str | None) -> None:
     _exec("executor", "--doctor", *(["--cell", cell] if cell else []))
 
 
-def _prepare(cells: Path, name: str, database_url: str) -> bool:
-    """Checks the cell and migrates the database. Returns whether the cell is simulated."""
+def _prepare(cells: Path, name: str, database_url: str) -> ControllerAddress:
+    """Checks the cell and migrates the database. Returns the address of the cell's controller."""
     from api.cli.support.processes import cell_path
     from planner.cell import load_cell
     from planner.errors import CellError
     from store import Store, StoreError
 
     try:
-        simulated = load_cell(cell_path(cells, name)).link.kind == "sim"
+        address = load_cell(cell_path(cells, name)).link
         Store.upgrade(database_url)
     except (CellError, StoreError, RuntimeError) as error:
         raise click.ClickException(str(error)) from error
-    return simulated
+    return address
 
 
 def _exec(module: str, *arguments: str) -> NoReturn:
     """Replaces this process by `python -m module`, so that signals reach it directly."""
-    os.execv(sys.executable, [sys.executable, "-m", module, *arguments])
+    os.execv(sys.executable, [sys.executable, "-P", "-m", module, *arguments])

@@ -11,7 +11,11 @@ from typing import Any
 
 import click
 
+from api.cli.support.errors import FlingGroup
+from api.cli.throw import service_options, service_url
+
 CONTROL_PORT = 29900  # of the simulator alone; source: docs/simulator.md
+OTHER_HOST = "give its cell file another loopback address: link.host, such as 127.0.0.2"
 TIMEOUT_S = 5.0  # [s] the simulator answers at once
 
 
@@ -29,22 +33,67 @@ def truth_arguments(truth: Path | None, reveal: bool) -> list[str]:
     return [*(["--truth", str(truth)] if truth else []), *(["--reveal"] if reveal else [])]
 
 
-@click.group(invoke_without_command=True)
+def _controller_options(command: Any) -> Any:
+    """Adds the simulator's own options, which are passed through to it."""
+    kind = click.Path(exists=True, file_okay=False, path_type=Path)
+    for option in (
+        click.option("--strict-clock", is_flag=True, help="The clock never slips, for machines that do not stall."),
+        click.option("--no-remote-control", is_flag=True, help="Remote control is off in the settings."),
+        click.option("--programs", type=kind, help="Folder of stored programs (NAME.script) for the dashboard."),
+    ):
+        command = option(command)
+    return command
+
+
+@click.group(cls=FlingGroup, invoke_without_command=True)
 @click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL.")
 @click.option("--host", help="Loopback address to listen on; default: the cell's link.host.")
+@click.option("--profile", help="Behave as this profile says: its id, or a file from `fling profile show --json`.")
 @truth_options
+@_controller_options
+@service_options
 @click.pass_context
-def sim(context: click.Context, cell: str | None, host: str | None, truth: Path | None, reveal: bool) -> None:
-    """Run a simulated controller; `fault` causes a fault in a running one, `state` shows its state."""
+def sim(context: click.Context, cell: str | None, host: str | None, **given: Any) -> None:
+    """Run a simulated controller; `fault` causes a fault in a running one, `state` shows its state.
+
+    With --profile it is a timing twin of the real cell: what was learnt of it is how the simulated one behaves, and
+    hidden from planner and executor. The cell file must say kind = "sim": give the twin a copy of the real cell's.
+    """
+    from api.cli.support.addresses import SIMULATOR_PORTS, require_free
     from api.cli.support.processes import cell_path
     from api.settings import ServiceSettings
 
     settings = ServiceSettings()
     path = cell_path(settings.cells, cell or settings.default_cell)
     if context.invoked_subcommand is None:
-        arguments = ["--cell", str(path), *(["--host", host] if host else []), *truth_arguments(truth, reveal)]
-        os.execv(sys.executable, [sys.executable, "-m", "executor.simulator", *arguments])
+        advice = f"or choose another loopback address: --host 127.0.0.2, and {OTHER_HOST}"
+        require_free(host or _host(path), SIMULATOR_PORTS, "the simulated controller", advice)
+        arguments = ["--cell", str(path), *(["--host", host] if host else []), *_behaviour(**given)]
+        os.execv(sys.executable, [sys.executable, "-P", "-m", "executor.simulator", *arguments])
     context.obj = lambda: host or _host(path)
+
+
+def _behaviour(
+    profile: str | None,
+    truth: Path | None,
+    reveal: bool,
+    programs: Path | None,
+    no_remote_control: bool,
+    strict_clock: bool,
+    url: str | None,
+    token: str | None,
+) -> list[str]:
+    """Returns the arguments that tell a simulated controller how to behave."""
+    from api.cli.support.client import ServiceClient
+    from api.cli.support.twin import read_profile, twin_file
+
+    if profile is not None and truth is not None:
+        raise click.UsageError("--profile is a truth of its own: it does not go together with --truth")
+    if profile is not None:
+        truth = Path(twin_file(read_profile(profile, lambda: ServiceClient(service_url(url), token))))
+    arguments = [*truth_arguments(truth, reveal), *(["--programs", str(programs)] if programs else [])]
+    flags = {"--no-remote-control": no_remote_control, "--strict-clock": strict_clock}
+    return arguments + [name for name, on in flags.items() if on]
 
 
 def _host(path: Path) -> str:

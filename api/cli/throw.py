@@ -10,12 +10,14 @@ from typing import Any
 
 import click
 
+from api.cli.support.errors import Coordinate
 from api.cli.support.exit_status import NotCompleted
 from api.cli.support.progress import execute_plan, make_plan
 from api.cli.support.series import LOAD_HELP, LoadStep, load_step, read_targets, run_series, series_text
 from api.cli.support.summary import landing_text
 
 DEFAULT_URL = "http://127.0.0.1:8000"
+ODDS_HELP = "Least probability of a hit within --tolerance [-]; a later release where the soonest has less."
 BIN_HELP = "Throw into a round bin: its inner radius, and the height of its rim above X Y Z, the bottom's centre [m]."
 
 
@@ -33,7 +35,7 @@ def service_url(url: str | None) -> str:
 
 
 @click.command(context_settings={"ignore_unknown_options": True})  # negative coordinates are not options
-@click.argument("position", nargs=-1, type=float, metavar="X Y Z")
+@click.argument("position", nargs=-1, type=Coordinate(), metavar="X Y Z")
 @click.option("--targets", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="File: X Y Z a line [m].")
 @click.option("--repeat", type=click.IntRange(1, 10000), help="Throw this often at each target, as one experiment.")
 @click.option("--load", help=LOAD_HELP)
@@ -45,6 +47,7 @@ def service_url(url: str | None) -> str:
 @click.option("--window", type=float, help="A release early or late by up to this [s] still lands …")
 @click.option("--tolerance", type=float, help="… within this distance of the target [m].")
 @click.option("--soonest", is_flag=True, help="Release as soon as possible, on time: --window 0.")
+@click.option("--odds", type=click.FloatRange(0.0, 1.0), help=ODDS_HELP)
 @click.option("--bin", nargs=2, type=float, metavar="RADIUS RIM", help=BIN_HELP)
 @service_options
 def throw(
@@ -60,13 +63,15 @@ def throw(
     window: float | None,
     tolerance: float | None,
     soonest: bool,
+    odds: float | None,
     bin: tuple[float, float] | None,
     url: str | None,
     token: str | None,
 ) -> None:
     """Plan a throw that lands on X Y Z [m, world frame], execute it, and print where it landed.
 
-    By default the object lands near the target also if the gripper opens a little early or late. --repeat and --targets
+    By default the object lands near the target also if the gripper opens a little early or late. --odds 0.9 asks for
+    the soonest release of those tried that hits with nine in ten at least. --repeat and --targets
     make a series of it, with one record: GET /experiments/{id}.
     """
     from api.cli.support.client import ServiceClient
@@ -80,6 +85,7 @@ def throw(
     request: dict[str, Any] = {"cell": cell} if cell else {}
     request |= {"release_window_s": 0.0 if soonest else window} if soonest or window is not None else {}
     request |= {"landing_tolerance_m": tolerance} if tolerance is not None else {}
+    request |= {"min_hit_probability": odds} if odds is not None else {}
     places = [position] if targets is None else read_targets(targets)
     requests = [{**request, "release": _target(place, bin)} for place in places]
     with ServiceClient(service_url(url), token) as client:

@@ -1,5 +1,6 @@
-"""HTTP in general, whatever the resource: errors, middleware, tokens, content negotiation, OpenAPI."""
+"""HTTP in general, whatever the resource: errors, middleware, tokens, content negotiation, OpenAPI, the server."""
 
+from api.http.draining import DrainingMiddleware
 from api.http.errors import (
     PROBLEM_TYPES,
     ProblemDetails,
@@ -9,27 +10,54 @@ from api.http.errors import (
     problem_document,
     translate,
 )
+from api.http.head import HeadMiddleware
+from api.http.json_body import StrictJsonRoute
 from api.http.middleware import SecurityMiddleware
-from api.http.negotiation import preferred_media_type
-from api.http.openapi import json_answer, openapi_schema, problem_answers
-from api.http.tokens import Caller, StoredToken, create_token, find_caller, read_tokens
+from api.http.negotiation import has_current, preferred_media_type, unchanging
+from api.http.openapi import json_answer, openapi_schema, operation_id, problem_answers
+from api.http.request_log import RequestLogMiddleware, RequestRecord, client_address
+from api.http.server import KEEP_ALIVE_S, ProblemProtocol
+from api.http.tokens import (
+    Caller,
+    StoredToken,
+    TokenRegistry,
+    create_token,
+    find_token,
+    read_tokens,
+    revoke_token,
+)
+from api.http.wrong_tokens import WrongTokens
 
 __all__ = [
+    "KEEP_ALIVE_S",
     "PROBLEM_TYPES",
     "Caller",
+    "DrainingMiddleware",
+    "HeadMiddleware",
     "ProblemDetails",
+    "ProblemProtocol",
+    "RequestLogMiddleware",
+    "RequestRecord",
     "SecurityMiddleware",
     "StoredToken",
+    "StrictJsonRoute",
+    "TokenRegistry",
+    "WrongTokens",
+    "client_address",
     "create_token",
-    "find_caller",
+    "find_token",
+    "has_current",
     "install_error_handlers",
     "invalid_field",
     "invalid_request",
     "json_answer",
     "openapi_schema",
+    "operation_id",
     "preferred_media_type",
     "problem_answers",
     "problem_document",
     "read_tokens",
+    "revoke_token",
     "translate",
+    "unchanging",
 ]

@@ -16,14 +16,15 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response
 from starlette.exceptions import HTTPException
 
-from api.planning import PlanningQueueFull
+from api.planning import PlanningEnded, PlanningQueueFull
 from planner.errors import BackendUnavailable, CellError, Infeasible, InvalidProblem, SolverFailed
 from store import CellBusy, KeyTaken, StoreUnavailable, UnknownExecution, UnknownExperiment, UnknownPlan
 
 MEDIA_TYPE = "application/problem+json"
 BODY_LIMIT_BYTES = 1_000_000  # [byte] far above the few hundred bytes of a request
 BODY_TOO_LARGE = f"the body is larger than {BODY_LIMIT_BYTES} bytes"
-UNION_TAGS = {"float", "int", "pose", "point", "joint", "target", "body"}  # of unions, in pydantic's error locations
+# of unions, in pydantic's error locations
+UNION_TAGS = {"float", "constrained-float", "int", "pose", "point", "joint", "target", "body"}
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,7 @@ class ProblemType:
 
 
 PROBLEM_TYPES: dict[str, ProblemType] = {
+    "bad-request": ProblemType(400, "Not HTTP", "What arrived on the connection is no HTTP request."),
     "unauthenticated": ProblemType(
         401, "A token is needed", "Send 'Authorization: Bearer <token>'. Create a token with 'fling token create'."
     ),
@@ -47,6 +49,12 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
     ),
     "method-not-allowed": ProblemType(
         405, "Method not allowed", "The address exists, but does not accept this method; see /docs."
+    ),
+    "not-acceptable": ProblemType(
+        406, "Not in this media type", "'offers' lists the media types that there are: name one in 'Accept'."
+    ),
+    "request-timeout": ProblemType(
+        408, "Too slow", "Headers and body of a request must each arrive within ten seconds: send it again."
     ),
     "robot-busy": ProblemType(
         409, "The robot is busy", "A cell runs one execution at a time: wait until it has finished, or abort it."
@@ -102,6 +110,11 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         "'time_limit'), or a planner process ended: allow more time. 'violations' are those of the best motion so far, "
         "'nearest' is the closest feasible request found, or null.",
     ),
+    "shutting-down": ProblemType(
+        503,
+        "The service is shutting down",
+        "It finishes what it began and takes no new plans or executions: try again after 'Retry-After'.",
+    ),
     "not-ready": ProblemType(503, "Not ready", "The store cannot be reached, or the planner is still starting."),
 }
 
@@ -145,6 +158,15 @@ def translate(error: Exception) -> ProblemDetails:
     return TRANSLATIONS[kind](error)
 
 
+def _invalid(error: RequestValidationError) -> ProblemDetails:
+    """Returns the problem of a refused request: nothing is at an address with an id of the wrong form."""
+    errors = error.errors()
+    wrong = next((found for found in errors if found["loc"][0] == "path"), None)
+    if wrong is not None:
+        return ProblemDetails("not-found", f"{wrong['loc'][1]} {str(wrong['input'])[:80]!a}: {wrong['msg']}")
+    return invalid_request(errors)
+
+
 def _from_framework(error: HTTPException) -> ProblemDetails:
     if error.status_code == 400:  # a body that is not JSON
         return invalid_field("body", str(error.detail))
@@ -169,6 +191,7 @@ def _refusal(error: Infeasible | SolverFailed) -> dict[str, Any]:
 
 FRAMEWORK_ERRORS = {
     404: ("not-found", "there is nothing at this address"),
+    408: ("request-timeout", "the body did not arrive in time"),
     405: ("method-not-allowed", "the method is not allowed here"),
     413: ("too-large", BODY_TOO_LARGE),
 }
@@ -180,15 +203,14 @@ TRANSLATIONS: dict[type[Exception], Callable[[Any], ProblemDetails]] = {
     BackendUnavailable: lambda e: invalid_field("backend", str(e)),
     CellError: lambda e: invalid_field("cell", f"the cell file is refused: {e}"),
     PlanningQueueFull: lambda e: ProblemDetails("overloaded", str(e), headers={"Retry-After": str(e.retry_after_s)}),
-    StoreUnavailable: lambda _: ProblemDetails(
-        "not-ready", "the store cannot be reached", headers={"Retry-After": "1"}
-    ),
+    PlanningEnded: lambda e: ProblemDetails("shutting-down", str(e), headers={"Retry-After": "5"}),
+    StoreUnavailable: lambda e: ProblemDetails("not-ready", e.advice, headers={"Retry-After": "1"}, outage=e.kind),
     CellBusy: lambda e: ProblemDetails("robot-busy", str(e), cell=e.cell),
     KeyTaken: lambda _: ProblemDetails("idempotency-conflict", "this Idempotency-Key was used with another body"),
     UnknownPlan: lambda e: ProblemDetails("not-found", str(e)),
     UnknownExecution: lambda e: ProblemDetails("not-found", str(e)),
     UnknownExperiment: lambda e: ProblemDetails("not-found", str(e)),
-    RequestValidationError: lambda e: invalid_request(e.errors()),
+    RequestValidationError: lambda e: _invalid(e),
     HTTPException: _from_framework,
     Exception: lambda _: ProblemDetails("internal", "an internal error; the service's log has the details"),
 }
@@ -203,14 +225,22 @@ def problem_document(problem: ProblemDetails, instance: str) -> dict[str, Any]:
     """
     kind = PROBLEM_TYPES[problem.name]
     head = {"type": f"/problems/{problem.name}", "title": kind.title, "status": kind.status, "detail": problem.detail}
+    taken = {*head, "instance"} & problem.fields.keys()
+    if taken:
+        raise ValueError(f"{sorted(taken)} belong to the problem itself")
     return {**head, "instance": instance, **_finite(problem.fields)}
+
+
+def problem_status(problem: ProblemDetails) -> int:
+    """Returns the status of a problem."""
+    return PROBLEM_TYPES[problem.name].status
 
 
 def problem_response(problem: ProblemDetails, instance: str) -> Response:
     """Returns the response of a problem. ASCII only, so that any text of the client can be quoted."""
     body = json.dumps(problem_document(problem, instance), allow_nan=False).encode()
     headers = {**problem.headers, "Cache-Control": "no-store"}
-    return Response(body, PROBLEM_TYPES[problem.name].status, headers, media_type=MEDIA_TYPE)
+    return Response(body, problem_status(problem), headers, media_type=MEDIA_TYPE)
 
 
 def install_error_handlers(app: FastAPI) -> None:
@@ -220,7 +250,8 @@ def install_error_handlers(app: FastAPI) -> None:
 
 
 async def _on_error(request: Request, error: Exception) -> Response:
-    return problem_response(translate(error), request.url.path)
+    request.state.problem = problem = translate(error)  # for the log and the audit trail
+    return problem_response(problem, request.url.path)
 
 
 def _field_path(location: Sequence[str | int]) -> str:
@@ -238,7 +269,7 @@ def _is_tag(location: Sequence[str | int], i: int) -> bool:
     part = location[i]
     if part == "body":
         return i == 0
-    return part in ("float", "int") or (i > 0 and location[i - 1] == "release")
+    return part in ("float", "constrained-float", "int") or (i > 0 and location[i - 1] == "release")
 
 
 def _finite(value: Any) -> Any:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
+from fastapi.routing import APIRoute
 from pydantic import BaseModel, Field
 from pydantic.json_schema import models_json_schema
 
@@ -14,6 +16,8 @@ from api.schemas import StateEvent, TelemetryEvent
 
 Responses = dict[int | str, dict[str, Any]]
 REF_TEMPLATE = "#/components/schemas/{model}"
+NAMES = "x-problems"  # names of the problem types in an operation's response
+FRAMEWORK_SCHEMAS = ("HTTPValidationError", "ValidationError")  # FastAPI's own refusals, which are never answered
 
 
 class FieldReason(BaseModel):
@@ -23,8 +27,27 @@ class FieldReason(BaseModel):
     reason: str
 
 
+class ViolationAnswer(BaseModel):
+    """A constraint that stands in the way, and by how much."""
+
+    constraint: str = Field(description="Name of the certificate's check.")
+    value: float | None = Field(description="Of the best motion, in `unit`.")
+    limit: float | None = Field(description="In `unit`.")
+    unit: str
+    at_s: float | None = Field(None, description="Time on the trajectory [s].")
+    detail: str = Field("", description="Joint, pair of links or box concerned.")
+    proven: bool = Field(False, description="Whether no motion can avoid it; else it was searched for in vain.")
+
+
+class SolverEnd(BaseModel):
+    """How a search ended."""
+
+    status: str = Field(description="`time_limit`, or the solver's own word.")
+    iterations: int | None = None
+
+
 class ProblemAnswer(BaseModel):
-    """An error (RFC 9457)."""
+    """An error (RFC 9457). Its type says which of the further fields it has."""
 
     type: str = Field(description="/problems/<name>, a page that explains it.")
     title: str
@@ -32,11 +55,20 @@ class ProblemAnswer(BaseModel):
     detail: str
     instance: str
     errors: list[FieldReason] | None = Field(None, description="invalid-request: every refused field.")
-    violations: list[dict[str, Any]] | None = Field(None, description="constraint, value, limit, unit, proven.")
-    nearest: dict[str, Any] | None = Field(None, description="infeasible: the closest feasible request.")
+    violations: list[ViolationAnswer] | None = Field(None, description="infeasible, solver-failed.")
+    nearest: dict[str, Any] | None = Field(None, description="The closest feasible request, ready to be posted.")
+    attempts: list[dict[str, Any]] | None = Field(None, description="infeasible, solver-failed: what was tried.")
+    solver: SolverEnd | None = Field(None, description="solver-failed.")
+    cell: str | None = Field(None, description="The cell concerned.")
+    offers: list[str] | None = Field(None, description="not-acceptable: the media types that there are.")
 
 
 UNROUTED = (ProblemAnswer, StateEvent, TelemetryEvent)  # models of media types that FastAPI does not know
+
+
+def operation_id(route: APIRoute) -> str:
+    """Returns the id of a route's operation: its function's name, which generated clients give to the call."""
+    return route.name
 
 
 def json_answer(status: int, model: type[BaseModel], description: str, *problems: str) -> Responses:
@@ -49,16 +81,50 @@ def problem_answers(*names: str) -> Responses:
     entries: Responses = {}
     schema = {"$ref": REF_TEMPLATE.format(model=ProblemAnswer.__name__)}
     for status in sorted({PROBLEM_TYPES[name].status for name in names}):
-        listed = [f"`{name}`" for name, kind in PROBLEM_TYPES.items() if name in names and kind.status == status]
-        entries[status] = {"description": ", ".join(listed), "content": {MEDIA_TYPE: {"schema": schema}}}
+        listed = [name for name, kind in PROBLEM_TYPES.items() if name in names and kind.status == status]
+        description = ", ".join(f"`{name}`" for name in listed)
+        entries[status] = {"description": description, NAMES: listed, "content": {MEDIA_TYPE: {"schema": schema}}}
     return entries
 
 
-def openapi_schema(app: FastAPI) -> dict[str, Any]:
-    """Returns the OpenAPI document of the service, generated once."""
+def openapi_schema(app: FastAPI, secured: bool) -> dict[str, Any]:
+    """Returns the OpenAPI document of the service, generated once.
+
+    Args:
+        app: the service.
+        secured: whether it asks for tokens.
+    """
     if app.openapi_schema is None:
         schema = get_openapi(title=app.title, version=app.version, description=app.description, routes=app.routes)
         _, added = models_json_schema([(model, "serialization") for model in UNROUTED], ref_template=REF_TEMPLATE)
-        schema["components"]["schemas"] |= added["$defs"]
+        schemas = {**schema["components"]["schemas"], **added["$defs"]}
+        schema["components"]["schemas"] = {k: v for k, v in schemas.items() if k not in FRAMEWORK_SCHEMAS}
+        for operation in _operations(schema):
+            _complete(operation, secured)
+        if not secured:
+            del schema["components"]["securitySchemes"]
         app.openapi_schema = schema
     return app.openapi_schema
+
+
+def _operations(schema: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    for methods in schema["paths"].values():
+        yield from methods.values()
+
+
+def _complete(operation: dict[str, Any], secured: bool) -> None:
+    """Adds the problems that follow from what an operation takes, and its security as it is configured."""
+    guarded = "security" in operation  # such an operation reads the store
+    if guarded and not secured:
+        del operation["security"]
+    named = {name for answer in operation["responses"].values() for name in answer.get(NAMES, ())}
+    names = named | {"forbidden", "internal"}  # another host's page; a bug
+    names |= {"not-ready"} if guarded else set()
+    names = names | {"unauthenticated"} if guarded and secured else names - {"unauthenticated"}
+    places = {parameter["in"] for parameter in operation.get("parameters", ())}
+    names |= {"not-found"} if "path" in places else set()
+    names |= {"invalid-request"} if places & {"query", "header"} else set()
+    names |= {"invalid-request", "too-large", "unsupported-media-type"} if "requestBody" in operation else set()
+    successes = {code: answer for code, answer in operation["responses"].items() if code < "400"}
+    problems = {str(status): answer for status, answer in problem_answers(*names).items()}
+    operation["responses"] = {**successes, **problems}

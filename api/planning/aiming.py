@@ -56,12 +56,18 @@ def learnt_fields(problem: ThrowProblem, found: Plan, known: CellKnowledge, prof
         return fields
     if profile_id is not None:
         fields["aim"] = {"position": aimed.p_W.tolist(), "shift_m": (aimed.p_W - release.p_W).tolist()}
-    guess, radius, target = _predicted(found, known), hit_radius_m(problem), release.p_W[:2]
-    interval = list(guess.hit_interval(target, radius))
-    value = guess.hit_probability(target, radius)
+    guess, radius = _predicted(found, known), hit_radius_m(problem)
+    interval = list(guess.hit_interval(release.p_W[:2], radius))
+    value = hit_probability(problem, guess)
     fields["hit_probability"] = {"value": value, "interval": interval, "profile": profile_id, "radius_m": radius}
     fields["landing_ellipse"] = {"center": guess.center.tolist(), "covariance_m2": _rows(guess.covariance)}
     return fields
+
+
+def hit_probability(problem: ThrowProblem, guess: LandingForecast) -> float:
+    """Returns the probability that a throw with this forecast hits the target of a problem [-]."""
+    assert isinstance(problem.release, TargetRelease)
+    return guess.hit_probability(problem.release.p_W[:2], hit_radius_m(problem))
 
 
 def hit_radius_m(problem: ThrowProblem) -> float:

@@ -15,7 +15,7 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 
-COMPILER = (sys.executable, "-m", "planner.backends.casadi_nlp.codegen")
+COMPILER = (sys.executable, "-P", "-m", "planner.backends.casadi_nlp.codegen")
 POLL_S = 0.2  # [s] within which a compilation ends once an execution begins: the approach alone takes longer
 NICENESS = 10  # as the planner processes
 

@@ -19,6 +19,8 @@ from planner.errors import SolverFailed
 
 GRACE_S = 20.0  # [s] beyond `time_limit_s`: solver calls under way, the search for the nearest request, a busy machine
 TYPICAL_PLAN_S = 0.5  # [s] duration of a usual plan, for the advice in Retry-After
+DRAIN_POLL_S = 0.02  # [s] between two looks at whether everything is answered
+RETRY_MAX_S = 60  # [s] longest advice: connections are kept for longer
 TRIES = 2  # a job whose worker was killed is tried once more
 
 
@@ -28,6 +30,13 @@ class PlanningQueueFull(Exception):
     def __init__(self, retry_after_s: int) -> None:
         super().__init__("the planning queue is full")
         self.retry_after_s = retry_after_s
+
+
+class PlanningEnded(Exception):
+    """The service is shutting down, and this request had not been begun."""
+
+    def __init__(self) -> None:
+        super().__init__("the service is shutting down; this request waited in line")
 
 
 class PlannerPool:
@@ -62,6 +71,7 @@ class PlannerPool:
         self.waiting = 0
         self.is_warm = False
         self.is_compiled = False
+        self._is_draining = False
 
     async def warm_up(self) -> None:
         """Starts the processes and waits until they have planned their warm-up job."""
@@ -79,16 +89,26 @@ class PlannerPool:
 
         Raises:
             PlanningQueueFull: Too many requests wait already.
+            PlanningEnded: `drain` was called before this request was begun.
             PlannerError: The planner refused the request, or its process died or did not answer in time.
         """
         if self.waiting >= self._capacity:
-            raise PlanningQueueFull(max(1, math.ceil(self.waiting * TYPICAL_PLAN_S / self._count)))
+            advice = math.ceil(self.waiting * TYPICAL_PLAN_S / self._count)
+            raise PlanningQueueFull(min(max(1, advice), RETRY_MAX_S))
         self.waiting += 1
         try:
             async with self._free:
+                if self._is_draining:
+                    raise PlanningEnded
                 return await self._run(job, time_limit_s + self._grace_s)
         finally:
             self.waiting -= 1
+
+    async def drain(self) -> None:
+        """Gives up the requests in line; returns once those that were begun are answered, each in its own time."""
+        self._is_draining = True
+        while self.waiting:
+            await asyncio.sleep(DRAIN_POLL_S)
 
     def close(self) -> None:
         """Ends the processes."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 import threading
 from collections.abc import Mapping
 from contextlib import suppress
@@ -16,6 +17,7 @@ import orjson
 
 from planner.cell import Cell, CellSource, cell_of
 from planner.errors import PlannerError
+from store import join_plan, pack_trajectory
 
 NICENESS = 10  # planning can wait for the stream to the arm, which has a deadline every tick
 
@@ -30,6 +32,8 @@ class PlanningJob:
         cell: Content of the cell's files.
         request: The request as JSON, in the shape of `POST /plan`.
         profile: Id and document of the profile that the cell uses; None: the cell file's numbers.
+        request_id: Id of the HTTP request.
+        cell_version: Version of the cell's files; None: not known to a store.
     """
 
     plan_id: str | None
@@ -37,21 +41,33 @@ class PlanningJob:
     cell: CellSource
     request: Mapping[str, Any]
     profile: tuple[str, bytes] | None = None
+    request_id: str | None = None
+    cell_version: int | None = None
 
 
 @dataclass(frozen=True)
 class Planned:
-    """A certified plan: JSON with the trajectory (`document`) and without (`summary`)."""
+    """A certified plan: its JSON without the trajectory (`summary`), and the trajectory's samples."""
 
     backend: str
-    document: bytes
     summary: bytes
+    samples: bytes
+
+    @property
+    def document(self) -> bytes:
+        """The JSON of the whole plan."""
+        return join_plan(self.summary, self.samples)
 
 
 def initialise(warm_up: PlanningJob | None) -> None:
-    """Prepares this process for planning: low priority, an end with its parent, solvers built, everything loaded."""
+    """Prepares this process for planning: low priority, an end with its parent, solvers built, everything loaded.
+
+    Signals to a whole group of processes are the parent's: it lets this one finish its plan.
+    """
     from planner.backends.casadi_nlp import build_solvers
 
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, signal.SIG_IGN)
     os.nice(NICENESS)
     parent = parent_process()
     if parent is not None:
@@ -78,6 +94,8 @@ def solve(job: PlanningJob) -> Planned:
         PlannerError: The planner refused the request, found no plan, or gave up.
     """
     from api.planning.aiming import learnt_fields, plan_aimed
+    from api.planning.duration import check_duration, check_limits
+    from api.planning.odds import plan_for_odds
     from learning import cell_with_profile, knowledge_of, prior_knowledge
     from planner.plan_document import plan_document
     from planner.request import problem_from_request
@@ -85,15 +103,21 @@ def solve(job: PlanningJob) -> Planned:
     cell = _cell(job.cell)
     learnt = None if job.profile is None else orjson.loads(job.profile[1])
     problem = problem_from_request(job.request, cell_with_profile(cell, learnt))
+    check_limits(problem)
     known = prior_knowledge(cell) if learnt is None else knowledge_of(learnt)
-    found = plan_aimed(problem, None if learnt is None else known)
+    is_learnt, least = learnt is not None, float(job.request.get("min_hit_probability") or 0.0)
+    if least > 0.0:
+        found = plan_for_odds(problem, least, known, is_learnt)
+    else:
+        found = plan_aimed(problem, known if is_learnt else None)
+    check_duration(problem, found.trajectory)
     answer = plan_document(found, job.request, job.plan_id or "", job.created_at)
     if job.plan_id is None:
         del answer["id"]
     answer |= learnt_fields(problem, found, known, None if job.profile is None else job.profile[0])
-    document = orjson.dumps(answer, option=orjson.OPT_SERIALIZE_NUMPY)
-    del answer["trajectory"]
-    return Planned(answer["backend"], document, orjson.dumps(answer, option=orjson.OPT_SERIALIZE_NUMPY))
+    answer |= {"request_id": job.request_id, "cell_version": job.cell_version}
+    samples = pack_trajectory(answer.pop("trajectory"))
+    return Planned(answer["backend"], orjson.dumps(answer, option=orjson.OPT_SERIALIZE_NUMPY), samples)
 
 
 @lru_cache(maxsize=32)

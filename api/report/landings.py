@@ -1,4 +1,4 @@
-"""Picture of an experiment: where its objects landed about their targets, seen from above, as one SVG."""
+"""Pictures of landings seen from above, as one SVG each: those of an experiment, those behind a profile."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ RINGS = 2  # circles about the target, the outer one at the range
 # Styles as attributes: the service's content security policy forbids style sheets within a picture.
 RING = 'class="ring" fill="none" stroke="#999"'
 DOT = 'class="landing" r="5" fill="#c33" fill-opacity="0.6"'
+DOT_AFTER = 'class="explained" r="5" fill="#36c" fill-opacity="0.6"'
 CROSS = 'class="target" stroke="#333" stroke-width="2"'
+Point = tuple[float, float]
+
 TEXT = 'font-family="sans-serif" font-size="12" fill="#333"'
 
 
@@ -20,14 +23,32 @@ def landings_svg(throws: Sequence[Mapping[str, Any]]) -> str:
     errors = [
         (t["landing"][0] - t["target"][0], t["landing"][1] - t["target"][1]) for t in throws if t["error_m"] is not None
     ]
-    reach = max([RANGE_MIN_M, *(max(abs(x), abs(y)) for x, y in errors)])
+    return _picture([(DOT, errors)], f"{len(errors)} of {len(throws)} throws; x to the right, y upwards")
+
+
+def explained_svg(landings: Sequence[Mapping[str, Any]]) -> str:
+    """Returns the throws behind a profile as one SVG: observed less planned, and less what the profile expects."""
+    before, after = ([_less(x["observed"], x[name]) for x in landings] for name in ("planned", "expected"))
+    caption = f"{len(landings)} throws: off the plan (red), off what the profile expects (blue)"
+    return _picture([(DOT, before), (DOT_AFTER, after)], caption)
+
+
+def _less(a: Sequence[float], b: Sequence[float]) -> Point:
+    return a[0] - b[0], a[1] - b[1]
+
+
+def _picture(groups: Sequence[tuple[str, Sequence[Point]]], text: str) -> str:
+    """Returns groups of points [m] about a cross, each with the style of its dots."""
+    reach = max([RANGE_MIN_M, *(max(abs(x), abs(y)) for _, points in groups for x, y in points)])
     centre, scale = SIZE / 2.0, (SIZE / 2.0 - EDGE) / reach
     rings = "".join(_ring(centre, scale, reach * (i + 1) / RINGS) for i in range(RINGS))
-    dots = "".join(f'<circle {DOT} cx="{centre + scale * x:.1f}" cy="{centre - scale * y:.1f}"/>' for x, y in errors)
-    cross = f'<path {CROSS} d="M{centre - 8} {centre}h16M{centre} {centre - 8}v16"/>'
-    caption = (
-        f'<text {TEXT} x="8" y="{SIZE - 8}">{len(errors)} of {len(throws)} throws; x to the right, y upwards</text>'
+    dots = "".join(
+        f'<circle {style} cx="{centre + scale * x:.1f}" cy="{centre - scale * y:.1f}"/>'
+        for style, points in groups
+        for x, y in points
     )
+    cross = f'<path {CROSS} d="M{centre - 8} {centre}h16M{centre} {centre - 8}v16"/>'
+    caption = f'<text {TEXT} x="8" y="{SIZE - 8}">{text}</text>'
     head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {SIZE} {SIZE}" role="img" aria-label="Landings">'
     return f"{head}{rings}{cross}{dots}{caption}</svg>"
 

@@ -1,6 +1,7 @@
 """The routes, one module per resource. An endpoint parses its request, makes one call and returns."""
 
 from api.routes import (
+    cell_history,
     cells,
     execution_events,
     executions,
@@ -23,6 +24,7 @@ ROUTERS = (
     landings.router,
     experiments.router,
     cells.router,
+    cell_history.router,
     scene.router,
     timing.router,
     profiles.router,

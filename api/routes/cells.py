@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from fastapi import APIRouter
 from fastapi.responses import JSONResponse
 
-from api.dependencies import AnyCaller, OperateCaller, RemoteAddress, Service, ServiceDep, name_in_path
+from api.dependencies import AnyCaller, OperateCaller, Origin, Service, ServiceDep, name_in_path
 from api.http import ProblemDetails, json_answer, problem_answers
 from api.schemas import Acknowledged, CellList, CellState
 from planner.errors import CellError
@@ -46,7 +46,7 @@ def read_cell(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONRes
     summary="Read a robot's state",
     responses=json_answer(200, CellState, "As its executor last reported.", "not-found"),
 )
-def read_state(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
+def read_robot_state(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
     """Reads the live state of a cell's robot: mode, safety, joint positions; and a latched fault."""
     service.cell(name)
     row = service.store.cell_status(name)
@@ -63,14 +63,13 @@ def read_state(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONRe
         **problem_answers("robot-not-ready", "unauthenticated", "forbidden"),
     },
 )
-def acknowledge(name: CellName, service: ServiceDep, caller: OperateCaller, remote: RemoteAddress) -> JSONResponse:
+def acknowledge_fault(name: CellName, service: ServiceDep, caller: OperateCaller, origin: Origin) -> JSONResponse:
     """Clears the fault that the executor latched, once a person has checked the robot."""
     service.cell(name)
     row = service.store.cell_status(name)
     if row is None or not row.is_alive:
         raise ProblemDetails("robot-not-ready", f"cell {name!r} has no executor that could clear a fault", cell=name)
-    service.store.request_acknowledge(name, caller.name)
-    service.store.add_audit(caller.name, "acknowledge", f"/cells/{name}", remote)
+    service.store.request_acknowledge(name, caller.name, origin.act(caller, "acknowledge"))
     return JSONResponse({"cell": name, "acknowledged_by": caller.name, "fault": row.fault})
 
 

@@ -8,19 +8,17 @@ import orjson
 from fastapi import APIRouter, Body, Header, Response
 from fastapi.responses import JSONResponse
 
-from api.dependencies import AnyCaller, Key, OperateCaller, RemoteAddress, Service, ServiceDep, name_in_path
-from api.http import ProblemDetails, json_answer, preferred_media_type, problem_answers
+from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep, id_in_path
+from api.http import ProblemDetails, StrictJsonRoute, json_answer, preferred_media_type, problem_answers
 from api.routes.plans import POST_PROBLEMS, PageCursor, PageLimit, find_plan
 from api.schemas import EXECUTE_EXAMPLES, ExecuteRequest, ExecutionAnswer, ExecutionList, iso_time
 from planner.errors import CellError
 from store import CellRow, ExecutionRow, KeyTaken, PlanRow
 
-router = APIRouter(tags=["executions"])
+router = APIRouter(route_class=StrictJsonRoute, tags=["executions"])
 
 MCAP = "application/octet-stream"  # MCAP has no registered media type
-ExecutionId = Annotated[
-    str, name_in_path("Id of an execution, or `latest`.", "latest", "latest", "the newest execution")
-]
+ExecutionId = Annotated[str, id_in_path("execution")]
 ExecuteBody = Annotated[ExecuteRequest, Body(openapi_examples=EXECUTE_EXAMPLES)]  # type: ignore[arg-type]
 RECORDING_ANSWER = {
     "content": {MCAP: {"schema": {"type": "string", "format": "binary"}}, "text/csv": {"schema": {"type": "string"}}},
@@ -37,7 +35,7 @@ RECORDING_ANSWER = {
         **problem_answers("robot-busy", "robot-not-ready", "plan-not-executable"),
     },
 )
-def execute(body: ExecuteBody, service: ServiceDep, caller: OperateCaller, key: Key, remote: RemoteAddress) -> Response:
+def execute_plan(body: ExecuteBody, service: ServiceDep, caller: OperateCaller, key: Key, origin: Origin) -> Response:
     """Queues one execution of a plan. **This moves the robot**; software stop is not a safety function."""
     existing = None if key is None else service.store.resource_of_key(key)
     if existing is not None:
@@ -46,11 +44,17 @@ def execute(body: ExecuteBody, service: ServiceDep, caller: OperateCaller, key: 
     _check_executable(service, plan, body)
     try:
         row = service.store.queue_execution(
-            plan.id, plan.cell, body.mode, body.dry_run, caller.name, key, body.experiment_id
+            plan.id,
+            plan.cell,
+            body.mode,
+            body.dry_run,
+            caller.name,
+            key,
+            body.experiment_id,
+            origin.act(caller, "execute"),
         )
     except KeyTaken as taken:
         return _accepted(service, find_execution(service, taken.resource_of(key)))
-    service.store.add_audit(caller.name, "execute", f"/executions/{row.id}", remote)
     return _accepted(service, row)
 
 
@@ -76,7 +80,8 @@ def read_execution(id: ExecutionId, service: ServiceDep, caller: AnyCaller) -> J
 @router.get(
     "/executions/{id}/recording",
     summary="Download the recording",
-    responses={200: RECORDING_ANSWER, **problem_answers("not-found")},
+    responses={200: RECORDING_ANSWER, **problem_answers("not-found", "not-acceptable")},
+    response_class=Response,
 )
 def read_recording(
     id: ExecutionId,
@@ -85,11 +90,11 @@ def read_recording(
     accept: Annotated[str | None, Header(description="application/octet-stream (MCAP) or text/csv.")] = None,
 ) -> Response:
     """Downloads the planned, sent and measured motion, one row per tick."""
+    wants_csv = preferred_media_type(accept, (MCAP, "text/csv")) == "text/csv"
     row = find_execution(service, id)
     recording = service.store.recording(row.id)
     if recording is None:
         raise ProblemDetails("not-found", f"execution {row.id!r} has no recording" + ("" if row.outcome else " yet"))
-    wants_csv = preferred_media_type(accept, (MCAP, "text/csv")) == "text/csv"
     content, media, suffix = (recording.csv, "text/csv", "csv") if wants_csv else (recording.mcap, MCAP, "mcap")
     disposition = f'attachment; filename="fling-{row.id}.{suffix}"'
     return Response(content, 200, {"Content-Disposition": disposition, "Vary": "Accept"}, media)
@@ -101,10 +106,9 @@ def read_recording(
     summary="Brake now",
     responses=json_answer(202, ExecutionAnswer, "The executor brakes.", "not-found", "executor-lost"),
 )
-def abort(id: ExecutionId, service: ServiceDep, caller: AnyCaller, remote: RemoteAddress) -> JSONResponse:
+def abort_execution(id: ExecutionId, service: ServiceDep, caller: AnyCaller, origin: Origin) -> JSONResponse:
     """Requests a brake; any valid token may. **Not a safety function**: use the emergency stop."""
-    row = service.store.request_abort(find_execution(service, id).id)
-    service.store.add_audit(caller.name, "abort", f"/executions/{row.id}", remote)
+    row = service.store.request_abort(find_execution(service, id).id, origin.act(caller, "abort"))
     if _executor_is_lost(service, row):
         detail = f"the executor of cell {row.cell!r} does not report: nobody brakes; use the emergency stop"
         raise ProblemDetails("executor-lost", detail, cell=row.cell, execution_id=row.id, state=row.state)
@@ -162,7 +166,7 @@ def _check_executable(service: Service, plan: PlanRow, body: ExecuteRequest) -> 
         detail = f"the plan was made with profile {made}, the cell uses {adopted and adopted.id}: plan again"
         raise ProblemDetails("plan-not-executable", detail, cell=plan.cell, profile=adopted and adopted.id)
     real = cell.link.kind != "sim"
-    if real and not service.tokens:
+    if real and not service.tokens.is_guarded:
         raise ProblemDetails("forbidden", "a service without tokens executes on simulated cells only")
     if real and body.plan_id == "latest":
         raise ProblemDetails("forbidden", "on a real arm a plan is executed by its own id, not by 'latest'")

@@ -10,9 +10,16 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Body, Header, Response
 from fastapi.responses import JSONResponse
 
-from api.dependencies import AnyCaller, Key, OperateCaller, RemoteAddress, Service, ServiceDep, name_in_path
+from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep, id_in_path
 from api.experiment_statistics import statistics_by_target, statistics_of, throws_of
-from api.http import ProblemDetails, json_answer, preferred_media_type, problem_answers
+from api.http import (
+    ProblemDetails,
+    StrictJsonRoute,
+    invalid_field,
+    json_answer,
+    preferred_media_type,
+    problem_answers,
+)
 from api.report import landings_svg
 from api.routes.plans import POST_PROBLEMS, PageCursor, PageLimit
 from api.schemas import (
@@ -25,21 +32,23 @@ from api.schemas import (
 )
 from store import ExperimentRow, KeyTaken
 
-router = APIRouter(tags=["experiments"])
+router = APIRouter(route_class=StrictJsonRoute, tags=["experiments"])
 
-ExperimentId = Annotated[
-    str, name_in_path("Id of an experiment, or `latest`.", "latest", "latest", "the newest experiment")
-]
+ExperimentId = Annotated[str, id_in_path("experiment")]
 ExperimentBody = Annotated[ExperimentRequest, Body(openapi_examples=EXPERIMENT_EXAMPLES)]  # type: ignore[arg-type]
 AXES = ("x", "y", "z")
 COLUMNS = (
     "execution_id", "plan_id", "state", "outcome", *(f"target_{axis}_m" for axis in AXES),
     *(f"landing_{axis}_m" for axis in AXES), "error_m", "results",
 )  # fmt: skip
+PARQUET = "application/vnd.apache.parquet"
 ANSWER = {
     "model": ExperimentAnswer,
-    "content": {"text/csv": {"schema": {"type": "string"}}},
-    "description": "JSON with statistics, or CSV with one row per throw, by `Accept`.",
+    "content": {
+        "text/csv": {"schema": {"type": "string"}},
+        PARQUET: {"schema": {"type": "string", "format": "binary"}},
+    },
+    "description": "JSON with statistics, or CSV or Parquet with one row per throw, by `Accept`.",
 }
 
 
@@ -50,17 +59,16 @@ ANSWER = {
     responses=json_answer(201, ExperimentHead, "Executions that name it belong to it.", *POST_PROBLEMS),
 )
 def begin_experiment(
-    body: ExperimentBody, service: ServiceDep, caller: OperateCaller, key: Key, remote: RemoteAddress
+    body: ExperimentBody, service: ServiceDep, caller: OperateCaller, key: Key, origin: Origin
 ) -> JSONResponse:
     """Begins a series of throws. Executions join it by `experiment_id`; it moves nothing by itself."""
     existing = None if key is None else service.store.resource_of_key(key)
     if existing is not None:
         return _created(find_experiment(service, existing))
     try:
-        row = service.store.add_experiment(body.name, caller.name, body.settings, key)
+        row = service.store.add_experiment(body.name, caller.name, body.settings, key, origin.act(caller, "experiment"))
     except KeyTaken as taken:
         return _created(find_experiment(service, taken.resource_of(key)))
-    service.store.add_audit(caller.name, "experiment", f"/experiments/{row.id}", remote)
     return _created(row)
 
 
@@ -76,20 +84,25 @@ def list_experiments(
 @router.get(
     "/experiments/{id}",
     summary="Read an experiment",
-    responses={200: ANSWER, **problem_answers("not-found")},
+    responses={200: ANSWER, **problem_answers("not-found", "not-acceptable", "invalid-request")},
 )
 def read_experiment(
     id: ExperimentId,
     service: ServiceDep,
     caller: AnyCaller,
-    accept: Annotated[str | None, Header(description="application/json or text/csv.")] = None,
+    accept: Annotated[
+        str | None, Header(description="application/json, text/csv or application/vnd.apache.parquet.")
+    ] = None,
 ) -> Response:
     """Reads the state of each throw, and mean and spread of the landings so far."""
+    media = preferred_media_type(accept, ("application/json", "text/csv", PARQUET))
     row = find_experiment(service, id)
     throws = _throws(service, row)
     headers = {"Vary": "Accept"}
-    if preferred_media_type(accept, ("application/json", "text/csv")) == "text/csv":
-        return Response(_csv(throws), headers=headers, media_type="text/csv")
+    if media == "text/csv":
+        return Response(_csv(throws), headers=headers, media_type=media)
+    if media == PARQUET:
+        return Response(_parquet(throws), headers=headers, media_type=media)
     document = {"throws": throws, "statistics": statistics_of(throws), "targets": statistics_by_target(throws)}
     return JSONResponse({**_head(row), **document}, headers=headers)
 
@@ -129,12 +142,40 @@ def _created(row: ExperimentRow) -> JSONResponse:
     return JSONResponse(_head(row), 201, {"Location": f"/experiments/{row.id}"})
 
 
+def _table(throws: Sequence[dict[str, Any]]) -> list[list[Any]]:
+    """Returns a row a throw, in the order of `COLUMNS`; None where something is not known."""
+    rows = []
+    for throw in throws:
+        places = [*(throw["target"] or [None] * 3), *(throw["landing"] or [None] * 3)]
+        head = [throw[name] for name in ("execution_id", "plan_id", "state", "outcome")]
+        rows.append([*head, *places, throw["error_m"], throw["results"]])
+    return rows
+
+
 def _csv(throws: Sequence[dict[str, Any]]) -> str:
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
     writer.writerow(COLUMNS)
-    for throw in throws:
-        places = [*(throw["target"] or [""] * 3), *(throw["landing"] or [""] * 3)]
-        head = [throw[name] for name in ("execution_id", "plan_id", "state", "outcome")]
-        writer.writerow([*head, *places, throw["error_m"], " ".join(throw["results"])])
+    for *cells, results in _table(throws):
+        writer.writerow([*cells, " ".join(results)])
+    return stream.getvalue()
+
+
+def _parquet(throws: Sequence[dict[str, Any]]) -> bytes:
+    """Returns the table as Parquet.
+
+    Raises:
+        ProblemDetails: Its library is not installed.
+    """
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise invalid_field("accept", f"{PARQUET} needs pyarrow: pip install 'fling[parquet]'") from None
+    text, number = pyarrow.string(), pyarrow.float64()
+    types = [*[text] * 4, *[number] * 7, pyarrow.list_(text)]
+    columns = zip(*_table(throws), strict=True) if throws else [[]] * len(COLUMNS)
+    arrays = [pyarrow.array(list(column), kind) for column, kind in zip(columns, types, strict=True)]
+    stream = io.BytesIO()
+    pyarrow.parquet.write_table(pyarrow.table(arrays, names=list(COLUMNS)), stream)
     return stream.getvalue()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Request, Response
 from fastapi.responses import JSONResponse
 from prometheus_client import CONTENT_TYPE_LATEST
 from starlette.concurrency import run_in_threadpool
@@ -16,7 +16,7 @@ router = APIRouter(tags=["service"])
 
 
 @router.get("/healthz", summary="Health")
-async def healthz() -> Health:
+async def read_health() -> Health:
     """Answers as long as the process lives, also while it plans. Needs no token."""
     return Health(status="ok", version=fling_version())
 
@@ -26,14 +26,19 @@ async def healthz() -> Health:
     summary="Readiness",
     responses=json_answer(200, Readiness, "Able to plan and to reach the store.", "not-ready"),
 )
-async def readyz(service: ServiceDep) -> JSONResponse:
+async def read_readiness(request: Request, service: ServiceDep) -> JSONResponse:
     """Returns whether the service can plan and reach its store, and which cells have an executor. Needs no token."""
-    store = await run_in_threadpool(service.store.is_reachable)
-    cells = await run_in_threadpool(_executors, service) if store else {}
+    outage = await run_in_threadpool(service.probe.outage)
+    cells = {} if outage else await run_in_threadpool(_executors, service)
+    store = outage is None
     solvers = "compiled" if service.pool.is_compiled else "interpreted"
     parts = {"store": store, "planner": service.pool.is_warm, "solvers": solvers, "cells": cells}
+    if request.app.state.is_draining:
+        reason = "the service is shutting down"
+        raise ProblemDetails("not-ready", reason, headers={"Retry-After": "5"}, ready=False, **parts)
     if not (store and service.pool.is_warm):
-        reason = "the store cannot be reached" if not store else "the planner processes are starting"
+        reason = outage.advice if outage else "the planner processes are starting"
+        parts["outage"] = outage and outage.kind
         raise ProblemDetails("not-ready", reason, headers={"Retry-After": "1"}, ready=False, **parts)
     return JSONResponse({"ready": True, **parts})
 
@@ -41,9 +46,10 @@ async def readyz(service: ServiceDep) -> JSONResponse:
 @router.get(
     "/metrics",
     summary="Prometheus metrics",
+    response_class=Response,
     responses={200: {"content": {"text/plain": {"schema": {"type": "string"}}}, "description": "Prometheus' format."}},
 )
-def metrics(service: ServiceDep, caller: AnyCaller) -> Response:
+def read_metrics(service: ServiceDep, caller: AnyCaller) -> Response:
     """Returns planning requests and their durations, executions by outcome, executors alive."""
     service.metrics.waiting.set(service.pool.waiting)
     for cell, alive in _executors(service).items():

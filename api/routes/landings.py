@@ -8,15 +8,15 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Body
 from fastapi.responses import JSONResponse
 
-from api.dependencies import AnyCaller, Key, OperateCaller, RemoteAddress, Service, ServiceDep
-from api.http import ProblemDetails, invalid_field, json_answer, problem_answers
+from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep
+from api.http import ProblemDetails, StrictJsonRoute, invalid_field, json_answer, problem_answers
 from api.routes.executions import ExecutionId, find_execution
 from api.routes.plans import POST_PROBLEMS
 from api.schemas import LANDING_EXAMPLES, LandingAnswer, LandingList, LandingRequest, iso_time
 from planner.errors import CellError
 from store import ExecutionRow, KeyTaken, LandingRow, new_id
 
-router = APIRouter(tags=["executions"])
+router = APIRouter(route_class=StrictJsonRoute, tags=["executions"])
 
 OWN_SOURCES = ("sim-camera",)  # written by executors alone
 NOT_THROWN_YET = ("queued", "preparing", "approaching")  # states
@@ -33,7 +33,7 @@ LandingBody = Annotated[LandingRequest, Body(openapi_examples=LANDING_EXAMPLES)]
     },
 )
 def report_landing(
-    id: ExecutionId, body: LandingBody, service: ServiceDep, caller: OperateCaller, key: Key, remote: RemoteAddress
+    id: ExecutionId, body: LandingBody, service: ServiceDep, caller: OperateCaller, key: Key, origin: Origin
 ) -> JSONResponse:
     """Stores where the object landed, or whether it hit. Learning weighs every observation by its uncertainty."""
     existing = None if key is None else service.store.resource_of_key(key)
@@ -45,11 +45,16 @@ def report_landing(
     _check_reportable(service, row, id)
     try:
         landing = service.store.add_landing(
-            new_id(), row.id, time.time(), reported_by=caller.name, key=key, **body.model_dump()
+            new_id(),
+            row.id,
+            time.time(),
+            reported_by=caller.name,
+            key=key,
+            audit=origin.act(caller, "landing"),
+            **body.model_dump(),
         )
     except KeyTaken as taken:
         return _created(service.store.landing(taken.resource_of(key)))
-    service.store.add_audit(caller.name, "landing", f"/executions/{row.id}/landing", remote)
     return _created(landing)
 
 

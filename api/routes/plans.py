@@ -11,28 +11,48 @@ import orjson
 from fastapi import APIRouter, Body, Header, Query, Response
 from starlette.concurrency import run_in_threadpool
 
-from api.dependencies import AnyCaller, Key, PlanCaller, Service, ServiceDep, name_in_path
-from api.http import ProblemDetails, invalid_field, json_answer, preferred_media_type, problem_answers, translate
-from api.planning import Planned, PlanningJob, PlanningQueueFull
+from api import fling_version
+from api.dependencies import AnyCaller, IfNoneMatch, Key, Origin, PlanCaller, Service, ServiceDep, id_in_path
+from api.http import (
+    ProblemDetails,
+    StrictJsonRoute,
+    invalid_field,
+    json_answer,
+    preferred_media_type,
+    problem_answers,
+    translate,
+    unchanging,
+)
+from api.planning import Planned, PlanningEnded, PlanningJob, PlanningQueueFull
 from api.report import plan_svg
-from api.schemas import PLAN_EXAMPLES, PlanAnswer, PlanList, PlanPreview, PlanRequest, TrajectoryAnswer, iso_time
+from api.schemas import (
+    PLAN_EXAMPLES,
+    UUID_PATTERN,
+    PlanAnswer,
+    PlanList,
+    PlanPreview,
+    PlanRequest,
+    TrajectoryAnswer,
+    iso_time,
+)
 from planner.cell import Cell, CellSource
 from planner.errors import CellError, PlannerError
 from planner.problem import TIME_LIMIT_S
 from store import IdempotencyKey, KeyTaken, PlanRow, new_id
 
-router = APIRouter(tags=["plans"])
+router = APIRouter(route_class=StrictJsonRoute, tags=["plans"])
 
 TOKEN_PROBLEMS = ("unauthenticated", "forbidden")
 POST_PROBLEMS = (*TOKEN_PROBLEMS, "invalid-request", "idempotency-conflict", "too-large", "unsupported-media-type")
-PlanId = Annotated[str, name_in_path("Id of a plan, or `latest`.", "latest", "latest", "the newest plan")]
+PlanId = Annotated[str, id_in_path("plan")]
 PageLimit = Annotated[int, Query(ge=1, le=200, description="Maximum length of the page.")]
-PageCursor = Annotated[str | None, Query(description="`next_cursor` of the page before.", max_length=64)]
+PageCursor = Annotated[str | None, Query(description="`next_cursor` of the page before.", pattern=UUID_PATTERN)]
 WithTrajectory = Annotated[bool, Query(description="false leaves the trajectory out.")]
 WithStore = Annotated[
     bool, Query(description="false: answer and forget. 200, without id and `Location`; not executable.")
 ]
 PlanBody = Annotated[PlanRequest, Body(openapi_examples=PLAN_EXAMPLES)]  # type: ignore[arg-type]
+UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "The client has it: `If-None-Match`."}}
 TRAJECTORY_ANSWER = {
     "model": TrajectoryAnswer,
     "content": {"text/csv": {"schema": {"type": "string"}}},
@@ -55,17 +75,18 @@ async def make_plan(
     service: ServiceDep,
     caller: PlanCaller,
     key: Key,
+    origin: Origin,
     trajectory: WithTrajectory = True,
     store: WithStore = True,
 ) -> Response:
     """Solves, certifies and stores one plan. A plan that fails its certificate is never stored and never returned."""
     if not store:
-        return await _preview(body, service, key, trajectory)
+        return await _preview(body, service, key, origin.request_id, trajectory)
     id = None if key is None else await run_in_threadpool(service.store.resource_of_key, key)
     if id is None:
-        id = await _solve_and_store(body, service, key)
+        id = await _solve_and_store(body, service, key, origin.request_id)
     row = await run_in_threadpool(service.store.plan, id)
-    assert row is not None  # plans are never deleted
+    assert row is not None  # retention deletes no young plan, and keys with their plans
     content = row.document if trajectory else row.summary
     return Response(content, 201, {"Location": f"/plans/{row.id}"}, "application/json")
 
@@ -81,31 +102,42 @@ def list_plans(service: ServiceDep, caller: AnyCaller, limit: PageLimit = 50, cu
 @router.get(
     "/plans/{id}",
     summary="Read a plan",
-    responses=json_answer(200, PlanAnswer, "As it was stored.", "not-found"),
+    responses={**UNCHANGED, **json_answer(200, PlanAnswer, "As it was stored.", "not-found")},
 )
-def read_plan(id: PlanId, service: ServiceDep, caller: AnyCaller, trajectory: WithTrajectory = True) -> Response:
-    """Reads one plan as it was stored."""
+def read_plan(
+    id: PlanId, service: ServiceDep, caller: AnyCaller, known: IfNoneMatch, trajectory: WithTrajectory = True
+) -> Response:
+    """Reads one plan as it was stored. It never changes: `ETag` and `If-None-Match` save a second download."""
     row = find_plan(service, id, whole=trajectory)
-    return Response(row.document if trajectory else row.summary, media_type="application/json")
+
+    def answer() -> Response:
+        return Response(row.document if trajectory else row.summary, media_type="application/json")
+
+    return unchanging(known, f"{row.id}-{'whole' if trajectory else 'summary'}-{fling_version()}", answer)
 
 
 @router.get(
     "/plans/{id}/trajectory",
     summary="Read a trajectory",
-    responses={200: TRAJECTORY_ANSWER, **problem_answers("not-found")},
+    responses={200: TRAJECTORY_ANSWER, **UNCHANGED, **problem_answers("not-found", "not-acceptable")},
 )
 def read_trajectory(
     id: PlanId,
     service: ServiceDep,
     caller: AnyCaller,
+    known: IfNoneMatch,
     accept: Annotated[str | None, Header(description="application/json or text/csv.")] = None,
 ) -> Response:
     """Reads the trajectory of a plan, as JSON or CSV."""
-    trajectory = orjson.loads(find_plan(service, id).document)["trajectory"]
-    headers = {"Vary": "Accept"}
-    if preferred_media_type(accept, ("application/json", "text/csv")) == "text/csv":
-        return Response(_trajectory_csv(trajectory), headers=headers, media_type="text/csv")
-    return Response(orjson.dumps(trajectory), headers=headers, media_type="application/json")
+    media = preferred_media_type(accept, ("application/json", "text/csv"))
+    row = find_plan(service, id)
+
+    def answer() -> Response:
+        trajectory = orjson.loads(row.document)["trajectory"]
+        content = _trajectory_csv(trajectory) if media == "text/csv" else orjson.dumps(trajectory)
+        return Response(content, headers={"Vary": "Accept"}, media_type=media)
+
+    return unchanging(known, f"{row.id}-{media.rpartition('/')[2]}-{fling_version()}", answer)
 
 
 @router.get("/plans/{id}/picture.svg", include_in_schema=False)
@@ -145,7 +177,9 @@ def cell_of_plan(service: Service, row: PlanRow) -> Cell:
     return cell
 
 
-async def _preview(body: PlanRequest, service: Service, key: IdempotencyKey | None, trajectory: bool) -> Response:
+async def _preview(
+    body: PlanRequest, service: Service, key: IdempotencyKey | None, request_id: str, trajectory: bool
+) -> Response:
     """Answers a plan and forgets it: no id, no `Location`, nothing to execute.
 
     Raises:
@@ -153,13 +187,13 @@ async def _preview(body: PlanRequest, service: Service, key: IdempotencyKey | No
     """
     if key is not None:
         raise invalid_field("Idempotency-Key", "belongs to a plan that is stored, not to store=false")
-    job = await run_in_threadpool(_planning_job, body, service, False)
+    job = await run_in_threadpool(_planning_job, body, service, request_id, False)
     planned = await _solve(job, body, service)
     return Response(planned.document if trajectory else planned.summary, 200, media_type="application/json")
 
 
-async def _solve_and_store(body: PlanRequest, service: Service, key: IdempotencyKey | None) -> str:
-    job = await run_in_threadpool(_planning_job, body, service)
+async def _solve_and_store(body: PlanRequest, service: Service, key: IdempotencyKey | None, request_id: str) -> str:
+    job = await run_in_threadpool(_planning_job, body, service, request_id)
     planned = await _solve(job, body, service)
     return await run_in_threadpool(_store_plan, service, job, planned, key)
 
@@ -168,16 +202,16 @@ async def _solve(job: PlanningJob, body: PlanRequest, service: Service) -> Plann
     started_at = time.perf_counter()
     try:
         planned = await service.pool.solve(job, body.time_limit_s or TIME_LIMIT_S)
-    except (PlannerError, PlanningQueueFull) as error:
+    except (PlannerError, PlanningEnded, PlanningQueueFull) as error:
         service.metrics.plans.labels(translate(error).name).inc()
         raise
     finally:
         service.metrics.plan_seconds.observe(time.perf_counter() - started_at)
-    service.metrics.plans.labels("planned").inc()
+    service.metrics.record_plan(planned.summary)
     return planned
 
 
-def _planning_job(body: PlanRequest, service: Service, stored: bool = True) -> PlanningJob:
+def _planning_job(body: PlanRequest, service: Service, request_id: str, stored: bool = True) -> PlanningJob:
     """Returns the job for a worker."""
     name = body.cell or service.settings.default_cell
     service.cell(name)  # refuses an unknown cell, and one whose file is wrong
@@ -185,9 +219,11 @@ def _planning_job(body: PlanRequest, service: Service, stored: bool = True) -> P
     request = {**body.model_dump(exclude_none=True), "cell": name}
     if body.start is not None and body.start.current:
         request["start"] = {"positions": _current_positions(service, name)}
+    version = service.note_cell_version(source)
     adopted = service.store.adopted_profile(name)
     profile = None if adopted is None else (adopted.id, adopted.document)
-    return PlanningJob(new_id() if stored else None, iso_time(time.time()) or "", source, request, profile)
+    plan_id, at = new_id() if stored else None, iso_time(time.time()) or ""
+    return PlanningJob(plan_id, at, source, request, profile, request_id, version)
 
 
 def _current_positions(service: Service, cell: str) -> list[float]:
@@ -203,8 +239,8 @@ def _store_plan(service: Service, job: PlanningJob, planned: Planned, key: Idemp
     """Stores the plan and returns its id; the first one's id if the same request arrived twice at once."""
     assert job.plan_id is not None  # as of every job that is to be stored
     try:
-        cell, made = job.cell, (planned.backend, planned.document, planned.summary)
-        service.store.add_plan(job.plan_id, time.time(), cell.name, cell.sha256, *made, key)
+        cell, made = job.cell, (planned.backend, planned.summary, planned.samples)
+        service.store.add_plan(job.plan_id, time.time(), cell.name, cell.sha256, *made, key, job.request_id)
     except KeyTaken as taken:
         return taken.resource_of(key)
     return job.plan_id

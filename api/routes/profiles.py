@@ -5,11 +5,12 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 import orjson
-from fastapi import APIRouter
+from fastapi import APIRouter, Response
 from fastapi.responses import JSONResponse
 
-from api.dependencies import AnyCaller, OperateCaller, RemoteAddress, Service, ServiceDep, name_in_path
-from api.http import ProblemDetails, json_answer, problem_answers
+from api.dependencies import AnyCaller, OperateCaller, Origin, RequestOrigin, Service, ServiceDep, id_in_path
+from api.http import Caller, ProblemDetails, json_answer, problem_answers
+from api.report import explained_svg
 from api.routes.cells import CellName
 from api.schemas import Adoption, ProfileAnswer, ProfileList, iso_time
 from learning import estimate_profile, profile_bytes
@@ -17,10 +18,8 @@ from store import ProfileRow
 
 router = APIRouter(tags=["profiles"])
 
-ProfileId = Annotated[
-    str, name_in_path("Id of a profile.", "id", "latest", "as the list gives it; 'latest' on a simulated cell")
-]
-WHOLE_ONLY = ("state", "covariance", "mixture", "joint_speeds", "timing", "cell_file")
+ProfileId = Annotated[str, id_in_path("profile")]
+WHOLE_ONLY = ("landings", "state", "covariance", "mixture", "joint_speeds", "timing", "cell_file")
 ACTING = ("unauthenticated", "forbidden")
 
 
@@ -30,12 +29,14 @@ ACTING = ("unauthenticated", "forbidden")
     summary="Estimate a profile",
     responses=json_answer(201, ProfileAnswer, "Stored, not adopted.", "not-found", "invalid-request", *ACTING),
 )
-def add_profile(name: CellName, service: ServiceDep, caller: OperateCaller, remote: RemoteAddress) -> JSONResponse:
+def estimate_profile_of_cell(
+    name: CellName, service: ServiceDep, caller: OperateCaller, origin: Origin
+) -> JSONResponse:
     """Estimates lag, gripper, base and object from every execution and landing of a cell. Plans do not use it yet."""
     cell = service.cell(name)
+    version = service.cell_version(name)
     document = profile_bytes(estimate_profile(service.store, cell))
-    row = service.store.add_profile(name, cell.sha256, caller.name, document)
-    service.store.add_audit(caller.name, "profile", f"/profiles/{row.id}", remote)
+    row = service.store.add_profile(name, cell.sha256, caller.name, document, origin.act(caller, "profile"), version)
     return JSONResponse(_whole(service, row), 201, {"Location": f"/profiles/{row.id}"})
 
 
@@ -63,6 +64,13 @@ def read_profile(id: ProfileId, service: ServiceDep, caller: AnyCaller) -> JSONR
     return JSONResponse(_whole(service, _find(service, id)))
 
 
+@router.get("/profiles/{id}/picture.svg", include_in_schema=False)
+def draw_profile(id: ProfileId, service: ServiceDep, caller: AnyCaller) -> Response:
+    """Draws the throws behind a profile: off where they were to land, and off where the profile expects them."""
+    landings = _whole(service, _find(service, id)).get("landings") or []
+    return Response(explained_svg(landings), media_type="image/svg+xml")
+
+
 @router.post(
     "/profiles/{id}/adopt",
     summary="Adopt a profile",
@@ -71,13 +79,13 @@ def read_profile(id: ProfileId, service: ServiceDep, caller: AnyCaller) -> JSONR
         **problem_answers("profile-not-adoptable", "robot-busy"),
     },
 )
-def adopt(id: ProfileId, service: ServiceDep, caller: OperateCaller, remote: RemoteAddress) -> JSONResponse:
+def adopt_profile(id: ProfileId, service: ServiceDep, caller: OperateCaller, origin: Origin) -> JSONResponse:
     """Uses a profile from now on; plans made before it cannot be executed any more. Limits and checks stay the same."""
     row = _find(service, id)
     if service.cell(row.cell).sha256 != row.cell_sha256:
         detail = f"the cell file {row.cell!r} has changed since the profile was learnt: estimate a new one"
         raise ProblemDetails("profile-not-adoptable", detail, cell=row.cell)
-    return _use(service, row.cell, row.id, caller.name, remote)
+    return _use(service, row.cell, row.id, caller, origin)
 
 
 @router.post(
@@ -88,19 +96,18 @@ def adopt(id: ProfileId, service: ServiceDep, caller: OperateCaller, remote: Rem
         **problem_answers("robot-busy", *ACTING),
     },
 )
-def revert(name: CellName, service: ServiceDep, caller: OperateCaller, remote: RemoteAddress) -> JSONResponse:
+def revert_profile(name: CellName, service: ServiceDep, caller: OperateCaller, origin: Origin) -> JSONResponse:
     """Uses the cell file's own numbers again."""
     service.cell(name)
-    return _use(service, name, None, caller.name, remote)
+    return _use(service, name, None, caller, origin)
 
 
-def _use(service: Service, cell: str, profile_id: str | None, who: str, remote: str) -> JSONResponse:
+def _use(service: Service, cell: str, profile_id: str | None, caller: Caller, origin: RequestOrigin) -> JSONResponse:
     if service.store.open_execution(cell) is not None:
         raise ProblemDetails("robot-busy", f"cell {cell!r} is executing: adopt once it has finished", cell=cell)
-    service.store.adopt_profile(cell, profile_id, who)
-    action = "revert" if profile_id is None else "adopt"
-    service.store.add_audit(who, action, f"/cells/{cell}/profiles/{profile_id or ''}", remote)
-    return JSONResponse({"cell": cell, "profile": profile_id, "adopted_by": who})
+    act = origin.act(caller, "revert" if profile_id is None else "adopt")
+    service.store.adopt_profile(cell, profile_id, caller.name, act)
+    return JSONResponse({"cell": cell, "profile": profile_id, "adopted_by": caller.name})
 
 
 def _find(service: Service, id: str) -> ProfileRow:
@@ -118,4 +125,5 @@ def _adopted_id(service: Service, cell: str) -> str | None:
 def _whole(service: Service, row: ProfileRow) -> dict[str, Any]:
     """Returns the JSON of a profile."""
     head = {"id": row.id, "created_at": iso_time(row.created_at), "created_by": row.created_by, "sha256": row.sha256}
+    head["cell_version"] = row.cell_version
     return {**head, "adopted": _adopted_id(service, row.cell) == row.id, **orjson.loads(row.document)}

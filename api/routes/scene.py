@@ -21,7 +21,7 @@ router = APIRouter()
     summary="Read a cell's model",
     responses=json_answer(200, CellModel, "As the planner sees the cell.", "not-found", "invalid-request"),
 )
-def read_model(name: CellName, service: ServiceDep, caller: AnyCaller) -> Response:
+def read_cell_model(name: CellName, service: ServiceDep, caller: AnyCaller) -> Response:
     """Reads the kinematic chain, capsules, limits and surroundings that plans are made with: enough to draw them."""
     return Response(orjson.dumps(cell_model(service.cell(name))), media_type="application/json")
 
@@ -32,7 +32,7 @@ def read_model(name: CellName, service: ServiceDep, caller: AnyCaller) -> Respon
     summary="Read a plan's curves",
     responses=json_answer(200, PlanCurves, "At samples of the trajectory.", "not-found", "cell-changed"),
 )
-def read_curves(id: PlanId, service: ServiceDep, caller: AnyCaller) -> Response:
+def read_plan_curves(id: PlanId, service: ServiceDep, caller: AnyCaller) -> Response:
     """Reads joint motion, torque, speeds, clearances and singularity distances, each with its limits."""
     row = find_plan(service, id)
     document = plan_curves(orjson.loads(row.document), cell_of_plan(service, row))

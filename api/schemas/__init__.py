@@ -1,6 +1,6 @@
 """Request and response bodies as pydantic models; OpenAPI is generated from them."""
 
-from api.schemas.cell_states import Acknowledged, CellList, CellState
+from api.schemas.cell_states import Acknowledged, CellHistory, CellList, CellState
 from api.schemas.execution_records import ExecutionAnswer, ExecutionList, StateEvent, TelemetryEvent
 from api.schemas.experiments import (
     EXPERIMENT_EXAMPLES,
@@ -11,7 +11,7 @@ from api.schemas.experiments import (
 )
 from api.schemas.landings import LANDING_EXAMPLES, LandingAnswer, LandingList, LandingRequest
 from api.schemas.profiles import Adoption, ProfileAnswer, ProfileList
-from api.schemas.requests import EXECUTE_EXAMPLES, PLAN_EXAMPLES, ExecuteRequest, PlanRequest
+from api.schemas.requests import EXECUTE_EXAMPLES, ID_PATTERN, PLAN_EXAMPLES, UUID_PATTERN, ExecuteRequest, PlanRequest
 from api.schemas.responses import (
     Health,
     PlanAnswer,
@@ -27,10 +27,13 @@ from api.schemas.timing import TimingAnswer
 __all__ = [
     "EXECUTE_EXAMPLES",
     "EXPERIMENT_EXAMPLES",
+    "ID_PATTERN",
     "LANDING_EXAMPLES",
     "PLAN_EXAMPLES",
+    "UUID_PATTERN",
     "Acknowledged",
     "Adoption",
+    "CellHistory",
     "CellList",
     "CellModel",
     "CellState",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, Field
 
@@ -83,3 +83,28 @@ class Acknowledged(BaseModel):
     cell: str
     acknowledged_by: str
     fault: FaultAnswer | None = Field(description="The fault that is being cleared.")
+
+
+class CellChange(BaseModel):
+    """One key that differs from the version before."""
+
+    key: str = Field(description="Dotted path in the cell file, or `calibration file`.")
+    before: Any = Field(description="null where the file left it out.")
+    after: Any = Field(description="null where the file leaves it out.")
+
+
+class CellVersion(BaseModel):
+    """One version of a cell file."""
+
+    version: int
+    sha256: str
+    seen_at: str = Field(description="UTC, ISO 8601.")
+    seen_by: str = Field(description="service, executor or command line.")
+    changes: list[CellChange]
+
+
+class CellHistory(BaseModel):
+    """The versions of a cell file, newest first."""
+
+    cell: str
+    versions: list[CellVersion]

@@ -80,6 +80,7 @@ class ExecutionAnswer(BaseModel):
     reason: str | None = Field(description="Reason of the outcome, in words.")
     metrics: ExecutionMetrics | None = Field(description="null where the run was refused, or its executor lost.")
     experiment_id: str | None = Field(None, description="Experiment that it belongs to.")
+    request_id: str | None = Field(None, description="`X-Request-ID` of the request that queued it.")
     executor_lost: bool = Field(
         description="Whether it is unfinished and its executor does not report: nobody carries it, nobody can brake. "
         "An executor that starts again ends it with the outcome `executor_lost`."

@@ -7,6 +7,15 @@ from typing import Any
 from pydantic import BaseModel, Field
 
 
+class ExplainedLanding(BaseModel):
+    """One throw behind a profile: where it was to land, where it did, where the profile expects it."""
+
+    execution_id: str
+    planned: list[float] = Field(description="Target, or where the plan's flight ends: x, y [m].")
+    observed: list[float] = Field(description="[m]")
+    expected: list[float] = Field(description="By the profile that this throw was one of [m].")
+
+
 class ProfileSummary(BaseModel):
     """What was learnt of a cell at one time. Immutable."""
 
@@ -15,6 +24,7 @@ class ProfileSummary(BaseModel):
     created_by: str
     cell: str
     cell_sha256: str = Field(description="Hash of the cell file that it was learnt with.")
+    cell_version: int | None = Field(None, description="Version of the cell file that it was learnt with.")
     sha256: str = Field(description="Hash of the profile's document.")
     adopted: bool = Field(description="Whether the cell uses it now.")
     lag_s: float = Field(description="[s]")
@@ -33,6 +43,12 @@ class ProfileSummary(BaseModel):
     base_turn_rad: float = Field(description="Rotation of the base about the vertical [rad].")
     base_turn_std_rad: float = Field(description="[rad]")
     cling_share: float = Field(description="Share of throws in which the object leaves slower [-].")
+    landing_error_before_m: float | None = Field(
+        None, description="Median distance of the observed landings from where they were to be [m]."
+    )
+    landing_error_after_m: float | None = Field(
+        None, description="The same from where the profile expects them, which has seen them [m]."
+    )
     evidence: dict[str, list[str]] = Field(description="Ids of the throws, landings, recordings and runs behind it.")
 
 
@@ -44,6 +60,7 @@ class ProfileAnswer(ProfileSummary):
     mixture: dict[str, Any] = Field(description="The posterior: Gaussians over the state, a point of jitter each.")
     joint_speeds: dict[str, Any] = Field(description="Gain errors and scatter of the joints at the release.")
     timing: dict[str, Any] | None
+    landings: list[ExplainedLanding] = Field([], description="Throws whose landing was observed, oldest first.")
     cell_file: dict[str, float] = Field(description="The numbers that the cell file gives [s].")
 
 

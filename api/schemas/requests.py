@@ -6,10 +6,15 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-Joints = Annotated[list[float], Field(min_length=6, max_length=6)]
-Vector3 = Annotated[list[float], Field(min_length=3, max_length=3)]
-Quaternion = Annotated[list[float], Field(min_length=4, max_length=4)]
-PerJoint = float | Joints
+from planner.request import NUMBER_MAX
+
+UUID_PATTERN = r"^[0-9a-f]{8}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{4}-[0-9a-f]{12}$"
+ID_PATTERN = f"^latest$|{UUID_PATTERN}"
+Number = Annotated[float, Field(ge=-NUMBER_MAX, le=NUMBER_MAX)]
+Joints = Annotated[list[Number], Field(min_length=6, max_length=6)]
+Vector3 = Annotated[list[Number], Field(min_length=3, max_length=3)]
+Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
+PerJoint = Number | Joints
 
 
 class RequestModel(BaseModel):
@@ -38,12 +43,14 @@ class Pose(RequestModel):
 
     position: Vector3 = Field(description="Position [m].")
     quaternion: Quaternion | None = Field(None, description="Orientation as a unit quaternion [x, y, z, w] [-].")
-    rotation_vector: Vector3 | None = Field(None, description="Orientation as UR's rotation vector [rad].")
+    rotation_vector: Vector3 | None = Field(
+        None, description="Orientation as UR's rotation vector [rad]. Answers give both, which must agree."
+    )
 
     @model_validator(mode="after")
-    def _one_orientation(self) -> Pose:
-        if (self.quaternion is None) == (self.rotation_vector is None):
-            raise ValueError("give either quaternion or rotation_vector")
+    def _an_orientation(self) -> Pose:
+        if self.quaternion is None and self.rotation_vector is None:
+            raise ValueError("give quaternion or rotation_vector")
         return self
 
 
@@ -90,16 +97,16 @@ class TargetReleaseRequest(RequestModel):
 
     kind: Literal["target"]
     position: Vector3 = Field(description="The point to hit, in `frame` [m].")
-    max_release_speed_m_s: float | None = Field(
+    max_release_speed_m_s: Number | None = Field(
         None, gt=0.0, description="Maximum speed of the object at the release [m/s]."
     )
-    min_elevation_rad: float | None = Field(
+    min_elevation_rad: Number | None = Field(
         None, description="Minimum elevation of the release velocity above the horizon [rad]."
     )
-    max_elevation_rad: float | None = Field(
+    max_elevation_rad: Number | None = Field(
         None, description="Maximum elevation of the release velocity above the horizon [rad]."
     )
-    min_horizontal_distance_m: float | None = Field(
+    min_horizontal_distance_m: Number | None = Field(
         None, ge=0.0, description="Minimum horizontal distance from the release to the target [m]."
     )
     release_position: Vector3 | None = Field(None, description="Position of the release, in `frame` [m]; absent: free.")
@@ -132,22 +139,31 @@ class PlanRequest(RequestModel):
         "auto", description="Back end; auto: the best certified plan of several back ends."
     )
     limits: RequestLimits | None = Field(None, description="Limits of this plan; they may only tighten the cell's.")
-    singularity_distance_min: float | None = Field(
+    singularity_distance_min: Number | None = Field(
         None, ge=0.0, description="Minimum distance to each singularity [-]; may only tighten the cell's."
     )
-    release_window_s: float | None = Field(
+    release_window_s: Number | None = Field(
         None,
         ge=0.0,
         description="A release early or late by up to this [s] still lands within `landing_tolerance_m`. Absent: for a"
-        " target three times the gripper's jitter, at least 0.005, otherwise 0; 0 asks for the soonest release.",
+        " target three times the gripper's jitter, at least 0.005, otherwise 0; 0 asks for the soonest release. With"
+        " `min_hit_probability` it is the shortest window that is tried; absent: 0.",
     )
-    landing_tolerance_m: float | None = Field(
+    landing_tolerance_m: Number | None = Field(
         None,
         ge=0.0,
         description="Maximum landing error in the release window [m]; 0: only the nominal release. Absent: for a target"
         " the room in its opening, otherwise the object's radius, at least 0.01.",
     )
-    time_limit_s: float | None = Field(
+    min_hit_probability: Number | None = Field(
+        None,
+        ge=0.0,
+        le=1.0,
+        description="Least `hit_probability` of the plan [-], for a target. With the back end `auto` a later release is"
+        " planned where the soonest does not reach it: windows in steps of what is known of the release's timing, then"
+        " slower throws; `infeasible` where none of them does.",
+    )
+    time_limit_s: Number | None = Field(
         None, gt=0.0, description="Time limit of the planner, from when it takes the request [s]; absent: 120."
     )
 
@@ -156,11 +172,13 @@ class ExecuteRequest(RequestModel):
     """One run of one plan."""
 
     plan_id: str = Field(
-        description="Id of the plan; `latest` is the newest one, on simulated cells only.", max_length=64
+        description="Id of the plan; `latest` is the newest one, on simulated cells only.", pattern=ID_PATTERN
     )
     mode: Literal["speedj", "servoj"] = Field("speedj", description="UR command that streams the motion.")
     dry_run: bool = Field(False, description="true: everything except motion.")
-    experiment_id: str | None = Field(None, description="Experiment that the execution belongs to.", max_length=64)
+    experiment_id: str | None = Field(
+        None, description="Experiment that the execution belongs to.", pattern=UUID_PATTERN
+    )
 
 
 _TARGET = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}
@@ -175,6 +193,7 @@ _JOINT = {
 _POINT = {"release": {"kind": "point", "position": [0.5, 0.2, 0.6], "velocity": [0.8, 0.3, 0.6]}, "backend": "ruckig"}
 
 _SOONEST = {**_TARGET, "release_window_s": 0.0}
+_ODDS = {**_TARGET, "landing_tolerance_m": 0.1, "min_hit_probability": 0.2}
 _BIN = {
     "release": {
         "kind": "target",
@@ -186,6 +205,7 @@ _BIN = {
 PLAN_EXAMPLES = {
     "target": {"summary": "Hit a point on the floor, whenever the gripper opens", "value": _TARGET},
     "soonest": {"summary": "Hit it as soon as possible", "value": _SOONEST},
+    "odds": {"summary": "Hit within 10 cm, at odds of 1 in 5 at least", "value": _ODDS},
     "bin": {"summary": "Throw into a bin", "value": _BIN},
     "joint": {"summary": "Pass a joint state, with tighter limits", "value": _JOINT},
     "point": {"summary": "Release at a point with a velocity", "value": _POINT},

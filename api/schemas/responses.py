@@ -156,6 +156,8 @@ class PlanContent(BaseModel):
     way_home: WayHomeAnswer | None = Field(None, description="Plans of earlier versions have none.")
     certificate: CertificateAnswer
     solver: SolverAnswer
+    request_id: str | None = Field(None, description="`X-Request-ID` of the request that made it.")
+    cell_version: int | None = Field(None, description="Version of the cell file, as GET /cells/{name}/history counts.")
     profile: str | None = Field(None, description="The profile that was used; null: the cell file's numbers.")
     aim: AimAnswer | None = Field(None, description="null where the plan aims at the target itself.")
     hit_probability: HitProbability | None = Field(None, description="For a target.")

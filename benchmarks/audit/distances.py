@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from benchmarks.audit.pinocchio_arm import arm_model, poses_and_velocity
 from planner.cell import Cell
 from planner.geometry import SELF_CLEARANCE_M, body_capsules
-from planner.problem import ThrowProblem
+from planner.problem import TargetRelease, ThrowProblem
 
 Vector = NDArray[np.float64]
+Obstacle = tuple[coal.Box | coal.Cylinder, coal.Transform3s]
 
 SPARSE_S = 0.008  # [s] grid of the distances
 LENGTH_SLACK_M = 1e-5  # [m] of distances and positions
@@ -34,7 +35,7 @@ class SpatialExtremes:
     Attributes:
         floor: Smallest height above the floor [m].
         self_gap: Smallest distance between two bodies of the arm [m].
-        boxes: Smallest distance from the keep-out boxes [m].
+        boxes: Smallest distance from keep-out boxes and bin [m].
         singular: Smallest singularity distance [1].
         speed: Largest tool speed [m/s].
         outside: Largest distance of the tool centre point outside the keep-in boxes [m].
@@ -54,7 +55,7 @@ class SpatialExtremes:
             ("tool speed", self.speed, self.speed > limits.tcp_speed_max * (1.0 + LIMIT_SLACK)),
             ("floor", self.floor, self.floor < clearance),
             ("self-collision", self.self_gap, self.self_gap < SELF_CLEARANCE_M - LENGTH_SLACK_M),
-            ("forbidden box", self.boxes, self.boxes < clearance),
+            ("forbidden box or bin", self.boxes, self.boxes < clearance),
             ("outside a box by", self.outside, self.outside > LENGTH_SLACK_M),
             ("singularity distance", self.singular, self.singular < limits.singularity_distance_min - LIMIT_SLACK),
         )
@@ -73,7 +74,7 @@ def spatial_faults(problem: ThrowProblem, q: Vector, qd: Vector, t: Vector, held
     """
     cell, worst = problem.cell, SpatialExtremes()
     release_s = held_until_s - (problem.release_window_s if problem.is_robust else 0.0)
-    model = arm_model(cell, False)
+    model, obstacles = arm_model(cell, False), _obstacles(problem)
     data = model.createData()
     for i in range(len(t)):
         poses, v = poses_and_velocity(cell, model, data, q[i], qd[i])
@@ -82,7 +83,7 @@ def spatial_faults(problem: ThrowProblem, q: Vector, qd: Vector, t: Vector, held
         worst.floor = min(worst.floor, _height(cell, poses, held))
         pairs = [pair for pair in _pairs(cell) if held or pair[1] < len(shapes(cell))]
         worst.self_gap = min([worst.self_gap, *(_distance(cell, places, *pair) for pair in pairs)])
-        worst.boxes = min(worst.boxes, _box_gap(cell, places, held))
+        worst.boxes = min(worst.boxes, _box_gap(cell, obstacles, places, held))
         worst.outside = max(worst.outside, _outside(cell, poses))
         if not problem.ends_at_rest and abs(t[i] - release_s) <= SINGULARITY_WINDOW_S:
             worst.singular = min(worst.singular, _singularity_distance(data))
@@ -107,20 +108,28 @@ def _singularity_distance(data: pin.Data) -> float:
     return float(min(wrist, elbow, shoulder))
 
 
-def _box_gap(cell: Cell, places: list[coal.Transform3s], held: bool) -> float:
-    """Returns the smallest distance of arm, tool and held object from the keep-out boxes [m]."""
+def _box_gap(cell: Cell, obstacles: list[Obstacle], places: list[coal.Transform3s], held: bool) -> float:
+    """Returns the smallest distance of arm, tool and held object from keep-out boxes and bin [m]."""
     least, count = np.inf, len(shapes(cell)) + held
-    for box, place in _boxes(cell):
+    for box, place in obstacles:
         for shape, own in list(zip(_all(cell), places, strict=True))[:count]:
             if shape.frame > 0:
                 least = min(least, coal.distance(shape.solid, own, box, place, _REQUEST, coal.DistanceResult()))
     return float(least)
 
 
-@cache
-def _boxes(cell: Cell) -> list[tuple[coal.Box, coal.Transform3s]]:
-    boxes = cell.surroundings.keep_out
-    return [(coal.Box(*(b.upper - b.lower)), coal.Transform3s(np.eye(3), 0.5 * (b.lower + b.upper))) for b in boxes]
+def _obstacles(problem: ThrowProblem) -> list[Obstacle]:
+    """Returns the keep-out boxes, and the bin as a solid cylinder: no part of the arm has business in it."""
+    found: list[Obstacle] = [
+        (coal.Box(*(b.upper - b.lower)), coal.Transform3s(np.eye(3), 0.5 * (b.lower + b.upper)))
+        for b in problem.cell.surroundings.keep_out
+    ]
+    release = problem.release
+    if isinstance(release, TargetRelease) and release.opening is not None:
+        height = release.opening.rim_height_m
+        middle = release.p_W + np.array([0.0, 0.0, 0.5 * height])
+        found.append((coal.Cylinder(release.opening.radius_m, height), coal.Transform3s(np.eye(3), middle)))
+    return found
 
 
 class BodyShape(NamedTuple):

@@ -143,6 +143,8 @@ def _way_out(problem: ThrowProblem, arm: _Arm, delay: float, x: Vector) -> list[
         moved = arm.in_tool(place, k * STEP_S + delay)
         if np.linalg.norm(moved) >= out_m:
             return []
+        if np.linalg.norm(moved) < FREE_M:
+            continue
         angle = float(np.arccos(np.clip(moved @ gripper.opening_direction / np.linalg.norm(moved), -1.0, 1.0)))
         if angle > gripper.opening_cone_rad + ANGLE_SLACK:
             return [f"leaves the gripper at {angle} rad after {k * STEP_S} s"]
@@ -174,7 +176,7 @@ def _bin(problem: ThrowProblem, x: Vector, slack: float) -> list[str]:
         entry = np.linalg.norm((x[last - 1] + share * (x[last] - x[last - 1]))[:2] - release.p_W[:2])
         if entry > inner - radius + slack:
             found.append(f"enters the bin {entry} m from its axis")
-    elif release.opening.rim_height_m > radius:
+    elif x[-1, 2] - rim > x[-2, 2] - x[-1, 2]:  # the path ends where the sphere touches the plane, within a step
         found.append("never passes the bin's mouth")
     return found
 

@@ -55,9 +55,12 @@ def _boxed(tasks: list[Task], rng: np.random.Generator) -> Iterator[Task]:
 
 def _with_box(problem: ThrowProblem, state: JointRelease, rng: np.random.Generator) -> ThrowProblem:
     here, ends = problem.cell, np.array([problem.start, state.q])
+    has_room = body_model(here).clearances(ends).least.min() > ROOM_M  # otherwise no box leaves it any
     for _ in range(DRAWS):
         on_path = tool_position(here, problem.start + rng.uniform() * (state.q - problem.start))
         centre, half = on_path + rng.uniform(-AWAY_M, AWAY_M, 3), rng.uniform(*SIZES_M, 3)
+        if not has_room:
+            continue
         boxed = _cell_with(here, Box(centre - half, centre + half))
         if body_model(boxed).clearances(ends).least.min() > ROOM_M:
             return replace(problem, cell=boxed)

@@ -107,7 +107,7 @@ def _lob(problem: ThrowProblem, rng: np.random.Generator) -> JointRelease | None
     k, n = np.nonzero(slow & (v[..., 2] < problem.gravity * t))
     good = _passes(problem, release, p[n], v[k, n], t[k, n])
     k, n = k[good], n[good]
-    clear = body_model(cell).clearances(q[n]).least >= 0.0 if len(n) else np.zeros(0, dtype=bool)
+    clear = body_model(problem.cell_with_bin).clearances(q[n]).least >= 0.0 if len(n) else np.zeros(0, dtype=bool)
     if not clear.any():
         return None
     first = int(np.flatnonzero(clear)[0])

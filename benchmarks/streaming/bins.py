@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.streaming.arms import IDEAL, MEASURED, simulator_options
 from planner.errors import Infeasible, SolverFailed
 from tests.system.rig import Rig
 
@@ -42,6 +43,7 @@ class BinThrows:
         inside: Throws whose object lies in the bin.
         executed: Throws that were executed to their end.
         landed_on: What the objects landed on or were stopped by.
+        held: Throws whose object was kept, because it would have missed the bin's mouth.
         refused: Requests without a plan.
         errors_m: Distances from the planned landing points [m].
     """
@@ -49,31 +51,36 @@ class BinThrows:
     inside: int = 0
     executed: int = 0
     landed_on: Counter[str] = field(default_factory=Counter)
+    held: int = 0
     refused: int = 0
     errors_m: list[float] = field(default_factory=list)
 
 
-def throw_into_bins(folder: Path, count: int, seed: int = 0) -> BinThrows:
+def throw_into_bins(folder: Path, count: int, seed: int = 0, arm: str = IDEAL) -> BinThrows:
     """Plans and executes `count` throws into bins, in cells with a wall each.
 
     Args:
         folder: Folder for stores and logs.
         count: Number of throws.
         seed: Of the walls and bins.
+        arm: The arm that throws.
     """
     random, found, left = np.random.default_rng(seed), BinThrows(), count
     while left > 0:
         wall = _wall(random)
-        _throw_over_wall(folder / str(left), wall, min(left, THROWS_A_CELL), random, found)
+        _throw_over_wall(folder / str(left), wall, min(left, THROWS_A_CELL), random, found, arm)
         left -= THROWS_A_CELL
     return found
 
 
-def _throw_over_wall(folder: Path, wall: Any, count: int, random: np.random.Generator, found: BinThrows) -> None:
+def _throw_over_wall(
+    folder: Path, wall: Any, count: int, random: np.random.Generator, found: BinThrows, arm: str
+) -> None:
     lower, upper = wall
     box = f"keep_out = [{{ lower_m = {lower}, upper_m = {upper} }}]"
     rig = Rig(folder, replace={"keep_out = []": box, "gripper_jitter_s = 0.0": f"gripper_jitter_s = {JITTER_S}"})
-    rig.start()
+    rig.start_simulator(*simulator_options(folder, arm))
+    rig.start_executor()
     try:
         throws = 0
         for _ in range(ASKED_A_THROW * count):
@@ -97,6 +104,7 @@ def _throw(rig: Rig, release: dict[str, Any], found: BinThrows) -> bool:
         found.landed_on[str(row.metrics["landed_on"])] += 1
         found.inside += row.metrics["landed_on"] == "bin"
         found.errors_m.append(row.metrics["landing_error_m"])
+    found.held += row.outcome == "held"
     if rig.is_latched():
         rig.recover()
         rig.acknowledge()
@@ -124,9 +132,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--throws", type=int, default=30)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--measured", action="store_true", help=f"{MEASURED}, instead of the {IDEAL}")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        print(json.dumps(vars(throw_into_bins(Path(folder), options.throws, options.seed)), indent=1))
+        arm = MEASURED if options.measured else IDEAL
+        print(json.dumps(vars(throw_into_bins(Path(folder), options.throws, options.seed, arm)), indent=1))
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from statistics import median
 from typing import Any
 
 from benchmarks.results import machine
+from benchmarks.streaming.arms import IDEAL, MEASURED
 from benchmarks.streaming.bins import BinThrows, throw_into_bins
 from benchmarks.streaming.loops import TRIES, compare_loops
 from benchmarks.streaming.throws import throw_series
@@ -23,7 +24,7 @@ INTO_BINS = 30  # throws into bins behind walls
 BUSY = 2  # busy processes beside the second series of throws: one per core
 
 THROWS_HEAD = (
-    "| beside | outcomes | cycles without a command | release speed error p50 / max | landing error p50 / max | "
+    "| arm, beside | outcomes | cycles without a command | release speed error p50 / max | landing error p50 / max | "
     "slips, in all, longest | taken by the host |",
     "| --- | --- | --- | --- | --- | --- | --- |",
 )
@@ -64,7 +65,8 @@ def streaming_report(count: int, runs: int) -> str:
         quiet = throw_series(Path(folder) / "quiet", count, "speedj", 0)
         loops = compare_loops(Path(folder) / "loops", runs)
         busy = _beside_busy_processes(Path(folder) / "busy", count)
-        bins = throw_into_bins(Path(folder) / "bins", INTO_BINS)
+        measured = throw_series(Path(folder) / "measured", count, "speedj", 0, arm=MEASURED)
+        bins = {arm: throw_into_bins(Path(folder) / f"bins-{arm}", INTO_BINS, arm=arm) for arm in (IDEAL, MEASURED)}
     lines = [
         "# Streaming",
         "",
@@ -75,11 +77,12 @@ def streaming_report(count: int, runs: int) -> str:
         f"## {count} throws in a row",
         "",
         *THROWS_HEAD,
-        _throws_row("nothing", quiet),
-        _throws_row(f"{BUSY} busy processes", busy),
+        _throws_row(f"{IDEAL}, nothing", quiet),
+        _throws_row(f"{IDEAL}, {BUSY} busy processes", busy),
+        _throws_row(f"{MEASURED}, nothing", measured),
         "",
-        *_reasons(quiet, busy),
-        f"## Fling's loop and the plain one, worst of {runs} runs each",
+        *_reasons(quiet, busy, measured),
+        f"## Fling's loop and the plain one, {IDEAL}, worst of {runs} runs each",
         "",
         "Plain: `initPeriod; speedJ; waitPeriod` of ur_rtde's documentation, with the same commands and a known lag.",
         "It follows the wall clock, so a slip, which no real controller has, shifts it: of",
@@ -132,15 +135,18 @@ def _loop_row(name: str, worst: dict[str, float]) -> str:
     )
 
 
-def _bins_section(bins: BinThrows) -> list[str]:
-    landed = ", ".join(f"{count} {surface}" for surface, count in bins.landed_on.most_common())
-    error = f"{1e3 * median(bins.errors_m):.1f} / {1e3 * max(bins.errors_m):.1f} mm" if bins.errors_m else "–"
-    text = (
-        f"**{bins.inside} of {bins.executed} lie inside.** The simulator stops the object at walls and bins, and its "
-        f"gripper scatters by a third of the release window. Landed on: {landed}. Distance from the planned landing "
-        f"point, p50 / max: {error}. Requests without a plan: {bins.refused}."
+def _bins_section(bins: dict[str, BinThrows]) -> list[str]:
+    text = "The simulator stops the object at walls and bins; its gripper scatters by a third of the release window."
+    return ["## Into bins behind walls", "", text, "", *(_bins_line(arm, found) for arm, found in bins.items()), ""]
+
+
+def _bins_line(arm: str, found: BinThrows) -> str:
+    landed = ", ".join(f"{count} {surface}" for surface, count in found.landed_on.most_common()) or "nothing"
+    error = f"{1e3 * median(found.errors_m):.1f} / {1e3 * max(found.errors_m):.1f} mm" if found.errors_m else "–"
+    return (
+        f"* {arm}: **{found.inside} of {found.executed} lie inside**, {found.held} were held. Landed on: {landed}. "
+        f"Distance from the planned landing point, p50 / max: {error}. Requests without a plan: {found.refused}."
     )
-    return ["## Into bins behind walls", "", text, ""]
 
 
 def _percent(values: dict[str, float], key: str) -> str:

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.streaming.arms import IDEAL, MEASURED, simulator_options
 from executor.doctor import stolen_s
 from executor.robot import simulator_client
 from tests.system.rig import LOB, Rig
@@ -31,23 +32,24 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=100)
     parser.add_argument("--busy", type=int, default=0, help="number of busy processes beside it")
     parser.add_argument("--mode", default="speedj", choices=["speedj", "servoj"])
+    parser.add_argument("--measured", action="store_true", help=f"{MEASURED}, instead of the {IDEAL}")
     parser.add_argument("--apart", action="store_true", help="simulator on another processor than the stream")
     options = parser.parse_args()
     busy = [subprocess.Popen([sys.executable, "-c", BUSY_LOOP]) for _ in range(options.busy)]
     try:
         with tempfile.TemporaryDirectory() as folder:
-            print(
-                json.dumps(
-                    throw_series(Path(folder), options.count, options.mode, options.busy, options.apart), indent=1
-                )
-            )
+            arm = MEASURED if options.measured else IDEAL
+            how = (options.mode, options.busy, options.apart, arm)
+            print(json.dumps(throw_series(Path(folder), options.count, *how), indent=1))
     finally:
         for process in busy:
             process.kill()
             process.wait()
 
 
-def throw_series(folder: Path, count: int, mode: str, busy: int, apart: bool = False) -> dict[str, Any]:
+def throw_series(
+    folder: Path, count: int, mode: str, busy: int, apart: bool = False, arm: str = IDEAL
+) -> dict[str, Any]:
     """Returns the statistics of a series of throws.
 
     Args:
@@ -56,9 +58,11 @@ def throw_series(folder: Path, count: int, mode: str, busy: int, apart: bool = F
         mode: "speedj" or "servoj".
         busy: Number of busy processes beside it, for the record.
         apart: Whether the simulator runs on another processor than the stream.
+        arm: The arm that throws.
     """
     rig = Rig(folder)
-    rig.start_simulator(*(["--core", str(min(os.sched_getaffinity(0)))] if apart else []))
+    core = ["--core", str(min(os.sched_getaffinity(0)))] if apart else []
+    rig.start_simulator(*core, *simulator_options(folder, arm))
     rig.start_executor()
     try:
         simulator_client.request(rig.host, "reset_stats")
@@ -71,7 +75,14 @@ def throw_series(folder: Path, count: int, mode: str, busy: int, apart: bool = F
         stats, stolen = simulator_client.request(rig.host, "stats"), stolen_s() - before
     finally:
         rig.stop()
-    return {"throws": count, "mode": mode, "busy_processes": busy, "stolen_s": stolen, **_summary(rows, stats)}
+    return {
+        "throws": count,
+        "mode": mode,
+        "arm": arm,
+        "busy_processes": busy,
+        "stolen_s": stolen,
+        **_summary(rows, stats),
+    }
 
 
 def _summary(rows: list[Any], stats: dict[str, Any]) -> dict[str, Any]:

@@ -2,8 +2,8 @@
 
 from executor.records.journal import MIN_FREE_BYTES, ExecutionResult, Journal, JournalLocked
 from executor.records.landing import Landing, ObservedLanding, expect_throw, wait_for_landing
-from executor.records.metrics import metrics, release_verdict
-from executor.records.recording import to_csv, to_mcap
+from executor.records.metrics import metrics, release_verdict, timing_advice
+from executor.records.recording import to_mcap, to_samples
 from executor.records.telemetry import RunResult, Telemetry, row_document
 from executor.records.timing import arm_timing
 
@@ -21,7 +21,8 @@ __all__ = [
     "metrics",
     "release_verdict",
     "row_document",
-    "to_csv",
+    "timing_advice",
     "to_mcap",
+    "to_samples",
     "wait_for_landing",
 ]

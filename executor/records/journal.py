@@ -15,7 +15,7 @@ from typing import Any
 
 import orjson
 
-from store import Store, StoreUnavailable
+from store import Store, StoreUnavailable, samples_of_csv
 
 CAMERA = "sim-camera"  # source of the landings that a simulated controller reports
 FAULT_FILE = "fault.json"
@@ -39,7 +39,7 @@ class ExecutionResult:
     reason: str
     metrics: dict[str, Any] | None
     mcap: bytes = b""
-    csv: bytes = b""
+    samples: bytes = b""
     landing: dict[str, Any] | None = None
 
 
@@ -85,7 +85,11 @@ class Journal:
         data = orjson.dumps(summary, option=orjson.OPT_SERIALIZE_NUMPY)
         id = result.execution_id
         try:
-            for name, content in ((f"{id}.mcap", result.mcap), (f"{id}.csv", result.csv), (f"{id}.result.json", data)):
+            for name, content in (
+                (f"{id}.mcap", result.mcap),
+                (f"{id}.samples", result.samples),
+                (f"{id}.result.json", data),
+            ):
                 self._write(name, content)
         except OSError:  # the disk is full
             for path in self.folder.glob(f"{id}.*"):
@@ -121,10 +125,12 @@ class Journal:
     def _deliver_one(self, store: Store, path: Path) -> None:
         execution_id = path.name.removesuffix(".result.json")
         summary = orjson.loads(path.read_bytes())
-        mcap, csv = (self.folder / f"{execution_id}{kind}" for kind in (".mcap", ".csv"))
-        recording = [file.read_bytes() if file.exists() else b"" for file in (mcap, csv)]
-        deliver(store, ExecutionResult(execution_id, **summary, mcap=recording[0], csv=recording[1]))
-        for file in (path, mcap, csv):
+        mcap, samples, csv = (self.folder / f"{execution_id}.{kind}" for kind in ("mcap", "samples", "csv"))
+        if csv.exists():  # written by an earlier version of Fling
+            samples.write_bytes(samples_of_csv(csv.read_bytes()))
+        recording = [file.read_bytes() if file.exists() else b"" for file in (mcap, samples)]
+        deliver(store, ExecutionResult(execution_id, **summary, mcap=recording[0], samples=recording[1]))
+        for file in (path, mcap, samples, csv):
             file.unlink(missing_ok=True)
 
     def _write(self, name: str, data: bytes) -> None:
@@ -145,7 +151,7 @@ def deliver(store: Store, result: ExecutionResult) -> None:
     if store.execution(result.execution_id) is None:
         return  # the database was replaced
     if result.mcap:
-        store.add_recording(result.execution_id, result.mcap, result.csv)
+        store.add_recording(result.execution_id, result.mcap, result.samples)
     if result.landing:
         store.add_landing(execution_id=result.execution_id, source=CAMERA, **result.landing)
     store.finish_execution(result.execution_id, result.outcome, result.reason, result.metrics)

@@ -79,12 +79,12 @@ def release_verdict(
         off = [f"at the release a joint's speed was {share:.1%} ({error:.3f} rad/s) off the plan's"]
     if numbers["released"] and landing is None and problem.cell.link.kind == "sim":
         return "completed", "the gripper was commanded to open, but no object left it"
-    if warnings := [*off, *_timing_advice(problem, numbers)]:
+    if warnings := [*off, *timing_advice(problem, numbers)]:
         return "completed", f"warning: {'; '.join(warnings)}"
     return None
 
 
-def _timing_advice(problem: ThrowProblem, numbers: dict[str, Any]) -> list[str]:
+def timing_advice(problem: ThrowProblem, numbers: dict[str, Any]) -> list[str]:
     """Returns the lag to set where the run shows another one than the cell file's."""
     timing = numbers["timing"]
     if timing is None or timing["lag_change_s"] is None:

@@ -1,4 +1,4 @@
-"""The recording of a run, one row a tick: planned and measured motion, as CSV and as MCAP.
+"""The recording of a run, one row a tick: planned and measured motion, as samples and as MCAP.
 
 The MCAP holds JSON messages under Foxglove's schema names; its panels show joints and log without a plug-in.
 """
@@ -14,6 +14,7 @@ from mcap.writer import CompressionType, Writer
 
 from executor.records.telemetry import Telemetry, column_names
 from executor.shared_memory import SCALARS, VECTORS
+from store import pack_samples
 
 NANOSECONDS = 1_000_000_000
 NUMBER, INTEGER, TEXT = {"type": "number"}, {"type": "integer"}, {"type": "string"}
@@ -35,11 +36,9 @@ LOG_INFO = 2  # source: foxglove.Log, levels
 Events = Sequence[tuple[float, str]]  # of an execution: time [s since the epoch], text
 
 
-def to_csv(telemetry: Telemetry) -> bytes:
-    """Returns the rows as CSV with a header; the numbers read back exactly."""
-    lines = [",".join(column_names())]
-    lines += [",".join(map(repr, row)) for row in telemetry.rows.tolist()]
-    return ("\n".join(lines) + "\n").encode()
+def to_samples(telemetry: Telemetry) -> bytes:
+    """Returns the rows as samples; the store makes CSV of them."""
+    return pack_samples(column_names(), telemetry.rows)
 
 
 def to_mcap(

@@ -2,12 +2,14 @@
 
 from executor.robot import simulator_client
 from executor.robot.dashboard import DashboardClient
+from executor.robot.gripper_hold import GripperHold
 from executor.robot.kinematics_client import KinematicsInfo, read_kinematics
 from executor.robot.primary import ProgramWatch
 from executor.robot.session import RobotSession, RobotState, receive_timestamps, robot_document
 
 __all__ = [
     "DashboardClient",
+    "GripperHold",
     "KinematicsInfo",
     "ProgramWatch",
     "RobotSession",

@@ -11,6 +11,7 @@ import socket
 import struct
 import time
 
+from executor.robot.gripper_hold import PROGRAM as HOLD_PROGRAM
 from executor.robot.primary_packages import PORT, take_packages
 
 CONNECT_S = 0.5  # [s] a controller answers within milliseconds; without this interface a run goes on
@@ -91,5 +92,5 @@ class ProgramWatch:
     def _key(self, title: str, program: str) -> None:
         if program == OWN_PROGRAM:
             self._own_started = self._own_started or title == STARTED
-        elif self._own_started:
+        elif self._own_started and program != HOLD_PROGRAM:
             self.foreign = self.foreign or f"the program '{program}'"

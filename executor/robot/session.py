@@ -17,6 +17,7 @@ from typing import Any
 from executor.robot.dashboard import DashboardClient
 from executor.robot.kinematics_client import KinematicsInfo, KinematicsReader
 from executor.settings import ExecutorSettings
+from executor.streaming.state_checks import NORMAL, POWER_ON
 from planner.cell import Cell
 
 PORT = 30004
@@ -75,12 +76,17 @@ class RobotState:
 
 
 class Monitor(threading.Thread):
-    """A thread that keeps the newest state in `state`; None without a connection."""
+    """A thread that keeps the newest state in `state`; None without a connection.
+
+    Attributes:
+        stop_seen: the first state with a safety stop or without power since `forget_stops`; None without one.
+    """
 
     def __init__(self, host: str) -> None:
         super().__init__(name="monitor", daemon=True)
         self.host = host
         self.state: RobotState | None = None
+        self.stop_seen: RobotState | None = None
         self._ended = threading.Event()
 
     def stop(self) -> None:
@@ -105,7 +111,13 @@ class Monitor(threading.Thread):
 
     def _follow(self, receiver: RtdeReceiver) -> None:
         while not self._ended.is_set():
-            self.state = receiver.receive()
+            self.state = state = receiver.receive()
+            if self.stop_seen is None and (state.safety_bits != NORMAL or state.robot_mode < POWER_ON):
+                self.stop_seen = state
+
+    def forget_stops(self) -> None:
+        """Forgets the stops that were seen: a run begins."""
+        self.stop_seen = None
 
 
 class RtdeReceiver:

@@ -10,6 +10,8 @@ import math
 from executor import shared_memory as shm
 from executor.stream_job import Row, StreamJob
 from executor.streaming.clock import ControllerClock, LostTicks
+from executor.streaming.command_watch import CommandWatch
+from executor.streaming.landing_watch import LandingWatch
 from executor.streaming.rtde_connection import SERVO_CONSTANT_S, RtdeConnection
 from executor.streaming.state_checks import StopRequests, StreamFault
 from planner.brake_profile import brake_weights
@@ -56,6 +58,12 @@ class Schedule:
             return self.job.reference_q[row], self.job.reference_qd[row]
         return self._braking((row - self.job.lag_ticks - self.diverted) * self.job.dt)
 
+    def reference_acceleration(self, row: int) -> Row:
+        """Returns the planned qdd (6,) of the expected measurement when row `row` is sent [rad/s^2]; on the plan."""
+        speeds, last = self.job.reference_qd, len(self.job.q) - 1
+        before, after = speeds[max(min(row, last) - 1, 0)], speeds[min(row + 1, last)]
+        return [(b - a) / (2.0 * self.job.dt) for a, b in zip(before, after, strict=True)]
+
     def _braking(self, s: float) -> tuple[Row, Row]:
         """Returns q and qd (6,) at `s` [s] after the start of the brake."""
         start = self.diverted or 0
@@ -80,6 +88,8 @@ class Stream:
         self.clock = ControllerClock(connection, job.dt)
         self.verdict = ("completed", "")
         self.output_sent = False
+        self.commands = CommandWatch()
+        self.watch = None if job.landing is None or job.dry_run else LandingWatch(job, job.landing)
         self.fields[shm.TIMESTAMP_AT_ZERO] = self.clock.first - job.first_clock_s + job.lag_ticks * job.dt
 
     def run(self) -> tuple[str, str]:
@@ -91,26 +101,34 @@ class Stream:
         while self.clock.tick <= self.schedule.last:
             self.clock.wait()
             self.connection.read()
+            self.commands.look(self.connection.target_qd, self.connection.stamp)
             self._check()
             row = self.clock.tick
             reference = self.schedule.reference(row)
             stop = self._stop(reference[0])
             if stop is not None:
                 self._divert(row, stop)
+            elif self.verdict[0] == "held" and row > self.job.release_row:
+                self._divert(row, self.verdict)  # the plan's own brake is certified without the object
             command = self._send(row, reference[0])
-            self._open_gripper(row)
+            self._open_gripper(row, reference, command)
             self._record(reference, command)
         return self.verdict
 
     def _check(self) -> None:
-        """Checks the controller's state; after a stop by the watchdog the outcome is `late`."""
+        """Checks the controller's state; after a stop by its watchdog the outcome is `late`, or `link_lost`."""
         try:
             self.connection.check()
         except StreamFault as fault:
             silent = max(self.clock.missed * self.job.dt, self.clock.host_s - self.connection.sent_at)
-            if fault.outcome == "aborted" and silent > WATCHDOG_SHARE / self.connection.watchdog_hz:
+            trips_s = WATCHDOG_SHARE / self.connection.watchdog_hz
+            if fault.outcome == "aborted" and silent > trips_s:
                 reason = f"no command for {silent * 1e3:.0f} ms: the controller's watchdog stopped the program"
                 raise StreamFault("late", reason) from fault
+            lost = self.commands.lost_s(self.connection.stamp)
+            if fault.outcome == "aborted" and lost > trips_s:
+                reason = f"commands were lost on the way for {lost * 1e3:.0f} ms: {fault.reason}"
+                raise StreamFault("link_lost", reason) from fault
             raise
 
     def _stop(self, reference_q: Row) -> tuple[str, str] | None:
@@ -146,17 +164,40 @@ class Stream:
         limits = self.job.qd_max
         command = [v + b if -m <= v + b <= m else v for v, b, m in zip(qd, feedback, limits, strict=True)]
         self.connection.speed(command)
+        self.commands.sent(command)
         return command
 
-    def _open_gripper(self, row: int) -> None:
-        """Sends the gripper's output at the tick of its row, or at the next one after lost ticks."""
+    def _open_gripper(self, row: int, reference: tuple[Row, Row], command: Row) -> None:
+        """Sends the gripper's output at the tick of its row, or at the next one after lost ticks.
+
+        Where the object would land beyond its tolerance the output is never sent: the arm flies on with it.
+        """
         job = self.job
-        if self.output_sent or job.output_row < 0 or row < job.output_row or self.schedule.diverted is not None:
+        if self.output_sent or job.output_row < 0 or self.schedule.diverted is not None:
+            return
+        if self._keeps(row, reference, command) or row < job.output_row:
             return
         self.connection.output(job.output_level)
         self.output_sent = True
         self.fields[shm.OUTPUT_SENT_S] = job.first_clock_s + (row - job.lag_ticks) * job.dt
         self.fields[shm.OUTPUT_LATE_S] = (row - job.output_row) * job.dt
+
+    def _keeps(self, row: int, reference: tuple[Row, Row], command: Row) -> bool:
+        """Returns whether the object is kept, which is decided once: at the tick that would let go of it."""
+        watch, job = self.watch, self.job
+        if watch is None or self.verdict[0] == "held":
+            return watch is not None
+        feedback = [0.0] * 6  # servoj has none
+        if job.mode == "speedj":
+            feedback = [a - b for a, b in zip(command, self.schedule.command(row)[1], strict=True)]
+        state = (*reference, self.schedule.reference_acceleration(row))
+        watch.add(row, state, (self.connection.q, self.connection.qd), feedback)
+        if row < job.output_row:
+            return False
+        reason = watch.reason(*reference, (job.release_row + job.lag_ticks - row) * job.dt)
+        if reason:
+            self.verdict = ("held", reason)
+        return bool(reason)
 
     def _record(self, reference: tuple[Row, Row], command: Row) -> None:
         """Writes the pulse and one row of telemetry."""

@@ -32,6 +32,7 @@ VARIABLES = [
     "actual_q",
     "actual_qd",
     "actual_current",
+    "target_qd",
     "safety_status_bits",
     "runtime_state",
     "robot_mode",
@@ -53,6 +54,7 @@ class RtdeConnection:
     Attributes:
         stamp: controller time of the newest state [s].
         q, qd, current: measured (6,), of that state [rad, rad/s, A].
+        target_qd: joint speeds (6,) that the controller commands, of that state [rad/s].
         safety_bits, runtime_state, robot_mode, scaling, outputs: of that state; as in the RTDE guide.
         delayed_s: time this thread waited for a processor between the last two readings [s].
         call_s: duration of the last command [s].
@@ -110,6 +112,7 @@ class RtdeConnection:
         while True:  # a package may arrive between two getters: read again, at most once in practice
             self.stamp = receive.getTimestamp()
             self.q, self.qd, self.current = receive.getActualQ(), receive.getActualQd(), receive.getActualCurrent()
+            self.target_qd = receive.getTargetQd()
             self.safety_bits, self.runtime_state = receive.getSafetyStatusBits(), receive.getRuntimeState()
             self.robot_mode = receive.getRobotMode()
             self.scaling = receive.getSpeedScalingCombined()

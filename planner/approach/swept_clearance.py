@@ -99,10 +99,10 @@ def swept_clearances(cell: Cell, paths: SweptPaths) -> Iterator[SweptClearance]:
     for item, capsule in enumerate(body.moving):
         name = body.names[capsule]
         yield _smooth(f"{name} and the floor", heights[item], bends[capsule], around.clearance_m)
-        for i, distances in enumerate(boxes[:, item]):
+        for box, distances in zip(around.keep_out_names, boxes[:, item], strict=True):
             chords = _longest_chords(ends[capsule].reshape(2, 3, *shape))
             between = slope_bound(*_neighbours(distances), chords, ONE_STEP) - bends[capsule] / 8.0
-            yield SweptClearance(f"{name} and keep-out box {i}", distances, between, around.clearance_m)
+            yield SweptClearance(f"{name} and keep-out {box}", distances, between, around.clearance_m)
     for i, distances in enumerate(body.wall_distances(ends).reshape(-1, *shape)):
         yield _smooth(f"the tool and the wall of keep-in box {i}", distances, bends[body.object], 0.0)
     approaches = (body.pair_levers @ (turn + bend)).reshape(-1, *paths.turn.shape[:2])

@@ -132,12 +132,29 @@ def cell_of(source: CellSource, published: bool = False) -> Cell:
         CellError: the text is not TOML, or a field is refused: an unknown key, a number that is not finite, a limit
             beyond the arm's own, a calibration file that is missing or of another model.
     """
-    if not NAME_PATTERN.fullmatch(source.name):
-        raise CellError("name", source.name, "must be letters, digits, '-' and '_', 64 at most")
+    return cell_of_document(toml_of(source), source, published)
+
+
+def toml_of(source: CellSource) -> dict[str, Any]:
+    """Returns the keys of a cell file, unchecked.
+
+    Raises:
+        CellError: the text is not TOML.
+    """
     try:
-        given = tomllib.loads(source.text.decode())
+        return tomllib.loads(source.text.decode())
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise CellError("file", source.name, f"is not TOML: {error}") from error
+
+
+def cell_of_document(given: Mapping[str, Any], source: CellSource, published: bool = False) -> Cell:
+    """Returns the cell that the keys of a cell file describe, see `cell_of`.
+
+    Raises:
+        CellError: a field is refused.
+    """
+    if not NAME_PATTERN.fullmatch(source.name):
+        raise CellError("name", source.name, "must be letters, digits, '-' and '_', 64 at most")
     document = merge_defaults(given, DEFAULTS)
     if published:
         document["kinematics"] = DEFAULTS["kinematics"]

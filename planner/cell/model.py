@@ -10,6 +10,8 @@ from planner.arrays import Array
 from planner.calibration import CalibrationFile
 from planner.robots import Robot
 
+OUT_M = 0.01  # [m] least displacement at which an object is out of the grip
+
 
 @dataclass(frozen=True, eq=False)
 class ToolCapsule:
@@ -61,10 +63,11 @@ class Limits:
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """An axis-aligned box: lower and upper corner in the world frame (3,) [m]."""
+    """An axis-aligned box: lower and upper corner in the world frame (3,) [m], and a name where it has one."""
 
     lower: Array
     upper: Array
+    name: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +88,11 @@ class Surroundings:
     keep_in: tuple[Box, ...]
     keep_out: tuple[Box, ...]
 
+    @property
+    def keep_out_names(self) -> tuple[str, ...]:
+        """What each keep-out box is called: by its name, or by its number."""
+        return tuple(box.name or f"box {i}" for i, box in enumerate(self.keep_out))
+
 
 @dataclass(frozen=True)
 class ThrownObject:
@@ -93,6 +101,11 @@ class ThrownObject:
     mass_kg: float
     radius_m: float
     drag_coefficient: float
+
+    @property
+    def way_out_m(self) -> float:
+        """The displacement in the gripper by which it is out of the grip [m]: its radius, but no less than `OUT_M`."""
+        return max(self.radius_m, OUT_M)
 
 
 @dataclass(frozen=True, eq=False)

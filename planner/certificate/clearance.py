@@ -32,8 +32,8 @@ def floor(motion: MotionSamples) -> Check:
 
 
 def keep_out(motion: MotionSamples) -> Check | None:
-    """Checks that every capsule keeps the clearance from every keep-out box; None where the cell has none."""
-    around, body, t = motion.problem.cell.surroundings, motion.body, motion.at_knots.t[motion.sparse]
+    """Checks that every capsule keeps the clearance from every keep-out box and a bin; None where there is neither."""
+    around, body, t = motion.body.cell.surroundings, motion.body, motion.at_knots.t[motion.sparse]
     if not around.keep_out:
         return None
     moving, count = body.moving, len(body.moving)
@@ -60,7 +60,7 @@ def keep_out(motion: MotionSamples) -> Check | None:
     items, rows = np.nonzero(gaps <= undecided)
     gaps[items, rows] = distance(ends[items % count, :, :, rows], items)
     proof = prove_above(evaluate, t, gaps, rates, around.clearance_m, slope_bound)
-    name = f"{body.names[moving[proof.item % count]]}, box {proof.item // count}"
+    name = f"{body.names[moving[proof.item % count]]}, {around.keep_out_names[proof.item // count]}"
     return _distance_check("keep_out", proof, around.clearance_m, name)
 
 

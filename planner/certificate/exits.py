@@ -34,7 +34,6 @@ from planner.certificate.samples import ArmSamples
 from planner.kernel import Kernel, twin_of
 from planner.kinematics import LinkMotion, dot, flange_poses
 
-OUT_M = 0.01  # [m] least displacement at which the object is out of the grip; otherwise its radius
 FREE_M = 0.001  # [m] displacement that counts in no direction: chosen, a fraction of the play between object and palm
 OUT_MAX_S = 0.5  # [s] after the release: an object that moves with the tool for longer is not proven to leave it
 SPARE = 1.1  # [-] share of the time after which the object of the nominal release is out, looked at at once
@@ -168,7 +167,7 @@ class Exits:
 
     def __init__(self, flights: Flights, direction: Array, cone_rad: float) -> None:
         """Takes the flights, the axis of the cone (3,) in the tool frame and its half angle [rad]."""
-        out_m = max(flights.motion.problem.cell.object.radius_m, OUT_M)
+        out_m = flights.motion.problem.cell.object.way_out_m
         self.flights, self.cone = flights, Cone(direction, cone_rad, FREE_M, out_m)
 
     def widest(self) -> tuple[float, float, bool]:

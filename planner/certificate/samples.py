@@ -97,7 +97,7 @@ class MotionSamples:
     def __init__(self, problem: ThrowProblem, trajectory: Trajectory) -> None:
         self.problem = problem
         self.trajectory = trajectory
-        self.body: BodyModel = body_model(problem.cell)
+        self.body: BodyModel = body_model(problem.cell_with_bin)
 
     @cached_property
     def knots(self) -> Index:

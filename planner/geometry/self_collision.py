@@ -70,9 +70,8 @@ def object_pairs(
         p_FT: centre of the object in the flange frame (3,) [m].
         radius_m: of the object [m].
     """
-    held = Capsule(frame=6, p0=p_FT, p1=p_FT, radius_m=radius_m, name="object")
     last = len(body_capsules(robot, tool))
-    return tuple((i, last) for i, link in enumerate(arm_capsules(robot)) if _can_collide(robot, link, held))
+    return tuple((i, last) for i in _links_the_object_meets(robot, (*p_FT.tolist(),), radius_m))
 
 
 def barriers(robot: Robot, tool: Sequence[ToolCapsule]) -> tuple[Barrier, ...]:
@@ -110,6 +109,12 @@ def _pairs(robot: Robot, tool: ToolKey) -> tuple[tuple[int, int], ...]:
     capsules = body_capsules(robot, _tool_from_key(tool))
     indices = combinations(range(len(capsules)), 2)
     return tuple((i, j) for i, j in indices if _can_collide(robot, capsules[i], capsules[j]))
+
+
+@lru_cache(maxsize=256)
+def _links_the_object_meets(robot: Robot, p_FT: tuple[float, ...], radius_m: float) -> tuple[int, ...]:
+    held = Capsule(frame=6, p0=np.array(p_FT), p1=np.array(p_FT), radius_m=radius_m, name="object")
+    return tuple(i for i, link in enumerate(arm_capsules(robot)) if _can_collide(robot, link, held))
 
 
 @lru_cache(maxsize=64)

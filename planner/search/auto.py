@@ -14,9 +14,9 @@ from planner.certificate import Check, flight_obstruction
 from planner.errors import SolverFailed
 from planner.problem import JointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.search.incumbent import CertifiedSolution, PlanningSearch, certified
-from planner.search.policy import POLICY, Stage, release_state_given
+from planner.search.policy import LAST_POLICY, POLICY, Stage, release_state_given
 from planner.search.ranking import RankedCandidate, Ranking
-from planner.seeds import Candidate, Seed
+from planner.seeds import Seed
 from planner.solution import Solution
 from planner.trajectory import Trajectory
 
@@ -27,15 +27,14 @@ TICK_SLACK = 1e-6  # [ticks] for rounding
 NOT_COMPILED = "the solvers are not compiled: the same answer, later; `fling warm` compiles them"
 
 
-def search_optimised(search: PlanningSearch, candidates: list[Candidate], policy: Sequence[Stage] = POLICY) -> None:
+def search_optimised(search: PlanningSearch, ranking: Ranking, policy: Sequence[Stage] = POLICY) -> None:
     """Walks the stages of a policy; for `casadi` those of the optimiser alone.
 
     Args:
         search: updated in place.
-        candidates: by ascending lower bound on the launch time.
+        ranking: of its problem's candidates; notes what was tried.
         policy: the stages.
     """
-    ranking = Ranking(search.problem, candidates)
     with_ruckig = search.problem.backend == "auto"
     if with_ruckig and release_state_given(search, ranking):
         search.lower_bound_s = _least_release_time(search.problem.dt, ranking)
@@ -43,7 +42,7 @@ def search_optimised(search: PlanningSearch, candidates: list[Candidate], policy
     for stage in policy:
         if stage.backend == "casadi":
             _optimise(search, stage, ranking)
-            if with_ruckig and stage is first_optimised:
+            if with_ruckig and stage is first_optimised and policy is not LAST_POLICY:
                 take_in_hand(search, ranking)
         elif with_ruckig:
             _certify_ruckig(search, stage, ranking)
@@ -156,10 +155,12 @@ def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
         begun += load_optimiser(search)
         tried += 1
         try:
-            valid += _optimise_from(search, ranked, end, stage.with_ipopt)
-            solved += 1
-        except SolverFailed as error:
+            was_valid = _optimise_from(search, ranked, end, stage.with_ipopt)
+            valid, solved = valid + was_valid, solved + 1
+            search.given_up += not was_valid
+        except casadi_nlp.SeedFailed as error:
             failure = f"; {error}"
+            search.given_up += not error.is_late
     if tried:
         search.log_attempt("casadi", f"{stage.purpose}: {valid} of {solved} motions certified{failure}", begun)
 

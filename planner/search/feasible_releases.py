@@ -35,7 +35,7 @@ def feasible_releases(problem: ThrowProblem, release: PlacedRelease) -> Iterator
     order = np.argsort(np.linalg.norm(p - position(release), axis=1), kind="stable")[:CHECKED_MAX]
     q, p = q[order], p[order]
     yielded: list[Array] = []
-    for p_WT in p[body_model(problem.cell).clearances(q).least >= CLEARANCE_M]:
+    for p_WT in p[body_model(problem.cell_with_bin).clearances(q).least >= CLEARANCE_M]:
         if len(yielded) < RELEASES_MAX and all(np.linalg.norm(p_WT - other) > APART_M for other in yielded):
             yielded.append(p_WT)
             yield moved(release, p_WT)

@@ -47,6 +47,7 @@ class PlanningSearch:
         lower_bound_s: no motion releases earlier [s], as far as is known.
         loading_s: spent on loading solvers [s]; the deadline is later by as much.
         held: groups of rows with which a seed failed: further seeds start with them.
+        given_up: seeds from which the optimiser came to no certified motion, for another reason than its lateness.
     """
 
     problem: ThrowProblem
@@ -61,6 +62,7 @@ class PlanningSearch:
     lower_bound_s: float = 0.0
     loading_s: float = 0.0
     held: frozenset[str] = frozenset()
+    given_up: int = 0
     _certified_backends: set[str] = field(default_factory=set)
 
     @property
@@ -86,6 +88,12 @@ class PlanningSearch:
     def answer(self) -> CertifiedSolution | None:
         """The soonest valid motion: the incumbent, or else the one in hand."""
         return self.incumbent or self.in_hand
+
+    def continued(self, problem: ThrowProblem) -> PlanningSearch:
+        """Returns a search for motions that solve another problem and are sooner than this one's incumbent."""
+        inner = PlanningSearch(problem, self.deadline_s, self.incumbent)
+        inner._certified_backends = set(self._certified_backends)
+        return inner
 
     def certify(self, backend: str, solution: Solution) -> Certificate:
         """Returns the certificate of a motion, which is considered as an answer."""

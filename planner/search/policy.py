@@ -8,7 +8,8 @@ the release where the request leaves it free. So:
 2. The optimiser starts from the two candidates that Ruckig reaches soonest, until one motion is certified. A throw that
    hardly improves on its candidates is optimised from further ones.
 3. Ruckig's motions that would release before the incumbent are certified, too.
-4. While that has given no answer, further candidates are tried by both, and the slower second solver at last.
+4. While that has given no answer, further candidates are tried by both.
+5. A doubtful search is repeated under tighter limits (`tighter`), and the slower second solver is tried at last.
 
 Counts alone decide what is tried, so that the answer does not depend on the load of the machine. The only clock is the
 request's own deadline.
@@ -57,6 +58,11 @@ def none_optimised(search: PlanningSearch, ranking: Ranking) -> bool:
     return not search.has_certified("casadi")
 
 
+def nothing_certified(search: PlanningSearch, ranking: Ranking) -> bool:
+    """Returns whether the search has certified no motion itself."""
+    return not search.certified
+
+
 def throw_is_slow(search: PlanningSearch, ranking: Ranking) -> bool:
     """Returns whether an optimised throw hardly improves on the candidates: it is stuck in a poor local minimum."""
     release = search.problem.release
@@ -102,5 +108,13 @@ POLICY: tuple[Stage, ...] = (
     Stage("casadi", "last seeds", slice(3, SEEDS_MAX), no_incumbent, iterations=100),
     Stage("ruckig", "further motions", slice(6, 11), always),
     Stage("ruckig", "sooner motions", slice(11, RANKED_MAX), has_incumbent),
+)
+# Under tighter limits, for motions sooner than what was found under the request's own.
+TIGHTER_POLICY: tuple[Stage, ...] = (
+    Stage("ruckig", "soonest arrivals", slice(0, 2), release_state_given, variants=("free",), order="arrival"),
+    Stage("casadi", "soonest seeds", slice(0, 2), nothing_certified, iterations=300),
+    Stage("ruckig", "sooner motions", slice(0, 6), always),
+)
+LAST_POLICY: tuple[Stage, ...] = (
     Stage("casadi", "second solver", slice(0, 1), no_incumbent, iterations=200, with_ipopt=True),
 )

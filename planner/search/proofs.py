@@ -15,6 +15,7 @@ from planner.flight import least_speed
 from planner.geometry import body_model, tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.search.released_flight import released_flight_blocked
+from planner.search.throw_range import farthest_reach_from_shoulder, out_of_range, shoulder_position
 
 SLACK = 1e-3  # [m, m/s, rad/s] beyond the certificate's tolerances on release and landing, all below it
 RIM_POINTS = 2048  # [-] places on the rim of the arm's reach from which a target is aimed at
@@ -59,14 +60,8 @@ def of_candidates(problem: ThrowProblem, violations: tuple[Violation, ...]) -> t
 
 
 def farthest_from_shoulder(problem: ThrowProblem) -> tuple[Array, float]:
-    """Returns the shoulder's position (3,) and a bound on the tool centre's distance from it [m].
-
-    Behind the shoulder, which the first joint only turns, each link is at most hypot(a, d) long.
-    """
-    cell, robot = problem.cell, problem.cell.robot
-    shoulder = cell.X_WB[:3, :3] @ [0.0, 0.0, robot.d[0]] + cell.X_WB[:3, 3]
-    beyond = np.hypot(robot.a, robot.d)[1:].sum() + np.linalg.norm(cell.tool.X_FT[:3, 3])
-    return shoulder, float(abs(robot.a[0]) + beyond)
+    """Returns the shoulder's position (3,) and a bound on the tool centre's distance from it [m]."""
+    return shoulder_position(problem.cell), farthest_reach_from_shoulder(problem.cell)
 
 
 def _place(problem: ThrowProblem, p_WT: Array) -> list[Violation]:
@@ -143,12 +138,22 @@ def _range(problem: ThrowProblem, release: TargetRelease, p_WT: Array | None = N
     }
     name = min(bounds, key=lambda name: bounds[name])
     if p_WT is None and _least_speed(problem, release.p_W, *_rim(problem, release.p_W, RIM_FIRST)) <= bounds[name]:
-        return []
+        return _beyond_stretched_arm(problem, release)
     needed = least_speed_within_reach(problem, release.p_W, p_WT)
-    if needed <= bounds[name] + SLACK:
+    if needed > bounds[name] + SLACK:
+        detail = "least speed that throws to the target from anywhere within the arm's reach"
+        return [Violation(name, needed, bounds[name], "m/s", detail=detail)]
+    return _beyond_stretched_arm(problem, release) if p_WT is None else []
+
+
+def _beyond_stretched_arm(problem: ThrowProblem, release: TargetRelease) -> list[Violation]:
+    """Returns the joints' speed limits where these rule out every throw to a target: see `throw_range`."""
+    found = out_of_range(problem, release)
+    if found is None:
         return []
-    detail = "least speed that throws to the target from anywhere within the arm's reach"
-    return [Violation(name, needed, bounds[name], "m/s", detail=detail)]
+    needed, given = found
+    detail = "speed away from the shoulder, where the target takes the least more than all joints together give"
+    return [Violation("joint_velocity", needed, given, "m/s", detail=detail)]
 
 
 def least_speed_within_reach(problem: ThrowProblem, target: Array, p_WT: Array | None = None) -> float:

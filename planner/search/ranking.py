@@ -112,7 +112,7 @@ def _paths_free(ranking: Sequence[RankedCandidate]) -> list[bool]:
     problem = ranking[0].problem
     steps = np.array([ranked.candidate.q for ranked in ranking]) - problem.start
     q = problem.start + np.multiply.outer(PATH_SHARES, steps)
-    least = body_model(problem.cell).clearances(q.reshape(-1, 6)).least.reshape(len(PATH_SHARES), -1)
+    least = body_model(problem.cell_with_bin).clearances(q.reshape(-1, 6)).least.reshape(len(PATH_SHARES), -1)
     return (least.min(axis=0) > -OBSTACLE_DEPTH_M).tolist()
 
 
@@ -124,7 +124,7 @@ def _flights_clear(ranking: Sequence[RankedCandidate]) -> list[bool]:
     problem = ranking[0].problem if ranking else None
     if problem is None or problem.ends_at_rest or not isinstance(problem.release, PointRelease):
         return [True] * len(ranking)
-    release, body, radius = problem.release, body_model(problem.cell), problem.cell.object.radius_m
+    release, body, radius = problem.release, body_model(problem.cell_with_bin), problem.cell.object.radius_m
     arc = Arcs.onto(release.p_WT, release.v_WT, problem.plane_z, problem.gravity, radius)
     x = path(arc.p, arc.v, np.arange(FLIGHT_STEP_S, float(arc.until_s), FLIGHT_STEP_S), problem.gravity, problem.drag)
     links = np.flatnonzero(body.frames < FLANGE)

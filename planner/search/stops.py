@@ -19,6 +19,7 @@ from planner.problem import ThrowProblem
 from planner.search.auto import search_optimised
 from planner.search.incumbent import CertifiedSolution, PlanningSearch
 from planner.search.policy import POLICY, Stage, no_incumbent
+from planner.search.ranking import Ranking
 from planner.seeds import Candidate, candidates
 from planner.solution import Solution
 from planner.trajectory import Trajectory, in_a_row
@@ -33,7 +34,6 @@ WAYS_MAX = 4  # [-] postures to which a way is searched for; a search in vain ta
 RUN_UP_POLICY = (
     Stage("ruckig", "from a run-up posture", slice(0, 1), no_incumbent, variants=("free", "synchronised")),
 )
-HOME_POLICY = tuple(stage for stage in POLICY if not stage.with_ipopt)  # the second solver is as slow as all others
 
 
 def search_with_stop(search: PlanningSearch, found: Sequence[Candidate]) -> None:
@@ -64,7 +64,7 @@ def _launches(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tu
     if problem.ends_at_rest:
         yield from ((candidate.q, None) for candidate in found[:CANDIDATES_MAX])
         return
-    if (throw := _from(search, problem.cell.home, None, HOME_POLICY)) is not None:
+    if (throw := _from(search, problem.cell.home, None, POLICY)) is not None:
         yield problem.cell.home, throw
     for candidate in found[:RUN_UP_CANDIDATES_MAX]:
         for run_up_s in RUN_UPS_S:
@@ -78,7 +78,7 @@ def _from(
     search: PlanningSearch, stop: Array, candidate: Candidate | None, policy: Sequence[Stage]
 ) -> CertifiedSolution | None:
     """Returns the best certified motion from a posture to a candidate, or to all of its own; None if there is none."""
-    if search.out_of_time or body_model(search.problem.cell).clearances(stop[None]).least[0] < 0.0:
+    if search.out_of_time or body_model(search.problem.cell_with_bin).clearances(stop[None]).least[0] < 0.0:
         return None
     try:
         problem = replace(search.problem, start=stop)
@@ -86,12 +86,12 @@ def _from(
     except (InvalidProblem, Infeasible):
         return None
     inner = PlanningSearch(problem, search.deadline_s)
-    search_optimised(inner, found, policy)
+    search_optimised(inner, Ranking(problem, found), policy)
     search.iterations += inner.iterations
     return inner.answer
 
 
 def _way(problem: ThrowProblem, stop: Array) -> Trajectory | None:
     """Returns the motion from the start to a posture at rest, within the request's limits; None if none is found."""
-    way, _ = find_approach(problem.cell, problem.start, stop, PACE, limits=problem.limits)
+    way, _ = find_approach(problem.cell_with_bin, problem.start, stop, PACE, limits=problem.limits)
     return None if way is None else way.trajectory

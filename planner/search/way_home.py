@@ -38,7 +38,7 @@ def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Appro
 
 def find_way_home(search: PlanningSearch, motion: CertifiedSolution) -> tuple[Approach | None, tuple[Check, ...]]:
     """Returns the way home from the end of a motion: without the object after a throw, with it after a move to rest."""
-    cell, end = search.problem.cell, motion.solution.trajectory.q[-1]
+    cell, end = search.problem.cell_with_bin, motion.solution.trajectory.q[-1]
     return find_approach(cell, end, cell.home, with_object=search.problem.ends_at_rest)
 
 

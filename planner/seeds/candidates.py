@@ -188,7 +188,7 @@ def _usable(problem: ThrowProblem, states: _States) -> list[Candidate]:
 def _clear(problem: ThrowProblem, states: _States, bound: Array) -> list[Candidate]:
     """Returns the sorted states in which the arm is clear of everything; see `BATCHES`."""
     kind, good, least = problem.release.__class__.__name__, [], np.empty(0)
-    body = body_model(problem.cell)
+    body = body_model(problem.cell_with_bin)
     for rows, enough in BATCHES:
         if len(good) >= enough or rows.start >= len(bound):
             break
@@ -198,7 +198,7 @@ def _clear(problem: ThrowProblem, states: _States, bound: Array) -> list[Candida
     if good:
         return [Candidate(states.q[i], states.qd[i], float(bound[i]), f"{kind} {i}") for i in good]
     best = states.q[[int(least.argmax())]]
-    raise Infeasible(body.clearances(best).violations(0, problem.cell))
+    raise Infeasible(body.clearances(best).violations(0, problem.cell_with_bin))
 
 
 def _safe(problem: ThrowProblem, states: _States) -> Mask:

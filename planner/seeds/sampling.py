@@ -262,7 +262,7 @@ def _launches(problem: ThrowProblem, release: TargetRelease, p: Array, thorough:
 def _clear_of_obstacles(problem: ThrowProblem, q: Array, qd: Array) -> tuple[Array, Array]:
     """Returns those of the soonest `CHECKED_MAX` joint states (n, 6) in which the arm is clear; all if none is."""
     order = np.argsort(penalised_bound(problem, q, qd), kind="stable")[:CHECKED_MAX]
-    clear = order[body_model(problem.cell).clearances(q[order]).least >= 0.0]
+    clear = order[body_model(problem.cell_with_bin).clearances(q[order]).least >= 0.0]
     rows = clear if len(clear) else order
     return q[rows], qd[rows]
 

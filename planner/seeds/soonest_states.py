@@ -79,7 +79,7 @@ def _moved_nearby(problem: ThrowProblem, q: Array, qd: Array, states_near: State
         qd: their joint velocities (n, 6).
         states_near: returns states q, qd (m, 6) next to postures (m, 6); NaN where there is none.
     """
-    q, qd, body = q.copy(), qd.copy(), body_model(problem.cell)
+    q, qd, body = q.copy(), qd.copy(), body_model(problem.cell_with_bin)
     k = min(MOVED, len(q))
     bound = penalised_bound(problem, q[:k], qd[:k])
     for offsets in _nearby_offsets():

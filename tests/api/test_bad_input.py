@@ -55,7 +55,9 @@ REFUSED_FIELDS = [
     ("limits.velocity", 99.0, "limits.velocity[0]"),
     ("limits.velocity", [1.0] * 5, "limits.velocity"),
     ("limits.velocity", -1.0, "limits.velocity[0]"),
-    ("limits.jerk", 1e9, "limits.jerk[0]"),
+    ("limits.jerk", 1e5, "limits.jerk[0]"),
+    ("limits.jerk", 1e9, "limits.jerk"),
+    ("release.positions", [1e200] * 6, "release.positions[0]"),
     ("singularity_distance_min", 0.001, "singularity_distance_min"),
     ("start.positions", [0.0] * 3, "start.positions"),
     ("start.positions", [100.0] * 6, "start.positions[0]"),
@@ -66,6 +68,8 @@ REFUSED_FIELDS = [
     ("time_limit_s", -1, "time_limit_s"),
     ("time_limit_s", 1e6, "time_limit_s"),
     ("release_window_s", 5.0, "release_window_s"),
+    ("min_hit_probability", 1.5, "min_hit_probability"),
+    ("min_hit_probability", 0.5, "min_hit_probability"),
     ("cell", 7, "cell"),
     ("cell", "x" * 1000, "cell"),
 ]
@@ -114,10 +118,51 @@ def test_a_quaternion_must_have_length_one(service: RunningService, quaternion: 
     assert problem["errors"][0]["field"] == "release.pose.quaternion"
 
 
-def test_two_orientations_are_one_too_many(service: RunningService):
-    request = changed("release.pose.rotation_vector", [0, 0, 0], {"release": POSE})
+def test_two_orientations_must_agree(service: RunningService):
+    request = changed("release.pose.rotation_vector", [0, 0, 0.1], {"release": POSE})
     problem = problem_of(service.client.post("/plan", json=request), 422, "invalid-request")
     assert problem["errors"][0]["field"] == "release.pose"
+    assert "0.1 rad apart" in problem["detail"]
+    neither = {name: value for name, value in POSE["pose"].items() if name != "quaternion"}
+    problem = problem_of(
+        service.client.post("/plan", json=changed("release.pose", neither, {"release": POSE})), 422, "invalid-request"
+    )
+    assert problem["errors"][0]["field"] == "release.pose"
+
+
+def test_the_pose_of_an_answer_can_be_posted_back(service: RunningService, plan):
+    release = {"kind": "pose", "pose": plan["release"]["pose"], "twist": plan["release"]["twist"]}
+    again = service.plan(release=release)
+    assert again["release"]["pose"]["position"] == pytest.approx(release["pose"]["position"], abs=1e-6)
+    assert again["release"]["pose"]["quaternion"] == pytest.approx(release["pose"]["quaternion"], abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("body", "field"),
+    [
+        ('{"release": {"kind": "joint"}, "frame": "base", "frame": "world"}', "frame"),
+        ('{"release": {"kind": "joint", "kind": "pose"}}', "kind"),
+        ('{"cell": "ur5e\\u0000sim", "release": {}}', "cell"),
+        ('{"release": {"kind": ["\\ud800"]}}', "release.kind[0]"),
+        ('{"release": {"\\u0000": 1}}', "release.'\\x00'"),
+    ],
+)
+def test_json_must_mean_one_thing(service: RunningService, body: str, field: str):
+    problem = problem_of(service.client.post("/plan", content=body, headers=JSON), 422, "invalid-request")
+    assert field in [error["field"] for error in problem["errors"]]
+
+
+@pytest.mark.parametrize("cursor", ["", "x", "01a202d3-06cc-74a0-a3cb-10a25ff26159x", "%00", "latest"])
+@pytest.mark.parametrize("path", ["/plans", "/executions", "/experiments"])
+def test_a_cursor_that_no_page_gave_is_refused(service: RunningService, path: str, cursor: str):
+    problem = problem_of(service.client.get(f"{path}?cursor={cursor}"), 422, "invalid-request")
+    assert problem["errors"][0]["field"] == "query.cursor"
+
+
+@pytest.mark.parametrize("path", ["/plans/%00", "/executions/%00", "/experiments/a%00b", "/profiles/%00/adopt"])
+def test_an_id_is_a_uuid_at_the_door(service: RunningService, path: str):
+    method = "POST" if path.endswith("adopt") else "GET"
+    problem_of(service.client.request(method, path), 404, "not-found")
 
 
 def test_an_unknown_cell(service: RunningService):

@@ -7,7 +7,8 @@ from typing import Any
 
 import pytest
 
-from tests.api.conftest import FakeExecutor, RunningService
+from store import pack_samples
+from tests.api.conftest import NO_ID, FakeExecutor, RunningService
 from tests.api.test_bad_input import problem_of
 
 
@@ -60,7 +61,8 @@ def test_a_cell_without_an_executor_is_not_ready(service: RunningService, plan):
         "no executor"
         in problem_of(execute(service, service.plan(cell="changing")["id"]), 409, "robot-not-ready")["detail"]
     )
-    problem_of(execute(service, "nothing"), 404, "not-found")
+    problem_of(execute(service, NO_ID), 404, "not-found")
+    assert problem_of(execute(service, "nothing"), 422, "invalid-request")["errors"][0]["field"] == "plan_id"
 
 
 def test_an_executor_without_heartbeats_is_not_ready(service: RunningService, plan, monkeypatch: pytest.MonkeyPatch):
@@ -156,9 +158,9 @@ def test_the_recording_in_two_formats(service: RunningService, executor: FakeExe
     id = execute(service, plan["id"]).json()["id"]
     path = f"/executions/{id}/recording"
     problem_of(service.client.get(path), 404, "not-found")
-    service.store.add_recording(id, b"\x89MCAP0\r\n", b"t\n0\n")
+    service.store.add_recording(id, b"\x89MCAP0\r\n", pack_samples(["t"], [[0.0]]))
     assert service.client.get(path).content == b"\x89MCAP0\r\n"
-    assert service.client.get(path, headers={"Accept": "text/csv"}).text == "t\n0\n"
+    assert service.client.get(path, headers={"Accept": "text/csv"}).text == "t\n0.0\n"
 
 
 def test_an_execution_whose_executor_is_gone_says_so(

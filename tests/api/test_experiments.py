@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import csv
 import io
+import sys
 import xml.etree.ElementTree as ET
 from typing import Any
 
 import numpy as np
 import pytest
 
+from api.http import ProblemDetails
+from api.routes import experiments
 from store import new_id
-from tests.api.conftest import FakeExecutor, RunningService
+from tests.api.conftest import NO_ID, FakeExecutor, RunningService
 from tests.api.test_bad_input import problem_of
 
 TARGETS = ([1.2, 0.3, 0.0], [1.0, -0.2, 0.1])
@@ -24,7 +27,7 @@ def add_plan(service: RunningService, target: list[float] | None) -> str:
     id = new_id()
     release = {"kind": "joint"} if target is None else {"kind": "target", "position": target}
     summary = orjson.dumps({"id": id, "request": {"release": release}})
-    service.store.add_plan(id, 1.0, "ur5e-sim", "sha", "ruckig", summary, summary)
+    service.store.add_plan(id, 1.0, "ur5e-sim", "sha", "ruckig", summary)
     return id
 
 
@@ -94,6 +97,35 @@ def test_a_release_without_a_target_has_a_landing_and_no_error(service: RunningS
     assert (found["statistics"]["landed"], found["statistics"]["covariance_m2"]) == (0, None)
 
 
+def test_the_table_as_parquet(service: RunningService, experiment: str):
+    """Read back by the format's own library: types, nulls and lists as they are in JSON."""
+    parquet = pytest.importorskip("pyarrow.parquet")
+    kind = "application/vnd.apache.parquet"
+    response = service.client.get(f"/experiments/{experiment}", headers={"Accept": kind})
+    assert response.headers["content-type"] == kind
+    rows = parquet.read_table(io.BytesIO(response.content)).to_pylist()
+    throws = service.client.get(f"/experiments/{experiment}").json()["throws"]
+    for row, throw in zip(rows, throws, strict=True):
+        assert {name: row[name] for name in ("execution_id", "plan_id", "state", "outcome")} == {
+            name: throw[name] for name in ("execution_id", "plan_id", "state", "outcome")
+        }
+        for place in ("target", "landing"):
+            found = [row[f"{place}_{axis}_m"] for axis in "xyz"]
+            assert found == (throw[place] or [None] * 3)
+        assert (row["error_m"], row["results"]) == (throw["error_m"], throw["results"])
+    empty = service.client.post("/experiments", json={}).json()["id"]
+    table = parquet.read_table(
+        io.BytesIO(service.client.get(f"/experiments/{empty}", headers={"Accept": kind}).content)
+    )
+    assert (table.num_rows, table.num_columns) == (0, 12)
+
+
+def test_parquet_without_its_library_names_what_to_install(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(ProblemDetails, match=r"fling\[parquet\]"):
+        experiments._parquet([])
+
+
 def test_the_table_as_csv_and_the_picture(service: RunningService, experiment: str):
     response = service.client.get(f"/experiments/{experiment}", headers={"Accept": "text/csv"})
     assert response.headers["content-type"].startswith("text/csv")
@@ -124,6 +156,6 @@ def test_executions_join_by_name_and_keys_repeat(service: RunningService, execut
     listed = service.client.get("/experiments?limit=1").json()
     assert listed["experiments"][0]["id"] == id
     service.store.close_open_executions("ur5e-sim")
-    problem_of(service.client.post("/execute", json={**body, "experiment_id": "nothing"}), 404, "not-found")
+    problem_of(service.client.post("/execute", json={**body, "experiment_id": NO_ID}), 404, "not-found")
     problem_of(service.client.get("/experiments/nothing"), 404, "not-found")
     problem_of(service.client.post("/experiments", json={"title": "x"}), 422, "invalid-request")

@@ -41,6 +41,7 @@ PATHS = [
     ["singularity_distance_min"],
     ["release_window_s"],
     ["landing_tolerance_m"],
+    ["min_hit_probability"],
 ]
 SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8)
 VALUES = st.recursive(SCALARS, lambda inner: st.lists(inner, max_size=6) | st.dictionaries(st.text(max_size=6), inner))

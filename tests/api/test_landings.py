@@ -135,5 +135,5 @@ def test_the_command_line_reports_and_lists(service: RunningService, thrown: str
         ([1.2, -0.3, 0.0], 0.005, None),
         (None, None, "miss"),
     ]
-    assert CliRunner().invoke(main, ["landing", thrown, "1.2", "0.3"]).exit_code == 2
-    assert CliRunner().invoke(main, ["landing", thrown, "1.2", "0.3", "0", "--hit", "0.1"]).exit_code == 2
+    assert CliRunner().invoke(main, ["landing", thrown, "1.2", "0.3"]).exit_code == 64
+    assert CliRunner().invoke(main, ["landing", thrown, "1.2", "0.3", "0", "--hit", "0.1"]).exit_code == 64

@@ -36,13 +36,15 @@ def test_the_document_is_the_contract_s(plan):
         "release",
         "flight",
         "way_home",
-        "trajectory",
         "certificate",
         "solver",
         "profile",
         "aim",
         "hit_probability",
         "landing_ellipse",
+        "request_id",
+        "cell_version",
+        "trajectory",
     ]
     assert plan["certificate"]["valid"] is True
     assert plan["release_time_s"] == plan["release"]["index"] / plan["sample_rate_hz"]

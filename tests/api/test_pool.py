@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import signal
 import time
 from collections.abc import Callable, Coroutine
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import pytest
 
 from api.http import translate
-from api.planning import PlannerPool, PlanningQueueFull
+from api.planning import PlannerPool, PlanningEnded, PlanningQueueFull
 from planner.errors import SolverFailed
 
 
@@ -86,5 +87,35 @@ def test_a_worker_killed_from_outside_costs_nothing_but_time():
         await asyncio.sleep(0.2)
         victim.kill()
         assert await job is None
+
+    run(test, time.sleep)
+
+
+def test_draining_finishes_what_was_begun_and_gives_up_what_waits():
+    async def test(pool: PlannerPool) -> None:
+        await pool.warm_up()
+        begun, in_line = (asyncio.create_task(pool.solve(0.4, 60.0)) for _ in range(2))
+        await asyncio.sleep(0.1)
+        await pool.drain()
+        assert pool.waiting == 0
+        assert begun.result() is None
+        problem = translate(in_line.exception())
+        assert (problem.name, "Retry-After" in problem.headers) == ("shutting-down", True)
+        with pytest.raises(PlanningEnded):
+            await pool.solve(0.0, 60.0)
+
+    run(test, time.sleep, queue=1)
+
+
+def test_signals_to_the_group_leave_a_plan_to_its_end():
+    async def test(pool: PlannerPool) -> None:
+        await pool.warm_up()
+        (worker,) = pool._executor._processes.values()
+        job = asyncio.create_task(pool.solve(0.5, 60.0))
+        await asyncio.sleep(0.1)
+        for number in (signal.SIGTERM, signal.SIGINT):
+            os.kill(worker.pid, number)
+        assert await job is None
+        assert list(pool._executor._processes.values()) == [worker]
 
     run(test, time.sleep)

@@ -36,6 +36,14 @@ def test_a_profile_is_stored_but_not_adopted(service: RunningService, profile: d
     problem_of(service.client.post("/profiles/nothing/adopt"), 404, "not-found")
 
 
+def test_the_landings_behind_a_profile_are_drawn(service: RunningService, profile: dict[str, Any]):
+    assert (profile["landings"], profile["landing_error_before_m"]) == ([], None)
+    drawn = service.client.get(f"/profiles/{profile['id']}/picture.svg")
+    assert (drawn.status_code, drawn.headers["content-type"]) == (200, "image/svg+xml")
+    assert "0 throws" in drawn.text
+    problem_of(service.client.get("/profiles/nothing/picture.svg"), 404, "not-found")
+
+
 def test_plans_name_the_profile_and_old_ones_are_not_executable(
     service: RunningService, executor: FakeExecutor, profile: dict[str, Any]
 ):

@@ -9,9 +9,11 @@ from typing import Any
 
 import pytest
 
+from api import store_probe
 from api.app import UnsafeSettings, create_app
-from api.http import PROBLEM_TYPES
+from api.http import PROBLEM_TYPES, create_token
 from api.settings import ServiceSettings
+from store import Store, StoreUnavailable, pack_samples
 from tests.api.conftest import FakeExecutor, RunningService
 from tests.api.test_bad_input import problem_of
 
@@ -27,10 +29,21 @@ def test_alive_ready_and_measured(service: RunningService, executor: FakeExecuto
     assert 'fling_executor_alive{cell="ur5e-sim"} 1.0' in text
 
 
-def test_a_store_that_is_gone_is_not_ready(service: RunningService, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(type(service.store), "is_reachable", lambda _: False)
-    assert problem_of(service.client.get("/readyz"), 503, "not-ready")["store"] is False
+@pytest.mark.parametrize(("cause", "kind"), [(OSError(28, "no room"), "disk_full"), (OSError("gone"), "unreachable")])
+def test_a_store_that_is_gone_or_full_is_not_ready(
+    service: RunningService, monkeypatch: pytest.MonkeyPatch, cause: OSError, kind: str
+):
+    def fail(_: Store) -> None:
+        raise StoreUnavailable(cause)
+
+    monkeypatch.setattr(type(service.store), "check_writable", fail)
+    monkeypatch.setattr(store_probe, "FRESH_S", 0.0)
+    problem = problem_of(service.client.get("/readyz"), 503, "not-ready")
+    assert (problem["store"], problem["outage"]) == (False, kind)
     assert service.client.get("/healthz").status_code == 200
+    monkeypatch.undo()
+    monkeypatch.setattr(store_probe, "FRESH_S", 0.0)
+    assert service.client.get("/readyz").status_code == 200
 
 
 def test_the_list_and_the_state_of_cells(service: RunningService, executor: FakeExecutor):
@@ -112,6 +125,7 @@ def test_every_call_of_the_contract_is_there(service: RunningService):
         "POST /cells/{name}/acknowledge",
         "GET /cells",
         "GET /cells/{name}",
+        "GET /cells/{name}/history",
         "GET /cells/{name}/model",
         "GET /plans/{id}/curves",
         "GET /cells/{name}/timing",
@@ -165,7 +179,7 @@ def test_every_example_runs(service: RunningService, executor: FakeExecutor, pla
             response = service.client.request(method, path, json=body)
             assert response.status_code < 300, f"{method} {path}: {response.text}"
             if path == "/execute":
-                service.store.add_recording(response.json()["id"], b"m", b"c")
+                service.store.add_recording(response.json()["id"], b"m", pack_samples(["t"], [[0.0]]))
                 service.store.finish_execution(response.json()["id"], "completed")
 
 
@@ -189,3 +203,50 @@ def test_another_page_may_not_post(service: RunningService):
     problem_of(service.client.post("/executions/latest/abort", headers=headers), 403, "forbidden")
     own = service.client.post("/executions/nothing/abort", headers={"Origin": "http://127.0.0.1:8000"})
     problem_of(own, 404, "not-found")
+
+
+def test_every_operation_lists_what_it_may_answer(service: RunningService):
+    schema = service.client.get("/openapi.json").json()
+    assert "securitySchemes" not in schema["components"]
+    for method, path, operation in operations(schema):
+        answers, body = operation["responses"], "requestBody" in operation
+        expected = {"403", "500", *(("422", "413", "415") if body else ()), *(("404",) if "{" in path else ())}
+        assert expected <= set(answers), path
+        assert "401" not in answers
+        assert "security" not in operation
+        assert "HTTPValidationError" not in str(operation)
+        for status, answer in answers.items():
+            if status >= "400":
+                assert list(answer["content"]) == ["application/problem+json"], (path, status)
+                assert all(PROBLEM_TYPES[name].status == int(status) for name in answer["x-problems"])
+        assert re.fullmatch(r"[a-z]+(_[a-z]+)+", operation["operationId"]), method
+    assert len({operation["operationId"] for _, _, operation in operations(schema)}) == len(list(operations(schema)))
+
+
+def test_with_tokens_every_guarded_operation_says_so(tmp_path: Path, cells: Path):
+    file = tmp_path / "tokens.toml"
+    create_token(file, "x", ("plan",))
+    schema = create_app(ServiceSettings(cells=cells, tokens_file=file)).openapi()
+    for _, path, operation in operations(schema):
+        is_open = path in ("/healthz", "/readyz")
+        assert ("401" in operation["responses"]) is not is_open, path
+        assert ("security" in operation) is not is_open, path
+    assert schema["components"]["securitySchemes"]["HTTPBearer"]["scheme"] == "bearer"
+
+
+MEDIA_TYPES = {
+    "/plans/{id}/trajectory": {"application/json", "text/csv"},
+    "/experiments/{id}": {"application/json", "text/csv"},
+    "/executions/{id}/recording": {"application/octet-stream", "text/csv"},
+    "/executions/{id}/events": {"text/event-stream"},
+    "/metrics": {"text/plain"},
+}
+
+
+def test_media_types_are_those_that_are_answered(service: RunningService):
+    for method, path, operation in operations(service.client.get("/openapi.json").json()):
+        for status, answer in operation["responses"].items():
+            if status.startswith("2"):
+                expected = MEDIA_TYPES.get(path, {"application/json"})
+                assert set(answer["content"]) == expected, (method, path)
+                assert all(content["schema"] for content in answer["content"].values()), (method, path)

@@ -1,14 +1,19 @@
 from __future__ import annotations
 
 import stat
+import time
 from collections.abc import Iterator
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
-from api.http import create_token, find_caller, read_tokens
+from api.app import create_app
+from api.cli import main
+from api.http import TokenRegistry, WrongTokens, create_token, find_token, read_tokens, revoke_token
 from api.settings import ServiceSettings
-from tests.api.conftest import REQUEST, RunningService, running
+from tests.api.conftest import NO_ID, REQUEST, RunningService, running
 from tests.api.test_bad_input import problem_of
 
 
@@ -26,7 +31,8 @@ def tokens(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, st
 def guarded(tmp_path_factory: pytest.TempPathFactory, cells: Path, tokens) -> Iterator[RunningService]:
     url = f"sqlite:///{tmp_path_factory.mktemp('data') / 'fling.db'}"
     settings = ServiceSettings(database_url=url, cells=cells, tokens_file=tokens[0], host="0.0.0.0", planner_workers=1)
-    with running(settings) as service:
+    with pytest.MonkeyPatch.context() as patch, running(settings) as service:
+        patch.setattr("api.http.wrong_tokens.DELAY_MAX_S", 0.0)  # these tests send many
         yield service
 
 
@@ -39,8 +45,8 @@ def test_the_file_holds_hashes_and_is_its_owner_s(tokens):
     assert not any(token in file.read_text() for token in made.values())
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
     stored = read_tokens(file)
-    assert find_caller(stored, made["both"]).name == "both"
-    assert find_caller(stored, made["both"] + "x") is None
+    assert find_token(stored, made["both"]).caller.name == "both"
+    assert find_token(stored, made["both"] + "x") is None
     with pytest.raises(ValueError, match="already"):
         create_token(file, "both", ("plan",))
 
@@ -90,7 +96,7 @@ def test_open_to_all(guarded: RunningService):
 def test_scopes(guarded: RunningService, tokens):
     made = tokens[1]
     problem_of(guarded.client.post("/plan", json=REQUEST, headers=bearer(made["operator"])), 403, "forbidden")
-    body = {"plan_id": "nothing"}
+    body = {"plan_id": NO_ID}
     problem_of(guarded.client.post("/execute", json=body, headers=bearer(made["planner"])), 403, "forbidden")
     problem_of(guarded.client.post("/execute", json=body, headers=bearer(made["operator"])), 404, "not-found")
     acknowledge = guarded.client.post("/cells/ur5e-sim/acknowledge", headers=bearer(made["planner"]))
@@ -112,3 +118,114 @@ def test_with_tokens_a_real_arm_may_move_by_the_plan_s_own_id_alone(guarded: Run
 
 def test_a_name_of_any_host_is_fine_with_tokens(guarded: RunningService):
     assert guarded.client.get("/healthz", headers={"Host": "fling.example"}).status_code == 200
+
+
+def test_a_file_that_names_no_token_opens_nothing(tmp_path: Path, cells: Path):
+    file = tmp_path / "tokens.toml"
+    for text in ("", "# later\n", "token = []\n"):
+        file.write_text(text)
+        with pytest.raises(ValueError, match="names no token"):
+            TokenRegistry(file)
+        with pytest.raises(ValueError, match="names no token"):
+            create_app(ServiceSettings(cells=cells, tokens_file=file))
+
+
+def test_tokens_are_read_again_when_the_file_changes(guarded: RunningService, tokens):
+    file, before = tokens[0], tokens[0].read_text()
+    new = create_token(file, "guest", ("plan",))
+    assert guarded.client.get("/plans", headers=bearer(new)).status_code == 200
+    revoke_token(file, "guest")
+    problem_of(guarded.client.get("/plans", headers=bearer(new)), 401, "unauthenticated")
+    assert stat.S_IMODE(file.stat().st_mode) == 0o600
+    assert read_tokens(file) == read_tokens(_written(file, before))
+    assert guarded.client.get("/plans", headers=bearer(tokens[1]["both"])).status_code == 200
+    with pytest.raises(ValueError, match="no token named"):
+        revoke_token(file, "guest")
+
+
+def _written(file: Path, text: str) -> Path:
+    file.write_text(text)
+    return file
+
+
+def test_a_file_that_breaks_leaves_the_tokens_of_before(tmp_path: Path, caplog: pytest.LogCaptureFixture):
+    file = tmp_path / "tokens.toml"
+    token = create_token(file, "a", ("operate",))
+    registry = TokenRegistry(file)
+    file.write_text("nonsense")
+    assert registry.find(token) is not None
+    file.unlink()
+    assert registry.find(token) is not None
+    assert [record.levelname for record in caplog.records] == ["ERROR", "ERROR"]  # once a change
+    other = create_token(file, "b", ("operate",))
+    assert registry.find(token) is None
+    assert registry.find(other) is not None
+    file.write_text("")
+    assert registry.find(other) is None  # every token was revoked
+
+
+def test_a_token_expires(guarded: RunningService, tokens):
+    ended = datetime.now(UTC) - timedelta(seconds=1)
+    old = create_token(tokens[0], "old", ("plan",), ended)
+    problem = problem_of(guarded.client.get("/plans", headers=bearer(old)), 401, "unauthenticated")
+    assert "expired" in problem["detail"]
+    young = create_token(tokens[0], "young", ("plan",), ended + timedelta(hours=1))
+    assert guarded.client.get("/plans", headers=bearer(young)).status_code == 200
+
+
+@pytest.mark.parametrize("ends", ["'tomorrow'", "2027-01-01", "2027-01-01T00:00:00"])
+def test_an_end_must_be_an_instant(tmp_path: Path, ends: str):
+    file = tmp_path / "tokens.toml"
+    file.write_text(f"[[token]]\nname='x'\nsha256='{'0' * 64}'\nscopes=['plan']\nexpires_at = {ends}\n")
+    with pytest.raises(ValueError, match="'x' expires at no instant"):
+        read_tokens(file)
+
+
+def test_repeated_wrong_tokens_wait_longer_and_are_logged(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+):
+    now = [100.0]
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    monkeypatch.setattr("api.http.wrong_tokens.DELAY_MAX_S", 8.0)  # the service of other tests does not delay
+    wrong = WrongTokens()
+    assert [wrong.delay_s("10.0.0.1") for _ in range(7)] == [0.0, 0.0, 0.0, 0.25, 0.5, 1.0, 2.0]
+    assert max(wrong.delay_s("10.0.0.1") for _ in range(100)) == 8.0
+    assert wrong.delay_s("10.0.0.2") == 0.0
+    assert "10.0.0.1, number 64 in a row" in caplog.text
+    assert len(caplog.records) == 8  # 1, 2, 4, … 64, and the other address's first
+    now[0] += 61.0
+    assert wrong.delay_s("10.0.0.1") == 0.0
+    for i in range(2000):
+        wrong.delay_s(f"10.1.{i // 250}.{i % 250}")
+    assert len(wrong._seen) == 1000
+
+
+def test_tokens_on_the_command_line(tmp_path: Path):
+    file = str(tmp_path / "tokens.toml")
+    run = CliRunner().invoke
+    made = run(main, ["token", "create", "--name", "lab", "--scope", "plan", "--days", "2", "--file", file])
+    assert made.exit_code == 0, made.output
+    assert find_token(read_tokens(Path(file)), made.output.strip()).caller.name == "lab"
+    listed = run(main, ["token", "list", "--file", file]).output
+    assert listed.startswith("lab: plan; expires 20")
+    assert run(main, ["token", "revoke", "lab", "--file", file]).exit_code == 0
+    again = run(main, ["token", "revoke", "lab", "--file", file])
+    assert (again.exit_code, "no token named 'lab'" in again.output) == (1, True)
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "sentence"),
+    [
+        ("FLING_PORT", "abc", "FLING_PORT = 'abc': Input should be a valid integer"),
+        ("FLING_PORT", "70000", "FLING_PORT = '70000': Input should be less than or equal to 65535"),
+        ("FLING_PLANNER_WORKERS", "0", "FLING_PLANNER_WORKERS = '0': Input should be greater than or equal to 1"),
+        ("FLING_CELLS", "/nowhere", "FLING_CELLS = '/nowhere': there is no such folder"),
+        ("FLING_DEFAULT_CELL", "moon", "FLING_DEFAULT_CELL = 'moon': "),
+    ],
+)
+def test_a_wrong_setting_is_one_sentence(monkeypatch: pytest.MonkeyPatch, variable: str, value: str, sentence: str):
+    monkeypatch.setenv(variable, value)
+    result = CliRunner().invoke(main, ["serve"])
+    assert result.exit_code == 1
+    assert f"Error: {sentence}" in result.output
+    assert len(result.output.splitlines()) == 1

@@ -68,6 +68,13 @@ def with_bin(problem, motion):
     return replace(problem, release=replace(problem.release, opening=opening))
 
 
+def bin_under_the_arm(problem, motion):
+    """A bin so high that the arm is in it when it releases."""
+    p = tool_state(problem.cell, *(x[motion.release_index] for x in (motion.q, motion.qd))).p_WT
+    opening = Opening(0.1, float(p[2]) + 0.1)
+    return replace(problem, release=replace(problem.release, p_W=p * [1.0, 1.0, 0.0], opening=opening))
+
+
 def all_space(half):
     return (Box(np.full(3, -half), np.full(3, half)),)
 
@@ -82,6 +89,7 @@ SPOILT = {
     "tool speed": lambda p, t: (limited(p, tcp_speed_max=0.5), t),
     "floor": lambda p, t: (around(p, floor_z_m=0.6), t),
     "forbidden box": lambda p, t: (around(p, keep_out=all_space(5.0)), t),
+    "box or bin": lambda p, t: (bin_under_the_arm(p, t), t),
     "outside a box": lambda p, t: (around(p, keep_in=all_space(0.1)), t),
     "self-collision": lambda p, t: (p, shifted(t, 2, 1.3)),
     "singularity": lambda p, t: (p, shifted(t, 4, -t.q[t.release_index, 4])),

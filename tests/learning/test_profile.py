@@ -16,7 +16,7 @@ from learning import cell_with_profile, estimate_profile, knowledge_of, prior_kn
 from planner.plan_document import plan_document
 from planner.planning import plan
 from planner.request import problem_from_request
-from store import Store, new_id
+from store import Store, new_id, pack_samples, split_plan
 
 LEAD_S = 0.060  # [s] lag and delay of the cell file together
 TRUTH = HiddenCell(delay_s=0.071, jitter_s=0.001, shape="gaussian", assumed_delay_s=LEAD_S, factor=0.97,
@@ -33,7 +33,7 @@ def add_throw(store: Store, rng: np.random.Generator, distance_m: float, angle: 
     found = plan(problem)
     document = plan_document(found, request, new_id(), "2026-01-01T00:00:00Z")
     data = orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY)
-    store.add_plan(document["id"], time.time(), CELL, document["cell_sha256"], "ruckig", data)
+    store.add_plan(document["id"], time.time(), CELL, document["cell_sha256"], "ruckig", *split_plan(data))
     trajectory = found.trajectory
     true = throw(rng, TRUTH, PlannedThrow(problem, trajectory, 0.0), TRUTH.openings(rng, 1)[0] - LEAD_S, np.zeros(2))
     row = store.queue_execution(document["id"], CELL)
@@ -48,8 +48,7 @@ def add_throw(store: Store, rng: np.random.Generator, distance_m: float, angle: 
 def recording(trajectory) -> bytes:
     names = ["clock_s", *(f"q_{j}_rad" for j in range(6)), *(f"qd_{j}_rad_s" for j in range(6))]
     rows = np.column_stack([trajectory.t, trajectory.q, trajectory.qd])
-    lines = [",".join(names), *(",".join(map(repr, row)) for row in rows.tolist())]
-    return "\n".join(lines).encode()
+    return pack_samples(names, rows)
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +70,23 @@ def test_delay_speed_and_base_come_out_of_what_is_stored(learnt: SimpleNamespace
     assert found["evidence"]["throws"] == learnt.ids
     assert len(found["evidence"]["landings"]) == len(learnt.ids)
     assert found["evidence"]["recordings"] == [*learnt.ids, learnt.unseen]
+
+
+def test_a_profile_says_what_it_explains_of_the_landings(learnt: SimpleNamespace):
+    rows, found = learnt.document["landings"], learnt.document
+    assert [row["execution_id"] for row in rows] == learnt.ids
+    for k, row in enumerate(rows):
+        distance, angle = 1.0 + 0.06 * k, 0.8 * k
+        assert row["planned"] == pytest.approx([distance * np.cos(angle), distance * np.sin(angle)])
+        seen = learnt.store.landings(row["execution_id"])[0]
+        assert row["observed"] == pytest.approx(seen.position[:2])
+    off = {name: [np.subtract(row["observed"], row[name]) for row in rows] for name in ("planned", "expected")}
+    before, after = (float(np.median(np.linalg.norm(x, axis=1))) for x in off.values())
+    assert (found["landing_error_before_m"], found["landing_error_after_m"]) == (
+        pytest.approx(before),
+        pytest.approx(after),
+    )
+    assert after < 0.02 < 0.05 < before  # the jitter is 1 ms
 
 
 def test_a_profile_reads_back_as_the_knowledge_it_holds(learnt: SimpleNamespace):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from planner.cell import Safety, load_cell, parse_cell
+from planner.cell import CellSource, Safety, cell_faults, load_cell, parse_cell
 from planner.errors import CellError
 
 CELLS = Path(__file__).parents[2] / "cells"
@@ -141,3 +141,64 @@ def test_a_calibration_is_part_of_the_cell(tmp_path):
 def test_a_calibration_is_a_file_beside_the_cell(name):
     with pytest.raises(CellError, match=r"kinematics\.calibration"):
         parse_cell(f"{LEAST}[kinematics]\ncalibration = {name}\n", "c")
+
+
+MANY_FAULTS = """
+robot = "ur5e"
+surprise = 1
+home_rad = [0.0, 99.0, 0.0, 0.0, 0.0, 0.0]
+[tool]
+mass_kg = -1.0
+capsules = [{from_m = [0, 0, 0], to_m = [0, 0], radius_m = 0.05, colour = "red"}, {from_m = [0, 0, 0]}]
+[limits]
+joint_velocity_rad_s = [1, 1, 99, 1, 1, 1]
+tcp_speed_m_s = nan
+[surroundings]
+keep_out = [{lower_m = [0, 0, 1], upper_m = [1, 1, 0]}]
+[gripper]
+output = "mouth"
+[link]
+kind = "wish"
+"""
+
+
+def test_every_fault_of_a_file_is_named_at_once():
+    faults = {fault.field: fault.reason for fault in cell_faults(CellSource("c", MANY_FAULTS.encode()))}
+    assert set(faults) == {
+        "surprise", "home_rad[1]", "tool.mass_kg", "tool.capsules[0].to_m", "tool.capsules[0].colour",
+        "tool.capsules[1].to_m", "tool.capsules[1].radius_m", "limits.joint_velocity_rad_s[2]", "limits.tcp_speed_m_s",
+        "surroundings.keep_out[0].lower_m", "gripper.output", "link.kind",
+    }  # fmt: skip
+    assert "beyond the arm's own limit" in faults["limits.joint_velocity_rad_s[2]"]
+
+
+def test_reading_the_file_stops_at_the_first_of_them():
+    with pytest.raises(CellError) as first:
+        parse_cell(MANY_FAULTS, "c")
+    assert str(first.value) == str(cell_faults(CellSource("c", MANY_FAULTS.encode()))[0])
+
+
+@pytest.mark.parametrize(
+    ("text", "fields"),
+    [
+        (LEAST, []),
+        ("robot =", ["file"]),
+        ("", ["robot", "link.kind"]),
+        (
+            'robot = "ur99"\n[link]\nkind = "sim"\n[limits]\njoint_velocity_rad_s = 3.2\ntcp_speed_m_s = -1\n',
+            ["robot", "limits.tcp_speed_m_s"],
+        ),
+        (LEAST.replace("[link]", "timing = 3\n[link]"), ["timing"]),
+        (
+            LEAST + '[kinematics]\ncalibration = "missing.yaml"\n[timing]\nlag_s = 9\n',
+            ["kinematics.calibration", "timing.lag_s"],
+        ),
+    ],
+)
+def test_faults_of_one_kind(text, fields):
+    assert [fault.field for fault in cell_faults(CellSource("c", text.encode()))] == fields
+
+
+def test_a_wrong_name_does_not_hide_what_else_is_wrong():
+    faults = cell_faults(CellSource("a b", (LEAST + "[timing]\nlag_s = 9\n").encode()))
+    assert [fault.field for fault in faults] == ["name", "timing.lag_s"]

@@ -11,11 +11,11 @@ from planner.errors import Infeasible
 from planner.planning import plan
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease
 from planner.request import problem_from_request
-from planner.search import POLICY, PlanningSearch, search_optimised
+from planner.search import POLICY, PlanningSearch, Ranking, search_optimised
 from planner.seeds import candidates
 from tests.planner.problems import cell, feasible_states, joint_problem, pose_problem
 
-RANDOM_POSES = 500
+RANDOM_POSES = 200
 
 
 def test_every_random_feasible_pose_is_planned_and_certified():
@@ -51,7 +51,9 @@ def test_a_slow_throw_is_sought_from_further_seeds(window_s, tolerance_m):
     gripper = replace(problem.cell.gripper, opening_direction=None)
     problem = replace(problem, cell=replace(problem.cell, gripper=gripper))
     first = PlanningSearch(problem, time.perf_counter() + 100.0)
-    search_optimised(first, candidates(problem), [stage for stage in POLICY if stage.purpose == "soonest seeds"])
+    search_optimised(
+        first, Ranking(problem, candidates(problem)), [stage for stage in POLICY if stage.purpose == "soonest seeds"]
+    )
     answer = plan(problem)
     assert any("slow" in attempt.result for attempt in answer.attempts)
     assert answer.trajectory.release_time_s <= first.release_time_s

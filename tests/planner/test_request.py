@@ -75,6 +75,15 @@ def test_targets_are_robust_unless_switched_off():
     assert not problem_from_request({"release": POINT}, shaky).is_robust
 
 
+def test_a_request_for_odds_starts_without_a_window():
+    target = {"release": {"kind": "target", "position": [1.2, 0.2, 0.0]}}
+    asked = problem_from_request({**target, "min_hit_probability": 0.9}, cell())
+    assert (asked.release_window_s, asked.landing_tolerance_m) == (0.0, 0.02)
+    own = problem_from_request({**target, "min_hit_probability": 0.9, "release_window_s": 0.01}, cell())
+    assert own.release_window_s == 0.01
+    assert problem_from_request({**target, "min_hit_probability": 0.0}, cell()).release_window_s > 0.0
+
+
 def test_the_tolerance_follows_the_bin_and_the_object():
     here = cell()
     marble = replace(here, object=replace(here.object, radius_m=0.004))
@@ -116,6 +125,9 @@ def test_limits_tighten():
         ({"time_limit_s": -1.0}, "time_limit_s"),
         ({"release_window_s": 1.0}, "release_window_s"),
         ({"landing_tolerance_m": float("inf")}, "landing_tolerance_m"),
+        ({"min_hit_probability": 0.5}, "min_hit_probability"),  # of a point: there is nothing to hit
+        ({"release": IN_BIN, "min_hit_probability": 1.01}, "min_hit_probability"),
+        ({"release": IN_BIN, "min_hit_probability": "0.5"}, "min_hit_probability"),
         ({"release": {"kind": "catch"}}, "release.kind"),
         ({"release": {**POINT, "velocity": [1, 2]}}, "release.velocity"),
         ({"release": {**POINT, "velocity": [1, 2, "3"]}}, "release.velocity"),

@@ -9,8 +9,15 @@ from pathlib import Path
 import pytest
 from sqlalchemy import create_engine, make_url, text
 
-from store import Store, new_id
+from store import Store, new_id, pack_trajectory
 
+TRAJECTORY = {
+    "joint_names": ["a", "b"],
+    "time_from_start": [0.0, 0.1],
+    "positions": [[0.1, 0.2], [1 / 3, -2e-17]],
+    "velocities": [[0.0, 1.0], [2.0, 3.0]],
+    "accelerations": [[4.0, 5.0], [6.0, 7.0]],
+}
 POSTGRES = os.environ.get("FLING_TEST_POSTGRES")  # such as postgresql+psycopg://postgres@127.0.0.1:5432/postgres
 
 
@@ -51,7 +58,7 @@ def add_plan(store: Store) -> Callable[..., str]:
 
     def add(cell: str = "ur5e-sim") -> str:
         id = new_id()
-        store.add_plan(id, 1.0, cell, "sha", "ruckig", b'{"trajectory":[]}', b"{}")
+        store.add_plan(id, 1.0, cell, "sha", "ruckig", b'{"id":1}', pack_trajectory(TRAJECTORY))
         return id
 
     return add

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from store import AuditLine
+
 
 def test_the_last_heartbeat_of_an_executor_is_kept(store):
     assert store.cell_status("a") is None
@@ -27,6 +29,6 @@ def test_an_acknowledgement_is_handled_once(store):
 
 
 def test_the_audit_trail_is_newest_first(store):
-    store.add_audit("me", "execute", "e1", "127.0.0.1")
-    store.add_audit("you", "abort", "e1", "127.0.0.2")
+    store.add_audit(AuditLine("me", "execute", "127.0.0.1"))
+    store.add_audit(AuditLine("you", "abort", "127.0.0.2"))
     assert [(line["who"], line["action"]) for line in store.audit_lines()] == [("you", "abort"), ("me", "execute")]

@@ -4,7 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from store import CellBusy, IdempotencyKey, KeyTaken, Store, UnknownExecution, UnknownPlan
+from store import CellBusy, IdempotencyKey, KeyTaken, Store, UnknownExecution, UnknownPlan, pack_samples
 
 
 @pytest.fixture
@@ -130,14 +130,31 @@ def test_a_key_is_not_spent_by_a_refused_execution(store, add_plan, queued):
     assert caught.value.resource_id == made.id == store.resource_of_key(key)
 
 
+def test_of_many_at_once_with_one_key_one_is_queued(store, add_plan):
+    key, plan_id = IdempotencyKey("me /execute", "k", "body"), add_plan()
+
+    def attempt(_: int) -> str:
+        try:
+            return store.queue_execution(plan_id, "ur5e-sim", key=key).id
+        except KeyTaken as taken:
+            return taken.resource_of(key)
+
+    with ThreadPoolExecutor(8) as pool:
+        answered = set(pool.map(attempt, range(24)))
+    assert answered == {row.id for row in store.executions()[0]}
+    assert len(answered) == 1
+
+
 def test_recordings_lists_and_counts(store, add_plan, queued):
     assert store.recording(queued.id) is None
-    store.add_recording(queued.id, b"mcap", b"old")
-    store.add_recording(queued.id, b"mcap", b"csv")
-    assert store.recording(queued.id).csv == b"csv"
+    store.add_recording(queued.id, b"mcap", pack_samples(["t"], [[1.0]]))
+    store.add_recording(queued.id, b"mcap", pack_samples(["t"], [[2.5]]))
+    assert store.recording(queued.id).csv == b"t\n2.5\n"
     store.finish_execution(queued.id, "completed")
     second = store.queue_execution(queued.plan_id, "ur5e-sim")
-    assert store.execution_counts() == {"completed": 1, "queued": 1}
+    assert [row.id for row in store.open_executions()] == [second.id] == [store.latest_execution_id()]
+    assert [row.id for row in store.executions_after(queued.id)] == [second.id]
+    assert len(store.executions_after("")) == 2
     rows, cursor = store.executions(limit=1)
     assert {rows[0].id} | {r.id for r in store.executions(cursor=cursor)[0]} == {queued.id, second.id}
 

@@ -1,26 +1,26 @@
 from __future__ import annotations
 
+import json
+from concurrent.futures import ThreadPoolExecutor
+
 import pytest
 
-from store import IdempotencyKey, KeyTaken, Store, new_id
+from store import IdempotencyKey, KeyTaken, Store, new_id, split_plan
+from tests.store.conftest import TRAJECTORY
 
 
 def test_a_plan_comes_back_as_it_was_written(store, add_plan):
     row = store.plan(add_plan())
-    assert (row.cell, row.cell_sha256, row.backend, row.document, row.summary) == (
-        "ur5e-sim",
-        "sha",
-        "ruckig",
-        b'{"trajectory":[]}',
-        b"{}",
-    )
+    assert (row.cell, row.cell_sha256, row.backend, row.summary) == ("ur5e-sim", "sha", "ruckig", b'{"id":1}')
+    assert json.loads(row.document) == {"id": 1, "trajectory": TRAJECTORY}
+    assert split_plan(row.document) == (row.summary, row.samples)
     assert store.plan("nothing") is None
 
 
 def test_summaries_leave_the_document_out(store, add_plan):
     id = add_plan()
-    assert store.plan_summary(id).document == b""
-    assert store.plan_summary(id).summary == b"{}"
+    assert store.plan_summary(id).samples is None
+    assert store.plan_summary(id).document == store.plan_summary(id).summary == b'{"id":1}'
     assert store.plan_summary("nothing") is None
 
 
@@ -43,6 +43,23 @@ def test_an_idempotency_key_stands_for_the_first_plan(store):
         store.add_plan(new_id(), 1.0, "c", "s", "b", b"{}", key=key)
     assert caught.value.resource_id == first
     assert len(store.plans()[0]) == 1
+
+
+def test_of_many_at_once_with_one_key_one_is_stored(store):
+    key = IdempotencyKey("me /plan", "k", "body")
+
+    def attempt(_: int) -> str:
+        id = new_id()
+        try:
+            store.add_plan(id, 1.0, "c", "s", "b", b"{}", key=key)
+        except KeyTaken as taken:
+            return taken.resource_of(key)
+        return id
+
+    with ThreadPoolExecutor(8) as pool:
+        answered = set(pool.map(attempt, range(24)))
+    assert answered == {row.id for row in store.plans()[0]}
+    assert len(answered) == 1
 
 
 def test_a_key_with_another_body_is_refused(store):

@@ -118,7 +118,7 @@ def test_without_its_database_it_ends_with_a_message(rig: Rig) -> None:  # H7: n
     for process in started:
         _, message = process.communicate()
         assert process.returncode == 1
-        assert message.startswith("executor: the database cannot be used: ")
+        assert message.startswith("executor: the database cannot be reached: ")
         assert "Traceback" not in message
 
 

@@ -47,7 +47,7 @@ MATRIX = [
     Fault("R10 frozen", "freeze", ("link_lost",), {"duration_s": 0.5}),
     Fault("R11", "disturb_connection", ("late", "link_lost"), {"role": "receive", "drop": 0.5}),
     Fault("R12 power", "power_loss", ("power_off",)),
-    Fault("R14", "disturb_connection", ("aborted",), {"role": "control", "drop": 1.0}),  # the watchdog trips
+    Fault("R14", "disturb_connection", ("link_lost",), {"role": "control", "drop": 1.0}),  # the watchdog trips
     Fault("R12 cable", "offline", ("link_lost",)),
 ]
 

@@ -11,6 +11,7 @@ import socket
 import sqlite3
 import subprocess
 import sys
+from pathlib import Path
 
 import httpx2
 import psutil
@@ -56,9 +57,29 @@ def test_a_streaming_process_that_dies_or_freezes(rig: Rig, number: signal.Signa
     assert rig.rest_time(at) < REST_S
     row = rig.end(id)
     assert row.outcome == "executor_lost", row.reason
-    assert len(rig.world()["releases"]) == released + (when == "release")
+    kept = rig.state()["gripper_holds"] is not None
+    assert len(rig.world()["releases"]) == released + (not kept)
+    assert kept or when == "release"
     assert not streamer.is_running()  # reaped, not a zombie
     refuses_until_acknowledged(rig)
+
+
+def test_an_object_is_held_by_the_daemon_where_the_stream_cannot(tmp_path: Path) -> None:
+    """A gripper so slow that there is time on any machine: its command is taken back before the object leaves."""
+    rig = Rig(tmp_path, replace={"delay_s = 0.040": "delay_s = 0.400"})
+    try:
+        rig.start()
+        for number in (signal.SIGSTOP, signal.SIGKILL):
+            id = rig.queue_when_ready(LOB)
+            rig.until(lambda: rig.state()["gripper_open"], period=0.001)
+            rig.streamer().send_signal(number)
+            assert rig.end(id).outcome == "executor_lost", rig.row(id).reason
+            assert rig.world()["releases"] == []
+            assert rig.state()["gripper_holds"] is not None
+            assert not rig.state()["gripper_open"]
+            rig.acknowledge()
+    finally:
+        rig.stop()
 
 
 @pytest.mark.parametrize("when", MOMENTS)

@@ -158,6 +158,8 @@ def test_a_dry_run_moves_nothing(rig: Rig) -> None:
     row = rig.throw(LOB, dry_run=True)
     assert row.outcome == "completed", row.reason
     assert rig.state()["q"] == pytest.approx(before, abs=1e-9)
+    assert row.metrics is not None
+    assert (row.metrics["released"], row.metrics["gripper_commanded_s"]) == (False, None)
 
 
 def test_the_recording_opens_and_agrees_with_itself(rig: Rig) -> None:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
+
+import pytest
 
 from tests.system.rig import LOB, Rig
 
@@ -47,3 +50,24 @@ def test_revealed_the_truth_is_known_beside_the_observation(own_rig: Rig) -> Non
     assert 0.005 < row.metrics["gripper_opened_late_s"] < 0.011  # 8 ms, and a lag that differs from run to run
     (landing,) = own_rig.store.landings(row.id)
     assert 0.0 < math.dist(landing.position, row.metrics["landing_point"]) < OBSERVED_M
+
+
+def test_an_object_that_would_miss_is_kept(own_rig: Rig) -> None:
+    """R17: the arm flies on to the release and brakes, and neither is a fault latched nor an object lost."""
+    truth = own_rig.folder / "truth.toml"
+    truth.write_text("[timing]\ngain = 1.03\n")
+    own_rig.start_simulator("--truth", str(truth), "--reveal")
+    own_rig.start_executor()
+    robust = own_rig.plan(LOB, backend="casadi", release_window_s=0.005, landing_tolerance_m=0.02)
+    row = own_rig.quiet_run(robust)
+    assert row.outcome == "held", row.reason
+    assert re.search(r"kept: it would have landed \d+ mm \(± \d+\) off, beyond its tolerance of 20 mm", row.reason)
+    assert (row.metrics["released"], row.metrics["landing_point"]) == (False, None)
+    assert row.metrics["timing"]["gain"][1] == pytest.approx(1.03, abs=0.01)
+    assert own_rig.world()["releases"] == []
+    assert own_rig.world()["gripper_holds"] is not None
+    assert max(map(abs, own_rig.state()["qd"])) < 0.01
+    assert not own_rig.is_latched()
+    soonest = own_rig.quiet_throw(LOB)  # asks for no tolerance: it is let go
+    assert soonest.outcome == "completed", soonest.reason
+    assert math.dist(soonest.metrics["landing_point"], LOB["position"]) > 0.04

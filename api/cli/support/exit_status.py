@@ -5,6 +5,8 @@ from __future__ import annotations
 import click
 
 INVALID, INFEASIBLE, SOLVER_FAILED, NOT_COMPLETED = 1, 2, 3, 4
+WRONG_COMMAND_LINE = 64  # source: sysexits.h, EX_USAGE
+INTERRUPTED = 130  # source: shells, 128 + SIGINT
 
 
 class NotCompleted(click.ClickException):

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
@@ -21,11 +22,31 @@ from api.cli.support.client import ServiceClient, ServiceError
 STOP_S = 5.0  # [s] for a child to end; the executor brakes its robot first
 READY_S = 60.0  # [s] for a child to get ready; a cold machine imports and builds for a while
 POLL_S = 0.1  # [s] between two looks at the service's readiness
+DEATHS_MAX, DEATHS_WITHIN_S = 3, 60.0  # [-], [s] a child that ends more often within this time does not come back
 PR_SET_PDEATHSIG = 1  # source: Linux prctl(2)
 
 
 class ChildFailed(RuntimeError):
     """A child did not start, or ended by itself."""
+
+
+@dataclass
+class Child:
+    """One child process, and how to start it again.
+
+    Attributes:
+        name: what a person calls it.
+        module: that it runs.
+        arguments: of its command line.
+        process: the running one.
+        deaths_s: when earlier ones ended by themselves, on the monotonic clock [s].
+    """
+
+    name: str
+    module: str
+    arguments: Sequence[str]
+    process: subprocess.Popen[bytes]
+    deaths_s: list[float] = field(default_factory=list)
 
 
 class ChildProcesses:
@@ -42,7 +63,7 @@ class ChildProcesses:
     def __init__(self, environment: Mapping[str, str], log: Path | None = None) -> None:
         self._environment = {**os.environ, **environment}
         self._log = None if log is None else log.open("wb")
-        self._children: list[tuple[str, subprocess.Popen[bytes]]] = []
+        self._children: list[Child] = []
 
     def __enter__(self) -> Self:
         return self
@@ -56,22 +77,10 @@ class ChildProcesses:
         Raises:
             ChildFailed: It ended, or was not ready in time.
         """
-        libc = ctypes.CDLL(None)
-        child = subprocess.Popen(
-            [sys.executable, "-m", module, *arguments],
-            env=self._environment,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=self._log,
-            start_new_session=True,
-            preexec_fn=lambda: libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM),
-        )
-        self._children.append((name, child))
-        assert child.stdout is not None
-        ready = threading.Event()
-        threading.Thread(target=_read_output, args=(child.stdout, ready, self._log), daemon=True).start()
+        process, ready = self._spawn(module, arguments)
+        self._children.append(Child(name, module, arguments, process))
         if ready_s is not None:
-            self._wait(name, child, ready, ready_s)
+            self._wait(name, process, ready, ready_s)
 
     def check(self) -> None:
         """Checks that every child runs.
@@ -79,20 +88,54 @@ class ChildProcesses:
         Raises:
             ChildFailed: A child has ended.
         """
-        for name, child in self._children:
-            if child.poll() is not None:
-                raise ChildFailed(f"the {name} ended with status {child.returncode}")
+        for child in self._children:
+            if child.process.poll() is not None:
+                raise ChildFailed(f"the {child.name} ended with status {child.process.returncode}")
+
+    def revive(self) -> list[str]:
+        """Starts children again that ended by themselves. Returns a sentence about each.
+
+        Raises:
+            ChildFailed: One ends again and again.
+        """
+        return [self._start_again(child) for child in self._children if child.process.poll() is not None]
+
+    def _start_again(self, child: Child) -> str:
+        now = time.monotonic()
+        child.deaths_s = [at for at in child.deaths_s if now - at < DEATHS_WITHIN_S] + [now]
+        ended = f"the {child.name} {_how_it_ended(child.process.returncode)}"
+        if len(child.deaths_s) > DEATHS_MAX:
+            raise ChildFailed(f"{ended}, the {len(child.deaths_s)}th time within {DEATHS_WITHIN_S:g} s")
+        child.process, _ = self._spawn(child.module, child.arguments)
+        return f"{ended}; started again"
+
+    def _spawn(self, module: str, arguments: Sequence[str]) -> tuple[subprocess.Popen[bytes], threading.Event]:
+        """Starts a process. Returns it, and what is set once it prints "ready"."""
+        libc = ctypes.CDLL(None)  # loaded before the fork
+        process = subprocess.Popen(
+            [sys.executable, "-P", "-m", module, *arguments],
+            env=self._environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=self._log,
+            start_new_session=True,
+            preexec_fn=lambda: libc.prctl(PR_SET_PDEATHSIG, signal.SIGTERM),
+        )
+        assert process.stdout is not None
+        ready = threading.Event()
+        threading.Thread(target=_read_output, args=(process.stdout, ready, self._log), daemon=True).start()
+        return process, ready
 
     def end(self, name: str) -> None:
         """Stops the child of this name."""
-        for entry in [entry for entry in self._children if entry[0] == name]:
-            _end(entry[1])
-            self._children.remove(entry)
+        for child in [child for child in self._children if child.name == name]:
+            _end(child.process)
+            self._children.remove(child)
 
     def stop(self) -> None:
         """Stops the children, the last started first, and kills those that do not end. May be called twice."""
-        for _, child in reversed(self._children):
-            _end(child)
+        for child in reversed(self._children):
+            _end(child.process)
         self._children.clear()
         if self._log is not None:
             self._log.close()
@@ -177,6 +220,10 @@ def _wait_until_ready(children: ChildProcesses, url: str, cell: str) -> None:
                 reason = error.message
             time.sleep(POLL_S)
     raise ChildFailed(f"not ready within {READY_S:g} s: {reason}")
+
+
+def _how_it_ended(status: int) -> str:
+    return f"was ended by signal {-status}" if status < 0 else f"ended with status {status}"
 
 
 def _end(child: subprocess.Popen[bytes]) -> None:

@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-import click
-
 from api.cli.support.summary import plan_text
+from api.cli.support.terminal import say_step
 
 
 def make_plan(client: Any, request: dict[str, Any], progress: bool = True) -> dict[str, Any]:
     """Plans and prints what was planned. Returns the plan, without its trajectory."""
     if progress:
-        click.echo("planning …")
+        say_step("planning …")
     plan = client.post("/plan?trajectory=false", request)
     if progress:
-        click.echo(plan_text(plan))
+        say_step(plan_text(plan))
     return plan
 
 
@@ -33,5 +32,5 @@ def execute_plan(
     execution = client.post("/execute", request)
     for kind, data in client.events(execution["id"]):
         if kind == "state" and progress:
-            click.echo(f"  {data['state']}")
+            say_step(f"  {data['state']}")
     return client.get(f"/executions/{execution['id']}")

@@ -67,11 +67,12 @@ class SeedFailed(SolverFailed):
 
     Attributes:
         held: groups of rows that were included by then.
+        is_late: whether a solution was found, but one that releases too late.
     """
 
-    def __init__(self, status: str, iterations: int, held: frozenset[str]) -> None:
+    def __init__(self, status: str, iterations: int, held: frozenset[str], is_late: bool) -> None:
         super().__init__(status, iterations)
-        self.held = held
+        self.held, self.is_late = held, is_late
 
 
 def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOptions()) -> Solution:
@@ -101,7 +102,7 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
     try:
         return _answer(instance, seed, options, solver)
     except SolverFailed as failure:
-        raise SeedFailed(failure.status, failure.iterations, solver.groups) from None
+        raise SeedFailed(failure.status, failure.iterations, solver.groups, solver.is_late) from None
 
 
 def _answer(instance: Instance, seed: Seed, options: SolveOptions, solver: Solver) -> Solution:

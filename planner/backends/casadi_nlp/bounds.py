@@ -71,14 +71,14 @@ class Bounds:
     def free_flights_after_release(self, leaving: bool) -> None:
         """Frees block "flight" on the stages after the release, but for the gripper's opening where asked for.
 
-        The object is on its way out of the grip for some 40 ms after the release. There the opening's row is stricter
-        than the way out needs, which makes throws without a window later by a tick: those widen the margin at the
-        release instead.
+        The object's whole way out is looked at from the last release alone: stages within the window are shorter.
         """
         for k in self.index.knots.get("flight", ()):
-            if k > self.launch + self.index.stages.window:
-                rows = self.index.rows["flight", k]
+            rows, last = self.index.rows["flight", k], self.launch + self.index.stages.window
+            if k > last:
                 self._free(np.delete(rows, FLIGHT_ROWS.slices["opening"]) if leaving else rows)
+            elif k < last:
+                self._free(rows[FLIGHT_ROWS.slices["out"]])
 
     def add_local_margins(self, margins: Iterable[LocalMargin], steps: Vector) -> None:
         """Narrows the bounds at the knots and midpoints close to each margin's time; stages last `steps` (N,) [s]."""

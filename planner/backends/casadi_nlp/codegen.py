@@ -2,11 +2,15 @@
 
 The file name is the hash of the modules that hold the formulas and of the compiler's options, so a changed formula
 gives another file. Nothing is compiled while a request waits: without a file, the interpreted functions are used.
+A wheel carries the C, so that only the compiler has to run.
 """
 
 from __future__ import annotations
 
+import hashlib
 import sys
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -19,11 +23,32 @@ from planner.kernel import SHARED, compile_once, library_path
 
 # -O2 takes twice the compile time without a faster solve. Fused operations would round otherwise than the interpreter.
 FLAGS = ("-O1", "-fno-math-errno", "-ffp-contract=off", *SHARED)
+SHIPPED_C = Path(__file__).with_name("blocks.c")  # in wheels alone: setup.py writes it
 FORMULA_MODULES = ("arm_symbols", "clearance_symbols", "functions", "layout", "symbols")  # sources of the C
 
 
 def c_source() -> str:
-    """Returns the C of all blocks."""
+    """Returns the C of all blocks: the shipped one if it follows from these formulas, or else newly written."""
+    with suppress(OSError):
+        shipped = SHIPPED_C.read_text()
+        if shipped.startswith(_origin()):
+            return shipped
+    return _origin() + _written_c()
+
+
+def _origin() -> str:
+    """Returns the first line of the C: what it follows from."""
+    digest = hashlib.sha256(ca.CasadiMeta.version().encode())
+    for source in _formulas():
+        digest.update(source)
+    return f"/* {digest.hexdigest()} */\n"
+
+
+def _formulas() -> Iterator[bytes]:
+    return (Path(__file__).with_name(f"{module}.py").read_bytes() for module in FORMULA_MODULES)
+
+
+def _written_c() -> str:
     generator = ca.CodeGenerator("fling_blocks", {"with_header": False})
     for block in interpreted_blocks().values():
         for function in block.functions:
@@ -34,8 +59,7 @@ def c_source() -> str:
 @cache
 def library() -> Path:
     """Returns the path of the compiled functions, whether they exist or not."""
-    modules = (Path(__file__).with_name(f"{module}.py").read_bytes() for module in FORMULA_MODULES)
-    return library_path("blocks", FLAGS, modules, writer=ca.CasadiMeta.version())
+    return library_path("blocks", FLAGS, _formulas(), writer=ca.CasadiMeta.version())
 
 
 def compile_blocks() -> Path | None:

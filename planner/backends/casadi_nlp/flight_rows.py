@@ -66,12 +66,12 @@ def _flight(problem: ThrowProblem, candidate: Candidate) -> Arcs:
 
 
 def _opening(problem: ThrowProblem, margin_rad: float) -> list[float]:
-    """Returns the opening direction in the flange frame, and the cosine of the largest angle from it (4,)."""
-    gripper = problem.cell.gripper
+    """Returns the opening direction in the flange frame, the cosine of the largest angle from it, the way out (5,)."""
+    gripper, out_m = problem.cell.gripper, problem.cell.object.way_out_m
     if gripper.opening_direction is None or gripper.opening_cone_rad is None:
-        return [0.0, 0.0, 0.0, -1.0]
+        return [0.0, 0.0, 0.0, -1.0, out_m]
     direction = problem.cell.tool.X_FT[:3, :3] @ gripper.opening_direction
-    return [*direction, math.cos(max(gripper.opening_cone_rad - margin_rad, 0.0))]
+    return [*direction, math.cos(max(gripper.opening_cone_rad - margin_rad, 0.0)), out_m]
 
 
 def _box_edges(problem: ThrowProblem, arcs: Arcs, room_m: float) -> list[FlightEdge]:

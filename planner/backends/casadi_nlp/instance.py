@@ -71,7 +71,7 @@ def stage_layout(problem: ThrowProblem, resolution: str = "coarse", is_cut: bool
 
 def _applicable_groups(problem: ThrowProblem, is_cut: bool) -> tuple[str, ...]:
     applies = {
-        "keep_out": bool(problem.cell.surroundings.keep_out),
+        "keep_out": bool(problem.cell_with_bin.surroundings.keep_out),
         "grip": problem.cell.gripper.hold_acceleration_m_s2 is not None and not problem.ends_at_rest,
         "flight": is_cut or constrains_flight(problem),
     }
@@ -175,7 +175,7 @@ class Instance:
             "scales": scale_parameters(self.limits),
             "arm": self._arm(),
             "release": release_parameters(self.problem, self.aim),
-            "boxes": box_parameters(self.problem.cell, self.margins.box_m),
+            "boxes": box_parameters(self.problem.cell_with_bin, self.margins.box_m),
             "flight": flight_parameters(self.problem, self.candidate, self.margins, self.aim),
         }
 

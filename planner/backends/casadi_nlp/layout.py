@@ -98,7 +98,8 @@ FLIGHT = VectorLayout(
     {
         "edges": 8 * FLIGHT_EDGES,  # per slot: normal (2), steady, offset, direction (3), bound; see `FlightEdge`
         "mouth": 5,  # of a bin: centre (2), height of the rim, its radius, and the object's radius [m]
-        "opening": 4,  # of the gripper: direction in the flange frame (3), cosine of the largest angle from it [-]
+        # of the gripper: direction in the flange frame (3), cosine of the largest angle from it [-], way out [m]
+        "opening": 5,
     }
 )
 SHARED = {

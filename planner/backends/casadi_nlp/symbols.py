@@ -46,7 +46,8 @@ FLIGHT_ROWS = VectorLayout(
         "edges": layout.FLIGHT_EDGES,  # of the flight beyond each edge [m]
         "mouth": 1,  # between sphere and rim, in the mouth's plane [m]
         "rim": 1,  # discriminant of that time [m^2/s^2]: positive where the flight rises above the rim
-        "opening": 1,  # cosine of the object's way out with the gripper's opening, less the least one [-]
+        "opening": 1,  # cosine of the object's first way out with the gripper's opening, less the least one [-]
+        "out": 1,  # the same for its whole way, until it is out of the grip
     }
 )
 
@@ -83,8 +84,12 @@ def state(z: SX, scales: SX) -> StageState:
 
 def state_after(z: SX, scales: SX, share: float) -> StageState:
     """Returns the exact state after a share of the stage's step."""
-    c = SCALES.split(scales)
-    s, h, j = state(z, scales), share * z[layout.STEP] * c["time"], z[layout.JERK] * c["jerk"]
+    return _state_at(z, scales, share * z[layout.STEP] * SCALES.split(scales)["time"])
+
+
+def _state_at(z: SX, scales: SX, h: SX) -> StageState:
+    """Returns the state at a time after the stage's beginning [s], exact within its step."""
+    s, j = state(z, scales), z[layout.JERK] * SCALES.split(scales)["jerk"]
     q = s.q + h * (s.qd + h * (s.qdd / 2 + h * j / 6))
     return StageState(q, s.qd + h * (s.qdd + h * j / 2), s.qdd + h * j)
 
@@ -184,9 +189,10 @@ def grip(s: StageState, p: SX) -> StageRows:
     return StageRows(ca.vertcat(held / a["grip"][:3], ca.sumsqr(held) / a["grip"][3] ** 2), FrozenTerms())
 
 
-def flight(s: StageState, p: SX) -> StageRows:
+def flight(z: SX, p: SX) -> StageRows:
     """The rows of `FLIGHT_ROWS`, all positive for a flight that is clear."""
-    size = ARM.size + RELEASE.size
+    scales, p = p[: SCALES.size], p[SCALES.size :]
+    size, s = ARM.size + RELEASE.size, state(z, scales)
     a, r, f = ARM.split(p[: ARM.size]), RELEASE.split(p[ARM.size : size]), FLIGHT.split(p[size:])
     R_WB = ca.reshape(a["base"][:9], 3, 3)
     R_WS = R_WB @ arm_symbols.turn(s.q[0])
@@ -196,9 +202,34 @@ def flight(s: StageState, p: SX) -> StageRows:
     passed = [_beyond(edges[:, i], position, velocity, r["gravity_z"]) for i in range(layout.FLIGHT_EDGES)]
     mouth, rim = _through_mouth(f["mouth"], position, velocity, r)
     leaving = -(R_WS @ tool.acceleration) - ca.vertcat(0, 0, r["gravity_z"])
-    out = R_WS @ arm_symbols.frames(a["dh"], s.q).rotations[6] @ f["opening"][:3]
-    opening = ca.dot(leaving, out) / ca.sqrt(ca.sumsqr(leaving) + STEADY) - f["opening"][3]
-    return StageRows(ca.vertcat(*passed, mouth, rim, opening), FrozenTerms())
+    opening = _in_cone(leaving, _opening(a, s, f["opening"]), f["opening"])
+    out = _out(z, scales, a, f["opening"], ca.sumsqr(leaving), r["gravity_z"])
+    return StageRows(ca.vertcat(*passed, mouth, rim, opening, out), FrozenTerms())
+
+
+def _out(z: SX, scales: SX, a: dict[str, SX], opening: SX, felt_squared: SX, gravity: SX) -> SX:
+    """Returns `_in_cone` for the object's way from the release until it is out of the grip.
+
+    In a time s it moves by the mean of g - a over s, weighted with 2 (1 - u / s), times s^2 / 2 (`certificate.exits`):
+    for an acceleration that changes evenly, that at s / 3.
+    """
+    time = ca.sqrt(2 * opening[4] / ca.sqrt(felt_squared + gravity**2))
+    third, end = _state_at(z, scales, time / 3), _state_at(z, scales, time)
+    R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm_symbols.turn(third.q[0])
+    tool = arm_symbols.tool_motion(a["dh"], a["tcp"], third.q, third.qd, third.qdd)
+    leaving = -(R_WS @ tool.acceleration) - ca.vertcat(0, 0, gravity)
+    return _in_cone(leaving, _opening(a, end, opening), opening)
+
+
+def _opening(a: dict[str, SX], s: StageState, opening: SX) -> SX:
+    """Returns the direction (3,) in the world in which the gripper opens."""
+    R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm_symbols.turn(s.q[0])
+    return R_WS @ arm_symbols.frames(a["dh"], s.q).rotations[6] @ opening[:3]
+
+
+def _in_cone(leaving: SX, direction: SX, opening: SX) -> SX:
+    """Returns the cosine of an acceleration's angle with a direction, less the least one [-]."""
+    return ca.dot(leaving, direction) / ca.sqrt(ca.sumsqr(leaving) + STEADY) - opening[3]
 
 
 def _beyond(edge: SX, position: SX, velocity: SX, gravity: SX) -> SX:
@@ -280,5 +311,5 @@ FORMULAS: dict[str, BlockFormula] = {
     "singularity": _at_knot(singularity, "arm"),
     "singularity_middle": _in_middle(singularity, "arm"),
     "release": _at_knot(release, "arm", "release"),
-    "flight": _at_knot(flight, "arm", "release", "flight"),
+    "flight": BlockFormula(flight, ("scales", "arm", "release", "flight")),
 }

@@ -47,7 +47,7 @@ def test_every_command_explains_itself(name: str):
 
 
 def test_an_unknown_command():
-    assert fling("frobnicate").exit_code == 2
+    assert fling("frobnicate").exit_code == 64
 
 
 def test_plan_writes_the_plan(request_file: Path, root: Path):
@@ -103,7 +103,7 @@ def test_token_create(tmp_path: Path):
     assert result.exit_code == 0
     assert result.output.strip() not in file.read_text()
     assert fling("token", "create", "--scope", "plan", "--name", "me", "--file", str(file)).exit_code == 1
-    assert fling("token", "create", "--scope", "root", "--name", "you", "--file", str(file)).exit_code == 2
+    assert fling("token", "create", "--scope", "root", "--name", "you", "--file", str(file)).exit_code == 64
 
 
 def test_db_upgrade(database_url: str):

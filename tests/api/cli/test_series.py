@@ -98,7 +98,7 @@ def test_a_series_ends_at_the_first_throw_that_is_not_completed(monkeypatch: pyt
     [("1.2", "0.3"), ("1.2", "0.3", "0", "--targets", __file__), (), ("1", "0", "0", "--repeat", "2", "--dry-run")],
 )
 def test_a_wrong_command_line(monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...]):
-    assert fling(monkeypatch, ScriptedService(), *arguments).exit_code == 2
+    assert fling(monkeypatch, ScriptedService(), *arguments).exit_code == 64
 
 
 def test_a_load_step_waits_for_an_input_to_go_on(monkeypatch: pytest.MonkeyPatch):

@@ -58,7 +58,7 @@ def test_a_landing_says_what_stopped_the_object(surface: str | None, said: str):
 
 def test_soonest_and_a_window_contradict_each_other():
     result = CliRunner().invoke(main, ["throw", "1", "0", "0", "--soonest", "--window", "0.01"])
-    assert result.exit_code == 2
+    assert result.exit_code == 64
     assert "--soonest" in result.stderr
 
 
@@ -75,4 +75,7 @@ def test_a_refusal_says_each_constraint_once_and_what_to_try():
         "  keep_out: -0.01 m against a limit of 0.02 (forearm and keep_out[0])",
         "  the nearest feasible target: 0.88938 0 -0.1",
     ]
+    odds = {"release": nearest["release"], "min_hit_probability": 0.631}
+    text = describe({"title": "The arm cannot do this", "violations": rows, "nearest": odds})
+    assert text.splitlines()[-1] == "  the best odds found: 0.631"
     assert describe({"title": "Not found", "detail": "no cell"}) == "Not found: no cell"

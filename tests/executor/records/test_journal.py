@@ -11,7 +11,7 @@ import pytest
 
 from executor.records import ExecutionResult, Journal, JournalLocked
 from executor.records.journal import deliver
-from store import Store, new_id
+from store import Store, new_id, pack_samples
 
 Open = Callable[[], Journal]
 LANDING = {"id": new_id(), "at": 5.0, "position": [1.2, 0.3, 0.0], "std_m": 0.003}
@@ -48,8 +48,11 @@ def open_journal(tmp_path: Path) -> Iterator[Callable[[], Journal]]:
         journal.close()
 
 
+SAMPLES = pack_samples(["t", "x"], [[0.0, 0.1]])
+
+
 def result(execution_id: str) -> ExecutionResult:
-    return ExecutionResult(execution_id, "completed", "", {"ticks": 3}, b"mcap", b"csv", LANDING)
+    return ExecutionResult(execution_id, "completed", "", {"ticks": 3}, b"mcap", SAMPLES, LANDING)
 
 
 def test_a_result_is_kept_and_delivered_once(open_journal: Open, store: Store, execution_id: str) -> None:
@@ -60,7 +63,7 @@ def test_a_result_is_kept_and_delivered_once(open_journal: Open, store: Store, e
     row = store.execution(execution_id)
     assert (row.state, row.outcome, row.metrics) == ("finished", "completed", {"ticks": 3})
     recording = store.recording(execution_id)
-    assert (recording.mcap, recording.csv) == (b"mcap", b"csv")
+    assert (recording.mcap, recording.csv) == (b"mcap", b"t,x\n0.0,0.1\n")
     (landing,) = store.landings(execution_id)
     assert vars(landing).items() >= {**LANDING, "source": "sim-camera", "result": None}.items()
     assert not journal.has_undelivered()
@@ -143,3 +146,13 @@ def test_on_a_full_disk_a_result_waits_in_memory_and_leaves_nothing_half(
     assert store.recording(execution_id).mcap == b"mcap"
     journal.clear_fault()
     assert journal.fault() is None
+
+
+def test_what_an_earlier_version_kept_is_delivered(open_journal: Open, store: Store, execution_id: str) -> None:
+    journal = open_journal()
+    journal.keep(result(execution_id))
+    (journal.folder / f"{execution_id}.samples").unlink()
+    (journal.folder / f"{execution_id}.csv").write_text("t,x\n0.0,0.25\n")
+    assert journal.deliver(store) == 0
+    assert store.recording(execution_id).csv == b"t,x\n0.0,0.25\n"
+    assert not list(journal.folder.glob(f"{execution_id}.*"))

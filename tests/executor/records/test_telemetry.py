@@ -10,11 +10,12 @@ import orjson
 import pytest
 from mcap.reader import make_reader
 
-from executor.records import Landing, RunResult, Telemetry, arm_timing, metrics, release_verdict, to_csv, to_mcap
+from executor.records import Landing, RunResult, Telemetry, arm_timing, metrics, release_verdict, to_mcap, to_samples
 from executor.records.recording import COUNTS
 from executor.records.telemetry import column_names
 from executor.shared_memory import SCALARS, VECTORS
 from planner.certificate import release_flight
+from store.samples import samples_csv
 from tests.executor.conftest import Prepared
 
 ABOUT = {"execution": "e", "plan": "p", "cell": "c", "cell_sha256": "0", "outcome": "completed"}
@@ -139,7 +140,7 @@ def test_a_late_gripper_command_is_judged_by_the_landing(prepared: Prepared) -> 
 
 def test_the_csv_reads_back_exactly(prepared: Prepared) -> None:
     telemetry = perfect(prepared, 0.001)
-    header, *lines = to_csv(telemetry).decode().splitlines()
+    header, *lines = samples_csv(to_samples(telemetry)).decode().splitlines()
     assert header.split(",") == column_names()
     assert np.array_equal([[float(x) for x in line.split(",")] for line in lines], telemetry.rows)
 

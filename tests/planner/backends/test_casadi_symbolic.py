@@ -164,7 +164,7 @@ def _flight_parameters() -> np.ndarray:
     edges = np.tile(layout.NO_EDGE.row, (layout.FLIGHT_EDGES, 1))
     edges[0] = layout.FlightEdge.across((1.0, 0.0), 0.9, EXPECTED_SPEED, (0.0, 0.0, 1.0), 0.5).row
     edges[3] = layout.FlightEdge.at_time(0.2, (0.6, 0.0, 0.8), 0.2).row
-    mouth, opening = [1.5, 0.5, -1.0, 0.1, 0.03], [0.0, 1.0, 0.0, 0.3]
+    mouth, opening = [1.5, 0.5, -1.0, 0.1, 0.03], [0.0, 1.0, 0.0, 0.3, 0.02]
     return layout.FLIGHT.pack({"edges": edges, "mouth": mouth, "opening": opening})
 
 
@@ -191,6 +191,22 @@ def test_flight_rows(cell: Cell) -> None:
     assert rows["mouth"] == pytest.approx(0.1 - thick - off, abs=1e-4)
     leaving = -a - [0.0, 0.0, 9.81]
     assert rows["opening"] == pytest.approx(leaving @ X_WF[:3, 1] / np.linalg.norm(leaving) - 0.3, abs=0.01)
+
+
+def test_the_way_out_of_the_grip(cell: Cell) -> None:
+    q, qd, qdd, z = _state(6)
+    release = layout.RELEASE.pack({"target": [1.0, 0.5, -3.0], "gravity_z": 9.81, "tan_elevation": 0.0})
+    p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), release, _flight_parameters()])
+    row = FLIGHT_ROWS.split(_rows("flight", z, p))["out"]
+    R_WB, g = cell.X_WB[:3, :3], np.array([0.0, 0.0, -9.81])
+    felt = g - R_WB @ tcp_acceleration(cell.robot, q, qd, qdd, cell.tool.X_FT)[:3]
+    s = np.sqrt(2.0 * 0.02 / np.hypot(np.linalg.norm(felt), 9.81))
+    arm = cell.X_WB @ forward(cell.robot, np.stack([q, q + s * qd + s**2 / 2.0 * qdd]), cell.tool.X_FT)
+    v = R_WB @ (jacobian(cell.robot, q, cell.tool.X_FT) @ qd)[:3]
+    moved = arm[0, :3, 3] + s * v + s**2 / 2.0 * g - arm[1, :3, 3]
+    opening = (arm[1, :3, :3] @ cell.tool.X_FT[:3, :3].T)[:, 1]
+    assert np.linalg.norm(moved) == pytest.approx(0.015, abs=0.005)
+    assert row == pytest.approx(moved @ opening / np.linalg.norm(moved) - 0.3, abs=0.02)
 
 
 def test_grip_rows(cell: Cell) -> None:

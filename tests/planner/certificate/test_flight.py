@@ -179,6 +179,31 @@ def test_the_sphere_enters_a_bin_with_its_radius_to_spare(rim_height_m):
     assert abs(sum(certified) - sum(expected)) <= 1
 
 
+@pytest.mark.parametrize("rim_height_m", [0.05, 0.4, 0.55])
+def test_arm_and_held_object_keep_clear_of_the_bin(rim_height_m):
+    """The bin's block is one more keep-out box, for every capsule of the motion and for the object until it leaves."""
+    here = cell()
+    problem, trajectory = throw(here, [1.3, 0.2, 0.0])
+    below = tool_pose(here, trajectory.q[trajectory.release_index])[:3, 3] * [1.0, 1.0, 0.0]
+    release = replace(problem.release, p_W=below, opening=Opening(0.15, rim_height_m))
+    check = certify(replace(problem, release=release), trajectory).check("keep_out")
+    lower, upper = below - np.array([0.15, 0.15, 0.0]), below + np.array([0.15, 0.15, rim_height_m])
+    capsules = body_capsules(here.robot, here.tool.capsules)
+    ends = capsule_endpoints(here.robot, capsules, trajectory.q, here.X_WB)
+    along = np.linspace(0.0, 1.0, 21)[:, None]
+    gaps = [
+        np.linalg.norm(x - np.clip(x, lower, upper), axis=-1).min() - capsule.radius_m
+        for i, capsule in enumerate(capsules)
+        if capsule.frame > 0
+        for x in [ends[:, i, None, 0] * (1.0 - along) + ends[:, i, None, 1] * along]
+    ]
+    p = tool_pose(here, trajectory.q[: trajectory.release_index + 1])[:, :3, 3]
+    gaps.append(np.linalg.norm(p - np.clip(p, lower, upper), axis=1).min() - here.object.radius_m)
+    assert check.detail.endswith(", bin")
+    assert check.value == pytest.approx(min(gaps), abs=0.01)
+    assert check.ok == (min(gaps) >= here.surroundings.clearance_m)
+
+
 @pytest.mark.parametrize("window_s", [0.0, 0.009])
 def test_grip_and_way_out_are_those_of_dense_samples(window_s):
     tolerance = 5.0 if window_s else 0.0

@@ -11,7 +11,7 @@ from planner.backends import casadi_nlp
 from planner.errors import Infeasible, SolverFailed
 from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease
-from planner.search import NOT_COMPILED, POLICY, PlanningSearch, search_optimised
+from planner.search import LAST_POLICY, NOT_COMPILED, POLICY, PlanningSearch, Ranking, search_optimised
 from planner.seeds import candidates
 from tests.planner.problems import joint_problem
 
@@ -40,7 +40,7 @@ def test_a_stage_ends_when_its_iterations_are_spent(budgets, iterations):
     problem = target_problem(release_window_s=0.02, landing_tolerance_m=0.005)
     stages = [replace(stage, iterations=iterations) for stage in POLICY if stage.purpose == "soonest seeds"]
     search = PlanningSearch(problem, time.perf_counter() + 60.0)
-    search_optimised(search, candidates(problem), stages)
+    search_optimised(search, Ranking(problem, candidates(problem)), stages)
     assert all(0 < budget <= iterations for budget in budgets)
     assert search.iterations <= iterations + CALL_ITERATIONS
     assert any(attempt.result.startswith("soonest seeds") for attempt in search.attempts)
@@ -95,7 +95,7 @@ def test_solvers_that_are_not_compiled_are_named_once_and_change_nothing(monkeyp
 def test_the_deadline_of_the_request_ends_the_search(budgets):
     problem = target_problem()
     search = PlanningSearch(problem, time.perf_counter() - 1.0)
-    search_optimised(search, candidates(problem))
+    search_optimised(search, Ranking(problem, candidates(problem)))
     assert budgets == []
     assert isinstance(search.failure(), SolverFailed)
 
@@ -103,7 +103,7 @@ def test_the_deadline_of_the_request_ends_the_search(budgets):
 def test_nothing_is_optimised_after_a_motion_that_reaches_the_lower_bound(budgets):
     problem = joint_problem()
     search = PlanningSearch(problem, time.perf_counter() + 60.0)
-    search_optimised(search, candidates(problem))
+    search_optimised(search, Ranking(problem, candidates(problem)))
     assert search.is_optimal
     assert 0.0 < search.lower_bound_s < search.release_time_s + problem.dt
     assert search.incumbent is not None
@@ -114,13 +114,15 @@ def test_nothing_is_optimised_after_a_motion_that_reaches_the_lower_bound(budget
 def test_casadi_requested_by_name_uses_the_optimiser_alone():
     problem = target_problem(backend="casadi")
     search = PlanningSearch(problem, time.perf_counter() + 60.0)
-    search_optimised(search, candidates(problem))
+    search_optimised(search, Ranking(problem, candidates(problem)))
     assert {attempt.backend for attempt in search.attempts} == {"casadi"}
 
 
 def test_no_candidate_is_left_out_between_two_stages():
     for backend in ("casadi", "ruckig"):
-        rows = [stage.candidates for stage in POLICY if stage.backend == backend and stage.order == "rank"]
+        rows = [
+            stage.candidates for stage in (*POLICY, *LAST_POLICY) if stage.backend == backend and stage.order == "rank"
+        ]
         tried = 0
         for row in rows:
             assert row.start <= tried

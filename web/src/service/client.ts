@@ -1,8 +1,9 @@
 // Client of the service: JSON requests that turn problems into errors. The token is kept for this tab only.
 
-import type { Nearest, ProblemDocument } from "./types";
+import type { ProblemDocument } from "./types";
 
 const TOKEN_KEY = "fling-token";
+const PATIENCE_MS = 5000; // for everything but a plan, which takes its time: a frozen service counts as lost
 
 /** A refusal in words: an `application/problem+json` of the service. */
 export class ProblemError extends Error {
@@ -37,7 +38,7 @@ export interface CallOptions {
   readonly body?: unknown;
   readonly accept?: string;
   readonly key?: string; // Idempotency-Key
-  readonly signal?: AbortSignal;
+  readonly patient?: boolean; // wait as long as it takes
 }
 
 /** Sends one request. Throws ProblemError for a refusal, ConnectionLost where nothing answers. */
@@ -48,12 +49,11 @@ export async function call(method: string, path: string, options: CallOptions = 
   if (options.key) headers["Idempotency-Key"] = options.key;
   const init: RequestInit = { method, headers, cache: "no-store" };
   if (options.body !== undefined) init.body = JSON.stringify(options.body);
-  if (options.signal) init.signal = options.signal;
+  if (!options.patient) init.signal = AbortSignal.timeout(PATIENCE_MS);
   let response: Response;
   try {
     response = await fetch(path, init);
-  } catch (error) {
-    if (error instanceof DOMException && error.name === "AbortError") throw error;
+  } catch {
     throw new ConnectionLost();
   }
   if (response.ok) return response;
@@ -64,15 +64,11 @@ export async function get<T>(path: string): Promise<T> {
   return (await (await call("GET", path)).json()) as T;
 }
 
-export async function post<T>(path: string, body?: unknown, key?: string): Promise<T> {
-  const options: CallOptions = { ...(body === undefined ? {} : { body }), ...(key ? { key } : {}) };
+export async function post<T>(path: string, body?: unknown, options: CallOptions = {}): Promise<T> {
+  if (body !== undefined) options = { ...options, body };
   return (await (await call("POST", path, options)).json()) as T;
 }
 
-/** Returns a request of the service's nearest answer in the form that `POST /plan` takes. */
-export function nearestOf(problem: ProblemDocument | null): Nearest | null {
-  return problem?.nearest ?? null;
-}
 
 async function problemOf(response: Response): Promise<ProblemDocument> {
   const type = response.headers.get("Content-Type") ?? "";

@@ -15,7 +15,7 @@ export interface paths {
          * List cells
          * @description Lists the cell files and their executors; refused files come with the reason.
          */
-        get: operations["list_cells_cells_get"];
+        get: operations["list_cells"];
         put?: never;
         post?: never;
         delete?: never;
@@ -35,7 +35,7 @@ export interface paths {
          * Read a cell
          * @description Reads a cell file as JSON, with every default filled in.
          */
-        get: operations["read_cell_cells__name__get"];
+        get: operations["read_cell"];
         put?: never;
         post?: never;
         delete?: never;
@@ -57,7 +57,27 @@ export interface paths {
          * Acknowledge a fault
          * @description Clears the fault that the executor latched, once a person has checked the robot.
          */
-        post: operations["acknowledge_cells__name__acknowledge_post"];
+        post: operations["acknowledge_fault"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/cells/{name}/history": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List the versions of a cell
+         * @description Lists the versions of a cell file that service or executor have seen, each with the keys that it changed.
+         */
+        get: operations["read_history"];
+        put?: never;
+        post?: never;
         delete?: never;
         options?: never;
         head?: never;
@@ -75,7 +95,7 @@ export interface paths {
          * Read a cell's model
          * @description Reads the kinematic chain, capsules, limits and surroundings that plans are made with: enough to draw them.
          */
-        get: operations["read_model_cells__name__model_get"];
+        get: operations["read_cell_model"];
         put?: never;
         post?: never;
         delete?: never;
@@ -95,13 +115,13 @@ export interface paths {
          * List profiles
          * @description Lists what was learnt of a cell, newest first, and which profile it uses.
          */
-        get: operations["list_profiles_cells__name__profiles_get"];
+        get: operations["list_profiles"];
         put?: never;
         /**
          * Estimate a profile
          * @description Estimates lag, gripper, base and object from every execution and landing of a cell. Plans do not use it yet.
          */
-        post: operations["add_profile_cells__name__profiles_post"];
+        post: operations["estimate_profile_of_cell"];
         delete?: never;
         options?: never;
         head?: never;
@@ -121,7 +141,7 @@ export interface paths {
          * Use the cell file's numbers
          * @description Uses the cell file's own numbers again.
          */
-        post: operations["revert_cells__name__profiles_revert_post"];
+        post: operations["revert_profile"];
         delete?: never;
         options?: never;
         head?: never;
@@ -139,7 +159,7 @@ export interface paths {
          * Read a robot's state
          * @description Reads the live state of a cell's robot: mode, safety, joint positions; and a latched fault.
          */
-        get: operations["read_state_cells__name__state_get"];
+        get: operations["read_robot_state"];
         put?: never;
         post?: never;
         delete?: never;
@@ -159,7 +179,7 @@ export interface paths {
          * Read the arm's timing
          * @description Reads lag, gain, first-order part and overshoot of every joint, run by run and pooled, with standard errors.
          */
-        get: operations["read_timing_cells__name__timing_get"];
+        get: operations["read_timing"];
         put?: never;
         post?: never;
         delete?: never;
@@ -181,7 +201,7 @@ export interface paths {
          * Execute a plan
          * @description Queues one execution of a plan. **This moves the robot**; software stop is not a safety function.
          */
-        post: operations["execute_execute_post"];
+        post: operations["execute_plan"];
         delete?: never;
         options?: never;
         head?: never;
@@ -199,7 +219,7 @@ export interface paths {
          * List executions
          * @description Lists executions, newest first.
          */
-        get: operations["list_executions_executions_get"];
+        get: operations["list_executions"];
         put?: never;
         post?: never;
         delete?: never;
@@ -219,7 +239,7 @@ export interface paths {
          * Read an execution
          * @description Reads the state of an execution, and after its end the outcome and the metrics.
          */
-        get: operations["read_execution_executions__id__get"];
+        get: operations["read_execution"];
         put?: never;
         post?: never;
         delete?: never;
@@ -241,7 +261,7 @@ export interface paths {
          * Brake now
          * @description Requests a brake; any valid token may. **Not a safety function**: use the emergency stop.
          */
-        post: operations["abort_executions__id__abort_post"];
+        post: operations["abort_execution"];
         delete?: never;
         options?: never;
         head?: never;
@@ -259,7 +279,7 @@ export interface paths {
          * Watch an execution
          * @description Streams state changes and telemetry (20 Hz or more) as server-sent events until the execution has ended.
          */
-        get: operations["watch_execution_executions__id__events_get"];
+        get: operations["watch_execution"];
         put?: never;
         post?: never;
         delete?: never;
@@ -279,13 +299,13 @@ export interface paths {
          * Read the landings
          * @description Lists the observations of a throw's landing.
          */
-        get: operations["read_landings_executions__id__landing_get"];
+        get: operations["read_landings"];
         put?: never;
         /**
          * Report a landing
          * @description Stores where the object landed, or whether it hit. Learning weighs every observation by its uncertainty.
          */
-        post: operations["report_landing_executions__id__landing_post"];
+        post: operations["report_landing"];
         delete?: never;
         options?: never;
         head?: never;
@@ -303,7 +323,7 @@ export interface paths {
          * Download the recording
          * @description Downloads the planned, sent and measured motion, one row per tick.
          */
-        get: operations["read_recording_executions__id__recording_get"];
+        get: operations["read_recording"];
         put?: never;
         post?: never;
         delete?: never;
@@ -323,13 +343,13 @@ export interface paths {
          * List experiments
          * @description Lists experiments, newest first, without their throws.
          */
-        get: operations["list_experiments_experiments_get"];
+        get: operations["list_experiments"];
         put?: never;
         /**
          * Begin an experiment
          * @description Begins a series of throws. Executions join it by `experiment_id`; it moves nothing by itself.
          */
-        post: operations["begin_experiment_experiments_post"];
+        post: operations["begin_experiment"];
         delete?: never;
         options?: never;
         head?: never;
@@ -347,7 +367,7 @@ export interface paths {
          * Read an experiment
          * @description Reads the state of each throw, and mean and spread of the landings so far.
          */
-        get: operations["read_experiment_experiments__id__get"];
+        get: operations["read_experiment"];
         put?: never;
         post?: never;
         delete?: never;
@@ -367,7 +387,7 @@ export interface paths {
          * Health
          * @description Answers as long as the process lives, also while it plans. Needs no token.
          */
-        get: operations["healthz_healthz_get"];
+        get: operations["read_health"];
         put?: never;
         post?: never;
         delete?: never;
@@ -387,7 +407,7 @@ export interface paths {
          * Prometheus metrics
          * @description Returns planning requests and their durations, executions by outcome, executors alive.
          */
-        get: operations["metrics_metrics_get"];
+        get: operations["read_metrics"];
         put?: never;
         post?: never;
         delete?: never;
@@ -409,7 +429,7 @@ export interface paths {
          * Plan a throw
          * @description Solves, certifies and stores one plan. A plan that fails its certificate is never stored and never returned.
          */
-        post: operations["make_plan_plan_post"];
+        post: operations["make_plan"];
         delete?: never;
         options?: never;
         head?: never;
@@ -427,7 +447,7 @@ export interface paths {
          * List plans
          * @description Lists plans, newest first, without their trajectories.
          */
-        get: operations["list_plans_plans_get"];
+        get: operations["list_plans"];
         put?: never;
         post?: never;
         delete?: never;
@@ -445,9 +465,9 @@ export interface paths {
         };
         /**
          * Read a plan
-         * @description Reads one plan as it was stored.
+         * @description Reads one plan as it was stored. It never changes: `ETag` and `If-None-Match` save a second download.
          */
-        get: operations["read_plan_plans__id__get"];
+        get: operations["read_plan"];
         put?: never;
         post?: never;
         delete?: never;
@@ -467,7 +487,7 @@ export interface paths {
          * Read a plan's curves
          * @description Reads joint motion, torque, speeds, clearances and singularity distances, each with its limits.
          */
-        get: operations["read_curves_plans__id__curves_get"];
+        get: operations["read_plan_curves"];
         put?: never;
         post?: never;
         delete?: never;
@@ -487,7 +507,7 @@ export interface paths {
          * Read a trajectory
          * @description Reads the trajectory of a plan, as JSON or CSV.
          */
-        get: operations["read_trajectory_plans__id__trajectory_get"];
+        get: operations["read_trajectory"];
         put?: never;
         post?: never;
         delete?: never;
@@ -507,7 +527,7 @@ export interface paths {
          * Read a profile
          * @description Reads one profile with its evidence and its posterior.
          */
-        get: operations["read_profile_profiles__id__get"];
+        get: operations["read_profile"];
         put?: never;
         post?: never;
         delete?: never;
@@ -529,7 +549,7 @@ export interface paths {
          * Adopt a profile
          * @description Uses a profile from now on; plans made before it cannot be executed any more. Limits and checks stay the same.
          */
-        post: operations["adopt_profiles__id__adopt_post"];
+        post: operations["adopt_profile"];
         delete?: never;
         options?: never;
         head?: never;
@@ -547,7 +567,7 @@ export interface paths {
          * Readiness
          * @description Returns whether the service can plan and reach its store, and which cells have an executor. Needs no token.
          */
-        get: operations["readyz_readyz_get"];
+        get: operations["read_readiness"];
         put?: never;
         post?: never;
         delete?: never;
@@ -700,6 +720,37 @@ export interface components {
              * @description The other end [m].
              */
             to_m: number[];
+        };
+        /**
+         * CellChange
+         * @description One key that differs from the version before.
+         */
+        CellChange: {
+            /**
+             * After
+             * @description null where the file leaves it out.
+             */
+            after: unknown;
+            /**
+             * Before
+             * @description null where the file left it out.
+             */
+            before: unknown;
+            /**
+             * Key
+             * @description Dotted path in the cell file, or `calibration file`.
+             */
+            key: string;
+        };
+        /**
+         * CellHistory
+         * @description The versions of a cell file, newest first.
+         */
+        CellHistory: {
+            /** Cell */
+            cell: string;
+            /** Versions */
+            versions: components["schemas"]["CellVersion"][];
         };
         /**
          * CellLimits
@@ -895,6 +946,28 @@ export interface components {
             sha256: string | null;
         };
         /**
+         * CellVersion
+         * @description One version of a cell file.
+         */
+        CellVersion: {
+            /** Changes */
+            changes: components["schemas"]["CellChange"][];
+            /**
+             * Seen At
+             * @description UTC, ISO 8601.
+             */
+            seen_at: string;
+            /**
+             * Seen By
+             * @description service, executor or command line.
+             */
+            seen_by: string;
+            /** Sha256 */
+            sha256: string;
+            /** Version */
+            version: number;
+        };
+        /**
          * CertificateAnswer
          * @description Checks of the trajectory, made without knowing which back end found it.
          */
@@ -1075,6 +1148,11 @@ export interface components {
              * @description Reason of the outcome, in words.
              */
             reason: string | null;
+            /**
+             * Request Id
+             * @description `X-Request-ID` of the request that queued it.
+             */
+            request_id?: string | null;
             /** Requested By */
             requested_by: string;
             /**
@@ -1360,6 +1438,29 @@ export interface components {
             target: number[] | null;
         };
         /**
+         * ExplainedLanding
+         * @description One throw behind a profile: where it was to land, where it did, where the profile expects it.
+         */
+        ExplainedLanding: {
+            /** Execution Id */
+            execution_id: string;
+            /**
+             * Expected
+             * @description By the profile that this throw was one of [m].
+             */
+            expected: number[];
+            /**
+             * Observed
+             * @description [m]
+             */
+            observed: number[];
+            /**
+             * Planned
+             * @description Target, or where the plan's flight ends: x, y [m].
+             */
+            planned: number[];
+        };
+        /**
          * FaultAnswer
          * @description A fault after which the executor refuses to move the robot.
          */
@@ -1508,11 +1609,6 @@ export interface components {
              * @description Unit vector in the tool's frame; null: any.
              */
             opening_direction: number[] | null;
-        };
-        /** HTTPValidationError */
-        HTTPValidationError: {
-            /** Detail */
-            detail?: components["schemas"]["ValidationError"][];
         };
         /**
          * Health
@@ -1798,6 +1894,11 @@ export interface components {
              * @description Hash of the cell file at the time of planning.
              */
             cell_sha256: string;
+            /**
+             * Cell Version
+             * @description Version of the cell file, as GET /cells/{name}/history counts.
+             */
+            cell_version?: number | null;
             certificate: components["schemas"]["CertificateAnswer"];
             /**
              * Created At
@@ -1835,6 +1936,11 @@ export interface components {
             request: {
                 [key: string]: unknown;
             };
+            /**
+             * Request Id
+             * @description `X-Request-ID` of the request that made it.
+             */
+            request_id?: string | null;
             /**
              * Sample Rate Hz
              * @description [Hz]
@@ -1901,6 +2007,11 @@ export interface components {
              * @description Hash of the cell file at the time of planning.
              */
             cell_sha256: string;
+            /**
+             * Cell Version
+             * @description Version of the cell file, as GET /cells/{name}/history counts.
+             */
+            cell_version?: number | null;
             certificate: components["schemas"]["CertificateAnswer"];
             /**
              * Created At
@@ -1936,6 +2047,11 @@ export interface components {
             request: {
                 [key: string]: unknown;
             };
+            /**
+             * Request Id
+             * @description `X-Request-ID` of the request that made it.
+             */
+            request_id?: string | null;
             /**
              * Sample Rate Hz
              * @description [Hz]
@@ -1979,13 +2095,18 @@ export interface components {
             /** @description Limits of this plan; they may only tighten the cell's. */
             limits?: components["schemas"]["RequestLimits"] | null;
             /**
+             * Min Hit Probability
+             * @description Least `hit_probability` of the plan [-], for a target. With the back end `auto` a later release is planned where the soonest does not reach it: windows in steps of what is known of the release's timing, then slower throws; `infeasible` where none of them does.
+             */
+            min_hit_probability?: number | null;
+            /**
              * Release
              * @description The state to pass or the point to hit: one of four kinds.
              */
             release: components["schemas"]["PoseReleaseRequest"] | components["schemas"]["PointReleaseRequest"] | components["schemas"]["JointReleaseRequest"] | components["schemas"]["TargetReleaseRequest"];
             /**
              * Release Window S
-             * @description A release early or late by up to this [s] still lands within `landing_tolerance_m`. Absent: for a target three times the gripper's jitter, at least 0.005, otherwise 0; 0 asks for the soonest release.
+             * @description A release early or late by up to this [s] still lands within `landing_tolerance_m`. Absent: for a target three times the gripper's jitter, at least 0.005, otherwise 0; 0 asks for the soonest release. With `min_hit_probability` it is the shortest window that is tried; absent: 0.
              */
             release_window_s?: number | null;
             /**
@@ -2020,6 +2141,11 @@ export interface components {
              * @description Hash of the cell file at the time of planning.
              */
             cell_sha256: string;
+            /**
+             * Cell Version
+             * @description Version of the cell file, as GET /cells/{name}/history counts.
+             */
+            cell_version?: number | null;
             certificate: components["schemas"]["CertificateAnswer"];
             /**
              * Created At
@@ -2057,6 +2183,11 @@ export interface components {
             request: {
                 [key: string]: unknown;
             };
+            /**
+             * Request Id
+             * @description `X-Request-ID` of the request that made it.
+             */
+            request_id?: string | null;
             /**
              * Sample Rate Hz
              * @description [Hz]
@@ -2177,7 +2308,7 @@ export interface components {
             quaternion?: number[] | null;
             /**
              * Rotation Vector
-             * @description Orientation as UR's rotation vector [rad].
+             * @description Orientation as UR's rotation vector [rad]. Answers give both, which must agree.
              */
             rotation_vector?: number[] | null;
         };
@@ -2198,9 +2329,23 @@ export interface components {
         };
         /**
          * ProblemAnswer
-         * @description An error (RFC 9457).
+         * @description An error (RFC 9457). Its type says which of the further fields it has.
          */
         ProblemAnswer: {
+            /**
+             * Attempts
+             * @description infeasible, solver-failed: what was tried.
+             * @default null
+             */
+            attempts: {
+                [key: string]: unknown;
+            }[] | null;
+            /**
+             * Cell
+             * @description The cell concerned.
+             * @default null
+             */
+            cell: string | null;
             /** Detail */
             detail: string;
             /**
@@ -2213,12 +2358,23 @@ export interface components {
             instance: string;
             /**
              * Nearest
-             * @description infeasible: the closest feasible request.
+             * @description The closest feasible request, ready to be posted.
              * @default null
              */
             nearest: {
                 [key: string]: unknown;
             } | null;
+            /**
+             * Offers
+             * @description not-acceptable: the media types that there are.
+             * @default null
+             */
+            offers: string[] | null;
+            /**
+             * @description solver-failed.
+             * @default null
+             */
+            solver: components["schemas"]["SolverEnd"] | null;
             /** Status */
             status: number;
             /** Title */
@@ -2230,12 +2386,10 @@ export interface components {
             type: string;
             /**
              * Violations
-             * @description constraint, value, limit, unit, proven.
+             * @description infeasible, solver-failed.
              * @default null
              */
-            violations: {
-                [key: string]: unknown;
-            }[] | null;
+            violations: components["schemas"]["ViolationAnswer"][] | null;
         };
         /**
          * ProfileAnswer
@@ -2271,6 +2425,11 @@ export interface components {
              * @description Hash of the cell file that it was learnt with.
              */
             cell_sha256: string;
+            /**
+             * Cell Version
+             * @description Version of the cell file that it was learnt with.
+             */
+            cell_version?: number | null;
             /**
              * Cling Share
              * @description Share of throws in which the object leaves slower [-].
@@ -2347,6 +2506,16 @@ export interface components {
              */
             lag_std_s: number | null;
             /**
+             * Landing Error After M
+             * @description The same from where the profile expects them, which has seen them [m].
+             */
+            landing_error_after_m?: number | null;
+            /**
+             * Landing Error Before M
+             * @description Median distance of the observed landings from where they were to be [m].
+             */
+            landing_error_before_m?: number | null;
+            /**
              * Landing Offset M
              * @description Shift of the base, and with it of every landing: x, y [m].
              */
@@ -2356,6 +2525,12 @@ export interface components {
              * @description [m]
              */
             landing_offset_std_m: number[];
+            /**
+             * Landings
+             * @description Throws whose landing was observed, oldest first.
+             * @default []
+             */
+            landings: components["schemas"]["ExplainedLanding"][];
             /**
              * Mixture
              * @description The posterior: Gaussians over the state, a point of jitter each.
@@ -2431,6 +2606,11 @@ export interface components {
              */
             cell_sha256: string;
             /**
+             * Cell Version
+             * @description Version of the cell file that it was learnt with.
+             */
+            cell_version?: number | null;
+            /**
              * Cling Share
              * @description Share of throws in which the object leaves slower [-].
              */
@@ -2496,6 +2676,16 @@ export interface components {
              * @description null where no run shows it [s].
              */
             lag_std_s: number | null;
+            /**
+             * Landing Error After M
+             * @description The same from where the profile expects them, which has seen them [m].
+             */
+            landing_error_after_m?: number | null;
+            /**
+             * Landing Error Before M
+             * @description Median distance of the observed landings from where they were to be [m].
+             */
+            landing_error_before_m?: number | null;
             /**
              * Landing Offset M
              * @description Shift of the base, and with it of every landing: x, y [m].
@@ -2847,6 +3037,22 @@ export interface components {
              */
             solve_time_s: number;
             /** Status */
+            status: string;
+        };
+        /**
+         * SolverEnd
+         * @description How a search ended.
+         */
+        SolverEnd: {
+            /**
+             * Iterations
+             * @default null
+             */
+            iterations: number | null;
+            /**
+             * Status
+             * @description `time_limit`, or the solver's own word.
+             */
             status: string;
         };
         /**
@@ -3214,18 +3420,46 @@ export interface components {
              */
             linear: number[];
         };
-        /** ValidationError */
-        ValidationError: {
-            /** Context */
-            ctx?: Record<string, never>;
-            /** Input */
-            input?: unknown;
-            /** Location */
-            loc: (string | number)[];
-            /** Message */
-            msg: string;
-            /** Error Type */
-            type: string;
+        /**
+         * ViolationAnswer
+         * @description A constraint that stands in the way, and by how much.
+         */
+        ViolationAnswer: {
+            /**
+             * At S
+             * @description Time on the trajectory [s].
+             * @default null
+             */
+            at_s: number | null;
+            /**
+             * Constraint
+             * @description Name of the certificate's check.
+             */
+            constraint: string;
+            /**
+             * Detail
+             * @description Joint, pair of links or box concerned.
+             * @default
+             */
+            detail: string;
+            /**
+             * Limit
+             * @description In `unit`.
+             */
+            limit: number | null;
+            /**
+             * Proven
+             * @description Whether no motion can avoid it; else it was searched for in vain.
+             * @default false
+             */
+            proven: boolean;
+            /** Unit */
+            unit: string;
+            /**
+             * Value
+             * @description Of the best motion, in `unit`.
+             */
+            value: number | null;
         };
         /**
          * WayHomeAnswer
@@ -3267,11 +3501,14 @@ export type AimAnswer = components['schemas']['AimAnswer'];
 export type ArmShapeAnswer = components['schemas']['ArmShapeAnswer'];
 export type BoxAnswer = components['schemas']['BoxAnswer'];
 export type CapsuleAnswer = components['schemas']['CapsuleAnswer'];
+export type CellChange = components['schemas']['CellChange'];
+export type CellHistory = components['schemas']['CellHistory'];
 export type CellLimits = components['schemas']['CellLimits'];
 export type CellList = components['schemas']['CellList'];
 export type CellModel = components['schemas']['CellModel'];
 export type CellState = components['schemas']['CellState'];
 export type CellSummary = components['schemas']['CellSummary'];
+export type CellVersion = components['schemas']['CellVersion'];
 export type CertificateAnswer = components['schemas']['CertificateAnswer'];
 export type CheckAnswer = components['schemas']['CheckAnswer'];
 export type CurveAnswer = components['schemas']['CurveAnswer'];
@@ -3286,13 +3523,13 @@ export type ExperimentHead = components['schemas']['ExperimentHead'];
 export type ExperimentList = components['schemas']['ExperimentList'];
 export type ExperimentRequest = components['schemas']['ExperimentRequest'];
 export type ExperimentThrow = components['schemas']['ExperimentThrow'];
+export type ExplainedLanding = components['schemas']['ExplainedLanding'];
 export type FaultAnswer = components['schemas']['FaultAnswer'];
 export type FieldReason = components['schemas']['FieldReason'];
 export type FlightAnswer = components['schemas']['FlightAnswer'];
 export type FullPose = components['schemas']['FullPose'];
 export type FullTwist = components['schemas']['FullTwist'];
 export type GripperAnswer = components['schemas']['GripperAnswer'];
-export type HttpValidationError = components['schemas']['HTTPValidationError'];
 export type Health = components['schemas']['Health'];
 export type HitProbability = components['schemas']['HitProbability'];
 export type JointReleaseRequest = components['schemas']['JointReleaseRequest'];
@@ -3326,6 +3563,7 @@ export type RunTiming = components['schemas']['RunTiming'];
 export type SafetyLimitsAnswer = components['schemas']['SafetyLimitsAnswer'];
 export type SeriesAnswer = components['schemas']['SeriesAnswer'];
 export type SolverAnswer = components['schemas']['SolverAnswer'];
+export type SolverEnd = components['schemas']['SolverEnd'];
 export type StartRequest = components['schemas']['StartRequest'];
 export type StateEvent = components['schemas']['StateEvent'];
 export type SurroundingsAnswer = components['schemas']['SurroundingsAnswer'];
@@ -3336,12 +3574,12 @@ export type TimingAnswer = components['schemas']['TimingAnswer'];
 export type TimingRunAnswer = components['schemas']['TimingRunAnswer'];
 export type TrajectoryAnswer = components['schemas']['TrajectoryAnswer'];
 export type Twist = components['schemas']['Twist'];
-export type ValidationError = components['schemas']['ValidationError'];
+export type ViolationAnswer = components['schemas']['ViolationAnswer'];
 export type WayHomeAnswer = components['schemas']['WayHomeAnswer'];
 export type WindowEntry = components['schemas']['WindowEntry'];
 export type $defs = Record<string, never>;
 export interface operations {
-    list_cells_cells_get: {
+    list_cells: {
         parameters: {
             query?: never;
             header?: never;
@@ -3359,9 +3597,36 @@ export interface operations {
                     "application/json": components["schemas"]["CellList"];
                 };
             };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
         };
     };
-    read_cell_cells__name__get: {
+    read_cell: {
         parameters: {
             query?: never;
             header?: never;
@@ -3382,6 +3647,15 @@ export interface operations {
                     "application/json": Record<string, never>;
                 };
             };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `not-found` */
             404: {
                 headers: {
@@ -3400,9 +3674,27 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
         };
     };
-    acknowledge_cells__name__acknowledge_post: {
+    acknowledge_fault: {
         parameters: {
             query?: never;
             header?: never;
@@ -3421,15 +3713,6 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["Acknowledged"];
-                };
-            };
-            /** @description `unauthenticated` */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
             /** @description `forbidden` */
@@ -3459,18 +3742,27 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Validation Error */
-            422: {
+            /** @description `internal` */
+            500: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["HTTPValidationError"];
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
         };
     };
-    read_model_cells__name__model_get: {
+    read_history: {
         parameters: {
             query?: never;
             header?: never;
@@ -3482,104 +3774,13 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description As the planner sees the cell. */
+            /** @description Newest first, with what changed. */
             200: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["CellModel"];
-                };
-            };
-            /** @description `not-found` */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["ProblemAnswer"];
-                };
-            };
-            /** @description `invalid-request` */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["ProblemAnswer"];
-                };
-            };
-        };
-    };
-    list_profiles_cells__name__profiles_get: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                /** @description Name of a cell. */
-                name: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Newest first. */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ProfileList"];
-                };
-            };
-            /** @description `not-found` */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["ProblemAnswer"];
-                };
-            };
-            /** @description `invalid-request` */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["ProblemAnswer"];
-                };
-            };
-        };
-    };
-    add_profile_cells__name__profiles_post: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                /** @description Name of a cell. */
-                name: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Stored, not adopted. */
-            201: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ProfileAnswer"];
-                };
-            };
-            /** @description `unauthenticated` */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                    "application/json": components["schemas"]["CellHistory"];
                 };
             };
             /** @description `forbidden` */
@@ -3609,9 +3810,231 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
         };
     };
-    revert_cells__name__profiles_revert_post: {
+    read_cell_model: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Name of a cell. */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description As the planner sees the cell. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["CellModel"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    list_profiles: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Name of a cell. */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Newest first. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProfileList"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    estimate_profile_of_cell: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Name of a cell. */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Stored, not adopted. */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["ProfileAnswer"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    revert_profile: {
         parameters: {
             query?: never;
             header?: never;
@@ -3630,15 +4053,6 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["Adoption"];
-                };
-            };
-            /** @description `unauthenticated` */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
             /** @description `forbidden` */
@@ -3677,9 +4091,27 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
         };
     };
-    read_state_cells__name__state_get: {
+    read_robot_state: {
         parameters: {
             query?: never;
             header?: never;
@@ -3700,6 +4132,15 @@ export interface operations {
                     "application/json": components["schemas"]["CellState"];
                 };
             };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `not-found` */
             404: {
                 headers: {
@@ -3709,18 +4150,27 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Validation Error */
-            422: {
+            /** @description `internal` */
+            500: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["HTTPValidationError"];
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
         };
     };
-    read_timing_cells__name__timing_get: {
+    read_timing: {
         parameters: {
             query?: never;
             header?: never;
@@ -3741,6 +4191,15 @@ export interface operations {
                     "application/json": components["schemas"]["TimingAnswer"];
                 };
             };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `not-found` */
             404: {
                 headers: {
@@ -3759,9 +4218,27 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
         };
     };
-    execute_execute_post: {
+    execute_plan: {
         parameters: {
             query?: never;
             header?: {
@@ -3784,15 +4261,6 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["ExecutionAnswer"];
-                };
-            };
-            /** @description `unauthenticated` */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
             /** @description `forbidden` */
@@ -3849,9 +4317,27 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
         };
     };
-    list_executions_executions_get: {
+    list_executions: {
         parameters: {
             query?: {
                 /** @description Maximum length of the page. */
@@ -3874,23 +4360,50 @@ export interface operations {
                     "application/json": components["schemas"]["ExecutionList"];
                 };
             };
-            /** @description Validation Error */
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
             422: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["HTTPValidationError"];
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
         };
     };
-    read_execution_executions__id__get: {
+    read_execution: {
         parameters: {
             query?: never;
             header?: never;
             path: {
-                /** @description Id of an execution, or `latest`. */
+                /** @description Id of the execution, or `latest`. */
                 id: string;
             };
             cookie?: never;
@@ -3906,6 +4419,15 @@ export interface operations {
                     "application/json": components["schemas"]["ExecutionAnswer"];
                 };
             };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `not-found` */
             404: {
                 headers: {
@@ -3915,23 +4437,32 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Validation Error */
-            422: {
+            /** @description `internal` */
+            500: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["HTTPValidationError"];
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
         };
     };
-    abort_executions__id__abort_post: {
+    abort_execution: {
         parameters: {
             query?: never;
             header?: never;
             path: {
-                /** @description Id of an execution, or `latest`. */
+                /** @description Id of the execution, or `latest`. */
                 id: string;
             };
             cookie?: never;
@@ -3945,6 +4476,15 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["ExecutionAnswer"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
             /** @description `not-found` */
@@ -3965,18 +4505,27 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Validation Error */
-            422: {
+            /** @description `internal` */
+            500: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["HTTPValidationError"];
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
         };
     };
-    watch_execution_executions__id__events_get: {
+    watch_execution: {
         parameters: {
             query?: never;
             header?: {
@@ -3984,7 +4533,7 @@ export interface operations {
                 "last-event-id"?: number;
             };
             path: {
-                /** @description Id of an execution, or `latest`. */
+                /** @description Id of the execution, or `latest`. */
                 id: string;
             };
             cookie?: never;
@@ -3997,8 +4546,16 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": unknown;
                     "text/event-stream": string;
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
             /** @description `not-found` */
@@ -4019,14 +4576,32 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
         };
     };
-    read_landings_executions__id__landing_get: {
+    read_landings: {
         parameters: {
             query?: never;
             header?: never;
             path: {
-                /** @description Id of an execution, or `latest`. */
+                /** @description Id of the execution, or `latest`. */
                 id: string;
             };
             cookie?: never;
@@ -4042,6 +4617,15 @@ export interface operations {
                     "application/json": components["schemas"]["LandingList"];
                 };
             };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `not-found` */
             404: {
                 headers: {
@@ -4051,18 +4635,27 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Validation Error */
-            422: {
+            /** @description `internal` */
+            500: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["HTTPValidationError"];
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
         };
     };
-    report_landing_executions__id__landing_post: {
+    report_landing: {
         parameters: {
             query?: never;
             header?: {
@@ -4070,7 +4663,7 @@ export interface operations {
                 "idempotency-key"?: string | null;
             };
             path: {
-                /** @description Id of an execution, or `latest`. */
+                /** @description Id of the execution, or `latest`. */
                 id: string;
             };
             cookie?: never;
@@ -4088,15 +4681,6 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["LandingAnswer"];
-                };
-            };
-            /** @description `unauthenticated` */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
             /** @description `forbidden` */
@@ -4153,9 +4737,27 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
         };
     };
-    read_recording_executions__id__recording_get: {
+    read_recording: {
         parameters: {
             query?: never;
             header?: {
@@ -4163,7 +4765,7 @@ export interface operations {
                 accept?: string | null;
             };
             path: {
-                /** @description Id of an execution, or `latest`. */
+                /** @description Id of the execution, or `latest`. */
                 id: string;
             };
             cookie?: never;
@@ -4176,9 +4778,17 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": unknown;
                     "application/octet-stream": string;
                     "text/csv": string;
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
             /** @description `not-found` */
@@ -4190,18 +4800,45 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Validation Error */
+            /** @description `not-acceptable` */
+            406: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
             422: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["HTTPValidationError"];
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
         };
     };
-    list_experiments_experiments_get: {
+    list_experiments: {
         parameters: {
             query?: {
                 /** @description Maximum length of the page. */
@@ -4224,18 +4861,45 @@ export interface operations {
                     "application/json": components["schemas"]["ExperimentList"];
                 };
             };
-            /** @description Validation Error */
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
             422: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["HTTPValidationError"];
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
         };
     };
-    begin_experiment_experiments_post: {
+    begin_experiment: {
         parameters: {
             query?: never;
             header?: {
@@ -4258,15 +4922,6 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["ExperimentHead"];
-                };
-            };
-            /** @description `unauthenticated` */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
             /** @description `forbidden` */
@@ -4305,31 +4960,59 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
         };
     };
-    read_experiment_experiments__id__get: {
+    read_experiment: {
         parameters: {
             query?: never;
             header?: {
-                /** @description application/json or text/csv. */
+                /** @description application/json, text/csv or application/vnd.apache.parquet. */
                 accept?: string | null;
             };
             path: {
-                /** @description Id of an experiment, or `latest`. */
+                /** @description Id of the experiment, or `latest`. */
                 id: string;
             };
             cookie?: never;
         };
         requestBody?: never;
         responses: {
-            /** @description JSON with statistics, or CSV with one row per throw, by `Accept`. */
+            /** @description JSON with statistics, or CSV or Parquet with one row per throw, by `Accept`. */
             200: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
                     "application/json": components["schemas"]["ExperimentAnswer"];
+                    "application/vnd.apache.parquet": string;
                     "text/csv": string;
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
             /** @description `not-found` */
@@ -4341,18 +5024,45 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Validation Error */
+            /** @description `not-acceptable` */
+            406: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
             422: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["HTTPValidationError"];
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
         };
     };
-    healthz_healthz_get: {
+    read_health: {
         parameters: {
             query?: never;
             header?: never;
@@ -4370,9 +5080,27 @@ export interface operations {
                     "application/json": components["schemas"]["Health"];
                 };
             };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
         };
     };
-    metrics_metrics_get: {
+    read_metrics: {
         parameters: {
             query?: never;
             header?: never;
@@ -4387,13 +5115,39 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": unknown;
                     "text/plain": string;
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
         };
     };
-    make_plan_plan_post: {
+    make_plan: {
         parameters: {
             query?: {
                 /** @description false leaves the trajectory out. */
@@ -4430,15 +5184,6 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["PlanAnswer"];
-                };
-            };
-            /** @description `unauthenticated` */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
             /** @description `forbidden` */
@@ -4504,7 +5249,16 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description `solver-failed` */
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `solver-failed`, `not-ready` */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4515,7 +5269,7 @@ export interface operations {
             };
         };
     };
-    list_plans_plans_get: {
+    list_plans: {
         parameters: {
             query?: {
                 /** @description Maximum length of the page. */
@@ -4538,26 +5292,56 @@ export interface operations {
                     "application/json": components["schemas"]["PlanList"];
                 };
             };
-            /** @description Validation Error */
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
             422: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["HTTPValidationError"];
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
         };
     };
-    read_plan_plans__id__get: {
+    read_plan: {
         parameters: {
             query?: {
                 /** @description false leaves the trajectory out. */
                 trajectory?: boolean;
             };
-            header?: never;
+            header?: {
+                /** @description ETags that the client has. */
+                "if-none-match"?: string | null;
+            };
             path: {
-                /** @description Id of a plan, or `latest`. */
+                /** @description Id of the plan, or `latest`. */
                 id: string;
             };
             cookie?: never;
@@ -4573,6 +5357,22 @@ export interface operations {
                     "application/json": components["schemas"]["PlanAnswer"];
                 };
             };
+            /** @description The client has it: `If-None-Match`. */
+            304: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `not-found` */
             404: {
                 headers: {
@@ -4582,23 +5382,41 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Validation Error */
+            /** @description `invalid-request` */
             422: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["HTTPValidationError"];
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
         };
     };
-    read_curves_plans__id__curves_get: {
+    read_plan_curves: {
         parameters: {
             query?: never;
             header?: never;
             path: {
-                /** @description Id of a plan, or `latest`. */
+                /** @description Id of the plan, or `latest`. */
                 id: string;
             };
             cookie?: never;
@@ -4612,6 +5430,15 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["PlanCurves"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
             /** @description `not-found` */
@@ -4632,26 +5459,37 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Validation Error */
-            422: {
+            /** @description `internal` */
+            500: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["HTTPValidationError"];
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
         };
     };
-    read_trajectory_plans__id__trajectory_get: {
+    read_trajectory: {
         parameters: {
             query?: never;
             header?: {
                 /** @description application/json or text/csv. */
                 accept?: string | null;
+                /** @description ETags that the client has. */
+                "if-none-match"?: string | null;
             };
             path: {
-                /** @description Id of a plan, or `latest`. */
+                /** @description Id of the plan, or `latest`. */
                 id: string;
             };
             cookie?: never;
@@ -4668,6 +5506,22 @@ export interface operations {
                     "text/csv": string;
                 };
             };
+            /** @description The client has it: `If-None-Match`. */
+            304: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `not-found` */
             404: {
                 headers: {
@@ -4677,23 +5531,50 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Validation Error */
+            /** @description `not-acceptable` */
+            406: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
             422: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["HTTPValidationError"];
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
         };
     };
-    read_profile_profiles__id__get: {
+    read_profile: {
         parameters: {
             query?: never;
             header?: never;
             path: {
-                /** @description Id of a profile. */
+                /** @description Id of the profile, or `latest`. */
                 id: string;
             };
             cookie?: never;
@@ -4709,6 +5590,15 @@ export interface operations {
                     "application/json": components["schemas"]["ProfileAnswer"];
                 };
             };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `not-found` */
             404: {
                 headers: {
@@ -4718,23 +5608,32 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Validation Error */
-            422: {
+            /** @description `internal` */
+            500: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["HTTPValidationError"];
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
         };
     };
-    adopt_profiles__id__adopt_post: {
+    adopt_profile: {
         parameters: {
             query?: never;
             header?: never;
             path: {
-                /** @description Id of a profile. */
+                /** @description Id of the profile, or `latest`. */
                 id: string;
             };
             cookie?: never;
@@ -4748,15 +5647,6 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["Adoption"];
-                };
-            };
-            /** @description `unauthenticated` */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
             /** @description `forbidden` */
@@ -4786,18 +5676,27 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description Validation Error */
-            422: {
+            /** @description `internal` */
+            500: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
-                    "application/json": components["schemas"]["HTTPValidationError"];
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
         };
     };
-    readyz_readyz_get: {
+    read_readiness: {
         parameters: {
             query?: never;
             header?: never;
@@ -4813,6 +5712,24 @@ export interface operations {
                 };
                 content: {
                     "application/json": components["schemas"]["Readiness"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
             /** @description `not-ready` */

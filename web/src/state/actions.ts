@@ -20,7 +20,7 @@ export async function plan(): Promise<void> {
   stopPreview();
   dispatch({ type: "ask" });
   try {
-    const answer = await post<Plan>("/plan", requestOf(request, cell));
+    const answer = await post<Plan>("/plan", requestOf(request, cell), { patient: true });
     reached();
     dispatch({ type: "planned", revision, plan: answer });
     if (revision === state.value.revision) {
@@ -77,7 +77,7 @@ async function askPreviews(): Promise<void> {
     const { cell } = state.value;
     if (cell === null) break;
     try {
-      const answer = await call("POST", "/plan?store=false", { body: previewOf(draft, cell) });
+      const answer = await call("POST", "/plan?store=false", { body: previewOf(draft, cell), patient: true });
       const preview = (await answer.json()) as Plan;
       if (mine === generation) dispatch({ type: "preview", plan: preview });
     } catch (error) {
@@ -112,7 +112,7 @@ export async function execute(mode: "speedj" | "servoj", dryRun: boolean): Promi
   playing.value = 0;
   try {
     const body = { plan_id: now.plan.value.id, mode, dry_run: dryRun };
-    const execution = await post<Execution>("/execute", body, newKey());
+    const execution = await post<Execution>("/execute", body, { key: newKey() });
     reached();
     dispatch({ type: "execution", execution });
   } catch (error) {
@@ -193,7 +193,7 @@ export async function reportLanding(position: readonly number[]): Promise<void> 
 const LANDING_STD_M = 0.02; // [m] a click on the floor of a picture is about this good
 
 export async function learn(): Promise<void> {
-  await changeProfile(() => post(`/cells/${state.value.cell}/profiles`), "A profile was estimated. It is not in use yet.");
+  await changeProfile(() => post(`/cells/${state.value.cell}/profiles`, undefined, { patient: true }), "A profile was estimated. It is not in use yet.");
 }
 
 export async function adopt(id: string): Promise<void> {

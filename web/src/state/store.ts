@@ -38,6 +38,10 @@ export const playing = signal<number>(0); // pace: 0 stands still, 1 real time
 export const picking = signal<string | null>(null); // execution whose landing is being pointed at
 export const dark = signal(false);
 
+/** How a plan is executed. */
+export const mode = signal<"speedj" | "servoj">("speedj");
+export const dryRun = signal(false);
+
 // Parts of the state, so that telemetry redraws nothing but what shows it.
 export const cellName = computed(() => state.value.cell);
 export const draft = computed(() => state.value.request);

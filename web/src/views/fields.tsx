@@ -33,9 +33,11 @@ export function NumberField({ label, unit, value, placeholder, name, onInput }: 
         spellcheck={false}
         value={typing ? value : shortened(value)}
         placeholder={placeholder}
-        onFocus={() => setTyping(true)}
         onBlur={() => setTyping(false)}
-        onInput={(event) => onInput(event.currentTarget.value)}
+        onInput={(event) => {
+          setTyping(true);
+          onInput(event.currentTarget.value);
+        }}
       />
     </label>
   );
@@ -111,7 +113,7 @@ export function SelectField<T extends string>({ label, options, value, onChoose 
   return (
     <label class="field">
       <span>{label}</span>
-      <select value={value} onChange={(event) => onChoose(event.currentTarget.value as T)}>
+      <select aria-label={label} value={value} onChange={(event) => onChoose(event.currentTarget.value as T)}>
         {options.map(([key, text]) => (
           <option key={key} value={key}>
             {text}

@@ -14,9 +14,8 @@ export function Header(): JSX.Element {
   return (
     <header class={`top ${isReal.value ? "real" : ""}`}>
       <h1>Fling</h1>
-      <label class="cell-choice">
-        <span class="sr-only">Cell</span>
-        <select value={cellName.value ?? ""} onChange={(event) => dispatch({ type: "cell", name: event.currentTarget.value })}>
+      <div class="cell-choice">
+        <select aria-label="Cell" value={cellName.value ?? ""} onChange={(event) => dispatch({ type: "cell", name: event.currentTarget.value })}>
           {list.length === 0 ? <option value="">no cell yet</option> : null}
           {list.map((known) => (
             <option key={known.name} value={known.name} disabled={Boolean(known.error)}>
@@ -25,7 +24,7 @@ export function Header(): JSX.Element {
             </option>
           ))}
         </select>
-      </label>
+      </div>
       {isReal.value ? <span class="badge real">Real arm</span> : chosen ? <span class="badge">Simulated</span> : null}
       {words ? <span class={`state ${lost ? "idle" : words.tone}`} role="status">{lost ? "Not known" : words.headline}</span> : null}
       <nav aria-label="Documentation">

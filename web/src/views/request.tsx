@@ -4,7 +4,7 @@ import type { JSX } from "preact";
 
 import { currentPositions, edit } from "../state/actions";
 import { BACKENDS, type Draft, type Kind } from "../state/draft";
-import { cellState, draft } from "../state/store";
+import { cellState, draft, dryRun, mode } from "../state/store";
 import { Choice, NumberField, SelectField, VectorField } from "./fields";
 
 const XYZ = ["x", "y", "z"] as const;
@@ -16,7 +16,7 @@ const KINDS: readonly (readonly [Kind, string])[] = [
   ["joint", "Joints"],
 ];
 const KIND_WORDS: Readonly<Record<Kind, string>> = {
-  target: "Hit a point by free flight; the release is chosen for you.",
+  target: "Hit a point; the release is chosen for you.",
   point: "Pass a point with a velocity; the tool's orientation is free.",
   pose: "Pass a tool pose with a twist.",
   joint: "Pass joint positions with joint velocities.",
@@ -151,7 +151,15 @@ function Options({ draft }: { draft: Draft }): JSX.Element {
           onChoose={(backend) => edit({ backend })}
         />
         <NumberField label="Time limit" unit="s" value={draft.timeLimit} placeholder="120" onInput={(timeLimit) => edit({ timeLimit })} />
+        <SelectField
+          label="Stream by" options={[["speedj", "speedj"], ["servoj", "servoj"]]} value={mode.value}
+          onChoose={(chosen) => (mode.value = chosen)}
+        />
       </div>
+      <label class="check">
+        <input type="checkbox" checked={dryRun.value} onChange={(event) => (dryRun.value = event.currentTarget.checked)} />
+        <span>Dry run: everything but motion</span>
+      </label>
     </details>
   );
 }

@@ -52,10 +52,10 @@ export function SceneSection(): JSX.Element {
             {text}
           </button>
         ))}
-        <button type="button" class="chip" disabled={failure.value !== null} onClick={() => void saveView(scene.current, "png")}>
+        <button type="button" class="chip save" disabled={failure.value !== null} aria-label="Save the view as PNG" onClick={() => void saveView(scene.current, "png")}>
           PNG
         </button>
-        <button type="button" class="chip" disabled={failure.value !== null} onClick={() => void saveView(scene.current, "svg")}>
+        <button type="button" class="chip save" disabled={failure.value !== null} aria-label="Save the view as SVG" onClick={() => void saveView(scene.current, "svg")}>
           SVG
         </button>
       </div>

@@ -6,7 +6,7 @@ import { useEffect, useRef } from "preact/hooks";
 
 import { execute, plan, takeNearest } from "../state/actions";
 import { throwLabel } from "../state/machine";
-import { answered, armed, cellName, isPlanning, isReal, preview, problem, running, standing } from "../state/store";
+import { answered, armed, cellName, dryRun, isPlanning, isReal, mode, preview, problem, running, standing } from "../state/store";
 import { constraintWords, figure, planWords, timingWords } from "../state/words";
 import { RequestFields } from "./request";
 
@@ -70,9 +70,11 @@ function PlanSummary(): JSX.Element | null {
 /** What stands in the way, in words, and what can be done instead. */
 function ProblemCard(): JSX.Element | null {
   const refusal = problem.value;
+  const card = useRef<HTMLDivElement>(null);
+  useEffect(() => card.current?.scrollIntoView({ block: "nearest" }), [refusal]);
   if (refusal === null) return null;
   return (
-    <div class="problem" role="alert">
+    <div class="problem" role="alert" ref={card}>
       <strong>{refusal.title}</strong>
       {refusal.violations && refusal.violations.length > 0 ? (
         <ul>
@@ -108,41 +110,23 @@ function nearestWords(release: { kind: string; position?: number[] }): string {
 }
 
 function ThrowButton(): JSX.Element {
-  const mode = useSignal<"speedj" | "servoj">("speedj");
-  const dry = useSignal(false);
   const asking = useSignal(false);
   const current = answered.value;
   const real = isReal.value;
   const act = (): void => {
-    if (real && !dry.value) asking.value = true;
-    else void execute(mode.value, dry.value);
+    if (real && !dryRun.value) asking.value = true;
+    else void execute(mode.value, dryRun.value);
   };
   return (
     <>
       <button type="button" class={`throw ${real ? "real" : "primary"}`} disabled={!armed.value} onClick={act}>
         {throwLabel(current)}
       </button>
-      <details class="options how">
-        <summary>How it is executed</summary>
-        <div class="numbers of-2">
-          <label class="field">
-            <span>Stream by</span>
-            <select value={mode.value} onChange={(event) => (mode.value = event.currentTarget.value as "speedj")}>
-              <option value="speedj">speedj</option>
-              <option value="servoj">servoj</option>
-            </select>
-          </label>
-          <label class="check">
-            <input type="checkbox" checked={dry.value} onChange={(event) => (dry.value = event.currentTarget.checked)} />
-            <span>Dry run: everything but motion</span>
-          </label>
-        </div>
-      </details>
       {asking.value && armed.value && !running.value ? (
         <AskOnceMore
           onYes={() => {
             asking.value = false;
-            void execute(mode.value, dry.value);
+            void execute(mode.value, dryRun.value);
           }}
           onNo={() => (asking.value = false)}
         />

@@ -1,0 +1,132 @@
+"""Commands on the versions of a cell file: history, diff, restore."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from store import CellVersionRow
+
+CELL = click.option("--cell", "name", help="Cell; default: FLING_DEFAULT_CELL.")
+
+
+@click.command()
+@CELL
+@click.option("--json", "as_json", is_flag=True, help="As GET /cells/{name}/history answers.")
+def history(name: str | None, as_json: bool) -> None:
+    """List the versions of a cell file that service or executor have seen, with what changed."""
+    from api.cell_history import history_document
+    from api.schemas import iso_time
+
+    path, versions = _versions(name)
+    document = history_document(path.stem, versions, iso_time)
+    if as_json:
+        click.echo(json.dumps(document, indent=2))
+        return
+    for version in document["versions"]:
+        click.echo(f"{version['version']:>4}  {version['seen_at']}  {version['sha256'][:12]}  {version['seen_by']}")
+        for change in version["changes"]:
+            click.echo(f"      {change['key']}: {_value(change['before'])} -> {_value(change['after'])}")
+
+
+@click.command()
+@click.argument("before", type=int)
+@click.argument("after", type=int, required=False)
+@CELL
+def diff(before: int, after: int | None, name: str | None) -> None:
+    """Show the difference from version BEFORE to version AFTER, or to the file as it is now."""
+    from api.cell_history import text_diff
+
+    path, versions = _versions(name)
+    click.echo(
+        text_diff(_find(versions, before), _present(path) if after is None else _find(versions, after)), nl=False
+    )
+
+
+@click.command()
+@click.argument("version", type=int)
+@CELL
+def restore(version: int, name: str | None) -> None:
+    """Write version VERSION back to the cell file, and to its calibration file.
+
+    The present file is a version too; where it is refused, it is kept as NAME.toml.refused. Service and executor take
+    the restored file over between executions; plans of other versions have to be made again.
+    """
+    from planner.cell import calibration_path
+
+    path, versions = _versions(name)
+    row = _find(versions, version)
+    if versions[0].sha256 != _present(path).sha256:  # refused as it is, so in no version
+        path.with_name(f"{path.name}.refused").write_bytes(path.read_bytes())
+    if row.calibration is not None:
+        _write(_calibration_of(path, row), row.calibration)
+    _write(path, row.text)
+    beside = calibration_path(path)
+    click.echo(f"{path}: version {version}" + (f", with {beside.name}" if beside and row.calibration else ""))
+
+
+def _versions(name: str | None) -> tuple[Path, list[CellVersionRow]]:
+    """Returns the path of the cell file and its versions; the present file is one, unless it is refused."""
+    from api.cell_repository import CellRepository
+    from api.cli.support.processes import cell_path
+    from api.settings import ServiceSettings
+    from planner.errors import CellError
+    from store import Store, StoreError
+
+    settings = ServiceSettings()
+    path = cell_path(settings.cells, name or settings.default_cell)
+    try:
+        store = Store.open(settings.database_url)
+    except (StoreError, RuntimeError) as error:
+        raise click.ClickException(str(error)) from error
+    try:
+        CellRepository(settings.cells).cell(path.stem)
+        now = _present(path)
+        store.note_cell_version(now.cell, now.sha256, now.text, now.calibration, "command line")
+    except CellError as error:
+        click.echo(f"the file is refused as it is: {error}", err=True)
+    try:
+        found = store.cell_versions(path.stem)
+    finally:
+        store.close()
+    if not found:
+        raise click.ClickException(f"no version of {path} is known yet")
+    return path, found
+
+
+def _present(path: Path) -> CellVersionRow:
+    """Returns the files as they are now, as version 0."""
+    from planner.cell import read_source
+    from store import CellVersionRow
+
+    source = read_source(path)
+    return CellVersionRow(source.name, 0, source.sha256, source.text, source.calibration, 0.0, "")
+
+
+def _find(versions: list[CellVersionRow], number: int) -> CellVersionRow:
+    for row in versions:
+        if row.version == number:
+            return row
+    raise click.ClickException(f"there is no version {number}; there are 1 to {versions[0].version}")
+
+
+def _calibration_of(path: Path, row: CellVersionRow) -> Path:
+    """Returns the path of the calibration file that a version names."""
+    import tomllib
+
+    return path.with_name(tomllib.loads(row.text.decode())["kinematics"]["calibration"])
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Replaces a file at once: nobody reads half of it."""
+    part = path.with_name(f".{path.name}.part")
+    part.write_bytes(content)
+    part.replace(path)
+
+
+def _value(value: Any) -> str:
+    return "(left out)" if value is None else json.dumps(value)

@@ -1,0 +1,132 @@
+"""How `fling` ends: one sentence for a person or, with --json, one document; and the exit status of the contract."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Sequence
+from difflib import get_close_matches
+from typing import Any, NoReturn
+
+import click
+
+from api.cli.support.exit_status import INTERRUPTED, INVALID, WRONG_COMMAND_LINE, exit_status
+
+JSON_FLAG = "--json"
+
+
+class FlingGroup(click.Group):
+    """The command line: knows similar commands, and turns every error into a sentence and an exit status."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Finds the command, or names similar ones; one that answers nothing in JSON takes --json for its errors."""
+        name = args[0]
+        if self.get_command(ctx, name) is None and not name.startswith("-") and not ctx.resilient_parsing:
+            similar = get_close_matches(name, self.list_commands(ctx), n=3)
+            hint = f"did you mean {' or '.join(similar)}?" if similar else f"'{ctx.command_path} --help' lists them"
+            raise click.UsageError(f"there is no command {name!r}; {hint}", ctx)
+        found, command, rest = super().resolve_command(ctx, args)
+        if command is not None and not isinstance(command, click.Group) and not _takes_json(command):
+            rest = [argument for argument in rest if argument != JSON_FLAG]
+        return found, command, rest
+
+    def main(self, args: Sequence[str] | None = None, *rest: Any, standalone_mode: bool = True, **extra: Any) -> Any:
+        """Runs a command and exits with its status."""
+        given = list(sys.argv[1:] if args is None else args)
+        if not standalone_mode:
+            return super().main(given, *rest, standalone_mode=False, **extra)
+        try:
+            status = super().main(given, *rest, standalone_mode=False, **extra)
+        except (Exception, KeyboardInterrupt) as error:
+            _end(error, JSON_FLAG in given)
+        sys.exit(status if isinstance(status, int) else 0)
+
+
+def _takes_json(command: click.Command) -> bool:
+    return any(JSON_FLAG in parameter.opts for parameter in command.params)
+
+
+class Coordinate(click.ParamType):
+    """A coordinate [m], in a command whose unknown options are arguments, so that -0.3 is a number."""
+
+    name = "number"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Returns the number; what looks like an option is refused as one, with similar options."""
+        try:
+            return float(value)
+        except ValueError:
+            if not str(value).startswith("-") or ctx is None:
+                self.fail(f"{value!r} is not a number", param, ctx)
+        known = [option for parameter in ctx.command.params for option in parameter.opts if option.startswith("-")]
+        raise click.NoSuchOption(str(value), possibilities=known, ctx=ctx)
+
+
+def _end(error: BaseException, as_json: bool) -> NoReturn:
+    """Writes an error to standard error and exits.
+
+    Raises:
+        Exception: the error itself, where it is a bug: it needs its traceback.
+    """
+    if isinstance(error, BrokenPipeError):  # `fling … | head`: nobody reads on
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(INVALID)
+    if isinstance(error, click.exceptions.NoArgsIsHelpError):
+        error.show()
+        sys.exit(WRONG_COMMAND_LINE)
+    sentence = _sentence(error)
+    if sentence is None:
+        raise error
+    status = _status(error)
+    if as_json:
+        problem = getattr(error, "problem", None) or {"title": type(error).__name__, "detail": sentence}
+        click.echo(json.dumps({**problem, "exit_status": status}, default=str), err=True)
+    else:
+        click.echo(f"{click.style('fling:', fg='red', bold=True)} {sentence}", err=True)
+    sys.exit(status)
+
+
+def _sentence(error: BaseException) -> str | None:
+    """Returns what a person reads of an error, None of a bug."""
+    if isinstance(error, click.UsageError) and error.ctx is not None:
+        return f"{error.format_message()} (see '{error.ctx.command_path} --help')"
+    if isinstance(error, click.ClickException):
+        return error.format_message()
+    if isinstance(error, KeyboardInterrupt | click.Abort):
+        return "interrupted"
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{os.fspath(error.filename)!s}: {error.strerror}"
+    return _of_settings(error) if type(error).__name__ == "ValidationError" else _of_fling(error)
+
+
+def _of_fling(error: BaseException) -> str | None:
+    """Returns the sentence of an error that planner or store raise on purpose."""
+    purposeful = ("PlannerError", "StoreError", "StoreUnavailable")
+    return str(error) if {kind.__name__ for kind in type(error).__mro__} & set(purposeful) else None
+
+
+def _of_settings(error: Any) -> str | None:
+    """Returns the sentence of wrong FLING_* settings, None of another model's error."""
+    if error.title != "ServiceSettings":
+        return None
+    wrong = [f"FLING_{str(part['loc'][0]).upper()} = {part['input']!r}: {part['msg']}" for part in error.errors()]
+    return "; ".join(wrong)
+
+
+def _status(error: BaseException) -> int:
+    problem = getattr(error, "problem", None)
+    if isinstance(problem, dict):
+        return exit_status(str(problem.get("type", "")).rpartition("/")[2])
+    if isinstance(error, KeyboardInterrupt | click.Abort):
+        return INTERRUPTED
+    if isinstance(error, click.UsageError):
+        return INVALID if _names_a_missing_file(error) else WRONG_COMMAND_LINE
+    return error.exit_code if isinstance(error, click.ClickException) else INVALID
+
+
+def _names_a_missing_file(error: click.UsageError) -> bool:
+    """Returns whether the command line is in order, and a file that it names is not there."""
+    return isinstance(error, click.BadParameter) and isinstance(getattr(error.param, "type", None), click.Path)

@@ -1,0 +1,140 @@
+"""The HTTP server: uvicorn that drains before it ends and cuts clients that are too slow.
+
+Draining: the first SIGTERM or SIGINT makes the application refuse new work while it goes on answering; the server ends
+when what was begun is answered. A second signal ends it at once.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Awaitable, Callable
+from types import FrameType
+
+import h11
+import uvicorn
+
+from api.http import KEEP_ALIVE_S, ProblemDetails, ProblemProtocol
+
+HEADERS_S = 10.0  # [s] from a request's first byte (or the connection) to the end of its headers: a few packets
+STALL_S = 10.0  # [s] between two looks at a client that does not read its answer
+READ_RATE_MIN_B_S = 1000.0  # [byte/s] slowest accepted reader, slower than any modem
+ANSWERS_S = 10  # [s] for the answers of what was drained: storing a plan waits up to 5 s for a busy database
+
+
+class ImpatientProtocol(ProblemProtocol):
+    """HTTP/1.1 whose clients must finish their headers in time and read their answers at a lowest rate."""
+
+    headers_s, stall_s = HEADERS_S, STALL_S
+    _headers_timer: asyncio.TimerHandle | None = None
+    _stall_timer: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as uvicorn's own
+        """Starts the time for the first request's headers."""
+        super().connection_made(transport)
+        self._await_headers()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Ends all timers."""
+        self._headers_timer = _cancelled(self._headers_timer)
+        self._stall_timer = _cancelled(self._stall_timer)
+        super().connection_lost(exc)
+
+    def data_received(self, data: bytes) -> None:
+        """Starts the time for headers at their first byte, and ends it with their last."""
+        if not self._is_answering():
+            self._await_headers()
+        super().data_received(data)
+        if self._is_answering():
+            self._headers_timer = _cancelled(self._headers_timer)
+
+    def pause_writing(self) -> None:
+        """Watches a client that does not read."""
+        super().pause_writing()
+        if self._stall_timer is None:
+            self._await_reader()
+
+    def resume_writing(self) -> None:
+        """Ends that watch."""
+        super().resume_writing()
+        self._stall_timer = _cancelled(self._stall_timer)
+
+    def _is_answering(self) -> bool:
+        """Returns whether a request's headers have arrived and its answer is not complete."""
+        return self.cycle is not None and not self.cycle.response_complete
+
+    def _await_headers(self) -> None:
+        if self._headers_timer is None:
+            self._headers_timer = self.loop.call_later(self.headers_s, self._cut_headers)
+
+    def _cut_headers(self) -> None:
+        """Closes the connection; a request that was begun is answered first."""
+        self._headers_timer = None
+        if self.transport.is_closing():
+            return
+        if self.conn.our_state is h11.IDLE and self.conn.trailing_data[0]:
+            detail = f"the headers took longer than {self.headers_s:g} s"
+            self.refuse(ProblemDetails("request-timeout", detail))
+        self.transport.close()
+
+    def _await_reader(self) -> None:
+        unread = self.transport.get_write_buffer_size()
+        self._stall_timer = self.loop.call_later(self.stall_s, self._cut_reader, unread)
+
+    def _cut_reader(self, unread: int) -> None:
+        """Cuts the connection of a client that has read too little since; else looks again later."""
+        if unread - self.transport.get_write_buffer_size() < READ_RATE_MIN_B_S * self.stall_s:
+            self.transport.abort()
+        else:
+            self._await_reader()
+
+
+class DrainingServer(uvicorn.Server):
+    """A server that ends in order.
+
+    Args:
+        config: Settings of uvicorn.
+        drain: Called at the first signal; the server ends when it returns.
+    """
+
+    def __init__(self, config: uvicorn.Config, drain: Callable[[], Awaitable[None]]) -> None:
+        super().__init__(config)
+        self._drain, self._is_asked_to_end = drain, False
+        self._draining: asyncio.Task[None] | None = None
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """Asks for the end; asked again, ends at once."""
+        self.should_exit = self.force_exit = self._is_asked_to_end
+        self._is_asked_to_end = True
+
+    async def on_tick(self, counter: int) -> bool:
+        """Begins to drain once asked to end, ten times a second."""
+        if self._is_asked_to_end and self._draining is None:
+            self._draining = asyncio.create_task(self._drain_and_exit())
+        return await super().on_tick(counter)
+
+    async def _drain_and_exit(self) -> None:
+        try:
+            await self._drain()
+        finally:
+            self.should_exit = True
+
+
+def server_config(app: Callable[..., object], host: str, port: int) -> uvicorn.Config:
+    """Returns uvicorn's settings for the service."""
+    return uvicorn.Config(
+        app,  # type: ignore[arg-type]  # an ASGI application
+        host=host,
+        port=port,
+        http=ImpatientProtocol,
+        ws="none",
+        log_level="warning",
+        access_log=False,
+        server_header=False,
+        timeout_keep_alive=KEEP_ALIVE_S,
+        timeout_graceful_shutdown=ANSWERS_S,
+    )
+
+
+def _cancelled(timer: asyncio.TimerHandle | None) -> None:
+    if timer is not None:
+        timer.cancel()

@@ -1,0 +1,109 @@
+"""Plan a throw for a Universal Robots arm, get it certified, stream it to the arm: the public face of Fling.
+
+Everything that documentation and examples use is reached from here, and loaded when it is first used::
+
+    import fling
+
+    cell = fling.open_cell("ur5e-sim")
+    answer = fling.plan({"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}, cell)
+    print(answer.trajectory.release_time_s, answer.certificate.valid)
+
+Names that are not listed in `__all__` may change without notice.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from fling.cells import cell_names, open_cell
+    from fling.client import Client, ServiceRefusal
+    from fling.planning import plan, plan_document, problem, warm
+    from fling.ros import as_joint_trajectory
+    from planner import flight, kinematics, rotations, timing
+    from planner.cell import Cell
+    from planner.certificate import Certificate, Check, certify
+    from planner.errors import CellError, Infeasible, InvalidProblem, PlannerError, SolverFailed, Violation
+    from planner.planning import Plan
+    from planner.problem import ThrowProblem
+    from planner.robots import Robot, robot
+    from planner.trajectory import Trajectory, integrate
+
+__all__ = [
+    "Cell",
+    "CellError",
+    "Certificate",
+    "Check",
+    "Client",
+    "Infeasible",
+    "InvalidProblem",
+    "Plan",
+    "PlannerError",
+    "Robot",
+    "ServiceRefusal",
+    "SolverFailed",
+    "ThrowProblem",
+    "Trajectory",
+    "Violation",
+    "__version__",
+    "as_joint_trajectory",
+    "cell_names",
+    "certify",
+    "flight",
+    "integrate",
+    "kinematics",
+    "open_cell",
+    "plan",
+    "plan_document",
+    "problem",
+    "robot",
+    "rotations",
+    "timing",
+    "warm",
+]
+
+DISTRIBUTION = "fling-robotics"  # on the package index, where "fling" is another project's name
+
+_HOMES = {  # module: the public names that it holds
+    "fling.cells": ("cell_names", "open_cell"),
+    "fling.client": ("Client", "ServiceRefusal"),
+    "fling.planning": ("plan", "plan_document", "problem", "warm"),
+    "fling.ros": ("as_joint_trajectory",),
+    "planner": ("flight", "kinematics", "rotations", "timing"),
+    "planner.cell": ("Cell",),
+    "planner.certificate": ("Certificate", "Check", "certify"),
+    "planner.errors": ("CellError", "Infeasible", "InvalidProblem", "PlannerError", "SolverFailed", "Violation"),
+    "planner.planning": ("Plan",),
+    "planner.problem": ("ThrowProblem",),
+    "planner.robots": ("Robot", "robot"),
+    "planner.trajectory": ("Trajectory", "integrate"),
+}
+_HOME_OF = {name: home for home, names in _HOMES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    """Loads a public name when it is first used: `import fling` itself costs nothing."""
+    if name == "__version__":
+        return _version()
+    if name not in _HOME_OF:
+        raise AttributeError(f"module 'fling' has no attribute {name!r}")
+    home = import_module(_HOME_OF[name])
+    found = getattr(home, name, None) or import_module(f"{home.__name__}.{name}")
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    """Returns the public names, loaded or not."""
+    return sorted({*globals(), *__all__})
+
+
+def _version() -> str:
+    """Returns the installed version, or "0+unknown" in a checkout that was never installed."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version(DISTRIBUTION)
+    except PackageNotFoundError:
+        return "0+unknown"

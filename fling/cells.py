@@ -1,0 +1,38 @@
+"""Cells by name or by file."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from planner import cell_folder
+from planner.cell import Cell
+from planner.errors import CellError
+
+
+def cells_folder() -> Path:
+    """Returns the folder of cell files: FLING_CELLS, `cells` here, or the cells that Fling ships."""
+    given = os.environ.get("FLING_CELLS")
+    return Path(given) if given else cell_folder.default_cells_folder()
+
+
+def cell_names() -> list[str]:
+    """Returns the names of the cells in the folder of cell files, sorted."""
+    return sorted(path.stem for path in cells_folder().glob("*.toml"))
+
+
+def open_cell(cell: str | Path) -> Cell:
+    """Returns a checked cell.
+
+    Args:
+        cell: name of a file in the folder of cell files, or path of a file (.toml).
+
+    Raises:
+        CellError: there is no such cell, a field of the file is refused, or its home violates a limit.
+    """
+    path = Path(cell)
+    if path.suffix != ".toml":
+        path = cells_folder() / f"{cell}.toml"
+        if not path.is_file():
+            raise CellError("cell", str(cell), f"is not one of {', '.join(cell_names())} in {cells_folder()}")
+    return cell_folder.open_cell(path)

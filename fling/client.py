@@ -1,0 +1,135 @@
+"""HTTP client of a running service."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import TracebackType
+from typing import Any, Self
+
+import httpx2
+
+TIMEOUT_S = 150.0  # [s] a plan may take its whole time limit
+PROBLEM_TYPE = "application/problem+json"
+DEFAULT_URL = "http://127.0.0.1:8000"  # unless FLING_URL names another service
+
+
+class ServiceRefusal(Exception):
+    """The service refused a request, or cannot be reached.
+
+    Attributes:
+        problem: the answer, `application/problem+json`; of a service that cannot be reached `status` is 0.
+    """
+
+    def __init__(self, problem: dict[str, Any]) -> None:
+        super().__init__(f"{problem.get('title', 'refused')}: {problem.get('detail', '')}".rstrip(": "))
+        self.problem = problem
+
+    @property
+    def name(self) -> str:
+        """The problem's type without its path, such as `infeasible`."""
+        return str(self.problem.get("type", "")).rpartition("/")[2]
+
+
+class Client:
+    """Calls a running service: `with fling.Client() as client: client.plan({...})`.
+
+    Args:
+        url: Base URL of the service; default: FLING_URL, or this machine at port 8000.
+        token: Bearer token; default: FLING_TOKEN.
+
+    Raises:
+        ServiceRefusal: From every call that does not succeed.
+    """
+
+    refusal: Callable[[dict[str, Any]], Exception] = ServiceRefusal  # what the calls raise
+
+    def __init__(self, url: str | None = None, token: str | None = None) -> None:
+        url, token = url or os.environ.get("FLING_URL") or DEFAULT_URL, token or os.environ.get("FLING_TOKEN")
+        headers = {"Authorization": f"Bearer {token}"} if token else {}
+        self._http = httpx2.Client(base_url=url, headers=headers, timeout=TIMEOUT_S, trust_env=False)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Closes the connections."""
+        self._http.close()
+
+    def plan(self, request: Mapping[str, Any], trajectory: bool = True) -> dict[str, Any]:
+        """Returns the stored plan of a request, with or without its samples."""
+        return self.post(f"/plan?trajectory={str(trajectory).lower()}", dict(request))
+
+    def execute(self, plan_id: str = "latest", mode: str = "speedj", dry_run: bool = False) -> dict[str, Any]:
+        """Queues an execution of a plan and returns it; `finished` waits for its end."""
+        return self.post("/execute", {"plan_id": plan_id, "mode": mode, "dry_run": dry_run})
+
+    def finished(self, execution_id: str) -> dict[str, Any]:
+        """Waits for the end of an execution and returns it, with outcome and metrics."""
+        for _ in self.events(execution_id):
+            pass
+        return self.get(f"/executions/{execution_id}")
+
+    def abort(self, execution_id: str) -> dict[str, Any]:
+        """Asks for the brake. Not a safety function."""
+        return self.post(f"/executions/{execution_id}/abort")
+
+    def landed(self, execution_id: str, position: Sequence[float], std_m: float | None = None) -> dict[str, Any]:
+        """Reports where the object of an execution landed (3,) [m], with its standard deviation [m]."""
+        spread = {} if std_m is None else {"std_m": std_m}
+        return self.post(f"/executions/{execution_id}/landing", {"position": list(position), **spread})
+
+    def get(self, path: str) -> dict[str, Any]:
+        """Returns the JSON of a GET."""
+        return self._call("GET", path)
+
+    def text(self, path: str, media_type: str = "*/*") -> str:
+        """Returns the text of a GET, of the media type asked for."""
+        return self._response("GET", path, headers={"Accept": media_type}).text
+
+    def post(self, path: str, body: Any = None) -> dict[str, Any]:
+        """Returns the JSON of a POST."""
+        return self._call("POST", path, body)
+
+    def events(self, execution_id: str) -> Iterator[tuple[str, dict[str, Any]]]:
+        """Yields (kind, data) of every event of an execution until its end."""
+        kind = "message"
+        try:
+            with self._http.stream("GET", f"/executions/{execution_id}/events") as response:
+                self._check(response)
+                for line in response.iter_lines():
+                    name, _, value = line.partition(": ")
+                    if name == "event":
+                        kind = value
+                    elif name == "data":
+                        yield kind, json.loads(value)
+        except httpx2.TransportError as error:
+            raise self._unreachable(error) from error
+
+    def _call(self, method: str, path: str, body: Any = None) -> dict[str, Any]:
+        return self._response(method, path, **({} if body is None else {"json": body})).json()
+
+    def _response(self, method: str, path: str, **more: Any) -> httpx2.Response:
+        try:
+            response = self._http.request(method, path, **more)
+        except httpx2.TransportError as error:
+            raise self._unreachable(error) from error
+        self._check(response)
+        return response
+
+    def _check(self, response: httpx2.Response) -> None:
+        if response.status_code < 400:
+            return
+        response.read()
+        if response.headers.get("content-type", "").startswith(PROBLEM_TYPE):
+            raise self.refusal(response.json())
+        unexpected = {"title": "unexpected answer", "detail": response.text[:200], "status": response.status_code}
+        raise self.refusal(unexpected)
+
+    def _unreachable(self, error: Exception) -> Exception:
+        detail = f"no service at {self._http.base_url} ({error}); start one with 'fling up'"
+        return self.refusal({"title": "no service", "detail": detail, "status": 0})

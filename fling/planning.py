@@ -1,0 +1,74 @@
+"""Planning without a service: a request in the shape of `POST /plan`, and the plan as an object or as a document."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+from uuid import uuid4
+
+from fling.cells import open_cell
+from planner import planning
+from planner.cell import Cell
+from planner.plan_document import plan_document as document_of
+from planner.planning import Plan
+from planner.problem import ThrowProblem
+from planner.request import problem_from_request, request_document
+
+DEFAULT_CELL = "ur5e-sim"
+
+
+def problem(request: Mapping[str, Any], cell: Cell | str | Path | None = None) -> ThrowProblem:
+    """Returns the problem that a request states, in the planner's units.
+
+    Args:
+        request: as `POST /plan` takes it.
+        cell: a cell, or its name or file; by default the one that the request names, or `ur5e-sim`.
+
+    Raises:
+        CellError: there is no such cell, or its file is refused.
+        InvalidProblem: every refused field with its reason.
+    """
+    found = cell if isinstance(cell, Cell) else open_cell(cell or request.get("cell") or DEFAULT_CELL)
+    return problem_from_request(request, found)
+
+
+def plan(request: Mapping[str, Any] | ThrowProblem, cell: Cell | str | Path | None = None) -> Plan:
+    """Returns the best certified motion for a request.
+
+    The first plan of a process takes seconds longer: it loads the optimiser. `warm()` makes every plan faster.
+
+    Args:
+        request: as `POST /plan` takes it, or a problem.
+        cell: a cell, or its name or file; by default the one that the request names, or `ur5e-sim`.
+
+    Raises:
+        CellError: there is no such cell, or its file is refused.
+        InvalidProblem: every refused field with its reason.
+        Infeasible: there is no such motion, or none was found; says what stands in the way, and what is nearest.
+        SolverFailed: the request's time limit ended the search before that.
+    """
+    return planning.plan(request if isinstance(request, ThrowProblem) else problem(request, cell))
+
+
+def plan_document(plan: Plan, request: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Returns a plan as JSON, as `fling plan` writes it and `fling report` reads it.
+
+    Args:
+        plan: from `plan()`.
+        request: the request that it answers; by default the one that states its problem.
+    """
+    asked = request_document(plan.problem, plan.problem.release) if request is None else request
+    now = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    return document_of(plan, {"cell": plan.problem.cell.name, **asked}, str(uuid4()), now)
+
+
+def warm() -> bool:
+    """Compiles the optimiser's functions for this machine, once; takes minutes. Returns whether they are compiled.
+
+    Without a C compiler, or without this call, plans are the same and take longer.
+    """
+    from planner.backends.casadi_nlp import warm as build
+
+    return build(lambda _what, _share: None)

@@ -1,0 +1,79 @@
+"""Every fault of a cell file at once: a faulty key is reported, replaced by a good value, and the file read again."""
+
+from __future__ import annotations
+
+import copy
+import re
+from dataclasses import replace
+from typing import Any
+
+from planner.cell.file import DEFAULTS, cell_of_document, toml_of
+from planner.cell.source import CellSource
+from planner.errors import CellError
+
+FAULTS_MAX = 100  # a file with more of them is no cell file
+STAND_IN = {"robot": "ur5e", "link.kind": "sim"}  # of required keys, so that the others can be read
+OF_ARM = ("limits.joint_", "home_rad", "sim.polyscope", "kinematics.")  # not judged without knowing the arm
+ENTRY = {  # of tools and boxes, which have no defaults
+    "from_m": [0.0, 0.0, 0.0],
+    "to_m": [0.0, 0.0, 0.0],
+    "radius_m": 0.0,
+    "lower_m": [-1e6, -1e6, -1e6],
+    "upper_m": [1e6, 1e6, 1e6],
+}
+
+
+def cell_faults(source: CellSource) -> list[CellError]:
+    """Returns the faults of a cell file in the order of reading, one a key; of a list the first wrong entry."""
+    try:
+        given = toml_of(source)
+    except CellError as error:
+        return [error]
+    found: dict[str, CellError] = {}
+    while len(found) < FAULTS_MAX and (fault := _first_fault(given, source)) is not None:
+        key = _key(fault.field)
+        if key in found:
+            break
+        found[key] = fault
+        if key == "name":
+            source = replace(source, name="cell")
+        elif not _mend(given, key):
+            break
+    unknown_arm = "robot" in found
+    return [fault for key, fault in found.items() if not (unknown_arm and key.startswith(OF_ARM))]
+
+
+def _first_fault(given: dict[str, Any], source: CellSource) -> CellError | None:
+    try:
+        cell_of_document(copy.deepcopy(given), source)
+    except CellError as error:
+        return error
+    return None
+
+
+def _key(field: str) -> str:
+    """Returns the key of a field: a trailing index is one of a plain list."""
+    return re.sub(r"\[\d+\]$", "", field)
+
+
+def _mend(given: dict[str, Any], key: str) -> bool:
+    """Replaces the value of a key by a good one; removes an unknown key. Returns whether that could be done."""
+    *path, leaf = re.findall(r"[^.\[\]]+", key)
+    table: Any = given
+    defaults: Any = DEFAULTS
+    try:
+        for step in path:
+            if isinstance(table, list):
+                table, defaults = table[int(step)], ENTRY
+            else:
+                table = table.setdefault(step, {})
+                defaults = defaults[step]
+        if leaf not in defaults:
+            del table[leaf]
+        else:
+            table[leaf] = copy.deepcopy(STAND_IN.get(key, defaults[leaf]))
+            if table[leaf] is None:
+                del table[leaf]
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError):
+        return False
+    return True

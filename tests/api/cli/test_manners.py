@@ -1,0 +1,177 @@
+"""How the command line ends: sentences, suggestions, JSON, exit statuses, used addresses, and children that die."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from api.cli import main
+from api.cli.support.addresses import require_free
+from api.cli.support.errors import FlingGroup
+from api.cli.support.processes import DEATHS_MAX, ChildFailed, ChildProcesses
+
+HOST = "127.0.45.3"
+
+
+def fling(*arguments: str, **environment: str):
+    return CliRunner().invoke(main, arguments, env=environment or None)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "hint"),
+    [(["trow", "1", "2", "3"], "throw"), (["cell", "chek"], "check"), (["serv"], "serve")],
+)
+def test_a_mistyped_command_gets_a_suggestion(arguments: list[str], hint: str):
+    result = fling(*arguments)
+    assert result.exit_code == 64
+    assert f"did you mean {hint}" in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "words"),
+    [
+        (["frobnicate"], 64, "there is no command 'frobnicate'"),
+        (["throw", "--repet", "3"], 64, "--repeat"),
+        (["throw", "1", "2"], 64, "give X Y Z"),
+        (["plan", "missing.json"], 1, "missing.json"),
+        (["throw", "1", "0", "0", "--url", f"http://{HOST}:9"], 1, "start one with 'fling up'"),
+        (["up", "--cell", "nowhere"], 1, "no cell 'nowhere'"),
+        (["db", "upgrade", "--database-url", "nonsense"], 1, "the database cannot be reached"),
+    ],
+)
+def test_every_error_is_one_sentence_or_one_document(arguments: list[str], status: int, words: str):
+    result = fling(*arguments)
+    assert (result.exit_code, words in result.stderr) == (status, True), result.stderr
+    assert result.stdout in ("", "planning …\n")
+    assert "Traceback" not in result.stderr
+    if arguments[0] != "plan":  # answers in JSON always
+        document = json.loads(fling(*arguments, "--json").stderr)
+        assert document["exit_status"] == status
+        assert words in document["detail"]
+
+
+def test_wrong_settings_are_one_sentence():
+    result = fling("serve", FLING_PORT="eighty")
+    assert (result.exit_code, result.stderr.count("\n")) == (1, 1)
+    assert "FLING_PORT = 'eighty'" in result.stderr
+
+
+def test_a_bug_keeps_its_traceback():
+    @click.group(cls=FlingGroup)
+    def group() -> None: ...
+
+    @group.command()
+    def buggy() -> None:
+        raise ZeroDivisionError
+
+    assert isinstance(CliRunner().invoke(group, ["buggy"]).exception, ZeroDivisionError)
+
+
+def test_an_interrupt_is_no_traceback():
+    @click.group(cls=FlingGroup)
+    def group() -> None: ...
+
+    @group.command()
+    def waiting() -> None:
+        raise KeyboardInterrupt
+
+    result = CliRunner().invoke(group, ["waiting"])
+    assert (result.exit_code, result.stderr.strip()) == (130, "fling: interrupted")
+
+
+def test_cell_check_names_every_fault_at_once(tmp_path: Path):
+    file = tmp_path / "bad.toml"
+    file.write_text('robot = "ur5e"\nsurprise = 1\n[tool]\nmass_kg = -1\n[link]\nkind = "wish"\n')
+    result = fling("cell", "check", str(file))
+    assert result.exit_code == 1
+    assert all(word in result.stderr for word in ("3 faults", "surprise", "tool.mass_kg = -1", "link.kind = 'wish'"))
+    document = json.loads(fling("cell", "check", str(file), "--json").stderr)
+    assert [error["field"] for error in document["errors"]] == ["surprise", "tool.mass_kg", "link.kind"]
+
+
+def test_cell_check_names_every_violation_at_home(tmp_path: Path, root: Path):
+    text = (root / "cells" / "ur5e-sim.toml").read_text().replace("floor_z_m = 0.0", "floor_z_m = 2.0")
+    file = tmp_path / "low.toml"
+    file.write_text(text)
+    assert "violates floor" in fling("cell", "check", str(file)).stderr
+
+
+def test_cell_check_in_json(root: Path):
+    answer = json.loads(fling("cell", "check", str(root / "cells" / "ur5e-sim.toml"), "--json").stdout)
+    assert (answer["cell"], answer["robot"], answer["link"]) == ("ur5e-sim", "ur5e", "sim")
+    assert json.loads(fling("version", "--json").stdout)["version"]
+
+
+@pytest.fixture
+def taken() -> Iterator[int]:
+    with socket.create_server((HOST, 0)) as server:
+        yield server.getsockname()[1]
+
+
+def test_a_used_address_is_named_with_its_user_and_a_way_out(taken: int):
+    with pytest.raises(click.ClickException) as refused:
+        require_free(HOST, [taken], "the service", "or choose another port: --port")
+    assert f"the service cannot listen on {HOST}:{taken}: it is used by process {os.getpid()}" in refused.value.message
+    assert refused.value.message.endswith("stop it; or choose another port: --port")
+    result = fling("serve", "--host", HOST, "--port", str(taken))
+    assert (result.exit_code, f"{HOST}:{taken}" in result.stderr) == (1, True)
+
+
+def test_an_address_of_another_machine_is_refused():
+    with pytest.raises(click.ClickException, match=r"203\.0\.113\.1:8000: "):
+        require_free("203.0.113.1", [8000], "the service", "or choose another")
+
+
+def test_the_simulator_names_the_port_that_is_used():
+    with socket.create_server((HOST, 29999)):
+        result = fling("sim", "--host", HOST)
+    assert result.exit_code == 1
+    assert f"{HOST}:29999" in result.stderr
+    assert "--host 127.0.0.2" in result.stderr
+
+
+@pytest.fixture
+def children(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[ChildProcesses]:
+    (tmp_path / "lazy_child.py").write_text("import time\nprint('ready', flush=True)\ntime.sleep(600)\n")
+    (tmp_path / "dying_child.py").write_text("raise SystemExit(3)\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    with ChildProcesses({}) as found:
+        yield found
+
+
+def revived(children: ChildProcesses) -> list[str]:
+    deadline = time.monotonic() + 20.0
+    while time.monotonic() < deadline:
+        if sentences := children.revive():
+            return sentences
+        time.sleep(0.02)
+    raise AssertionError("no child ended")
+
+
+def test_a_child_that_died_is_started_again_and_named(children: ChildProcesses):
+    children.start("executor", "lazy_child", ready_s=20.0)
+    assert children.revive() == []
+    first = children._children[0].process
+    first.send_signal(signal.SIGKILL)
+    assert revived(children) == ["the executor was ended by signal 9; started again"]
+    second = children._children[0].process
+    assert second.pid != first.pid
+    assert second.poll() is None
+
+
+def test_a_child_that_dies_again_and_again_does_not_come_back(children: ChildProcesses):
+    children.start("service", "dying_child")
+    for _ in range(DEATHS_MAX):
+        assert revived(children) == ["the service ended with status 3; started again"]
+    with pytest.raises(ChildFailed, match="the service ended with status 3, the 4th time within 60 s"):
+        revived(children)

@@ -1,0 +1,197 @@
+"""The server on a real socket: slow clients are cut, and the end is in order. Times are shortened."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import signal
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager, suppress
+from typing import Any
+
+import pytest
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response, StreamingResponse
+from starlette.routing import Route
+
+from api.http import DrainingMiddleware, SecurityMiddleware, install_error_handlers, middleware
+from api.server import DrainingServer, ImpatientProtocol, server_config
+
+HOST = "127.0.42.9"
+GET = b"GET /%s HTTP/1.1\r\nHost: 127.0.42.9\r\n\r\n"
+POST = (
+    b"POST /%s HTTP/1.1\r\nHost: 127.0.42.9\r\nContent-Type: application/json\r\nContent-Length: %d\r\n"
+    b"Connection: close\r\n\r\n"
+)
+HUGE = 20_000_000  # [byte] more than the kernel buffers of a connection
+
+
+class QuickProtocol(ImpatientProtocol):
+    headers_s, stall_s = 0.3, 0.3
+
+
+class RunningServer:
+    """A server with a small application, which answers /slow after `answer` is set."""
+
+    def __init__(self) -> None:
+        self.answer, self.drained = asyncio.Event(), asyncio.Event()
+        routes = [
+            Route("/quick", self._quick),
+            Route("/slow", self._slow),
+            Route("/huge", self._huge),
+            Route("/plan", self._body, methods=["POST"]),
+            Route("/abort", self._body, methods=["POST"]),
+        ]
+        self.app = Starlette(routes=routes)
+        self.app.state.is_draining = False
+        self.app.add_middleware(DrainingMiddleware)
+        self.app.add_middleware(SecurityMiddleware, local_only=True)
+        install_error_handlers(self.app)  # type: ignore[arg-type]
+        config = server_config(self.app, HOST, 0)
+        config.http = QuickProtocol
+        self.server = DrainingServer(config, self._drain)
+
+    @property
+    def port(self) -> int:
+        return self.server.servers[0].sockets[0].getsockname()[1]
+
+    async def _quick(self, _: Request) -> Response:
+        return JSONResponse({})
+
+    async def _slow(self, _: Request) -> Response:
+        await self.answer.wait()
+        return JSONResponse({"slow": True})
+
+    async def _huge(self, _: Request) -> Response:
+        async def chunks() -> AsyncIterator[bytes]:
+            for _ in range(20):
+                yield bytes(HUGE // 20)
+
+        return StreamingResponse(chunks())
+
+    async def _body(self, request: Request) -> Response:
+        return JSONResponse({"bytes": len(await request.body())})
+
+    async def _drain(self) -> None:
+        self.app.state.is_draining = True
+        await self.drained.wait()
+
+
+@asynccontextmanager
+async def serving() -> AsyncIterator[RunningServer]:
+    running = RunningServer()
+    running.server.config.load()
+    task = asyncio.create_task(running.server._serve())
+    while not running.server.started:
+        await asyncio.sleep(0.01)
+    yield running
+    running.answer.set()
+    running.drained.set()
+    running.server.handle_exit(signal.SIGTERM, None)
+    await asyncio.wait_for(task, 30.0)
+
+
+def run(test: Callable[[RunningServer], Awaitable[None]]) -> None:
+    async def whole() -> None:
+        async with serving() as running:
+            await test(running)
+
+    asyncio.run(whole())
+
+
+async def answer_to(running: RunningServer, data: bytes) -> tuple[int, dict[str, str], Any]:
+    """Returns status, headers and JSON of what the server answers until it closes; status 0: nothing."""
+    reader, writer = await asyncio.open_connection(HOST, running.port)
+    writer.write(data)
+    answered = await asyncio.wait_for(reader.read(), 30.0)
+    writer.close()
+    if not answered:
+        return 0, {}, None
+    head, _, body = answered.partition(b"\r\n\r\n")
+    first, *lines = head.decode().split("\r\n")
+    headers = {name.lower(): value for name, value in (line.split(": ", 1) for line in lines)}
+    return int(first.split()[1]), headers, json.loads(body)
+
+
+def test_headers_that_do_not_end_are_answered_408_and_cut():
+    async def test(running: RunningServer) -> None:
+        status, headers, problem = await answer_to(running, b"GET /quick HTTP/1.1\r\nHost: 127.0.42.9\r\nX-Slow: ")
+        assert (status, problem["type"], problem["status"]) == (408, "/problems/request-timeout", 408)
+        assert (headers["content-type"], headers["connection"]) == ("application/problem+json", "close")
+
+    run(test)
+
+
+def test_a_connection_without_a_request_is_cut():
+    async def test(running: RunningServer) -> None:
+        assert (await answer_to(running, b""))[0] == 0
+
+    run(test)
+
+
+def test_headers_may_come_in_pieces_and_answers_take_their_time():
+    async def test(running: RunningServer) -> None:
+        reader, writer = await asyncio.open_connection(HOST, running.port)
+        request = GET % b"slow"
+        writer.write(request[:20])
+        await asyncio.sleep(0.1)
+        writer.write(request[20:])
+        await asyncio.sleep(2 * QuickProtocol.headers_s)
+        running.answer.set()
+        assert b"200 OK" in await reader.readuntil(b"}")
+        writer.write(GET % b"quick")  # on the same connection
+        assert b"200 OK" in await reader.readuntil(b"{}")
+        writer.close()
+
+    run(test)
+
+
+def test_a_body_that_does_not_end_is_answered_408(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(middleware, "BODY_S", 0.3)
+
+    async def test(running: RunningServer) -> None:
+        head = (
+            b"POST /plan HTTP/1.1\r\nHost: 127.0.42.9\r\nContent-Type: application/json\r\nContent-Length: 9\r\n\r\n{"
+        )
+        status, headers, problem = await answer_to(running, head)
+        assert (status, problem["type"]) == (408, "/problems/request-timeout")
+        assert headers["connection"] == "close"
+
+    run(test)
+
+
+def test_a_client_that_does_not_read_is_cut():
+    async def test(running: RunningServer) -> None:
+        reader, writer = await asyncio.open_connection(HOST, running.port, limit=1)
+        writer.write(GET % b"huge")
+        await asyncio.sleep(0.1)
+        while running.server.server_state.connections:
+            await asyncio.sleep(0.05)
+        received = 0
+        with suppress(ConnectionError):
+            while chunk := await reader.read(1_000_000):
+                received += len(chunk)
+        assert received < HUGE
+        writer.close()
+
+    run(test)
+
+
+def test_draining_refuses_new_work_and_answers_the_rest():
+    async def test(running: RunningServer) -> None:
+        slow = asyncio.create_task(answer_to(running, GET % b"slow"))
+        await asyncio.sleep(0.1)
+        running.server.handle_exit(signal.SIGTERM, None)
+        while not running.app.state.is_draining:
+            await asyncio.sleep(0.01)
+        status, headers, problem = await answer_to(running, POST % (b"plan", 2) + b"{}")
+        assert (status, problem["type"]) == (503, "/problems/shutting-down")
+        assert int(headers["retry-after"]) > 0
+        assert (await answer_to(running, POST % (b"abort", 2) + b"{}"))[2] == {"bytes": 2}
+        assert (await answer_to(running, GET % b"quick"))[0] == 200
+        running.drained.set()  # the server ends now, and what was begun is still answered
+        running.answer.set()
+        assert (await slow)[2] == {"slow": True}
+
+    run(test)

@@ -1,0 +1,90 @@
+"""The public face: what it names exists, costs nothing to import, and does what its docstrings say."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import fling
+
+REQUEST = {"release": {"kind": "joint", "positions": [0.25, -1.45, 1.45, -1.5, -1.45, 0.1],
+                       "velocities": [1.2, 0.6, -0.6, 0.3, 0.5, 0.2]}, "backend": "ruckig"}  # fmt: skip
+HEAVY = ("numpy", "casadi", "ruckig", "httpx2", "planner", "click")
+# source: common_interfaces of ROS 2, trajectory_msgs/msg; builtin_interfaces/msg
+MESSAGE = {"header", "joint_names", "points"}
+POINT = {"positions", "velocities", "accelerations", "effort", "time_from_start"}
+
+
+@pytest.fixture(scope="module")
+def answer() -> fling.Plan:
+    return fling.plan(REQUEST, "ur5e-sim")
+
+
+def test_every_public_name_exists():
+    assert [name for name in fling.__all__ if getattr(fling, name, None) is None] == []
+    assert set(fling.__all__) <= set(dir(fling))
+    with pytest.raises(AttributeError, match="frobnicate"):
+        fling.frobnicate  # noqa: B018
+
+
+def test_importing_it_loads_nothing():
+    script = f"import sys, fling; print([name for name in {HEAVY!r} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_a_plan_is_certified_and_certifies_again(answer: fling.Plan):
+    assert answer.certificate.valid
+    assert fling.certify(answer.problem, answer.trajectory).valid
+    k = answer.trajectory.release_index
+    assert answer.trajectory.qd[k] == pytest.approx(REQUEST["release"]["velocities"], abs=1e-9)
+
+
+def test_a_cell_by_name_by_file_and_by_request(root: Path, answer: fling.Plan):
+    by_file = fling.open_cell(root / "cells" / "ur5e-sim.toml")
+    assert by_file.sha256 == fling.open_cell("ur5e-sim").sha256 == answer.problem.cell.sha256
+    assert fling.problem({**REQUEST, "cell": "ur10e-sim"}).cell.robot.name == "ur10e"
+    with pytest.raises(fling.CellError, match=r"'nowhere'.* is not one of .*ur5e-sim"):
+        fling.open_cell("nowhere")
+
+
+def test_refusals_name_what_stands_in_the_way():
+    with pytest.raises(fling.InvalidProblem, match=r"release\.positions"):
+        fling.plan({"release": {**REQUEST["release"], "positions": [0.0]}})
+    with pytest.raises(fling.Infeasible) as refused:
+        fling.plan({**REQUEST, "release": {**REQUEST["release"], "velocities": [9.0, 0, 0, 0, 0, 0]}})
+    assert refused.value.violations[0].constraint == "joint_velocity"
+
+
+def test_the_document_of_a_plan_is_read_back(answer: fling.Plan):
+    from planner.plan_reading import plan_from_document
+
+    document = fling.plan_document(answer)
+    problem, trajectory = plan_from_document(document, answer.problem.cell)
+    assert fling.certify(problem, trajectory).valid
+    assert document["request"]["release"]["kind"] == "joint"
+
+
+def test_a_joint_trajectory_has_the_fields_of_the_ros_message(answer: fling.Plan):
+    message = fling.as_joint_trajectory(answer, frame_id="base_link")
+    assert set(message) == MESSAGE
+    assert {frozenset(point) for point in message["points"]} == {frozenset(POINT)}
+    assert message["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "base_link"}
+    assert message["joint_names"][0] == "shoulder_pan_joint"
+    times = [p["time_from_start"]["sec"] + 1e-9 * p["time_from_start"]["nanosec"] for p in message["points"]]
+    assert times == pytest.approx(answer.trajectory.t, abs=1e-9)
+    assert np.array([p["positions"] for p in message["points"]]) == pytest.approx(answer.trajectory.q)
+    assert fling.as_joint_trajectory(fling.plan_document(answer), frame_id="base_link") == message
+
+
+def test_names_of_a_driver_with_a_prefix(answer: fling.Plan):
+    names = [f"left_{i}" for i in range(6)]
+    assert fling.as_joint_trajectory(answer, names)["joint_names"] == names
+    with pytest.raises(ValueError, match="5 joint_names"):
+        fling.as_joint_trajectory(answer, names[:5])
+    with pytest.raises(ValueError, match="no trajectory"):
+        fling.as_joint_trajectory({"id": "x"})

@@ -1,0 +1,50 @@
+"""Answers under tighter limits: sought where a search is doubtful, and certified under the request's own."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from planner.backends import casadi_nlp
+from planner.backends.casadi_nlp import SeedFailed
+from planner.planning import plan
+from planner.problem import TargetRelease
+from tests.planner.problems import joint_problem
+
+TARGET = joint_problem(release=TargetRelease(np.array([1.3, 0.2, 0.0])))
+JERK = TARGET.limits.jerk_max
+
+
+@pytest.fixture
+def jerks(monkeypatch):
+    """The share of the request's jerk that each solve was given; solves with all of it fail."""
+    shares, solve = [], casadi_nlp.solve
+
+    def failing(problem, seed, options):
+        shares.append(problem.limits.jerk_max[0] / JERK[0])
+        if shares[-1] == 1.0:
+            raise SeedFailed("made to fail", 1, frozenset(), False)
+        return solve(problem, seed, options)
+
+    monkeypatch.setattr(casadi_nlp, "solve", failing)
+    return shares
+
+
+def test_a_throw_that_is_found_with_half_the_jerk_alone_is_an_answer(jerks):
+    answer = plan(TARGET)
+    assert jerks[:3] == [1.0, 1.0, 0.5]
+    assert answer.backend == "casadi"
+    assert answer.certificate.valid
+    assert np.abs(answer.trajectory.jerk).max() <= 0.5 * JERK.max() * (1.0 + 1e-6)
+    assert any("half the jerk" in attempt.result for attempt in answer.attempts)
+
+
+def test_the_answer_is_no_later_than_with_half_the_limits(jerks):
+    answer, half = plan(TARGET), plan(replace(TARGET, limits=replace(TARGET.limits, jerk_max=0.5 * JERK)))
+    assert answer.trajectory.release_time_s <= half.trajectory.release_time_s
+    assert half.trajectory.release_time_s > 0.0
+
+
+def test_a_search_without_doubt_is_not_repeated():
+    answer = plan(TARGET)
+    assert not any("half the jerk" in attempt.result for attempt in answer.attempts)

@@ -1,0 +1,153 @@
+"""A browser on a running service: Debian's Chromium, watched for errors and for requests to other hosts."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from axe_playwright_python.sync_playwright import Axe
+from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Locator, Page, Playwright, Request
+
+from executor.robot import simulator_client
+from tests.system.test_over_http import ROOT, Up
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+MISSING = "CHROMIUM IS MISSING: the page is not tested; apt-get install chromium"
+# Software rendering, and no traffic of the browser's own.
+FLAGS = (
+    "--no-first-run --disable-background-networking --disable-component-update --disable-sync "
+    "--use-gl=angle --use-angle=swiftshader --enable-unsafe-swiftshader --ignore-gpu-blocklist"
+).split()
+PLAN_MS = 30_000  # [ms] a busy machine plans slowly
+THROW_MS = 60_000
+STEP_PX = 12  # [px] a handle is taken within 14
+REFUSED = "Failed to load resource"  # Chromium's own word for a status of 400 and up, or for no answer
+HARMLESS_IMPACTS = (None, "minor", "moderate")
+
+
+class PageStack(Up):
+    """A running `fling up` whose arm approaches slowly, and the faults of its simulated controller."""
+
+    def __init__(self, folder: Path) -> None:
+        shutil.copy(ROOT / "cells" / "example-real.toml", folder)
+        os.environ["FLING_APPROACH_PACE"] = "0.5"
+        try:
+            super().__init__(folder)
+        finally:
+            del os.environ["FLING_APPROACH_PACE"]
+        self.folder = folder
+        self.url = f"http://127.0.0.1:{self.port}"
+        match = re.search(r'host = "(127[^"]*)"', (folder / "ur5e-sim.toml").read_text())
+        assert match is not None
+        self.host = match[1]
+
+    def fault(self, name: str, **parameters: Any) -> None:
+        """Injects a fault into the simulated controller."""
+        simulator_client.request(self.host, "fault", name=name, **parameters)
+
+    def plan_far_away(self) -> str:
+        """Plans a move that starts and ends far from home; the way to it takes seconds. Returns its id."""
+        far = [1.2, -1.57, 1.57, -1.57, -1.57, 0.0]
+        release = {"kind": "joint", "positions": [1.23, *far[1:]], "velocities": [0.0] * 6}
+        request = {"start": {"positions": far}, "release": release, "backend": "ruckig"}
+        return self.http.post("/plan", json=request).raise_for_status().json()["id"]
+
+    def execute(self, plan_id: str) -> str:
+        """Queues an execution, as another client does; returns its id."""
+        return self.http.post("/execute", json={"plan_id": plan_id}).raise_for_status().json()["id"]
+
+
+class Visit:
+    """One person's tab, and what the browser complained about.
+
+    Attributes:
+        page: The tab.
+        complaints: Errors on the console and uncaught exceptions.
+        foreign: Addresses of other hosts that were asked.
+    """
+
+    def __init__(self, context: BrowserContext, url: str) -> None:
+        self.context, self.url = context, url
+        self.page: Page = context.new_page()
+        self.complaints: list[str] = []
+        self.foreign: list[str] = []
+        self.page.on("console", self._console)
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        context.on("request", self._request)
+        self.page.goto(url)
+
+    def button(self, name: str) -> Locator:
+        """Returns the one button whose accessible name begins so."""
+        return self.page.get_by_role("button", name=re.compile(f"^{name}"))
+
+    def region(self, name: str) -> Locator:
+        """Returns a region by its label."""
+        return self.page.get_by_role("region", name=name, exact=True)
+
+    def field(self, name: str) -> Locator:
+        """Returns a field of the request by its accessible name."""
+        return self.page.get_by_label(name, exact=True)
+
+    def planned(self) -> None:
+        """Presses Plan and waits until the answer can be thrown."""
+        self.button("Plan").click()
+        self.button("Throw on").and_(self.page.locator(":enabled")).wait_for(timeout=PLAN_MS)
+
+    def outcome(self, text: str, timeout: float = THROW_MS) -> None:
+        """Waits until the execution's outcome is shown in these words."""
+        self.region("Execution").get_by_text(text).wait_for(timeout=timeout)
+
+    def grasp(self) -> tuple[float, float]:
+        """Returns where the target's handle is [px]: where the pointer becomes a hand."""
+        canvas = self.region("Scene").locator("canvas")
+        box = canvas.bounding_box()
+        assert box is not None
+        for y in range(int(box["y"] + 0.3 * box["height"]), int(box["y"] + 0.9 * box["height"]), STEP_PX):
+            for x in range(int(box["x"] + 0.28 * box["width"]), int(box["x"] + 0.75 * box["width"]), STEP_PX):
+                self.page.mouse.move(x, y)
+                if canvas.evaluate("canvas => canvas.style.cursor") == "grab":
+                    return x, y
+        raise AssertionError("no handle found")
+
+    def barriers(self) -> list[str]:
+        """Returns what axe-core finds serious or worse for people with disabilities."""
+        found = Axe().run(self.page).response["violations"]
+        return [
+            f"{rule['id']}: {node['target']} {node['failureSummary']}"
+            for rule in found
+            if rule["impact"] not in HARMLESS_IMPACTS
+            for node in rule["nodes"]
+        ]
+
+    def _console(self, message: ConsoleMessage) -> None:
+        if message.type == "error" and REFUSED not in message.text:
+            self.complaints.append(message.text)
+
+    def _request(self, request: Request) -> None:
+        if not request.url.startswith((self.url, "blob:", "data:")):
+            self.foreign.append(request.url)
+
+
+def launch(playwright: Playwright) -> Browser:
+    """Starts the browser."""
+    flags = [*FLAGS, "--no-sandbox"] if os.geteuid() == 0 else FLAGS
+    return playwright.chromium.launch(executable_path=CHROMIUM, args=flags)
+
+
+@contextmanager
+def visit(browser: Browser, url: str, **options: Any) -> Iterator[Visit]:
+    """Opens a tab; at its end nothing was complained about, and no other host was asked."""
+    settings: Mapping[str, Any] = {"viewport": {"width": 1440, "height": 900}, "reduced_motion": "reduce", **options}
+    context = browser.new_context(**settings)
+    try:
+        guest = Visit(context, url)
+        yield guest
+        assert guest.complaints == []
+        assert guest.foreign == []
+    finally:
+        context.close()

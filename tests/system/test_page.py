@@ -1,0 +1,242 @@
+"""The page as a person uses it: Chromium on a running `fling up`."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx2
+import pytest
+from click.testing import CliRunner
+from playwright.sync_api import Browser, expect, sync_playwright
+
+from api.cli import main
+from tests.system.browser import CHROMIUM, MISSING, PLAN_MS, THROW_MS, PageStack, Visit, launch, visit
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
+
+ROOT = Path(__file__).parents[2]
+PHONE = {"width": 390, "height": 844}
+
+
+@pytest.fixture(scope="module")
+def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PageStack]:
+    """One `fling up` for all tests."""
+    running = PageStack(tmp_path_factory.mktemp("page"))
+    yield running
+    if running.process.poll() is None:
+        running.down()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with sync_playwright() as playwright:
+        started = launch(playwright)
+        yield started
+        started.close()
+
+
+@pytest.fixture
+def guest(stack: PageStack, browser: Browser) -> Iterator[Visit]:
+    """A fresh tab on a robot in order."""
+    stack.http.post("/cells/ur5e-sim/acknowledge")
+    with visit(browser, stack.url) as opened:
+        opened.region("Robots").get_by_text("Ready").wait_for()
+        yield opened
+
+
+def test_an_edit_disarms_the_throw_until_it_is_planned_again(guest: Visit) -> None:
+    expect(guest.button("Throw")).to_be_disabled()
+    guest.planned()
+    expect(guest.button("Throw")).to_have_text("Throw on ur5e-sim to (1.20, 0.30)")
+    guest.field("y [m]").fill("0.35")
+    expect(guest.button("Throw")).to_be_disabled()
+    guest.planned()
+    expect(guest.button("Throw")).to_have_text("Throw on ur5e-sim to (1.20, 0.35)")
+    guest.page.get_by_label("Cell", exact=True).select_option("ur5e-sim")  # the same: nothing changes
+    expect(guest.button("Throw")).to_be_enabled()
+
+
+def test_text_that_is_no_number_is_named(guest: Visit) -> None:
+    guest.field("z [m]").fill("ground")
+    guest.button("Plan").click()
+    expect(guest.page.get_by_role("alert")).to_contain_text('target 3: "ground" is not a number')
+
+
+def test_a_throw_is_shown_to_the_landing(guest: Visit) -> None:
+    guest.planned()
+    certificate = guest.region("Certificate")
+    certificate.get_by_role("button", name="Joint velocity").click()
+    expect(guest.region("Timeline").get_by_role("slider")).not_to_have_value("0")
+    guest.button("Throw on").click()
+    guest.outcome("Thrown as planned")
+    execution = guest.region("Execution")
+    expect(execution.get_by_text("Landing error")).to_be_visible()
+    expect(execution.locator(".key-numbers dd").first).to_have_text(re.compile(r"^\d+(\.\d+)? mm$"))
+    expect(guest.region("History").get_by_role("row")).not_to_have_count(1)
+    expect(guest.region("History").locator("circle.dot")).not_to_have_count(0)
+
+
+def test_a_reloaded_page_stops_the_throw(guest: Visit, stack: PageStack) -> None:
+    guest.page.get_by_text("Options", exact=True).click()
+    guest.page.get_by_label("Start", exact=True).select_option("positions")
+    guest.field("Start positions base [rad]").fill("1.2")
+    guest.planned()
+    guest.button("Throw on").click()
+    guest.outcome("To the start")
+    guest.page.reload()
+    guest.outcome("To the start")
+    guest.button("Stop").click()
+    guest.outcome("Stopped on request")
+
+
+def test_a_throw_of_the_command_line_is_seen_and_stopped_by_key(guest: Visit, stack: PageStack) -> None:
+    stack.execute(stack.plan_far_away())
+    guest.outcome("Thrown as planned")
+    command = [sys.executable, "-c", "from api.cli import main; main()", "throw", "1.2", "0.3", "0", "--url", stack.url]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as thrower:
+        guest.outcome("To the start")
+        guest.page.keyboard.press("Escape")
+        guest.outcome("Stopped on request")
+        assert thrower.wait(THROW_MS / 1000) == 4
+
+
+def test_what_is_infeasible_is_said_and_the_nearest_taken(guest: Visit) -> None:
+    guest.field("x [m]").fill("4.2")
+    guest.button("Plan").click()
+    problem = guest.page.get_by_role("alert")
+    expect(problem).to_contain_text("Tool speed", timeout=PLAN_MS)
+    expect(problem).to_contain_text("against a limit of 4 m/s")
+    guest.button("Take nearest").click()
+    expect(guest.button("Throw on")).to_be_enabled(timeout=PLAN_MS)
+    assert 1.5 < float(guest.field("x [m]").input_value()) < 4.2
+
+
+def test_the_target_is_dragged(guest: Visit) -> None:
+    guest.page.wait_for_timeout(1000)  # the scene is there
+    x, y = guest.grasp()
+    mouse = guest.page.mouse
+    mouse.move(x, y)
+    mouse.down()
+    mouse.move(x + 20, y + 10, steps=4)
+    with guest.page.expect_response(re.compile(r"/plan\?store=false")) as preview:
+        mouse.move(x + 40, y + 20, steps=4)
+    assert preview.value.status == 200
+    expect(guest.page.get_by_text("Preview while dragging")).to_be_visible()
+    expect(guest.button("Throw")).to_be_disabled()
+    mouse.up()
+    expect(guest.button("Throw on")).to_be_enabled(timeout=PLAN_MS)
+    expect(guest.page.get_by_text("Preview while dragging")).to_be_hidden()
+    assert guest.field("x [m]").input_value() != "1.2"
+
+
+def test_a_protective_stop_and_the_way_out_of_it(guest: Visit, stack: PageStack) -> None:
+    stack.execute(stack.plan_far_away())
+    guest.outcome("To the start")
+    stack.fault("protective_stop")
+    guest.outcome("Protective stop")
+    robots = guest.region("Robots")
+    expect(robots).to_contain_text("Clear the protective stop on the pendant, then acknowledge")
+    stack.fault("clear")
+    guest.button("Acknowledge").click()
+    robots.get_by_text("Ready").wait_for(timeout=THROW_MS)
+    expect(guest.button("Acknowledge")).to_have_count(0)
+
+
+def test_a_lost_connection_is_said_and_mended(guest: Visit) -> None:
+    guest.context.set_offline(True)
+    alert = guest.page.get_by_role("alert")
+    expect(alert).to_contain_text("Connection to the service lost", timeout=10_000)
+    guest.button("Stop").click()
+    expect(alert.filter(has_text="Use the emergency stop")).to_contain_text("Stop did not get through")
+    guest.context.set_offline(False)
+    expect(alert.filter(has_text="Connection to the service lost")).to_have_count(0, timeout=10_000)
+
+
+def test_the_token_is_asked_for_where_it_is_needed(stack: PageStack, browser: Browser, tmp_path: Path) -> None:
+    port = stack.port + 1 if stack.port < 65535 else stack.port - 1
+    tokens = tmp_path / "tokens.toml"
+    made = CliRunner().invoke(
+        main, ["token", "create", "--name", "page", "--scope", "plan", "--scope", "operate"],
+        env={"FLING_TOKENS_FILE": str(tokens)},
+    )  # fmt: skip
+    token = made.output.split()[-1] if made.exit_code == 0 else ""
+    environment = {
+        **os.environ, "FLING_CELLS": str(stack.folder), "FLING_DATABASE_URL": f"sqlite:///{stack.folder / 'fling.db'}",
+        "FLING_TOKENS_FILE": str(tokens), "FLING_PLANNER_WORKERS": "1",
+    }  # fmt: skip
+    command = [sys.executable, "-c", "from api.cli import main; main()", "serve", "--port", str(port)]
+    with subprocess.Popen(command, env=environment) as service:
+        try:
+            url = f"http://127.0.0.1:{port}"
+            until_answered(url)
+            with visit(browser, url) as guest:
+                guest.page.get_by_label("Token", exact=True).fill("wrong")
+                guest.button("Use it").click()
+                expect(guest.page.get_by_text("not known to the service")).to_be_visible()
+                guest.page.get_by_label("Token", exact=True).fill(token)
+                guest.button("Use it").click()
+                guest.region("Robots").get_by_text("Ready").wait_for()
+                guest.page.reload()  # kept for the tab
+                guest.region("Robots").get_by_text("Ready").wait_for()
+                assert token not in guest.page.url
+        finally:
+            service.terminate()
+
+
+def until_answered(url: str) -> None:
+    """Waits until a service listens."""
+    with httpx2.Client(transport=httpx2.HTTPTransport(retries=40), trust_env=False) as client:
+        for _ in range(200):
+            try:
+                client.get(f"{url}/healthz")
+            except httpx2.TransportError:
+                continue
+            return
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_nothing_keeps_people_out(stack: PageStack, browser: Browser, scheme: str) -> None:
+    with visit(browser, stack.url, color_scheme=scheme) as guest:
+        guest.region("Robots").get_by_text("Ready").wait_for()
+        assert guest.barriers() == []
+        guest.page.get_by_text("Options", exact=True).click()
+        guest.planned()
+        assert guest.barriers() == []
+        guest.field("x [m]").fill("4.2")
+        guest.button("Plan").click()
+        guest.button("Take nearest").wait_for(timeout=PLAN_MS)
+        assert guest.barriers() == []
+        guest.page.get_by_label("Cell", exact=True).select_option("example-real")
+        assert guest.barriers() == []
+        guest.page.set_viewport_size(PHONE)
+        assert guest.barriers() == []
+        for path in ("/docs", "/problems", "/problems/infeasible"):
+            guest.page.goto(stack.url + path)
+            assert guest.barriers() == []
+
+
+def test_an_example_of_the_openapi_page_runs(stack: PageStack, browser: Browser) -> None:
+    with visit(browser, f"{stack.url}/docs") as guest:
+        guest.page.get_by_text("List cells").click()
+        guest.button("Run").click()
+        expect(guest.page.get_by_label("Answer")).to_contain_text("200 application/json")
+        expect(guest.page.get_by_label("Answer")).to_contain_text('"ur5e-sim"')
+
+
+def test_a_real_arm_asks_once_more(stack: PageStack, browser: Browser) -> None:
+    with visit(browser, stack.url) as guest:
+        guest.page.get_by_label("Cell", exact=True).select_option("example-real")
+        expect(guest.page.get_by_role("banner").get_by_text("Real arm")).to_be_visible()
+        guest.planned()
+        guest.button("Throw on example-real").click()
+        dialog = guest.page.get_by_role("dialog")
+        expect(dialog).to_contain_text("A real arm will move")
+        expect(dialog.get_by_role("button", name="No, keep still")).to_be_focused()
+        guest.page.keyboard.press("Escape")
+        expect(dialog).to_have_count(0)
+        assert stack.http.get("/executions?limit=1").json()["executions"][0]["cell"] == "ur5e-sim"

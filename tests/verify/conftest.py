@@ -1,0 +1,133 @@
+"""What long tests share: a wheel built from the files under version control, and a PostgreSQL server."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import psycopg
+import pytest
+
+HOST = "127.0.45.4"  # of the simulated controller beside which examples run
+UP_WITHIN_S = 240.0  # [s] a busy machine
+LONG_S = 900  # [s] for one test of this folder
+SERVER_FOLDERS = Path("/usr/lib/postgresql")  # where Debian keeps servers, a folder a version
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Gives the tests of this folder more time than the others have."""
+    here = Path(__file__).parent
+    for item in items:
+        if here in item.path.parents and item.get_closest_marker("timeout") is None:
+            item.add_marker(pytest.mark.timeout(LONG_S))
+
+
+@pytest.fixture(scope="session")
+def checkout(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Path:
+    """A copy of the files under version control, as a new user clones them."""
+    root, folder = request.config.rootpath, tmp_path_factory.mktemp("clone") / "fling"
+    names = subprocess.run(["git", "ls-files", "-z"], cwd=root, check=True, capture_output=True, text=True).stdout
+    for name in filter(None, names.split("\0")):
+        if (root / name).is_file():
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(root / name, folder / name)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def wheel(checkout: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel, built from the copy."""
+    folder = tmp_path_factory.mktemp("dist")
+    command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(folder), str(checkout)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return next(folder.glob("*.whl"))
+
+
+def server_program(name: str) -> str | None:
+    """Returns the path of a program of PostgreSQL's server, None where there is none."""
+    installed = sorted(SERVER_FOLDERS.glob(f"*/bin/{name}"), key=lambda path: float(path.parts[-3]))
+    return shutil.which(name) or (str(installed[-1]) if installed else None)
+
+
+@pytest.fixture(scope="session")
+def postgres_url() -> Iterator[str]:
+    """URL of an empty PostgreSQL server of these tests' own. One refuses to run as root: it is nobody's then."""
+    initdb, server = server_program("initdb"), server_program("postgres")
+    if initdb is None or server is None:
+        pytest.fail("there is no PostgreSQL server here: apt-get install postgresql")
+    user = "nobody" if os.geteuid() == 0 else None
+    folder = Path(tempfile.mkdtemp(prefix="fling-pg-"))
+    if user:
+        shutil.chown(folder, user)
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    data = str(folder / "data")
+    options = {"cwd": folder, "user": user, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    subprocess.run([initdb, "-D", data, "-U", "postgres", "--auth=trust", "--no-sync"], check=True, **options)
+    flags = ["-c", f"port={port}", "-c", "listen_addresses=127.0.0.1", "-c", f"unix_socket_directories={folder}"]
+    process = subprocess.Popen([server, "-D", data, "-F", *flags], **options)
+    try:
+        _wait_until_listening(process, port)
+        yield f"postgresql+psycopg://postgres@127.0.0.1:{port}/postgres"
+    finally:
+        process.terminate()
+        process.wait(30)
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _wait_until_listening(process: subprocess.Popen[bytes], port: int) -> None:
+    deadline = time.monotonic() + 60.0
+    while True:
+        assert process.poll() is None, "the PostgreSQL server ended"
+        try:
+            psycopg.connect(f"postgresql://postgres@127.0.0.1:{port}/postgres").close()
+            return
+        except psycopg.OperationalError:
+            assert time.monotonic() < deadline, "the PostgreSQL server does not answer"
+            time.sleep(0.1)
+
+
+@pytest.fixture(scope="session")
+def place(tmp_path_factory: pytest.TempPathFactory, root: Path) -> Path:
+    """A folder as a user's: cells, and what the examples write."""
+    folder = tmp_path_factory.mktemp("examples")
+    shutil.copytree(root / "cells", folder / "cells")
+    cell = folder / "cells" / "ur5e-sim.toml"
+    cell.write_text(re.sub(r'host = "127[^"]*"', f'host = "{HOST}"', cell.read_text()))
+    (folder / "request.json").write_text('{"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}')
+    (folder / "corners.txt").write_text("1.2 0.3 0.0\n")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def environment(place: Path) -> Iterator[dict[str, str]]:
+    """The environment of a user beside a running `fling up`."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    found = {
+        **os.environ, "FLING_DATABASE_URL": f"sqlite:///{place / 'fling.db'}", "FLING_DATA": str(place),
+        "FLING_PLANNER_WORKERS": "1", "FLING_PORT": str(port), "FLING_URL": f"http://127.0.0.1:{port}",
+        "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
+    }  # fmt: skip
+    log = place / "up.log"
+    with log.open("w") as output:
+        process = subprocess.Popen(["fling", "up"], cwd=place, env=found, stdout=output, stderr=output)
+    try:
+        deadline = time.monotonic() + UP_WITHIN_S
+        while "Fling is up" not in log.read_text():
+            assert process.poll() is None and time.monotonic() < deadline, log.read_text()
+            time.sleep(0.2)
+        yield found
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(60)
