@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 SOURCES := fling planner store learning api executor benchmarks
 
-.PHONY: setup demo up test verify test-kernels check web web-check bench docs lock clean
+.PHONY: setup demo up test verify test-kernels check web web-check bench pictures docs lock clean
 
 setup: $(VENV)/dev.stamp $(VENV)/warm.stamp   ## .venv with everything pinned, and the generated solvers built
 
@@ -62,6 +62,10 @@ web/node_modules/.package-lock.json: web/package.json web/package-lock.json
 bench: $(VENV)/bench.stamp $(VENV)/warm.stamp  ## writes docs/benchmarks, about ten minutes; SLOW=1 for hours
 	$(BIN)/python -m benchmarks $(if $(SLOW),--slow)
 	$(BIN)/python -m benchmarks.conditions --count $(if $(SLOW),100,5) --out docs/benchmarks
+	$(BIN)/python -m benchmarks.page.frames
+
+pictures: $(VENV)/dev.stamp $(VENV)/warm.stamp  ## the README's pictures and animation of a throw (needs chromium)
+	$(BIN)/python -m benchmarks.page.pictures
 
 docs: $(VENV)/docs.stamp        ## writes build/docs: tutorial, course, reference; runs the course's notebooks
 	$(BIN)/python -P -m sphinx -W --keep-going -q -d build/doctrees docs build/docs

@@ -14,8 +14,8 @@ export class Player {
 
   constructor(
     host: HTMLElement,
-    private readonly end: number,
-    release: number,
+    readonly end: number,
+    readonly release: number,
   ) {
     const row = document.createElement("div");
     row.className = "player";

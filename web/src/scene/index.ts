@@ -186,6 +186,11 @@ class ThrowScene implements face.Scene {
     return drawing(drawn, this.stage.camera, clientWidth, clientHeight, paletteOf("light"));
   }
 
+  /** Keeps to one level of detail, 0 for all of it; null: as fast as the machine is. */
+  pinDetail(level: number | null): void {
+    this.stage.pin(level);
+  }
+
   get statistics(): face.Scene["statistics"] {
     const { frameMs, level, renderer } = this.stage;
     return { frame_ms: frameMs, detail: level, draw_calls: renderer.info.render.calls };

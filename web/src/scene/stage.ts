@@ -36,6 +36,7 @@ export class Stage {
   private shadowDue = true;
   private drawnLevel = -1;
   private disposed = false;
+  private pinned: number | null = null;
   private readonly picture = new StillPicture();
   private readonly software: boolean; // no graphics processor
   private readonly seenFrom: Matrix4;
@@ -74,7 +75,7 @@ export class Stage {
   }
 
   get level(): number {
-    return this.detail.level;
+    return this.pinned ?? this.detail.level;
   }
 
   /** Asks for a frame because of what stands still, or of the camera. */
@@ -92,6 +93,11 @@ export class Stage {
   private request(): void {
     if (this.disposed || this.requested) return;
     this.requested = requestAnimationFrame((now) => this.frame(now));
+  }
+
+  /** Keeps to one level of detail, for measurements and pictures; null: as fast as the machine is. */
+  pin(level: number | null): void {
+    this.pinned = level;
   }
 
   /** Takes the canvas' size in the layout. */
@@ -113,7 +119,7 @@ export class Stage {
     const goesOn = this.actors.step(now);
     this.controls.update();
     this.detail.frame(now);
-    this.draw(this.detail.level);
+    this.draw(this.pinned ?? this.detail.level);
     if (goesOn) this.request();
     window.clearTimeout(this.rest);
     this.rest = window.setTimeout(() => this.settle(), REST_MS);
@@ -123,6 +129,7 @@ export class Stage {
   private settle(): void {
     if (this.disposed || this.requested) return;
     this.detail.pause();
+    if (this.pinned !== null) return;
     if (this.detail.level > 0 || this.software) this.draw(0, true);
   }
 
