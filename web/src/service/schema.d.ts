@@ -2558,10 +2558,8 @@ export interface components {
              * @description Names of the covariance's rows; `lead_s` is lag and delay together.
              */
             state: string[];
-            /** Timing */
-            timing: {
-                [key: string]: unknown;
-            } | null;
+            /** @description Of the arm, pooled over runs; null where no run shows it. */
+            timing: components["schemas"]["PooledTimingAnswer"] | null;
         };
         /**
          * ProfileList
@@ -4281,6 +4279,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `request-timeout` */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `robot-busy`, `robot-not-ready`, `plan-not-executable` */
             409: {
                 headers: {
@@ -4326,7 +4333,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description `not-ready` */
+            /** @description `shutting-down`, `not-ready` */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4701,6 +4708,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `request-timeout` */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `nothing-thrown` */
             409: {
                 headers: {
@@ -4746,7 +4762,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description `not-ready` */
+            /** @description `shutting-down`, `not-ready` */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -4933,6 +4949,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `request-timeout` */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `too-large` */
             413: {
                 headers: {
@@ -4969,7 +4994,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description `not-ready` */
+            /** @description `shutting-down`, `not-ready` */
             503: {
                 headers: {
                     [name: string]: unknown;
@@ -5204,6 +5229,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `request-timeout` */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `robot-not-ready` */
             409: {
                 headers: {
@@ -5258,7 +5292,7 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
-            /** @description `solver-failed`, `not-ready` */
+            /** @description `solver-failed`, `shutting-down`, `not-ready` */
             503: {
                 headers: {
                     [name: string]: unknown;
