@@ -178,5 +178,8 @@ def name_in_path(description: str, key: str, value: str, summary: str) -> Any:
 
 def id_in_path(thing: str) -> Any:
     """Returns a path parameter that is a UUID, or `latest`."""
-    examples = {"latest": {"summary": f"the newest {thing}", "value": "latest"}}
-    return Path(description=f"Id of the {thing}, or `latest`.", pattern=ID_PATTERN, openapi_examples=examples)
+    return Path(
+        description=f"Id of the {thing}, or `latest`.",
+        pattern=ID_PATTERN,
+        openapi_examples={"latest": {"summary": f"the newest {thing}", "value": "latest"}},
+    )

@@ -110,21 +110,13 @@ def prepare_job(
         dt=dt,
         lag_ticks=cell.timing.lag_s / dt,
         **_streamed(rows, plan_brakes),
-        release_row=rows.release_row,
-        output_row=rows.output_row,
-        output=cell.gripper.output,
-        output_index=cell.gripper.index,
-        output_level=cell.gripper.open_level,
+        **_release_terms(cell, rows),
         start=rows.q[0].tolist(),
         landing=None if problem.ends_at_rest else landing,
         approach=approach_rows,
         approach_speed=settings.approach_pace * APPROACH_SPEED,
         approach_acceleration=settings.approach_pace**2 * APPROACH_ACCELERATION,
-        qd_max=cell.robot.qd_max.tolist(),
-        acceleration=float(np.min(cell.robot.qdd_max)),
-        feedback_gain=FEEDBACK_GAIN,
-        feedback_max=FEEDBACK_MAX,
-        tracking_max=TRACKING_MAX_RAD,
+        **_tracking_terms(cell),
         watchdog_hz=settings.watchdog_hz,
         core=settings.core,
         priority=realtime.STREAM_PRIORITY,
@@ -187,6 +179,28 @@ def _sample(problem: ThrowProblem, trajectory: Trajectory, brake_every: int = 1)
     """Returns a motion on the controller's ticks, and the brakes from its rows."""
     rows = sample_rows(problem.cell, trajectory, throws=not problem.ends_at_rest)
     return rows, find_brakes(problem.cell, rows.q, rows.qd, rows.qdd, trajectory.dt, brake_every)
+
+
+def _release_terms(cell: Cell, rows: StreamRows) -> dict[str, Any]:
+    """Returns the fields of `StreamJob` on the release and the gripper's output."""
+    return {
+        "release_row": rows.release_row,
+        "output_row": rows.output_row,
+        "output": cell.gripper.output,
+        "output_index": cell.gripper.index,
+        "output_level": cell.gripper.open_level,
+    }
+
+
+def _tracking_terms(cell: Cell) -> dict[str, Any]:
+    """Returns the fields of `StreamJob` on what the arm follows by, and how closely it must."""
+    return {
+        "qd_max": cell.robot.qd_max.tolist(),
+        "acceleration": float(np.min(cell.robot.qdd_max)),
+        "feedback_gain": FEEDBACK_GAIN,
+        "feedback_max": FEEDBACK_MAX,
+        "tracking_max": TRACKING_MAX_RAD,
+    }
 
 
 def _streamed(rows: StreamRows, row_brakes: Brakes) -> dict[str, Any]:

@@ -9,8 +9,7 @@ from typing import Self
 from sqlalchemy import text, update
 
 from store import migrations
-from store.cell_status import CellStatusRepository
-from store.cell_versions import CellVersionRepository
+from store.cells import CellStatusRepository, CellVersionRepository
 from store.database import StoreError, StoreUnavailable, free_bytes, open_engine, outage_log, probing, reading
 from store.executions import ExecutionRepository
 from store.experiments import ExperimentRepository

@@ -15,6 +15,7 @@ from api.cli.support.addresses import SIMULATOR_PORTS
 from api.cli.support.terminal import BAD, GOOD, say
 
 if TYPE_CHECKING:
+    from api.cli.support.processes import ChildProcesses
     from planner.cell import ControllerAddress
 
 COMPILING = (
@@ -46,8 +47,7 @@ def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> 
     require_free(settings.host, [number], "the service", "or choose another port: --port")
     if simulated:
         require_free(address.host, SIMULATOR_PORTS, "the simulated controller", f"or {OTHER_HOST}")
-    host = "127.0.0.1" if settings.host == "0.0.0.0" else settings.host
-    url = f"http://{host}:{number}"
+    url = f"http://{'127.0.0.1' if settings.host == '0.0.0.0' else settings.host}:{number}"
     environment = {
         "FLING_PORT": str(number),
         "FLING_CELLS": str(settings.cells),
@@ -63,14 +63,19 @@ def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> 
                 say(COMPILING, BAD)
             say(f"\nFling is up: {url}    (OpenAPI: {url}/docs)", GOOD)
             say("try: fling throw 1.2 0.3 0.0\nCtrl-C stops all.")
-            while True:
-                time.sleep(0.5)
-                for sentence in children.revive():
-                    say(f"fling: {sentence}", BAD, err=True)
+            _keep_alive(children)
     except KeyboardInterrupt:
         click.echo("\nstopped.")
     except ChildFailed as error:
         raise click.ClickException(f"{error}; everything was stopped") from error
+
+
+def _keep_alive(children: ChildProcesses) -> None:
+    """Starts again what ends by itself, until Ctrl-C."""
+    while True:
+        time.sleep(0.5)
+        for sentence in children.revive():
+            say(f"fling: {sentence}", BAD, err=True)
 
 
 @click.command()

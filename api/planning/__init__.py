@@ -2,6 +2,15 @@
 
 from api.planning.compilation import compile_when_idle
 from api.planning.pool import PlannerPool, PlanningEnded, PlanningQueueFull
-from api.planning.worker import Planned, PlanningJob, solve
+from api.planning.worker import Planned, PlanningJob, initialise, solve
 
-__all__ = ["Planned", "PlannerPool", "PlanningEnded", "PlanningJob", "PlanningQueueFull", "compile_when_idle", "solve"]
+__all__ = [
+    "Planned",
+    "PlannerPool",
+    "PlanningEnded",
+    "PlanningJob",
+    "PlanningQueueFull",
+    "compile_when_idle",
+    "initialise",
+    "solve",
+]

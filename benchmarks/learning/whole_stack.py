@@ -9,8 +9,10 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import re
 import secrets
+import signal
 import subprocess
 import sys
 import tempfile
@@ -24,11 +26,8 @@ from typing import Any
 
 import numpy as np
 
-from api.cli.support.client import ServiceClient, ServiceError
-from api.cli.support.processes import ChildProcesses, start_all
-from api.cli.support.progress import execute_plan, make_plan
+import fling
 from planner.cell_folder import default_cells_folder
-from store import Store
 
 CELL = "ur5e-sim"
 HOST, PORT = "127.0.40.21", 8740
@@ -36,6 +35,8 @@ HIT_M = 0.05  # [m] of a throw that counts as a hit in the tables
 TRIES = 4  # of a throw that a busy machine made late
 RELEASES = {"soonest": {"release_window_s": 0.0}, "default": {}}
 SHAPES = ("gaussian", "skewed", "quantised")
+FLING = "from api.cli import main; main()"  # the command line, of the interpreter that runs this
+UP_S = 300.0  # [s] until everything runs, on a busy machine
 SEEN_S = 0.3  # [s] the executor's heartbeat comes four times a second
 HEAD = (
     "| throws | | outcomes | median miss [mm] | p90 | within 5 cm | odds of that |",
@@ -85,25 +86,38 @@ def running_cell(truth: HiddenTruth) -> Iterator[Laboratory]:
         (folder / f"{CELL}.toml").write_text(re.sub(r'host\s*=\s*"[^"]*"', f'host = "{HOST}"', text))
         (folder / "truth.toml").write_text(truth.text)
         database = f"sqlite:///{folder / 'fling.db'}"
-        Store.upgrade(database)
         settings = {"FLING_DATABASE_URL": database, "FLING_CELLS": str(folder), "FLING_DATA": str(folder),
                     "FLING_DEFAULT_CELL": CELL, "FLING_PORT": str(PORT), "FLING_APPROACH_PACE": "2"}  # fmt: skip
-        arguments = ["--truth", str(folder / "truth.toml"), "--reveal"]
-        with ChildProcesses(settings, folder / "log.txt") as children, ServiceClient(url) as client:
-            start_all(children, folder, CELL, url, True, arguments)
+        with _fling_up(settings, folder / "truth.toml", folder / "log.txt"), fling.Client(url) as client:
             yield Laboratory(client, url)
+
+
+@contextmanager
+def _fling_up(settings: dict[str, str], truth: Path, log: Path) -> Iterator[None]:
+    """Runs `fling up` until the block ends."""
+    line = [sys.executable, "-P", "-c", FLING, "up", "--truth", str(truth), "--reveal"]
+    with log.open("w") as out, subprocess.Popen(line, env={**os.environ, **settings}, stdout=out, stderr=out) as up:
+        try:
+            deadline = time.monotonic() + UP_S
+            while "Fling is up" not in log.read_text():
+                if up.poll() is not None or time.monotonic() > deadline:
+                    raise RuntimeError(f"fling up does not start:\n{log.read_text()}")
+                time.sleep(0.2)
+            yield
+        finally:
+            up.send_signal(signal.SIGINT)
 
 
 @dataclass(frozen=True)
 class Laboratory:
     """A running cell, and who works at it."""
 
-    client: ServiceClient
+    client: fling.Client
     url: str
 
     def command(self, *words: str) -> dict[str, Any]:
         """Runs a command of `fling` as the docs have it, once more where the machine was too busy."""
-        line = [sys.executable, "-c", "from api.cli import main; main()", *words, "--json", "--url", self.url]
+        line = [sys.executable, "-P", "-c", FLING, *words, "--json", "--url", self.url]
         for _ in range(TRIES):
             done = subprocess.run(line, capture_output=True, text=True, check=False)
             if done.returncode == 0:
@@ -120,14 +134,17 @@ class Laboratory:
     def throw(self, target: list[float], release: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
         """Plans and executes one throw; returns plan and execution."""
         request = {"release": {"kind": "target", "position": target}, **release}
-        plan = make_plan(self.client, request, progress=False)
-        done = execute_plan(self.client, plan, progress=False)
+        plan = self.client.plan(request, trajectory=False)
+        done = self._executed(plan)
         for _ in range(TRIES - 1):
             if done["outcome"] in ("completed", "held"):
                 break
             self.acknowledge()
-            done = execute_plan(self.client, plan, progress=False)
+            done = self._executed(plan)
         return plan, done
+
+    def _executed(self, plan: dict[str, Any]) -> dict[str, Any]:
+        return self.client.finished(self.client.execute(plan["id"])["id"])
 
 
 def thrown_row(lab: Laboratory, rng: np.random.Generator, kind: str, count: int, when: str) -> str:
@@ -139,7 +156,7 @@ def thrown_row(lab: Laboratory, rng: np.random.Generator, kind: str, count: int,
         target = [distance * np.cos(angle), distance * np.sin(angle), 0.0]
         try:
             plan, done = lab.throw(target, RELEASES[kind])
-        except ServiceError:
+        except fling.ServiceRefusal:
             continue  # not every target can be thrown at
         outcomes[done["outcome"]] += 1
         point = (done["metrics"] or {}).get("landing_point")

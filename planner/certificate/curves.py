@@ -98,11 +98,13 @@ class ShownMotion:
         """Ends of the body's capsules there (c, 2, 3, k) [m]."""
         return self.motion.body.end_points(self.arm.X_WL)
 
-    def of_joints(self, name: str, unit: str, values: Array, lower: Array, upper: Array, **more: bool) -> Curve:
+    def of_joints(
+        self, name: str, unit: str, values: Array, lower: Array, upper: Array, holds_until_next: bool = False
+    ) -> Curve:
         """Returns the curve of a quantity (k, 6) of every joint with its limits (6,)."""
         names = self.problem.cell.robot.joint_names
         rows = zip(names, values.T, lower.tolist(), upper.tolist(), strict=True)
-        return Curve(name, unit, self.t, tuple(Series(*row) for row in rows), **more)
+        return Curve(name, unit, self.t, tuple(Series(*row) for row in rows), holds_until_next)
 
     def of_one(
         self, name: str, unit: str, values: Array, *, lower: float | None = None, upper: float | None = None

@@ -69,9 +69,13 @@ def test_head_of_problems_and_streams(service: RunningService, executor: FakeExe
 
 def test_a_media_type_that_there_is_not(service: RunningService, executor: FakeExecutor, plan):
     service.client.post("/experiments", json={"name": "none"})
-    for path in (f"/plans/{plan['id']}/trajectory", "/experiments/latest"):
+    offers = ["application/json", "text/csv"]
+    for path, more in (
+        (f"/plans/{plan['id']}/trajectory", []),
+        ("/experiments/latest", ["application/vnd.apache.parquet"]),
+    ):
         problem = problem_of(service.client.get(path, headers={"Accept": "image/png"}), 406, "not-acceptable")
-        assert problem["offers"] == ["application/json", "text/csv"]
+        assert problem["offers"] == offers + more
 
 
 @pytest.mark.parametrize(

@@ -236,7 +236,7 @@ def test_with_tokens_every_guarded_operation_says_so(tmp_path: Path, cells: Path
 
 MEDIA_TYPES = {
     "/plans/{id}/trajectory": {"application/json", "text/csv"},
-    "/experiments/{id}": {"application/json", "text/csv"},
+    "/experiments/{id}": {"application/json", "text/csv", "application/vnd.apache.parquet"},
     "/executions/{id}/recording": {"application/octet-stream", "text/csv"},
     "/executions/{id}/events": {"text/event-stream"},
     "/metrics": {"text/plain"},

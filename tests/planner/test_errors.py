@@ -30,7 +30,7 @@ EXAMPLES = [
     ),
     Infeasible([]),
     SolverFailed("iteration limit", 80, [{"backend": "casadi", "result": "iteration limit", "duration_s": 0.4}]),
-    SeedFailed("fatrop: gave up in 71 iterations", 71, frozenset({"flight"})),
+    SeedFailed("fatrop: gave up in 71 iterations", 71, frozenset({"flight"}), is_late=True),
     BackendUnavailable("toppra", "toppra"),
 ]
 

@@ -46,7 +46,7 @@ SLOW = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}
 UNAVAILABLE = {"not-ready", "solver-failed", "overloaded"}
 
 
-class RunningService:
+class ServiceProcess:
     """A service process on an address of its own, with its log."""
 
     def __init__(self, url: str, log: Path, workers: int = 2) -> None:
@@ -105,7 +105,7 @@ class RunningService:
 class Load:
     """Clients that plan without a pause, and what they were answered."""
 
-    def __init__(self, service: RunningService) -> None:
+    def __init__(self, service: ServiceProcess) -> None:
         self.service, self.ended = service, threading.Event()
         self.planned: list[str] = []
         self.problems: Counter[str] = Counter()
@@ -154,14 +154,14 @@ def sqlite_url(tmp_path: Path) -> str:
 
 
 @pytest.fixture
-def service(sqlite_url: str, tmp_path: Path) -> Iterator[RunningService]:
-    running = RunningService(sqlite_url, tmp_path / "service.log")
+def service(sqlite_url: str, tmp_path: Path) -> Iterator[ServiceProcess]:
+    running = ServiceProcess(sqlite_url, tmp_path / "service.log")
     yield running
     running.stop()
 
 
 def test_sigterm_with_slow_plans_in_line(sqlite_url: str, tmp_path: Path):
-    service = RunningService(sqlite_url, tmp_path / "service.log", workers=1)
+    service = ServiceProcess(sqlite_url, tmp_path / "service.log", workers=1)
     answers: list[httpx2.Response] = []
     clients = [threading.Thread(target=lambda: answers.append(service.plan(SLOW))) for _ in range(5)]
     for client in clients:
@@ -185,7 +185,7 @@ def test_sigterm_with_slow_plans_in_line(sqlite_url: str, tmp_path: Path):
     store.close()
 
 
-def test_a_killed_service_has_stored_what_it_answered(service: RunningService, sqlite_url: str):
+def test_a_killed_service_has_stored_what_it_answered(service: ServiceProcess, sqlite_url: str):
     with Load(service) as load:
         time.sleep(LOAD_S)
         children = psutil.Process(service.process.pid).children(recursive=True)
@@ -198,7 +198,7 @@ def test_a_killed_service_has_stored_what_it_answered(service: RunningService, s
     assert all(service.get(f"/plans/{id}?trajectory=false").status_code == 200 for id in load.planned)
 
 
-def test_a_killed_planner_process_costs_no_answer(service: RunningService, sqlite_url: str):
+def test_a_killed_planner_process_costs_no_answer(service: ServiceProcess, sqlite_url: str):
     with Load(service) as load:
         time.sleep(LOAD_S / 2)
         before = len(load.planned)
@@ -210,7 +210,7 @@ def test_a_killed_planner_process_costs_no_answer(service: RunningService, sqlit
     assert load.all_present(sqlite_url)
 
 
-def test_a_full_disk_is_named_and_logged_once(service: RunningService, sqlite_url: str):
+def test_a_full_disk_is_named_and_logged_once(service: ServiceProcess, sqlite_url: str):
     before, hard = resource.prlimit(service.process.pid, resource.RLIMIT_FSIZE)
     with Load(service) as load:
         time.sleep(LOAD_S / 2)
@@ -229,7 +229,7 @@ def test_a_full_disk_is_named_and_logged_once(service: RunningService, sqlite_ur
     assert len(service.lines(level="warning", outage="disk_full")) == 1
 
 
-def test_a_locked_database_is_named_and_logged_once(service: RunningService, sqlite_url: str):
+def test_a_locked_database_is_named_and_logged_once(service: ServiceProcess, sqlite_url: str):
     with Load(service) as load:
         time.sleep(LOAD_S / 2)
         other = sqlite3.connect(sqlite_url.removeprefix("sqlite:///"), isolation_level=None)
@@ -268,7 +268,7 @@ class PostgresServer:
         command = [str(server_program("postgres")), "-D", str(self.folder / "data"), *options]
         quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
         self.process = subprocess.Popen(command, cwd=self.folder, user=self.user, **quiet)
-        RunningService.until(self._answers)
+        ServiceProcess.until(self._answers)
 
     def kill(self) -> None:
         """Kills the server and its processes at once, as a power cut does."""
@@ -297,7 +297,7 @@ def postgres() -> Iterator[PostgresServer]:
 
 def test_a_killed_postgresql_loses_nothing_that_was_answered(postgres: PostgresServer, tmp_path: Path):
     Store.upgrade(postgres.url)
-    service = RunningService(postgres.url, tmp_path / "service.log")
+    service = ServiceProcess(postgres.url, tmp_path / "service.log")
     try:
         with Load(service) as load:
             time.sleep(LOAD_S)

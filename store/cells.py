@@ -1,4 +1,4 @@
-"""Status of the cells: heartbeats of their executors, latched faults, acknowledgements by people."""
+"""Cells: heartbeats of their executors, latched faults, acknowledgements by people; the versions of their files."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-from sqlalchemy import insert, select, update
+from sqlalchemy import Connection, insert, select, update
+from sqlalchemy.dialects import postgresql, sqlite
 
-from store.database import Repository, writing
+from store.database import Repository, reading, writing
 from store.idempotency_and_audit import write_audit
-from store.rows import AuditLine, CellRow
-from store.tables import cells
+from store.rows import AuditLine, CellRow, CellVersionRow
+from store.tables import cell_versions, cells
 
 
 class CellStatusRepository(Repository):
@@ -61,3 +62,40 @@ class CellStatusRepository(Repository):
         """Records that the executor handled the acknowledgement."""
         with writing(self._engine) as connection:
             connection.execute(update(cells).where(cells.c.cell == cell).values(acknowledge_handled_at=time.time()))
+
+
+class CellVersionRepository(Repository):
+    """Table `cell_versions`. Service and executor both note what they see; the first one makes the version."""
+
+    def note_cell_version(
+        self, cell: str, sha256: str, text: bytes, calibration: bytes | None = None, seen_by: str = ""
+    ) -> int:
+        """Returns the version of a cell whose files are these; a new one where they differ from the newest.
+
+        Args:
+            cell: Name of the cell.
+            sha256: Hash of its files.
+            text: Content of the cell file.
+            calibration: Content of its calibration file, if it has one.
+            seen_by: Who sees it, such as "service" or "executor".
+        """
+        with reading(self._engine) as connection:
+            newest = _newest(connection, cell)
+        while newest is None or newest[1] != sha256:
+            row = CellVersionRow(cell, newest[0] + 1 if newest else 1, sha256, text, calibration, time.time(), seen_by)
+            with writing(self._engine) as connection:
+                insert_new = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}[connection.dialect.name]
+                connection.execute(insert_new(cell_versions).values(**vars(row)).on_conflict_do_nothing())
+                newest = _newest(connection, cell)  # somebody else's, if that was first
+        return newest[0]
+
+    def cell_versions(self, cell: str) -> list[CellVersionRow]:
+        """Returns the versions of a cell, newest first."""
+        query = select(cell_versions).where(cell_versions.c.cell == cell)
+        return self._rows(CellVersionRow, query.order_by(cell_versions.c.version.desc()))
+
+
+def _newest(connection: Connection, cell: str) -> tuple[int, str] | None:
+    query = select(cell_versions.c.version, cell_versions.c.sha256).where(cell_versions.c.cell == cell)
+    row = connection.execute(query.order_by(cell_versions.c.version.desc()).limit(1)).one_or_none()
+    return None if row is None else (row.version, row.sha256)
