@@ -20,7 +20,8 @@ import click
 from api.cli.support.client import ServiceClient, ServiceError
 
 STOP_S = 5.0  # [s] for a child to end; the executor brakes its robot first
-READY_S = 60.0  # [s] for a child to get ready; a cold machine imports and builds for a while
+READY_S = 300.0  # [s] for a child to get ready: it imports and builds for ten seconds, longer beside busy processes
+SAID_EVERY_S = 30.0  # [s] between two sentences that say what is waited for
 POLL_S = 0.1  # [s] between two looks at the service's readiness
 DEATHS_MAX, DEATHS_WITHIN_S = 3, 60.0  # [-], [s] a child that ends more often within this time does not come back
 PR_SET_PDEATHSIG = 1  # source: Linux prctl(2)
@@ -214,10 +215,13 @@ def _interrupt(_number: int, _frame: object) -> None:
 
 
 def _wait_until_ready(children: ChildProcesses, url: str, cell: str) -> None:
-    deadline, reason = time.monotonic() + READY_S, ""
+    begun, reason, said = time.monotonic(), "", 0
     with ServiceClient(url, os.environ.get("FLING_TOKEN")) as client:
-        while time.monotonic() < deadline:
+        while (waited := time.monotonic() - begun) < READY_S:
             children.check()
+            if waited // SAID_EVERY_S > said:
+                said += 1
+                click.echo(f"still waiting after {waited:.0f} s: {reason}")
             try:
                 if client.get("/readyz")["cells"].get(cell):
                     return
