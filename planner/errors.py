@@ -173,6 +173,6 @@ class BackendUnavailable(PlannerError):
     """
 
     def __init__(self, backend: str, extra: str) -> None:
-        super().__init__(f"back end {backend!r} is not installed: pip install 'fling[{extra}]'")
+        super().__init__(f"back end {backend!r} is not installed: pip install 'fling-robotics[{extra}]'")
         self.backend = backend
         self.extra = extra

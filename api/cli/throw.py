@@ -131,4 +131,6 @@ def acknowledge(cell: str | None, url: str | None, token: str | None) -> None:
     name = cell or os.environ.get("FLING_DEFAULT_CELL", "ur5e-sim")
     with ServiceClient(service_url(url), token) as client:
         answer = client.post(f"/cells/{name}/acknowledge")
-    click.echo(f"{name}: {answer['fault'] or 'there was no fault'}; acknowledged by {answer['acknowledged_by']}")
+    fault = answer["fault"] or {}
+    said = ": ".join(filter(None, [fault.get("outcome"), fault.get("reason")])) or "there was no fault"
+    click.echo(f"{name}: {said}; acknowledged by {answer['acknowledged_by']}")

@@ -184,5 +184,6 @@ def _reason_not_ready(row: CellRow | None, cell: str) -> str | None:
     if row.read_only:
         return f"the executor of cell {cell!r} does not move its robot (--read-only)"
     if row.fault is not None:
-        return f"a fault is latched: {row.fault.get('reason', row.fault)}; check the robot, then acknowledge it"
+        reason = row.fault.get("reason", row.fault)
+        return f"a fault is latched: {reason}; check the robot, then acknowledge it (`fling acknowledge`)"
     return None

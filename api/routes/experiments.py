@@ -171,7 +171,7 @@ def _parquet(throws: Sequence[dict[str, Any]]) -> bytes:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
-        raise invalid_field("accept", f"{PARQUET} needs pyarrow: pip install 'fling[parquet]'") from None
+        raise invalid_field("accept", f"{PARQUET} needs pyarrow: pip install 'fling-robotics[parquet]'") from None
     text, number = pyarrow.string(), pyarrow.float64()
     types = [*[text] * 4, *[number] * 7, pyarrow.list_(text)]
     columns = zip(*_table(throws), strict=True) if throws else [[]] * len(COLUMNS)

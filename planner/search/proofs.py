@@ -152,7 +152,7 @@ def _beyond_stretched_arm(problem: ThrowProblem, release: TargetRelease) -> list
     if found is None:
         return []
     needed, given = found
-    detail = "speed away from the shoulder, where the target takes the least more than all joints together give"
+    detail = "tool speed away from the shoulder, at the release where a throw to the target lacks least of it"
     return [Violation("joint_velocity", needed, given, "m/s", detail=detail)]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import sys
 from collections.abc import Sequence
@@ -73,10 +74,14 @@ class Coordinate(click.ParamType):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Returns the number; what looks like an option is refused as one, with similar options."""
         try:
-            return float(value)
+            number = float(value)
         except ValueError:
             if not str(value).startswith("-") or ctx is None:
                 self.fail(f"{value!r} is not a number", param, ctx)
+        else:
+            if not math.isfinite(number):
+                self.fail(f"{value!r} is not a finite number", param, ctx)
+            return number
         known = [option for parameter in ctx.command.params for option in parameter.opts if option.startswith("-")]
         raise click.NoSuchOption(str(value), possibilities=known, ctx=ctx)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from api.cli.support.exit_status import NotCompleted
 from api.cli.support.summary import plan_text
 from api.cli.support.terminal import say_step
 
@@ -33,4 +34,10 @@ def execute_plan(
     for kind, data in client.events(execution["id"]):
         if kind == "state" and progress:
             say_step(f"  {data['state']}")
-    return client.get(f"/executions/{execution['id']}")
+    done = client.get(f"/executions/{execution['id']}")
+    if done["outcome"] is None:
+        raise NotCompleted(
+            "the service ended before the throw did, which the executor brings to its end: "
+            f"see GET /executions/{done['id']} once the service is back"
+        )
+    return done

@@ -35,6 +35,8 @@ def landing_text(execution: dict[str, Any]) -> str:
     """Returns missed ticks, landing point and what the object landed on, of an execution that was completed."""
     metrics = execution["metrics"] or {}
     text = f"{metrics.get('ticks')} ticks, {metrics.get('missed_ticks')} missed"
+    if execution.get("dry_run"):
+        return f"dry run: every check passed and nothing moved; {text}"
     if metrics.get("release_velocity_error_share") is not None:
         text += f"; joint velocity at the release within {100 * metrics['release_velocity_error_share']:.2f} %"
     point, error = metrics.get("landing_point"), metrics.get("landing_error_m")

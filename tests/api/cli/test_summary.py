@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -9,6 +10,8 @@ from click.testing import CliRunner
 
 from api.cli import main
 from api.cli.support.client import describe
+from api.cli.support.exit_status import NotCompleted
+from api.cli.support.progress import execute_plan
 from api.cli.support.summary import landing_text, plan_text
 
 
@@ -79,3 +82,33 @@ def test_a_refusal_says_each_constraint_once_and_what_to_try():
     text = describe({"title": "The arm cannot do this", "violations": rows, "nearest": odds})
     assert text.splitlines()[-1] == "  the best odds found: 0.631"
     assert describe({"title": "Not found", "detail": "no cell"}) == "Not found: no cell"
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf"])
+def test_a_coordinate_is_finite(value: str):
+    result = CliRunner().invoke(main, ["throw", value, "0", "0"])
+    assert result.exit_code == 64
+    assert f"{value!r} is not a finite number" in result.output
+
+
+class UnfinishedThrow:
+    """A service whose stream of events ends before the execution does."""
+
+    def post(self, path: str, body: Any) -> dict[str, Any]:
+        return {"id": "x"}
+
+    def events(self, execution_id: str) -> Iterator[tuple[str, dict[str, Any]]]:
+        yield "state", {"state": "streaming"}
+
+    def get(self, path: str) -> dict[str, Any]:
+        return {"id": "x", "outcome": None}
+
+
+def test_a_service_that_ends_in_mid_throw_is_named():
+    with pytest.raises(NotCompleted, match=r"the service ended before the throw did.*/executions/x"):
+        execute_plan(UnfinishedThrow(), {"id": "p"})
+
+
+def test_a_dry_run_says_that_nothing_moved():
+    text = landing_text({"dry_run": True, "metrics": {"ticks": 352, "missed_ticks": 0}})
+    assert text == "dry run: every check passed and nothing moved; 352 ticks, 0 missed"
