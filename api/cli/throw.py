@@ -134,3 +134,16 @@ def acknowledge(cell: str | None, url: str | None, token: str | None) -> None:
     fault = answer["fault"] or {}
     said = ": ".join(filter(None, [fault.get("outcome"), fault.get("reason")])) or "there was no fault"
     click.echo(f"{name}: {said}; acknowledged by {answer['acknowledged_by']}")
+
+
+@click.command()
+@click.argument("execution", default="latest")
+@service_options
+def abort(execution: str, url: str | None, token: str | None) -> None:
+    """Ask for the brake of EXECUTION: its id, or `latest`. Not a safety function: use the emergency stop."""
+    from api.cli.support.client import ServiceClient
+
+    with ServiceClient(service_url(url), token) as client:
+        answer = client.post(f"/executions/{execution}/abort")
+    said = f"had ended before: {answer['outcome']}" if answer["outcome"] else "the executor was asked to brake"
+    click.echo(f"{answer['id']}: {said}")

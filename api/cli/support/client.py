@@ -38,7 +38,8 @@ def _violation_text(violation: dict[str, Any]) -> str:
     value, limit = (_figure(violation[key]) for key in ("value", "limit"))
     detail = f" ({violation['detail']})" if violation.get("detail") else ""
     proven = "; proven: no motion avoids it" if violation.get("proven") else ""
-    return f"{violation['constraint']}: {value} {violation['unit']} against a limit of {limit}{detail}{proven}"
+    unit = "" if violation["unit"] in ("-", "1") else f" {violation['unit']}"
+    return f"{violation['constraint']}: {value}{unit} against a limit of {limit}{detail}{proven}"
 
 
 def _figure(value: Any) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import click
+
 from api.cli.support.exit_status import NotCompleted
 from api.cli.support.summary import plan_text
 from api.cli.support.terminal import say_step
@@ -27,13 +29,16 @@ def execute_plan(
     progress: bool = True,
     experiment_id: str | None = None,
 ) -> dict[str, Any]:
-    """Executes a plan and prints the progress. Returns the finished execution."""
+    """Executes a plan and prints the progress. Returns the finished execution; Ctrl-C asks for the brake first."""
     request = {"plan_id": plan["id"], "mode": mode, "dry_run": dry_run}
     request |= {"experiment_id": experiment_id} if experiment_id else {}
     execution = client.post("/execute", request)
-    for kind, data in client.events(execution["id"]):
-        if kind == "state" and progress:
-            say_step(f"  {data['state']}")
+    try:
+        _follow(client, execution["id"], progress)
+    except KeyboardInterrupt:
+        client.post(f"/executions/{execution['id']}/abort")
+        click.echo("interrupted: the executor was asked to brake. This is not a safety function.", err=True)
+        _follow(client, execution["id"], progress)
     done = client.get(f"/executions/{execution['id']}")
     if done["outcome"] is None:
         raise NotCompleted(
@@ -41,3 +46,10 @@ def execute_plan(
             f"see GET /executions/{done['id']} once the service is back"
         )
     return done
+
+
+def _follow(client: Any, execution_id: str, progress: bool) -> None:
+    """Waits for the end of an execution, and prints its states."""
+    for kind, data in client.events(execution_id):
+        if kind == "state" and progress:
+            say_step(f"  {data['state']}")

@@ -109,6 +109,32 @@ def test_a_service_that_ends_in_mid_throw_is_named():
         execute_plan(UnfinishedThrow(), {"id": "p"})
 
 
+class InterruptedThrow:
+    """A service whose client is interrupted once in mid-throw."""
+
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+
+    def post(self, path: str, body: Any = None) -> dict[str, Any]:
+        self.calls.append(path)
+        return {"id": "x"}
+
+    def events(self, execution_id: str) -> Iterator[tuple[str, dict[str, Any]]]:
+        yield "state", {"state": "approaching"}
+        if self.calls[-1] == "/execute":
+            raise KeyboardInterrupt
+
+    def get(self, path: str) -> dict[str, Any]:
+        return {"id": "x", "outcome": "aborted"}
+
+
+def test_an_interrupted_throw_is_braked_and_waited_for(capsys: pytest.CaptureFixture[str]):
+    service = InterruptedThrow()
+    assert execute_plan(service, {"id": "p"})["outcome"] == "aborted"
+    assert service.calls == ["/execute", "/executions/x/abort"]
+    assert "asked to brake" in capsys.readouterr().err
+
+
 def test_a_dry_run_says_that_nothing_moved():
     text = landing_text({"dry_run": True, "metrics": {"ticks": 352, "missed_ticks": 0}})
     assert text == "dry run: every check passed and nothing moved; 352 ticks, 0 missed"
