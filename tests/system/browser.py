@@ -53,7 +53,7 @@ class PageStack(Up):
 
     def __init__(self, folder: Path) -> None:
         shutil.copy(ROOT / "cells" / "example-real.toml", folder)
-        os.environ["FLING_APPROACH_PACE"] = "0.5"
+        os.environ["FLING_APPROACH_PACE"] = "0.35"
         try:
             super().__init__(folder)
         finally:
