@@ -85,7 +85,7 @@ def test_a_throw_is_shown_to_the_landing(guest: Visit) -> None:
 def test_a_reloaded_page_stops_the_throw(guest: Visit, stack: PageStack) -> None:
     guest.page.get_by_text("Options", exact=True).click()
     guest.page.get_by_label("Start", exact=True).select_option("positions")
-    guest.field("Start positions base [rad]").fill("1.2")
+    guest.field("Start positions base [rad]").fill("2.4")  # the way to it takes seconds
     guest.planned()
     guest.button("Throw on").click()
     guest.outcome("To the start")
@@ -153,7 +153,7 @@ def test_a_lost_connection_is_said_and_mended(guest: Visit) -> None:
     alert = guest.page.get_by_role("alert")
     expect(alert).to_contain_text("Connection to the service lost", timeout=10_000)
     guest.button("Stop").click()
-    expect(alert.filter(has_text="Use the emergency stop")).to_contain_text("Stop did not get through")
+    expect(alert.filter(has_text="Stop did not get through")).to_contain_text("Use the emergency stop")
     guest.context.set_offline(False)
     expect(alert.filter(has_text="Connection to the service lost")).to_have_count(0, timeout=10_000)
 

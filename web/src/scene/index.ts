@@ -19,6 +19,7 @@ import { ThrownObject } from "./thrown";
 
 const LAYERS = ["boxes", "hazard", "plan", "target", "nearest", "landings", "obstacles"] as const;
 const GRIPPER_OPENS_S = 0.06; // [s] in which the drawn fingers open
+const STILL_RAD = 1e-4; // [rad] less than this is not seen to move
 const FOLLOWER = 20; // place in the order of drawing of the ghost that moves
 const AROUND_ARM = 1.15; // of its reach: what the camera shows without a throw
 const GHOST_STRENGTHS = { start: 0.4, release: 0.75, rest: 0.32 } as const;
@@ -103,6 +104,7 @@ class ThrowScene implements face.Scene {
   }
 
   setLive(live: face.LiveState | null): void {
+    if (isSame(live, this.live)) return; // a robot at rest is reported again and again
     const changed = (live === null) !== (this.live === null);
     this.live = live;
     if (changed) this.drawGhosts();
@@ -344,6 +346,13 @@ class ThrowScene implements face.Scene {
     const { transforms, tool } = this.cell!.chain;
     return [...transforms, tool].reduce((sum, X) => sum + norm(positionOf(X)), 0);
   }
+}
+
+/** Whether two states of the robot look the same. */
+function isSame(a: face.LiveState | null, b: face.LiveState | null): boolean {
+  if (a === null || b === null) return a === b;
+  const near = a.positions.every((q, j) => Math.abs(q - (b.positions[j] ?? Number.NaN)) < STILL_RAD);
+  return near && a.connected === b.connected && a.object === b.object;
 }
 
 /** Returns the scene on a canvas. */

@@ -9,7 +9,7 @@ import { StillPicture } from "./still";
 
 const FIELD_OF_VIEW_DEG = 34;
 const PIXEL_RATIO_MAX = 2; // more is not seen
-const REST_MS = 220; // [ms] without motion, after which the picture is drawn in full
+const REST_MS = 700; // [ms] without motion, after which the picture is drawn in full; a moving arm is reported more often
 const PLAIN_LEVEL = 3; // first level of detail where a person wants little
 
 /** What the stage asks before each frame. */

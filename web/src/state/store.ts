@@ -58,6 +58,7 @@ export const armed = computed(() => isArmed(state.value));
 export const running = computed(() => isRunning(state.value));
 export const standing = computed(() => planStanding(state.value));
 
+export const runId = computed(() => execution.value?.id ?? null);
 const runPlanId = computed(() => execution.value?.planId ?? null);
 
 /** What the scene and the curves show: what runs, else the preview, else the plan. */

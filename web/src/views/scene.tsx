@@ -9,8 +9,8 @@ import { call } from "../service/client";
 import { drag, drop, reportLanding, takeNearest } from "../state/actions";
 import { type Draft, vector } from "../state/draft";
 import {
-  answered, cellName, cellState, curves, dark, draft, execution, isReal, landings, model, picking, preview, problem, running, shown,
-  standing, time,
+  answered, cellName, cellState, curves, dark, draft, execution, isReal, landings, model, picking, preview, problem, runId, running,
+  shown, standing, time,
 } from "../state/store";
 
 const LOADERS = import.meta.glob<{ createScene: CreateScene }>("../scene/index.ts");
@@ -199,7 +199,7 @@ function obstacleOf(violation: { constraint: string; value: number | null; limit
 
 function showLandings(scene: Scene): void {
   void model.value;
-  const newest = execution.value?.id;
+  const newest = runId.value;
   const dots: Landing[] = Object.entries(landings.value).flatMap(([id, list]) => {
     const seen = list.filter((landing) => landing.position !== null).at(-1)?.position;
     return seen ? [{ id, position: seen as unknown as Vector3, newest: id === newest }] : [];

@@ -73,7 +73,7 @@ function limitsOf(cellModel: CellModel | null, plan: Plan): JointLimits {
 function Curves({ plan }: { plan: Plan }): JSX.Element {
   const chosen = useSignal<string | null>(null);
   const hidden = useSignal<readonly number[]>([]);
-  const own = curves.value?.planId === plan.id ? curves.value.value : null;
+  const own = curves.value !== null && curves.value.planId === plan.id ? curves.value.value : null; // a preview has no id
   const quantities = useMemo(() => quantitiesOf(plan, limitsOf(model.value, plan), own), [plan, own, model.value]);
   const binding = bindingCheck(plan.certificate.checks);
   const first = quantities.find((quantity) => quantity.check === binding?.name) ?? quantities[1];
