@@ -191,7 +191,7 @@ def _read_everything(client: PythonClient, plan: str, execution: str, experiment
     assert client.call("read_experiment", 200, experiment).statistics.landed == 1
     assert len(client.call("read_cell_model", 200, cell).capsules) == 11
     assert client.call("read_robot_state", 200, cell).robot.connected is True
-    for operation in ("read_cell", "read_timing", "list_profiles"):
+    for operation in ("read_cell", "read_timing", "read_history", "list_profiles"):
         client.call(operation, 200, cell)
     client.call("acknowledge_fault", 200, cell)
     profile = client.call("estimate_profile_of_cell", 201, cell)
@@ -225,7 +225,7 @@ def _provoke(client: PythonClient, plan: str) -> None:
                       "watch_execution", "read_landings", "abort_execution", "read_experiment", "read_profile",
                       "adopt_profile"):  # fmt: skip
         assert client.call(operation, 404, NO_ID).type_ == "/problems/not-found"
-    for operation in ("read_cell", "read_cell_model", "read_robot_state", "read_timing", "list_profiles",
+    for operation in ("read_cell", "read_cell_model", "read_robot_state", "read_timing", "read_history", "list_profiles",
                       "acknowledge_fault", "estimate_profile_of_cell", "revert_profile"):  # fmt: skip
         client.call(operation, 404, "nowhere")
     client.call("acknowledge_fault", 409, "spare")

@@ -4,7 +4,7 @@ import { effect } from "@preact/signals";
 import { render } from "preact";
 
 import { App } from "./app";
-import { stop } from "./state/actions";
+import { stop, stopUnseen } from "./state/actions";
 import { follow } from "./state/follow";
 import { dark, endTime, isReal, playing, running, state, time } from "./state/store";
 import "./style/page.css";
@@ -28,15 +28,14 @@ function play(): void {
   });
 }
 
-/** Escape stops whatever runs on the cell; where nothing runs it is left to dialogs and fields. */
+/** Escape stops whatever runs on the cell, also what the page has not seen yet; dialogs and fields have it besides. */
 function listenForStop(): void {
   addEventListener(
     "keydown",
     (event) => {
-      if (event.key === "Escape" && running.value) {
-        event.preventDefault();
-        void stop();
-      }
+      if (event.key !== "Escape") return;
+      if (running.value) event.preventDefault();
+      void (running.value ? stop() : stopUnseen());
     },
     { capture: true },
   );

@@ -72,6 +72,7 @@ done("acknowledge_fault", await client.POST("/cells/{name}/acknowledge", cell));
 const learnt = done("estimate_profile_of_cell", await client.POST("/cells/{name}/profiles", cell));
 const profile = { params: { path: { id: learnt.id } } };
 done("list_profiles", await client.GET("/cells/{name}/profiles", cell));
+done("read_history", await client.GET("/cells/{name}/history", cell));
 done("read_profile", await client.GET("/profiles/{id}", profile));
 done("adopt_profile", await client.POST("/profiles/{id}/adopt", profile));
 refused("plan-not-executable", 409, await client.POST("/execute", { body: order as never }));

@@ -145,6 +145,17 @@ export async function stop(): Promise<void> {
   }
 }
 
+/** Stops what runs on the cell although the page does not show it; says nothing where nothing runs. */
+export async function stopUnseen(): Promise<void> {
+  const { cell } = state.value;
+  if (cell === null) return;
+  try {
+    if ((await get<CellState>(`/cells/${cell}/state`)).execution_id !== null) await stop();
+  } catch (error) {
+    notice.value = { kind: "bad", text: `Stop did not get through: ${failed(error)} Use the emergency stop.` };
+  }
+}
+
 export async function acknowledge(cell: string): Promise<void> {
   try {
     await post(`/cells/${cell}/acknowledge`);
