@@ -176,10 +176,10 @@ def test_the_token_is_asked_for_where_it_is_needed(stack: PageStack, browser: Br
             url = f"http://127.0.0.1:{port}"
             until_answered(url)
             with visit(browser, url) as guest:
-                guest.page.get_by_label("Token", exact=True).fill("wrong")
+                guest.page.get_by_role("textbox", name="Token").fill("wrong")
                 guest.button("Use it").click()
                 expect(guest.page.get_by_text("not known to the service")).to_be_visible()
-                guest.page.get_by_label("Token", exact=True).fill(token)
+                guest.page.get_by_role("textbox", name="Token").fill(token)
                 guest.button("Use it").click()
                 guest.region("Robots").get_by_text("Ready").wait_for()
                 guest.page.reload()  # kept for the tab
@@ -225,14 +225,14 @@ def test_an_example_of_the_openapi_page_runs(stack: PageStack, browser: Browser)
     with visit(browser, f"{stack.url}/docs") as guest:
         guest.page.get_by_text("List cells").click()
         guest.button("Run").click()
-        expect(guest.page.get_by_label("Answer")).to_contain_text("200 application/json")
-        expect(guest.page.get_by_label("Answer")).to_contain_text('"ur5e-sim"')
+        expect(guest.page.get_by_label("Answer", exact=True)).to_contain_text("200 application/json")
+        expect(guest.page.get_by_label("Answer", exact=True)).to_contain_text('"ur5e-sim"')
 
 
 def test_a_real_arm_asks_once_more(stack: PageStack, browser: Browser) -> None:
     with visit(browser, stack.url) as guest:
         guest.page.get_by_label("Cell", exact=True).select_option("example-real")
-        expect(guest.page.get_by_role("banner").get_by_text("Real arm")).to_be_visible()
+        expect(guest.page.get_by_role("banner").get_by_text("Real arm", exact=True)).to_be_visible()
         guest.planned()
         guest.button("Throw on example-real").click()
         dialog = guest.page.get_by_role("dialog")

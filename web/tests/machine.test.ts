@@ -79,6 +79,14 @@ describe("the execution", () => {
     expect(change(seen, { type: "execution", execution: execution({ state: "finished" }) }).execution?.samples[0]?.missedTicks).toBe(2);
     expect(change(seen, { type: "event", id: "e2", kind: "telemetry", data: sample }).execution?.samples).toHaveLength(1);
   });
+  it("never goes back: an answer may be older than an event, or of the throw before", () => {
+    const run = after(
+      CHOSEN, { type: "runs", cell: "ur5e-sim", id: "e1" }, { type: "event", id: "e1", kind: "state", data: { state: "approaching" } },
+    );
+    expect(change(run, { type: "execution", execution: execution({ state: "preparing" }) }).execution?.state).toBe("approaching");
+    expect(change(run, { type: "execution", execution: execution({ id: "e0", state: "finished" }) }).execution?.id).toBe("e1");
+    expect(change(run, { type: "execution", execution: execution({ state: "finished" }) }).execution?.state).toBe("finished");
+  });
   it("is marked as being stopped, also by somebody else", () => {
     const run = after(CHOSEN, { type: "runs", cell: "ur5e-sim", id: "e1" });
     expect(change(run, { type: "stopping", id: "e1" }).execution?.stopping).toBe(true);

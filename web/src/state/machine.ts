@@ -128,9 +128,18 @@ function newRun(id: string, planId: string | null): Run {
   };
 }
 
+const ORDER = ["queued", "preparing", "approaching", "streaming", "braking", "finished"]; // of an execution's states
+
+/** An answer that was on its way when an event came is older than the event: a state never goes back. */
 function withExecution(state: State, execution: Execution): State {
   if (execution.cell !== state.cell) return state;
+  const shown = state.execution;
+  if (shown !== null && shown.id !== execution.id && isRunning(state) && execution.state === "finished") return state;
   const before = state.execution?.id === execution.id ? state.execution : newRun(execution.id, execution.plan_id);
+  if (ORDER.indexOf(execution.state) < ORDER.indexOf(before.state)) {
+    const stopping = before.stopping || execution.abort_requested_at !== null;
+    return { ...state, execution: { ...before, planId: execution.plan_id, stopping } };
+  }
   const run: Run = {
     ...before,
     planId: execution.plan_id,
