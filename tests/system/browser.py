@@ -68,10 +68,10 @@ class PageStack(Up):
         """Injects a fault into the simulated controller."""
         simulator_client.request(self.host, "fault", name=name, **parameters)
 
-    def plan_far_away(self) -> str:
-        """Plans a move that starts and ends far from home; the way to it takes seconds. Returns its id."""
-        far = [1.2, -1.57, 1.57, -1.57, -1.57, 0.0]
-        release = {"kind": "joint", "positions": [1.23, *far[1:]], "velocities": [0.0] * 6}
+    def plan_far_away(self, turn: float = 1.2) -> str:
+        """Plans a move that starts and ends far from home, at `turn` [rad]; the way to it takes seconds. Returns its id."""
+        far = [turn, -1.57, 1.57, -1.57, -1.57, 0.0]
+        release = {"kind": "joint", "positions": [turn + 0.03, *far[1:]], "velocities": [0.0] * 6}
         request = {"start": {"positions": far}, "release": release, "backend": "ruckig"}
         return self.http.post("/plan", json=request).raise_for_status().json()["id"]
 
@@ -142,7 +142,8 @@ class Visit:
             self.complaints.append(message.text)
 
     def _request(self, request: Request) -> None:
-        if not request.url.startswith((self.url, "blob:", "data:")):
+        own = "/".join(self.url.split("/")[:3])  # scheme, host and port
+        if not request.url.startswith((own, "blob:", "data:")):
             self.foreign.append(request.url)
 
 
