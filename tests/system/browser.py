@@ -69,7 +69,7 @@ class PageStack(Up):
         simulator_client.request(self.host, "fault", name=name, **parameters)
 
     def plan_far_away(self, turn: float = 1.2) -> str:
-        """Plans a move that starts and ends far from home, at `turn` [rad]; the way to it takes seconds. Returns its id."""
+        """Plans a move that starts and ends far from home, at `turn` [rad], seconds away. Returns its id."""
         far = [turn, -1.57, 1.57, -1.57, -1.57, 0.0]
         release = {"kind": "joint", "positions": [turn + 0.03, *far[1:]], "velocities": [0.0] * 6}
         request = {"start": {"positions": far}, "release": release, "backend": "ruckig"}

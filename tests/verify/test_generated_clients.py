@@ -225,8 +225,8 @@ def _provoke(client: PythonClient, plan: str) -> None:
                       "watch_execution", "read_landings", "abort_execution", "read_experiment", "read_profile",
                       "adopt_profile"):  # fmt: skip
         assert client.call(operation, 404, NO_ID).type_ == "/problems/not-found"
-    for operation in ("read_cell", "read_cell_model", "read_robot_state", "read_timing", "read_history", "list_profiles",
-                      "acknowledge_fault", "estimate_profile_of_cell", "revert_profile"):  # fmt: skip
+    for operation in ("read_cell", "read_cell_model", "read_robot_state", "read_timing", "read_history",
+                      "list_profiles", "acknowledge_fault", "estimate_profile_of_cell", "revert_profile"):  # fmt: skip
         client.call(operation, 404, "nowhere")
     client.call("acknowledge_fault", 409, "spare")
 
