@@ -101,13 +101,15 @@ def estimate_timing(recording: MotionRecording, ramp_rad_s2: float | None = None
         ramp_rad_s2: acceleration argument of the speedj commands [rad/s^2]; None: looked for.
 
     Raises:
-        RecordingError: no joint moves.
+        RecordingError: no joint moves, or none within the recording.
     """
     moving = [j for j, most in enumerate(np.abs(recording.command).max(axis=0)) if most > MOVING_RAD_S]
     if not moving:
         raise RecordingError(f"no joint is commanded above {MOVING_RAD_S:g} rad/s")
     ramp = _shown_ramp(recording) if ramp_rad_s2 is None else ramp_rad_s2
-    fits = _joint_fits(recording, ramp, moving)
+    fits = {j: fit for j, fit in _joint_fits(recording, ramp, moving).items() if np.abs(fit.predicted).max() > 0.0}
+    if not fits:
+        raise RecordingError("the recording ends before any joint follows its command")
     lag, std = _pooled_lag(fits)
     joints = [_joint_timing(fits[j], recording.time_s) if j in fits else _unmoved() for j in range(JOINTS)]
     rms = math.sqrt(float(np.mean([np.mean(fit.residual**2) for fit in fits.values()])))
@@ -184,7 +186,8 @@ def _gauss_newton(
             jacobian = jacobian * np.array([1.0, 0.0, 1.0])
         normal = jacobian.T @ jacobian + np.diag(prior)
         normal[1, 1] += 0.0 if free_first_order else 1.0
-        step = np.linalg.solve(normal, jacobian.T @ residual - prior * (theta - mean))
+        right = jacobian.T @ residual - prior * (theta - mean)
+        step = np.linalg.lstsq(normal, right, rcond=None)[0]  # least norm: a lag that the data does not show stays
         theta = _within_bounds(theta + step)
         prior = _prior_weights(math.sqrt(float(np.mean(residual**2))))
     predicted, jacobian = shapes(theta, None if free_first_order else fixed)

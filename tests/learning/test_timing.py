@@ -122,3 +122,11 @@ def test_a_motion_that_stands_still_has_no_lag() -> None:
     t = np.arange(100) * 0.008
     with pytest.raises(RecordingError, match="no joint"):
         estimate_timing(MotionRecording(t, np.zeros((100, 6)), np.zeros((100, 6))))
+
+
+def test_a_run_that_ends_before_the_arm_follows_shows_no_lag():
+    """The stream died within one lag of its first command: nothing that was measured depends on the lag."""
+    t = np.arange(60) * 0.002
+    command = np.where(t[:, None] > 0.112, 0.5, 0.0) * np.ones(6)
+    with pytest.raises(RecordingError, match="ends before any joint follows"):
+        estimate_timing(MotionRecording(t, command, np.zeros((60, 6))), 40.0)
