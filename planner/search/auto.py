@@ -14,7 +14,7 @@ from planner.certificate import Check, flight_obstruction
 from planner.errors import SolverFailed
 from planner.problem import JointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.search.incumbent import CertifiedSolution, PlanningSearch, certified
-from planner.search.policy import LAST_POLICY, POLICY, Stage, release_state_given
+from planner.search.policy import POLICY, Stage, release_state_given
 from planner.search.ranking import RankedCandidate, Ranking
 from planner.seeds import Seed
 from planner.solution import Solution
@@ -38,11 +38,10 @@ def search_optimised(search: PlanningSearch, ranking: Ranking, policy: Sequence[
     with_ruckig = search.problem.backend == "auto"
     if with_ruckig and release_state_given(search, ranking):
         search.lower_bound_s = _least_release_time(search.problem.dt, ranking)
-    first_optimised = next((stage for stage in policy if stage.backend == "casadi"), None)
     for stage in policy:
         if stage.backend == "casadi":
             _optimise(search, stage, ranking)
-            if with_ruckig and stage is first_optimised and policy is not LAST_POLICY:
+            if with_ruckig and stage.then_in_hand:
                 take_in_hand(search, ranking)
         elif with_ruckig:
             _certify_ruckig(search, stage, ranking)

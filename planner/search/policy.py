@@ -84,6 +84,7 @@ class Stage:
         condition: checked before every candidate.
         iterations: solver iterations after which the stage ends ("casadi").
         with_ipopt: whether IPOPT solves where fatrop gives up ("casadi").
+        then_in_hand: whether Ruckig's motions are taken in hand after it, also past the deadline ("casadi").
         variants: launch variants that are tried ("ruckig").
         order: of the ranking; "arrival" takes the `TIMED_MAX` of least bound by the slowest joint's own time.
     """
@@ -94,6 +95,7 @@ class Stage:
     condition: Condition
     iterations: int = 0
     with_ipopt: bool = False
+    then_in_hand: bool = False
     variants: Sequence[ruckig_otg.LaunchVariant] = ruckig_otg.VARIANTS
     order: Literal["rank", "arrival"] = "rank"
 
@@ -101,7 +103,7 @@ class Stage:
 # An iteration takes 2 to 4 ms. Of 1000 random requests, larger budgets answer one more, and take longer to refuse.
 POLICY: tuple[Stage, ...] = (
     Stage("ruckig", "soonest arrivals", slice(0, 2), release_state_given, variants=("free",), order="arrival"),
-    Stage("casadi", "soonest seeds", slice(0, 2), none_optimised, iterations=300),
+    Stage("casadi", "soonest seeds", slice(0, 2), none_optimised, iterations=300, then_in_hand=True),
     Stage("casadi", "further seeds for a slow throw", slice(0, SEEDS_MAX), throw_is_slow, iterations=300),
     Stage("ruckig", "sooner motions", slice(0, 6), always),
     Stage("casadi", "one more seed", slice(2, 3), none_optimised, iterations=200),
@@ -112,7 +114,7 @@ POLICY: tuple[Stage, ...] = (
 # Under tighter limits, for motions sooner than what was found under the request's own.
 TIGHTER_POLICY: tuple[Stage, ...] = (
     Stage("ruckig", "soonest arrivals", slice(0, 2), release_state_given, variants=("free",), order="arrival"),
-    Stage("casadi", "soonest seeds", slice(0, 2), nothing_certified, iterations=300),
+    Stage("casadi", "soonest seeds", slice(0, 2), nothing_certified, iterations=300, then_in_hand=True),
     Stage("casadi", "last seeds", slice(2, SEEDS_MAX), no_incumbent, iterations=200),
     Stage("ruckig", "sooner motions", slice(0, 6), always),
 )
