@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -23,6 +23,7 @@ REST_SPEED = 1e-9  # [rad/s, m/s] a release slower than this is a move that ends
 # planner process of low priority beside twelve busy ones takes up to fifty times as long.
 TIME_LIMIT_S = 120.0
 TIME_LIMIT_MAX_S = 120.0  # [s] longest time that one request may occupy a planner
+BINS_KEPT = 32  # [-] cells with a bin of late
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,9 +151,7 @@ class ThrowProblem:
             return self.cell
         radius, rim = release.opening.radius_m, release.opening.rim_height_m
         aside, top = np.array([radius, radius, 0.0]), np.array([radius, radius, rim])
-        block = Box(release.p_W - aside, release.p_W + top, "bin")
-        around = self.cell.surroundings
-        return replace(self.cell, surroundings=replace(around, keep_out=(*around.keep_out, block)))
+        return _cell_with_block(self.cell, (*(release.p_W - aside),), (*(release.p_W + top),))
 
     @property
     def dt(self) -> float:
@@ -189,6 +188,13 @@ class ThrowProblem:
     def is_robust(self) -> bool:
         """Whether the landing tolerance must hold for a window of release times."""
         return self.release_window_s > 0.0 and self.landing_tolerance_m > 0.0 and not self.ends_at_rest
+
+
+@lru_cache(maxsize=BINS_KEPT)
+def _cell_with_block(cell: Cell, lower: tuple[float, ...], upper: tuple[float, ...]) -> Cell:
+    """Returns the cell with one more keep-out box; the same one for the same bin, as caches know cells by identity."""
+    block, around = Box(np.array(lower), np.array(upper), "bin"), cell.surroundings
+    return replace(cell, surroundings=replace(around, keep_out=(*around.keep_out, block)))
 
 
 def _start_errors(q: Array, limits: Limits) -> list[FieldError]:

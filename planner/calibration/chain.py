@@ -55,9 +55,7 @@ def transforms_of_links(links: Sequence[Array], flange: Array) -> Array:
             "the first joint's axis is not the z axis of the base, as in every controller's own table; "
             "where the base stands belongs to [base_in_world]"
         )
-    screw = turn_z(float(np.arctan2(first[1, 0], first[0, 0])))
-    screw[2, 3] = first[2, 3]
-    return np.array([screw @ links[1], *links[2:], flange])
+    return np.array([_screw(first) @ links[1], *links[2:], flange])
 
 
 def fixed_transforms(robot: Robot) -> Array:

@@ -22,7 +22,7 @@ from planner.arrays import Array
 from planner.calibration.chain import ImplausibleChain, calibrated, transforms_of_links, turn_z
 from planner.errors import CellError
 from planner.robots import Robot
-from planner.rotations import invert_pose
+from planner.rotations import invert_pose, pose
 
 LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
 COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
@@ -84,12 +84,8 @@ def _pose(entry: object, where: str) -> Array:
         raise CellError(where, entry, f"must have exactly {', '.join(COORDINATES)}")
     x, y, z, roll, pitch, yaw = (_number(entry[key], f"{where}.{key}") for key in COORDINATES)
     cr, sr, cp, sp = math.cos(roll), math.sin(roll), math.cos(pitch), math.sin(pitch)
-    X = np.eye(4)
-    X[:3, :3] = np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
-    X[:3, 3] = x, y, z
-    turned = turn_z(yaw) @ X
-    turned[:3, 3] = x, y, z
-    return turned
+    R = turn_z(yaw)[:3, :3] @ np.array([[cp, sp * sr, sp * cr], [0.0, cr, -sr], [-sp, cp * sr, cp * cr]])
+    return pose(np.array([x, y, z]), R)
 
 
 def _number(value: object, where: str) -> float:

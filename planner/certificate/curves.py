@@ -157,7 +157,8 @@ def _loads(shown: ShownMotion) -> list[Curve]:
 
 
 def _clearances(shown: ShownMotion) -> list[Curve]:
-    motion, t, ends, around = shown.motion, shown.t, shown.ends, shown.problem.cell.surroundings
+    motion, t, ends = shown.motion, shown.t, shown.ends
+    around = motion.body.cell.surroundings  # with the bin of the request
     found = [shown.of_one("floor", "m", moving_heights(motion, t, ends).min(axis=0), lower=around.clearance_m)]
     if len(motion.body.pairs):
         found.append(
@@ -165,18 +166,14 @@ def _clearances(shown: ShownMotion) -> list[Curve]:
         )
     if around.keep_out:
         gaps = box_gaps(motion, t, ends).min(axis=1)
-        boxes = tuple(Series(f"box {i}", gap, around.clearance_m) for i, gap in enumerate(gaps))
+        rows = zip(around.keep_out_names, gaps, strict=True)
+        boxes = tuple(Series(name, gap, around.clearance_m) for name, gap in rows)
         found.append(Curve("keep_out", "m", t, boxes))
     if around.keep_in:
-        boxes = tuple(Series(f"box {i}", _inside(shown.arm.p_WT, box), 0.0) for i, box in enumerate(around.keep_in))
+        inside = motion.body.wall_distances(ends)
+        boxes = tuple(Series(f"box {i}", gap, 0.0) for i, gap in enumerate(inside))
         found.append(Curve("keep_in", "m", t, boxes))
     return found
-
-
-def _inside(p: Array, box: object) -> Array:
-    """Returns how far points (3, k) are inside a box (k,) [m]."""
-    lower, upper = (np.asarray(getattr(box, side))[:, None] for side in ("lower", "upper"))
-    return np.minimum(p - lower, upper - p).min(axis=0)
 
 
 def _singularities(shown: ShownMotion) -> list[Curve]:

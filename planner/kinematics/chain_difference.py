@@ -10,6 +10,7 @@ import numpy as np
 from planner.arrays import Array, read_only
 from planner.kinematics.forward_kinematics import forward
 from planner.robots import Robot
+from planner.rotations import angle_between
 
 POSTURES = 2000  # [-] evenly drawn postures on which two arms are compared: the largest found is the largest to 5 %
 DIFFERENCES_KEPT = 64  # pairs of arms whose difference is cached
@@ -34,9 +35,8 @@ def chain_difference(first: Robot, second: Robot) -> ChainDifference:
     """Returns how far two arms are apart."""
     X, Y = (forward(robot, _postures()) for robot in (first, second))
     apart = np.linalg.norm(X[:, :3, 3] - Y[:, :3, 3], axis=1)
-    chord = np.linalg.norm(X[:, :3, :3] - Y[:, :3, :3], axis=(1, 2)).max()  # sqrt(8) sin(angle / 2)
-    turned = 2.0 * np.arcsin(min(1.0, float(chord) / np.sqrt(8.0)))
-    return ChainDifference(float(np.median(apart)), float(apart.max()), float(turned))
+    turned = max(angle_between(R, S) for R, S in zip(X[:, :3, :3], Y[:, :3, :3], strict=True))
+    return ChainDifference(float(np.median(apart)), float(apart.max()), turned)
 
 
 @lru_cache(maxsize=1)

@@ -15,9 +15,8 @@ from planner.flight import least_speed
 from planner.geometry import body_model, tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.search.released_flight import released_flight_blocked
-from planner.search.throw_range import farthest_reach_from_shoulder, out_of_range, shoulder_position
+from planner.search.throw_range import SLACK, farthest_reach_from_shoulder, out_of_range, shoulder_position
 
-SLACK = 1e-3  # [m, m/s, rad/s] beyond the certificate's tolerances on release and landing, all below it
 RIM_POINTS = 2048  # [-] places on the rim of the arm's reach from which a target is aimed at
 RIM_FIRST = 32  # [-] one of so many is looked at first: a target that can be reached from there is not refused
 

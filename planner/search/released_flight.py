@@ -11,12 +11,11 @@ import numpy as np
 from planner.arrays import Array
 from planner.errors import Violation
 from planner.flight import fly, path
-from planner.geometry import body_model, segment_box_distance, tool_state
+from planner.geometry import body_model, segment_box_distance, segment_segment_distance, tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 
 STEP_S = 0.001  # [s] between the instants that are looked at; a contact in between is left to the certificate
 COARSE = 16  # [-] steps between the instants that are looked at first: most flights stay far from everything
-TINY_M2 = 1e-18  # [m^2] squared length below which a segment is a point
 SLACK_M = 0.002  # [m] depth from which a contact is proven: the certificate lets the release deviate by less
 
 
@@ -74,15 +73,6 @@ def _gaps(problem: ThrowProblem, x: Array) -> dict[str, Array]:
     radius = cell.object.radius_m
     boxes = enumerate(cell.surroundings.keep_out)
     gaps = {f"box {i}": segment_box_distance(x, x, box.lower, box.upper) - radius for i, box in boxes}
-    ends = body.end_points(body.link_poses(problem.start[None]))[..., 0]
-    for i in np.flatnonzero(body.frames == 0):
-        gaps[body.names[i]] = _from_segment(x, *ends[i]) - body.radii[i] - radius
+    for i, start, end, thick in zip(np.flatnonzero(body.frames == 0), *body.base_shapes, strict=True):
+        gaps[body.names[i]] = segment_segment_distance(x, x, start, end) - thick - radius
     return gaps
-
-
-def _from_segment(x: Array, start: Array, end: Array) -> Array:
-    """Returns the distances (n,) [m] of points (n, 3) from a segment."""
-    along = end - start
-    share = (x - start) @ along / max(float(along @ along), TINY_M2)
-    apart = x - start - np.minimum(np.maximum(share, 0.0), 1.0)[:, None] * along
-    return np.sqrt((apart * apart).sum(axis=1))

@@ -110,9 +110,10 @@ def out_of_range(problem: ThrowProblem, release: TargetRelease) -> OutOfRange | 
         needed[np.linalg.norm(places.x, axis=1) - places.radius > reach] = np.inf
         given = bound.most(np.linalg.norm(places.x, axis=1) - places.radius)
         excluded = needed > given + SLACK
-        for i in np.flatnonzero(excluded & np.isfinite(needed)):
-            if needed[i] - given[i] < closest.least_needed - closest.most_possible:
-                closest = OutOfRange(float(needed[i]), float(given[i]))
+        lacking = np.where(excluded & np.isfinite(needed), needed - given, np.inf)
+        i = int(lacking.argmin())
+        if lacking[i] < closest.least_needed - closest.most_possible:
+            closest = OutOfRange(float(needed[i]), float(given[i]))
         places = places.parts(~excluded)
     return closest if math.isfinite(closest.least_needed) else None
 

@@ -45,7 +45,9 @@ def clear_flights(problem: ThrowProblem, release: TargetRelease, p: Array, v: Ar
         p: release positions (..., 3) [m].
         v: release velocities (..., 3) [m/s].
     """
-    around = problem.cell.surroundings
+    around, beside_base = problem.cell.surroundings, _lands_beside_base(problem, release)
+    if not beside_base and not has_flight_obstacles(problem):
+        return np.ones(v.shape[:-1], dtype=bool)
     p = np.broadcast_to(p, v.shape)
     arcs = Arcs.onto(p, v, float(release.p_W[2]), problem.gravity, problem.cell.object.radius_m)
     clear = np.ones(v.shape[:-1], dtype=bool)
@@ -55,10 +57,10 @@ def clear_flights(problem: ThrowProblem, release: TargetRelease, p: Array, v: Ar
     if release.opening is not None:
         mouth = release.opening
         clear &= arcs.enter_mouth(release.p_W, mouth.radius_m, mouth.rim_height_m)
-    return clear & _miss_base(problem, arcs) if lands_beside_base(problem, release) else clear
+    return clear & _miss_base(problem, arcs) if beside_base else clear
 
 
-def lands_beside_base(problem: ThrowProblem, release: TargetRelease) -> bool:
+def _lands_beside_base(problem: ThrowProblem, release: TargetRelease) -> bool:
     """Returns whether a target is so near to the arm's base that flights to it may end there."""
     gaps = _gaps_to_base(problem, release.p_W)
     return bool((gaps < problem.cell.object.radius_m + BESIDE_BASE_M).any())

@@ -22,8 +22,6 @@ from planner.rotations import invert_pose, quaternion_to_matrix
 from planner.seeds.flight_filter import (
     clear_flights,
     flight_times,
-    has_flight_obstacles,
-    lands_beside_base,
     leave_through_opening,
 )
 from planner.seeds.quasi_random import joint_offsets, quaternions
@@ -244,8 +242,7 @@ def _best_flights(
     Where `reduced`, the largest share of a joint's speed limit is reduced: half of the time.
     """
     v, ok = _launches(problem, release, p, thorough)
-    if has_flight_obstacles(problem) or lands_beside_base(problem, release):
-        ok &= clear_flights(problem, release, p, v)
+    ok &= clear_flights(problem, release, p, v)
     J, R_BW = tool_jacobian(problem, q), problem.cell.X_WB[:3, :3].T
     qd = allocate_velocity(J, v @ R_BW.T, problem.limits.qd_max, ok & reduced)
     best, rows = np.where(ok, penalised_bound(problem, q, qd), np.inf).argmin(axis=0), np.arange(len(q))

@@ -162,5 +162,5 @@ def test_a_missing_library_is_named_with_its_extra(name, monkeypatch):
     solve, extra = OPTIONAL[name]
     monkeypatch.setitem(sys.modules, name, None)
     problem = joint_problem()
-    with pytest.raises(BackendUnavailable, match=rf"fling\[{extra}\]"):
+    with pytest.raises(BackendUnavailable, match=rf"fling-robotics\[{extra}\]"):
         solve(problem, candidates(problem)[0])
