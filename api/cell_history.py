@@ -7,6 +7,7 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any
 
+from api.schemas import iso_time
 from store import CellVersionRow
 
 CALIBRATION = "calibration file"  # a change of its content; its name is the key kinematics.calibration
@@ -22,13 +23,12 @@ def changed_keys(before: CellVersionRow, after: CellVersionRow) -> list[dict[str
     return changes
 
 
-def history_document(cell: str, versions: list[CellVersionRow], iso_time: Any) -> dict[str, Any]:
+def history_document(cell: str, versions: list[CellVersionRow]) -> dict[str, Any]:
     """Returns the JSON of a cell's versions, newest first, each with what changed from the one before.
 
     Args:
         cell: Name of the cell.
         versions: Newest first.
-        iso_time: Formats a time.
     """
     earlier = [*versions[1:], None]
     listed = [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Sequence
 from typing import Any
 
@@ -19,9 +19,10 @@ def throws_of(
 ) -> list[Throw]:
     """Returns one document a throw, in the order of the executions."""
     targets = {plan.id: _target(plan) for plan in plans}
-    return [
-        _throw(row, targets.get(row.plan_id), [x for x in landings if x.execution_id == row.id]) for row in executions
-    ]
+    seen: dict[str, list[LandingRow]] = defaultdict(list)
+    for landing in landings:
+        seen[landing.execution_id].append(landing)
+    return [_throw(row, targets.get(row.plan_id), seen[row.id]) for row in executions]
 
 
 def statistics_of(throws: Sequence[Throw]) -> dict[str, Any]:

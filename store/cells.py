@@ -7,9 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from sqlalchemy import Connection, insert, select, update
-from sqlalchemy.dialects import postgresql, sqlite
 
-from store.database import Repository, reading, writing
+from store.database import Repository, insert_if_new, reading, writing
 from store.idempotency_and_audit import write_audit
 from store.rows import AuditLine, CellRow, CellVersionRow
 from store.tables import cell_versions, cells
@@ -84,8 +83,7 @@ class CellVersionRepository(Repository):
         while newest is None or newest[1] != sha256:
             row = CellVersionRow(cell, newest[0] + 1 if newest else 1, sha256, text, calibration, time.time(), seen_by)
             with writing(self._engine) as connection:
-                insert_new = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}[connection.dialect.name]
-                connection.execute(insert_new(cell_versions).values(**vars(row)).on_conflict_do_nothing())
+                connection.execute(insert_if_new(connection, cell_versions, **vars(row)))
                 newest = _newest(connection, cell)  # somebody else's, if that was first
         return newest[0]
 

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from sqlalchemy import Connection, Engine, Select, Table, create_engine, event, make_url
+from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.exc import SQLAlchemyError
 
 from store.outages import WORDS, OutageLog, kind_of
@@ -134,6 +135,12 @@ def free_bytes(engine: Engine) -> float:
 def outage_log(engine: Engine) -> OutageLog:
     """Returns the log of the outages of an engine's database."""
     return engine.get_execution_options()["fling_outage_log"]
+
+
+def insert_if_new(connection: Connection, table: Table, **values: Any) -> Any:
+    """Returns the statement that inserts a row unless one with its key is there; SQLAlchemy has it a dialect each."""
+    insert = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}[connection.dialect.name]
+    return insert(table).values(**values).on_conflict_do_nothing()
 
 
 class Repository:

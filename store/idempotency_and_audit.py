@@ -6,9 +6,8 @@ import time
 from typing import Any
 
 from sqlalchemy import Connection, insert, select
-from sqlalchemy.dialects import postgresql, sqlite
 
-from store.database import Repository, StoreError, reading, writing
+from store.database import Repository, StoreError, insert_if_new, reading, writing
 from store.rows import AuditLine, IdempotencyKey
 from store.tables import audit, idempotency
 
@@ -41,8 +40,7 @@ def take_key(connection: Connection, key: IdempotencyKey | None, resource_id: st
     if key is None:
         return
     row = {"scope": key.scope, "key": key.key, "body_sha256": key.body_sha256, "resource_id": resource_id}
-    insert_row = {"sqlite": sqlite.insert, "postgresql": postgresql.insert}[connection.dialect.name](idempotency)
-    unless_taken = insert_row.values(**row, created_at=at).on_conflict_do_nothing()  # waits for the same key's request
+    unless_taken = insert_if_new(connection, idempotency, **row, created_at=at)  # waits for the same key's request
     if connection.execute(unless_taken.returning(idempotency.c.key)).first() is not None:
         return
     taken = _find(connection, key)

@@ -7,7 +7,7 @@ import time
 
 from sqlalchemy import insert, select
 
-from store.database import Repository, reading, writing
+from store.database import Repository, writing
 from store.idempotency_and_audit import write_audit
 from store.rows import AuditLine, ProfileRow, new_id
 from store.tables import adoptions, profiles
@@ -56,6 +56,5 @@ class ProfileRepository(Repository):
     def adopted_profile(self, cell: str) -> ProfileRow | None:
         """Returns the profile that a cell uses; None where it uses the cell file's numbers."""
         newest = select(adoptions.c.profile_id).where(adoptions.c.cell == cell).order_by(adoptions.c.id.desc()).limit(1)
-        with reading(self._engine) as connection:
-            id = connection.execute(newest).scalar_one_or_none()
+        id = self._value(newest)
         return None if id is None else self.profile(id)

@@ -12,7 +12,7 @@ from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, delete, exists, select
 
-from store.database import Repository, reading, writing
+from store.database import Repository, writing
 from store.tables import events, executions, idempotency, landings, plans, recordings
 
 DAY_S = 86400.0  # [s]
@@ -56,9 +56,7 @@ class RetentionRepository(Repository):
             bounds.append(table.c.created_at < now - days * DAY_S)
         if count is not None:
             newest = select(table.c.id).where(where).order_by(table.c.id.desc()).offset(count).limit(1)
-            with reading(self._engine) as connection:
-                first_given_up = connection.execute(newest).scalar_one_or_none()
-            bounds.append(table.c.id <= (first_given_up or ""))
+            bounds.append(table.c.id <= (self._value(newest) or ""))
         if not bounds:
             return None
         either = bounds[0] if len(bounds) == 1 else bounds[0] | bounds[1]

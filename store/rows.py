@@ -9,7 +9,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from store.samples import join_plan, samples_csv
+import orjson
+
+from store.samples import join_plan, samples_csv, trajectory_json
 
 HEARTBEAT_FRESH_S = 2.0  # [s] an executor beats several times a second
 
@@ -50,6 +52,13 @@ class PlanRow:
         """The whole JSON; the summary where the trajectory was not read."""
         return self.earlier_document or (join_plan(self.summary, self.samples) if self.samples else self.summary)
 
+    @property
+    def trajectory(self) -> bytes:
+        """The JSON of the trajectory alone, where it was read."""
+        if self.samples:
+            return trajectory_json(self.samples)
+        return orjson.dumps(orjson.loads(self.earlier_document)["trajectory"])
+
 
 @dataclass(frozen=True)
 class ExecutionRow:
@@ -76,7 +85,7 @@ class ExecutionRow:
 
 @dataclass(frozen=True)
 class EventRow:
-    """One event of an execution; `kind` is "state", "telemetry" or "note"."""
+    """One event of an execution; `kind` is "state" or "telemetry"."""
 
     id: int
     execution_id: str

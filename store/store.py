@@ -6,11 +6,11 @@ import errno
 import time
 from typing import Self
 
-from sqlalchemy import text, update
+from sqlalchemy import update
 
 from store import migrations
 from store.cells import CellStatusRepository, CellVersionRepository
-from store.database import StoreError, StoreUnavailable, free_bytes, open_engine, outage_log, probing, reading
+from store.database import StoreError, StoreUnavailable, free_bytes, open_engine, outage_log, probing
 from store.executions import ExecutionRepository
 from store.experiments import ExperimentRepository
 from store.idempotency_and_audit import ClientRepository
@@ -67,15 +67,6 @@ class Store(
             return migrations.upgrade(engine)
         finally:
             engine.dispose()
-
-    def is_reachable(self) -> bool:
-        """Returns whether the database answers."""
-        try:
-            with reading(self._engine) as connection:
-                connection.execute(text("SELECT 1 FROM plans LIMIT 1"))
-        except StoreUnavailable:
-            return False
-        return True
 
     def check_writable(self) -> None:
         """Writes one row; a database that is locked is waited for a moment only.

@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from api.cli.support.client import ServiceClient, ServiceError
+from api.cli.support.errors import FlingGroup
 from api.cli.support.exit_status import NotCompleted
 from api.cli.support.progress import execute_plan
 from api.cli.throw import service_options, service_url
@@ -41,7 +42,7 @@ def picture_option(command: Any) -> Any:
     return click.option("--picture", type=kind, help="SVG of the landings, before and after.")(command)
 
 
-@click.group()
+@click.group(cls=FlingGroup)
 def calibrate() -> None:
     """Measure what a cell's own motions and throws teach."""
 
@@ -259,7 +260,7 @@ def _milliseconds(timing: dict[str, Any]) -> str:
     return f"{1e3 * timing['lag_s']:.2f} ± {1e3 * timing['lag_std_s']:.2f} ms"
 
 
-@click.group()
+@click.group(cls=FlingGroup)
 def profile() -> None:
     """List, show, adopt or revert what was learnt of a cell."""
 

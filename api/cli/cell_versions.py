@@ -20,10 +20,9 @@ CELL = click.option("--cell", "name", help="Cell; default: FLING_DEFAULT_CELL.")
 def history(name: str | None, as_json: bool) -> None:
     """List the versions of a cell file that service or executor have seen, with what changed."""
     from api.cell_history import history_document
-    from api.schemas import iso_time
 
     path, versions = _versions(name)
-    document = history_document(path.stem, versions, iso_time)
+    document = history_document(path.stem, versions)
     if as_json:
         click.echo(json.dumps(document, indent=2))
         return

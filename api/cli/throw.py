@@ -1,4 +1,4 @@
-"""Commands that call a running service: throw, acknowledge."""
+"""Commands that call a running service: throw, abort, acknowledge."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""HTTP in general, whatever the resource: errors, middleware, tokens, content negotiation, OpenAPI, the server."""
+"""HTTP in general, whatever the resource: errors, middleware, tokens, content negotiation, OpenAPI."""
 
 from api.http.draining import DrainingMiddleware
 from api.http.errors import (
@@ -19,7 +19,6 @@ from api.http.openapi import json_answer, openapi_schema, operation_id, problem_
 from api.http.request_log import RequestLogMiddleware, RequestRecord, client_address
 from api.http.tokens import (
     Caller,
-    StoredToken,
     TokenRegistry,
     create_token,
     find_token,
@@ -37,7 +36,6 @@ __all__ = [
     "RequestLogMiddleware",
     "RequestRecord",
     "SecurityMiddleware",
-    "StoredToken",
     "StrictJsonRoute",
     "TokenRegistry",
     "WrongTokens",

@@ -36,8 +36,11 @@ def refuse_ambiguous(body: bytes) -> None:
     twice: list[str] = []
 
     def read(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        keys = [key for key, _ in pairs]
-        twice.extend(key for i, key in enumerate(keys) if key in keys[:i])
+        seen: set[str] = set()
+        for key, _ in pairs:
+            if key in seen:
+                twice.append(key)
+            seen.add(key)
         return dict(pairs)
 
     try:

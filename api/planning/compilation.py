@@ -16,8 +16,8 @@ from collections.abc import Callable
 from contextlib import suppress
 
 COMPILER = (sys.executable, "-P", "-m", "planner.backends.casadi_nlp.codegen")
-POLL_S = 0.2  # [s] within which a compilation ends once an execution begins: the approach alone takes longer
 NICENESS = 10  # as the planner processes
+POLL_S = 0.2  # [s] within which a compilation ends once an execution begins: the approach alone takes longer
 
 log = logging.getLogger("fling")
 

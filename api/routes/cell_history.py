@@ -11,7 +11,7 @@ from api.cell_history import history_document
 from api.dependencies import AnyCaller, ServiceDep
 from api.http import json_answer
 from api.routes.cells import CellName
-from api.schemas import CellHistory, iso_time
+from api.schemas import CellHistory
 from planner.errors import CellError
 
 router = APIRouter(tags=["cells"])
@@ -27,4 +27,4 @@ def read_history(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSON
     with suppress(CellError):  # a file that is refused has a history all the same
         service.cell(name)
         service.cell_version(name)
-    return JSONResponse(history_document(name, service.store.cell_versions(name), iso_time))
+    return JSONResponse(history_document(name, service.store.cell_versions(name)))

@@ -76,7 +76,7 @@ def landing_document(row: LandingRow) -> dict[str, Any]:
 
 
 def _created(row: LandingRow | None) -> JSONResponse:
-    assert row is not None  # landings are never deleted
+    assert row is not None  # retention deletes no young throw, and keys with their landings
     return JSONResponse(landing_document(row), 201, {"Location": f"/executions/{row.execution_id}/landing"})
 
 

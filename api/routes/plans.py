@@ -85,7 +85,7 @@ async def make_plan(
     id = None if key is None else await run_in_threadpool(service.store.resource_of_key, key)
     if id is None:
         id = await _solve_and_store(body, service, key, origin.request_id)
-    row = await run_in_threadpool(service.store.plan, id)
+    row = await run_in_threadpool(service.store.plan if trajectory else service.store.plan_summary, id)
     assert row is not None  # retention deletes no young plan, and keys with their plans
     content = row.document if trajectory else row.summary
     return Response(content, 201, {"Location": f"/plans/{row.id}"}, "application/json")
@@ -133,8 +133,7 @@ def read_trajectory(
     row = find_plan(service, id)
 
     def answer() -> Response:
-        trajectory = orjson.loads(row.document)["trajectory"]
-        content = _trajectory_csv(trajectory) if media == "text/csv" else orjson.dumps(trajectory)
+        content = _trajectory_csv(orjson.loads(row.trajectory)) if media == "text/csv" else row.trajectory
         return Response(content, headers={"Vary": "Accept"}, media_type=media)
 
     return unchanging(known, f"{row.id}-{media.rpartition('/')[2]}-{fling_version()}", answer)

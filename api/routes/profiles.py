@@ -37,7 +37,7 @@ def estimate_profile_of_cell(
     version = service.cell_version(name)
     document = profile_bytes(estimate_profile(service.store, cell))
     row = service.store.add_profile(name, cell.sha256, caller.name, document, origin.act(caller, "profile"), version)
-    return JSONResponse(_whole(service, row), 201, {"Location": f"/profiles/{row.id}"})
+    return JSONResponse(_whole(row, _adopted_id(service, name)), 201, {"Location": f"/profiles/{row.id}"})
 
 
 @router.get(
@@ -49,7 +49,7 @@ def list_profiles(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSO
     """Lists what was learnt of a cell, newest first, and which profile it uses."""
     service.cell(name)
     adopted = _adopted_id(service, name)
-    rows = [{k: v for k, v in _whole(service, row).items() if k not in WHOLE_ONLY}
+    rows = [{k: v for k, v in _whole(row, adopted).items() if k not in WHOLE_ONLY}
             for row in service.store.profiles_of_cell(name)]  # fmt: skip
     return JSONResponse({"cell": name, "adopted": adopted, "profiles": rows})
 
@@ -61,13 +61,14 @@ def list_profiles(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSO
 )
 def read_profile(id: ProfileId, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
     """Reads one profile with its evidence and its posterior."""
-    return JSONResponse(_whole(service, _find(service, id)))
+    row = _find(service, id)
+    return JSONResponse(_whole(row, _adopted_id(service, row.cell)))
 
 
 @router.get("/profiles/{id}/picture.svg", include_in_schema=False)
 def draw_profile(id: ProfileId, service: ServiceDep, caller: AnyCaller) -> Response:
     """Draws the throws behind a profile: off where they were to land, and off where the profile expects them."""
-    landings = _whole(service, _find(service, id)).get("landings") or []
+    landings = orjson.loads(_find(service, id).document).get("landings") or []
     return Response(explained_svg(landings), media_type="image/svg+xml")
 
 
@@ -122,8 +123,8 @@ def _adopted_id(service: Service, cell: str) -> str | None:
     return None if row is None else row.id
 
 
-def _whole(service: Service, row: ProfileRow) -> dict[str, Any]:
-    """Returns the JSON of a profile."""
+def _whole(row: ProfileRow, adopted_id: str | None) -> dict[str, Any]:
+    """Returns the JSON of a profile of a cell that uses `adopted_id`."""
     head = {"id": row.id, "created_at": iso_time(row.created_at), "created_by": row.created_by, "sha256": row.sha256}
     head["cell_version"] = row.cell_version
-    return {**head, "adopted": _adopted_id(service, row.cell) == row.id, **orjson.loads(row.document)}
+    return {**head, "adopted": adopted_id == row.id, **orjson.loads(row.document)}

@@ -56,7 +56,7 @@ def test_a_locked_database(sqlite_url: str, monkeypatch: pytest.MonkeyPatch):
     other.execute("BEGIN IMMEDIATE")
     error = outage_of(store.check_writable)
     assert (error.kind, error.advice) == ("locked", "the database is locked by another process")
-    assert store.is_reachable()  # readers need no lock
+    assert store.plans(limit=1) == ([], None)  # readers need no lock
     other.execute("ROLLBACK")
     other.close()
     store.check_writable()
@@ -67,7 +67,7 @@ def test_a_locked_database(sqlite_url: str, monkeypatch: pytest.MonkeyPatch):
 
 def test_a_locked_postgresql(store: Store, database_url: str):
     if database_url.startswith("sqlite"):
-        pytest.skip("see above")
+        pytest.skip("SQLite has a test of its own; `make verify` runs this one on PostgreSQL")
     engine = open_engine(database_url)
     with engine.begin() as connection:
         connection.exec_driver_sql("LOCK TABLE probes")

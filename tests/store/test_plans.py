@@ -5,7 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from store import IdempotencyKey, KeyTaken, Store, new_id, split_plan
+from store import IdempotencyKey, KeyTaken, Store, StoreUnavailable, new_id, split_plan
 from tests.store.conftest import TRAJECTORY
 
 
@@ -78,7 +78,8 @@ def test_ids_sort_by_time_and_are_version_7():
 
 
 def test_a_closed_store_and_a_missing_table_are_not_reachable(store: Store):
-    assert store.is_reachable()
+    store.plans(limit=1)
     with store._engine.begin() as connection:
         connection.exec_driver_sql("ALTER TABLE plans RENAME TO gone")
-    assert not store.is_reachable()
+    with pytest.raises(StoreUnavailable):
+        store.plans(limit=1)
