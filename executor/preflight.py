@@ -9,7 +9,7 @@ import orjson
 from numpy.typing import NDArray
 
 from executor.robot import KinematicsInfo, RobotSession, RobotState
-from executor.streaming.state_checks import NORMAL, OUTPUT_SHIFT, SAFETY_WORDS
+from executor.streaming.state_checks import NORMAL, OUTPUT_SHIFT, ROBOT_RUNNING, SAFETY_WORDS
 from learning import cell_with_profile
 from planner.calibration import ImplausibleChain, calibrated, transforms_of_table
 from planner.cell import Cell
@@ -24,7 +24,6 @@ from store import ProfileRow
 
 Vector = NDArray[np.float64]
 
-RUNNING = 7  # robot_mode; source: RTDE guide
 ROBOT_MODES = {
     -1: "no controller",
     0: "disconnected",
@@ -169,7 +168,7 @@ def _control(cell: Cell, remote: str | None) -> Iterator[str]:
 
 
 def _condition(state: RobotState) -> Iterator[str]:
-    if state.robot_mode != RUNNING:
+    if state.robot_mode != ROBOT_RUNNING:
         yield f"the robot is {ROBOT_MODES.get(state.robot_mode, f'in mode {state.robot_mode}')}"
     if state.safety_bits != NORMAL:
         words = [name for bit, name in SAFETY_WORDS.items() if state.safety_bits >> bit & 1]

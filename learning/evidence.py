@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -85,7 +84,7 @@ def _evidence(store: Store, cell: Cell, arm: StreamedArm, row: ExecutionRow) -> 
     except (PlannerError, KeyError, TypeError):
         return None  # a plan of an earlier version of Fling
     recording = store.recording(row.id)
-    columns = {} if recording is None or not recording.csv else _columns(recording.csv)
+    columns = {} if recording is None else _columns(*recording.table)
     off = _deviations(columns, trajectory) if columns else None
     landings = [] if _in_the_way(numbers) else store.landings(row.id)
     position, lead = _position(landings), trajectory.release_time_s - float(sent)
@@ -111,10 +110,8 @@ def _planned_landing(problem: ThrowProblem, trajectory: Trajectory) -> Array:
     return np.full(2, np.nan) if flight is None else flight.landing_point[:2]
 
 
-def _columns(csv: bytes) -> dict[str, Array]:
+def _columns(header: Sequence[str], table: Array) -> dict[str, Array]:
     """Returns clock (n,), positions (n, 6) and speeds (n, 6) of a recording; empty without enough rows."""
-    header = csv.split(b"\n", 1)[0].decode().split(",")
-    table = np.loadtxt(io.BytesIO(csv), delimiter=",", skiprows=1, ndmin=2)
     if len(table) < 2:
         return {}
     q, qd = ([header.index(f"{name}_{j}_{unit}") for j in range(6)] for name, unit in (("q", "rad"), ("qd", "rad_s")))

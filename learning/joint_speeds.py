@@ -44,10 +44,6 @@ class JointSpeeds:
         """Returns the expected deviation from planned speeds (..., 6) [rad/s]."""
         return self.gain_error * planned_qd
 
-    def variance(self, planned_qd: Array) -> Array:
-        """Returns the variance of that deviation (..., 6) [rad^2/s^2]."""
-        return (self.gain_std * planned_qd) ** 2 + self.scale / (self.shape - 1.0)
-
     def drawn(self, rng: np.random.Generator, planned_qd: Array, count: int, repeats: int) -> Array:
         """Returns deviations (count, repeats, 6) from `planned_qd` (6,): `count` arms, `repeats` throws of each."""
         gains = self.gain_error + self.gain_std * rng.standard_normal((count, 1, 6))

@@ -51,11 +51,6 @@ class ThrowTable:
         return replace(self, qd=self.qd + qd)
 
     @property
-    def late_s(self) -> Array:
-        """Release times after the planned one (m,) [s]."""
-        return np.asarray(STEP_S * (np.arange(len(self.qd)) - len(self.qd) // 2), float)
-
-    @property
     def planned(self) -> int:
         """Row of the planned release."""
         return len(self.qd) // 2
@@ -119,7 +114,6 @@ class Throws:
         self.gravity = np.array([table.gravity for table in tables])
         self.p_WB = np.stack([table.p_WB for table in tables])
         self.J = np.stack([table.J for table in tables])
-        self.qd = np.stack([table.qd for table in tables])
 
     def __len__(self) -> int:
         return len(self.p)

@@ -9,9 +9,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import orjson
+from numpy.typing import NDArray
 
-from store.samples import join_plan, samples_csv, trajectory_json
+from store.samples import join_plan, samples_csv, samples_of_csv, trajectory_json, unpack_samples
 
 HEARTBEAT_FRESH_S = 2.0  # [s] an executor beats several times a second
 
@@ -108,6 +110,12 @@ class RecordingRow:
     mcap: bytes
     samples: bytes | None
     earlier_csv: bytes = b""
+
+    @property
+    def table(self) -> tuple[list[str], NDArray[np.float64]]:
+        """Names of the columns, and the rows (n, columns); both empty where nothing was recorded."""
+        samples = self.samples or (samples_of_csv(self.earlier_csv) if self.earlier_csv else None)
+        return unpack_samples(samples)[:2] if samples else ([], np.zeros((0, 0)))
 
     @property
     def csv(self) -> bytes:

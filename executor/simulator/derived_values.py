@@ -27,6 +27,8 @@ class DerivedValues:
 
     def __init__(self, controller: Controller) -> None:
         self.controller = controller
+        # A measured table may have the second frame far along its axis: the elbow is where the published one has it.
+        self.elbow_links = kinematics.PublishedChain(controller.cell.robot.published).links[:2]
         self.functions: dict[str, Callable[[], Vector]] = {
             "elbow_position": lambda: self._elbow()[0],
             "elbow_velocity": lambda: self._elbow()[1],
@@ -56,9 +58,7 @@ class DerivedValues:
 
     def _elbow(self) -> tuple[list[float], list[float]]:
         arm = self.controller.arm
-        # A measured table may have the second frame far along its axis: the elbow is where the published one has it.
-        links = kinematics.PublishedChain(self.controller.cell.robot.published).links[:2]
-        return point_motion(links, arm.measured_q, arm.measured_qd, kinematics.IDENTITY)
+        return point_motion(self.elbow_links, arm.measured_q, arm.measured_qd, kinematics.IDENTITY)
 
     def _tcp_acceleration(self) -> list[float]:
         """Returns the change of the commanded twist over the last cycle."""
@@ -113,7 +113,7 @@ def linear_momentum(
     Args:
         links: as for `point_motion`.
         bodies: mass [kg] and centre of mass, in the frame of its link, of the body on each link.
-        q, qd: joint positions and speeds [rad, rad/s].
+        q, qd: joint positions, with the offsets of the arm's table, and speeds [rad, rad/s].
     """
     pose = kinematics.IDENTITY
     wx = wy = wz = vx = vy = vz = mx = my = mz = 0.0  # spin and speed of the link's origin; momentum so far

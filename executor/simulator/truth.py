@@ -236,7 +236,7 @@ def _timing(table: Mapping[str, Any], cycle_s: float) -> MotionTiming:
     where = "timing."
     lag_s = number(table, "lag_s", where, cycle_s, LAG_MAX_S)
     left_s = lag_s - cycle_s
-    values = {**table, "first_order_s": table["first_order_s"]}
+    values = dict(table)
     if values["first_order_s"] is None:
         values["first_order_s"] = min(FIRST_ORDER_S, left_s / 2.0)
     if values["output_delay_s"] is None:

@@ -58,7 +58,7 @@ def test_a_streaming_process_that_dies_or_freezes(rig: Rig, number: signal.Signa
     row = rig.end(id)
     assert row.outcome == "executor_lost", row.reason
     dropped = len(rig.world()["releases"]) - released
-    assert dropped == 0 or when == "release"  # held by the daemon, where its 40 ms are enough on this machine
+    assert 0 <= dropped <= (when == "release")  # held by the daemon, where its 40 ms are enough on this machine
     assert not streamer.is_running()  # reaped, not a zombie
     refuses_until_acknowledged(rig)
 

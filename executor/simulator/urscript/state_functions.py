@@ -127,7 +127,7 @@ STATE_FUNCTIONS: dict[str, Signature] = {
     "get_standard_digital_out": _getter("standard_digital"),
     "get_configurable_digital_out": _getter("configurable_digital"),
     "get_tool_digital_out": _getter("tool_digital"),
-    "get_standard_digital_in": signature("n", lambda c, n: False),  # nothing is wired to the inputs
+    "get_standard_digital_in": signature("n", lambda c, n: False),  # scripts do not see what `digital_input` switches
     "read_input_boolean_register": _register(lambda c: c.registers.bit_in, bool),
     "read_input_integer_register": _register(lambda c: c.registers.int_in, int),
     "read_input_float_register": _register(lambda c: c.registers.double_in, float),
