@@ -4,7 +4,7 @@ import { effect } from "@preact/signals";
 import { render } from "preact";
 
 import { App } from "./app";
-import { stop, stopUnseen } from "./state/actions";
+import { stop } from "./state/actions";
 import { follow } from "./state/follow";
 import { dark, endTime, isReal, playing, running, state, time } from "./state/store";
 import "./style/page.css";
@@ -35,7 +35,7 @@ function listenForStop(): void {
     (event) => {
       if (event.key !== "Escape") return;
       if (running.value) event.preventDefault();
-      void (running.value ? stop() : stopUnseen());
+      void stop(!running.value);
     },
     { capture: true },
   );

@@ -5,7 +5,7 @@ import { type Pose, poseOfRows, type Vector } from "../src/model/poses";
 import { durationOf, stateAt } from "../src/model/samples";
 import numbers from "./model-numbers.json";
 
-const TOLERANCE = 1e-12; // [m, 1] what the issue asks of nine arms
+const TOLERANCE = 1e-12; // [m, 1] rounding, on nine arms
 
 function chainOf(arm: (typeof numbers.arms)[number]): Chain {
   const transforms = arm.transforms

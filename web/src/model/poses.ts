@@ -3,8 +3,6 @@
 export type Vector = readonly [number, number, number];
 export type Pose = Float64Array; // 16 numbers, row-major: three.js keeps its matrices in single precision, by columns
 
-export const IDENTITY: Pose = Float64Array.of(1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1);
-
 /** Returns a pose from its four rows. */
 export function poseOfRows(rows: readonly (readonly number[])[]): Pose {
   return Float64Array.from(rows.flat());
@@ -49,18 +47,6 @@ export function axisOf(pose: Pose, axis: 0 | 1 | 2): Vector {
 export function transformed(pose: Pose, [x, y, z]: Vector): Vector {
   const row = (i: number): number => pose[i]! * x + pose[i + 1]! * y + pose[i + 2]! * z + pose[i + 3]!;
   return [row(0), row(4), row(8)];
-}
-
-/** Returns a pose from a position [m] and a unit quaternion [x, y, z, w]. */
-export function poseOf(position: Vector, quaternion: readonly [number, number, number, number]): Pose {
-  const length = Math.hypot(...quaternion);
-  const [x, y, z, w] = quaternion.map((value) => value / length) as [number, number, number, number];
-  return Float64Array.of(
-    ...[1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w), position[0]],
-    ...[2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w), position[1]],
-    ...[2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y), position[2]],
-    ...[0, 0, 0, 1],
-  );
 }
 
 /** Returns a + s b. */

@@ -73,7 +73,6 @@ function mountScene(host: HTMLElement, data: ReportData, theme: Theme): Scene | 
     scene.setModel(data.model);
     scene.setTarget(targetOf(data.plan));
     scene.setPlan(data.plan, "valid");
-    scene.setCurves(data.curves);
     scene.setLandings(data.landings, data.ellipse);
     new ResizeObserver(() => scene.resize()).observe(canvas);
     host.append(toolbar(scene, data.plan.id));

@@ -26,15 +26,11 @@ const PAUSE_MS = 2000; // [ms] a longer gap is a pause, not a slow frame
 
 /** Chooses the level from the times between frames. */
 export class DetailControl {
-  level: number;
+  level = 0;
   private last = Number.NaN;
   private slow = 0;
   private fast = 0;
   private patience = FAST_FRAMES;
-
-  constructor(first = 0) {
-    this.level = first;
-  }
 
   /** Takes note of a frame at `now` [ms] while things move; returns whether the level has changed. */
   frame(now: number): boolean {

@@ -57,7 +57,7 @@ class ThrowScene implements face.Scene {
   ) {
     this.palette = paletteOf(options.theme);
     this.real = options.realArm ?? false;
-    this.stage = new Stage(canvas, options.plain ?? false);
+    this.stage = new Stage(canvas);
     this.camera = new CameraMove(this.stage.camera, this.stage.lookedAt);
     this.stage.setActors({ step: (now) => this.camera.step(now) });
     this.stage.controls.addEventListener("start", () => this.camera.stop());
@@ -95,8 +95,6 @@ class ThrowScene implements face.Scene {
     this.pose();
     if (this.motion && appearance === "valid") this.look(false);
   }
-
-  setCurves(): void {} // everything that is drawn follows from plan and model
 
   setTime(time_s: number): void {
     this.time = time_s;
@@ -294,8 +292,9 @@ class ThrowScene implements face.Scene {
     const { motion, live, time } = this;
     const since = motion?.flies ? time - motion.releaseTime : Number.NEGATIVE_INFINITY;
     const gone = live ? live.object === "gone" : since >= 0;
-    this.arm.move(this.posture(), gone ? Math.min(1, live ? 1 : since / GRIPPER_OPENS_S) : 0);
-    const held = positionOf(toolPose(this.cell.chain, this.posture()));
+    const q = this.posture();
+    this.arm.move(q, gone ? Math.min(1, live ? 1 : since / GRIPPER_OPENS_S) : 0);
+    const held = positionOf(toolPose(this.cell.chain, q));
     this.thrown.root.visible = !gone || motion !== null;
     this.thrown.place(gone && motion ? motion.objectAt(Math.max(time, motion.releaseTime)) : held, this.cell.floorZ);
     this.material.color.set(live && !live.connected ? 0x9aa3ad : 0xffffff);

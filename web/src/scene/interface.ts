@@ -3,7 +3,7 @@
 //
 // Units are SI, positions and velocities in the world frame of the cell, joints from base to wrist 3.
 
-import type { CellModel, Curves, Plan } from "../service/types";
+import type { CellModel, Plan } from "../service/types";
 
 export type Vector3 = readonly [number, number, number];
 export type Joints = readonly number[]; // (6) [rad] or [rad/s]
@@ -59,8 +59,6 @@ export interface Obstacle {
 
 export interface SceneOptions {
   readonly theme: Theme;
-  /** Fewer triangles and no shadows from the beginning; otherwise detail falls by itself where frames are slow. */
-  readonly plain?: boolean;
   readonly realArm?: boolean;
   /** A person drags: called once a frame at most. */
   onTargetMoved?(position: Vector3): void;
@@ -78,8 +76,6 @@ export interface Scene {
   /** Arm, tool, floor and boxes of a cell; clears everything that belonged to another cell. */
   setModel(model: CellModel): void;
   setPlan(plan: Plan | null, appearance: PlanAppearance): void;
-  /** Tool's path, clearances and distances along the plan; null while they load. */
-  setCurves(curves: Curves | null): void;
   /** Time on the plan's clock [s]; after the release the object flies along, up to the landing. */
   setTime(time_s: number): void;
   /** The solid arm; with a live state the plan is drawn as a ghost, without one the arm follows `setTime`. */

@@ -10,7 +10,6 @@ import { StillPicture } from "./still";
 const FIELD_OF_VIEW_DEG = 34;
 const PIXEL_RATIO_MAX = 2; // more is not seen
 const REST_MS = 700; // [ms] without motion, after which the picture is drawn in full; a moving arm is reported more often
-const PLAIN_LEVEL = 3; // first level of detail where a person wants little
 
 /** What the stage asks before each frame. */
 export interface Actors {
@@ -41,14 +40,11 @@ export class Stage {
   private readonly software: boolean; // no graphics processor
   private readonly seenFrom: Matrix4;
 
-  constructor(
-    readonly canvas: HTMLCanvasElement,
-    plain: boolean,
-  ) {
+  constructor(readonly canvas: HTMLCanvasElement) {
     this.software = drawsInSoftware();
     this.renderer = new WebGLRenderer({ canvas, antialias: !this.software, powerPreference: "high-performance" });
     this.renderer.info.autoReset = false;
-    this.detail = new DetailControl(plain ? PLAIN_LEVEL : 0);
+    this.detail = new DetailControl();
     this.camera.up.set(0, 0, 1);
     this.camera.position.set(1.5, -3, 1.7);
     this.seenFrom = this.camera.matrixWorld.clone();

@@ -125,32 +125,22 @@ function newKey(): string {
   return [...crypto.getRandomValues(new Uint8Array(16))].map((byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
-/** Brakes whatever runs on the cell on the screen, whoever started it. */
-export async function stop(): Promise<void> {
+/** Brakes whatever runs on the cell on the screen, whoever started it; where nothing runs, it says so unless `quiet`. */
+export async function stop(quiet = false): Promise<void> {
   const { cell, execution } = state.value;
   if (cell === null) return;
-  playing.value = 0;
+  if (!quiet) playing.value = 0;
   try {
     const known = execution !== null && execution.state !== "finished" ? execution.id : null;
     const id = known ?? (await get<CellState>(`/cells/${cell}/state`)).execution_id;
     if (id === null) {
-      notice.value = { kind: "good", text: `Nothing is running on ${cell}.` };
+      if (!quiet) notice.value = { kind: "good", text: `Nothing is running on ${cell}.` };
       return;
     }
+    playing.value = 0;
     dispatch({ type: "stopping", id });
     dispatch({ type: "execution", execution: await post<Execution>(`/executions/${id}/abort`) });
     notice.value = { kind: "good", text: `Stop was sent to ${cell}.` };
-  } catch (error) {
-    notice.value = { kind: "bad", text: `Stop did not get through: ${failed(error)} Use the emergency stop.` };
-  }
-}
-
-/** Stops what runs on the cell although the page does not show it; says nothing where nothing runs. */
-export async function stopUnseen(): Promise<void> {
-  const { cell } = state.value;
-  if (cell === null) return;
-  try {
-    if ((await get<CellState>(`/cells/${cell}/state`)).execution_id !== null) await stop();
   } catch (error) {
     notice.value = { kind: "bad", text: `Stop did not get through: ${failed(error)} Use the emergency stop.` };
   }

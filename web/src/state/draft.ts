@@ -230,11 +230,6 @@ function poseTexts(release: Extract<PlanRequest["release"], { kind: "pose" }>): 
   };
 }
 
-/** Returns the target's position where it can be read [m]; null for other releases or half a number. */
-export function targetPosition(draft: Draft): [number, number, number] | null {
-  return draft.kind === "target" ? vector(draft.target) : null;
-}
-
 export function vector(values: readonly string[]): [number, number, number] | null {
   const [x, y, z] = values.map((value) => (value.trim() === "" ? NaN : Number(value.replace(",", "."))));
   if (x === undefined || y === undefined || z === undefined) return null;

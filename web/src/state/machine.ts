@@ -64,7 +64,6 @@ export type Change =
   | { readonly type: "refused"; readonly revision: number; readonly problem: ProblemDocument }
   | { readonly type: "gave-up"; readonly revision: number }
   | { readonly type: "preview"; readonly plan: Plan | null }
-  | { readonly type: "cleared" }
   | { readonly type: "runs"; readonly cell: string; readonly id: string }
   | { readonly type: "execution"; readonly execution: Execution }
   | { readonly type: "event"; readonly id: string; readonly kind: string; readonly data: Record<string, unknown> }
@@ -94,8 +93,6 @@ export function change(state: State, what: Change): State {
       return { ...state, planning: ended(state, what.revision) };
     case "preview":
       return { ...state, preview: what.plan };
-    case "cleared":
-      return { ...state, problem: null };
     case "runs":
       return what.cell === state.cell && state.execution?.id !== what.id
         ? { ...state, execution: newRun(what.id, null) }
@@ -128,7 +125,11 @@ function newRun(id: string, planId: string | null): Run {
   };
 }
 
-const ORDER = ["queued", "preparing", "approaching", "streaming", "braking", "finished"]; // of an execution's states
+export const PHASES = ["queued", "preparing", "approaching", "streaming", "braking", "finished"] as const;
+
+function order(phase: string): number {
+  return PHASES.indexOf(phase as (typeof PHASES)[number]);
+}
 
 /** An answer that was on its way when an event came is older than the event: a state never goes back. */
 function withExecution(state: State, execution: Execution): State {
@@ -136,7 +137,7 @@ function withExecution(state: State, execution: Execution): State {
   const shown = state.execution;
   if (shown !== null && shown.id !== execution.id && isRunning(state) && execution.state === "finished") return state;
   const before = state.execution?.id === execution.id ? state.execution : newRun(execution.id, execution.plan_id);
-  if (ORDER.indexOf(execution.state) < ORDER.indexOf(before.state)) {
+  if (order(execution.state) < order(before.state)) {
     const stopping = before.stopping || execution.abort_requested_at !== null;
     return { ...state, execution: { ...before, planId: execution.plan_id, stopping } };
   }
@@ -200,11 +201,17 @@ export function isArmed(state: State): boolean {
   return planStanding(state) === "valid" && state.planning === null && state.preview === null && !isRunning(state);
 }
 
+/** Where a plan aims, in the world: its target, or where its object lands; null for a move that ends at rest. */
+export function aimOf(plan: Plan): readonly number[] | null {
+  const release = plan.request["release"] as { kind?: string; position?: number[] } | undefined;
+  const inWorld = release?.kind === "target" && plan.request["frame"] !== "base";
+  return (inWorld ? release.position : plan.flight?.landing_point) ?? null;
+}
+
 /** Label of the button that moves the arm: names the cell and where the object goes. */
 export function throwLabel(plan: Plan | null): string {
   if (plan === null) return "Throw";
-  const release = plan.request["release"] as { kind?: string; position?: number[] } | undefined;
-  const place = release?.kind === "target" && plan.request["frame"] !== "base" ? release.position : plan.flight?.landing_point;
+  const place = aimOf(plan);
   if (!place) return `Throw on ${plan.cell}: a move that ends at rest`;
   return `Throw on ${plan.cell} to (${place.slice(0, 2).map((x) => x.toFixed(2)).join(", ")})`;
 }

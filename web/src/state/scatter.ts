@@ -1,5 +1,7 @@
 // Spread of landings about their targets. Pure.
 
+import type { LandingList } from "../service/types";
+
 export type Offset = readonly [number, number]; // landing less target, x and y [m]
 
 export interface Spread {
@@ -9,6 +11,11 @@ export interface Spread {
 }
 
 const LEAST = 3; // landings below which an ellipse says nothing
+
+/** Where the newest observation saw an object land, in the world; null without one. */
+export function seenAt(list: readonly LandingList["landings"][number][]): readonly number[] | null {
+  return list.filter((landing) => landing.position !== null).at(-1)?.position ?? null;
+}
 
 /** Returns the ellipse of two standard deviations; null for fewer than three landings. */
 export function ellipseOf(points: readonly Offset[]): Spread | null {

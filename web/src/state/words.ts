@@ -1,6 +1,6 @@
 // What the page says, in words: states, outcomes, stops and what to do after them, refusals. Pure.
 
-import type { CellState, CellSummary, Execution, Plan, Violation } from "../service/types";
+import type { CellState, CellSummary, Execution, Plan } from "../service/types";
 import type { Run } from "./machine";
 
 export type Tone = "good" | "bad" | "busy" | "idle";
@@ -18,11 +18,6 @@ export function length(metres: unknown): string {
   return Math.abs(metres) < 1 ? `${figure(metres * 1000, metres < 0.01 ? 2 : 3)} mm` : `${figure(metres)} m`;
 }
 
-export function place(position: readonly number[] | null | undefined): string {
-  return position ? `(${position.slice(0, 2).map((x) => x.toFixed(2).replace("-", "−")).join(", ")})` : "–";
-}
-
-export const PHASES = ["queued", "preparing", "approaching", "streaming", "braking", "finished"] as const;
 export const PHASE_WORDS: Readonly<Record<string, string>> = {
   queued: "Queued",
   preparing: "Preflight",
@@ -171,16 +166,6 @@ const CONSTRAINT_WORDS: Readonly<Record<string, string>> = {
 
 export function constraintWords(name: string): string {
   return CONSTRAINT_WORDS[name] ?? name.replaceAll("_", " ").replace(/^./, (first) => first.toUpperCase());
-}
-
-/** One violation as a sentence: what it would take, what there is, why. */
-export function violationWords(violation: Violation): string {
-  const { constraint, value, limit, unit, detail } = violation;
-  const size =
-    value === null || limit === null
-      ? ""
-      : `: it would take ${figure(value)} ${unit}, the limit is ${figure(limit)} ${unit}`.replaceAll(" -", "");
-  return `${constraintWords(constraint)}${size}${detail ? ` (${detail})` : ""}.`;
 }
 
 /** What the plan promises, in a sentence or two. */

@@ -3,11 +3,12 @@
 import type { JSX } from "preact";
 
 import type { Plan } from "../service/types";
-import type { Run, Sample } from "../state/machine";
+import { aimOf, PHASES, type Run, type Sample } from "../state/machine";
+import { seenAt } from "../state/scatter";
 import { JOINTS } from "../curves/quantities";
 import { answered, cellName, cellState, execution, landings, picking, runPlan } from "../state/store";
 import {
-  ADVICE, figure, keyNumbers, OUTCOME_WORDS, outcomeTone, PHASE_WORDS, PHASES, preflight,
+  ADVICE, figure, keyNumbers, OUTCOME_WORDS, outcomeTone, PHASE_WORDS, preflight,
 } from "../state/words";
 import { Icon } from "./icons";
 
@@ -139,9 +140,8 @@ function Numbers({ run, plan }: { run: Run; plan: Plan | null }): JSX.Element {
 
 /** Horizontal distance of the newest observed landing from the target [m]; null without either. */
 export function observedError(id: string, plan: Plan | null): number | null {
-  const seen = landings.value[id]?.filter((landing) => landing.position !== null).at(-1)?.position;
-  const release = plan?.request["release"] as { kind?: string; position?: number[] } | undefined;
-  const aim = release?.kind === "target" ? release.position : plan?.flight?.landing_point;
+  const seen = seenAt(landings.value[id] ?? []);
+  const aim = plan && aimOf(plan);
   if (!seen || !aim) return null;
   return Math.hypot((seen[0] ?? 0) - (aim[0] ?? 0), (seen[1] ?? 0) - (aim[1] ?? 0));
 }

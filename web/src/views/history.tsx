@@ -4,7 +4,8 @@ import type { JSX } from "preact";
 
 import { call } from "../service/client";
 import type { Execution } from "../service/types";
-import { ellipseOf, type Offset } from "../state/scatter";
+import { aimOf } from "../state/machine";
+import { ellipseOf, type Offset, seenAt } from "../state/scatter";
 import { adopt, learn, revert } from "../state/actions";
 import { cellName, failed, history, landings, notice, profiles, targets } from "../state/store";
 import { figure, length, OUTCOME_WORDS, outcomeTone } from "../state/words";
@@ -99,10 +100,12 @@ function Download({ id, media, suffix }: { id: string; media: string; suffix: st
 function offsets(runs: readonly Execution[]): Offset[] {
   const found: Offset[] = [];
   for (const run of runs) {
-    const release = targets.value[run.plan_id]?.request["release"] as { kind?: string; position?: number[] } | undefined;
-    const seen = landings.value[run.id]?.filter((landing) => landing.position !== null).at(-1)?.position;
-    if (release?.kind !== "target" || !release.position || !seen) continue;
-    found.push([(seen[0] ?? 0) - (release.position[0] ?? 0), (seen[1] ?? 0) - (release.position[1] ?? 0)]);
+    const plan = targets.value[run.plan_id];
+    const release = plan?.request["release"] as { kind?: string } | undefined;
+    const seen = seenAt(landings.value[run.id] ?? []);
+    const aim = plan && release?.kind === "target" ? aimOf(plan) : null;
+    if (!aim || !seen) continue;
+    found.push([(seen[0] ?? 0) - (aim[0] ?? 0), (seen[1] ?? 0) - (aim[1] ?? 0)]);
   }
   return found;
 }

@@ -9,9 +9,10 @@ import { call } from "../service/client";
 import { drag, drop, reportLanding, takeNearest } from "../state/actions";
 import { type Draft, vector } from "../state/draft";
 import {
-  answered, cellName, cellState, curves, dark, draft, execution, isReal, landings, model, picking, preview, problem, runId, running,
+  answered, cellName, cellState, dark, draft, execution, isReal, landings, model, picking, preview, problem, runId, running,
   shown, standing, time,
 } from "../state/store";
+import { seenAt } from "../state/scatter";
 
 const LOADERS = import.meta.glob<{ createScene: CreateScene }>("../scene/index.ts");
 
@@ -119,7 +120,6 @@ function keepInStep(scene: Scene, canvas: HTMLCanvasElement | null): () => void 
       if (model.value !== null) scene.setModel(model.value);
     }),
     effect(() => showPlan(scene)),
-    effect(() => scene.setCurves(curves.value !== null && curves.value.planId === shown.value?.id ? curves.value.value : null)),
     effect(() => scene.setTime(time.value)),
     effect(() => showLive(scene)),
     effect(() => showRequest(scene)),
@@ -187,13 +187,13 @@ const JOINT_NAMES = ["shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist
 function obstacleOf(violation: { constraint: string; value: number | null; limit: number | null; detail?: string }): Obstacle {
   const detail = violation.detail ?? "";
   const joint = JOINT_NAMES.findIndex((name) => detail.startsWith(`${name}_joint`) || detail.includes(` ${name}_joint`));
-  const box = /keep_(in|out)\D*(\d+)/.exec(`${detail} ${violation.constraint}`);
+  const box = /\bbox (\d+)/.exec(detail);
   return {
     constraint: violation.constraint,
     value: violation.value,
     limit: violation.limit,
     joint: joint < 0 ? null : joint,
-    box: box ? { kind: box[1] === "in" ? "keep_in" : "keep_out", index: Number(box[2]) } : null,
+    box: box ? { kind: violation.constraint === "keep_in" ? "keep_in" : "keep_out", index: Number(box[1]) } : null,
   };
 }
 
@@ -201,7 +201,7 @@ function showLandings(scene: Scene): void {
   void model.value;
   const newest = runId.value;
   const dots: Landing[] = Object.entries(landings.value).flatMap(([id, list]) => {
-    const seen = list.filter((landing) => landing.position !== null).at(-1)?.position;
+    const seen = seenAt(list);
     return seen ? [{ id, position: seen as unknown as Vector3, newest: id === newest }] : [];
   });
   const plan = shown.value;
