@@ -31,10 +31,11 @@ from api.http import (
 )
 from api.logs import REQUESTS, configure_logs
 from api.metrics import Metrics
-from api.planning import PlannerPool, PlanningJob, compile_when_idle
+from api.planning import PlannerPool, compile_when_idle
 from api.routes import ROUTERS
 from api.settings import ServiceSettings, is_loopback_host
 from api.store_probe import StoreProbe
+from batch.jobs import PlanningJob
 from store import Retention, Store, StoreError
 
 DESCRIPTION = (

@@ -27,7 +27,7 @@ from typing import Any
 import httpx2
 import numpy as np
 
-from api.planning import PlanningJob, initialise, solve
+from batch.jobs import PlanningJob, initialise, solve
 from planner.cell import read_source
 from store import Store
 

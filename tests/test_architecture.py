@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-ROOMS = ("fling", "planner", "store", "learning", "api", "executor", "benchmarks")
+ROOMS = ("fling", "planner", "store", "learning", "batch", "api", "executor", "benchmarks")
 FOLDERS = (*ROOMS, "tests", "docs")  # that hold code of this project
 FUNCTION_LINES_MAX = 40
 MODULE_LINES_MAX = 400
@@ -74,7 +74,9 @@ PLANTED = {
     "api-layers": ("api/report/picture.py", "api.http"),
     "api-routes": ("api/routes/plans.py", "api.routes.executions"),
     "api-http": ("api/http/errors.py", "api.http.middleware"),
-    "api-planning": ("api/planning/worker.py", "api.planning.pool"),
+    "batch-without-web": ("batch/jobs/odds.py", "fastapi"),
+    "batch-jobs": ("batch/jobs/aiming.py", "batch.jobs.work"),
+    "api-planning": ("api/planning/compilation.py", "api.planning.pool"),
     "api-report": ("api/report/picture.py", "api.report.page"),
     "api-scene": ("api/scene/cell_model.py", "api.scene.plan_curves"),
     "api-schemas": ("api/schemas/requests.py", "api.schemas.responses"),
@@ -109,6 +111,7 @@ FACES = (
     "planner.cell",
     "store",
     "learning",
+    "batch.jobs",
     "api.cli",
     "api.http",
     "api.planning",

@@ -12,7 +12,7 @@ import click
 from api.cli.support.summary import plan_text
 
 if TYPE_CHECKING:
-    from api.planning import Planned
+    from batch.jobs import Planned
 
 
 @click.command()
@@ -79,9 +79,9 @@ def _plan(body: Any, cells: Path | None, cell: str | None) -> Planned:
 
     from api.cell_repository import CellRepository
     from api.http import invalid_field
-    from api.planning import PlanningJob, solve
     from api.schemas import iso_time
     from api.settings import ServiceSettings
+    from batch.jobs import PlanningJob, solve
     from store import new_id
 
     settings = ServiceSettings()

@@ -13,8 +13,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from typing import Any
 
-from api.planning import worker
-from api.planning.worker import Planned, PlanningJob
+from batch.jobs import Planned, PlanningJob, has_compiled_solvers, initialise, solve
 from planner.errors import SolverFailed
 
 GRACE_S = 20.0  # [s] beyond `time_limit_s`: solver calls under way, the search for the nearest request, a busy machine
@@ -60,7 +59,7 @@ class PlannerPool:
         count: int,
         queue: int,
         warm_up: PlanningJob | None = None,
-        solve: Callable[[Any], Any] = worker.solve,
+        solve: Callable[[Any], Any] = solve,
         grace_s: float = GRACE_S,
     ) -> None:
         self._count, self._capacity = count, count + queue
@@ -135,13 +134,13 @@ class PlannerPool:
 
     def _new(self) -> ProcessPoolExecutor:
         context = get_context("spawn")  # never fork: this process has threads
-        return ProcessPoolExecutor(self._count, context, worker.initialise, (self._warm_up_job,))
+        return ProcessPoolExecutor(self._count, context, initialise, (self._warm_up_job,))
 
     async def _use(self, executor: ProcessPoolExecutor) -> ProcessPoolExecutor:
         """Returns these processes once they are loaded; they are used from now on."""
         loop, loaded = asyncio.get_running_loop(), False
         try:
-            loading = [loop.run_in_executor(executor, worker.has_compiled_solvers) for _ in range(self._count)]
+            loading = [loop.run_in_executor(executor, has_compiled_solvers) for _ in range(self._count)]
             self.is_compiled, loaded = all(await asyncio.gather(*loading)), True
         finally:
             if not loaded:

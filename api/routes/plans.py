@@ -23,7 +23,7 @@ from api.http import (
     translate,
     unchanging,
 )
-from api.planning import Planned, PlanningEnded, PlanningJob, PlanningQueueFull
+from api.planning import PlanningEnded, PlanningQueueFull
 from api.report import plan_svg
 from api.schemas import (
     PLAN_EXAMPLES,
@@ -35,6 +35,7 @@ from api.schemas import (
     TrajectoryAnswer,
     iso_time,
 )
+from batch.jobs import Planned, PlanningJob
 from planner.cell import Cell, CellSource
 from planner.errors import CellError, PlannerError
 from planner.problem import TIME_LIMIT_S

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from api.planning.odds import plan_for_odds
+from batch.jobs.odds import plan_for_odds
 from benchmarks.learning.plans import benchmark_cell
 from learning import CellKnowledge, ReleasePosterior
 from learning.joint_speeds import JointSpeeds

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from api.planning.aiming import hit_probability, hit_radius_m, plan_aimed
+from batch.jobs.aiming import hit_probability, hit_radius_m, plan_aimed
 from learning import CellKnowledge
 from planner.certificate import release_flight
 from planner.errors import TIME_LIMIT, Infeasible, PlannerError, SolverFailed, Violation

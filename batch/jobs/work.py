@@ -93,9 +93,9 @@ def solve(job: PlanningJob) -> Planned:
     Raises:
         PlannerError: The planner refused the request, found no plan, or gave up.
     """
-    from api.planning.aiming import learnt_fields, plan_aimed
-    from api.planning.duration import check_duration, check_limits
-    from api.planning.odds import plan_for_odds
+    from batch.jobs.aiming import learnt_fields, plan_aimed
+    from batch.jobs.duration import check_duration, check_limits
+    from batch.jobs.odds import plan_for_odds
     from learning import cell_with_profile, knowledge_of, prior_knowledge
     from planner.plan_document import plan_document
     from planner.request import problem_from_request
