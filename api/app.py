@@ -10,13 +10,13 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware.gzip import GZipMiddleware
 
 from api import fling_version
 from api.cell_repository import CellRepository
-from api.dependencies import Service
+from api.dependencies import Service, known_query
 from api.execution_feed import ExecutionFeeds
 from api.http import (
     DrainingMiddleware,
@@ -76,6 +76,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         redoc_url=None,
         redirect_slashes=False,
         generate_unique_id_function=operation_id,
+        dependencies=[Depends(known_query)],
     )
     app.state.tokens, app.state.is_draining = tokens, False
     app.add_middleware(GZipMiddleware, minimum_size=COMPRESSED_BYTES, compresslevel=COMPRESSION)

@@ -72,11 +72,11 @@ def _versions(name: str | None) -> tuple[Path, list[CellVersionRow]]:
     """Returns the path of the cell file and its versions; the present file is one, unless it is refused."""
     from api.cell_repository import CellRepository
     from api.cli.support.processes import cell_path
-    from api.settings import ServiceSettings
+    from api.settings import parse_settings
     from planner.errors import CellError
     from store import Store, StoreError
 
-    settings = ServiceSettings()
+    settings = parse_settings()
     path = cell_path(settings.cells, name or settings.default_cell)
     try:
         store = Store.open(settings.database_url)

@@ -35,12 +35,9 @@ def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> 
     """
     from api.cli.support.addresses import require_free
     from api.cli.support.processes import ChildFailed, ChildProcesses, are_interpreted, catch_signals, start_all
-    from api.settings import SettingsError, read_settings
+    from api.settings import read_settings
 
-    try:
-        settings = read_settings(default_cell=cell, port=port)
-    except SettingsError as error:
-        raise click.ClickException(str(error)) from error
+    settings = read_settings(default_cell=cell, port=port)
     name, number = cell or settings.default_cell, port or settings.port
     address = _prepare(settings.cells, name, settings.database_url)
     simulated = address.kind == "sim"
@@ -92,12 +89,9 @@ def serve(**flags: object) -> None:
     """Run the service alone: HTTP on one address, with its planner processes."""
     from api.app import serve as run
     from api.cli.support.addresses import require_free
-    from api.settings import SettingsError, read_settings
+    from api.settings import read_settings
 
-    try:
-        settings = read_settings(**flags)
-    except SettingsError as error:
-        raise click.ClickException(str(error)) from error
+    settings = read_settings(**flags)
     require_free(settings.host, [settings.port], "the service", "or choose another port: --port")
     sys.exit(run(settings))
 

@@ -61,9 +61,9 @@ def sim(context: click.Context, cell: str | None, host: str | None, **given: Any
     """
     from api.cli.support.addresses import SIMULATOR_PORTS, require_free
     from api.cli.support.processes import cell_path
-    from api.settings import ServiceSettings
+    from api.settings import parse_settings
 
-    settings = ServiceSettings()
+    settings = parse_settings()
     path = cell_path(settings.cells, cell or settings.default_cell)
     if context.invoked_subcommand is None:
         advice = f"or choose another loopback address: --host 127.0.0.2, and {OTHER_HOST}"
