@@ -25,6 +25,7 @@ from api.http import (
     RequestRecord,
     SecurityMiddleware,
     TokenRegistry,
+    TracingMiddleware,
     install_error_handlers,
     openapi_schema,
     operation_id,
@@ -36,6 +37,7 @@ from api.routes import ROUTERS
 from api.settings import ServiceSettings, is_loopback_host
 from api.store_probe import StoreProbe
 from batch.jobs import PlanningJob
+from fling.tracing import configure_tracing
 from store import Retention, Store, StoreError
 
 DESCRIPTION = (
@@ -84,6 +86,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     app.add_middleware(DrainingMiddleware)
     app.add_middleware(SecurityMiddleware, local_only=not tokens.is_guarded)
     app.add_middleware(RequestLogMiddleware, record=partial(_record_request, app))
+    app.add_middleware(TracingMiddleware)
     install_error_handlers(app)
     for router in ROUTERS:
         app.include_router(router)
@@ -120,6 +123,8 @@ def serve(settings: ServiceSettings) -> int:
     if settings.tokens_file is not None:
         signal.signal(signal.SIGHUP, lambda *_: app.state.tokens.reload())
     configure_logs(settings.request_log)
+    if (missing := configure_tracing("fling-service")) is not None:
+        logging.getLogger("fling").warning(missing)
     config = server_config(app, settings.host, settings.port)
     DrainingServer(config, partial(_drain, app)).run()
     return 0

@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from api.cli.support.options import cell_option, json_option
+
 if TYPE_CHECKING:
     from store import CellVersionRow
 
-CELL = click.option("--cell", "name", help="Cell; default: FLING_DEFAULT_CELL.")
+CELL = cell_option("name")
 
 
 @click.command()
 @CELL
-@click.option("--json", "as_json", is_flag=True, help="As GET /cells/{name}/history answers.")
+@json_option
 def history(name: str | None, as_json: bool) -> None:
     """List the versions of a cell file that service or executor have seen, with what changed."""
     from api.cell_history import history_document

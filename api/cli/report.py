@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from api.cli.throw import service_options, service_url
+from api.cli.support.options import service_options, service_url
 
 if TYPE_CHECKING:
     from api.cli.support.client import ServiceClient

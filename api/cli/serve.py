@@ -12,6 +12,7 @@ import click
 
 from api.cli.simulator import OTHER_HOST, truth_arguments, truth_options
 from api.cli.support.addresses import SIMULATOR_PORTS
+from api.cli.support.options import cell_option, service_url
 from api.cli.support.terminal import BAD, GOOD, say
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ COMPILING = (
 
 
 @click.command()
-@click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL.")
+@cell_option()
 @click.option("--port", type=int, help="Port of the service; default: FLING_PORT, or 8000.")
 @truth_options
 def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> None:
@@ -59,7 +60,7 @@ def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> 
             if are_interpreted(url):
                 say(COMPILING, BAD)
             say(f"\nFling is up: {url}    (OpenAPI: {url}/docs)", GOOD)
-            say("try: fling throw 1.2 0.3 0.0\nCtrl-C stops all.")
+            say(f"try: fling throw 1.2 0.3 0.0{'' if url == service_url(None) else f' --url {url}'}\nCtrl-C stops all.")
             _keep_alive(children)
     except KeyboardInterrupt:
         click.echo("\nstopped.")
@@ -97,7 +98,7 @@ def serve(**flags: object) -> None:
 
 
 @click.command()
-@click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL.")
+@cell_option()
 @click.option("--read-only", is_flag=True, help="Connect, report state and preflight, never move.")
 def executor(cell: str | None, read_only: bool) -> None:
     """Run the executor of one cell: it claims executions and streams them to the controller."""
@@ -105,9 +106,12 @@ def executor(cell: str | None, read_only: bool) -> None:
 
 
 @click.command()
-@click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL.")
+@cell_option()
 def doctor(cell: str | None) -> None:
-    """Check this machine's timing and the link to the cell's controller, with advice."""
+    """Check this machine's timing and the link to the cell's controller, with advice.
+
+    Exit status: 0 fit to stream; 1 fit for simulation, with warnings to resolve before using a real arm; 2 unfit.
+    """
     _exec("executor", "--doctor", *(["--cell", cell] if cell else []))
 
 

@@ -25,6 +25,7 @@ from api.http.tokens import (
     read_tokens,
     revoke_token,
 )
+from api.http.tracing import TracingMiddleware
 from api.http.wrong_tokens import WrongTokens
 
 __all__ = [
@@ -38,6 +39,7 @@ __all__ = [
     "SecurityMiddleware",
     "StrictJsonRoute",
     "TokenRegistry",
+    "TracingMiddleware",
     "WrongTokens",
     "client_address",
     "create_token",

@@ -36,6 +36,7 @@ from api.schemas import (
     iso_time,
 )
 from batch.jobs import Planned, PlanningJob
+from fling.tracing import TracedSpan, traced
 from planner.cell import Cell, CellSource
 from planner.errors import CellError, PlannerError
 from planner.problem import TIME_LIMIT_S
@@ -200,15 +201,27 @@ async def _solve_and_store(body: PlanRequest, service: Service, key: Idempotency
 
 async def _solve(job: PlanningJob, body: PlanRequest, service: Service) -> Planned:
     started_at = time.perf_counter()
-    try:
-        planned = await service.pool.solve(job, body.time_limit_s or TIME_LIMIT_S)
-    except (PlannerError, PlanningEnded, PlanningQueueFull) as error:
-        service.metrics.plans.labels(translate(error).name).inc()
-        raise
-    finally:
-        service.metrics.plan_seconds.observe(time.perf_counter() - started_at)
+    with traced("plan", fling__cell=job.cell.name, fling__plan_id=job.plan_id) as span:
+        try:
+            planned = await service.pool.solve(job, body.time_limit_s or TIME_LIMIT_S)
+        except (PlannerError, PlanningEnded, PlanningQueueFull) as error:
+            name = translate(error).name
+            service.metrics.plans.labels(name).inc()
+            span.set(fling__problem=name)
+            raise
+        finally:
+            service.metrics.plan_seconds.observe(time.perf_counter() - started_at)
+        _note_attempts(span, planned)
     service.metrics.record_plan(planned.summary)
     return planned
+
+
+def _note_attempts(span: TracedSpan, planned: Planned) -> None:
+    """Adds what the planner tried to the span of a plan."""
+    solver = orjson.loads(planned.summary)["solver"]
+    span.set(fling__backend=planned.backend, fling__solve_time_s=solver["solve_time_s"])
+    for attempt in solver["attempts"]:
+        span.event(attempt["backend"], result=attempt["result"], duration_s=attempt["duration_s"])
 
 
 def _planning_job(body: PlanRequest, service: Service, request_id: str, stored: bool = True) -> PlanningJob:

@@ -14,8 +14,7 @@ from typing import Any
 import click
 
 from api.cli.support.exit_status import INTERRUPTED, INVALID, WRONG_COMMAND_LINE, exit_status
-
-JSON_FLAG = "--json"
+from api.cli.support.options import JSON_FLAG
 
 
 class FlingGroup(click.Group):

@@ -42,3 +42,12 @@ def schema_and_models_agree(context: Any, response: Any, case: Any) -> None:
     except ValidationError as error:
         wrong = [found for found in error.errors() if found["type"] != "value_error"]
         assert not wrong, f"the schema allows what the model refuses: {wrong}"
+
+
+@schemathesis.check
+def no_other_failure(context: Any, response: Any, case: Any) -> None:
+    """Where the server may answer 503, it does so because the time that it was given is over."""
+    if response.status_code == 503:
+        problem = response.json()
+        assert problem["type"] == "/problems/solver-failed", response.text
+        assert problem["solver"]["status"] == "time_limit", response.text
