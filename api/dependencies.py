@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
 from typing import Annotated, Any
@@ -27,6 +27,7 @@ from planner.cell import Cell, CellSource
 from store import AuditLine, IdempotencyKey, Store, StoreUnavailable
 
 KEY_LENGTH_MAX = 255
+GONE_POLL_S = 0.25  # [s] between two looks at whether a client has left
 LOCAL_CALLER = Caller("local", frozenset({"plan", "operate"}))  # anyone on this machine, if there are no tokens
 BEARER = HTTPBearer(auto_error=False, description="From `fling token create`; not needed where there are no tokens.")
 
@@ -173,6 +174,25 @@ Origin = Annotated[RequestOrigin, Depends(request_origin)]
 def name_in_path(description: str, key: str, value: str, summary: str) -> Any:
     """Returns a path parameter of at most 64 characters; `key` names its example `value` in OpenAPI."""
     return Path(description=description, max_length=64, openapi_examples={key: {"summary": summary, "value": value}})
+
+
+async def client_gone(request: Request) -> AsyncIterator[asyncio.Event]:
+    """Yields what is set once the client of a request has left; looked at a few times a second."""
+    gone = asyncio.Event()
+
+    async def watch() -> None:
+        while not await request.is_disconnected():
+            await asyncio.sleep(GONE_POLL_S)
+        gone.set()
+
+    watching = asyncio.create_task(watch())
+    try:
+        yield gone
+    finally:
+        watching.cancel()
+
+
+Gone = Annotated[asyncio.Event, Depends(client_gone)]
 
 
 def known_query(request: Request) -> None:

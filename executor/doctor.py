@@ -213,8 +213,8 @@ def grade_kinematics(cell: Cell, info: KinematicsInfo | None) -> DoctorFinding:
         return DoctorFinding(name, "bad", f"the controller's arm is no {cell.robot.name}", "check `robot` in the cell")
     if apart.largest_m <= KINEMATICS_M:
         return DoctorFinding(name, "ok", "the arm is as published")
-    size = f"{apart.median_m * 1e3:.1f} mm in the median of postures, up to {apart.largest_m * 1e3:.1f} mm"
-    return DoctorFinding(name, "warning", f"no calibration in the cell file: this arm is off by {size}", advice)
+    text = f"no calibration in the cell file: this arm is off by {apart.words()}"
+    return DoctorFinding(name, "warning", text, advice)
 
 
 def _run_python(code: str, *arguments: str) -> str:

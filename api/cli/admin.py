@@ -70,8 +70,8 @@ def _kinematics_of(cell: Cell) -> str:
             f"; {reads}" if cell.link.kind == "ur" else ""
         )
     apart = chain_difference(cell.robot.published, cell.robot)
-    size = f"{apart.median_m * 1e3:.2f} mm in the median of postures, up to {apart.largest_m * 1e3:.2f} mm"
-    return f"kinematics: {cell.calibration.name} ({cell.calibration.hash or 'no hash'}), {size} off the published table"
+    named = f"{cell.calibration.name} ({cell.calibration.hash or 'no hash'})"
+    return f"kinematics: {named}, {apart.words(2)} off the published table"
 
 
 @cell.command()

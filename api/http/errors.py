@@ -19,12 +19,15 @@ from starlette.exceptions import HTTPException
 from starlette.routing import Match
 
 from api.field_errors import reason, refused_fields
-from api.planning import PlanningEnded, PlanningQueueFull
+from api.planning import ClientGone, PlanningEnded, PlanningQueueFull
 from planner.errors import BackendUnavailable, CellError, Infeasible, InvalidProblem, SolverFailed
 from store import CellBusy, KeyTaken, StoreUnavailable, UnknownExecution, UnknownExperiment, UnknownPlan
 
 MEDIA_TYPE = "application/problem+json"
 BODY_LIMIT_BYTES = 1_000_000  # [byte] far above the few hundred bytes of a request
+SOON_S = 1  # [s] to wait for what usually takes less: a busy database, a planner that starts
+RESTART_S = 5  # [s] to wait for a service that ends: another one answers at once, this one after its restart
+UNFINISHED = 499  # status of a request whose client was gone before the answer began; source: nginx
 METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE")
 BODY_TOO_LARGE = f"the body is larger than {BODY_LIMIT_BYTES} bytes"
 
@@ -121,6 +124,11 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
 }
 
 
+def retry_after(seconds: int) -> dict[str, str]:
+    """Returns the header that tells a client when to try again [s]."""
+    return {"Retry-After": str(seconds)}
+
+
 class ProblemDetails(Exception):
     """An error response: problem type, detail in words, extra fields and headers.
 
@@ -201,9 +209,9 @@ TRANSLATIONS: dict[type[Exception], Callable[[Any], ProblemDetails]] = {
     SolverFailed: _solver_failed,
     BackendUnavailable: lambda e: invalid_field("backend", str(e)),
     CellError: lambda e: invalid_field("cell", f"the cell file is refused: {e}"),
-    PlanningQueueFull: lambda e: ProblemDetails("overloaded", str(e), headers={"Retry-After": str(e.retry_after_s)}),
-    PlanningEnded: lambda e: ProblemDetails("shutting-down", str(e), headers={"Retry-After": "5"}),
-    StoreUnavailable: lambda e: ProblemDetails("not-ready", e.advice, headers={"Retry-After": "1"}, outage=e.kind),
+    PlanningQueueFull: lambda e: ProblemDetails("overloaded", str(e), headers=retry_after(e.retry_after_s)),
+    PlanningEnded: lambda e: ProblemDetails("shutting-down", str(e), headers=retry_after(RESTART_S)),
+    StoreUnavailable: lambda e: ProblemDetails("not-ready", e.advice, headers=retry_after(SOON_S), outage=e.kind),
     CellBusy: lambda e: ProblemDetails("robot-busy", str(e), cell=e.cell),
     KeyTaken: lambda _: ProblemDetails("idempotency-conflict", "this Idempotency-Key was used with another body"),
     UnknownPlan: lambda e: ProblemDetails("not-found", str(e)),
@@ -244,11 +252,13 @@ def problem_response(problem: ProblemDetails, instance: str) -> Response:
 
 def install_error_handlers(app: FastAPI) -> None:
     """Makes `app` answer every error with a problem document."""
-    for kind in TRANSLATIONS:
+    for kind in (ClientGone, *TRANSLATIONS):
         app.add_exception_handler(kind, _on_error)
 
 
 async def _on_error(request: Request, error: Exception) -> Response:
+    if isinstance(error, ClientGone):
+        return Response(status_code=UNFINISHED)
     request.state.problem = problem = translate(error)  # for the log and the audit trail
     if problem.name == "method-not-allowed":
         problem.headers["Allow"] = ", ".join(_allowed_methods(request))

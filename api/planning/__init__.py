@@ -1,9 +1,10 @@
 """The planner in processes of its own: the pool of workers behind a bounded queue."""
 
 from api.planning.compilation import compile_when_idle
-from api.planning.pool import PlannerPool, PlanningEnded, PlanningQueueFull
+from api.planning.pool import ClientGone, PlannerPool, PlanningEnded, PlanningQueueFull
 
 __all__ = [
+    "ClientGone",
     "PlannerPool",
     "PlanningEnded",
     "PlanningQueueFull",
