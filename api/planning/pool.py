@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
 from multiprocessing import get_context
 from typing import Any
 
@@ -42,6 +43,15 @@ class ClientGone(Exception):
     """The client left before its request was begun."""
 
 
+@dataclass(frozen=True)
+class WorkerFunctions:
+    """What a planner process runs: `initialise` at its start, with the warm-up job, then `solve` for each job."""
+
+    solve: Callable[[Any], Any] = solve
+    initialise: Callable[[Any], object] = initialise
+    has_compiled_solvers: Callable[[], bool] = has_compiled_solvers
+
+
 class PlannerPool:
     """Planner processes behind a bounded queue.
 
@@ -49,7 +59,7 @@ class PlannerPool:
         count: Number of processes.
         queue: Number of requests that may wait for a process; further ones are rejected.
         warm_up: Planned by each process when it starts.
-        solve: Work of a process; replaced in tests.
+        functions: What a process runs; replaced in tests.
         grace_s: A process that exceeds the time limit of its job by more than this is killed [s].
 
     Attributes:
@@ -63,11 +73,11 @@ class PlannerPool:
         count: int,
         queue: int,
         warm_up: PlanningJob | None = None,
-        solve: Callable[[Any], Any] = solve,
+        functions: WorkerFunctions | None = None,
         grace_s: float = GRACE_S,
     ) -> None:
         self._count, self._capacity = count, count + queue
-        self._warm_up_job, self._solve, self._grace_s = warm_up, solve, grace_s
+        self._warm_up_job, self._grace_s, self._functions = warm_up, grace_s, functions or WorkerFunctions()
         self._free = asyncio.Semaphore(count)
         self._executor: ProcessPoolExecutor | None = None
         self._starting = asyncio.Lock()
@@ -150,7 +160,7 @@ class PlannerPool:
         for _ in range(TRIES):
             executor = await self._ready()  # loading takes its time, which is none of the job's
             try:
-                future = asyncio.wrap_future(executor.submit(self._solve, job))
+                future = asyncio.wrap_future(executor.submit(self._functions.solve, job))
                 return await asyncio.wait_for(future, timeout_s)
             except BrokenProcessPool:
                 self._discard(executor)
@@ -166,13 +176,13 @@ class PlannerPool:
 
     def _new(self) -> ProcessPoolExecutor:
         context = get_context("spawn")  # never fork: this process has threads
-        return ProcessPoolExecutor(self._count, context, initialise, (self._warm_up_job,))
+        return ProcessPoolExecutor(self._count, context, self._functions.initialise, (self._warm_up_job,))
 
     async def _use(self, executor: ProcessPoolExecutor) -> ProcessPoolExecutor:
         """Returns these processes once they are loaded; they are used from now on."""
         loop, loaded = asyncio.get_running_loop(), False
         try:
-            loading = [loop.run_in_executor(executor, has_compiled_solvers) for _ in range(self._count)]
+            loading = [loop.run_in_executor(executor, self._functions.has_compiled_solvers) for _ in range(self._count)]
             self.is_compiled, loaded = all(await asyncio.gather(*loading)), True
         finally:
             if not loaded:

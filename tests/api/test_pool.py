@@ -13,12 +13,15 @@ import pytest
 
 from api.http import translate
 from api.planning import ClientGone, PlannerPool, PlanningEnded, PlanningQueueFull
+from api.planning.pool import WorkerFunctions
 from planner.errors import SolverFailed
 
 
 def run(test: Callable[[PlannerPool], Coroutine[Any, Any, None]], solve: Callable[[Any], Any], **options: Any) -> None:
     async def whole() -> None:
-        pool = PlannerPool(options.pop("count", 1), options.pop("queue", 0), None, solve, **options)
+        light = WorkerFunctions(solve, bool, bool)  # nothing is loaded: most of this is about the pool
+        functions = WorkerFunctions(solve) if options.pop("whole", False) else light
+        pool = PlannerPool(options.pop("count", 1), options.pop("queue", 0), None, functions, **options)
         try:
             await test(pool)
         finally:
@@ -138,4 +141,4 @@ def test_signals_to_the_group_leave_a_plan_to_its_end():
         assert await job is None
         assert list(pool._executor._processes.values()) == [worker]
 
-    run(test, time.sleep)
+    run(test, time.sleep, whole=True)

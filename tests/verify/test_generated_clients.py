@@ -111,6 +111,12 @@ class PythonClient:
         self._calls = {name.rpartition(".")[2]: name for _, name, is_package in names if not is_package}
         self.called: set[str] = set()
 
+    def __enter__(self) -> PythonClient:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._client.get_httpx_client().close()
+
     def body(self, model: str, content: dict[str, Any]) -> Any:
         """Returns the model of a request's body."""
         return getattr(importlib.import_module(f"{self._package.__name__}.models"), model).from_dict(content)
@@ -145,15 +151,16 @@ def python_package(document: dict[str, Any], tmp_path_factory: pytest.TempPathFa
 
 @pytest.mark.timeout(900)
 def test_a_generated_python_client(running_cell: RunningCell, document: dict[str, Any], python_package: ModuleType):
-    client = PythonClient(python_package, running_cell.url, running_cell.tokens["both"])
-    plan, execution, experiment = _throw(client)
-    _read_everything(client, plan, execution, experiment)
-    _provoke(client, plan)
+    with PythonClient(python_package, running_cell.url, running_cell.tokens["both"]) as client:
+        plan, execution, experiment = _throw(client)
+        _read_everything(client, plan, execution, experiment)
+        _provoke(client, plan)
     operations = {op["operationId"]: op for methods in document["paths"].values() for op in methods.values()}
     assert set(operations) <= client.called
-    _without_token(PythonClient(python_package, running_cell.url, None), document)
-    planner = PythonClient(python_package, running_cell.url, running_cell.tokens["planner"])
-    planner.call("execute_plan", 403, body=planner.body("ExecuteRequest", {"plan_id": plan}))
+    with PythonClient(python_package, running_cell.url, None) as nobody:
+        _without_token(nobody, document)
+    with PythonClient(python_package, running_cell.url, running_cell.tokens["planner"]) as planner:
+        planner.call("execute_plan", 403, body=planner.body("ExecuteRequest", {"plan_id": plan}))
 
 
 def _throw(client: PythonClient) -> tuple[str, str, str]:

@@ -26,7 +26,7 @@ class ServiceClient(Client):
 
 def describe(problem: dict[str, Any]) -> str:
     """Returns a problem as text: what stands in the way, a line each, and the nearest request that is feasible."""
-    title, violations = problem.get("title", "refused"), problem.get("violations") or ()
+    title, violations = problem.get("title", "refused"), problem.get("violations") or []
     if [violation["constraint"] for violation in violations] == ["hit_probability"]:
         return _odds_text(problem, violations[0])
     lines = [f"{title}:" if violations else f"{title}: {problem.get('detail', '')}"]
