@@ -207,7 +207,7 @@ class BatchRow:
 
     Attributes:
         driven_by: "service" or "command": whose drivers take it up.
-        specification: Its requests; see `batch.requests`. Empty where it was not read.
+        specification: Its requests; see `batch.runs`. Empty where it was not read.
         total: Number of requests.
         state: queued, running, finished.
         outcome: completed, cancelled or failed.
