@@ -16,7 +16,7 @@ import time
 from batch.jobs import NICENESS
 from batch.pool import PoolBroken
 from batch.runs import BatchDriver, wait_and_claim
-from store import Store, StoreError, default_database_url
+from store import BatchDriven, BatchLost, Store, StoreError, default_database_url
 
 PARENT_POLL_S = 0.5  # [s] within which this process ends after its parent
 
@@ -33,6 +33,9 @@ def main() -> int:
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, lambda *_: driver.stop())
         driver.run()
+    except (BatchDriven, BatchLost) as error:  # somebody else's
+        print(f"fling: {error}", file=sys.stderr)
+        return 0
     except (StoreError, RuntimeError, PoolBroken) as error:
         print(f"fling: batch {arguments.id}: {error}", file=sys.stderr)
         return 1

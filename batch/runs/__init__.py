@@ -1,10 +1,11 @@
 """Runs of batches: what a batch asks for, its driver, and its results as a table."""
 
 from batch.runs.driver import BatchDriver, wait_and_claim
-from batch.runs.specification import BatchRequests, BatchSpecification, CellUse
-from batch.runs.tables import PARQUET, ParquetMissing, parquet_of, rows_of, write_table
+from batch.runs.specification import BATCH_MAX, BatchRequests, BatchSpecification, CellUse
+from batch.runs.tables import PARQUET, ParquetMissing, parquet_of, rows_of, write_table, writes_to
 
 __all__ = [
+    "BATCH_MAX",
     "PARQUET",
     "BatchDriver",
     "BatchRequests",
@@ -15,4 +16,5 @@ __all__ = [
     "rows_of",
     "wait_and_claim",
     "write_table",
+    "writes_to",
 ]

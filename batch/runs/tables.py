@@ -64,6 +64,11 @@ def parquet_of(results: Iterable[BatchResultRow]) -> bytes:
     return stream.getvalue()
 
 
+def writes_to(path: Path) -> bool:
+    """Returns whether `write_table` can write this kind of file."""
+    return path.suffix in WRITERS
+
+
 def write_table(path: Path, results: Iterable[BatchResultRow]) -> None:
     """Writes results to a file: Parquet, CSV or JSON lines, by its ending.
 
