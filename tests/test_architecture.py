@@ -68,6 +68,7 @@ PLANTED = {
     "benchmarks-report": ("benchmarks/report/pictures.py", "benchmarks.report.page"),
     "benchmarks-streaming": ("benchmarks/streaming/throws.py", "benchmarks.streaming.report"),
     "benchmarks-learning": ("benchmarks/learning/recorded_arms.py", "benchmarks.learning.hidden_timing"),
+    "benchmarks-batches": ("benchmarks/batches/problems.py", "benchmarks.batches.runs"),
     "benchmarks-page": ("benchmarks/page/report_browser.py", "benchmarks.page.frames"),
     "benchmarks-layers": ("benchmarks/problem_sets/task.py", "benchmarks.suite"),
     "store-layers": ("store/idempotency_and_audit.py", "store.plans"),

@@ -101,6 +101,18 @@ def read_batch(id: BatchId, service: ServiceDep, caller: AnyCaller) -> JSONRespo
     return JSONResponse(batch_document(find_batch(service, id)))
 
 
+@router.post(
+    "/batches/{id}/cancel",
+    status_code=202,
+    summary="Cancel a batch",
+    responses=json_answer(202, BatchAnswer, "Its driver stops soon; what is planned stays.", "not-found", "forbidden"),
+)
+def cancel_batch(id: BatchId, service: ServiceDep, caller: PlanCaller, origin: Origin) -> JSONResponse:
+    """Ends a batch before all is planned. Its results so far stay; repeated, it changes nothing."""
+    row = service.store.cancel_batch(find_batch(service, id).id, origin.act(caller, "cancel-batch"))
+    return JSONResponse(batch_document(row), 202)
+
+
 @router.get(
     "/batches/{id}/events",
     summary="Watch a batch",
@@ -142,18 +154,6 @@ def read_batch_results(
     results, following = service.store.batch_results(row.id, limit, cursor)
     documents = [_result(result) for result in results]
     return JSONResponse({"results": documents, "next_cursor": following}, headers={"Vary": "Accept"})
-
-
-@router.post(
-    "/batches/{id}/cancel",
-    status_code=202,
-    summary="Cancel a batch",
-    responses=json_answer(202, BatchAnswer, "Its driver stops soon; what is planned stays.", "not-found", "forbidden"),
-)
-def cancel_batch(id: BatchId, service: ServiceDep, caller: PlanCaller, origin: Origin) -> JSONResponse:
-    """Ends a batch before all is planned. Its results so far stay; repeated, it changes nothing."""
-    row = service.store.cancel_batch(find_batch(service, id).id, origin.act(caller, "cancel-batch"))
-    return JSONResponse(batch_document(row), 202)
 
 
 def find_batch(service: Service, id: str) -> BatchRow:

@@ -92,15 +92,15 @@ class BatchResultList(BaseModel):
 
 
 BATCH_EXAMPLES = {
+    "grid": {
+        "summary": "A template and a grid: two releases with three limits",
+        "value": {
+            "template": PLAN_EXAMPLES["joint"]["value"],
+            "grid": {"release.positions[0]": {"values": [0.4, 0.5]}, "limits.jerk": [300.0, 400.0, 50.0]},
+        },
+    },
     "requests": {
         "summary": "A list of requests",
         "value": {"requests": [PLAN_EXAMPLES["joint"]["value"], PLAN_EXAMPLES["point"]["value"]]},
-    },
-    "grid": {
-        "summary": "A template and a grid: four targets",
-        "value": {
-            "template": {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}},
-            "grid": {"release.position[0]": [1.1, 1.2, 0.1], "release.position[1]": {"values": [-0.3, 0.3]}},
-        },
     },
 }
