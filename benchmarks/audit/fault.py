@@ -49,7 +49,7 @@ def joint_faults(
     slack: float | NDArray[np.float64],
     unit: str,
 ) -> list[Fault]:
-    """Returns the fault of the joint that is farthest above its limit; all arrays (6,)."""
-    i = int(np.argmax(worst - limit - slack))
-    excess = float(np.broadcast_to(slack, 6)[i])
-    return over(rule, f"{text} of joint {i}", float(worst[i]), float(limit[i]), excess, unit)
+    """Returns the faults of the joints that are above their limits; all arrays (6,)."""
+    allowed = np.broadcast_to(slack, 6)
+    rows = enumerate(zip(worst, limit, allowed, strict=True))
+    return [f for i, (w, top, more) in rows for f in over(rule, f"{text} of joint {i}", w, top, more, unit)]

@@ -1,0 +1,121 @@
+"""Release states for planners without any of their own: random postures, ballistic velocity, least joint velocity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.peers.arm import PeerArm, Problem
+
+Vector = NDArray[np.float64]
+
+POSTURES = 4000  # drawn, half of them near the start
+NEAR_RAD = 1.2  # [rad] around the start
+FLIGHT_TIMES = np.linspace(1.0, 2.0, 6)  # [-] of the slowest throw's
+SPARE = 0.95  # [-] of the limits of joint velocity and tool speed
+ROOM_M = 0.01  # [m] beyond the clearances, at the release
+ARC_M = 0.02  # [m] by which a flight passes boxes and rims
+AIR_KG_M3 = 1.204
+STEP_S = 0.002  # [s] of a flight
+
+
+@dataclass(frozen=True, eq=False)
+class ReleaseState:
+    """A release that hits the target: joint positions and velocities (6,), and the object's speed [m/s]."""
+
+    q: Vector
+    qd: Vector
+    speed: float
+
+
+def release_states(problem: Problem, arm: PeerArm, count: int, slowest: bool = False) -> list[ReleaseState]:
+    """Returns up to `count` release states that break no limit by themselves, the soonest reached (by a guess) first.
+
+    Args:
+        problem: The problem.
+        arm: Its arm.
+        count: Number of states.
+        slowest: Whether the slowest throw of each posture is the only one tried, and the slowest come first.
+    """
+    rng = np.random.default_rng(0)
+    half = POSTURES // 2
+    near = arm.start + rng.uniform(-NEAR_RAD, NEAR_RAD, (half, 6))
+    q = np.concatenate([near, rng.uniform(np.maximum(arm.q_lower, -np.pi), np.minimum(arm.q_upper, np.pi), (half, 6))])
+    q = q[((q > arm.q_lower + 0.05) & (q < arm.q_upper - 0.05)).all(axis=1)]
+    target, g = problem["target"], arm.around["gravity_m_s2"]
+    p, J = arm.tool(q)
+    away = np.array(target["position_m"]) - p
+    good = np.linalg.norm(away[:, :2], axis=1) >= target["min_horizontal_distance_m"]
+    q, p, J, away = q[good], p[good], J[good], away[good]
+    t = (FLIGHT_TIMES[:1] if slowest else FLIGHT_TIMES)[:, None] * np.sqrt(2.0 * np.linalg.norm(away, axis=1) / g)
+    v = away / t[..., None] + np.array([0.0, 0.0, 0.5 * g]) * t[..., None]
+    inverse = np.linalg.pinv(J * arm.qd_max) * arm.qd_max[:, None]
+    qd = np.einsum("nij,knj->kni", inverse, v)
+    speed = np.linalg.norm(v, axis=-1)
+    fits = (np.abs(qd) <= SPARE * arm.qd_max).all(-1) & (speed <= SPARE * arm.speed_max) & (v[..., 2] < g * t)
+    fits &= np.arcsin(v[..., 2] / speed) >= target["min_elevation_rad"]
+    k, n = np.nonzero(fits)
+    travel = np.abs(q[n] - arm.start - 0.5 * qd[k, n] ** 2 * np.sign(qd[k, n]) / arm.qdd_max)
+    guess = (travel / arm.qd_max + 2.0 * np.abs(qd[k, n]) / arm.qdd_max).max(axis=1)
+    found: list[ReleaseState] = []
+    for i in np.argsort(speed[k, n] if slowest else guess):
+        state = _state(problem, arm, q[n[i]], qd[k[i], n[i]], inverse[n[i]])
+        if state is not None:
+            found.append(state)
+        if len(found) == count:
+            break
+    return found
+
+
+def _state(problem: Problem, arm: PeerArm, q: Vector, qd: Vector, inverse: Vector) -> ReleaseState | None:
+    """Returns the state if arm and flight are clear, its velocity corrected for drag."""
+    if arm.room(q[None])[0] < ROOM_M:
+        return None
+    p, J = (x[0] for x in arm.tool(q[None]))
+    v, target = J @ qd, np.array(problem["target"]["position_m"])
+    for _ in range(4):
+        path = flight(problem, p, v)
+        if path is None:
+            return None
+        v = v + (target - path[-1]) / (STEP_S * (len(path) - 1)) * [1.0, 1.0, 0.0]
+    qd = inverse @ v
+    path = flight(problem, p, v)
+    if path is None or np.any(np.abs(qd) > SPARE * arm.qd_max) or not _is_clear(problem, arm, path):
+        return None
+    return ReleaseState(q, qd, float(np.linalg.norm(v)))
+
+
+def flight(problem: Problem, p: Vector, v: Vector) -> Vector | None:
+    """Returns the path (n, 3) of the object's centre down to the target's height; None if it stays below that."""
+    thing, g, plane = problem["object"], problem["surroundings"]["gravity_m_s2"], problem["target"]["position_m"][2]
+    drag = 0.5 * AIR_KG_M3 * thing["drag_coefficient"] * np.pi * thing["radius_m"] ** 2 / thing["mass_kg"]
+    rows, down = [p], np.array([0.0, 0.0, -g])
+    for _ in range(round(3.0 / STEP_S)):
+        a = down - drag * np.linalg.norm(v) * v
+        middle = v + 0.5 * STEP_S * a
+        p, v = p + STEP_S * middle, v + STEP_S * (down - drag * np.linalg.norm(middle) * middle)
+        rows.append(p)
+        if v[2] < 0.0 and p[2] <= plane:
+            share = (rows[-2][2] - plane) / (rows[-2][2] - p[2])
+            rows[-1] = rows[-2] + share * (p - rows[-2])
+            return np.array(rows) if 0.0 <= share <= 1.0 else None
+    return None
+
+
+def _is_clear(problem: Problem, arm: PeerArm, x: Vector) -> bool:
+    """Returns whether a flight (n, 3) passes the boxes, and enters the bin through its mouth."""
+    thick = arm.radius + ARC_M
+    for lower, upper in arm.boxes:
+        if np.linalg.norm(x - np.clip(x, lower, upper), axis=1).min() < thick:
+            return False
+    vessel: dict[str, Any] | None = problem["target"]["bin"]
+    if vessel is None:
+        return True
+    aside = np.linalg.norm(x[:, :2] - problem["target"]["position_m"][:2], axis=1) - vessel["radius_m"]
+    over = x[:, 2] - problem["target"]["position_m"][2] - vessel["rim_height_m"]
+    return bool(
+        over[0] > 0.0 and np.all((aside <= -arm.radius - 0.005) | (np.hypot(aside, over) >= thick) & (over > 0))
+    )
