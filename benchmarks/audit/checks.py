@@ -24,7 +24,8 @@ from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
 
-STEP_S = 0.001  # [s] grid of joint limits, torques and speeds
+STEP_S = 0.001  # [s] grid of joint limits
+TORQUE_S = 0.004  # [s] grid of torques
 LIMIT_SLACK = 1e-5  # [-] of a limit: spline interpolation, and quarter turns rounded in the URDF
 SPEED_SLACK = 1.1e-4  # [m/s] at the release: the certificate's tolerance and rounding
 START_SLACK = 1e-6  # [rad, rad/s] at start and end
@@ -53,14 +54,26 @@ class DenseSamples:
     jerk: Vector
 
     @classmethod
-    def of(cls, motion: Trajectory) -> DenseSamples:
-        """Evaluates a motion."""
+    def of(cls, motion: Trajectory, smooth: bool = False) -> DenseSamples:
+        """Evaluates a motion.
+
+        Args:
+            motion: The motion.
+            smooth: Whether its jerk may change within a tick. The spline's acceleration at the end of a tick is then
+                not the motion's; that in the middle is its mean over the tick, and only that is taken.
+        """
         spline = CubicHermiteSpline(motion.t, motion.q, motion.qd)
         t = np.linspace(0.0, motion.duration_s, max(2, round(motion.duration_s / STEP_S) + 1))
+        if smooth:
+            t = 0.5 * (motion.t[1:] + motion.t[:-1])
         rest = np.zeros((1, motion.qd.shape[1]))
         across = np.diff(np.concatenate([rest, motion.qd, rest]), n=2, axis=0) / motion.dt**2
         inside = spline(0.5 * (motion.t[1:] + motion.t[:-1]), 3)
         return cls(t, spline(t), spline(t, 1), spline(t, 2), np.concatenate([inside, across]))
+
+    def every(self, step_s: float) -> int:
+        """Returns which share of the times, one in how many, are `step_s` apart or a little less."""
+        return max(1, int(step_s / (self.t[1] - self.t[0]) + 1e-6)) if len(self.t) > 1 else 1
 
 
 def find_faults(problem: ThrowProblem, motion: Trajectory) -> list[Fault]:
@@ -70,16 +83,29 @@ def find_faults(problem: ThrowProblem, motion: Trajectory) -> list[Fault]:
     return found + _release(problem, motion)
 
 
-def motion_faults(problem: ThrowProblem, motion: Trajectory) -> list[Fault]:
-    """Returns the faults of a motion by itself: start, rest, joints, torques, distances, speed; not of the release."""
-    dense = DenseSamples.of(motion)
+def motion_faults(problem: ThrowProblem, motion: Trajectory, smooth: bool = False) -> list[Fault]:
+    """Returns the faults of a motion by itself: start, rest, joints, torques, distances, speed; not of the release.
+
+    Args:
+        problem: The problem.
+        motion: The motion; its accelerations are not used.
+        smooth: Whether its jerk may change within a tick.
+    """
+    dense = DenseSamples.of(motion, smooth)
     return [*_limits(problem, motion, dense), *_torques(problem, motion, dense), *_space(problem, motion, dense)]
 
 
 def _limits(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[Fault]:
     limits = problem.limits
     rows = (
-        ("joint_velocity", "velocity", np.abs(dense.qd).max(axis=0), limits.qd_max, 0.0, "rad/s"),
+        (
+            "joint_velocity",
+            "velocity",
+            np.abs(np.concatenate([dense.qd, motion.qd])).max(axis=0),
+            limits.qd_max,
+            0.0,
+            "rad/s",
+        ),
         ("joint_acceleration", "acceleration", np.abs(dense.qdd).max(axis=0), limits.qdd_max, 0.0, "rad/s^2"),
         ("joint_jerk", "jerk", np.abs(dense.jerk).max(axis=0), limits.jerk_max, 0.0, "rad/s^3"),
         ("joint_position", "upper position", dense.q.max(axis=0), limits.q_upper, 1e-6, "rad"),
@@ -100,7 +126,7 @@ def _torques(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> 
     found, cell, worst = [], problem.cell, np.zeros(6)
     gone_from, held_until = object_times(problem, motion)
     for rows, with_object in ((dense.t <= held_until, True), (dense.t >= gone_from, False)):
-        states = [x[rows][::4] for x in (dense.q, dense.qd, dense.qdd)]
+        states = [x[rows][:: dense.every(TORQUE_S)] for x in (dense.q, dense.qd, dense.qdd)]
         if len(states[0]) == 0:
             continue
         model = arm_model(cell, with_object)
@@ -116,7 +142,7 @@ def _torques(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> 
 
 
 def _space(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[Fault]:
-    rows = slice(None, None, round(SPARSE_S / STEP_S))
+    rows = slice(None, None, dense.every(SPARSE_S))
     return spatial_faults(problem, dense.q[rows], dense.qd[rows], dense.t[rows], object_times(problem, motion)[1])
 
 

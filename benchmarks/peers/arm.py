@@ -33,6 +33,9 @@ class PeerArm:
         self.speed_max = float(limits["tool_speed_m_s"])
         self.radius = float(problem["object"]["radius_m"])
         self.start = np.array(problem["start"]["positions"], float)
+        self.tau_max = np.array(limits["torque_n_m"], float)
+        self._links, self._tool_mass = arm["links"], float(tool["mass_kg"])
+        self._object_mass = float(problem["object"]["mass_kg"])
         self.around = problem["surroundings"]
         self.boxes = [_corners(box) for box in self.around["keep_out"]]
         self.keep_in = [_corners(box) for box in self.around["keep_in"]]
@@ -86,6 +89,49 @@ class PeerArm:
         i, j = pairs.T
         apart = _segments(p0[:, i], p1[:, i], p0[:, j], p1[:, j]) - radii[i] - radii[j]
         return np.minimum(least, apart.min(axis=1) - self._self_clearance)
+
+    def gaps(self, q: Vector, x: Vector) -> Vector:
+        """Returns distances (n, m) of points (n, 3) from the m capsules before the flange, in postures (n or 1, 6)."""
+        X, links = self.frames(q), [i for i, body in enumerate(self._bodies) if body["frame"] < 6]
+        p0, p1 = self._ends(X, "from_m")[:, links], self._ends(X, "to_m")[:, links]
+        radii = np.array([self._bodies[i]["radius_m"] for i in links])
+        share = _share(x[:, None] - p0, p1 - p0)
+        return np.linalg.norm(x[:, None] - p0 - share[..., None] * (p1 - p0), axis=-1) - radii
+
+    def torques(self, q: Vector, qd: Vector, qdd: Vector, held: bool) -> Vector:
+        """Returns joint torques (n, 6) [N m] by Newton and Euler, in the world's axes."""
+        X = self.frames(q)
+        R, o = X[..., :3, :3], X[..., :3, 3]
+        w, dw, a = (
+            np.zeros((len(q), 3)),
+            np.zeros((len(q), 3)),
+            np.tile([0.0, 0.0, self.around["gravity_m_s2"]], (len(q), 1)),
+        )
+        moments = np.zeros((len(q), 6, 3))
+        force = np.zeros((len(q), 6, 3))
+        for i in range(6):
+            z = R[:, i, :, 2]
+            dw = dw + qdd[:, i, None] * z + np.cross(w, qd[:, i, None] * z)
+            w = w + qd[:, i, None] * z
+            arm = o[:, i + 1] - o[:, i]
+            a = a + np.cross(dw, arm) + np.cross(w, np.cross(w, arm))
+            for mass, com, inertia in self._masses(i, held):
+                r = (R[:, i + 1] @ com[:, None])[..., 0]
+                f = mass * (a + np.cross(dw, r) + np.cross(w, np.cross(w, r)))
+                turned = R[:, i + 1] @ inertia @ np.swapaxes(R[:, i + 1], 1, 2)
+                n = (turned @ dw[..., None])[..., 0] + np.cross(w, (turned @ w[..., None])[..., 0])
+                force[:, i] += f
+                moments[:, i] += n + np.cross(o[:, i + 1] + r, f)  # about the world's origin
+        f, n = np.cumsum(force[:, ::-1], axis=1)[:, ::-1], np.cumsum(moments[:, ::-1], axis=1)[:, ::-1]
+        return ((n - np.cross(o[:, :6], f)) * R[:, :6, :, 2]).sum(axis=-1)
+
+    def _masses(self, i: int, held: bool) -> list[tuple[float, Vector, Vector]]:
+        """Returns mass, centre and inertia of what moves with link `i`; tool and object are points."""
+        link, none = self._links[i], np.zeros((3, 3))
+        rows = [(link["mass_kg"], np.array(link["center_of_mass_m"]), np.array(link["inertia_kg_m2"]))]
+        if i == 5:
+            rows += [(self._tool_mass, 0.5 * self._p_FT, none)] + [(self._object_mass, self._p_FT, none)] * held
+        return rows
 
     def _ends(self, X: Vector, key: str) -> Vector:
         local = np.array([body[key] for body in self._bodies], float)

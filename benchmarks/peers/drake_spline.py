@@ -1,8 +1,8 @@
 """Drake's KinematicTrajectoryOptimization: a B-spline of free duration with limits at all times and an end velocity.
 
 It plans the launch to one of a few random release states, and obeys joint limits up to the jerk. A second solve with a
-fixed duration puts the release on a tick. Distances are looked at afterwards; torques and tool speed are not. The brake
-is Ruckig's.
+fixed duration puts the release on a tick. Torques, tool speed and distances are looked at afterwards. The brake is
+Ruckig's.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.peers.arm import PeerArm, Problem
-from benchmarks.peers.motions import WITHIN, Answer, answer, braked, is_clear, refusal
+from benchmarks.peers.motions import WITHIN, Answer, answer, braked, is_right, refusal
 from benchmarks.peers.releases import ReleaseState, release_states
 
 Vector = NDArray[np.float64]
@@ -32,7 +32,7 @@ def plan(problem: Problem) -> Answer:
     arm, rate, found = PeerArm(problem), float(problem["sample_rate_hz"]), []
     for state in release_states(problem, arm, TRIES):
         motion = _throw(arm, rate, state)
-        if motion is not None and is_clear(arm, motion[0], motion[2]):
+        if motion is not None and is_right(arm, rate, *motion):
             found.append(motion)
         if len(found) == WANTED:
             break

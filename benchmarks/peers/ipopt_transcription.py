@@ -1,8 +1,8 @@
 """The textbook formulation in plain CasADi with IPOPT: jerk constant on equal intervals, the release state free.
 
 Launch and brake have a free duration each, and so has the flight. Constraints hold at the nodes: joint limits, tool
-speed, floor, the box that the tool stays in, landing and elevation. Boxes and the arm itself are looked at afterwards,
-with the next initial guess where they are not kept; torques, drag and the flight's clearance are left out. A second
+speed, floor, the box that the tool stays in, landing and elevation. Boxes, the arm itself and torques are looked at
+afterwards, with the next initial guess where they are not kept; drag and the flight's clearance are left out. A second
 solve puts the release on a tick.
 """
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.peers.arm import PeerArm, Problem
-from benchmarks.peers.motions import WITHIN, Answer, answer, is_clear, refusal
+from benchmarks.peers.motions import WITHIN, Answer, answer, is_right, refusal
 from benchmarks.peers.releases import release_states
 
 Vector = NDArray[np.float64]
@@ -43,7 +43,7 @@ def plan(problem: Problem) -> Answer:
         if second is None:
             continue
         q, qd, release = _sampled(second, rate)
-        if is_clear(arm, q, release):
+        if is_right(arm, rate, q, qd, release):
             return answer(q, qd, release, rate)
     return refusal("IPOPT found no motion that is clear")
 

@@ -8,12 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.peers.arm import PeerArm
-from benchmarks.peers.releases import ReleaseState
+from benchmarks.peers.releases import OUT_M, ReleaseState
 
 Vector = NDArray[np.float64]
 Answer = dict[str, Any]
 
-WITHIN = 0.999  # [-] of the limits, for rounding
+WITHIN = 0.998  # [-] of the limits, for rounding
+FLIGHT_S = 0.6  # [s] after the release, in which the object may meet the arm
+CHECKED_S = 0.008  # [s] between postures whose clearances are looked at
 
 
 def refusal(reason: str) -> Answer:
@@ -26,12 +28,29 @@ def answer(q: Vector, qd: Vector, release: int, rate: float) -> Answer:
     return {"positions": q.tolist(), "velocities": qd.tolist(), "release_time_s": release / rate}
 
 
-def is_clear(arm: PeerArm, q: Vector, release: int, every: int = 4) -> bool:
-    """Returns whether samples (n, 6) keep joint limits and clearances, with the object until the release."""
+def is_right(arm: PeerArm, rate: float, q: Vector, qd: Vector, release: int) -> bool:
+    """Returns whether samples (n, 6) keep positions, torques, tool speed and clearances, and the flight the arm's."""
     if np.any(q < arm.q_lower) or np.any(q > arm.q_upper):
         return False
-    before, after = q[: release + 1 : every], q[release::every]
-    return bool(arm.room(before).min() >= 0.0 and arm.room(after, held=False).min(initial=1.0) >= 0.0)
+    p, J = arm.tool(q)
+    speed = np.einsum("nij,nj->ni", J, qd)
+    if np.linalg.norm(speed, axis=1).max() > WITHIN * arm.speed_max:
+        return False
+    every = max(1, round(CHECKED_S * rate))
+    t = np.arange(0.0, FLIGHT_S, CHECKED_S)[:, None]
+    x = p[release] + t * speed[release] - 0.5 * t**2 * [0.0, 0.0, arm.around["gravity_m_s2"]]
+    places = q[np.minimum(release + np.round(t[:, 0] * rate).astype(int), len(q) - 1)]
+    if arm.gaps(places, x)[np.linalg.norm(x - x[0], axis=1) > OUT_M].min() < arm.radius:
+        return False
+    for rows, held in ((slice(0, release + 1), True), (slice(release, len(q)), False)):
+        place, velocity = q[rows], qd[rows]
+        if len(place) < 2:
+            continue
+        mean, change = 0.5 * (velocity[1:] + velocity[:-1]), np.diff(velocity, axis=0) * rate
+        tau = arm.torques(place[:-1], mean, change, held)
+        if np.any(np.abs(tau) > WITHIN * arm.tau_max) or arm.room(place[::every], held).min() < 0.0:
+            return False
+    return True
 
 
 def ruckig_motion(

@@ -1,7 +1,7 @@
 """Ruckig alone: its soonest motion from the start straight to a release state, and its soonest brake.
 
 The release state is the first of a few random ones for which arm and flight are clear. Ruckig keeps the limits of
-velocity, acceleration and jerk; torques and tool speed along the motion are left to luck.
+velocity, acceleration and jerk; positions, torques, tool speed and distances are looked at afterwards.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.peers.arm import PeerArm, Problem
-from benchmarks.peers.motions import Answer, answer, braked, is_clear, refusal, ruckig_motion
+from benchmarks.peers.motions import Answer, answer, braked, is_right, refusal, ruckig_motion
 from benchmarks.peers.releases import release_states
 
 TRIES = 12  # release states, the soonest answer of which counts
@@ -24,6 +24,6 @@ def plan(problem: Problem) -> Answer:
         if launch is None or (best is not None and len(launch[0]) > best[2]):
             continue
         motion = braked(arm, rate, launch[0], launch[1], launch[2][-1])
-        if motion is not None and is_clear(arm, motion[0], motion[2]):
+        if motion is not None and is_right(arm, rate, *motion):
             best = motion
     return refusal("no release state with a clear way") if best is None else answer(*best, rate)

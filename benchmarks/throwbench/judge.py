@@ -101,7 +101,7 @@ def _faults(problem: ThrowProblem, motion: Trajectory, tolerance: float) -> list
     far = float(np.linalg.norm((p - release.p_W)[:2]))
     elevation = math.atan2(v[2], math.hypot(v[0], v[1]))
     return [
-        *motion_faults(problem, motion),
+        *motion_faults(problem, motion, smooth=True),
         *under("release_elevation", "release is too flat", elevation, release.min_elevation_rad, 0.0, "rad"),
         *under("release_distance", "release is too near", far, release.min_horizontal_distance_m, 0.0, "m"),
         *_landing_faults(problem, motion, tolerance),
