@@ -43,39 +43,49 @@ def release_states(problem: Problem, arm: PeerArm, count: int, slowest: bool = F
         count: Number of states.
         slowest: Whether the slowest throw of each posture is the only one tried, and the slowest come first.
     """
-    rng = np.random.default_rng(0)
-    half = POSTURES // 2
-    near = arm.start + rng.uniform(-NEAR_RAD, NEAR_RAD, (half, 6))
-    q = np.concatenate([near, rng.uniform(np.maximum(arm.q_lower, -np.pi), np.minimum(arm.q_upper, np.pi), (half, 6))])
-    q = q[((q > arm.q_lower + 0.05) & (q < arm.q_upper - 0.05)).all(axis=1)]
-    target, g = problem["target"], arm.around["gravity_m_s2"]
-    p, J = arm.tool(q)
-    away = np.array(target["position_m"]) - p
-    good = np.linalg.norm(away[:, :2], axis=1) >= target["min_horizontal_distance_m"]
-    q, p, J, away = q[good], p[good], J[good], away[good]
-    t = (FLIGHT_TIMES[:1] if slowest else FLIGHT_TIMES)[:, None] * np.sqrt(2.0 * np.linalg.norm(away, axis=1) / g)
-    v = away / t[..., None] + np.array([0.0, 0.0, 0.5 * g]) * t[..., None]
-    inverse = np.linalg.pinv(J * arm.qd_max) * arm.qd_max[:, None]
-    qd = np.einsum("nij,knj->kni", inverse, v)
-    speed = np.linalg.norm(v, axis=-1)
-    fits = (np.abs(qd) <= SPARE * arm.qd_max).all(-1) & (speed <= SPARE * arm.speed_max) & (v[..., 2] < g * t)
-    fits &= np.arcsin(v[..., 2] / speed) >= target["min_elevation_rad"]
-    k, n = np.nonzero(fits)
-    x = _parabolas(p[n], v[k, n], t[k, n], g)
-    passes = _pass(problem, arm, x)
-    k, n = k[passes], n[passes]
-    travel = np.abs(q[n] - arm.start - 0.5 * qd[k, n] ** 2 * np.sign(qd[k, n]) / arm.qdd_max)
-    guess = (travel / arm.qd_max + 2.0 * np.abs(qd[k, n]) / arm.qdd_max).max(axis=1)
-    order = np.argsort(speed[k, n] if slowest else guess)[: TRIED * count]
-    order = order[arm.room(q[n[order]]) >= ROOM_M]
+    q, qd, inverse, order = _throws(problem, arm, _postures(arm), slowest)
+    order = order[: TRIED * count]
+    order = order[arm.room(q[order]) >= ROOM_M]
     found: list[ReleaseState] = []
     for i in order:
-        state = _state(problem, arm, q[n[i]], qd[k[i], n[i]], inverse[n[i]])
+        state = _state(problem, arm, q[i], qd[i], inverse[i])
         if state is not None:
             found.append(state)
         if len(found) == count:
             break
     return found
+
+
+def _postures(arm: PeerArm) -> Vector:
+    """Returns random postures (n, 6), half of them near the start."""
+    rng, half = np.random.default_rng(0), POSTURES // 2
+    near = arm.start + rng.uniform(-NEAR_RAD, NEAR_RAD, (half, 6))
+    anywhere = rng.uniform(np.maximum(arm.q_lower, -np.pi), np.minimum(arm.q_upper, np.pi), (half, 6))
+    q = np.concatenate([near, anywhere])
+    return q[((q > arm.q_lower + 0.05) & (q < arm.q_upper - 0.05)).all(axis=1)]
+
+
+def _throws(problem: Problem, arm: PeerArm, q: Vector, slowest: bool) -> tuple[Vector, Vector, Vector, Vector]:
+    """Returns the throws from postures (n, 6) that obstacles and limits of speed allow, drag left out.
+
+    They are joint positions and velocities (m, 6), weighted inverses of the Jacobians (m, 6, 3), and their order.
+    """
+    target, g = problem["target"], arm.around["gravity_m_s2"]
+    p, J = arm.tool(q)
+    away = np.array(target["position_m"]) - p
+    t = (FLIGHT_TIMES[:1] if slowest else FLIGHT_TIMES)[:, None] * np.sqrt(2.0 * np.linalg.norm(away, axis=1) / g)
+    v = away / t[..., None] + np.array([0.0, 0.0, 0.5 * g]) * t[..., None]
+    inverse = np.linalg.pinv(J * arm.qd_max) * arm.qd_max[:, None]
+    qd, speed = np.einsum("nij,knj->kni", inverse, v), np.linalg.norm(v, axis=-1)
+    fits = (np.abs(qd) <= SPARE * arm.qd_max).all(-1) & (speed <= SPARE * arm.speed_max) & (v[..., 2] < g * t)
+    fits &= np.arcsin(v[..., 2] / speed) >= target["min_elevation_rad"]
+    fits &= np.linalg.norm(away[:, :2], axis=1) >= target["min_horizontal_distance_m"]
+    k, n = np.nonzero(fits)
+    passes = _pass(problem, arm, _parabolas(p[n], v[k, n], t[k, n], g))
+    k, n = k[passes], n[passes]
+    travel = np.abs(q[n] - arm.start - 0.5 * qd[k, n] ** 2 * np.sign(qd[k, n]) / arm.qdd_max)
+    guess = (travel / arm.qd_max + 2.0 * np.abs(qd[k, n]) / arm.qdd_max).max(axis=1)
+    return q[n], qd[k, n], inverse[n], np.argsort(speed[k, n] if slowest else guess)
 
 
 def _state(problem: Problem, arm: PeerArm, q: Vector, qd: Vector, inverse: Vector) -> ReleaseState | None:
