@@ -1,0 +1,194 @@
+"""Entries: functions in a process of their own, and HTTP addresses; each answers a problem within a time limit."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from typing import Any, Protocol
+
+import httpx2
+
+from benchmarks.throwbench.fling_entries import service_answer, service_request
+from benchmarks.throwbench.problem_document import Problem
+from benchmarks.throwbench.worker import serve
+
+START_S = 300.0  # [s] for an entry's process to load
+OWN, PEERS = "benchmarks.throwbench.fling_entries", "benchmarks.peers"
+# Name in the table: place of the function, package that it needs.
+BUILT_IN = {
+    "fling": (f"{OWN}:auto", "casadi"),
+    "fling-casadi": (f"{OWN}:casadi", "casadi"),
+    "fling-ruckig": (f"{OWN}:ruckig", "ruckig"),
+    "fling-toppra": (f"{OWN}:toppra", "toppra"),
+    "ruckig-alone": (f"{PEERS}.ruckig_alone:plan", "ruckig"),
+    "drake": (f"{PEERS}.drake_spline:plan", "pydrake"),
+    "ipopt": (f"{PEERS}.ipopt_transcription:plan", "casadi"),
+    "moveit-like": (f"{PEERS}.moveit_like:plan", "toppra"),
+    "sdu-method": (f"{PEERS}.sdu_method:plan", "numpy"),
+}
+
+
+@dataclass(frozen=True)
+class Reply:
+    """What came back for one problem.
+
+    Attributes:
+        outcome: "answered", "timed out" or "crashed".
+        answer: The answer, from JSON.
+        wall_s: Time from the question to the reply [s].
+        processor_s: Processor time of the entry [s]; None where it is not known.
+        reason: Of a crash, in words.
+    """
+
+    outcome: str
+    answer: Any = None
+    wall_s: float = 0.0
+    processor_s: float | None = None
+    reason: str = ""
+
+
+class ThrowEntry(Protocol):
+    """A planner that takes part."""
+
+    name: str
+
+    def ask(self, problem: Problem, time_limit_s: float) -> Reply:
+        """Returns the reply to a problem."""
+        ...
+
+    def close(self) -> None:
+        """Ends what the entry has started."""
+        ...
+
+
+class EntryMissing(Exception):
+    """The entry cannot be loaded."""
+
+
+def entry_of(text: str) -> ThrowEntry:
+    """Returns the entry that a command line names.
+
+    Args:
+        text: A name in `BUILT_IN`, "module:function", "file.py:function", an HTTP address, "fling+http://…" for the
+            address of Fling's service; before each of these "NAME=" for the table.
+    """
+    name, given, place = text.partition("=")
+    if not given or "/" in name or ":" in name:
+        name, place = text, text
+    if place.startswith(("http://", "https://")):
+        return HttpEntry(name, place)
+    if place.startswith(("fling+http://", "fling+https://")):
+        return HttpEntry(name, place.removeprefix("fling+").rstrip("/") + "/plan?store=false", fling=True)
+    place = BUILT_IN.get(place, (place, ""))[0]
+    if ":" not in place:
+        raise EntryMissing(f"{text!r} is none of {', '.join(BUILT_IN)}, no module:function and no HTTP address")
+    return FunctionEntry(name, place)
+
+
+class FunctionEntry:
+    """A function, in a process that is kept between problems and ended where it takes too long."""
+
+    def __init__(self, name: str, place: str) -> None:
+        self.name, self._place = name, place
+        self._process: BaseProcess | None = None
+        self._connection: Connection | None = None
+
+    def ask(self, problem: Problem, time_limit_s: float) -> Reply:
+        """Returns the reply to a problem.
+
+        Raises:
+            EntryMissing: The function cannot be loaded.
+        """
+        connection = self._connected()
+        begun = time.perf_counter()
+        try:
+            connection.send(json.dumps(problem))
+            if not connection.poll(time_limit_s):
+                self.close()
+                return Reply("timed out", wall_s=time.perf_counter() - begun)
+            text, fault, processor_s = connection.recv()
+        except (EOFError, OSError):
+            code = self._exit_code()
+            return Reply("crashed", wall_s=time.perf_counter() - begun, reason=f"its process ended with {code}")
+        wall_s = time.perf_counter() - begun
+        if text is None:
+            return Reply("crashed", None, wall_s, processor_s, fault.strip().splitlines()[-1])
+        return Reply("answered", json.loads(text), wall_s, processor_s)
+
+    def close(self) -> None:
+        """Ends the process."""
+        if self._process is not None:
+            self._process.kill()
+            self._process.join()
+        if self._connection is not None:
+            self._connection.close()
+        self._process = self._connection = None
+
+    def _connected(self) -> Connection:
+        if self._connection is not None:
+            return self._connection
+        context = get_context("spawn")
+        self._connection, other = context.Pipe()
+        self._process = context.Process(target=serve, args=(other, self._place), daemon=True)
+        self._process.start()
+        other.close()
+        try:
+            fault = self._connection.recv() if self._connection.poll(START_S) else f"not loaded after {START_S:g} s"
+        except EOFError:
+            fault = "its process ended while it was loaded"
+        if fault:
+            self.close()
+            raise EntryMissing(f"{self._place}: {fault.strip().splitlines()[-1]}")
+        return self._connection
+
+    def _exit_code(self) -> int | None:
+        """Returns the exit code of a process that has ended by itself; the next problem gets a new one."""
+        process = self._process
+        if process is not None:
+            process.join(5.0)
+        code = None if process is None else process.exitcode
+        self.close()
+        return code
+
+
+class HttpEntry:
+    """An HTTP address that problems are posted to; with `fling`, Fling's own service."""
+
+    def __init__(self, name: str, address: str, fling: bool = False) -> None:
+        self.name, self._address = name, address
+        self._request: Callable[[Problem], dict[str, Any]] = service_request if fling else dict
+        self._fling, self._client = fling, httpx2.Client()
+
+    def ask(self, problem: Problem, time_limit_s: float) -> Reply:
+        """Returns the reply to a problem."""
+        try:
+            request = self._request(problem)
+        except ValueError as error:
+            return Reply("answered", {"refused": str(error)})
+        begun = time.perf_counter()
+        try:
+            response = self._client.post(self._address, json=request, timeout=time_limit_s)
+            wall_s = time.perf_counter() - begun
+            return self._read(response, wall_s)
+        except httpx2.TimeoutException:
+            return Reply("timed out", wall_s=time.perf_counter() - begun)
+        except (httpx2.HTTPError, ValueError) as error:
+            return Reply("crashed", wall_s=time.perf_counter() - begun, reason=f"{type(error).__name__}: {error}")
+
+    def close(self) -> None:
+        """Closes the connection."""
+        self._client.close()
+
+    def _read(self, response: httpx2.Response, wall_s: float) -> Reply:
+        if self._fling:
+            return Reply("answered", service_answer(response.status_code, response.json()), wall_s)
+        if response.status_code != 200:
+            return Reply("crashed", None, wall_s, None, f"status {response.status_code}")
+        answer = response.json()
+        used = answer.get("processor_time_s") if isinstance(answer, dict) else None
+        return Reply("answered", answer, wall_s, used if isinstance(used, int | float) else None)

@@ -1,0 +1,76 @@
+"""The process of an entry that is a function: it loads the function and answers one problem after another."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import json
+import os
+import sys
+import traceback
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+Function = Callable[[dict[str, Any]], Any]
+
+
+def serve(connection: Connection, place: str) -> None:
+    """Answers problems from `connection` until it closes.
+
+    The first message says "" or why the function could not be loaded. Each answer is a pair: JSON text or None and the
+    traceback, and the processor time [s].
+
+    Args:
+        connection: To the benchmark.
+        place: "module:function" or "file.py:function".
+    """
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # solvers print banners
+    try:
+        function = load(place)
+    except Exception:  # whatever a stranger's module does, the benchmark goes on
+        connection.send(traceback.format_exc())
+        return
+    connection.send("")
+    while True:
+        try:
+            problem = json.loads(connection.recv())
+        except EOFError:
+            return
+        before = _processor_s()
+        text, fault = _answered(function, problem)
+        connection.send((text, fault, _processor_s() - before))
+
+
+def load(place: str) -> Function:
+    """Returns the function of "module:function" or "file.py:function"; a file finds the modules beside it."""
+    module_name, _, function = place.rpartition(":")
+    if not module_name.endswith(".py"):
+        return getattr(importlib.import_module(module_name), function)
+    file = Path(module_name).resolve()
+    sys.path.insert(0, str(file.parent))
+    spec = importlib.util.spec_from_file_location(file.stem, file)
+    if spec is None or spec.loader is None:
+        raise ImportError(f"{file} is not a Python module")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return getattr(module, function)
+
+
+def _answered(function: Function, problem: dict[str, Any]) -> tuple[str | None, str]:
+    try:
+        return json.dumps(function(problem), default=_plain), ""
+    except Exception:  # the entry's own fault, reported as such
+        return None, traceback.format_exc()
+
+
+def _plain(value: Any) -> Any:
+    """Returns what JSON knows of an array or a number of numpy."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"{type(value).__name__} is not of JSON")
+
+
+def _processor_s() -> float:
+    return sum(os.times()[:4])
