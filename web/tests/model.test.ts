@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
 import { type Chain, linkPoses, toolPose, toolState, transformOfRow } from "../src/model/chain";
 import { dragConstant, fly, path } from "../src/model/flight";
-import { type Pose, poseOfRows, type Vector } from "../src/model/poses";
+import { type Pose, poseOfRows, quaternionOf, rotationVectorOf, type Vector } from "../src/model/poses";
 import { durationOf, stateAt } from "../src/model/samples";
 import numbers from "./model-numbers.json";
 
@@ -71,4 +71,11 @@ it("has the motion between samples as the planner has it, clipped to its ends", 
     expectNear(state.velocities, found.velocities[i]!);
     expectNear(state.accelerations, found.accelerations[i]!, 1e-11);
   });
+});
+
+it("turns rotation vectors into quaternions and back", () => {
+  expectNear(quaternionOf([0, 0, Math.PI / 2]), [0, 0, Math.SQRT1_2, Math.SQRT1_2]);
+  expectNear(quaternionOf([0, 0, 0]), [0, 0, 0, 1]);
+  expectNear(rotationVectorOf([-0.5, 0.5, 0.5, -0.5]), [(2 * Math.PI) / 3 / Math.sqrt(3), ...[1, 1].map(() => (-2 * Math.PI) / 3 / Math.sqrt(3))]);
+  for (const rotation of [[0.3, -1.2, 0.7], [1e-11, 0, 0], [0, 3.14, 0]] as const) expectNear(rotationVectorOf(quaternionOf(rotation)), rotation);
 });

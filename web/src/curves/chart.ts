@@ -10,7 +10,7 @@ export interface ChartColors {
   readonly ink: string;
   readonly grid: string;
   readonly limit: string;
-  readonly cursor: string;
+  readonly paper: string;
 }
 
 export interface ChartOptions {
@@ -93,7 +93,15 @@ function drawRelease(plot: uPlot, options: ChartOptions, release_s: number, scal
   ctx.setLineDash([]);
   ctx.fillStyle = options.colors.ink;
   ctx.font = `${11 * scale}px system-ui, sans-serif`;
-  ctx.fillText("release", x + 4 * scale, bbox.top + 12 * scale);
+  ctx.globalAlpha = 1;
+  const width = ctx.measureText("release").width;
+  const right = x + 5 * scale + width < bbox.left + bbox.width;
+  const at = [right ? x + 5 * scale : x - 5 * scale - width, bbox.top + bbox.height - 5 * scale] as const;
+  ctx.textAlign = "left";
+  ctx.strokeStyle = options.colors.paper;
+  ctx.lineWidth = 4 * scale;
+  ctx.strokeText("release", ...at); // a halo, where it lies on a line
+  ctx.fillText("release", ...at);
 }
 
 /** Draws one quantity into `host`. A click or a drag in it moves the time. */
@@ -109,7 +117,7 @@ export function createChart(host: HTMLElement, quantity: Quantity, options: Char
       cursor: { x: true, y: false, drag: { x: false, y: false }, points: { size: 6 } },
       scales: { x: { time: false }, y: { range: () => valueRange(quantity, options.visible) } },
       axes: [
-        { ...axis, size: 28, values: (_, ticks) => ticks.map((tick) => `${Number(tick.toFixed(3))} s`) },
+        { ...axis, size: 28, space: 72, values: (_, ticks) => ticks.map((tick) => `${Number(tick.toFixed(3))} s`) },
         { ...axis, size: 52, space: 26 },
       ],
       series: [

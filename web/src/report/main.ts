@@ -105,7 +105,7 @@ function mountCharts(quantities: readonly Quantity[], plan: Plan, theme: Theme, 
   host.replaceChildren();
   const style = getComputedStyle(document.documentElement);
   const colour = (name: string): string => style.getPropertyValue(name).trim();
-  const colors = { lines: LINES[theme], ink: colour("--ink"), grid: colour("--line"), limit: colour("--bad"), cursor: colour("--accent") };
+  const colors = { lines: LINES[theme], ink: colour("--ink"), grid: colour("--line"), limit: colour("--bad"), paper: colour("--paper") };
   const release_s = plan.flight ? plan.release_time_s : null;
   return quantities.map((quantity) => {
     const figure = element("figure", "curve");

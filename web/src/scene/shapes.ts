@@ -13,6 +13,7 @@ import {
   MeshBasicMaterial,
   type Object3D,
   RingGeometry,
+  SphereGeometry,
   Vector3 as ThreeVector,
 } from "three";
 import type { Box } from "../model/cell";
@@ -38,6 +39,11 @@ export function ring(at: Vector, inner: number, outer: number, colour: Color, op
 /** Returns a flat disc about a point. */
 export function disc(at: Vector, radius: number, colour: Color, opacity = 1): Mesh {
   return placed(new Mesh(new CircleGeometry(radius, ROUND), flat(colour, opacity)), at, ABOVE_M);
+}
+
+/** Returns a ball about a point. */
+export function ball(at: Vector, radius: number, colour: Color): Mesh {
+  return placed(new Mesh(new SphereGeometry(radius, 20, 14), flat(colour)), at);
 }
 
 /** Returns a bull's eye about a point: ring, centre, four ticks. */

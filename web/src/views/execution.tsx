@@ -26,9 +26,16 @@ export function ExecutionSection(): JSX.Element {
 const PAST_PREFLIGHT = new Set(["approaching", "streaming", "braking"]);
 
 function Preflight(): JSX.Element {
+  const items = preflight(cellState.value, answered.value);
+  const held = items.filter((item) => item.ok === true).length;
+  const stopping = items.some((item) => item.ok === false);
   return (
-    <ul class="preflight" aria-label="Preflight">
-      {preflight(cellState.value, answered.value).map((item) => (
+    <details class="options" open={stopping}>
+      <summary class={stopping ? "bad" : held === items.length ? "good" : ""}>
+        Preflight: {held === items.length ? `all ${held} checks are in order` : `${held} of ${items.length} checks are in order`}
+      </summary>
+      <ul class="preflight" aria-label="Preflight">
+      {items.map((item) => (
         <li key={item.text} class={item.ok === null ? "unknown" : item.ok ? "ok" : "no"}>
           <Icon name={item.ok === null ? "wait" : item.ok ? "ok" : "no"} />
           <span>
@@ -37,7 +44,8 @@ function Preflight(): JSX.Element {
           </span>
         </li>
       ))}
-    </ul>
+      </ul>
+    </details>
   );
 }
 

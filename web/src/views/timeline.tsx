@@ -142,7 +142,7 @@ export function chartColors(): ChartColors {
     ink: color("--soft"),
     grid: color("--hair"),
     limit: color("--bad"),
-    cursor: color("--accent"),
+    paper: color("--paper"),
   };
 }
 
