@@ -10,7 +10,7 @@ import type { Palette } from "./palette";
 import { arrow, ball } from "./shapes";
 import type { Stage } from "./stage";
 
-export const VELOCITY_SCALE_S = 0.12; // [s] an arrow shows this much of the flight at its velocity
+const VELOCITY_SCALE_S = 0.12; // [s] an arrow shows this much of the flight at its velocity
 const NEAR_PX = 14; // [px] within which a pointer takes hold of a point
 const CLICK_PX = 4; // [px] a pointer that moves less has clicked
 const GIZMO_SIZE = 0.8; // of the release's gizmo, as a share of three's own
@@ -18,7 +18,7 @@ const GIZMO_SIZE = 0.8; // of the release's gizmo, as a share of three's own
 type Grip = "floor" | "lift" | "tip";
 
 /** What the handles tell the scene. */
-export interface HandleEvents extends Pick<SceneOptions, "onTargetMoved" | "onTargetDropped" | "onReleaseMoved" | "onReleaseDropped" | "onFloorPicked" | "onNearestPicked"> {
+interface HandleEvents extends Pick<SceneOptions, "onTargetMoved" | "onTargetDropped" | "onReleaseMoved" | "onReleaseDropped" | "onFloorPicked" | "onNearestPicked"> {
   changedTarget(target: Target): void;
 }
 

@@ -16,7 +16,7 @@ const LEAST_FREE = 0.3; // of the canvas: what is shown is not drawn smaller tha
 const REST_MS = 700; // [ms] without motion, after which the picture is drawn in full; a moving arm is reported more often
 
 /** What the stage asks before each frame. */
-export interface Actors {
+interface Actors {
   /** Moves what moves by itself; returns whether it goes on. */
   step(now: number): boolean;
 }

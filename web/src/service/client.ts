@@ -34,7 +34,7 @@ export function authorization(): Record<string, string> {
   return value ? { Authorization: `Bearer ${value}` } : {};
 }
 
-export interface CallOptions {
+interface CallOptions {
   readonly body?: unknown;
   readonly accept?: string;
   readonly key?: string; // Idempotency-Key

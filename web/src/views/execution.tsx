@@ -67,7 +67,6 @@ function RunView({ run }: { run: Run }): JSX.Element {
         {run.outcome ? <code class="sr-only">{run.outcome}</code> : null}
       </p>
       {run.reason ? <p class="soft">{run.reason}</p> : null}
-      {run.notes.map((note) => <p class="hint" key={note}>{note}</p>)}
       {ended && run.outcome !== "completed" && ADVICE[run.outcome ?? ""] && run.outcome !== "aborted" ? <p>{ADVICE[run.outcome ?? ""]}</p> : null}
       {run.samples.length > 1 ? <Tracking samples={run.samples} plan={plan} /> : null}
       {ended ? <Numbers run={run} plan={plan} /> : null}

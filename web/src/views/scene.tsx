@@ -7,6 +7,7 @@ import { useEffect, useRef } from "preact/hooks";
 import type { CameraPreset, CreateScene, Insets, Landing, Obstacle, ReleaseGizmo, Scene, Vector3 } from "../scene/interface";
 import { type Quaternion, quaternionOf, rotationVectorOf } from "../model/poses";
 import { call } from "../service/client";
+import { save } from "../service/save";
 import { drag, drop, reportLanding, takeNearest } from "../state/actions";
 import { type Draft, vector } from "../state/draft";
 import {
@@ -243,12 +244,7 @@ function showLandings(scene: Scene): void {
 
 async function saveView(scene: Scene | null, form: "png" | "svg"): Promise<void> {
   if (scene === null) return;
-  const content = form === "png" ? await scene.png() : new Blob([scene.svg()], { type: "image/svg+xml" });
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(content);
-  link.download = `fling-scene.${form}`;
-  link.click();
-  URL.revokeObjectURL(link.href);
+  save(form === "png" ? await scene.png() : new Blob([scene.svg()], { type: "image/svg+xml" }), `scene.${form}`);
 }
 
 /** Two views of the plan, drawn by the service: where the browser cannot draw the scene. */
