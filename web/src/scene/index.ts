@@ -4,7 +4,7 @@ import { type ArmGeometry, armGeometry, frozen, SolidArm } from "./arm/model";
 import { type CellDocument, type CellGeometry, geometryOf } from "../model/cell";
 import { linkPoses, toolPose } from "../model/chain";
 import { norm, plus, positionOf, type Vector } from "../model/poses";
-import { CameraMove, directionTo, type Subject, viewOf } from "./camera";
+import { CameraMove, directionTo, NO_INSETS, type Subject, viewOf } from "./camera";
 import { drawing } from "./drawing/picture";
 import { Ghost } from "./ghost";
 import { Handles } from "./handles";
@@ -18,6 +18,7 @@ import { studioMaterial } from "./studio";
 import { ThrownObject } from "./thrown";
 
 const LAYERS = ["boxes", "hazard", "plan", "target", "nearest", "landings", "obstacles"] as const;
+const SIDES = ["left", "right", "top", "bottom"] as const;
 const GRIPPER_OPENS_S = 0.06; // [s] in which the drawn fingers open
 const STILL_RAD = 1e-4; // [rad] less than this is not seen to move
 const FOLLOWER = 20; // place in the order of drawing of the ghost that moves
@@ -133,6 +134,7 @@ class ThrowScene implements face.Scene {
   setNearest(position: face.Vector3 | null): void {
     this.nearest = this.handles.nearest = position;
     this.show("nearest", position ? nearestThings(position, this.palette) : []);
+    if (!this.handles.held) this.look(false);
   }
 
   setObstacles(obstacles: readonly face.Obstacle[]): void {
@@ -149,6 +151,12 @@ class ThrowScene implements face.Scene {
     this.preset = preset;
     this.framed = "";
     this.look(false);
+  }
+
+  setInsets(insets: face.Insets): void {
+    if (SIDES.every((side) => insets[side] === this.stage.insets[side])) return;
+    this.stage.insets = insets;
+    this.resize();
   }
 
   setTheme(theme: face.Theme): void {
@@ -168,22 +176,24 @@ class ThrowScene implements face.Scene {
   }
 
   async png(): Promise<Blob> {
-    this.camera.finish();
-    this.stage.drawNow();
-    return new Promise((resolve, reject) => {
-      this.stage.canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("the picture could not be drawn"))), "image/png");
+    return this.uncovered(() => {
+      this.stage.drawNow(true);
+      return new Promise((resolve, reject) => {
+        this.stage.canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("the picture could not be drawn"))), "image/png");
+      });
     });
   }
 
   svg(): string {
     if (!this.cell || !this.geometry) throw new Error("there is nothing to draw yet");
-    this.camera.finish();
-    this.stage.controls.update();
     const { motion, target, landings, ellipse, time } = this;
     const object = motion?.flies && time >= motion.releaseTime ? motion.objectAt(time) : null;
     const drawn = { cell: this.cell, parts: this.geometry.parts, q: this.posture(), object, motion, target, landings, ellipse };
     const { clientWidth, clientHeight } = this.stage.canvas;
-    return drawing(drawn, this.stage.camera, clientWidth, clientHeight, paletteOf("light"));
+    return this.uncovered(() => {
+      this.stage.drawNow();
+      return drawing(drawn, this.stage.camera, clientWidth, clientHeight, paletteOf("light"));
+    });
   }
 
   /** Keeps to one level of detail, 0 for all of it; null: as fast as the machine is. */
@@ -203,6 +213,18 @@ class ThrowScene implements face.Scene {
     this.thrown.dispose();
     this.material.dispose();
     this.stage.dispose();
+  }
+
+  /** Draws for a picture of its own, which no panel covers: what is looked at is in its middle. */
+  private uncovered<T>(draw: () => T): T {
+    this.camera.finish();
+    const { insets } = this.stage;
+    this.stage.insets = NO_INSETS;
+    this.stage.resize();
+    const drawn = draw();
+    this.stage.insets = insets;
+    this.stage.resize();
+    return drawn;
   }
 
   /** Draws everything anew in the present palette. */
@@ -311,7 +333,8 @@ class ThrowScene implements face.Scene {
   private look(atOnce: boolean): void {
     if (!this.cell) return;
     const landing = (this.motion?.plan.flight?.landing_point as Vector | undefined) ?? this.target?.position ?? null;
-    const key = `${this.cell.name} ${this.preset} ${this.motion ? landing?.map((x) => x.toFixed(1)) : "home"}`;
+    const refused = this.refused().map((point) => point.map((x) => x.toFixed(1)));
+    const key = `${this.cell.name} ${this.preset} ${this.motion ? landing?.map((x) => x.toFixed(1)) : "home"} ${refused}`;
     if (key === this.framed) return;
     this.framed = key;
     const still = atOnce || window.matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -319,7 +342,7 @@ class ThrowScene implements face.Scene {
     this.stage.resize();
     this.placeFloor(base);
     this.stage.drawNow();
-    this.camera.start(viewOf(this.preset, this.subject(base, landing), this.stage.camera), performance.now(), still);
+    this.camera.start(viewOf(this.preset, this.subject(base, landing), this.stage.camera, this.stage.freeArea), performance.now(), still);
     this.stage.moved();
     this.stage.invalidate();
   }
@@ -329,8 +352,13 @@ class ThrowScene implements face.Scene {
     const joints = postures.flatMap((q) => linkPoses(this.cell!.chain, q).map(positionOf));
     const around = [0.12, -0.12].flatMap((r) => joints.map((point) => plus(point, [r, r, r])));
     const marks = landing ? [plus(landing, [0.1, 0.1, 0]), plus(landing, [-0.1, -0.1, 0])] : [];
-    const points = [base, ...around, ...marks, ...(this.motion?.extent() ?? [])];
+    const points = [base, ...around, ...marks, ...this.refused(), ...(this.motion?.extent() ?? [])];
     return { points, base, direction: directionTo(base, landing ?? plus(base, [0.001, -1, 0])), landing };
+  }
+
+  /** Returns what a refusal is about: the target that cannot be hit, and the nearest that can. */
+  private refused(): Vector[] {
+    return this.nearest ? [this.nearest, ...(this.target ? [this.target.position] : [])] : [];
   }
 
   private placeFloor(base: Vector): void {

@@ -72,6 +72,14 @@ export interface SceneOptions {
   onFailure?(reason: string): void;
 }
 
+/** Edges of the canvas that something else covers [px]. */
+export interface Insets {
+  readonly left: number;
+  readonly right: number;
+  readonly top: number;
+  readonly bottom: number;
+}
+
 export interface Scene {
   /** Arm, tool, floor and boxes of a cell; clears everything that belonged to another cell. */
   setModel(model: CellModel): void;
@@ -89,6 +97,8 @@ export interface Scene {
   setObstacles(obstacles: readonly Obstacle[]): void;
   setPicking(on: boolean): void;
   setCamera(preset: CameraPreset): void;
+  /** Edges of the canvas that panels cover [px]: the throw is shown between them. */
+  setInsets(insets: Insets): void;
   setTheme(theme: Theme): void;
   setRealArm(real: boolean): void;
   /** Size of the canvas in the layout has changed. */

@@ -1,6 +1,6 @@
 // Names for the documents of the service. They come from its OpenAPI schema: `make web` writes schema.d.ts.
 
-import type { CheckAnswer, ExecutionAnswer, PlanAnswer, PlanRequest, PlanSummary } from "./schema";
+import type { CheckAnswer, ExecutionAnswer, PlanAnswer, PlanRequest } from "./schema";
 
 export type {
   CellList,
@@ -19,12 +19,10 @@ export type {
 } from "./schema";
 
 export type Plan = PlanAnswer;
-export type Summary = PlanSummary;
 export type Check = CheckAnswer;
-export type ReleaseRequest = PlanRequest["release"];
 export type Outcome = NonNullable<ExecutionAnswer["outcome"]>;
 
-export interface Violation {
+interface Violation {
   readonly constraint: string;
   readonly value: number | null;
   readonly limit: number | null;

@@ -45,7 +45,7 @@ function refuse(revision: number, error: unknown): void {
 export async function loadCurves(of: Plan): Promise<void> {
   if (curves.value?.planId === of.id) return;
   try {
-    curves.value = { planId: of.id, value: await get<Curves>(`/plans/${of.id}/curves`) };
+    curves.value = { planId: of.id, value: await get<Curves>(`/plans/${of.id}/curves`, { patient: true }) };
   } catch {
     curves.value = null; // the curves of the trajectory are drawn without them
   }

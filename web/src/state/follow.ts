@@ -15,6 +15,7 @@ import {
 const ROBOT_MS = 400; // state of the chosen cell
 const CELLS_MS = 2500; // the list, the other cells and the past
 const HISTORY = 40; // executions that are listed
+const AT_ONCE = 5; // requests for them; a browser has six connections
 
 /** Starts following; never ends. */
 export function follow(): void {
@@ -74,10 +75,19 @@ async function followHistory(): Promise<void> {
   const page = await get<ExecutionList>(`/executions?limit=${HISTORY}`);
   if (JSON.stringify(page.executions) !== JSON.stringify(history.value)) history.value = page.executions;
   const own = page.executions.filter((run) => run.cell === cell && run.state === "finished");
-  for (const run of own.slice(0, HISTORY)) await loadPast(run);
+  await inParallel(own.slice(0, HISTORY), loadPast);
   if (cell !== null && (profiles.value === null || profiles.value.cell !== cell)) {
     profiles.value = await get<ProfileList>(`/cells/${cell}/profiles`);
   }
+}
+
+/** Does something with every item, a few at a time. */
+async function inParallel<T>(items: readonly T[], work: (item: T) => Promise<void>): Promise<void> {
+  const rest = [...items];
+  const worker = async (): Promise<void> => {
+    for (let item = rest.shift(); item !== undefined; item = rest.shift()) await work(item);
+  };
+  await Promise.all(Array.from({ length: AT_ONCE }, worker));
 }
 
 async function loadPast(run: Execution): Promise<void> {

@@ -2,6 +2,7 @@
 
 import { computed, signal } from "@preact/signals";
 
+import { endOf } from "../model/samples";
 import { ConnectionLost, ProblemError } from "../service/client";
 import type { CellModel, CellState, CellSummary, Curves, Execution, LandingAnswer, Plan, ProfileList } from "../service/types";
 import { type Change, change, FIRST_STATE, isArmed, isRunning, planStanding, type State } from "./machine";
@@ -69,11 +70,7 @@ export const shown = computed<Plan | null>(() => {
 });
 
 /** End of what the cursor runs over: the plan, or the flight where that takes longer [s]. */
-export const endTime = computed(() => {
-  const plan = shown.value;
-  if (plan === null) return 0;
-  return Math.max(plan.duration_s, plan.release_time_s + (plan.flight?.time_of_flight_s ?? 0));
-});
+export const endTime = computed(() => (shown.value === null ? 0 : endOf(shown.value)));
 
 /** Notes what a failed call says about connection and access; returns it in words. */
 export function failed(error: unknown): string {
