@@ -41,17 +41,22 @@ def arm_timing(cell: Cell, telemetry: Telemetry, mode: str, acceleration: float)
     }
 
 
-def path_error_m(cell: Cell, telemetry: Telemetry, late_s: float) -> float | None:
+def path_error_m(cell: Cell, telemetry: Telemetry, p_BT: Array, late_s: float) -> float:
     """Returns the largest distance of the tool centre point from where it was planned `late_s` before [m].
 
     An arm that is late, or early, stays on the certified path; this is how far it left it.
+
+    Args:
+        cell: of the run.
+        telemetry: of the run; not empty.
+        p_BT: measured positions of the tool centre point (N, 3), of `tool_points` [m].
+        late_s: by how much the arm is late [s].
     """
-    if not len(telemetry):
-        return None
     clock, planned = telemetry.scalar("clock_s"), telemetry.vector("planned_q")
     shifted = columns_at(clock - late_s, clock, planned)
-    return float(np.linalg.norm(_points(cell, telemetry.vector("q")) - _points(cell, shifted), axis=1).max())
+    return float(np.linalg.norm(p_BT - tool_points(cell, shifted), axis=1).max())
 
 
-def _points(cell: Cell, q: Array) -> Array:
+def tool_points(cell: Cell, q: Array) -> Array:
+    """Returns the tool centre point in joint positions (N, 6), (N, 3), in the arm's base [m]."""
     return forward(cell.robot, q, cell.tool.X_FT)[:, :3, 3]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -10,7 +10,6 @@ from click.testing import CliRunner
 
 from api.cli import main
 from api.cli.support.client import describe
-from api.cli.support.exit_status import NotCompleted
 from api.cli.support.progress import execute_plan
 from api.cli.support.summary import landing_text, plan_text
 
@@ -91,24 +90,6 @@ def test_a_coordinate_is_finite(value: str):
     assert f"{value!r} is not a finite number" in result.output
 
 
-class UnfinishedThrow:
-    """A service whose stream of events ends before the execution does."""
-
-    def post(self, path: str, body: Any) -> dict[str, Any]:
-        return {"id": "x"}
-
-    def events(self, execution_id: str) -> Iterator[tuple[str, dict[str, Any]]]:
-        yield "state", {"state": "streaming"}
-
-    def get(self, path: str) -> dict[str, Any]:
-        return {"id": "x", "outcome": None}
-
-
-def test_a_service_that_ends_in_mid_throw_is_named():
-    with pytest.raises(NotCompleted, match=r"the service ended before the throw did.*/executions/x"):
-        execute_plan(UnfinishedThrow(), {"id": "p"})
-
-
 class InterruptedThrow:
     """A service whose client is interrupted once in mid-throw."""
 
@@ -119,12 +100,10 @@ class InterruptedThrow:
         self.calls.append(path)
         return {"id": "x"}
 
-    def events(self, execution_id: str) -> Iterator[tuple[str, dict[str, Any]]]:
-        yield "state", {"state": "approaching"}
+    def finished(self, execution_id: str, on_event: Callable[[str, Any], object]) -> dict[str, Any]:
+        on_event("state", {"state": "approaching"})
         if self.calls[-1] == "/execute":
             raise KeyboardInterrupt
-
-    def get(self, path: str) -> dict[str, Any]:
         return {"id": "x", "outcome": "aborted"}
 
 
