@@ -4,6 +4,113 @@
  */
 
 export interface paths {
+    "/batches": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List batches
+         * @description Lists batches with their progress, newest first.
+         */
+        get: operations["list_batches"];
+        put?: never;
+        /**
+         * Plan many throws
+         * @description Queues many planning requests; each is checked before. Their plans are stored like any other plan.
+         *
+         *     Requests that ask for the same are planned once. A batch survives the end of the service: it goes on when the
+         *     service starts again.
+         */
+        post: operations["make_batch"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/batches/{id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read a batch
+         * @description Reads the progress of a batch: results by outcome, rate, time left.
+         */
+        get: operations["read_batch"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/batches/{id}/cancel": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Cancel a batch
+         * @description Ends a batch before all is planned. Its results so far stay; repeated, it changes nothing.
+         */
+        post: operations["cancel_batch"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/batches/{id}/events": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Watch a batch
+         * @description Streams the progress of a batch as server-sent events until it is finished.
+         */
+        get: operations["watch_batch"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/batches/{id}/results": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read the results of a batch
+         * @description Reads results in the order of their requests: a page in JSON, or all of them as CSV or Parquet.
+         */
+        get: operations["read_batch_results"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/cells": {
         parameters: {
             query?: never;
@@ -668,6 +775,197 @@ export interface components {
              * @description Of the housings [m].
              */
             wrist_radius_m: number;
+        };
+        /**
+         * AxisValues
+         * @description The values of one field of a grid, each as in a request.
+         */
+        AxisValues: {
+            /**
+             * Values
+             * @description At least one.
+             */
+            values: unknown[];
+        };
+        /**
+         * BatchAnswer
+         * @description A batch and its progress.
+         */
+        BatchAnswer: {
+            /** Cancel Requested */
+            cancel_requested: boolean;
+            /**
+             * Counts
+             * @description Results by outcome: `planned`, or the type of the problem.
+             */
+            counts: {
+                [key: string]: number;
+            };
+            /**
+             * Created At
+             * @description UTC, ISO 8601.
+             */
+            created_at: string;
+            /** Created By */
+            created_by: string;
+            /**
+             * Done
+             * @description Number of results so far.
+             */
+            done: number;
+            /** Finished At */
+            finished_at: string | null;
+            /** Id */
+            id: string;
+            /**
+             * Outcome
+             * @description completed, cancelled or failed, once it is finished.
+             */
+            outcome: string | null;
+            /**
+             * Rate Per S
+             * @description Results per second since the batch was last taken up [1/s].
+             */
+            rate_per_s: number | null;
+            /**
+             * Reason
+             * @description Why it failed.
+             */
+            reason: string | null;
+            /**
+             * Started At
+             * @description When it was last taken up. UTC, ISO 8601.
+             */
+            started_at: string | null;
+            /**
+             * State
+             * @description queued, running or finished.
+             */
+            state: string;
+            /**
+             * Time Left S
+             * @description At this rate [s].
+             */
+            time_left_s: number | null;
+            /**
+             * Total
+             * @description Number of requests.
+             */
+            total: number;
+        };
+        /**
+         * BatchList
+         * @description A page of batches, newest first.
+         */
+        BatchList: {
+            /** Batches */
+            batches: components["schemas"]["BatchAnswer"][];
+            /**
+             * Next Cursor
+             * @description Pass as `cursor` for the next page; null on the last page.
+             */
+            next_cursor: string | null;
+        };
+        /**
+         * BatchRequest
+         * @description Many planning requests: a list, or a template with a grid.
+         */
+        BatchRequest: {
+            /**
+             * Grid
+             * @description Values by field, such as `release.position[0]`: `[from, to, step]`, both ends included, or `{"values": […]}`. The requests are all combinations; the last field changes fastest.
+             */
+            grid?: {
+                [key: string]: number[] | components["schemas"]["AxisValues"];
+            } | null;
+            /**
+             * Requests
+             * @description As for `POST /plan`, one by one.
+             */
+            requests?: components["schemas"]["PlanRequest"][] | null;
+            /**
+             * Template
+             * @description A request as for `POST /plan`, in which the fields of `grid` may be absent.
+             */
+            template?: {
+                [key: string]: unknown;
+            } | null;
+        };
+        /**
+         * BatchResult
+         * @description The result of one request: its plan, or the reason why there is none.
+         */
+        BatchResult: {
+            /**
+             * Duration S
+             * @description Duration of the motion [s].
+             */
+            duration_s: number | null;
+            /**
+             * Hit Probability
+             * @description [-]
+             */
+            hit_probability: number | null;
+            /**
+             * Number
+             * @description Of the request, counted from 0 in the order of list or grid.
+             */
+            number: number;
+            /**
+             * Outcome
+             * @description `planned`, or the type of the problem: `infeasible`, `solver-failed`, …
+             */
+            outcome: string;
+            /**
+             * Plan Id
+             * @description Of its plan; the same for requests that ask for the same.
+             */
+            plan_id: string | null;
+            /**
+             * Planning Time S
+             * @description What its planner took [s].
+             */
+            planning_time_s: number;
+            /**
+             * Problem Sha256
+             * @description Hash of request, cell and profile.
+             */
+            problem_sha256: string;
+            /**
+             * Refusal
+             * @description `name`, `detail`, and what a problem of this type has: `violations` and `nearest`, or `errors`.
+             */
+            refusal: {
+                [key: string]: unknown;
+            } | null;
+            /**
+             * Release Speed M S
+             * @description Speed of the object at the release [m/s].
+             */
+            release_speed_m_s: number | null;
+            /**
+             * Release Time S
+             * @description [s]
+             */
+            release_time_s: number | null;
+            /**
+             * Trajectory Sha256
+             * @description Hash of the plan's samples as they are stored.
+             */
+            trajectory_sha256: string | null;
+        };
+        /**
+         * BatchResultList
+         * @description A page of results, in the order of their requests. Those of a running batch have gaps, which fill.
+         */
+        BatchResultList: {
+            /**
+             * Next Cursor
+             * @description Pass as `cursor` for the next page; null on the last page so far.
+             */
+            next_cursor: number | null;
+            /** Results */
+            results: components["schemas"]["BatchResult"][];
         };
         /**
          * BoxAnswer
@@ -3497,6 +3795,12 @@ export type Acknowledged = components['schemas']['Acknowledged'];
 export type Adoption = components['schemas']['Adoption'];
 export type AimAnswer = components['schemas']['AimAnswer'];
 export type ArmShapeAnswer = components['schemas']['ArmShapeAnswer'];
+export type AxisValues = components['schemas']['AxisValues'];
+export type BatchAnswer = components['schemas']['BatchAnswer'];
+export type BatchList = components['schemas']['BatchList'];
+export type BatchRequest = components['schemas']['BatchRequest'];
+export type BatchResult = components['schemas']['BatchResult'];
+export type BatchResultList = components['schemas']['BatchResultList'];
 export type BoxAnswer = components['schemas']['BoxAnswer'];
 export type CapsuleAnswer = components['schemas']['CapsuleAnswer'];
 export type CellChange = components['schemas']['CellChange'];
@@ -3577,6 +3881,433 @@ export type WayHomeAnswer = components['schemas']['WayHomeAnswer'];
 export type WindowEntry = components['schemas']['WindowEntry'];
 export type $defs = Record<string, never>;
 export interface operations {
+    list_batches: {
+        parameters: {
+            query?: {
+                /** @description Maximum length of the page. */
+                limit?: number;
+                /** @description `next_cursor` of the page before. */
+                cursor?: string | null;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Newest first. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["BatchList"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    make_batch: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Same key and body: same resource. */
+                "idempotency-key"?: string | null;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["BatchRequest"];
+            };
+        };
+        responses: {
+            /** @description Checked and queued. */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["BatchAnswer"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `request-timeout` */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `too-large` */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `unsupported-media-type` */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request`, `idempotency-conflict` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `shutting-down`, `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    read_batch: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of the batch, or `latest`. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Its progress. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["BatchAnswer"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    cancel_batch: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of the batch, or `latest`. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Its driver stops soon; what is planned stays. */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["BatchAnswer"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    watch_batch: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Skips progress that the client has. */
+                "last-event-id"?: number;
+            };
+            path: {
+                /** @description Id of the batch, or `latest`. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Events `progress` (data: `BatchAnswer`); ends with the batch. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/event-stream": string;
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    read_batch_results: {
+        parameters: {
+            query?: {
+                /** @description Maximum length of the page. */
+                limit?: number;
+                /** @description `next_cursor` of the page before. */
+                cursor?: number;
+            };
+            header?: {
+                /** @description application/json, text/csv or application/vnd.apache.parquet. */
+                accept?: string | null;
+            };
+            path: {
+                /** @description Id of the batch, or `latest`. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description A page in JSON; or all results so far as CSV or Parquet, by `Accept`. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["BatchResultList"];
+                    "application/vnd.apache.parquet": string;
+                    "text/csv": string;
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-acceptable` */
+            406: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
     list_cells: {
         parameters: {
             query?: never;
