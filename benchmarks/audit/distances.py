@@ -195,21 +195,26 @@ def _apart(robot: Robot, bodies: tuple[_Solid, ...]) -> tuple[tuple[int, int], .
 
     The object is beside what grips it: the tool, and wrists that it touches in some posture without being apart.
     """
-    rng, seen = np.random.default_rng(0), {}
-    model, X_frames = pinocchio_arm(robot.name, exact=True), dh_frames_in_urdf(robot.name)
+    rng, model, X_frames = (
+        np.random.default_rng(0),
+        pinocchio_arm(robot.name, exact=True),
+        dh_frames_in_urdf(robot.name),
+    )
     data = model.createData()
     solids = [coal.Capsule(b.radius_m, b.length_m) if b.length_m else coal.Sphere(b.radius_m) for b in bodies]
+    fixed = [pin.SE3(np.vstack([np.reshape(b.placement, (3, 4)), [0.0, 0.0, 0.0, 1.0]])) for b in bodies]
+    pairs = [(i, j) for i, j in combinations(range(len(bodies)), 2) if bodies[i].frame < 6]
+    open_pairs = list(pairs)
     for _ in range(PAIR_SAMPLES):
         pin.forwardKinematics(model, data, rng.uniform(robot.q_lower, robot.q_upper))
         poses = [pin.SE3.Identity(), *(data.oMi[i] * X_frames[i - 1] for i in range(1, 7))]
-        X = [
-            _coal(poses[b.frame] * pin.SE3(np.vstack([np.reshape(b.placement, (3, 4)), [0, 0, 0, 1]]))) for b in bodies
-        ]
-        for i, j in combinations(range(len(bodies)), 2):
-            if bodies[i].frame < 6 and not seen.get((i, j)):
-                gap = coal.distance(solids[i], X[i], solids[j], X[j], _REQUEST, coal.DistanceResult())
-                seen[i, j] = gap >= SELF_CLEARANCE_M
-    return tuple(pair for pair, apart in seen.items() if apart)
+        X = {i: _coal(poses[bodies[i].frame] * fixed[i]) for i in {i for pair in open_pairs for i in pair}}
+        gaps = {
+            (i, j): coal.distance(solids[i], X[i], solids[j], X[j], _REQUEST, coal.DistanceResult())
+            for i, j in open_pairs
+        }
+        open_pairs = [pair for pair in open_pairs if gaps[pair] < SELF_CLEARANCE_M]
+    return tuple(pair for pair in pairs if pair not in open_pairs)
 
 
 def self_pairs(cell: Cell) -> list[tuple[str, str]]:

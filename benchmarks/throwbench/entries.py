@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
+from pathlib import Path
 from typing import Any, Protocol
 
 import httpx2
 
 from benchmarks.throwbench.fling_entries import service_answer, service_request
 from benchmarks.throwbench.problem_document import Problem
-from benchmarks.throwbench.worker import serve
 
+ROOT, WORKER = Path(__file__).parents[2], Path(__file__).with_name("worker.py")
 START_S = 300.0  # [s] for an entry's process to load
 OWN, PEERS = "benchmarks.throwbench.fling_entries", "benchmarks.peers"
 # Name in the table: place of the function, package that it needs.
@@ -95,8 +98,8 @@ class FunctionEntry:
 
     def __init__(self, name: str, place: str) -> None:
         self.name, self._place = name, place
-        self._process: BaseProcess | None = None
-        self._connection: Connection | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self._connection: Connection[Any, Any] | None = None
 
     def ask(self, problem: Problem, time_limit_s: float) -> Reply:
         """Returns the reply to a problem.
@@ -124,18 +127,19 @@ class FunctionEntry:
         """Ends the process."""
         if self._process is not None:
             self._process.kill()
-            self._process.join()
+            self._process.wait()
         if self._connection is not None:
             self._connection.close()
         self._process = self._connection = None
 
-    def _connected(self) -> Connection:
+    def _connected(self) -> Connection[Any, Any]:
         if self._connection is not None:
             return self._connection
-        context = get_context("spawn")
-        self._connection, other = context.Pipe()
-        self._process = context.Process(target=serve, args=(other, self._place), daemon=True)
-        self._process.start()
+        self._connection, other = Pipe()
+        command = [sys.executable, str(WORKER), str(other.fileno()), self._place]
+        paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
+        self._process = subprocess.Popen(command, env=environment, pass_fds=[other.fileno()])
         other.close()
         try:
             fault = self._connection.recv() if self._connection.poll(START_S) else f"not loaded after {START_S:g} s"
@@ -148,12 +152,12 @@ class FunctionEntry:
 
     def _exit_code(self) -> int | None:
         """Returns the exit code of a process that has ended by itself; the next problem gets a new one."""
-        process = self._process
-        if process is not None:
-            process.join(5.0)
-        code = None if process is None else process.exitcode
-        self.close()
-        return code
+        try:
+            return None if self._process is None else self._process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            return None
+        finally:
+            self.close()
 
 
 class HttpEntry:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -73,7 +74,7 @@ def problem_from_document(document: Problem) -> ThrowProblem:
     vessel = target["bin"]
     release = TargetRelease(
         np.array(target["position_m"], float),
-        min_elevation_rad=target["min_elevation_rad"],
+        min_elevation_rad=max(target["min_elevation_rad"], -math.pi / 2),  # which is rounded in the document
         min_horizontal_distance_m=target["min_horizontal_distance_m"],
         opening=None if vessel is None else Opening(vessel["radius_m"], vessel["rim_height_m"]),
     )

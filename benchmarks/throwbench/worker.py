@@ -1,4 +1,7 @@
-"""The process of an entry that is a function: it loads the function and answers one problem after another."""
+"""The process of an entry that is a function: it loads the function and answers one problem after another.
+
+Run as a file, so that nothing of Fling is loaded with it: `worker.py DESCRIPTOR module:function`.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from typing import Any
 Function = Callable[[dict[str, Any]], Any]
 
 
-def serve(connection: Connection, place: str) -> None:
+def serve(connection: Connection[Any, Any], place: str) -> None:
     """Answers problems from `connection` until it closes.
 
     The first message says "" or why the function could not be loaded. Each answer is a pair: JSON text or None and the
@@ -47,6 +50,7 @@ def load(place: str) -> Function:
     """Returns the function of "module:function" or "file.py:function"; a file finds the modules beside it."""
     module_name, _, function = place.rpartition(":")
     if not module_name.endswith(".py"):
+        sys.path.insert(0, os.getcwd())
         return getattr(importlib.import_module(module_name), function)
     file = Path(module_name).resolve()
     sys.path.insert(0, str(file.parent))
@@ -74,3 +78,8 @@ def _plain(value: Any) -> Any:
 
 def _processor_s() -> float:
     return sum(os.times()[:4])
+
+
+if __name__ == "__main__":
+    sys.path.pop(0)  # this folder
+    serve(Connection(int(sys.argv[1])), sys.argv[2])
