@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from benchmarks.audit.fault import Fault, over, under
+from benchmarks.audit.fault import AuditFault, over, under
 from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
 from planner.cell import Cell
 from planner.geometry import SELF_CLEARANCE_M, body_capsules
@@ -51,7 +51,7 @@ class SpatialExtremes:
     speed: float = 0.0
     outside: float = -np.inf
 
-    def faults(self, problem: ThrowProblem) -> list[Fault]:
+    def faults(self, problem: ThrowProblem) -> list[AuditFault]:
         """Returns the violated limits."""
         limits, clearance, slack = problem.limits, problem.cell.surroundings.clearance_m, LENGTH_SLACK_M
         least, fast = limits.singularity_distance_min, limits.tcp_speed_max
@@ -65,7 +65,7 @@ class SpatialExtremes:
         ]
 
 
-def spatial_faults(problem: ThrowProblem, q: Vector, qd: Vector, t: Vector, held_until_s: float) -> list[Fault]:
+def spatial_faults(problem: ThrowProblem, q: Vector, qd: Vector, t: Vector, held_until_s: float) -> list[AuditFault]:
     """Returns the violated distances, speeds and singularity distances.
 
     Args:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cache
 from typing import Any
 
@@ -41,11 +41,7 @@ def problem_document(name: str, problem: ThrowProblem) -> Problem:
         "arm": _arm(cell),
         "base": _pose(cell.X_WB),
         "tool": _pose(cell.tool.X_FT) | {"mass_kg": cell.tool.mass_kg},
-        "object": {
-            "mass_kg": cell.object.mass_kg,
-            "radius_m": cell.object.radius_m,
-            "drag_coefficient": cell.object.drag_coefficient,
-        },
+        "object": asdict(cell.object),
         "limits": {
             "position_lower_rad": limits.q_lower,
             "position_upper_rad": limits.q_upper,

@@ -10,7 +10,6 @@ import importlib.util
 import json
 import os
 import sys
-import traceback
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -20,30 +19,25 @@ Function = Callable[[dict[str, Any]], Any]
 
 
 def serve(connection: Connection[Any, Any], place: str) -> None:
-    """Answers problems from `connection` until it closes.
+    """Answers problems from `connection` until it closes; whatever the function raises ends the process.
 
-    The first message says "" or why the function could not be loaded. Each answer is a pair: JSON text or None and the
-    traceback, and the processor time [s].
+    The first message says that the function is loaded. Each answer is a pair: JSON text, and the processor time [s].
 
     Args:
         connection: To the benchmark.
         place: "module:function" or "file.py:function".
     """
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # solvers print banners
-    try:
-        function = load(place)
-    except Exception:  # whatever a stranger's module does, the benchmark goes on
-        connection.send(traceback.format_exc())
-        return
-    connection.send("")
+    function = load(place)
+    connection.send("loaded")
     while True:
         try:
             problem = json.loads(connection.recv())
         except EOFError:
             return
         before = _processor_s()
-        text, fault = _answered(function, problem)
-        connection.send((text, fault, _processor_s() - before))
+        text = json.dumps(function(problem), default=_plain)
+        connection.send((text, _processor_s() - before))
 
 
 def load(place: str) -> Function:
@@ -60,13 +54,6 @@ def load(place: str) -> Function:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return getattr(module, function)
-
-
-def _answered(function: Function, problem: dict[str, Any]) -> tuple[str | None, str]:
-    try:
-        return json.dumps(function(problem), default=_plain), ""
-    except Exception:  # the entry's own fault, reported as such
-        return None, traceback.format_exc()
 
 
 def _plain(value: Any) -> Any:

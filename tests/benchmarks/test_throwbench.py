@@ -20,7 +20,7 @@ import pytest
 from benchmarks.audit.pinocchio_arm import arm_model, poses_and_velocity
 from benchmarks.peers.arm import PeerArm
 from benchmarks.peers.ruckig_alone import plan
-from benchmarks.throwbench import HASHES, hash_of, hidden_problems, judge, load_set, sets
+from benchmarks.throwbench import HASHES, hash_of, hidden_problems, load_set, sets, verify
 from benchmarks.throwbench.__main__ import main
 from benchmarks.throwbench.entries import EntryMissing, entry_of
 from benchmarks.throwbench.fling_entries import service_request
@@ -51,7 +51,7 @@ def end(problem):
 
 @pytest.fixture(scope="module")
 def problem() -> dict[str, Any]:
-    """The ninth of the SDU table's near targets: ticks of 8 ms make it quick to judge."""
+    """The fifteenth of the SDU table's near targets: ticks of 8 ms make it quick to judge."""
     return load_set("sdu-near-1")[14]
 
 
@@ -121,7 +121,7 @@ def rules(verdict):
 
 
 def test_a_right_answer_is_solved(problem, answer):
-    verdict = judge(problem, answer)
+    verdict = verify(problem, answer)
     assert verdict.faults == ()
     assert verdict.outcome == "solved"
     assert verdict.release_time_s == answer["release_time_s"]
@@ -132,19 +132,19 @@ def test_a_right_answer_is_solved(problem, answer):
 @pytest.mark.parametrize("rule", SPOILT)
 def test_a_spoilt_answer_fails_by_the_rule_that_it_breaks(problem, answer, rule):
     of_problem, of_answer = SPOILT[rule]
-    verdict = judge(changed(problem, **of_problem), changed(answer, **of_answer))
+    verdict = verify(changed(problem, **of_problem), changed(answer, **of_answer))
     assert verdict.outcome == "invalid"
     assert rule in rules(verdict)
 
 
 def test_a_flight_through_a_box_is_invalid(problem, answer):
     here = on_the_way(problem, answer)
-    verdict = judge(changed(problem, surroundings__keep_out=box(here, 0.02)), answer)
+    verdict = verify(changed(problem, surroundings__keep_out=box(here, 0.02)), answer)
     assert "flight_clearance" in rules(verdict)
 
 
 def test_a_fault_has_its_value_and_limit(problem, answer):
-    verdict = judge(changed(problem, limits__tool_speed_m_s=0.5), answer)
+    verdict = verify(changed(problem, limits__tool_speed_m_s=0.5), answer)
     fault = next(fault for fault in verdict.faults if fault.rule == "tcp_speed")
     assert fault.limit == 0.5 and 0.5 < fault.value < 4.0
 
@@ -167,19 +167,19 @@ def test_a_fault_has_its_value_and_limit(problem, answer):
     ],
 )
 def test_what_cannot_be_read_is_invalid_by_its_format(problem, given):
-    assert rules(judge(problem, given)) == {"format"}
+    assert rules(verify(problem, given)) == {"format"}
 
 
 def test_a_refusal_is_no_fault(problem):
-    verdict = judge(problem, {"refused": "too far"})
+    verdict = verify(problem, {"refused": "too far"})
     assert (verdict.outcome, verdict.faults, verdict.reason) == ("refused", (), "too far")
 
 
 def test_samples_at_other_times_are_put_on_ticks(problem, answer):
     count, rate = len(answer["positions"]), problem["sample_rate_hz"]
     times = [i / rate for i in range(count)]
-    assert judge(problem, answer | {"times_s": times}).outcome == "solved"
-    stretched = judge(problem, answer | {"times_s": [0.9 * t for t in times]})
+    assert verify(problem, answer | {"times_s": times}).outcome == "solved"
+    stretched = verify(problem, answer | {"times_s": [0.9 * t for t in times]})
     assert rules(stretched) & {"joint_jerk", "landing"}
 
 
