@@ -63,6 +63,7 @@ bench: $(VENV)/bench.stamp $(VENV)/warm.stamp  ## writes docs/benchmarks, about 
 	$(BIN)/python -m benchmarks $(if $(SLOW),--slow)
 	$(BIN)/python -m benchmarks.conditions --count $(if $(SLOW),100,5) --out docs/benchmarks
 	$(BIN)/python -m benchmarks.page.frames
+	$(BIN)/python -m benchmarks.throwbench --count $(if $(SLOW),20,4)
 
 pictures: $(VENV)/dev.stamp $(VENV)/warm.stamp  ## the README's pictures and animation of a throw (needs chromium)
 	$(BIN)/python -m benchmarks.page.pictures

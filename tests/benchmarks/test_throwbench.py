@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import re
 import subprocess
 import sys
 import threading
@@ -247,6 +248,23 @@ def test_a_peer_imports_nothing_else_of_fling(tmp_path, problem):
     assert rest == "[]"
 
 
+def test_the_code_of_the_page_works(root, problem):
+    """Its kinematics agree with Pinocchio's; its smallest entry refuses."""
+    page = (root / "docs" / "throwbench.md").read_text()
+    code: dict[str, Any] = {}
+    exec("\n".join(re.findall(r"```python\n(.*?)```", page, flags=re.S)), code)
+    q, here = np.array([0.3, -1.0, 1.2, -0.4, 0.8, 2.0]), problem_from_document(problem).cell
+    model = arm_model(here, True)
+    poses, _ = poses_and_velocity(here, model, model.createData(), q, q)
+    np.testing.assert_allclose(code["tool"](problem, q), poses[6].act(here.tool.X_FT[:3, 3]), atol=1e-7)
+    assert verify(problem, code["plan"](problem)).outcome == "refused"
+
+
+@pytest.mark.parametrize("rule", [*SPOILT, "flight_clearance"])
+def test_every_rule_is_on_the_page(root, rule):
+    assert f"`{rule}`" in (root / "docs" / "throwbench.md").read_text()
+
+
 @pytest.fixture(scope="module")
 def module(tmp_path_factory) -> Path:
     file = tmp_path_factory.mktemp("entry") / "mine.py"
@@ -334,7 +352,7 @@ def test_flings_service_gets_the_same_problem():
 
 
 def test_one_command_writes_page_and_json(tmp_path, module):
-    page = tmp_path / "table.md"
+    page = tmp_path / "page"
     arguments = ["--entries", f"mine={module}:answer", "--sets", "random-1", "--count", "2", "--out", str(page)]
     assert main([*arguments, "--rows", str(tmp_path / "rows.jsonl")]) == 0
     assert "| mine | 0 % | 0 % | 100 % | 0 % |" in page.read_text()
