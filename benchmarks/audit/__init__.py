@@ -2,13 +2,13 @@
 
 from benchmarks.audit.checks import find_faults, motion_faults
 from benchmarks.audit.distances import self_pairs
-from benchmarks.audit.fault import Fault, over, under
+from benchmarks.audit.fault import AuditFault, over, under
 from benchmarks.audit.flights import clearance_faults, flight_faults, landing_errors, release_state
 from benchmarks.audit.run import AuditResult, run_audit
 
 __all__ = [
     "AuditResult",
-    "Fault",
+    "AuditFault",
     "clearance_faults",
     "find_faults",
     "flight_faults",

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from benchmarks.audit.distances import LENGTH_SLACK_M, SPARSE_S, spatial_faults
-from benchmarks.audit.fault import Fault, joint_faults, over
+from benchmarks.audit.fault import AuditFault, joint_faults, over
 from benchmarks.audit.flights import flight_faults
 from benchmarks.audit.mujoco_model import inverse_dynamics
 from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
@@ -76,14 +76,14 @@ class DenseSamples:
         return max(1, int(step_s / (self.t[1] - self.t[0]) + 1e-6)) if len(self.t) > 1 else 1
 
 
-def find_faults(problem: ThrowProblem, motion: Trajectory) -> list[Fault]:
+def find_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
     """Returns the faults of a certified motion; an empty list if it is right."""
     found = motion_faults(problem, motion)
     found += [*safety_faults(problem, motion), *grip_faults(problem, motion), *flight_faults(problem, motion)]
     return found + _release(problem, motion)
 
 
-def motion_faults(problem: ThrowProblem, motion: Trajectory, smooth: bool = False) -> list[Fault]:
+def motion_faults(problem: ThrowProblem, motion: Trajectory, smooth: bool = False) -> list[AuditFault]:
     """Returns the faults of a motion by itself: start, rest, joints, torques, distances, speed; not of the release.
 
     Args:
@@ -95,7 +95,7 @@ def motion_faults(problem: ThrowProblem, motion: Trajectory, smooth: bool = Fals
     return [*_limits(problem, motion, dense), *_torques(problem, motion, dense), *_space(problem, motion, dense)]
 
 
-def _limits(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[Fault]:
+def _limits(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[AuditFault]:
     limits = problem.limits
     rows = (
         (
@@ -122,7 +122,7 @@ def _limits(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> l
     return found
 
 
-def _torques(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[Fault]:
+def _torques(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[AuditFault]:
     found, cell, worst = [], problem.cell, np.zeros(6)
     gone_from, held_until = object_times(problem, motion)
     for rows, with_object in ((dense.t <= held_until, True), (dense.t >= gone_from, False)):
@@ -141,12 +141,12 @@ def _torques(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> 
     return joint_faults("joint_torque", "torque", worst, problem.limits.tau_max, slack, "N m") + found
 
 
-def _space(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[Fault]:
+def _space(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[AuditFault]:
     rows = slice(None, None, dense.every(SPARSE_S))
     return spatial_faults(problem, dense.q[rows], dense.qd[rows], dense.t[rows], object_times(problem, motion)[1])
 
 
-def _release(problem: ThrowProblem, motion: Trajectory) -> list[Fault]:
+def _release(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
     """Returns the faults of the release state."""
     cell, k, release = problem.cell, motion.release_index, problem.release
     model = arm_model(cell, True)
@@ -166,7 +166,7 @@ def _release(problem: ThrowProblem, motion: Trajectory) -> list[Fault]:
     return found
 
 
-def _orientation(release: PoseRelease, problem: ThrowProblem, motion: Trajectory, model: pin.Model) -> list[Fault]:
+def _orientation(release: PoseRelease, problem: ThrowProblem, motion: Trajectory, model: pin.Model) -> list[AuditFault]:
     k, data = motion.release_index, model.createData()
     pin.forwardKinematics(model, data, motion.q[k], motion.qd[k])
     R_WT = (

@@ -12,7 +12,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from benchmarks.audit.fault import Fault, over, under
+from benchmarks.audit.fault import AuditFault, over, under
 from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
 from planner.cell import Cell
 from planner.geometry import SELF_CLEARANCE_M, body_capsules
@@ -51,7 +51,7 @@ class SpatialExtremes:
     speed: float = 0.0
     outside: float = -np.inf
 
-    def faults(self, problem: ThrowProblem) -> list[Fault]:
+    def faults(self, problem: ThrowProblem) -> list[AuditFault]:
         """Returns the violated limits."""
         limits, clearance, slack = problem.limits, problem.cell.surroundings.clearance_m, LENGTH_SLACK_M
         least, fast = limits.singularity_distance_min, limits.tcp_speed_max
@@ -65,7 +65,7 @@ class SpatialExtremes:
         ]
 
 
-def spatial_faults(problem: ThrowProblem, q: Vector, qd: Vector, t: Vector, held_until_s: float) -> list[Fault]:
+def spatial_faults(problem: ThrowProblem, q: Vector, qd: Vector, t: Vector, held_until_s: float) -> list[AuditFault]:
     """Returns the violated distances, speeds and singularity distances.
 
     Args:
@@ -195,21 +195,26 @@ def _apart(robot: Robot, bodies: tuple[_Solid, ...]) -> tuple[tuple[int, int], .
 
     The object is beside what grips it: the tool, and wrists that it touches in some posture without being apart.
     """
-    rng, seen = np.random.default_rng(0), {}
-    model, X_frames = pinocchio_arm(robot.name, exact=True), dh_frames_in_urdf(robot.name)
+    rng, model, X_frames = (
+        np.random.default_rng(0),
+        pinocchio_arm(robot.name, exact=True),
+        dh_frames_in_urdf(robot.name),
+    )
     data = model.createData()
     solids = [coal.Capsule(b.radius_m, b.length_m) if b.length_m else coal.Sphere(b.radius_m) for b in bodies]
+    fixed = [pin.SE3(np.vstack([np.reshape(b.placement, (3, 4)), [0.0, 0.0, 0.0, 1.0]])) for b in bodies]
+    pairs = [(i, j) for i, j in combinations(range(len(bodies)), 2) if bodies[i].frame < 6]
+    open_pairs = list(pairs)
     for _ in range(PAIR_SAMPLES):
         pin.forwardKinematics(model, data, rng.uniform(robot.q_lower, robot.q_upper))
         poses = [pin.SE3.Identity(), *(data.oMi[i] * X_frames[i - 1] for i in range(1, 7))]
-        X = [
-            _coal(poses[b.frame] * pin.SE3(np.vstack([np.reshape(b.placement, (3, 4)), [0, 0, 0, 1]]))) for b in bodies
-        ]
-        for i, j in combinations(range(len(bodies)), 2):
-            if bodies[i].frame < 6 and not seen.get((i, j)):
-                gap = coal.distance(solids[i], X[i], solids[j], X[j], _REQUEST, coal.DistanceResult())
-                seen[i, j] = gap >= SELF_CLEARANCE_M
-    return tuple(pair for pair, apart in seen.items() if apart)
+        X = {i: _coal(poses[bodies[i].frame] * fixed[i]) for i in {i for pair in open_pairs for i in pair}}
+        gaps = {
+            (i, j): coal.distance(solids[i], X[i], solids[j], X[j], _REQUEST, coal.DistanceResult())
+            for i, j in open_pairs
+        }
+        open_pairs = [pair for pair in open_pairs if gaps[pair] < SELF_CLEARANCE_M]
+    return tuple(pair for pair in pairs if pair not in open_pairs)
 
 
 def self_pairs(cell: Cell) -> list[tuple[str, str]]:

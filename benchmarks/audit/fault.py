@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True)
-class Fault:
+class AuditFault:
     """A broken rule.
 
     Attributes:
@@ -31,14 +31,14 @@ class Fault:
         return f"{self.text}: {self.value:.6g}{unit}, limit {self.limit:.6g}{unit}"
 
 
-def over(rule: str, text: str, value: float, limit: float, slack: float, unit: str = "") -> list[Fault]:
+def over(rule: str, text: str, value: float, limit: float, slack: float, unit: str = "") -> list[AuditFault]:
     """Returns the fault of a value above its limit by more than the slack; NaN is a fault too."""
-    return [] if value <= limit + slack else [Fault(rule, text, float(value), float(limit), unit)]
+    return [] if value <= limit + slack else [AuditFault(rule, text, float(value), float(limit), unit)]
 
 
-def under(rule: str, text: str, value: float, limit: float, slack: float, unit: str = "") -> list[Fault]:
+def under(rule: str, text: str, value: float, limit: float, slack: float, unit: str = "") -> list[AuditFault]:
     """Returns the fault of a value below its limit by more than the slack."""
-    return [] if value >= limit - slack else [Fault(rule, text, float(value), float(limit), unit)]
+    return [] if value >= limit - slack else [AuditFault(rule, text, float(value), float(limit), unit)]
 
 
 def joint_faults(
@@ -48,7 +48,7 @@ def joint_faults(
     limit: NDArray[np.float64],
     slack: float | NDArray[np.float64],
     unit: str,
-) -> list[Fault]:
+) -> list[AuditFault]:
     """Returns the faults of the joints that are above their limits; all arrays (6,)."""
     allowed = np.broadcast_to(slack, 6)
     rows = enumerate(zip(worst, limit, allowed, strict=True))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from benchmarks.audit.distances import LENGTH_SLACK_M, shapes
-from benchmarks.audit.fault import Fault, over, under
+from benchmarks.audit.fault import AuditFault, over, under
 from benchmarks.audit.pinocchio_arm import arm_model, poses_and_velocity
 from planner.problem import TargetRelease, ThrowProblem
 from planner.trajectory import Trajectory
@@ -82,12 +82,12 @@ def _landing(x: Vector, plane_z: float, radius: float) -> tuple[Vector, int]:
     return landed, int(touches[-1]) + 1 if len(touches) else i + 1
 
 
-def flight_faults(problem: ThrowProblem, motion: Trajectory) -> list[Fault]:
+def flight_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
     """Returns what is wrong with landing and flight of every release in the window."""
     return [] if problem.ends_at_rest else [*_landings(problem, motion), *clearance_faults(problem, motion)]
 
 
-def clearance_faults(problem: ThrowProblem, motion: Trajectory) -> list[Fault]:
+def clearance_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
     """Returns what the object touches, and how it leaves the gripper, for the first faulty release in the window."""
     delays, arm = _delays(problem), _Arm(problem, motion)
     paths = _paths(problem, motion, delays)
@@ -113,7 +113,7 @@ def release_state(problem: ThrowProblem, motion: Trajectory) -> tuple[Vector, Ve
     return p[0], v[0]
 
 
-def obstacles_of_path(problem: ThrowProblem, motion: Trajectory, paths: Paths) -> list[Fault]:
+def obstacles_of_path(problem: ThrowProblem, motion: Trajectory, paths: Paths) -> list[AuditFault]:
     """Returns what the first of some paths from the nominal release touches beside the moving arm."""
     return _obstacles(problem, _Arm(problem, motion), 0.0, paths, 0)
 
@@ -128,7 +128,7 @@ def _paths(problem: ThrowProblem, motion: Trajectory, delays: Vector) -> Paths:
     return integrate(p, v, problem.plane_z, problem.cell.object.radius_m, problem.gravity, drag_constant(problem))
 
 
-def _landings(problem: ThrowProblem, motion: Trajectory) -> list[Fault]:
+def _landings(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
     if not isinstance(problem.release, TargetRelease):
         return []
     found, delays = [], _delays(problem)
@@ -138,7 +138,7 @@ def _landings(problem: ThrowProblem, motion: Trajectory) -> list[Fault]:
     return found[:1]
 
 
-def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: int) -> list[Fault]:
+def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: int) -> list[AuditFault]:
     """Returns what the sphere of one path touches before it touches the plane."""
     around, radius = problem.cell.surroundings, problem.cell.object.radius_m
     x = paths.x[: paths.steps[i], i]
@@ -153,7 +153,7 @@ def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: 
     return found + _bin(problem, x, slack)
 
 
-def _way_out(problem: ThrowProblem, arm: _Arm, delay: float, x: Vector) -> list[Fault]:
+def _way_out(problem: ThrowProblem, arm: _Arm, delay: float, x: Vector) -> list[AuditFault]:
     """Returns whether the way of the object in the tool leaves the gripper's opening cone before the object is out."""
     gripper, out_m = problem.cell.gripper, max(problem.cell.object.radius_m, OUT_M)
     if gripper.opening_direction is None or gripper.opening_cone_rad is None:
@@ -178,7 +178,7 @@ def _since_clear(gaps: Vector) -> NDArray[np.bool_]:
     return np.maximum.accumulate(clear) if len(gaps) else clear
 
 
-def _bin(problem: ThrowProblem, x: Vector, slack: float) -> list[Fault]:
+def _bin(problem: ThrowProblem, x: Vector, slack: float) -> list[AuditFault]:
     """Returns whether the sphere touches a bin's wall before its centre passes the mouth, or passes outside it."""
     release, radius = problem.release, problem.cell.object.radius_m
     if not isinstance(release, TargetRelease) or release.opening is None:
@@ -196,7 +196,9 @@ def _bin(problem: ThrowProblem, x: Vector, slack: float) -> list[Fault]:
         entry = np.linalg.norm((x[last - 1] + share * (x[last] - x[last - 1]))[:2] - release.p_W[:2])
         found += over("bin_mouth", "enters the bin beside its axis", float(entry), inner - radius, slack, "m")
     elif x[-1, 2] - rim > x[-2, 2] - x[-1, 2]:  # the path ends where the sphere touches the plane, within a step
-        found.append(Fault("bin_mouth", "never passes the bin's mouth, ends at a height", float(x[-1, 2]), rim, "m"))
+        found.append(
+            AuditFault("bin_mouth", "never passes the bin's mouth, ends at a height", float(x[-1, 2]), rim, "m")
+        )
     return found
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from benchmarks.audit.distances import shapes
-from benchmarks.audit.fault import Fault, over
+from benchmarks.audit.fault import AuditFault, over
 from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
@@ -30,7 +30,7 @@ def object_times(problem: ThrowProblem, motion: Trajectory) -> tuple[float, floa
     return motion.release_time_s - window, motion.release_time_s + window
 
 
-def safety_faults(problem: ThrowProblem, motion: Trajectory) -> list[Fault]:
+def safety_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
     """Returns the safety limits of the cell that a motion violates."""
     safety = problem.cell.safety
     limits = {
@@ -111,7 +111,7 @@ def _stopping_times(drift: Vector, momentum: Vector, tau_max: Vector) -> Vector:
         return np.where(within(np.zeros(len(drift))), 1.0 / low, np.inf)
 
 
-def grip_faults(problem: ThrowProblem, motion: Trajectory) -> list[Fault]:
+def grip_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
     """Returns whether the object accelerates against free fall by more than the grip withstands.
 
     The acceleration is the second difference of the tool centre point, in the axes of the tool.

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from benchmarks.peers.arm import PeerArm, Problem
 from benchmarks.peers.motions import WITHIN, Answer, answer, braked, is_right, refusal
-from benchmarks.peers.releases import ReleaseState, release_states
+from benchmarks.peers.releases import ThrowState, release_states
 
 Vector = NDArray[np.float64]
 
@@ -41,7 +41,7 @@ def plan(problem: Problem) -> Answer:
     return answer(*min(found, key=lambda motion: motion[2]), rate)
 
 
-def _throw(arm: PeerArm, rate: float, state: ReleaseState) -> tuple[Vector, Vector, int] | None:
+def _throw(arm: PeerArm, rate: float, state: ThrowState) -> tuple[Vector, Vector, int] | None:
     free = _optimise(arm, state, DURATION_S, None)
     if free is None:
         return None
@@ -54,7 +54,7 @@ def _throw(arm: PeerArm, rate: float, state: ReleaseState) -> tuple[Vector, Vect
     return braked(arm, rate, q, qd, np.clip(qdd[-1], -WITHIN * arm.qdd_max, WITHIN * arm.qdd_max))
 
 
-def _optimise(arm: PeerArm, state: ReleaseState, duration: tuple[float, float], initial_guess: Any) -> Any:
+def _optimise(arm: PeerArm, state: ThrowState, duration: tuple[float, float], initial_guess: Any) -> Any:
     """Returns the trajectory; None if SNOPT finds none."""
     from pydrake.planning import KinematicTrajectoryOptimization
     from pydrake.solvers import SnoptSolver

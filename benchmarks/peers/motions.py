@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.peers.arm import PeerArm
-from benchmarks.peers.releases import OUT_M, ReleaseState
+from benchmarks.peers.releases import OUT_M, ThrowState
 
 Vector = NDArray[np.float64]
 Answer = dict[str, Any]
@@ -80,9 +80,7 @@ def ruckig_motion(
     try:
         if ruckig.Ruckig(6, 1.0 / rate).calculate(request, motion) < 0:
             return None
-    except Exception as error:  # ruckig raises its own class, a RuntimeError
-        if type(error).__module__.partition(".")[0] != "ruckig":
-            raise
+    except ruckig.RuckigError:
         return None
     samples = [motion.at_time(i / rate) for i in range(round(motion.duration * rate) + 1)]
     q, qd, qdd = (np.array([sample[k] for sample in samples]) for k in range(3))
@@ -124,7 +122,7 @@ def smooth(arm: PeerArm, rate: float, start: Vector, qd: Vector) -> tuple[Vector
     return np.concatenate([[start], start + np.cumsum(steps, axis=0)]), v, width // 2
 
 
-def straight_throw(arm: PeerArm, rate: float, state: ReleaseState) -> tuple[Vector, Vector, int]:
+def straight_throw(arm: PeerArm, rate: float, state: ThrowState) -> tuple[Vector, Vector, int]:
     """Returns a throw along a straight line in joint space: start (6,), velocities on ticks (n, 6), release index.
 
     Every joint accelerates uniformly from rest to its velocity at the release, keeps it for as long as `smooth`
@@ -149,7 +147,7 @@ def line(arm: PeerArm, rate: float, way: Vector) -> Vector:
     return np.concatenate([up, up[-2::-1]])[:, None] * way * rate / half
 
 
-def thrown(arm: PeerArm, rate: float, approach: Vector, state: ReleaseState) -> tuple[Vector, Vector, int]:
+def thrown(arm: PeerArm, rate: float, approach: Vector, state: ThrowState) -> tuple[Vector, Vector, int]:
     """Returns an approach (n, 6) to the run-up posture and the straight throw from there, smoothed, with its release.
 
     Args:

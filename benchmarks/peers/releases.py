@@ -26,7 +26,7 @@ STEP_S = 0.002  # [s] of a flight
 
 
 @dataclass(frozen=True, eq=False)
-class ReleaseState:
+class ThrowState:
     """A release that hits the target: joint positions and velocities (6,), and the object's speed [m/s]."""
 
     q: Vector
@@ -34,7 +34,7 @@ class ReleaseState:
     speed: float
 
 
-def release_states(problem: Problem, arm: PeerArm, count: int, slowest: bool = False) -> list[ReleaseState]:
+def release_states(problem: Problem, arm: PeerArm, count: int, slowest: bool = False) -> list[ThrowState]:
     """Returns up to `count` release states that break no limit by themselves, the soonest reached (by a guess) first.
 
     Args:
@@ -46,7 +46,7 @@ def release_states(problem: Problem, arm: PeerArm, count: int, slowest: bool = F
     q, qd, inverse, order = _throws(problem, arm, _postures(arm), slowest)
     order = order[: TRIED * count]
     order = order[arm.room(q[order]) >= ROOM_M]
-    found: list[ReleaseState] = []
+    found: list[ThrowState] = []
     for i in order:
         state = _state(problem, arm, q[i], qd[i], inverse[i])
         if state is not None:
@@ -88,7 +88,7 @@ def _throws(problem: Problem, arm: PeerArm, q: Vector, slowest: bool) -> tuple[V
     return q[n], qd[k, n], inverse[n], np.argsort(speed[k, n] if slowest else guess)
 
 
-def _state(problem: Problem, arm: PeerArm, q: Vector, qd: Vector, inverse: Vector) -> ReleaseState | None:
+def _state(problem: Problem, arm: PeerArm, q: Vector, qd: Vector, inverse: Vector) -> ThrowState | None:
     """Returns the state if its flight is clear, its velocity corrected for drag."""
     p, J = (x[0] for x in arm.tool(q[None]))
     v, target = J @ qd, np.array(problem["target"]["position_m"])
@@ -101,7 +101,7 @@ def _state(problem: Problem, arm: PeerArm, q: Vector, qd: Vector, inverse: Vecto
     path = flight(problem, p, v)
     if path is None or np.any(np.abs(qd) > SPARE * arm.qd_max) or not _is_clear(problem, arm, path, q):
         return None
-    return ReleaseState(q, qd, float(np.linalg.norm(v)))
+    return ThrowState(q, qd, float(np.linalg.norm(v)))
 
 
 def flight(problem: Problem, p: Vector, v: Vector) -> Vector | None:

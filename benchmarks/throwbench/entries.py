@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import Pipe
 from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
-from typing import Any, Protocol
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import IO, Any, Protocol
 
 import httpx2
 
 from benchmarks.throwbench.fling_entries import service_answer, service_request
 from benchmarks.throwbench.problem_document import Problem
-from benchmarks.throwbench.worker import serve
 
-START_S = 300.0  # [s] for an entry's process to load
+ROOT, WORKER = Path(__file__).parents[2], Path(__file__).with_name("worker.py")
+START_S, END_S = 300.0, 5.0  # [s] for an entry's process to load, and to end by itself
 OWN, PEERS = "benchmarks.throwbench.fling_entries", "benchmarks.peers"
 # Name in the table: place of the function, package that it needs.
 BUILT_IN = {
@@ -95,8 +99,9 @@ class FunctionEntry:
 
     def __init__(self, name: str, place: str) -> None:
         self.name, self._place = name, place
-        self._process: BaseProcess | None = None
-        self._connection: Connection | None = None
+        self._process: subprocess.Popen[bytes] | None = None
+        self._connection: Connection[Any, Any] | None = None
+        self._errors: IO[bytes] | None = None
 
     def ask(self, problem: Problem, time_limit_s: float) -> Reply:
         """Returns the reply to a problem.
@@ -111,49 +116,53 @@ class FunctionEntry:
             if not connection.poll(time_limit_s):
                 self.close()
                 return Reply("timed out", wall_s=time.perf_counter() - begun)
-            text, fault, processor_s = connection.recv()
+            text, processor_s = connection.recv()
         except (EOFError, OSError):
-            code = self._exit_code()
-            return Reply("crashed", wall_s=time.perf_counter() - begun, reason=f"its process ended with {code}")
-        wall_s = time.perf_counter() - begun
-        if text is None:
-            return Reply("crashed", None, wall_s, processor_s, fault.strip().splitlines()[-1])
-        return Reply("answered", json.loads(text), wall_s, processor_s)
+            return Reply("crashed", wall_s=time.perf_counter() - begun, reason=self._last_words())
+        return Reply("answered", json.loads(text), time.perf_counter() - begun, processor_s)
 
     def close(self) -> None:
         """Ends the process."""
         if self._process is not None:
             self._process.kill()
-            self._process.join()
+            self._process.wait()
         if self._connection is not None:
             self._connection.close()
-        self._process = self._connection = None
+        if self._errors is not None:
+            self._errors.close()
+        self._process = self._connection = self._errors = None
 
-    def _connected(self) -> Connection:
+    def _connected(self) -> Connection[Any, Any]:
         if self._connection is not None:
             return self._connection
-        context = get_context("spawn")
-        self._connection, other = context.Pipe()
-        self._process = context.Process(target=serve, args=(other, self._place), daemon=True)
-        self._process.start()
+        self._connection, other = Pipe()
+        command = [sys.executable, str(WORKER), str(other.fileno()), self._place]
+        paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths)}
+        self._errors = TemporaryFile()  # noqa: SIM115 closed by `close`
+        self._process = subprocess.Popen(command, env=environment, pass_fds=[other.fileno()], stderr=self._errors)
         other.close()
         try:
-            fault = self._connection.recv() if self._connection.poll(START_S) else f"not loaded after {START_S:g} s"
-        except EOFError:
-            fault = "its process ended while it was loaded"
-        if fault:
+            if self._connection.poll(START_S):
+                self._connection.recv()
+                return self._connection
+            reason = f"not loaded after {START_S:g} s"
             self.close()
-            raise EntryMissing(f"{self._place}: {fault.strip().splitlines()[-1]}")
-        return self._connection
+        except EOFError:
+            reason = self._last_words()
+        raise EntryMissing(f"{self._place}: {reason}")
 
-    def _exit_code(self) -> int | None:
-        """Returns the exit code of a process that has ended by itself; the next problem gets a new one."""
-        process = self._process
-        if process is not None:
-            process.join(5.0)
-        code = None if process is None else process.exitcode
+    def _last_words(self) -> str:
+        """Returns how a process that has ended by itself did; the next problem gets a new one."""
+        assert self._process is not None and self._errors is not None
+        try:
+            code = self._process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            code = None
+        self._errors.seek(0)
+        lines = self._errors.read().decode(errors="replace").strip().splitlines()
         self.close()
-        return code
+        return f"its process ended with {code}: {lines[-1] if lines else 'without a word'}"
 
 
 class HttpEntry:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.audit import Fault, clearance_faults, landing_errors, motion_faults, over, release_state, under
+from benchmarks.audit import AuditFault, clearance_faults, landing_errors, motion_faults, over, release_state, under
 from benchmarks.throwbench.answer import BadAnswer, motion_of
 from benchmarks.throwbench.problem_document import Problem, problem_from_document
 from planner.problem import TargetRelease, ThrowProblem
@@ -49,7 +49,7 @@ class Verdict:
     """
 
     outcome: str
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[AuditFault, ...] = ()
     release_time_s: float | None = None
     duration_s: float | None = None
     landing_error_m: float | None = None
@@ -62,7 +62,7 @@ class Verdict:
         return asdict(self)
 
 
-def judge(problem: Problem, answer: object) -> Verdict:
+def verify(problem: Problem, answer: object) -> Verdict:
     """Returns the verdict on an answer to a problem, both as docs/throwbench.md describes them."""
     if not isinstance(answer, dict):
         return _unreadable("format", f"the answer is of type {type(answer).__name__}, not an object")
@@ -90,10 +90,10 @@ def judge(problem: Problem, answer: object) -> Verdict:
 
 
 def _unreadable(rule: str, text: str, value: float = 0.0, limit: float = 0.0) -> Verdict:
-    return Verdict("invalid", (Fault(rule, text, value, limit),))
+    return Verdict("invalid", (AuditFault(rule, text, value, limit),))
 
 
-def _faults(problem: ThrowProblem, motion: Trajectory, tolerance: float) -> list[Fault]:
+def _faults(problem: ThrowProblem, motion: Trajectory, tolerance: float) -> list[AuditFault]:
     """Returns the broken rules, with the audit's own small tolerances."""
     release = problem.release
     assert isinstance(release, TargetRelease)
@@ -109,7 +109,7 @@ def _faults(problem: ThrowProblem, motion: Trajectory, tolerance: float) -> list
     ]
 
 
-def _landing_faults(problem: ThrowProblem, motion: Trajectory, tolerance: float) -> list[Fault]:
+def _landing_faults(problem: ThrowProblem, motion: Trajectory, tolerance: float) -> list[AuditFault]:
     """Returns the faults of the landing, and of the worst landing within the release window."""
     nominal = float(landing_errors(problem, motion, np.zeros(1))[0])
     found = over("landing", "lands beside the target", nominal, tolerance, 0.0, "m")
@@ -120,7 +120,7 @@ def _landing_faults(problem: ThrowProblem, motion: Trajectory, tolerance: float)
     return found
 
 
-def _counts(fault: Fault) -> bool:
+def _counts(fault: AuditFault) -> bool:
     """Returns whether a fault is beyond the tolerance of its rule."""
     allowed = LIMIT_TOLERANCE * abs(fault.limit) if fault.rule in RELATIVE else TOLERANCES.get(fault.rule, 0.0)
     return not abs(fault.value - fault.limit) <= allowed

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import math
+from dataclasses import asdict, replace
 from functools import cache
 from typing import Any
 
@@ -40,11 +41,7 @@ def problem_document(name: str, problem: ThrowProblem) -> Problem:
         "arm": _arm(cell),
         "base": _pose(cell.X_WB),
         "tool": _pose(cell.tool.X_FT) | {"mass_kg": cell.tool.mass_kg},
-        "object": {
-            "mass_kg": cell.object.mass_kg,
-            "radius_m": cell.object.radius_m,
-            "drag_coefficient": cell.object.drag_coefficient,
-        },
+        "object": asdict(cell.object),
         "limits": {
             "position_lower_rad": limits.q_lower,
             "position_upper_rad": limits.q_upper,
@@ -73,7 +70,7 @@ def problem_from_document(document: Problem) -> ThrowProblem:
     vessel = target["bin"]
     release = TargetRelease(
         np.array(target["position_m"], float),
-        min_elevation_rad=target["min_elevation_rad"],
+        min_elevation_rad=max(target["min_elevation_rad"], -math.pi / 2),  # which is rounded in the document
         min_horizontal_distance_m=target["min_horizontal_distance_m"],
         opening=None if vessel is None else Opening(vessel["radius_m"], vessel["rim_height_m"]),
     )

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from benchmarks.throwbench.entries import EntryMissing, Reply, ThrowEntry, entry_of
-from benchmarks.throwbench.judge import Verdict, judge
+from benchmarks.throwbench.judge import Verdict, verify
 from benchmarks.throwbench.problem_document import Problem
 from benchmarks.throwbench.sets import HIDDEN, HIDDEN_COUNT, hidden_problems, load_set, spread
 
@@ -123,7 +123,7 @@ def verdict_on(problem: Problem, reply: Reply) -> Verdict:
     """Returns the verdict on what came back for a problem."""
     if reply.outcome != "answered":
         return Verdict(reply.outcome, reason=reply.reason)
-    return judge(problem, reply.answer)
+    return verify(problem, reply.answer)
 
 
 def _read(file: Path) -> list[ThrowRow]:

@@ -12,7 +12,7 @@ from typing import Any
 from benchmarks.statistics import quantiles
 from benchmarks.throwbench.problem_document import Problem
 from benchmarks.throwbench.run import ThrowRow
-from benchmarks.throwbench.sets import hash_of
+from benchmarks.throwbench.sets import HASHES, hash_of
 
 COLUMNS = (
     "entry",
@@ -93,7 +93,13 @@ def write_table(
     lines = _head(about, missing)
     for name, asked in problems.items():
         solved = sum(problem["name"] in best for problem in asked)
-        lines += [f"## {name}", "", f"{len(asked)} problems, {solved} solved by anyone; sha256 `{hash_of(asked)}`.", ""]
+        told = HASHES.get(name) or hash_of(asked)
+        lines += [
+            f"## {name}",
+            "",
+            f"{len(asked)} problems asked, {solved} solved by anyone; the set's sha256: `{told}`.",
+            "",
+        ]
         lines += _table([s for s in summaries if s["set"] == name])
     page.parent.mkdir(parents=True, exist_ok=True)
     page.write_text("\n".join(lines), encoding="utf-8")

@@ -1,4 +1,7 @@
-"""The process of an entry that is a function: it loads the function and answers one problem after another."""
+"""The process of an entry that is a function: it loads the function and answers one problem after another.
+
+Run as a file, so that nothing of Fling is loaded with it: `worker.py DESCRIPTOR module:function`.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,6 @@ import importlib.util
 import json
 import os
 import sys
-import traceback
 from collections.abc import Callable
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -16,37 +18,33 @@ from typing import Any
 Function = Callable[[dict[str, Any]], Any]
 
 
-def serve(connection: Connection, place: str) -> None:
-    """Answers problems from `connection` until it closes.
+def serve(connection: Connection[Any, Any], place: str) -> None:
+    """Answers problems from `connection` until it closes; whatever the function raises ends the process.
 
-    The first message says "" or why the function could not be loaded. Each answer is a pair: JSON text or None and the
-    traceback, and the processor time [s].
+    The first message says that the function is loaded. Each answer is a pair: JSON text, and the processor time [s].
 
     Args:
         connection: To the benchmark.
         place: "module:function" or "file.py:function".
     """
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # solvers print banners
-    try:
-        function = load(place)
-    except Exception:  # whatever a stranger's module does, the benchmark goes on
-        connection.send(traceback.format_exc())
-        return
-    connection.send("")
+    function = load(place)
+    connection.send("loaded")
     while True:
         try:
             problem = json.loads(connection.recv())
         except EOFError:
             return
         before = _processor_s()
-        text, fault = _answered(function, problem)
-        connection.send((text, fault, _processor_s() - before))
+        text = json.dumps(function(problem), default=_plain)
+        connection.send((text, _processor_s() - before))
 
 
 def load(place: str) -> Function:
     """Returns the function of "module:function" or "file.py:function"; a file finds the modules beside it."""
     module_name, _, function = place.rpartition(":")
     if not module_name.endswith(".py"):
+        sys.path.insert(0, os.getcwd())
         return getattr(importlib.import_module(module_name), function)
     file = Path(module_name).resolve()
     sys.path.insert(0, str(file.parent))
@@ -58,13 +56,6 @@ def load(place: str) -> Function:
     return getattr(module, function)
 
 
-def _answered(function: Function, problem: dict[str, Any]) -> tuple[str | None, str]:
-    try:
-        return json.dumps(function(problem), default=_plain), ""
-    except Exception:  # the entry's own fault, reported as such
-        return None, traceback.format_exc()
-
-
 def _plain(value: Any) -> Any:
     """Returns what JSON knows of an array or a number of numpy."""
     if hasattr(value, "tolist"):
@@ -74,3 +65,8 @@ def _plain(value: Any) -> Any:
 
 def _processor_s() -> float:
     return sum(os.times()[:4])
+
+
+if __name__ == "__main__":
+    sys.path.pop(0)  # this folder
+    serve(Connection(int(sys.argv[1])), sys.argv[2])
