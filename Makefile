@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 SOURCES := fling planner store learning batch api executor benchmarks
 
-.PHONY: setup demo up test verify test-kernels check web web-check bench bench-batches pictures docs lock clean
+.PHONY: setup demo up test verify verify-ci fuzz test-kernels check web web-check bench bench-batches pictures docs lock clean
 
 setup: $(VENV)/dev.stamp $(VENV)/warm.stamp   ## .venv with everything pinned, and the generated solvers built
 
@@ -21,6 +21,12 @@ test: $(VENV)/dev.stamp $(VENV)/warm.stamp
 
 verify: $(VENV)/docs.stamp $(VENV)/verify.stamp $(VENV)/ray.stamp $(VENV)/warm.stamp   ## what takes minutes: wheels, both databases, generated clients, notebooks
 	$(BIN)/python -m pytest tests/verify
+
+verify-ci: $(VENV)/docs.stamp $(VENV)/verify.stamp $(VENV)/warm.stamp   ## what of it continuous integration has time for
+	$(BIN)/python -m pytest tests/verify -m "not slow"
+
+fuzz: $(VENV)/docs.stamp $(VENV)/verify.stamp $(VENV)/warm.stamp   ## 5,000 cases of schemathesis, twice, on both databases
+	FLING_CASES=5000 $(BIN)/python -m pytest tests/verify/test_openapi.py
 
 # What computes once more as other processors round: older kernels of numpy, BLAS and libm on one thread, then the
 # optimiser's functions compiled for x86-64-v3, which fuses multiplications and additions. About eight minutes.

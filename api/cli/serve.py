@@ -35,9 +35,17 @@ def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> 
     A process that ends by itself is started again, and named; one that ends again and again stops everything.
     """
     from api.cli.support.addresses import require_free
-    from api.cli.support.processes import ChildFailed, ChildProcesses, are_interpreted, catch_signals, start_all
+    from api.cli.support.processes import (
+        ChildFailed,
+        ChildProcesses,
+        are_interpreted,
+        catch_signals,
+        require_streaming_client,
+        start_all,
+    )
     from api.settings import read_settings
 
+    require_streaming_client()
     settings = read_settings(default_cell=cell, port=port)
     name, number = cell or settings.default_cell, port or settings.port
     address = _prepare(settings.cells, name, settings.database_url)

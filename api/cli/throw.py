@@ -15,6 +15,7 @@ from api.cli.support.options import cell_of_service, cell_option, json_option, s
 from api.cli.support.progress import execute_plan, make_plan
 from api.cli.support.series import LOAD_HELP, LoadStep, load_step, read_targets, run_series, series_text
 from api.cli.support.summary import landing_text
+from api.cli.support.terminal import say_step
 
 ODDS_HELP = "Least probability of a hit within --tolerance [-]; a later release where the soonest has less."
 BIN_HELP = "Throw into a round bin: its inner radius, and the height of its rim above X Y Z, the bottom's centre [m]."
@@ -83,6 +84,8 @@ def throw(
 
 
 def _one_throw(client: Any, request: dict[str, Any], mode: str, dry_run: bool, as_json: bool) -> None:
+    if not as_json and request.get("min_hit_probability"):
+        say_step(_odds_note(request))
     plan = make_plan(client, request, progress=not as_json)
     execution = execute_plan(client, plan, mode, dry_run, progress=not as_json)
     if as_json:
@@ -91,6 +94,15 @@ def _one_throw(client: Any, request: dict[str, Any], mode: str, dry_run: bool, a
         raise NotCompleted(f"{execution['outcome']}: {execution['reason'] or 'no reason was given'}")
     if not as_json:
         click.echo("\n".join(filter(None, [execution["reason"], landing_text(execution)])))
+
+
+def _odds_note(request: dict[str, Any]) -> str:
+    """Returns what is asked for with --odds: it takes longest, and is refused most, where a hit is a narrow thing."""
+    tolerance = request.get("landing_tolerance_m")
+    narrow = "the object's radius of the target, at least 1 cm; --tolerance makes it wider"
+    within = f"{tolerance:g} m of the target" if tolerance is not None else narrow
+    within = "the bin" if "opening" in request["release"] else within
+    return f"up to eight plans for odds of {request['min_hit_probability']:.0%}; a hit is within {within}"
 
 
 def _series(client: Any, load: LoadStep, settings: dict[str, Any], as_json: bool) -> None:

@@ -117,3 +117,15 @@ def test_an_interrupted_throw_is_braked_and_waited_for(capsys: pytest.CaptureFix
 def test_a_dry_run_says_that_nothing_moved():
     text = landing_text({"dry_run": True, "metrics": {"ticks": 352, "missed_ticks": 0}})
     assert text == "dry run: every check passed and nothing moved; 352 ticks, 0 missed"
+
+
+def test_odds_that_no_throw_reaches_are_no_matter_of_the_arm():
+    detail = "of landing within 0.02 m of the target, the best of the plans tried"
+    violation = {"constraint": "hit_probability", "value": 0.0512, "limit": 0.9, "unit": "-", "detail": detail}
+    text = describe(
+        {"title": "The arm cannot do this", "violations": [violation], "nearest": {"min_hit_probability": 0.051}}
+    )
+    assert "The arm cannot" not in text
+    assert text.startswith(f"No throw of those tried hits often enough: 5% {detail}, 90% were asked for.")
+    assert "--tolerance" in text
+    assert text.endswith("the best odds found: 0.051")
