@@ -46,6 +46,9 @@ FIND_HANDLE = """(canvas, step) => {
 }"""
 REFUSED = "Failed to load resource"  # Chromium's own word for a status of 400 and up, or for no answer
 HARMLESS_IMPACTS = (None, "minor", "moderate")
+AXE = Axe()
+LIGHT = {"resultTypes": ["violations"]}
+DARK = {**LIGHT, "runOnly": ["color-contrast"]}  # the rest does not depend on colours
 
 
 class PageStack(Up):
@@ -53,7 +56,7 @@ class PageStack(Up):
 
     def __init__(self, folder: Path) -> None:
         shutil.copy(ROOT / "cells" / "example-real.toml", folder)
-        os.environ["FLING_APPROACH_PACE"] = "0.35"
+        os.environ["FLING_APPROACH_PACE"] = "0.5"
         try:
             super().__init__(folder)
         finally:
@@ -128,8 +131,14 @@ class Visit:
         return found[0], found[1]
 
     def barriers(self) -> list[str]:
-        """Returns what axe-core finds serious or worse for people with disabilities."""
-        found = Axe().run(self.page).response["violations"]
+        """Returns what axe-core finds serious or worse for people with disabilities, light and dark."""
+        self.page.emulate_media(color_scheme="light")
+        found = self._violations(LIGHT)
+        self.page.emulate_media(color_scheme="dark")
+        return [*found, *self._violations(DARK)]
+
+    def _violations(self, options: Mapping[str, Any]) -> list[str]:
+        found = AXE.run(self.page, options=dict(options)).response["violations"]
         return [
             f"{rule['id']}: {node['target']} {node['failureSummary']}"
             for rule in found

@@ -22,6 +22,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
 
 PHONE = {"width": 390, "height": 844}
 LISTENS_S = 90.0  # [s] on a busy machine
+PNG = b"\x89PNG\r\n"
 
 
 @pytest.fixture(scope="module")
@@ -205,9 +206,8 @@ def until_answered(url: str) -> None:
                 return
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_nothing_keeps_people_out(stack: PageStack, browser: Browser, scheme: str) -> None:
-    with visit(browser, stack.url, color_scheme=scheme) as guest:
+def test_nothing_keeps_people_out(stack: PageStack, browser: Browser) -> None:
+    with visit(browser, stack.url) as guest:
         guest.region("Robots").get_by_text("Ready").wait_for()
         assert guest.barriers() == []
         guest.page.get_by_text("Options", exact=True).click()
@@ -224,6 +224,21 @@ def test_nothing_keeps_people_out(stack: PageStack, browser: Browser, scheme: st
         for path in ("/docs", "/problems", "/problems/infeasible"):
             guest.page.goto(stack.url + path)
             assert guest.barriers() == []
+
+
+def test_a_report_keeps_nobody_out(stack: PageStack, browser: Browser, tmp_path: Path) -> None:
+    file, id = tmp_path / "report.html", stack.plan_far_away()
+    made = CliRunner().invoke(main, ["report", "--plan", id, "--url", stack.url, "-o", str(file)])
+    assert made.exit_code == 0, made.output
+    with visit(browser, file.as_uri()) as guest:
+        guest.page.wait_for_function("report.scene.statistics.draw_calls > 0")
+        assert guest.barriers() == []
+        with guest.page.expect_download() as saved:
+            guest.button("Save Velocity as PNG").click()
+        assert saved.value.path().read_bytes().startswith(PNG)
+        with guest.page.expect_download() as saved:
+            guest.button("SVG").first.click()
+        assert "<title>Planned throw" in saved.value.path().read_text()
 
 
 def test_an_example_of_the_openapi_page_runs(stack: PageStack, browser: Browser) -> None:
