@@ -17,11 +17,13 @@ from planner.search import (
     Attempt,
     CertifiedSolution,
     PlanningSearch,
+    Ranking,
     best_with_way_home,
     load_libraries,
     nearest_problem,
     of_candidates,
     refuse_impossible,
+    search_optimised,
     search_sequential,
     search_thoroughly,
     search_with_stop,
@@ -62,8 +64,8 @@ class SearchHints:
     """What a caller of the planner wants or knows beside the problem.
 
     Attributes:
-        releases: release states of plans for other targets; the search starts from these, and draws none of its own.
-            Empty: it draws them.
+        releases: release states of plans for other targets: a short search starts from these alone. Empty: an ordinary
+            search from candidates of its own.
         offers_nearest: whether a refusal carries the nearest feasible request, the larger part of most refusals' time.
     """
 
@@ -122,22 +124,35 @@ def _best(search: PlanningSearch, hints: SearchHints) -> tuple[CertifiedSolution
 
 
 def _run(search: PlanningSearch, releases: Sequence[ReleaseState]) -> None:
-    """Searches for a motion, from the release states of other plans where some are given.
+    """Searches for a motion; from the release states of other plans, where some are given, by one walk of the policy.
 
     Raises:
         Infeasible, SolverFailed: there is none.
     """
     problem = search.problem
     refuse_impossible(problem)
-    found = neighbour_candidates(problem, releases) if releases else _candidates(problem)
+    if releases:
+        search_optimised(search, Ranking(problem, neighbour_candidates(problem, releases)))
+    else:
+        _search_ordinarily(search)
+    if search.answer is None:
+        raise search.failure()
+
+
+def _search_ordinarily(search: PlanningSearch) -> None:
+    """Searches from candidates of its own, to the end.
+
+    Raises:
+        Infeasible: there are no candidates.
+    """
+    problem = search.problem
+    found = _candidates(problem)
     if problem.backend in VARIANTS_BY_BACKEND:
         search_sequential(search, problem.backend, found)
     else:
         search_thoroughly(search, found)
     if search.answer is None and problem.backend == "auto":
         search_with_stop(search, found)
-    if search.answer is None:
-        raise search.failure()
 
 
 def _candidates(problem: ThrowProblem) -> list[Candidate]:

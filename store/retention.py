@@ -1,7 +1,7 @@
 """Retention: deletes what is old or too much, in short transactions; never a plan in use.
 
 An execution goes with its events, recording and landings, if it has finished and belongs to no experiment. A plan goes
-if no execution refers to it any more. Idempotency keys go with what they stand for.
+if no execution and no map refers to it any more. Idempotency keys go with what they stand for.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, Connection, delete, exists, select
 
 from store.database import Repository, writing
-from store.tables import events, executions, idempotency, landings, plans, recordings
+from store.tables import events, executions, idempotency, landing_cells, landings, plans, recordings
 
 DAY_S = 86400.0  # [s]
 YOUNG_S = 600.0  # [s] a plan this young may be about to be executed
@@ -25,7 +25,7 @@ class Retention:
     """How much is kept; None: everything.
 
     Attributes:
-        plans, plans_days: Number and age [days] of the plans that no execution refers to.
+        plans, plans_days: Number and age [days] of the plans that no execution and no map refers to.
         executions, executions_days: Number and age [days] of the finished executions.
     """
 
@@ -43,7 +43,7 @@ class RetentionRepository(Repository):
         finished = (executions.c.state == "finished") & executions.c.experiment_id.is_(None)
         bound = self._bound(executions, finished, keep.executions, keep.executions_days, 0.0)
         runs = 0 if bound is None else self._delete_all(executions, bound & finished, _delete_executions)
-        unused = ~exists().where(executions.c.plan_id == plans.c.id)
+        unused = _is_unused()
         bound = self._bound(plans, unused, keep.plans, keep.plans_days, YOUNG_S)
         return (0 if bound is None else self._delete_all(plans, bound & unused, _delete_plans)), runs
 
@@ -85,8 +85,13 @@ def _delete_executions(connection: Connection, ids: list[str]) -> int:
 
 def _delete_plans(connection: Connection, ids: list[str]) -> int:
     """Deletes plans; one that was put to use since the ids were read is kept."""
-    still_unused = ~exists().where(executions.c.plan_id == plans.c.id)
-    gone = delete(plans).where(plans.c.id.in_(ids), still_unused).returning(plans.c.id)
+    gone = delete(plans).where(plans.c.id.in_(ids), _is_unused()).returning(plans.c.id)
     deleted = list(connection.execute(gone).scalars())
     connection.execute(delete(idempotency).where(idempotency.c.resource_id.in_(deleted)))
     return len(deleted)
+
+
+def _is_unused() -> ColumnElement[bool]:
+    """Returns the condition that nothing refers to a plan."""
+    of_execution = exists().where(executions.c.plan_id == plans.c.id)
+    return ~of_execution & ~exists().where(landing_cells.c.plan_id == plans.c.id)

@@ -15,6 +15,7 @@ from store.executions import ExecutionRepository
 from store.experiments import ExperimentRepository
 from store.idempotency_and_audit import ClientRepository
 from store.landings import LandingRepository
+from store.maps import MapRepository
 from store.plans import PlanRepository
 from store.profiles import ProfileRepository
 from store.retention import RetentionRepository
@@ -28,13 +29,14 @@ class Store(
     ExecutionRepository,
     ExperimentRepository,
     LandingRepository,
+    MapRepository,
     CellStatusRepository,
     ClientRepository,
     ProfileRepository,
     RetentionRepository,
     CellVersionRepository,
 ):
-    """Plans, executions, events, recordings, experiments, landings, profiles, cell status, keys and the audit trail.
+    """Plans, executions, recordings, experiments, landings, maps, profiles, cell status, keys and the audit trail.
 
     Every method is one transaction. Threads may share a store; each process opens its own.
     """

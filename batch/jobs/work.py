@@ -34,8 +34,8 @@ class PlanningJob:
         profile: Id and document of the profile that the cell uses; None: the cell file's numbers.
         request_id: Id of the HTTP request.
         cell_version: Version of the cell's files; None: not known to a store.
-        releases: Joint positions and velocities at the release of plans for other targets, from which the search starts
-            instead of its own candidates. Empty: an ordinary search.
+        releases: Joint positions and velocities at the release of plans for other targets: a short search starts from
+            these alone. Empty: an ordinary search.
         offers_nearest: Whether a refusal carries the nearest feasible request.
     """
 
