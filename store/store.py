@@ -9,6 +9,7 @@ from typing import Self
 from sqlalchemy import update
 
 from store import migrations
+from store.batches import BatchRepository
 from store.cells import CellStatusRepository, CellVersionRepository
 from store.database import StoreError, StoreUnavailable, free_bytes, open_engine, outage_log, probing
 from store.executions import ExecutionRepository
@@ -26,6 +27,7 @@ FREE_MIN_BYTES = 20e6  # [byte] some hundred plans; the write-ahead log alone ma
 
 class Store(
     PlanRepository,
+    BatchRepository,
     ExecutionRepository,
     ExperimentRepository,
     LandingRepository,
@@ -36,7 +38,7 @@ class Store(
     RetentionRepository,
     CellVersionRepository,
 ):
-    """Plans, executions, recordings, experiments, landings, maps, profiles, cell status, keys and the audit trail.
+    """Plans, batches, maps, executions, recordings, experiments, landings, profiles, cells, keys and audit trail.
 
     Every method is one transaction. Threads may share a store; each process opens its own.
     """

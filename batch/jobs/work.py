@@ -65,18 +65,28 @@ class Planned:
 
 
 def initialise(warm_up: PlanningJob | None) -> None:
-    """Prepares this process for planning: low priority, an end with its parent, solvers built, everything loaded.
+    """Prepares a child process for planning: it ends with its parent, and does all that `load` does."""
+    end_with_parent()
+    load(warm_up)
 
-    Signals to a whole group of processes are the parent's: it lets this one finish its plan.
+
+def end_with_parent() -> None:
+    """Makes this process end with its parent, and not before: signals to their whole group are the parent's.
+
+    It lets this one finish its plan.
     """
-    from planner.backends.casadi_nlp import build_solvers
-
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, signal.SIG_IGN)
-    os.nice(NICENESS)
     parent = parent_process()
     if parent is not None:
         threading.Thread(target=_exit_with, args=(parent,), daemon=True).start()
+
+
+def load(warm_up: PlanningJob | None) -> None:
+    """Prepares this process for planning, whoever started it: low priority, solvers built, everything loaded."""
+    from planner.backends.casadi_nlp import build_solvers
+
+    os.nice(NICENESS)
     build_solvers()  # compiled ones, or interpreted ones; never compiles
     if warm_up is not None:
         with suppress(PlannerError):  # a refused warm-up has loaded everything up to there
@@ -87,9 +97,9 @@ def initialise(warm_up: PlanningJob | None) -> None:
 
 def has_compiled_solvers() -> bool:
     """Returns whether this process solves with compiled functions."""
-    from planner.backends.casadi_nlp import load
+    from planner.backends import casadi_nlp
 
-    return load()
+    return casadi_nlp.load()
 
 
 def solve(job: PlanningJob) -> Planned:

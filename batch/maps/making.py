@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Any, Protocol
 
 import orjson
 
@@ -15,6 +14,7 @@ from batch.jobs import Planned, PlanningJob
 from batch.maps.definition import MapDefinition, definition_from
 from batch.maps.landing_cells import plan_id_of, planned_row, refused_row
 from batch.maps.rounds import Step, planned_neighbours, steps
+from batch.pool import JobResult
 from planner.cell import CellSource
 from store import LandingCellRow, MapPlan, MapRow, Store
 
@@ -23,26 +23,7 @@ STORE_EVERY_S = 0.5  # [s] between two transactions: what a kill loses at most
 ProgressReport = Callable[[Step, int, int], None]  # the step, its answers so far, their number to be
 
 
-class MapResult(Protocol):
-    """What is read of a `batch.pool.JobResult`."""
-
-    @property
-    def number(self) -> int:
-        """Of the job, counted from 0."""
-        ...
-
-    @property
-    def planned(self) -> Planned | None:
-        """The plan."""
-        ...
-
-    @property
-    def refusal(self) -> Mapping[str, Any] | None:
-        """Why there is none."""
-        ...
-
-
-PlanAll = Callable[[Iterable[PlanningJob]], Iterator[MapResult]]
+PlanAll = Callable[[Iterable[PlanningJob]], Iterator[JobResult]]
 
 
 @dataclass(frozen=True)
@@ -137,7 +118,7 @@ class _MapWork:
                 release = orjson.loads(plan.summary)["release"]
                 yield release["positions"], release["velocities"]
 
-    def _answer(self, number: int, round: int, result: MapResult) -> LandingCellRow | None:
+    def _answer(self, number: int, round: int, result: JobResult) -> LandingCellRow | None:
         """Notes the answer of a landing cell; None where there is none."""
         if result.planned is not None:
             row = self._planned(number, round, result.planned)
