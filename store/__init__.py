@@ -8,6 +8,7 @@ from store.batches import BatchDriven, BatchLost, UnknownBatch
 from store.database import StoreError, StoreUnavailable, default_database_url
 from store.executions import CellBusy, UnknownExecution, UnknownExperiment, UnknownPlan
 from store.idempotency_and_audit import KeyTaken
+from store.many import LandingCellRow, MapPlan, MapRow
 from store.retention import Retention
 from store.rows import (
     AuditLine,
@@ -19,10 +20,7 @@ from store.rows import (
     ExecutionRow,
     ExperimentRow,
     IdempotencyKey,
-    LandingCellRow,
     LandingRow,
-    MapPlan,
-    MapRow,
     PlanRow,
     ProfileRow,
     RecordingRow,

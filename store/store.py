@@ -16,7 +16,7 @@ from store.executions import ExecutionRepository
 from store.experiments import ExperimentRepository
 from store.idempotency_and_audit import ClientRepository
 from store.landings import LandingRepository
-from store.maps import MapRepository
+from store.many import MapRepository
 from store.plans import PlanRepository
 from store.profiles import ProfileRepository
 from store.retention import RetentionRepository

@@ -4,7 +4,7 @@ from batch.maps.definition import RESOLUTION_M, MapDefinition, definition_from, 
 from batch.maps.document import map_document
 from batch.maps.landing_cells import LandingState
 from batch.maps.making import MapInputs, PlanAll, make_map
-from batch.maps.opening import MapRequest, begin_map, inputs_now, map_definition
+from batch.maps.opening import MapRequest, begin_map, map_definition, map_inputs, why_void
 from batch.maps.page import map_html
 from batch.maps.picture import map_picture
 from batch.maps.rounds import Step
@@ -23,15 +23,16 @@ __all__ = [
     "Step",
     "begin_map",
     "definition_from",
-    "inputs_now",
     "landing_grid",
     "make_map",
     "map_definition",
     "map_document",
     "map_html",
+    "map_inputs",
     "map_picture",
     "map_table",
     "void_because",
+    "why_void",
     "write_zarr",
     "zarr_zip",
 ]

@@ -21,7 +21,7 @@ COARSE_CELLS_MAX = 100  # [-] in the first level: two cores plan them in less th
 DECIMALS = 6  # of coordinates [m]: a micrometre, so that a centre is the number that a person would write
 
 
-class Place(NamedTuple):
+class GridPlace(NamedTuple):
     """Row numbers of a landing cell: plane, then along y, then along x."""
 
     k: int
@@ -84,26 +84,26 @@ class MapDefinition:
         """Returns the numbers of the landing cells that a level adds to those before it, ascending."""
         stride, before = self.strides[index], self.strides[index - 1] if index else 0
         return [
-            self.number(Place(k, j, i))
+            self.number(GridPlace(k, j, i))
             for k, j, i in self._lattice(stride)
             if not before or k % before or j % before or i % before
         ]
 
-    def number(self, place: Place) -> int:
+    def number(self, place: GridPlace) -> int:
         """Returns the number of a landing cell, counted along x, then y, then the planes."""
         rows, columns = self.shape
         return (place.k * rows + place.j) * columns + place.i
 
-    def place(self, number: int) -> Place:
+    def place(self, number: int) -> GridPlace:
         """Returns where the landing cell of a number is."""
         rows, columns = self.shape
-        return Place(number // (rows * columns), number // columns % rows, number % columns)
+        return GridPlace(number // (rows * columns), number // columns % rows, number % columns)
 
     def neighbours(self, number: int) -> list[int]:
         """Returns the numbers of the landing cells around one, the nearest first: 8 in a plane, 26 in a volume."""
         here, found = self.place(number), []
         for dk, dj, di in _STEPS:
-            there = Place(here.k + dk, here.j + dj, here.i + di)
+            there = GridPlace(here.k + dk, here.j + dj, here.i + di)
             if all(0 <= x < n for x, n in zip(there, (len(self.planes_z_m), *self.shape), strict=True)):
                 found.append(self.number(there))
         return found

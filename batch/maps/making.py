@@ -56,7 +56,7 @@ def make_map(
         row: the map, begun.
         inputs: as its definition names them.
         plan_all: plans jobs in any order, such as `PlanningPool.plan_all`.
-        report: called after each answer.
+        report: called after each answer; after the last one of a step when all are stored.
     """
     work = _MapWork(store, row, inputs)
     for step in steps(work.definition, work.known):
@@ -86,17 +86,18 @@ class _MapWork:
     def do(self, step: Step, plan_all: PlanAll, report: ProgressReport) -> None:
         """Plans the landing cells of a step; ends early where somebody cancels."""
         numbers, answers = step.numbers, []
-        report(step, 0, len(numbers))
         with closing(plan_all(self._job(number, step.round) for number in numbers)) as results:  # type: ignore[type-var]
             for result in results:
                 answers.append(self._answer(numbers[result.number], step.round, result))
                 if time.monotonic() - self._stored_at > STORE_EVERY_S:
                     self._store()
-                report(step, len(answers), len(numbers))
+                if len(answers) < len(numbers):
+                    report(step, len(answers), len(numbers))
                 if self.is_cancelled:
                     break
         self._store()
         self.known |= {row.number: row for row in answers if row is not None}  # only now: see `batch.maps.rounds`
+        report(step, len(answers), len(numbers))
 
     def _job(self, number: int, round: int) -> PlanningJob:
         """Returns the job that plans a landing cell."""

@@ -88,8 +88,22 @@ def map_definition(
     return MapDefinition(cell.name, sha256, profile, planner_version, *settings)
 
 
-def inputs_now(store: Store, row: MapRow, source: CellSource | None) -> MapInputs | str:
-    """Returns what the plans of a map are made for, or why it is void.
+def map_inputs(store: Store, row: MapRow) -> MapInputs:
+    """Returns what the plans of a map are made for: the cell and the profile that its definition names.
+
+    Args:
+        store: has them.
+        row: the map.
+    """
+    version = next(each for each in store.cell_versions(row.cell) if each.version == row.cell_version)
+    id = row.definition["profile"]
+    profile = None if id is None else store.profile(id)
+    source = CellSource(row.cell, version.text, version.calibration)
+    return MapInputs(source, None if profile is None else (profile.id, profile.document))
+
+
+def why_void(store: Store, row: MapRow, source: CellSource | None) -> str | None:
+    """Returns why a map does not hold any more, in words; None where it does.
 
     Args:
         store: knows the profile that the cell uses.
@@ -97,14 +111,8 @@ def inputs_now(store: Store, row: MapRow, source: CellSource | None) -> MapInput
         source: content of the cell's files now; None: they are gone.
     """
     profile = store.adopted_profile(row.cell)
-    void = void_because(
-        definition_from(row.definition),
-        None if source is None else source.sha256,
-        None if profile is None else profile.id,
-    )
-    if void is not None or source is None:
-        return void or ""
-    return MapInputs(source, None if profile is None else (profile.id, profile.document))
+    definition = definition_from(row.definition)
+    return void_because(definition, None if source is None else source.sha256, None if profile is None else profile.id)
 
 
 def _within_range(cell: Cell, z_m: float, resolution_m: float) -> tuple[float, float, float, float]:
