@@ -21,6 +21,7 @@ from store.tables import batch_results, batches, plans
 HEAD_COLUMNS = [column for column in batches.c if column.name != "specification"]
 UNFINISHED = batches.c.state != "finished"
 PAGE = 10_000  # numbers read at once
+RESULTS_PAGE = 1000  # results read at once
 
 
 class UnknownBatch(StoreError):
@@ -177,6 +178,13 @@ class BatchRepository(Repository):
         query = select(batch_results).where(batch_results.c.batch_id == id, batch_results.c.number > after)
         rows = self._rows(BatchResultRow, query.order_by(batch_results.c.number).limit(limit + 1))
         return rows[:limit], rows[limit - 1].number if len(rows) > limit else None
+
+    def all_batch_results(self, id: str) -> Iterator[BatchResultRow]:
+        """Yields all results in the order of their requests, read in pages."""
+        after: int | None = -1
+        while after is not None:
+            rows, after = self.batch_results(id, RESULTS_PAGE, after)
+            yield from rows
 
     def batch_numbers(self, id: str) -> Iterator[int]:
         """Yields the numbers of the requests that have a result."""

@@ -207,7 +207,7 @@ class BatchRow:
 
     Attributes:
         driven_by: "service" or "command": whose drivers take it up.
-        specification: Its requests; see `batch.requests`. Empty where it was not read.
+        specification: Its requests; see `batch.runs`. Empty where it was not read.
         total: Number of requests.
         state: queued, running, finished.
         outcome: completed, cancelled or failed.
@@ -244,6 +244,14 @@ class BatchRow:
         """Whether its driver gave a sign of life not long ago."""
         fresh = self.heartbeat_at is not None and time.time() - self.heartbeat_at < DRIVER_FRESH_S
         return self.state == "running" and fresh
+
+    @property
+    def rate_per_s(self) -> float | None:
+        """Results per second since it was taken up [1/s]; None while nobody plans it, or nothing is known."""
+        if self.state != "running" or self.started_at is None or self.heartbeat_at is None:
+            return None
+        new, duration_s = self.done - self.started_done, self.heartbeat_at - self.started_at
+        return new / duration_s if new > 0 and duration_s > 0.0 else None
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """The routes, one module per resource. An endpoint parses its request, makes one call and returns."""
 
 from api.routes import (
+    batches,
     cell_history,
     cells,
     execution_events,
@@ -19,6 +20,7 @@ __all__ = ["ROUTERS"]
 
 ROUTERS = (
     plans.router,
+    batches.router,
     executions.router,
     execution_events.router,
     landings.router,

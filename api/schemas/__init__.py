@@ -1,5 +1,6 @@
 """Request and response bodies as pydantic models; OpenAPI is generated from them."""
 
+from api.schemas.batches import BATCH_EXAMPLES, BatchAnswer, BatchList, BatchRequest, BatchResultList
 from api.schemas.cell_states import Acknowledged, CellHistory, CellList, CellState
 from api.schemas.execution_records import ExecutionAnswer, ExecutionList, StateEvent, TelemetryEvent
 from api.schemas.experiments import (
@@ -25,6 +26,7 @@ from api.schemas.scene import CellModel, PlanCurves
 from api.schemas.timing import TimingAnswer
 
 __all__ = [
+    "BATCH_EXAMPLES",
     "EXECUTE_EXAMPLES",
     "EXPERIMENT_EXAMPLES",
     "ID_PATTERN",
@@ -33,6 +35,10 @@ __all__ = [
     "UUID_PATTERN",
     "Acknowledged",
     "Adoption",
+    "BatchAnswer",
+    "BatchList",
+    "BatchRequest",
+    "BatchResultList",
     "CellHistory",
     "CellList",
     "CellModel",

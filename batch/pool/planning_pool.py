@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol, Self
@@ -98,19 +98,25 @@ class PlanningPool:
             for report in self._engine.reports(POLL_S):
                 self._handle(report, idle)
 
-    def plan_all(self, jobs: Iterable[PlanningJob]) -> Iterator[JobResult]:
+    def plan_all(
+        self, jobs: Iterable[PlanningJob], must_stop: Callable[[], bool] = lambda: False
+    ) -> Iterator[JobResult]:
         """Yields the result of each job, in the order in which they are made.
 
         Jobs are read as they are needed. A worker that dies is replaced, and its unanswered jobs are given out again;
         a job over which two workers died, or one that is not answered in time, has a refusal. Whoever stops reading
         stops the planning: what is in hand then is lost.
 
+        Args:
+            jobs: what to plan.
+            must_stop: asked every second at least; true ends the planning, as if nobody read on.
+
         Raises:
             PoolBroken: No worker can be started.
         """
         dispatch = Dispatch(jobs, self.workers)
         try:
-            while True:
+            while not must_stop():
                 self._give_out(dispatch)
                 if not dispatch.at_hand() and self._ready:
                     return

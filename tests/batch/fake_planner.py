@@ -8,6 +8,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+import orjson
+
 from batch.jobs import Planned, PlanningJob
 from batch.pool import Work
 from planner.cell import CellSource
@@ -37,9 +39,21 @@ def fake_solve(job: PlanningJob) -> Planned:
 
 
 def fake_load(warm_up: PlanningJob | None) -> None:
-    """Loads nothing, and does the warm-up."""
-    if warm_up is not None:
+    """Loads nothing; a warm-up that kills its worker does so."""
+    if warm_up is not None and "dies" in warm_up.request:
         fake_solve(warm_up)
 
 
+def fake_plan(job: PlanningJob) -> Planned:
+    """Returns the plan of a throw whose release time is `value`, once it has done what the request asks for."""
+    samples = fake_solve(job).samples
+    plan: dict[str, Any] = {"id": job.plan_id, "cell": job.cell.name, "cell_sha256": job.cell.sha256}
+    plan |= {"release_time_s": job.request["value"], "duration_s": 2.0, "flight": {"speed_m_s": 1.5}}
+    if "log" in job.request:
+        with Path(job.request["log"]).open("a") as log:
+            log.write(f"{job.request['value']}\n")
+    return Planned("fake", orjson.dumps(plan), samples)
+
+
 FAKE = Work(fake_load, fake_solve)
+FAKE_PLANS = Work(fake_load, fake_plan)
