@@ -105,8 +105,8 @@ STEPS: tuple[tuple[str, ...], ...] = (
     (
         """CREATE TABLE maps (
             id TEXT PRIMARY KEY, created_at {float} NOT NULL, cell TEXT NOT NULL, cell_version INTEGER NOT NULL,
-            created_by TEXT NOT NULL, definition_sha256 TEXT NOT NULL, definition JSON NOT NULL, state TEXT NOT NULL,
-            beat_at {float}, cancel_requested_at {float}, finished_at {float})""",
+            created_by TEXT NOT NULL, made_by TEXT NOT NULL, definition_sha256 TEXT NOT NULL, definition JSON NOT NULL,
+            state TEXT NOT NULL, beat_at {float}, cancel_requested_at {float}, finished_at {float})""",
         "CREATE INDEX maps_of_cell ON maps (cell, id)",
         "CREATE UNIQUE INDEX one_map_per_definition ON maps (definition_sha256)",
         """CREATE TABLE landing_cells (

@@ -238,6 +238,7 @@ maps = Table(  # written by whoever makes the map: its runner process or `fling 
     Column("cell", Text, nullable=False),
     Column("cell_version", Integer, nullable=False),
     Column("created_by", Text, nullable=False),
+    Column("made_by", Text, nullable=False),
     Column("definition_sha256", Text, nullable=False),
     Column("definition", JSON, nullable=False),
     Column("state", Text, nullable=False),

@@ -1,14 +1,13 @@
 """`python -m batch.maps ID`: makes one map that was begun, as the service starts it; ends with its parent.
 
-SIGTERM stops it: what is answered is stored, and the same request goes on with the map. Exit status 0: the map is
-finished or cancelled; 1: it cannot be made, with the reason on standard error.
+It may be killed at any time: what was answered half a second before is stored, and whoever makes the map next goes on.
+Exit status 0: the map is finished or cancelled; 1: it cannot be made, with the reason on standard error.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-import signal
 import sys
 import threading
 import time
@@ -36,7 +35,7 @@ def main() -> int:
 
 
 def _make(store: Store, arguments: argparse.Namespace) -> None:
-    """Makes the map; a signal cancels it.
+    """Makes the map.
 
     Raises:
         RuntimeError: there is no such map.
@@ -44,8 +43,6 @@ def _make(store: Store, arguments: argparse.Namespace) -> None:
     row = store.map(arguments.id)
     if row is None:
         raise RuntimeError("there is no such map")
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, lambda *_: store.request_map_cancel(row.id))
     with open_pool(arguments.workers, arguments.ray) as pool:
         make_map(store, row, map_inputs(store, row), pool.plan_all)
 

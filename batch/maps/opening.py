@@ -38,7 +38,9 @@ class MapRequest:
     robust: bool = False
 
 
-def begin_map(store: Store, source: CellSource, request: MapRequest, planner_version: str, who: str) -> MapRow:
+def begin_map(
+    store: Store, source: CellSource, request: MapRequest, planner_version: str, who: str, made_by: str = "command"
+) -> MapRow:
     """Returns the map of a request for a cell as it is now: the one that was begun before, or a new one.
 
     Args:
@@ -47,6 +49,7 @@ def begin_map(store: Store, source: CellSource, request: MapRequest, planner_ver
         request: what the map is to show.
         planner_version: version of Fling.
         who: asks for it.
+        made_by: who makes it: "service" or "command".
 
     Raises:
         InvalidProblem: every field that is out of its bounds.
@@ -57,7 +60,7 @@ def begin_map(store: Store, source: CellSource, request: MapRequest, planner_ver
     cell = cell_with_profile(cell_of(source), document)
     definition = map_definition(cell, source.sha256, None if profile is None else profile.id, request, planner_version)
     version = store.note_cell_version(source.name, source.sha256, source.text, source.calibration, who)
-    return store.begin_map(source.name, version, definition.sha256, definition.document(), who)
+    return store.begin_map(source.name, version, definition.sha256, definition.document(), who, made_by)
 
 
 def map_definition(

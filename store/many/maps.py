@@ -21,6 +21,7 @@ class MapRow:
     """One throwability map.
 
     Attributes:
+        made_by: Who makes it: "service" or "command".
         definition: What it is of, as JSON; see `batch.maps`.
         state: "running", "finished" or "cancelled".
         beat_at: When its last answers were stored.
@@ -31,6 +32,7 @@ class MapRow:
     cell: str
     cell_version: int
     created_by: str
+    made_by: str
     definition_sha256: str
     definition: Mapping[str, Any]
     state: str
@@ -93,7 +95,9 @@ class MapPlan:
 class MapRepository(Repository):
     """Tables `maps` and `landing_cells`."""
 
-    def begin_map(self, cell: str, cell_version: int, sha256: str, definition: Mapping[str, Any], who: str) -> MapRow:
+    def begin_map(
+        self, cell: str, cell_version: int, sha256: str, definition: Mapping[str, Any], who: str, made_by: str
+    ) -> MapRow:
         """Returns the map of a definition, which is running from now on: the one that was begun before, or a new one.
 
         Args:
@@ -102,13 +106,15 @@ class MapRepository(Repository):
             sha256: Hash of the definition.
             definition: As JSON.
             who: Asks for it.
+            made_by: Who makes it: "service" or "command".
         """
         values = {"id": new_id(), "created_at": time.time(), "cell": cell, "cell_version": cell_version}
-        values |= {"created_by": who, "definition_sha256": sha256, "definition": dict(definition), "state": "running"}
+        values |= {"created_by": who, "definition_sha256": sha256, "definition": dict(definition)}
+        values |= {"state": "running", "made_by": made_by}
         resumed = update(maps).where(maps.c.definition_sha256 == sha256, maps.c.state == "cancelled")
         with writing(self._engine) as connection:
             connection.execute(insert_if_new(connection, maps, **values))
-            connection.execute(resumed.values(state="running", cancel_requested_at=None))
+            connection.execute(resumed.values(state="running", made_by=made_by, cancel_requested_at=None))
             beat = update(maps).where(maps.c.definition_sha256 == sha256, maps.c.state == "running")
             connection.execute(beat.values(beat_at=time.time()))
             found = connection.execute(select(maps).where(maps.c.definition_sha256 == sha256)).one()
@@ -122,6 +128,17 @@ class MapRepository(Repository):
         """Returns the maps of a cell, newest first."""
         query = select(maps).where(maps.c.cell == cell)
         return self._rows(MapRow, query.order_by(maps.c.id.desc()).limit(limit))
+
+    def running_maps(self, made_by: str) -> list[MapRow]:
+        """Returns the maps that are running, oldest first; nobody may work on one, see `MapRow.is_worked_on`."""
+        query = select(maps).where(maps.c.state == "running", maps.c.made_by == made_by)
+        return self._rows(MapRow, query.order_by(maps.c.id))
+
+    def beat_maps(self, ids: Sequence[str]) -> None:
+        """Says that maps are taken care of, as those are that wait in line."""
+        if ids:
+            with writing(self._engine) as connection:
+                connection.execute(update(maps).where(maps.c.id.in_(ids)).values(beat_at=time.time()))
 
     def landing_cells(self, map_id: str) -> list[LandingCellRow]:
         """Returns the answers of a map so far, in the order of their numbers."""

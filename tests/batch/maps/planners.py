@@ -27,7 +27,7 @@ def definition(shape=(7, 9), resolution_m=0.1, planes=(0.0,), **changes) -> MapD
 
 
 def begun(store: Store, of: MapDefinition) -> MapRow:
-    return store.begin_map(of.cell, 1, of.sha256, of.document(), "me")
+    return store.begin_map(of.cell, 1, of.sha256, of.document(), "me", "command")
 
 
 def fake_solve(job: PlanningJob) -> Planned:
