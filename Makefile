@@ -72,7 +72,7 @@ docs: $(VENV)/docs.stamp        ## writes build/docs: tutorial, course, referenc
 	@echo "build/docs/index.html"
 
 lock:                           ## pin requirements/*.in anew (needs uv)
-	for name in run dev docs verify bench; do \
+	for name in run dev docs verify bench ray; do \
 		uv pip compile --quiet --universal --python-version 3.11 --fork-strategy fewest --generate-hashes \
 			--no-emit-index-url --no-header --no-annotate requirements/$$name.in -o requirements/$$name.txt || exit 1; \
 	done

@@ -10,7 +10,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from api.http.errors import ProblemDetails, problem_response
 
 RETRY_AFTER_S = 5  # [s] another instance answers at once, this one after its restart
-NEW_WORK = re.compile(r"/(plan|execute|experiments)")
+NEW_WORK = re.compile(r"/(plan|execute|experiments|batches|cells/[^/]+/map)")
 
 
 class DrainingMiddleware:

@@ -18,7 +18,7 @@ from starlette.exceptions import HTTPException
 
 from api.planning import PlanningEnded, PlanningQueueFull
 from planner.errors import BackendUnavailable, CellError, Infeasible, InvalidProblem, SolverFailed
-from store import CellBusy, KeyTaken, StoreUnavailable, UnknownExecution, UnknownExperiment, UnknownPlan
+from store import CellBusy, KeyTaken, StoreUnavailable, UnknownBatch, UnknownExecution, UnknownExperiment, UnknownPlan
 
 MEDIA_TYPE = "application/problem+json"
 BODY_LIMIT_BYTES = 1_000_000  # [byte] far above the few hundred bytes of a request
@@ -45,7 +45,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         403, "Not allowed", "The token lacks the scope, or the service runs without tokens and the cell is a real arm."
     ),
     "not-found": ProblemType(
-        404, "Not found", "No plan, execution, experiment, cell, profile, recording or page has this name."
+        404, "Not found", "No plan, batch, map, execution, experiment, cell, profile, recording or page has this name."
     ),
     "method-not-allowed": ProblemType(
         405, "Method not allowed", "The address exists, but does not accept this method; see /docs."
@@ -210,6 +210,7 @@ TRANSLATIONS: dict[type[Exception], Callable[[Any], ProblemDetails]] = {
     UnknownPlan: lambda e: ProblemDetails("not-found", str(e)),
     UnknownExecution: lambda e: ProblemDetails("not-found", str(e)),
     UnknownExperiment: lambda e: ProblemDetails("not-found", str(e)),
+    UnknownBatch: lambda e: ProblemDetails("not-found", str(e)),
     RequestValidationError: lambda e: _invalid(e),
     HTTPException: _from_framework,
     Exception: lambda _: ProblemDetails("internal", "an internal error; the service's log has the details"),

@@ -1,9 +1,13 @@
 """The planner in processes of its own: the pool of workers behind a bounded queue."""
 
+from api.planning.batch_drivers import BatchDrivers
 from api.planning.compilation import compile_when_idle
+from api.planning.map_runners import MapRunners
 from api.planning.pool import PlannerPool, PlanningEnded, PlanningQueueFull
 
 __all__ = [
+    "BatchDrivers",
+    "MapRunners",
     "PlannerPool",
     "PlanningEnded",
     "PlanningQueueFull",
