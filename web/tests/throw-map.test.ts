@@ -5,7 +5,7 @@ import type { ThrowMap } from "../src/service/types";
 const NONE = [[null, null, null], [null, null, null]];
 // Two rows along y, three columns along x: hit soon, hit late, refused with proof / searched in vain, unknown, unknown.
 const MAP: ThrowMap = {
-  id: "m", cell: "c", cell_version: 1, profile: null, plane_z_m: 0, resolution_m: 0.1, origin: [1, -0.5], shape: [2, 3],
+  id: "m", cell: "c", plane_z_m: 0, resolution_m: 0.1, origin: [1, -0.5], shape: [2, 3],
   state: "running", void_because: null, level_m: null, progress: { done: 4, total: 6 },
   values: {
     state: [[1, 1, 2], [3, 0, 0]],

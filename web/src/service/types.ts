@@ -1,6 +1,6 @@
 // Names for the documents of the service. They come from its OpenAPI schema: `make web` writes schema.d.ts.
 
-import type { CheckAnswer, ExecutionAnswer, PlanAnswer, PlanRequest } from "./schema";
+import type { CheckAnswer, ExecutionAnswer, MapAnswer, PlanAnswer, PlanRequest } from "./schema";
 
 export type {
   CellList,
@@ -44,29 +44,10 @@ export interface ProblemDocument {
   readonly nearest?: Nearest | null;
 }
 
-type Plane<T> = readonly (readonly T[])[]; // rows along y, then along x
+type Read = "id" | "cell" | "plane_z_m" | "resolution_m" | "state" | "void_because" | "level_m" | "progress" | "values" | "reasons";
 
-/** One plane of a throwability map: `GET /cells/{name}/map`. */
-export interface ThrowMap {
-  readonly id: string;
-  readonly cell: string;
-  readonly cell_version: number | null;
-  readonly profile: string | null;
-  readonly plane_z_m: number;
-  readonly resolution_m: number;
+/** One plane of a throwability map, as far as it is read here. */
+export interface ThrowMap extends Pick<MapAnswer, Read> {
   readonly origin: readonly [number, number]; // centre of the landing cell with the least x and y [m]
   readonly shape: readonly [number, number]; // landing cells along y, along x
-  readonly state: "running" | "finished" | "cancelled" | "void";
-  readonly void_because: string | null;
-  readonly level_m: number | null; // of the finest level that is complete
-  readonly progress: { readonly done: number; readonly total: number };
-  readonly values: {
-    readonly state: Plane<number>; // 0 unknown, 1 yes, 2 refused with proof, 3 searched for in vain
-    readonly release_time_s: Plane<number | null>;
-    readonly landing_shift_10ms_m: Plane<number | null>;
-    readonly hit_probability: Plane<number | null>;
-    readonly margin: Plane<number | null>;
-    readonly reason: Plane<number | null>; // index into `reasons`
-  };
-  readonly reasons: readonly { readonly constraint: string; readonly text: string }[];
 }

@@ -193,12 +193,21 @@ export async function reportLanding(position: readonly number[]): Promise<void> 
 
 const LANDING_STD_M = 0.02; // [m] a click on the floor of a picture is about this good
 
-/** Begins a throwability map of the cell, or goes on with one that was ended. */
-export async function makeMap(): Promise<void> {
+/** Begins a throwability map of the cell, or goes on with one that was ended; its landing cells are so wide [m]. */
+export async function makeMap(resolution_m: number): Promise<void> {
   const { cell } = state.value;
   if (cell === null) return;
   try {
-    await post(`/cells/${cell}/map`, {});
+    await post(`/cells/${cell}/map`, { resolution_m }, { patient: true });
+    await loadMap();
+  } catch (error) {
+    notice.value = { kind: "bad", text: failed(error) };
+  }
+}
+
+export async function cancelMap(id: string): Promise<void> {
+  try {
+    await post(`/cells/${state.value.cell}/map/cancel?id=${id}`);
     await loadMap();
   } catch (error) {
     notice.value = { kind: "bad", text: failed(error) };

@@ -1,10 +1,11 @@
 // Where this arm can throw: the map over the floor, what is coloured, and its legend.
 
+import { useSignal } from "@preact/signals";
 import type { JSX } from "preact";
 
 import { goodness, type MapPicture, type MapQuantity, PROVEN, type Rgb, YES } from "../model/throw-map";
 import type { ThrowMap } from "../service/types";
-import { loadMap, makeMap } from "../state/actions";
+import { cancelMap, loadMap, makeMap } from "../state/actions";
 import { cellName, failed, mapPicture, mapQuantity, mapShown, notice, throwMap } from "../state/store";
 import { constraintWords, figure } from "../state/words";
 import { SelectField } from "./fields";
@@ -15,6 +16,8 @@ const QUANTITIES: readonly (readonly [MapQuantity, string])[] = [
   ["hit_probability", "Probability of a hit"],
   ["reason", "Why not"],
 ];
+type Width = "0.05" | "0.1" | "0.2" | "0.5";
+const WIDTHS: readonly (readonly [Width, string])[] = [["0.05", "5 cm"], ["0.1", "10 cm"], ["0.2", "20 cm"], ["0.5", "50 cm"]];
 const SHADES = [0, 0.25, 0.5, 0.75, 1];
 
 export function MapSection(): JSX.Element {
@@ -37,16 +40,17 @@ export function MapSection(): JSX.Element {
 }
 
 function MapView({ map, picture }: { map: ThrowMap | null; picture: MapPicture | null }): JSX.Element {
-  const idle = map === null || map.state === "void" || map.state === "cancelled";
   return (
     <>
       <p class={map?.state === "void" ? "bad" : "soft"} role="status">{stateWords(map)}</p>
       {map?.state === "running" ? <progress max={map.progress.total} value={map.progress.done} aria-label="Landing cells that are answered" /> : null}
-      {idle ? (
-        <button type="button" class="quiet small" onClick={() => void makeMap()}>
-          {map === null ? "Make a map" : map.state === "void" ? "Make it anew" : "Go on with it"}
+      {map?.state === "running" ? (
+        <button type="button" class="quiet small" onClick={() => void cancelMap(map.id)}>
+          Cancel map
         </button>
-      ) : null}
+      ) : (
+        <Make map={map} />
+      )}
       {map && picture ? (
         <>
           <SelectField label="Colour" options={QUANTITIES} value={mapQuantity.value} onChoose={(quantity) => (mapQuantity.value = quantity)} />
@@ -55,6 +59,19 @@ function MapView({ map, picture }: { map: ThrowMap | null; picture: MapPicture |
         </>
       ) : null}
     </>
+  );
+}
+
+/** Begins a map; one that was ended goes on, where it is as fine as the one that is asked for. */
+function Make({ map }: { map: ThrowMap | null }): JSX.Element {
+  const width = useSignal<Width>("0.1");
+  return (
+    <div class="numbers of-2">
+      <SelectField label="Landing cells" options={WIDTHS} value={width.value} onChoose={(chosen) => (width.value = chosen)} />
+      <button type="button" class="quiet small" onClick={() => void makeMap(Number(width.value))}>
+        {map === null || map.state === "finished" ? "Make a map" : map.state === "void" ? "Make it anew" : "Go on"}
+      </button>
+    </div>
   );
 }
 
