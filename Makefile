@@ -62,7 +62,7 @@ web/node_modules/.package-lock.json: web/package.json web/package-lock.json
 bench: $(VENV)/bench.stamp $(VENV)/warm.stamp  ## writes docs/benchmarks, about ten minutes; SLOW=1 for hours
 	$(BIN)/python -m benchmarks $(if $(SLOW),--slow)
 	$(BIN)/python -m benchmarks.conditions --count $(if $(SLOW),100,5) --out docs/benchmarks
-	$(BIN)/python -m benchmarks.page.frames
+	$(BIN)/python -m benchmarks.page
 
 pictures: $(VENV)/dev.stamp $(VENV)/warm.stamp  ## the README's pictures and animation of a throw (needs chromium)
 	$(BIN)/python -m benchmarks.page.pictures

@@ -34,13 +34,13 @@ THROW_MS = 60_000
 SMALL = {"width": 1024, "height": 700}  # [px] drawn without a graphics processor
 STEP_PX = 12  # [px] a handle is taken within 14
 # Feels for it inside the page: a round trip for each of a thousand places takes minutes.
-FIND_HANDLE = """(canvas, step) => {
+FIND_POINTER = """(canvas, [step, pointer]) => {
   const { left, top, right, bottom } = canvas.getBoundingClientRect();
   for (let y = bottom - step; y > top; y -= step) // the floor before what stands on it
     for (let x = left + step; x < right; x += step) {
       if (document.elementFromPoint(x, y) !== canvas) continue;
       canvas.dispatchEvent(new PointerEvent("pointermove", { clientX: x, clientY: y }));
-      if (canvas.style.cursor === "grab") return [x, y];
+      if (canvas.style.cursor === pointer) return [x, y];
     }
   return null;
 }"""
@@ -126,8 +126,15 @@ class Visit:
 
     def grasp(self) -> tuple[float, float]:
         """Returns where the target's handle is [px]: where the pointer becomes a hand."""
-        found = self.region("Scene").locator("canvas").evaluate(FIND_HANDLE, STEP_PX)
-        assert found is not None, "no handle found"
+        return self._where("grab")
+
+    def on_the_map(self) -> tuple[float, float]:
+        """Returns a point of the map [px]: where the pointer becomes a crosshair."""
+        return self._where("crosshair")
+
+    def _where(self, pointer: str) -> tuple[float, float]:
+        found = self.region("Scene").locator("canvas").evaluate(FIND_POINTER, [STEP_PX, pointer])
+        assert found is not None, f"the pointer becomes a {pointer} nowhere"
         return found[0], found[1]
 
     def barriers(self) -> list[str]:

@@ -22,6 +22,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
 
 PHONE = {"width": 390, "height": 844}
 LISTENS_S = 90.0  # [s] on a busy machine
+MAP_MS = 240_000  # [ms] for a hundred landing cells on a busy machine
 PNG = b"\x89PNG\r\n"
 
 
@@ -247,6 +248,24 @@ def test_an_example_of_the_openapi_page_runs(stack: PageStack, browser: Browser)
         guest.button("Run").click()
         expect(guest.page.get_by_label("Answer", exact=True)).to_contain_text("200 application/json")
         expect(guest.page.get_by_label("Answer", exact=True)).to_contain_text('"ur5e-sim"')
+
+
+def test_a_map_lies_over_the_floor_and_a_click_plans_there(guest: Visit) -> None:
+    guest.button("Show map").click()
+    shown = guest.region("Throwability map")
+    shown.get_by_text("There is no map").wait_for()
+    shown.get_by_label("Landing cells").select_option("0.5")
+    guest.button("Make a map").click()
+    shown.get_by_text(re.compile(r"^[1-9]\d* of \d+ landing cells can be hit")).wait_for(timeout=MAP_MS)
+    shown.get_by_label("Colour").select_option("reason")
+    expect(shown.get_by_role("listitem").filter(has_text="proven").first).to_be_visible()
+    x, y = guest.on_the_map()
+    guest.page.mouse.click(x, y)
+    expect(guest.field("x [m]")).not_to_have_value("1.2")
+    assert guest.field("x [m]").input_value() != "" and guest.page.get_by_text("Plan …").count() <= 1
+    expect(guest.button("Throw on").or_(guest.page.get_by_role("alert"))).to_be_visible(timeout=PLAN_MS)
+    guest.button("Hide map").click()
+    expect(shown.get_by_label("Colour")).to_have_count(0)
 
 
 def test_a_real_arm_asks_once_more(stack: PageStack, browser: Browser) -> None:

@@ -48,6 +48,13 @@ describe("picture of a map", () => {
   });
 });
 
+it("shows the first points as blocks before their level is complete", () => {
+  const first: ThrowMap = { ...MAP, values: { ...MAP.values, state: [[0, 0, 1], [0, 0, 0]] } };
+  const { pixels } = pictureOfMap(first, "reason");
+  expect(pixel(pixels, 5)).toEqual(pixel(pixels, 2));
+  expect(pixel(pixels, 3)[3]).toBe(0);
+});
+
 it("finds the landing cell about a point", () => {
   const near = (x: number, y: number): number[] | undefined => landingCellAt(MAP, x, y)?.map((value) => Number(value.toFixed(9)));
   expect(near(1.14, -0.46)).toEqual([1.1, -0.5]);

@@ -49,9 +49,10 @@ export function pictureOfMap(map: ThrowMap, quantity: MapQuantity): MapPicture {
   const values = quantity === "reason" ? null : map.values[quantity];
   const scale = values && scaleOf(values, MORE_IS_BETTER.has(quantity));
   const pixels = new Uint8Array(4 * width * height);
+  const stride = strideOf(map);
   for (let j = 0; j < height; j++) {
     for (let i = 0; i < width; i++) {
-      const [row, column] = knownNear(map, j, i);
+      const [row, column] = knownNear(map, stride, j, i);
       const state = map.values.state[row]?.[column] ?? UNKNOWN;
       if (state === UNKNOWN) continue;
       const value = values?.[row]?.[column] ?? null;
@@ -79,11 +80,19 @@ export function landingCellAt(map: ThrowMap, x: number, y: number): readonly [nu
 }
 
 /** Returns row and column of the landing cell itself, or of the coarse point next to it where it is not known yet. */
-function knownNear(map: ThrowMap, j: number, i: number): readonly [number, number] {
-  if (map.level_m === null || map.values.state[j]?.[i] !== UNKNOWN) return [j, i];
-  const stride = Math.max(1, Math.round(map.level_m / map.resolution_m));
+function knownNear(map: ThrowMap, stride: number, j: number, i: number): readonly [number, number] {
+  if (map.values.state[j]?.[i] !== UNKNOWN) return [j, i];
   const nearest = (at: number, count: number): number => Math.min(Math.floor((at + Math.floor(stride / 2)) / stride), Math.floor((count - 1) / stride)) * stride;
   return [nearest(j, map.shape[0]), nearest(i, map.shape[1])];
+}
+
+/** Returns the landing cells from one coarse point to the next: of the finest complete level, or of the first one. */
+function strideOf(map: ThrowMap): number {
+  if (map.level_m !== null) return Math.max(1, Math.round(map.level_m / map.resolution_m));
+  const known = map.values.state.flatMap((line, j) => line.flatMap((state, i) => (state === UNKNOWN ? [] : [j, i])));
+  let stride = 1;
+  while (known.some((at) => at > 0) && known.every((at) => at % (2 * stride) === 0)) stride *= 2;
+  return stride;
 }
 
 function yesColour(value: number | null, scale: readonly [number, number] | null): Rgb {

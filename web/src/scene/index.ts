@@ -379,7 +379,8 @@ class ThrowScene implements face.Scene {
   private placeFloor(base: Vector): void {
     const landing = this.motion?.plan.flight?.landing_point ?? base;
     const centre = [(base[0] + landing[0]!) / 2, (base[1] + landing[1]!) / 2] as const;
-    const extent = Math.max(1.8, Math.hypot(landing[0]! - base[0], landing[1]! - base[1]));
+    const corners = this.mapCorners().map((corner) => 0.9 * Math.hypot(corner[0] - centre[0], corner[1] - centre[1]));
+    const extent = Math.max(1.8, Math.hypot(landing[0]! - base[0], landing[1]! - base[1]), ...corners);
     this.stage.floor.place(this.cell!.floorZ, centre, extent, [base[0], base[1]], this.reach() * AROUND_ARM);
   }
 
