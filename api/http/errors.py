@@ -50,7 +50,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         403, "Not allowed", "The token lacks the scope, or the service runs without tokens and the cell is a real arm."
     ),
     "not-found": ProblemType(
-        404, "Not found", "No plan, batch, execution, experiment, cell, profile, recording or page has this name."
+        404, "Not found", "No plan, batch, map, execution, experiment, cell, profile, recording or page has this name."
     ),
     "method-not-allowed": ProblemType(
         405, "Method not allowed", "The address exists, but does not accept this method; see /docs."

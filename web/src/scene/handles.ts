@@ -3,7 +3,7 @@
 import { Object3D, Plane, Raycaster, Vector2, Vector3 as ThreeVector } from "three";
 import { TransformControls } from "three/addons/controls/TransformControls.js";
 import { plus, type Vector } from "../model/poses";
-import type { Handle, ReleaseGizmo, SceneOptions, Target } from "./interface";
+import type { FloorMap, Handle, ReleaseGizmo, SceneOptions, Target } from "./interface";
 import { Layer } from "./layer";
 import { LIFT_M, TARGET_RADIUS_M } from "./marks";
 import type { Palette } from "./palette";
@@ -18,7 +18,7 @@ const GIZMO_SIZE = 0.8; // of the release's gizmo, as a share of three's own
 type Grip = "floor" | "lift" | "tip";
 
 /** What the handles tell the scene. */
-interface HandleEvents extends Pick<SceneOptions, "onTargetMoved" | "onTargetDropped" | "onReleaseMoved" | "onReleaseDropped" | "onFloorPicked" | "onNearestPicked"> {
+interface HandleEvents extends Pick<SceneOptions, "onTargetMoved" | "onTargetDropped" | "onReleaseMoved" | "onReleaseDropped" | "onFloorPicked" | "onNearestPicked" | "onMapPicked"> {
   changedTarget(target: Target): void;
 }
 
@@ -27,6 +27,7 @@ export class Handles {
   picking = false;
   pickingZ = 0;
   nearest: Vector | null = null;
+  map: FloorMap | null = null;
   private handle: Handle = "none";
   private target: Target | null = null;
   private release: ReleaseGizmo | null = null;
@@ -140,7 +141,7 @@ export class Handles {
   private move(event: PointerEvent): void {
     if (!this.grip) {
       const hand = this.gripAt(event) || this.overNearest(event);
-      this.stage.canvas.style.cursor = hand ? "grab" : this.picking ? "crosshair" : "";
+      this.stage.canvas.style.cursor = hand ? "grab" : this.picking || (this.map && this.pointOnMap(this.map, event)) ? "crosshair" : "";
       return;
     }
     const held = this.heldPoint();
@@ -187,7 +188,17 @@ export class Handles {
     else if (this.picking) {
       const point = this.pointOn(new Plane(new ThreeVector(0, 0, 1), -this.pickingZ), event);
       if (point) this.events.onFloorPicked?.(point);
+    } else if (this.map) {
+      const point = this.pointOnMap(this.map, event);
+      if (point) this.events.onMapPicked?.(point);
     }
+  }
+
+  /** Returns the point of the map under the pointer. */
+  private pointOnMap({ lower, upper, z }: FloorMap, event: PointerEvent): Vector | null {
+    const point = this.pointOn(new Plane(new ThreeVector(0, 0, 1), -z), event);
+    const within = point && [0, 1].every((axis) => point[axis]! >= lower[axis]! && point[axis]! <= upper[axis]!);
+    return within ? point : null;
   }
 
   /** Tells what moves, once a frame at most. */

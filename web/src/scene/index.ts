@@ -6,6 +6,7 @@ import { linkPoses, toolPose } from "../model/chain";
 import { norm, plus, positionOf, type Vector } from "../model/poses";
 import { CameraMove, directionTo, NO_INSETS, type Subject, viewOf } from "./camera";
 import { drawing } from "./drawing/picture";
+import { floorMapThings } from "./floor-map";
 import { Ghost } from "./ghost";
 import { Handles } from "./handles";
 import type * as face from "./interface";
@@ -17,7 +18,7 @@ import { Stage } from "./stage";
 import { studioMaterial } from "./studio";
 import { ThrownObject } from "./thrown";
 
-const LAYERS = ["boxes", "hazard", "plan", "target", "nearest", "landings", "obstacles"] as const;
+const LAYERS = ["map", "boxes", "hazard", "plan", "target", "nearest", "landings", "obstacles"] as const;
 const SIDES = ["left", "right", "top", "bottom"] as const;
 const GRIPPER_OPENS_S = 0.06; // [s] in which the drawn fingers open
 const STILL_RAD = 1e-4; // [rad] less than this is not seen to move
@@ -48,6 +49,7 @@ class ThrowScene implements face.Scene {
   private obstacles: readonly face.Obstacle[] = [];
   private landings: readonly face.Landing[] = [];
   private ellipse: face.Ellipse | null = null;
+  private map: face.FloorMap | null = null;
   private real: boolean;
   private preset: face.CameraPreset = "overview";
   private framed = "";
@@ -84,6 +86,7 @@ class ThrowScene implements face.Scene {
     this.setLandings([], null);
     this.setNearest(null);
     this.setObstacles([]);
+    this.setMap(null);
     this.look(true);
   }
 
@@ -140,6 +143,12 @@ class ThrowScene implements face.Scene {
   setObstacles(obstacles: readonly face.Obstacle[]): void {
     this.obstacles = obstacles;
     this.show("obstacles", this.cell ? obstacleThings(obstacles, this.cell, this.posture(), this.palette) : []);
+  }
+
+  setMap(map: face.FloorMap | null): void {
+    this.map = this.handles.map = map;
+    this.show("map", map ? floorMapThings(map) : []);
+    this.look(false);
   }
 
   setPicking(on: boolean): void {
@@ -334,7 +343,7 @@ class ThrowScene implements face.Scene {
     if (!this.cell) return;
     const landing = (this.motion?.plan.flight?.landing_point as Vector | undefined) ?? this.target?.position ?? null;
     const refused = this.refused().map((point) => point.map((x) => x.toFixed(1)));
-    const key = `${this.cell.name} ${this.preset} ${this.motion ? landing?.map((x) => x.toFixed(1)) : "home"} ${refused}`;
+    const key = `${this.cell.name} ${this.preset} ${this.motion ? landing?.map((x) => x.toFixed(1)) : "home"} ${refused} ${this.map?.lower} ${this.map?.upper}`;
     if (key === this.framed) return;
     this.framed = key;
     const still = atOnce || window.matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -352,7 +361,7 @@ class ThrowScene implements face.Scene {
     const joints = postures.flatMap((q) => linkPoses(this.cell!.chain, q).map(positionOf));
     const around = [0.12, -0.12].flatMap((r) => joints.map((point) => plus(point, [r, r, r])));
     const marks = landing ? [plus(landing, [0.1, 0.1, 0]), plus(landing, [-0.1, -0.1, 0])] : [];
-    const points = [base, ...around, ...marks, ...this.refused(), ...(this.motion?.extent() ?? [])];
+    const points = [base, ...around, ...marks, ...this.mapCorners(), ...this.refused(), ...(this.motion?.extent() ?? [])];
     return { points, base, direction: directionTo(base, landing ?? plus(base, [0.001, -1, 0])), landing };
   }
 
@@ -361,10 +370,17 @@ class ThrowScene implements face.Scene {
     return this.nearest ? [this.nearest, ...(this.target ? [this.target.position] : [])] : [];
   }
 
+  private mapCorners(): Vector[] {
+    if (!this.map) return [];
+    const { lower, upper, z } = this.map;
+    return [lower, upper, [lower[0], upper[1]] as const, [upper[0], lower[1]] as const].map(([x, y]): Vector => [x, y, z]);
+  }
+
   private placeFloor(base: Vector): void {
     const landing = this.motion?.plan.flight?.landing_point ?? base;
     const centre = [(base[0] + landing[0]!) / 2, (base[1] + landing[1]!) / 2] as const;
-    const extent = Math.max(1.8, Math.hypot(landing[0]! - base[0], landing[1]! - base[1]));
+    const corners = this.mapCorners().map((corner) => 0.9 * Math.hypot(corner[0] - centre[0], corner[1] - centre[1]));
+    const extent = Math.max(1.8, Math.hypot(landing[0]! - base[0], landing[1]! - base[1]), ...corners);
     this.stage.floor.place(this.cell!.floorZ, centre, extent, [base[0], base[1]], this.reach() * AROUND_ARM);
   }
 

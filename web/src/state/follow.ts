@@ -5,15 +5,16 @@ import { effect } from "@preact/signals";
 import { get } from "../service/client";
 import { watchExecution } from "../service/events";
 import type { CellList, CellModel, Execution, ExecutionList, LandingList, Plan, ProfileList } from "../service/types";
-import { loadCurves, refreshCell } from "./actions";
+import { loadCurves, loadMap, refreshCell } from "./actions";
 import { isRunning } from "./machine";
 import {
-  cellName, cells, dispatch, endTime, failed, history, landings, model, playing, profiles, reached, running, runPlan, state,
-  targets, time,
+  cellName, cells, dispatch, endTime, failed, history, landings, mapShown, model, playing, profiles, reached, running, runPlan, state,
+  targets, throwMap, time,
 } from "./store";
 
 const ROBOT_MS = 400; // state of the chosen cell
 const CELLS_MS = 2500; // the list, the other cells and the past
+const MAP_MS = 2000; // the map, while it is shown
 const HISTORY = 40; // executions that are listed
 const AT_ONCE = 5; // requests for them; a browser has six connections
 
@@ -23,6 +24,7 @@ export function follow(): void {
   void repeat(ROBOT_MS, followRobot);
   void repeat(CELLS_MS, followHistory);
   effect(() => void loadModel(cellName.value));
+  void repeat(MAP_MS, followMap);
   followRuns();
 }
 
@@ -99,6 +101,13 @@ async function loadPast(run: Execution): Promise<void> {
     const plan = await get<Plan>(`/plans/${run.plan_id}?trajectory=false`);
     targets.value = { ...targets.value, [run.plan_id]: plan };
   }
+}
+
+/** The map sharpens while it is made; one that is finished changes only with cell and profile. */
+async function followMap(): Promise<void> {
+  const known = throwMap.value;
+  if (known !== null && known.cell !== cellName.value) throwMap.value = null;
+  if (mapShown.value && cellName.value !== null) await loadMap();
 }
 
 async function loadModel(cell: string | null): Promise<void> {

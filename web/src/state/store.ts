@@ -3,8 +3,9 @@
 import { computed, signal } from "@preact/signals";
 
 import { endOf } from "../model/samples";
+import { type MapQuantity, pictureOfMap } from "../model/throw-map";
 import { ConnectionLost, ProblemError } from "../service/client";
-import type { CellModel, CellState, CellSummary, Curves, Execution, LandingAnswer, Plan, ProfileList } from "../service/types";
+import type { CellModel, CellState, CellSummary, Curves, Execution, LandingAnswer, Plan, ProfileList, ThrowMap } from "../service/types";
 import { type Change, change, FIRST_STATE, isArmed, isRunning, planStanding, type State } from "./machine";
 
 export const state = signal<State>(FIRST_STATE);
@@ -26,6 +27,12 @@ export const history = signal<readonly Execution[] | null>(null);
 export const landings = signal<Readonly<Record<string, readonly LandingAnswer[]>>>({});
 export const targets = signal<Readonly<Record<string, Plan>>>({}); // summaries by plan id
 export const profiles = signal<ProfileList | null>(null);
+
+/** The throwability map of the chosen cell; null until it is asked for, and where there is none. */
+export const throwMap = signal<ThrowMap | null>(null);
+export const mapShown = signal(false);
+export const mapQuantity = signal<MapQuantity>("release_time_s");
+export const mapPicture = computed(() => (mapShown.value && throwMap.value ? pictureOfMap(throwMap.value, mapQuantity.value) : null));
 
 export type Connection = "connecting" | "open" | "lost";
 export const connection = signal<Connection>("connecting");

@@ -6,13 +6,14 @@ import { useEffect, useRef } from "preact/hooks";
 
 import type { CameraPreset, CreateScene, Insets, Landing, Obstacle, ReleaseGizmo, Scene, Vector3 } from "../scene/interface";
 import { type Quaternion, quaternionOf, rotationVectorOf } from "../model/poses";
+import { landingCellAt } from "../model/throw-map";
 import { call } from "../service/client";
 import { save } from "../service/save";
 import { drag, drop, reportLanding, takeNearest } from "../state/actions";
 import { type Draft, vector } from "../state/draft";
 import {
-  answered, cellName, cellState, dark, draft, execution, isReal, landings, model, picking, preview, problem, runId, running,
-  shown, standing, time,
+  answered, cellName, cellState, dark, draft, execution, isReal, landings, mapPicture, model, picking, preview, problem, runId, running,
+  shown, standing, throwMap, time,
 } from "../state/store";
 import { seenAt } from "../state/scatter";
 import { SceneKey } from "./scene-key";
@@ -96,6 +97,7 @@ async function loadScene(canvas: HTMLCanvasElement | null, onFailure: (reason: s
       onReleaseDropped: (release) => drop(asRelease(release)),
       onFloorPicked: (position) => void reportLanding(position),
       onNearestPicked: takeNearest,
+      onMapPicked: planAt,
       onFailure,
     });
   } catch (error) {
@@ -137,6 +139,7 @@ function keepInStep(scene: Scene, canvas: HTMLCanvasElement | null): () => void 
     effect(() => scene.setTheme(dark.value ? "dark" : "light")),
     effect(() => scene.setRealArm(isReal.value)),
     effect(() => scene.setPicking(picking.value !== null)),
+    effect(() => showMap(scene)),
   ];
   return () => {
     observer.disconnect();
@@ -153,7 +156,7 @@ function insetsOf(canvas: HTMLCanvasElement): Insets {
     const box = document.querySelector(selector)?.getBoundingClientRect();
     return box && box.left < right && box.right > left && box.top < bottom && box.bottom > top && box.width < right - left ? box : null;
   };
-  const [panel, card] = [covered(".panel.request"), covered(".card.execution")];
+  const [panel, card] = [covered(".panel.request"), covered(".side")];
   return { left: panel ? panel.right - left : 0, right: card ? CARD_SHARE * (right - card.left) : 0, top: 0, bottom: BAR_PX };
 }
 
@@ -230,6 +233,22 @@ function obstacleOf(violation: { constraint: string; value: number | null; limit
     joint: joint < 0 ? null : joint,
     box: box ? { kind: violation.constraint === "keep_in" ? "keep_in" : "keep_out", index: Number(box[1]) } : null,
   };
+}
+
+function showMap(scene: Scene): void {
+  void model.value;
+  const [map, picture] = [throwMap.value, mapPicture.value];
+  if (map === null || picture === null) return scene.setMap(null);
+  const half = map.resolution_m / 2;
+  const [x, y] = map.origin;
+  const upper = [x - half + picture.width * map.resolution_m, y - half + picture.height * map.resolution_m] as const;
+  scene.setMap({ lower: [x - half, y - half], upper, z: map.plane_z_m, ...picture });
+}
+
+/** Plans a throw to the landing cell that was clicked on. */
+function planAt([x, y, z]: Vector3): void {
+  const centre = throwMap.value && landingCellAt(throwMap.value, x, y);
+  if (centre) drop({ kind: "target", frame: "world", target: rounded([...centre, z]) });
 }
 
 function showLandings(scene: Scene): void {
