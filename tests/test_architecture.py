@@ -71,6 +71,7 @@ PLANTED = {
     "benchmarks-streaming": ("benchmarks/streaming/throws.py", "benchmarks.streaming.report"),
     "benchmarks-learning": ("benchmarks/learning/recorded_arms.py", "benchmarks.learning.hidden_timing"),
     "benchmarks-batches": ("benchmarks/batches/problems.py", "benchmarks.batches.runs"),
+    "benchmarks-maps": ("benchmarks/maps/runs.py", "benchmarks.maps.truth"),
     "benchmarks-page": ("benchmarks/page/report_browser.py", "benchmarks.page.frames"),
     "benchmarks-layers": ("benchmarks/problem_sets/task.py", "benchmarks.suite"),
     "store-layers": ("store/idempotency_and_audit.py", "store.plans"),
