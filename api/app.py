@@ -32,7 +32,7 @@ from api.http import (
 )
 from api.logs import REQUESTS, configure_logs
 from api.metrics import Metrics
-from api.planning import PlannerPool, compile_when_idle
+from api.planning import BatchDrivers, MapRunners, PlannerPool, compile_when_idle
 from api.routes import ROUTERS
 from api.settings import ServiceSettings, is_loopback_host
 from api.store_probe import StoreProbe
@@ -99,7 +99,7 @@ async def _lifespan(settings: ServiceSettings, tokens: TokenRegistry, app: FastA
     """Opens the service's parts, and closes them when the application ends."""
     service = _service(settings, tokens)
     app.state.service = service
-    tasks = [asyncio.create_task(work(service)) for work in (_warm_up, _retain)]
+    tasks = [asyncio.create_task(work(service)) for work in (_warm_up, _retain, _drive_batches, _make_maps)]
     try:
         yield
     finally:
@@ -157,7 +157,10 @@ def _service(settings: ServiceSettings, tokens: TokenRegistry) -> Service:
     for name, reason in cells.faults().items():
         logging.getLogger("fling").warning("cell %s is refused: %s", name, reason)
     pool = PlannerPool(settings.planner_workers, settings.planner_queue, _warm_up_job(settings, cells))
-    return Service(settings, store, cells, pool, tokens, Metrics(store), ExecutionFeeds(store), StoreProbe(store))
+    drivers = BatchDrivers(store, settings.database_url, settings.driver_workers, settings.ray_address)
+    runners = MapRunners(store, settings.database_url, settings.driver_workers, settings.ray_address)
+    metrics, feeds = Metrics(store), ExecutionFeeds(store)
+    return Service(settings, store, cells, pool, drivers, runners, tokens, metrics, feeds, StoreProbe(store))
 
 
 async def _warm_up(service: Service) -> None:
@@ -167,13 +170,25 @@ async def _warm_up(service: Service) -> None:
         await service.pool.renew()
 
 
+async def _drive_batches(service: Service) -> None:
+    """Has batches planned, those first that were left when the service ended."""
+    await service.batch_drivers.run()
+
+
+async def _make_maps(service: Service) -> None:
+    """Has maps made, those first that were left when the service ended."""
+    await service.map_runners.run()
+
+
 async def _retain(service: Service) -> None:
     """Deletes from time to time what the settings give up."""
     while service.settings.retention != Retention():
         try:
+            batches = await run_in_threadpool(service.store.retain_batches, service.settings.retention)
             plans, runs = await run_in_threadpool(service.store.retain, service.settings.retention)
-            if plans or runs:
-                logging.getLogger("fling").info("retention deleted %d plans, %d executions", plans, runs)
+            if plans or runs or batches:
+                counts = plans, runs, batches
+                logging.getLogger("fling").info("retention deleted %d plans, %d executions, %d batches", *counts)
         except StoreError:  # the store has logged it; tried again next time
             pass
         await asyncio.sleep(RETENTION_PERIOD_S)

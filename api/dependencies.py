@@ -19,7 +19,7 @@ from api.cell_repository import CellRepository
 from api.execution_feed import ExecutionFeeds
 from api.http import Caller, ProblemDetails, TokenRegistry, WrongTokens, client_address
 from api.metrics import Metrics
-from api.planning import PlannerPool
+from api.planning import BatchDrivers, MapRunners, PlannerPool
 from api.schemas import ID_PATTERN
 from api.settings import ServiceSettings
 from api.store_probe import StoreProbe
@@ -40,6 +40,8 @@ class Service:
     store: Store
     cells: CellRepository
     pool: PlannerPool
+    batch_drivers: BatchDrivers
+    map_runners: MapRunners
     tokens: TokenRegistry
     metrics: Metrics
     feeds: ExecutionFeeds

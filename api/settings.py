@@ -27,9 +27,12 @@ class ServiceSettings(BaseSettings):
         port: Port to listen on.
         planner_workers: Number of planner processes.
         planner_queue: Number of requests that may wait for a worker before further ones are answered 429.
+        batch_workers: Number of planner processes of a batch; None: see `driver_workers`.
+        ray_address: Address of the Ray cluster that plans batches; None: processes of this machine.
         request_log: Whether each request is a line in the log.
         keep_plans, keep_plans_days: Number and age of the plans without executions that are kept; None: all.
         keep_executions, keep_executions_days: Number and age of the finished executions that are kept; None: all.
+        keep_batches, keep_batches_days: Number and age of the finished batches that are kept; None: all.
     """
 
     model_config = SettingsConfigDict(env_prefix="FLING_", frozen=True)
@@ -41,17 +44,27 @@ class ServiceSettings(BaseSettings):
     host: str = "127.0.0.1"
     port: int = Field(default=8000, ge=0, le=65535)
     planner_workers: int = Field(default_factory=lambda: max(1, (os.cpu_count() or 2) - 1), ge=1)  # one core streams
+    batch_workers: int | None = Field(default=None, ge=1)
+    ray_address: str | None = None
     planner_queue: int = Field(default=16, ge=0)
     request_log: bool = True
     keep_plans: int | None = Field(default=None, ge=1)
     keep_plans_days: float | None = Field(default=None, gt=0.0)
     keep_executions: int | None = Field(default=None, ge=1)
     keep_executions_days: float | None = Field(default=None, gt=0.0)
+    keep_batches: int | None = Field(default=None, ge=1)
+    keep_batches_days: float | None = Field(default=None, gt=0.0)
+
+    @property
+    def driver_workers(self) -> int | None:
+        """Number of planner processes of a batch: all cores of this machine but one, which streams."""
+        return self.batch_workers or (None if self.ray_address else max(1, (os.cpu_count() or 2) - 1))
 
     @property
     def retention(self) -> Retention:
         """What is kept of plans and executions."""
-        return Retention(self.keep_plans, self.keep_plans_days, self.keep_executions, self.keep_executions_days)
+        plans, runs = (self.keep_plans, self.keep_plans_days), (self.keep_executions, self.keep_executions_days)
+        return Retention(*plans, *runs, self.keep_batches, self.keep_batches_days)
 
 
 class SettingsError(ValueError):

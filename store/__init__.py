@@ -1,15 +1,19 @@
-"""The database shared by service and executor: plans, executions, experiments, landings, cells, keys, audit trail.
+"""The database shared by service and executor: plans, batches, executions, cells, keys, audit trail …
 
 `Store` is the only entry; all SQL of the project is in this package. SQLite in WAL mode by default, PostgreSQL by its
 URL. Times are seconds since the epoch.
 """
 
+from store.batches import BatchDriven, BatchLost, UnknownBatch
 from store.database import StoreError, StoreUnavailable, default_database_url
 from store.executions import CellBusy, UnknownExecution, UnknownExperiment, UnknownPlan
 from store.idempotency_and_audit import KeyTaken
+from store.many import LandingCellRow, MapPlan, MapRow
 from store.retention import Retention
 from store.rows import (
     AuditLine,
+    BatchResultRow,
+    BatchRow,
     CellRow,
     CellVersionRow,
     EventRow,
@@ -27,6 +31,10 @@ from store.store import Store
 
 __all__ = [
     "AuditLine",
+    "BatchDriven",
+    "BatchLost",
+    "BatchResultRow",
+    "BatchRow",
     "CellBusy",
     "CellRow",
     "CellVersionRow",
@@ -35,7 +43,10 @@ __all__ = [
     "ExperimentRow",
     "IdempotencyKey",
     "KeyTaken",
+    "LandingCellRow",
     "LandingRow",
+    "MapPlan",
+    "MapRow",
     "PlanRow",
     "ProfileRow",
     "RecordingRow",
@@ -43,6 +54,7 @@ __all__ = [
     "Store",
     "StoreError",
     "StoreUnavailable",
+    "UnknownBatch",
     "UnknownExecution",
     "UnknownExperiment",
     "UnknownPlan",

@@ -88,6 +88,34 @@ STEPS: tuple[tuple[str, ...], ...] = (
             calibration {bytes}, seen_at {float} NOT NULL, seen_by TEXT NOT NULL, PRIMARY KEY (cell, version))""",
         "ALTER TABLE profiles ADD COLUMN cell_version INTEGER",
     ),
+    (
+        """CREATE TABLE batches (
+            id TEXT PRIMARY KEY, created_at {float} NOT NULL, created_by TEXT NOT NULL, request_id TEXT,
+            driven_by TEXT NOT NULL, specification {bytes} NOT NULL, total INTEGER NOT NULL, state TEXT NOT NULL,
+            outcome TEXT, reason TEXT, counts JSON NOT NULL, cancel_requested_at {float}, driver_id TEXT,
+            heartbeat_at {float}, started_at {float}, started_done INTEGER NOT NULL, finished_at {float})""",
+        """CREATE TABLE batch_results (
+            batch_id TEXT NOT NULL REFERENCES batches (id), number INTEGER NOT NULL, problem_sha256 TEXT NOT NULL,
+            outcome TEXT NOT NULL, planning_time_s {float} NOT NULL, plan_id TEXT, trajectory_sha256 TEXT,
+            release_time_s {float}, duration_s {float}, release_speed_m_s {float}, hit_probability {float},
+            refusal JSON, PRIMARY KEY (batch_id, number))""",
+        "CREATE INDEX batch_results_of_problem ON batch_results (batch_id, problem_sha256)",
+        "CREATE INDEX batch_results_of_plan ON batch_results (plan_id)",
+    ),
+    (
+        """CREATE TABLE maps (
+            id TEXT PRIMARY KEY, created_at {float} NOT NULL, cell TEXT NOT NULL, cell_version INTEGER NOT NULL,
+            created_by TEXT NOT NULL, made_by TEXT NOT NULL, definition_sha256 TEXT NOT NULL, definition JSON NOT NULL,
+            state TEXT NOT NULL, beat_at {float}, cancel_requested_at {float}, finished_at {float})""",
+        "CREATE INDEX maps_of_cell ON maps (cell, id)",
+        "CREATE UNIQUE INDEX one_map_per_definition ON maps (definition_sha256)",
+        """CREATE TABLE landing_cells (
+            map_id TEXT NOT NULL REFERENCES maps (id), number INTEGER NOT NULL, round INTEGER NOT NULL,
+            state INTEGER NOT NULL, plan_id TEXT REFERENCES plans (id), samples_sha256 TEXT, release_time_s {float},
+            shift_early_m {float}, shift_late_m {float}, hit_probability {float}, margin {float}, margin_check TEXT,
+            constraint_name TEXT, reason TEXT, PRIMARY KEY (map_id, number))""",
+        "CREATE INDEX landing_cells_of_plan ON landing_cells (plan_id)",
+    ),
 )
 
 LATEST = len(STEPS)

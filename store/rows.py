@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from store.samples import join_plan, samples_csv, samples_of_csv, trajectory_json, unpack_samples
 
 HEARTBEAT_FRESH_S = 2.0  # [s] an executor beats several times a second
+DRIVER_FRESH_S = 10.0  # [s] the driver of a batch beats every second, but waits for other writers meanwhile
 
 
 def new_id() -> str:
@@ -198,6 +199,87 @@ class CellRow:
     def is_alive(self) -> bool:
         """Whether the last heartbeat is younger than `HEARTBEAT_FRESH_S`."""
         return time.time() - self.heartbeat_at < HEARTBEAT_FRESH_S
+
+
+@dataclass(frozen=True)
+class BatchRow:
+    """Many planning requests.
+
+    Attributes:
+        driven_by: "service" or "command": whose drivers take it up.
+        specification: Its requests; see `batch.runs`. Empty where it was not read.
+        total: Number of requests.
+        state: queued, running, finished.
+        outcome: completed, cancelled or failed.
+        counts: Number of results by outcome.
+        driver_id: The process that plans it, which gave a sign of life at `heartbeat_at`.
+        started_at: When that took it up, with `started_done` results there.
+    """
+
+    id: str
+    created_at: float
+    created_by: str
+    request_id: str | None
+    driven_by: str
+    total: int
+    state: str
+    outcome: str | None
+    reason: str | None
+    counts: Mapping[str, int]
+    cancel_requested_at: float | None
+    driver_id: str | None
+    heartbeat_at: float | None
+    started_at: float | None
+    started_done: int
+    finished_at: float | None
+    specification: bytes = b""
+
+    @property
+    def done(self) -> int:
+        """Number of results."""
+        return sum(self.counts.values())
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether its driver gave a sign of life not long ago."""
+        fresh = self.heartbeat_at is not None and time.time() - self.heartbeat_at < DRIVER_FRESH_S
+        return self.state == "running" and fresh
+
+    @property
+    def rate_per_s(self) -> float | None:
+        """Results per second since it was taken up [1/s]; None while nobody plans it, or nothing is known."""
+        if self.state != "running" or self.started_at is None or self.heartbeat_at is None:
+            return None
+        new, duration_s = self.done - self.started_done, self.heartbeat_at - self.started_at
+        return new / duration_s if new > 0 and duration_s > 0.0 else None
+
+
+@dataclass(frozen=True)
+class BatchResultRow:
+    """The result of one request of a batch.
+
+    Attributes:
+        number: of the request in its batch, counted from 0.
+        problem_sha256: Hash of request, cell and profile.
+        outcome: "planned", or the type of the problem that refuses it.
+        planning_time_s: What its planner took [s].
+        trajectory_sha256: Hash of the plan's samples.
+        release_speed_m_s: Speed of the object at the release [m/s].
+        refusal: Record of the planner's error.
+    """
+
+    batch_id: str
+    number: int
+    problem_sha256: str
+    outcome: str
+    planning_time_s: float
+    plan_id: str | None = None
+    trajectory_sha256: str | None = None
+    release_time_s: float | None = None
+    duration_s: float | None = None
+    release_speed_m_s: float | None = None
+    hit_probability: float | None = None
+    refusal: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,14 @@ from typing import Self
 from sqlalchemy import update
 
 from store import migrations
+from store.batches import BatchRepository
 from store.cells import CellStatusRepository, CellVersionRepository
 from store.database import StoreError, StoreUnavailable, free_bytes, open_engine, outage_log, probing
 from store.executions import ExecutionRepository
 from store.experiments import ExperimentRepository
 from store.idempotency_and_audit import ClientRepository
 from store.landings import LandingRepository
+from store.many import MapRepository
 from store.plans import PlanRepository
 from store.profiles import ProfileRepository
 from store.retention import RetentionRepository
@@ -25,16 +27,18 @@ FREE_MIN_BYTES = 20e6  # [byte] some hundred plans; the write-ahead log alone ma
 
 class Store(
     PlanRepository,
+    BatchRepository,
     ExecutionRepository,
     ExperimentRepository,
     LandingRepository,
+    MapRepository,
     CellStatusRepository,
     ClientRepository,
     ProfileRepository,
     RetentionRepository,
     CellVersionRepository,
 ):
-    """Plans, executions, events, recordings, experiments, landings, profiles, cell status, keys and the audit trail.
+    """Plans, batches, maps, executions, recordings, experiments, landings, profiles, cells, keys and audit trail.
 
     Every method is one transaction. Threads may share a store; each process opens its own.
     """

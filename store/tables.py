@@ -1,7 +1,8 @@
 """Table definitions.
 
 A comment names the writer of each table, or of a column where a table has two: `api` is the service, `executor` the
-executor daemon of the cell. Of an execution that no executor claimed, api may also write the aborted result.
+executor daemon of the cell, `the driver` the process that plans a batch. Of an execution that no executor claimed, api
+may also write the aborted result.
 
 The tables are created by `store/migrations.py`; a test compares the two.
 """
@@ -187,3 +188,83 @@ cell_versions = Table(  # written by api and executor, append only: whoever sees
     Column("seen_at", Double, nullable=False),
     Column("seen_by", Text, nullable=False),
 )
+
+batches = Table(
+    "batches",
+    METADATA,
+    Column("id", Text, primary_key=True),  # api
+    Column("created_at", Double, nullable=False),  # api
+    Column("created_by", Text, nullable=False),  # api
+    Column("request_id", Text),  # api
+    Column("driven_by", Text, nullable=False),  # api: "service" or "command", whose drivers take it up
+    Column("specification", LargeBinary, nullable=False),  # api: its requests, see `batch.runs`
+    Column("total", Integer, nullable=False),  # api: number of requests
+    Column("state", Text, nullable=False),  # the driver; api inserts 'queued', and finishes what nobody drives
+    Column("outcome", Text),  # the driver; see `state`
+    Column("reason", Text),  # the driver; see `state`
+    Column("counts", JSON, nullable=False),  # the driver: results by outcome
+    Column("cancel_requested_at", Double),  # api
+    Column("driver_id", Text),  # the driver
+    Column("heartbeat_at", Double),  # the driver
+    Column("started_at", Double),  # the driver: when it took the batch up
+    Column("started_done", Integer, nullable=False),  # the driver: number of results there were then
+    Column("finished_at", Double),  # the driver; see `state`
+)
+
+batch_results = Table(  # written by the driver of the batch, append only; a row a request
+    "batch_results",
+    METADATA,
+    Column("batch_id", Text, ForeignKey("batches.id"), primary_key=True),
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    Column("problem_sha256", Text, nullable=False),
+    Column("outcome", Text, nullable=False),  # "planned", or the type of the problem
+    Column("planning_time_s", Double, nullable=False),
+    Column("plan_id", Text),
+    Column("trajectory_sha256", Text),
+    Column("release_time_s", Double),
+    Column("duration_s", Double),
+    Column("release_speed_m_s", Double),
+    Column("hit_probability", Double),
+    Column("refusal", JSON(none_as_null=True)),
+)
+batch_results_of_problem = Index("batch_results_of_problem", batch_results.c.batch_id, batch_results.c.problem_sha256)
+batch_results_of_plan = Index("batch_results_of_plan", batch_results.c.plan_id)
+
+maps = Table(  # written by whoever makes the map: its runner process or `fling map`
+    "maps",
+    METADATA,
+    Column("id", Text, primary_key=True),
+    Column("created_at", Double, nullable=False),
+    Column("cell", Text, nullable=False),
+    Column("cell_version", Integer, nullable=False),
+    Column("created_by", Text, nullable=False),
+    Column("made_by", Text, nullable=False),
+    Column("definition_sha256", Text, nullable=False),
+    Column("definition", JSON, nullable=False),
+    Column("state", Text, nullable=False),
+    Column("beat_at", Double),
+    Column("cancel_requested_at", Double),  # api
+    Column("finished_at", Double),
+)
+maps_of_cell = Index("maps_of_cell", maps.c.cell, maps.c.id)
+one_map = Index("one_map_per_definition", maps.c.definition_sha256, unique=True)
+
+landing_cells = Table(  # written by whoever makes the map
+    "landing_cells",
+    METADATA,
+    Column("map_id", Text, ForeignKey("maps.id"), primary_key=True),
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    Column("round", Integer, nullable=False),
+    Column("state", Integer, nullable=False),
+    Column("plan_id", Text, ForeignKey("plans.id")),
+    Column("samples_sha256", Text),
+    Column("release_time_s", Double),
+    Column("shift_early_m", Double),
+    Column("shift_late_m", Double),
+    Column("hit_probability", Double),
+    Column("margin", Double),
+    Column("margin_check", Text),
+    Column("constraint_name", Text),
+    Column("reason", Text),
+)
+landing_cells_of_plan = Index("landing_cells_of_plan", landing_cells.c.plan_id)

@@ -18,6 +18,8 @@ COMMANDS = {
     "executor": ("serve", "executor", "The executor of one cell."),
     "sim": ("simulator", "sim", "A simulated controller, or a fault in one."),
     "plan": ("plan", "plan", "Plan a request from a file, without a service."),
+    "batch": ("batch", "batch", "Plan many requests, or a grid of them, from a file."),
+    "map": ("map", "map_command", "Where a cell can throw, how soon and how surely."),
     "throw": ("throw", "throw", "Plan and execute a throw to a point."),
     "profile": ("calibrate", "profile", "List, show, adopt or revert what was learnt of a cell."),
     "calibrate": ("calibrate", "calibrate", "Measure what a cell's own motions and throws teach."),

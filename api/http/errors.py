@@ -21,7 +21,7 @@ from starlette.routing import Match
 from api.field_errors import reason, refused_fields
 from api.planning import ClientGone, PlanningEnded, PlanningQueueFull
 from planner.errors import BackendUnavailable, CellError, Infeasible, InvalidProblem, SolverFailed
-from store import CellBusy, KeyTaken, StoreUnavailable, UnknownExecution, UnknownExperiment, UnknownPlan
+from store import CellBusy, KeyTaken, StoreUnavailable, UnknownBatch, UnknownExecution, UnknownExperiment, UnknownPlan
 
 MEDIA_TYPE = "application/problem+json"
 BODY_LIMIT_BYTES = 1_000_000  # [byte] far above the few hundred bytes of a request
@@ -50,7 +50,7 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         403, "Not allowed", "The token lacks the scope, or the service runs without tokens and the cell is a real arm."
     ),
     "not-found": ProblemType(
-        404, "Not found", "No plan, execution, experiment, cell, profile, recording or page has this name."
+        404, "Not found", "No plan, batch, map, execution, experiment, cell, profile, recording or page has this name."
     ),
     "method-not-allowed": ProblemType(
         405, "Method not allowed", "The address exists, but does not accept this method; see /docs."
@@ -217,6 +217,7 @@ TRANSLATIONS: dict[type[Exception], Callable[[Any], ProblemDetails]] = {
     UnknownPlan: lambda e: ProblemDetails("not-found", str(e)),
     UnknownExecution: lambda e: ProblemDetails("not-found", str(e)),
     UnknownExperiment: lambda e: ProblemDetails("not-found", str(e)),
+    UnknownBatch: lambda e: ProblemDetails("not-found", str(e)),
     RequestValidationError: lambda e: _invalid(e),
     HTTPException: _from_framework,
     Exception: lambda _: ProblemDetails("internal", "an internal error; the service's log has the details"),

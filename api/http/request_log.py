@@ -28,6 +28,8 @@ ACTIONS = {  # what is audited, by route; acts that succeed are audited by the s
     "/cells/{name}/profiles/revert": "revert",
     "/profiles/{id}/adopt": "adopt",
     "/experiments": "experiment",
+    "/batches": "batch",
+    "/batches/{id}/cancel": "cancel-batch",
 }
 
 

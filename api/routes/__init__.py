@@ -1,6 +1,7 @@
 """The routes, one module per resource. An endpoint parses its request, makes one call and returns."""
 
 from api.routes import (
+    batches,
     cell_history,
     cells,
     execution_events,
@@ -8,6 +9,7 @@ from api.routes import (
     experiments,
     health,
     landings,
+    maps,
     pages,
     plans,
     profiles,
@@ -19,6 +21,7 @@ __all__ = ["ROUTERS"]
 
 ROUTERS = (
     plans.router,
+    batches.router,
     executions.router,
     execution_events.router,
     landings.router,
@@ -27,6 +30,7 @@ ROUTERS = (
     cell_history.router,
     scene.router,
     timing.router,
+    maps.router,
     profiles.router,
     health.router,
     pages.router,

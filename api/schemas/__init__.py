@@ -1,5 +1,6 @@
 """Request and response bodies as pydantic models; OpenAPI is generated from them."""
 
+from api.schemas.batches import BATCH_EXAMPLES, BatchAnswer, BatchList, BatchRequest, BatchResultList
 from api.schemas.cell_states import Acknowledged, CellHistory, CellList, CellState
 from api.schemas.execution_records import ExecutionAnswer, ExecutionList, StateEvent, TelemetryEvent
 from api.schemas.experiments import (
@@ -10,6 +11,7 @@ from api.schemas.experiments import (
     ExperimentRequest,
 )
 from api.schemas.landings import LANDING_EXAMPLES, LandingAnswer, LandingList, LandingRequest
+from api.schemas.maps import MAP_EXAMPLES, MapAnswer, MapBody, MapHead
 from api.schemas.profiles import Adoption, ProfileAnswer, ProfileList
 from api.schemas.requests import EXECUTE_EXAMPLES, ID_PATTERN, PLAN_EXAMPLES, UUID_PATTERN, ExecuteRequest, PlanRequest
 from api.schemas.responses import (
@@ -25,14 +27,20 @@ from api.schemas.scene import CellModel, PlanCurves
 from api.schemas.timing import TimingAnswer
 
 __all__ = [
+    "BATCH_EXAMPLES",
     "EXECUTE_EXAMPLES",
     "EXPERIMENT_EXAMPLES",
     "ID_PATTERN",
     "LANDING_EXAMPLES",
+    "MAP_EXAMPLES",
     "PLAN_EXAMPLES",
     "UUID_PATTERN",
     "Acknowledged",
     "Adoption",
+    "BatchAnswer",
+    "BatchList",
+    "BatchRequest",
+    "BatchResultList",
     "CellHistory",
     "CellList",
     "CellModel",
@@ -48,6 +56,9 @@ __all__ = [
     "LandingAnswer",
     "LandingList",
     "LandingRequest",
+    "MapAnswer",
+    "MapBody",
+    "MapHead",
     "PlanAnswer",
     "PlanCurves",
     "PlanList",

@@ -11,6 +11,7 @@ from learning import MotionRecording, RecordingError, estimate_timing, lag_chang
 from planner.arrays import Array
 from planner.cell import Cell
 from planner.kinematics import forward
+from planner.trajectory import columns_at
 
 
 def arm_timing(cell: Cell, telemetry: Telemetry, mode: str, acceleration: float) -> dict[str, Any] | None:
@@ -27,7 +28,7 @@ def arm_timing(cell: Cell, telemetry: Telemetry, mode: str, acceleration: float)
     stamps, lag = telemetry.scalar("timestamp_s"), cell.timing.lag_s
     command = telemetry.vector("command" if mode == "speedj" else "planned_qd")
     if mode == "servoj":  # a planned row is what should be measured, one lag after its command
-        command = np.stack([np.interp(stamps + lag, stamps, column) for column in command.T], axis=1)
+        command = columns_at(stamps + lag, stamps, command)
     try:
         found = estimate_timing(MotionRecording(stamps, command, telemetry.vector("qd")), acceleration)
     except (RecordingError, np.linalg.LinAlgError):  # a run that shows no timing has an outcome all the same
@@ -52,7 +53,7 @@ def path_error_m(cell: Cell, telemetry: Telemetry, p_BT: Array, late_s: float) -
         late_s: by how much the arm is late [s].
     """
     clock, planned = telemetry.scalar("clock_s"), telemetry.vector("planned_q")
-    shifted = np.stack([np.interp(clock - late_s, clock, column) for column in planned.T], axis=1)
+    shifted = columns_at(clock - late_s, clock, planned)
     return float(np.linalg.norm(p_BT - tool_points(cell, shifted), axis=1).max())
 
 

@@ -79,8 +79,10 @@ def shared(tmp_path_factory: pytest.TempPathFactory, cells: Path) -> Iterator[Ru
 
 @pytest.fixture
 def service(shared: RunningService) -> Iterator[RunningService]:
-    """Yields the shared service and closes its open executions afterwards."""
+    """Yields the shared service; closes its open executions and batches afterwards."""
     yield shared
+    for batch in shared.store.unfinished_batches("service"):
+        shared.store.cancel_batch(batch.id)
     for row in shared.store.cell_statuses():
         shared.store.close_open_executions(row.cell)
 

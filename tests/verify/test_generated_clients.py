@@ -153,6 +153,7 @@ def python_package(document: dict[str, Any], tmp_path_factory: pytest.TempPathFa
 def test_a_generated_python_client(running_cell: RunningCell, document: dict[str, Any], python_package: ModuleType):
     with PythonClient(python_package, running_cell.url, running_cell.tokens["both"]) as client:
         plan, execution, experiment = _throw(client)
+        _plan_many(client)
         _read_everything(client, plan, execution, experiment)
         _provoke(client, plan)
     operations = {op["operationId"]: op for methods in document["paths"].values() for op in methods.values()}
@@ -182,6 +183,20 @@ def _throw(client: PythonClient) -> tuple[str, str, str]:
     landing = {"position": list(row.metrics.landing_point), "std_m": 0.01}
     client.call("report_landing", 201, execution.id, body=client.body("LandingRequest", landing))
     return plan.id, execution.id, experiment.id
+
+
+def _plan_many(client: PythonClient) -> None:
+    """Plans a batch, watches it to the end and reads its results."""
+    grid = {"release.positions[0]": [0.4, 0.42, 0.01], "backend": {"values": ["ruckig"]}}
+    body = client.body("BatchRequest", {"template": {"release": JOINT}, "grid": grid})
+    batch = client.call("make_batch", 201, body=body)
+    assert "event: progress" in client.call("watch_batch", 200, batch.id)
+    assert client.call("read_batch", 200, batch.id).counts.additional_properties == {"planned": 3}
+    assert [result.number for result in client.call("read_batch_results", 200, batch.id).results] == [0, 1, 2]
+    client.call("cancel_batch", 202, batch.id)
+    client.call("list_batches", 200)
+    wrong = client.body("BatchRequest", {"template": {"release": JOINT}, "grid": {"release.nothing": [0, 1, 1]}})
+    assert client.call("make_batch", 422, body=wrong).errors[0].field == "requests[0].release.nothing"
 
 
 def _read_everything(client: PythonClient, plan: str, execution: str, experiment: str) -> None:
@@ -230,7 +245,7 @@ def _provoke(client: PythonClient, plan: str) -> None:
     client.call("list_plans", 422, cursor="x")
     for operation in ("read_plan", "read_plan_curves", "read_trajectory", "read_execution", "read_recording",
                       "watch_execution", "read_landings", "abort_execution", "read_experiment", "read_profile",
-                      "adopt_profile"):  # fmt: skip
+                      "adopt_profile", "read_batch", "watch_batch", "read_batch_results", "cancel_batch"):  # fmt: skip
         assert client.call(operation, 404, NO_ID).type_ == "/problems/not-found"
     for operation in ("read_cell", "read_cell_model", "read_robot_state", "read_timing", "read_history",
                       "list_profiles", "acknowledge_fault", "estimate_profile_of_cell", "revert_profile"):  # fmt: skip
@@ -244,6 +259,7 @@ def _without_token(client: PythonClient, document: dict[str, Any]) -> None:
         "make_plan": ("PlanRequest", {"release": JOINT}),
         "execute_plan": ("ExecuteRequest", {"plan_id": "latest"}),
         "begin_experiment": ("ExperimentRequest", {}),
+        "make_batch": ("BatchRequest", {"requests": [{"release": JOINT}]}),
         "report_landing": ("LandingRequest", {"result": "hit", "radius_m": 0.1}),
     }
     for path, methods in document["paths"].items():

@@ -65,6 +65,18 @@ class ErrorReport:
             _end(error, self._as_json)
 
 
+class Refused(click.ClickException):
+    """A request of the command line is refused, for a problem that is the service's own too.
+
+    Args:
+        problem: the problem's document.
+    """
+
+    def __init__(self, problem: dict[str, Any]) -> None:
+        super().__init__(f"{problem['title']}: {problem['detail']}")
+        self.problem = problem
+
+
 class Coordinate(click.ParamType):
     """A coordinate [m], in a command whose unknown options are arguments, so that -0.3 is a number."""
 

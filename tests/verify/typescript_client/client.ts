@@ -53,6 +53,16 @@ const recording = await client.GET("/executions/{id}/recording", { ...run, parse
 assert(new Uint8Array(done("read_recording", recording) as unknown as ArrayBuffer)[0] === 0x89);
 done("abort_execution", await client.POST("/executions/{id}/abort", run));
 
+const joint = { kind: "joint", positions: [0.4, -1.4, 1.2, -1.2, -1.57, 0], velocities: [0.8, 0.6, -0.5, 0.3, 0, 0] };
+const many = { template: { release: joint }, grid: { "release.positions[0]": [0.4, 0.42, 0.01] } };
+const batch = { params: { path: { id: done("make_batch", await client.POST("/batches", { body: many as never })).id } } };
+const progress = done("watch_batch", await client.GET("/batches/{id}/events", { ...batch, parseAs: "text" }));
+assert(progress.includes("event: progress"));
+assert.equal(done("read_batch", await client.GET("/batches/{id}", batch)).counts.planned, 3);
+const results = done("read_batch_results", await client.GET("/batches/{id}/results", batch));
+assert(results.results.every((result) => result.plan_id));
+assert.equal(done("cancel_batch", await client.POST("/batches/{id}/cancel", batch)).outcome, "completed");
+done("list_batches", await client.GET("/batches", {}));
 done("list_plans", await client.GET("/plans", {}));
 done("list_executions", await client.GET("/executions", {}));
 done("list_experiments", await client.GET("/experiments", {}));

@@ -4,6 +4,113 @@
  */
 
 export interface paths {
+    "/batches": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * List batches
+         * @description Lists batches with their progress, newest first.
+         */
+        get: operations["list_batches"];
+        put?: never;
+        /**
+         * Plan many throws
+         * @description Queues many planning requests; each is checked before. Their plans are stored like any other plan.
+         *
+         *     Requests that ask for the same are planned once. A batch survives the end of the service: it goes on when the
+         *     service starts again.
+         */
+        post: operations["make_batch"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/batches/{id}": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read a batch
+         * @description Reads the progress of a batch: results by outcome, rate, time left.
+         */
+        get: operations["read_batch"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/batches/{id}/cancel": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Cancel a batch
+         * @description Ends a batch before all is planned. Its results so far stay; repeated, it changes nothing.
+         */
+        post: operations["cancel_batch"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/batches/{id}/events": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Watch a batch
+         * @description Streams the progress of a batch as server-sent events until it is finished.
+         */
+        get: operations["watch_batch"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/batches/{id}/results": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read the results of a batch
+         * @description Reads results in the order of their requests: a page in JSON, or all of them as CSV or Parquet.
+         */
+        get: operations["read_batch_results"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/cells": {
         parameters: {
             query?: never;
@@ -78,6 +185,52 @@ export interface paths {
         get: operations["read_history"];
         put?: never;
         post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/cells/{name}/map": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read a map
+         * @description Reads the latest map of a cell, or another one, as far as it is. One that does not hold any more is `void`.
+         */
+        get: operations["read_cell_map"];
+        put?: never;
+        /**
+         * Make a map
+         * @description Plans a throw to every landing cell of a plane or a volume, coarse points first; every yes has a stored plan.
+         *
+         *     The same request for an unchanged cell is the same map: one that was cancelled goes on, a finished one is answered.
+         */
+        post: operations["make_cell_map"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/cells/{name}/map/cancel": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Cancel a map
+         * @description Ends the work on a map; the same request to make it goes on with what is missing.
+         */
+        post: operations["cancel_cell_map"];
         delete?: never;
         options?: never;
         head?: never;
@@ -668,6 +821,197 @@ export interface components {
              * @description Of the housings [m].
              */
             wrist_radius_m: number;
+        };
+        /**
+         * AxisValues
+         * @description The values of one field of a grid, each as in a request.
+         */
+        AxisValues: {
+            /**
+             * Values
+             * @description At least one.
+             */
+            values: unknown[];
+        };
+        /**
+         * BatchAnswer
+         * @description A batch and its progress.
+         */
+        BatchAnswer: {
+            /** Cancel Requested */
+            cancel_requested: boolean;
+            /**
+             * Counts
+             * @description Results by outcome: `planned`, or the type of the problem.
+             */
+            counts: {
+                [key: string]: number;
+            };
+            /**
+             * Created At
+             * @description UTC, ISO 8601.
+             */
+            created_at: string;
+            /** Created By */
+            created_by: string;
+            /**
+             * Done
+             * @description Number of results so far.
+             */
+            done: number;
+            /** Finished At */
+            finished_at: string | null;
+            /** Id */
+            id: string;
+            /**
+             * Outcome
+             * @description completed, cancelled or failed, once it is finished.
+             */
+            outcome: string | null;
+            /**
+             * Rate Per S
+             * @description Results per second since the batch was last taken up [1/s].
+             */
+            rate_per_s: number | null;
+            /**
+             * Reason
+             * @description Why it failed.
+             */
+            reason: string | null;
+            /**
+             * Started At
+             * @description When it was last taken up. UTC, ISO 8601.
+             */
+            started_at: string | null;
+            /**
+             * State
+             * @description queued, running or finished.
+             */
+            state: string;
+            /**
+             * Time Left S
+             * @description At this rate [s].
+             */
+            time_left_s: number | null;
+            /**
+             * Total
+             * @description Number of requests.
+             */
+            total: number;
+        };
+        /**
+         * BatchList
+         * @description A page of batches, newest first.
+         */
+        BatchList: {
+            /** Batches */
+            batches: components["schemas"]["BatchAnswer"][];
+            /**
+             * Next Cursor
+             * @description Pass as `cursor` for the next page; null on the last page.
+             */
+            next_cursor: string | null;
+        };
+        /**
+         * BatchRequest
+         * @description Many planning requests: a list, or a template with a grid.
+         */
+        BatchRequest: {
+            /**
+             * Grid
+             * @description Values by field, such as `release.position[0]`: `[from, to, step]`, both ends included, or `{"values": […]}`. The requests are all combinations; the last field changes fastest.
+             */
+            grid?: {
+                [key: string]: number[] | components["schemas"]["AxisValues"];
+            } | null;
+            /**
+             * Requests
+             * @description As for `POST /plan`, one by one.
+             */
+            requests?: components["schemas"]["PlanRequest"][] | null;
+            /**
+             * Template
+             * @description A request as for `POST /plan`, in which the fields of `grid` may be absent.
+             */
+            template?: {
+                [key: string]: unknown;
+            } | null;
+        };
+        /**
+         * BatchResult
+         * @description The result of one request: its plan, or the reason why there is none.
+         */
+        BatchResult: {
+            /**
+             * Duration S
+             * @description Duration of the motion [s].
+             */
+            duration_s: number | null;
+            /**
+             * Hit Probability
+             * @description [-]
+             */
+            hit_probability: number | null;
+            /**
+             * Number
+             * @description Of the request, counted from 0 in the order of list or grid.
+             */
+            number: number;
+            /**
+             * Outcome
+             * @description `planned`, or the type of the problem: `infeasible`, `solver-failed`, …
+             */
+            outcome: string;
+            /**
+             * Plan Id
+             * @description Of its plan; the same for requests that ask for the same.
+             */
+            plan_id: string | null;
+            /**
+             * Planning Time S
+             * @description What its planner took [s].
+             */
+            planning_time_s: number;
+            /**
+             * Problem Sha256
+             * @description Hash of request, cell and profile.
+             */
+            problem_sha256: string;
+            /**
+             * Refusal
+             * @description `name`, `detail`, and what a problem of this type has: `violations` and `nearest`, or `errors`.
+             */
+            refusal: {
+                [key: string]: unknown;
+            } | null;
+            /**
+             * Release Speed M S
+             * @description Speed of the object at the release [m/s].
+             */
+            release_speed_m_s: number | null;
+            /**
+             * Release Time S
+             * @description [s]
+             */
+            release_time_s: number | null;
+            /**
+             * Trajectory Sha256
+             * @description Hash of the plan's samples as they are stored.
+             */
+            trajectory_sha256: string | null;
+        };
+        /**
+         * BatchResultList
+         * @description A page of results, in the order of their requests. Those of a running batch have gaps, which fill.
+         */
+        BatchResultList: {
+            /**
+             * Next Cursor
+             * @description Pass as `cursor` for the next page; null on the last page so far.
+             */
+            next_cursor: number | null;
+            /** Results */
+            results: components["schemas"]["BatchResult"][];
         };
         /**
          * BoxAnswer
@@ -1832,6 +2176,275 @@ export interface components {
             };
             /** Throws */
             throws: number;
+        };
+        /**
+         * MapAnswer
+         * @description One plane of a throwability map.
+         */
+        MapAnswer: {
+            /** Cell */
+            cell: string;
+            /** Cell Sha256 */
+            cell_sha256: string;
+            /**
+             * Cell Version
+             * @description Version of the cell's files that it was made with.
+             */
+            cell_version: number;
+            /**
+             * Counts
+             * @description Landing cells of all planes: unknown, yes, proven, not_found.
+             */
+            counts: {
+                [key: string]: number;
+            };
+            /** Id */
+            id: string;
+            /**
+             * Level M
+             * @description Distance of the points of the finest completed level [m].
+             */
+            level_m: number | null;
+            /**
+             * Origin
+             * @description Centre of landing cell 0, 0: x, y [m].
+             */
+            origin: number[];
+            /**
+             * Plane Z M
+             * @description Height of the plane that is shown [m].
+             */
+            plane_z_m: number;
+            /**
+             * Planes Z M
+             * @description Heights of all planes [m].
+             */
+            planes_z_m: number[];
+            /**
+             * Planner Version
+             * @description Version of Fling that it was made with.
+             */
+            planner_version: string;
+            /**
+             * Plans
+             * @description Ids of the stored plans.
+             */
+            plans: (string | null)[][];
+            /**
+             * Profile
+             * @description Profile that it was made with; null: the cell file's numbers.
+             */
+            profile: string | null;
+            /** @description Landing cells of all planes. */
+            progress: components["schemas"]["MapProgress"];
+            /** Reasons */
+            reasons: components["schemas"]["MapReason"][];
+            /**
+             * Resolution M
+             * @description Edge of a landing cell [m].
+             */
+            resolution_m: number;
+            /** Robust */
+            robust: boolean;
+            /**
+             * Sha256
+             * @description Hash of all answers; equal for equal maps.
+             */
+            sha256: string;
+            /**
+             * Shape
+             * @description Landing cells along y, along x.
+             */
+            shape: number[];
+            /**
+             * State
+             * @description running; finished; cancelled: nobody works on it, the same POST goes on; void: see `void_because`.
+             */
+            state: string;
+            values: components["schemas"]["MapValues"];
+            /**
+             * Void Because
+             * @description Why the map does not hold any more; null where it does.
+             */
+            void_because: string | null;
+        };
+        /**
+         * MapBody
+         * @description What a map is to show.
+         */
+        MapBody: {
+            /**
+             * Extent M
+             * @description [x0, x1, y0, y1] [m]; by default all that is not proven to be out of the arm's range.
+             */
+            extent_m?: number[] | null;
+            /**
+             * Plane Z M
+             * @description Height of the plane [m]; by default the floor of the cell.
+             */
+            plane_z_m?: number | null;
+            /**
+             * Resolution M
+             * @description Edge of a landing cell [m], 0.005 to 2.
+             * @default 0.05
+             */
+            resolution_m: number;
+            /**
+             * Robust
+             * @description Plans with a target's release window; false: those that release soonest.
+             * @default false
+             */
+            robust: boolean;
+            /**
+             * Volume M
+             * @description Lowest and highest plane [m], a resolution apart.
+             */
+            volume_m?: number[] | null;
+        };
+        /**
+         * MapHead
+         * @description A map and its progress.
+         */
+        MapHead: {
+            /** Cell */
+            cell: string;
+            /** Cell Sha256 */
+            cell_sha256: string;
+            /**
+             * Cell Version
+             * @description Version of the cell's files that it was made with.
+             */
+            cell_version: number;
+            /**
+             * Counts
+             * @description Landing cells of all planes: unknown, yes, proven, not_found.
+             */
+            counts: {
+                [key: string]: number;
+            };
+            /** Id */
+            id: string;
+            /**
+             * Level M
+             * @description Distance of the points of the finest completed level [m].
+             */
+            level_m: number | null;
+            /**
+             * Origin
+             * @description Centre of landing cell 0, 0: x, y [m].
+             */
+            origin: number[];
+            /**
+             * Plane Z M
+             * @description Height of the plane that is shown [m].
+             */
+            plane_z_m: number;
+            /**
+             * Planes Z M
+             * @description Heights of all planes [m].
+             */
+            planes_z_m: number[];
+            /**
+             * Planner Version
+             * @description Version of Fling that it was made with.
+             */
+            planner_version: string;
+            /**
+             * Profile
+             * @description Profile that it was made with; null: the cell file's numbers.
+             */
+            profile: string | null;
+            /** @description Landing cells of all planes. */
+            progress: components["schemas"]["MapProgress"];
+            /**
+             * Resolution M
+             * @description Edge of a landing cell [m].
+             */
+            resolution_m: number;
+            /** Robust */
+            robust: boolean;
+            /**
+             * Sha256
+             * @description Hash of all answers; equal for equal maps.
+             */
+            sha256: string;
+            /**
+             * Shape
+             * @description Landing cells along y, along x.
+             */
+            shape: number[];
+            /**
+             * State
+             * @description running; finished; cancelled: nobody works on it, the same POST goes on; void: see `void_because`.
+             */
+            state: string;
+            /**
+             * Void Because
+             * @description Why the map does not hold any more; null where it does.
+             */
+            void_because: string | null;
+        };
+        /**
+         * MapProgress
+         * @description How many landing cells have an answer.
+         */
+        MapProgress: {
+            /** Done */
+            done: number;
+            /** Total */
+            total: number;
+        };
+        /**
+         * MapReason
+         * @description Why landing cells are refused.
+         */
+        MapReason: {
+            /**
+             * Constraint
+             * @description Name of the certificate's check, or of the planner's bound.
+             */
+            constraint: string;
+            /**
+             * Text
+             * @description By how much.
+             */
+            text: string;
+        };
+        /**
+         * MapValues
+         * @description Values of the landing cells, each a row along x for every y.
+         */
+        MapValues: {
+            /**
+             * Hit Probability
+             * @description With what is known of the cell [-].
+             */
+            hit_probability: (number | null)[][];
+            /**
+             * Landing Shift 10Ms M
+             * @description How far the landing point moves for a release 10 ms early or late, whichever is farther [m].
+             */
+            landing_shift_10ms_m: (number | null)[][];
+            /**
+             * Margin
+             * @description Least margin of the certificate as a share of its limit [-].
+             */
+            margin: (number | null)[][];
+            /**
+             * Reason
+             * @description Index into `reasons`.
+             */
+            reason: (number | null)[][];
+            /**
+             * Release Time S
+             * @description Release time of the plan [s].
+             */
+            release_time_s: (number | null)[][];
+            /**
+             * State
+             * @description 0 unknown, 1 yes, 2 refused with proof, 3 not found.
+             */
+            state: number[][];
         };
         /**
          * ObjectAnswer
@@ -3497,6 +4110,12 @@ export type Acknowledged = components['schemas']['Acknowledged'];
 export type Adoption = components['schemas']['Adoption'];
 export type AimAnswer = components['schemas']['AimAnswer'];
 export type ArmShapeAnswer = components['schemas']['ArmShapeAnswer'];
+export type AxisValues = components['schemas']['AxisValues'];
+export type BatchAnswer = components['schemas']['BatchAnswer'];
+export type BatchList = components['schemas']['BatchList'];
+export type BatchRequest = components['schemas']['BatchRequest'];
+export type BatchResult = components['schemas']['BatchResult'];
+export type BatchResultList = components['schemas']['BatchResultList'];
 export type BoxAnswer = components['schemas']['BoxAnswer'];
 export type CapsuleAnswer = components['schemas']['CapsuleAnswer'];
 export type CellChange = components['schemas']['CellChange'];
@@ -3537,6 +4156,12 @@ export type LandingList = components['schemas']['LandingList'];
 export type LandingRequest = components['schemas']['LandingRequest'];
 export type LandingShift = components['schemas']['LandingShift'];
 export type LandingStatistics = components['schemas']['LandingStatistics'];
+export type MapAnswer = components['schemas']['MapAnswer'];
+export type MapBody = components['schemas']['MapBody'];
+export type MapHead = components['schemas']['MapHead'];
+export type MapProgress = components['schemas']['MapProgress'];
+export type MapReason = components['schemas']['MapReason'];
+export type MapValues = components['schemas']['MapValues'];
 export type ObjectAnswer = components['schemas']['ObjectAnswer'];
 export type OpeningRequest = components['schemas']['OpeningRequest'];
 export type PlanAnswer = components['schemas']['PlanAnswer'];
@@ -3577,6 +4202,451 @@ export type WayHomeAnswer = components['schemas']['WayHomeAnswer'];
 export type WindowEntry = components['schemas']['WindowEntry'];
 export type $defs = Record<string, never>;
 export interface operations {
+    list_batches: {
+        parameters: {
+            query?: {
+                /** @description Maximum length of the page. */
+                limit?: number;
+                /** @description `next_cursor` of the page before. */
+                cursor?: string | null;
+            };
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Newest first. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["BatchList"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    make_batch: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Same key and body: same resource. */
+                "idempotency-key"?: string | null;
+            };
+            path?: never;
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["BatchRequest"];
+            };
+        };
+        responses: {
+            /** @description Checked and queued. */
+            201: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["BatchAnswer"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `request-timeout` */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `too-large` */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `unsupported-media-type` */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request`, `idempotency-conflict` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `shutting-down`, `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    read_batch: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of the batch, or `latest`. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Its progress. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["BatchAnswer"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    cancel_batch: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Id of the batch, or `latest`. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Its driver stops soon; what is planned stays. */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["BatchAnswer"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    watch_batch: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Skips progress that the client has. */
+                "last-event-id"?: number;
+            };
+            path: {
+                /** @description Id of the batch, or `latest`. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Events `progress` (data: `BatchAnswer`); ends with the batch. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "text/event-stream": string;
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    read_batch_results: {
+        parameters: {
+            query?: {
+                /** @description Maximum length of the page. */
+                limit?: number;
+                /** @description `next_cursor` of the page before. */
+                cursor?: number;
+            };
+            header?: {
+                /** @description application/json, text/csv or application/vnd.apache.parquet. */
+                accept?: string | null;
+            };
+            path: {
+                /** @description Id of the batch, or `latest`. */
+                id: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description A page in JSON; or all results so far as CSV or Parquet, by `Accept`. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["BatchResultList"];
+                    "application/vnd.apache.parquet": string;
+                    "text/csv": string;
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-acceptable` */
+            406: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
     list_cells: {
         parameters: {
             query?: never;
@@ -3818,6 +4888,295 @@ export interface operations {
                 };
             };
             /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    read_cell_map: {
+        parameters: {
+            query?: {
+                /** @description Id of the map; by default the latest. */
+                id?: string | null;
+                /** @description Height of the plane [m]; the closest one. */
+                plane_z_m?: number | null;
+                /** @description Only maps of robust plans, or only of soonest ones. */
+                robust?: boolean | null;
+                /** @description Only maps of this resolution [m]. */
+                resolution_m?: number | null;
+            };
+            header?: {
+                /** @description application/json, image/png, application/zip, text/html */
+                accept?: string | null;
+                /** @description ETags that the client has. */
+                "if-none-match"?: string | null;
+            };
+            path: {
+                /** @description Name of a cell. */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description One plane as JSON; or all planes as PNG, zipped Zarr or HTML, by `Accept`. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["MapAnswer"];
+                    "application/zip": string;
+                    "image/png": string;
+                    "text/html": string;
+                };
+            };
+            /** @description The client has it: `If-None-Match`. */
+            304: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-acceptable` */
+            406: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    make_cell_map: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Name of a cell. */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["MapBody"];
+            };
+        };
+        responses: {
+            /** @description Begun, or gone on with; read it at `Location`. */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["MapHead"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `request-timeout` */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `too-large` */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `unsupported-media-type` */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request`, `idempotency-conflict` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `shutting-down`, `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    cancel_cell_map: {
+        parameters: {
+            query?: {
+                /** @description Id of the map; by default the latest. */
+                id?: string | null;
+            };
+            header?: never;
+            path: {
+                /** @description Name of a cell. */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Its runner stops soon; what is planned stays. */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["MapHead"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `too-large` */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `unsupported-media-type` */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request`, `idempotency-conflict` */
             422: {
                 headers: {
                     [name: string]: unknown;

@@ -1,0 +1,261 @@
+"""`fling batch`: many planning requests, here and now or through a running service."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from api.cli.support.exit_status import INTERRUPTED, NotCompleted
+from api.cli.throw import service_options
+
+if TYPE_CHECKING:
+    from api.schemas import BatchRequest
+    from batch.runs import BatchDriver
+    from store import BatchResultRow, BatchRow, Store
+
+POLL_S = 0.5  # [s] between two looks at the progress of a service's batch
+PAGE = 200  # results read at once from a service
+OUT_HELP = "Write the results to a file: .parquet, .csv or .jsonl."
+RAY_HELP = "Plan in the Ray cluster at this address; FLING_RAY_ADDRESS."
+
+
+@click.command()
+@click.argument("file", required=False, type=click.Path(exists=True, dir_okay=False, allow_dash=True, path_type=Path))
+@click.option("--resume", metavar="ID", help="Go on with a batch that was stopped, or whose driver died.")
+@click.option("--cancel", metavar="ID", help="End a batch; its results so far stay.")
+@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help=OUT_HELP)
+@click.option("--workers", type=click.IntRange(min=1), help="Planner processes; FLING_BATCH_WORKERS, or one a core.")
+@click.option("--ray", metavar="ADDRESS", help=RAY_HELP)
+@click.option("--json", "as_json", is_flag=True, help="Answer in JSON: the batch.")
+@click.option("--cells", type=click.Path(exists=True, file_okay=False, path_type=Path), help="FLING_CELLS.")
+@click.option("--cell", help="Cell of requests that name none; default: FLING_DEFAULT_CELL.")
+@service_options
+def batch(
+    file: Path | None,
+    resume: str | None,
+    cancel: str | None,
+    out: Path | None,
+    workers: int | None,
+    ray: str | None,
+    as_json: bool,
+    cells: Path | None,
+    cell: str | None,
+    url: str | None,
+    token: str | None,
+) -> None:
+    """Plan the requests in FILE (JSON as for POST /batches; - reads standard input), and store their plans.
+
+    {"requests": [...]} is a list of requests; {"template": {...}, "grid": {"release.position[0]": [from, to, step]}}
+    all combinations of some values. Without --url it needs no service. Ctrl-C stops: what is planned is stored, and
+    --resume goes on. A batch whose requests are infeasible one and all is done nevertheless.
+    """
+    from batch.runs import writes_to
+
+    if sum(given is not None for given in (file, resume, cancel)) != 1:
+        raise click.UsageError("give FILE, --resume ID or --cancel ID")
+    if out is not None and not writes_to(out):
+        raise click.UsageError(f"--out {out}: must end in .parquet, .csv or .jsonl")
+    if url is not None and (workers or ray or cells or cell):
+        raise click.UsageError("--workers, --ray, --cells and --cell are the service's own; they do not go with --url")
+    if url is not None:
+        _through_service(url, token, file, resume, cancel, out, as_json)
+        return
+    settings = _settings(cells=cells, default_cell=cell, batch_workers=workers, ray_address=ray)
+    from store import Store
+
+    store = Store.open(settings.database_url)
+    try:
+        if cancel is not None:
+            _report(_document(store.cancel_batch(cancel)), as_json)
+            return
+        id = resume or _queue(store, settings, _read(file))
+        row = store.batch(id)
+        if row is None or row.state != "finished":
+            row = _drive(store, settings, id, as_json)
+        if out is not None:
+            _write(out, store.all_batch_results(id))
+        _report(_document(row), as_json)
+        _require_completed(_document(row))
+    finally:
+        store.close()
+
+
+def _settings(**flags: Any) -> Any:
+    from api.settings import SettingsError, read_settings
+
+    try:
+        return read_settings(**flags)
+    except SettingsError as error:
+        raise click.ClickException(str(error)) from error
+
+
+def _read(file: Path | None) -> BatchRequest:
+    from pydantic import ValidationError
+
+    from api.cli.support.errors import Refused
+    from api.http import invalid_field, invalid_request, problem_document
+    from api.schemas import BatchRequest
+
+    try:
+        text = sys.stdin.buffer.read() if str(file) == "-" else Path(str(file)).read_bytes()
+        return BatchRequest.model_validate_json(text.decode())
+    except ValidationError as error:
+        raise Refused(problem_document(invalid_request(error.errors(include_input=False)), str(file))) from error
+    except UnicodeDecodeError as error:
+        raise Refused(problem_document(invalid_field("file", "is not UTF-8"), str(file))) from error
+
+
+def _queue(store: Store, settings: Any, body: BatchRequest) -> str:
+    """Checks and stores a batch; returns its id."""
+    from api.batch_requests import batch_specification
+    from api.cell_repository import CellRepository
+    from api.cli.support.errors import Refused
+    from api.http import ProblemDetails, problem_document, translate
+    from batch.runs import BATCH_MAX
+    from planner.errors import PlannerError
+
+    try:
+        asked = batch_specification(body, store, CellRepository(settings.cells), settings.default_cell, BATCH_MAX)
+    except (ProblemDetails, PlannerError) as error:
+        raise Refused(problem_document(translate(error), "batch")) from error
+    return store.add_batch(asked.pack(), len(asked.requests), "local", "command").id
+
+
+def _drive(store: Store, settings: Any, id: str, as_json: bool) -> BatchRow:
+    """Plans a batch with a progress bar; Ctrl-C stops it, a second one at once."""
+    from batch.pool import PoolBroken
+    from batch.runs import BatchDriver, wait_and_claim
+
+    claimed = wait_and_claim(store, id, f"fling batch {os.getpid()}")
+    with _ProgressBar(claimed.total, claimed.done, as_json) as advance:
+        workers = settings.batch_workers
+        driver = BatchDriver(store, claimed, workers, settings.ray_address, lambda row: advance(row.done))
+        before = signal.signal(signal.SIGINT, lambda *_: _stop(driver, id))
+        try:
+            row = driver.run()
+        except PoolBroken as error:
+            raise click.ClickException(f"{error}; go on with: fling batch --resume {id}") from error
+        finally:
+            signal.signal(signal.SIGINT, before)
+    if row.state != "finished":
+        click.echo(f"stopped with {row.done} of {row.total}; go on with: fling batch --resume {id}", err=True)
+        sys.exit(INTERRUPTED)
+    return row
+
+
+def _stop(driver: BatchDriver, id: str) -> None:
+    click.echo(f"\nstopping; what is planned is stored in batch {id}", err=True)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    driver.stop()
+
+
+class _ProgressBar:
+    """A progress bar on standard error, where a person reads it; its block gets the function that moves it."""
+
+    def __init__(self, total: int, done: int, is_silent: bool) -> None:
+        label, hidden = f"{total} plans", is_silent or not sys.stderr.isatty()
+        self._bar: Any = click.progressbar(length=total, label=label, file=sys.stderr, hidden=hidden, show_pos=True)
+        self._done = done
+
+    def __enter__(self) -> Callable[[int], None]:
+        self._bar.__enter__()
+        self._bar.update(self._done)
+        return self._advance
+
+    def __exit__(self, *error: Any) -> None:
+        self._bar.__exit__(*error)
+
+    def _advance(self, done: int) -> None:
+        self._bar.update(done - self._done)
+        self._done = done
+
+
+def _through_service(
+    url: str,
+    token: str | None,
+    file: Path | None,
+    resume: str | None,
+    cancel: str | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Has a service plan a batch, and watches it; the service takes up its batches by itself."""
+    from api.cli.support.client import ServiceClient
+
+    with ServiceClient(url, token) as client:
+        if cancel is not None:
+            _report(client.post(f"/batches/{cancel}/cancel"), as_json)
+            return
+        if resume is None:
+            body = _read(file).model_dump(exclude_none=True)
+            document = client.post("/batches", body)
+        else:
+            document = client.get(f"/batches/{resume}")
+        try:
+            document = _watch(client, document, as_json)
+        except KeyboardInterrupt:
+            id = document["id"]
+            click.echo(f"\nthe service goes on; end it with: fling batch --cancel {id} --url {url}", err=True)
+            raise
+        if out is not None:
+            _write(out, _results_of_service(client, document["id"]))
+        _report(document, as_json)
+        _require_completed(document)
+
+
+def _watch(client: Any, document: dict[str, Any], as_json: bool) -> dict[str, Any]:
+    """Returns a batch once it is finished."""
+    with _ProgressBar(document["total"], document["done"], as_json) as advance:
+        while document["state"] != "finished":
+            time.sleep(POLL_S)
+            document = client.get(f"/batches/{document['id']}")
+            advance(document["done"])
+    return document
+
+
+def _results_of_service(client: Any, id: str) -> Iterator[BatchResultRow]:
+    from store import BatchResultRow
+
+    cursor = -1
+    while cursor is not None:
+        page = client.get(f"/batches/{id}/results?limit={PAGE}&cursor={cursor}")
+        yield from (BatchResultRow(batch_id=id, **result) for result in page["results"])
+        cursor = page["next_cursor"]
+
+
+def _write(out: Path, results: Iterator[BatchResultRow]) -> None:
+    from batch.runs import ParquetMissing, write_table
+
+    try:
+        write_table(out, results)
+    except ParquetMissing as error:
+        raise click.ClickException(f"{out} {error}") from error
+
+
+def _document(row: BatchRow) -> dict[str, Any]:
+    from api.batch_requests import batch_document
+
+    return batch_document(row)
+
+
+def _report(document: dict[str, Any], as_json: bool) -> None:
+    """Writes a batch: what became of it, and its results by outcome."""
+    if as_json:
+        click.echo(json.dumps(document))
+    else:
+        counts = ", ".join(f"{count} {outcome}" for outcome, count in sorted(document["counts"].items()))
+        state = document["outcome"] or document["state"]
+        click.echo(f"batch {document['id']}: {state}; {document['done']} of {document['total']}: {counts or 'none'}")
+
+
+def _require_completed(document: dict[str, Any]) -> None:
+    if document["outcome"] != "completed":
+        raise NotCompleted(f"batch {document['id']}: {document['outcome']} {document['reason'] or ''}".rstrip())

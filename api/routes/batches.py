@@ -1,0 +1,217 @@
+"""Batches: many planning requests at once; create, list, watch, read the results, cancel."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import tempfile
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+from typing import Annotated, Any
+
+import orjson
+from fastapi import APIRouter, Body, Header, Query, Request, Response
+from fastapi.responses import FileResponse, JSONResponse, StreamingResponse
+from starlette.background import BackgroundTask
+from starlette.concurrency import run_in_threadpool
+
+from api.batch_requests import batch_document, batch_specification
+from api.dependencies import AnyCaller, Key, Origin, PlanCaller, Service, ServiceDep, id_in_path
+from api.http import (
+    ProblemDetails,
+    StrictJsonRoute,
+    invalid_field,
+    json_answer,
+    preferred_media_type,
+    problem_answers,
+)
+from api.routes.plans import POST_PROBLEMS, PageCursor, PageLimit
+from api.schemas import BATCH_EXAMPLES, BatchAnswer, BatchList, BatchRequest, BatchResultList
+from batch.runs import PARQUET, ParquetMissing, write_table
+from store import BatchResultRow, BatchRow, KeyTaken, Store, StoreUnavailable
+
+router = APIRouter(route_class=StrictJsonRoute, tags=["batches"])
+
+SIZE_MAX = 100_000  # requests of one batch: some seconds to check
+POLL_S = 0.5  # [s] between two looks at the progress
+KEEP_ALIVE_S = 10.0  # [s] silence before a comment is sent, so that proxies keep the connection
+BatchId = Annotated[str, id_in_path("batch")]
+BatchBody = Annotated[BatchRequest, Body(openapi_examples=BATCH_EXAMPLES)]  # type: ignore[arg-type]
+ResultCursor = Annotated[int, Query(ge=-1, le=2**31, description="`next_cursor` of the page before.")]
+TABLES = {"text/csv": ".csv", PARQUET: ".parquet"}
+RESULTS_ANSWER = {
+    "model": BatchResultList,
+    "content": {
+        "text/csv": {"schema": {"type": "string"}},
+        PARQUET: {"schema": {"type": "string", "format": "binary"}},
+    },
+    "description": "A page in JSON; or all results so far as CSV or Parquet, by `Accept`.",
+}
+EVENTS_ANSWER = {
+    "content": {"text/event-stream": {"schema": {"type": "string"}}},
+    "description": "Events `progress` (data: `BatchAnswer`); ends with the batch.",
+}
+
+
+@router.post(
+    "/batches",
+    status_code=201,
+    summary="Plan many throws",
+    responses=json_answer(201, BatchAnswer, "Checked and queued.", *POST_PROBLEMS),
+)
+async def make_batch(body: BatchBody, service: ServiceDep, caller: PlanCaller, key: Key, origin: Origin) -> Response:
+    """Queues many planning requests; each is checked before. Their plans are stored like any other plan.
+
+    Requests that ask for the same are planned once. A batch survives the end of the service: it goes on when the
+    service starts again.
+    """
+
+    def create() -> BatchRow:
+        store, settings = service.store, service.settings
+        existing = None if key is None else store.resource_of_key(key)
+        if existing is None:
+            asked = batch_specification(body, store, service.cells, settings.default_cell, SIZE_MAX)
+            try:
+                act = origin.act(caller, "batch")
+                return store.add_batch(asked.pack(), len(asked.requests), caller.name, "service", key, act)
+            except KeyTaken as taken:
+                existing = taken.resource_of(key)
+        return find_batch(service, existing)
+
+    row = await run_in_threadpool(create)
+    service.batch_drivers.wake()
+    return JSONResponse(batch_document(row), 201, {"Location": f"/batches/{row.id}"})
+
+
+@router.get("/batches", summary="List batches", responses=json_answer(200, BatchList, "Newest first."))
+def list_batches(
+    service: ServiceDep, caller: AnyCaller, limit: PageLimit = 50, cursor: PageCursor = None
+) -> JSONResponse:
+    """Lists batches with their progress, newest first."""
+    rows, following = service.store.batches(limit, cursor)
+    return JSONResponse({"batches": [batch_document(row) for row in rows], "next_cursor": following})
+
+
+@router.get(
+    "/batches/{id}", summary="Read a batch", responses=json_answer(200, BatchAnswer, "Its progress.", "not-found")
+)
+def read_batch(id: BatchId, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
+    """Reads the progress of a batch: results by outcome, rate, time left."""
+    return JSONResponse(batch_document(find_batch(service, id)))
+
+
+@router.post(
+    "/batches/{id}/cancel",
+    status_code=202,
+    summary="Cancel a batch",
+    responses=json_answer(202, BatchAnswer, "Its driver stops soon; what is planned stays.", "not-found", "forbidden"),
+)
+def cancel_batch(id: BatchId, service: ServiceDep, caller: PlanCaller, origin: Origin) -> JSONResponse:
+    """Ends a batch before all is planned. Its results so far stay; repeated, it changes nothing."""
+    row = service.store.cancel_batch(find_batch(service, id).id, origin.act(caller, "cancel-batch"))
+    return JSONResponse(batch_document(row), 202)
+
+
+@router.get(
+    "/batches/{id}/events",
+    summary="Watch a batch",
+    response_class=StreamingResponse,
+    responses={200: EVENTS_ANSWER, **problem_answers("not-found", "invalid-request")},
+)
+async def watch_batch(
+    id: BatchId,
+    request: Request,
+    service: ServiceDep,
+    caller: AnyCaller,
+    last_event_id: Annotated[int, Header(ge=0, le=2**62, description="Skips progress that the client has.")] = 0,
+) -> StreamingResponse:
+    """Streams the progress of a batch as server-sent events until it is finished."""
+    row = await run_in_threadpool(find_batch, service, id)
+    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+    chunks = _events(request, service.store, row.id, last_event_id)
+    return StreamingResponse(chunks, 200, headers, "text/event-stream")
+
+
+@router.get(
+    "/batches/{id}/results",
+    summary="Read the results of a batch",
+    responses={200: RESULTS_ANSWER, **problem_answers("not-found", "not-acceptable", "invalid-request")},
+)
+def read_batch_results(
+    id: BatchId,
+    service: ServiceDep,
+    caller: AnyCaller,
+    limit: PageLimit = 50,
+    cursor: ResultCursor = -1,
+    accept: Annotated[str | None, Header(description=f"application/json, text/csv or {PARQUET}.")] = None,
+) -> Response:
+    """Reads results in the order of their requests: a page in JSON, or all of them as CSV or Parquet."""
+    media = preferred_media_type(accept, ("application/json", *TABLES))
+    row = find_batch(service, id)
+    if media in TABLES:
+        return _table(service.store, row.id, media)
+    results, following = service.store.batch_results(row.id, limit, cursor)
+    documents = [_result(result) for result in results]
+    return JSONResponse({"results": documents, "next_cursor": following}, headers={"Vary": "Accept"})
+
+
+def find_batch(service: Service, id: str) -> BatchRow:
+    """Returns a batch by its id or `latest`.
+
+    Raises:
+        ProblemDetails: There is no such batch.
+    """
+    if id == "latest":
+        id = next((row.id for row in service.store.batches(limit=1)[0]), id)
+    row = service.store.batch(id)
+    if row is None:
+        raise ProblemDetails("not-found", f"no batch {id!r}")
+    return row
+
+
+async def _events(request: Request, store: Store, id: str, after: int) -> AsyncIterator[bytes]:
+    """Yields the progress whenever it changes, up to the end of the batch or of the service."""
+    yield b"retry: 500\n\n"
+    last, sent_at = after, time.monotonic()
+    while not request.app.state.is_draining:
+        try:
+            row = await run_in_threadpool(store.batch, id)
+        except StoreUnavailable:
+            row = None
+        if row is not None:
+            event_id = row.done + 1 + (row.total + 1 if row.state == "finished" else 0)
+            if event_id > last or row.state == "finished":
+                last, sent_at = event_id, time.monotonic()
+                yield f"id: {event_id}\nevent: progress\ndata: ".encode() + orjson.dumps(batch_document(row)) + b"\n\n"
+            if row.state == "finished":
+                return
+        if time.monotonic() - sent_at > KEEP_ALIVE_S:
+            sent_at = time.monotonic()
+            yield b": keep-alive\n\n"
+        await asyncio.sleep(POLL_S)
+
+
+def _result(row: BatchResultRow) -> dict[str, Any]:
+    document = dict(vars(row))
+    del document["batch_id"]
+    return document
+
+
+def _table(store: Store, id: str, media: str) -> FileResponse:
+    """Returns all results as a file, which is written first: a million rows never stay in memory.
+
+    Raises:
+        ProblemDetails: The library for Parquet is not installed.
+    """
+    handle, name = tempfile.mkstemp(suffix=TABLES[media], prefix="fling-batch-")
+    os.close(handle)
+    path = Path(name)
+    try:
+        write_table(path, store.all_batch_results(id))
+    except ParquetMissing as error:
+        path.unlink()
+        raise invalid_field("accept", f"{media} {error}") from None
+    file_name = f"batch-{id}{TABLES[media]}"
+    clean_up = BackgroundTask(path.unlink)
+    return FileResponse(path, media_type=media, filename=file_name, headers={"Vary": "Accept"}, background=clean_up)

@@ -1,0 +1,104 @@
+"""Grids: fields of a request that take several values, each by its path in the request, such as `release.position[0]`.
+
+A grid is a mapping from paths to axes. An axis is `[from, to, step]` or `{"values": [...]}`. The last axis turns
+fastest. A request of the grid is made when it is asked for, by its number.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from planner.errors import FieldError, InvalidProblem
+
+AXIS_MAX = 1_000_000  # values of one axis; more are a typing error in its step
+STEP_SLACK = 1e-9  # [-] of a step by which the last value may miss `to`: 0.1 is no binary number
+DIGITS = 12  # decimal places of a value: 0.1 + 2 * 0.1 is 0.3
+NAME, INDEX = r"[A-Za-z_][A-Za-z0-9_]*", r"\[\d{1,3}\]"
+PATH = re.compile(rf"{NAME}(\.{NAME}|{INDEX})*")
+PART = re.compile(rf"({NAME})|\[(\d+)\]")
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One field of a grid: keys and indices that lead to it, and its values."""
+
+    path: str
+    keys: tuple[str | int, ...]
+    values: Sequence[Any]
+
+
+def axes_of(grid: Mapping[str, Any], template: Mapping[str, Any]) -> tuple[Axis, ...]:
+    """Returns the axes of a grid.
+
+    Args:
+        grid: axes by path.
+        template: the request in which they are set.
+
+    Raises:
+        InvalidProblem: A path leads nowhere in the template, or an axis has no values; every such axis is named.
+    """
+    axes: list[Axis] = []
+    errors: list[FieldError] = []
+    for path, values in grid.items():
+        try:
+            axis = Axis(path, _keys(path), _values(values))
+            _with(template, axis.keys, None)
+            axes.append(axis)
+        except ValueError as error:
+            errors.append(FieldError(f"grid.{path}", str(error)))
+    if errors:
+        raise InvalidProblem(errors)
+    return tuple(axes)
+
+
+def request_at(template: Mapping[str, Any], axes: Sequence[Axis], number: int) -> dict[str, Any]:
+    """Returns the request of a grid with this number, counted from 0."""
+    request = dict(template)
+    for axis in reversed(axes):
+        number, at = divmod(number, len(axis.values))
+        request = _with(request, axis.keys, axis.values[at])
+    return request
+
+
+def _keys(path: str) -> tuple[str | int, ...]:
+    if PATH.fullmatch(path) is None:
+        raise ValueError("is no path of a field such as release.position[0]")
+    return tuple(name or int(index) for name, index in PART.findall(path))
+
+
+def _values(axis: Any) -> Sequence[Any]:
+    if isinstance(axis, Mapping):
+        values = axis.get("values")
+        if axis.keys() != {"values"} or not isinstance(values, list) or not values:
+            raise ValueError('must be [from, to, step], or {"values": [...]} with one value at least')
+        return values
+    is_range = isinstance(axis, Sequence) and len(axis) == 3 and all(_is_number(x) for x in axis)
+    if not is_range or not all(map(math.isfinite, axis)):
+        raise ValueError('must be three numbers [from, to, step], or {"values": [...]}')
+    first, last, step = map(float, axis)
+    if step == 0.0 or (last - first) / step < 0.0:
+        raise ValueError(f"a step of {step:g} does not lead from {first:g} to {last:g}")
+    count = math.floor((last - first) / step + STEP_SLACK) + 1
+    if count > AXIS_MAX:
+        raise ValueError(f"has {count} values; an axis may have {AXIS_MAX}")
+    return [round(first + k * step, DIGITS) for k in range(count)]
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _with(at: Any, keys: Sequence[str | int], value: Any) -> Any:
+    """Returns a copy with the field at the end of a path set; names that are absent on the way become objects."""
+    key, rest = keys[0], keys[1:]
+    if isinstance(key, int):
+        if not isinstance(at, list) or key >= len(at):
+            raise ValueError(f"the template has no element {key} there")
+        return [*at[:key], _with(at[key], rest, value) if rest else value, *at[key + 1 :]]
+    if not isinstance(at, Mapping):
+        raise ValueError(f"the template has no object there that could have {key!r}")
+    return {**at, key: _with(at.get(key, {}), rest, value) if rest else value}
