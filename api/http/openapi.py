@@ -70,6 +70,7 @@ LINKS = {  # operation: the operations that take the id of what it made
         "read_execution", "watch_execution", "read_recording", "abort_execution", "report_landing", "read_landings",
     ),
     "begin_experiment": ("read_experiment",),
+    "make_batch": ("read_batch", "watch_batch", "read_batch_results", "cancel_batch"),
     "estimate_profile_of_cell": ("read_profile", "adopt_profile"),
 }  # fmt: skip
 MADE = "$response.body#/id"

@@ -7,7 +7,7 @@ from typing import Any
 import schemathesis
 from pydantic import BaseModel, ValidationError
 
-from api.schemas import ExecuteRequest, ExperimentRequest, LandingRequest, PlanRequest
+from api.schemas import BatchRequest, ExecuteRequest, ExperimentRequest, LandingRequest, MapBody, PlanRequest
 
 PLAN_S = 0.5  # [s] of a search: this is about the interface, not the planner
 MODELS: dict[str, type[BaseModel]] = {
@@ -15,6 +15,8 @@ MODELS: dict[str, type[BaseModel]] = {
     "execute_plan": ExecuteRequest,
     "report_landing": LandingRequest,
     "begin_experiment": ExperimentRequest,
+    "make_batch": BatchRequest,
+    "make_cell_map": MapBody,
 }
 NOT_OF_THE_BODY = ("infeasible", "idempotency-conflict")  # refusals of bodies that are in order
 
