@@ -119,7 +119,11 @@ class ServiceProcess:
         command = [sys.executable, "-m", "api"]
         self.process = subprocess.Popen(command, cwd=ROOT, env={**os.environ, **own}, stderr=subprocess.PIPE)
         threading.Thread(target=self._keep_log, args=(self.process,), daemon=True).start()
-        self.until(lambda: self.get("/readyz").status_code == 200)
+        self.until(self._is_ready)
+
+    def _is_ready(self) -> bool:
+        assert self.process.poll() is None, self.log.read_text()
+        return self.get("/readyz").status_code == 200
 
     def _keep_log(self, process: subprocess.Popen[bytes]) -> None:
         """Writes the log from outside: limits of the service's files leave it alone."""

@@ -75,6 +75,7 @@ def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
 @contextmanager
 def served(url: str, folder: Path, guarded: bool) -> Iterator[tuple[ServiceProcess, list[str]]]:
     """Runs a service with an executor; yields it and schemathesis' options for its token."""
+    Store.upgrade(url)
     own, options = {}, []
     if guarded:
         file = folder / "tokens.toml"
