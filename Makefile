@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 SOURCES := fling planner store learning batch api executor benchmarks
 
-.PHONY: setup demo up test verify test-kernels check web web-check bench bench-batches pictures docs lock clean
+.PHONY: setup demo up test verify verify-ci fuzz test-kernels check web web-check bench bench-batches pictures docs lock clean
 
 setup: $(VENV)/dev.stamp $(VENV)/warm.stamp   ## .venv with everything pinned, and the generated solvers built
 
@@ -21,6 +21,12 @@ test: $(VENV)/dev.stamp $(VENV)/warm.stamp
 
 verify: $(VENV)/docs.stamp $(VENV)/verify.stamp $(VENV)/ray.stamp $(VENV)/warm.stamp   ## what takes minutes: wheels, both databases, generated clients, notebooks
 	$(BIN)/python -m pytest tests/verify
+
+verify-ci: $(VENV)/docs.stamp $(VENV)/verify.stamp $(VENV)/warm.stamp   ## what of it continuous integration has time for
+	$(BIN)/python -m pytest tests/verify -m "not slow"
+
+fuzz: $(VENV)/docs.stamp $(VENV)/verify.stamp $(VENV)/warm.stamp   ## 5,000 cases of schemathesis, twice, on both databases
+	FLING_CASES=5000 $(BIN)/python -m pytest tests/verify/test_openapi.py
 
 # What computes once more as other processors round: older kernels of numpy, BLAS and libm on one thread, then the
 # optimiser's functions compiled for x86-64-v3, which fuses multiplications and additions. About eight minutes.
@@ -62,7 +68,8 @@ web/node_modules/.package-lock.json: web/package.json web/package-lock.json
 bench: $(VENV)/bench.stamp $(VENV)/warm.stamp  ## writes docs/benchmarks, about ten minutes; SLOW=1 for hours
 	$(BIN)/python -m benchmarks $(if $(SLOW),--slow)
 	$(BIN)/python -m benchmarks.conditions --count $(if $(SLOW),100,5) --out docs/benchmarks
-	$(BIN)/python -m benchmarks.page.frames
+	$(BIN)/python -m benchmarks.page
+	$(BIN)/python -m benchmarks.throwbench --count $(if $(SLOW),20,4)
 
 bench-batches: $(VENV)/ray.stamp $(VENV)/warm.stamp  ## batches through both engines, with kills: minutes; SLOW=1: 20,000 plans each, about two hours
 	$(BIN)/python -m benchmarks.batches --count $(if $(SLOW),20000,400) --costs $(if $(SLOW),1000,200) --out docs/benchmarks

@@ -10,13 +10,13 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware.gzip import GZipMiddleware
 
 from api import fling_version
 from api.cell_repository import CellRepository
-from api.dependencies import Service
+from api.dependencies import Service, known_query
 from api.execution_feed import ExecutionFeeds
 from api.http import (
     DrainingMiddleware,
@@ -25,17 +25,19 @@ from api.http import (
     RequestRecord,
     SecurityMiddleware,
     TokenRegistry,
+    TracingMiddleware,
     install_error_handlers,
     openapi_schema,
     operation_id,
 )
 from api.logs import REQUESTS, configure_logs
 from api.metrics import Metrics
-from api.planning import BatchDrivers, PlannerPool, compile_when_idle
+from api.planning import BatchDrivers, MapRunners, PlannerPool, compile_when_idle
 from api.routes import ROUTERS
 from api.settings import ServiceSettings, is_loopback_host
 from api.store_probe import StoreProbe
 from batch.jobs import PlanningJob
+from fling.tracing import configure_tracing
 from store import Retention, Store, StoreError
 
 DESCRIPTION = (
@@ -76,6 +78,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         redoc_url=None,
         redirect_slashes=False,
         generate_unique_id_function=operation_id,
+        dependencies=[Depends(known_query)],
     )
     app.state.tokens, app.state.is_draining = tokens, False
     app.add_middleware(GZipMiddleware, minimum_size=COMPRESSED_BYTES, compresslevel=COMPRESSION)
@@ -83,6 +86,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     app.add_middleware(DrainingMiddleware)
     app.add_middleware(SecurityMiddleware, local_only=not tokens.is_guarded)
     app.add_middleware(RequestLogMiddleware, record=partial(_record_request, app))
+    app.add_middleware(TracingMiddleware)
     install_error_handlers(app)
     for router in ROUTERS:
         app.include_router(router)
@@ -95,7 +99,7 @@ async def _lifespan(settings: ServiceSettings, tokens: TokenRegistry, app: FastA
     """Opens the service's parts, and closes them when the application ends."""
     service = _service(settings, tokens)
     app.state.service = service
-    tasks = [asyncio.create_task(work(service)) for work in (_warm_up, _retain, _drive_batches)]
+    tasks = [asyncio.create_task(work(service)) for work in (_warm_up, _retain, _drive_batches, _make_maps)]
     try:
         yield
     finally:
@@ -119,6 +123,8 @@ def serve(settings: ServiceSettings) -> int:
     if settings.tokens_file is not None:
         signal.signal(signal.SIGHUP, lambda *_: app.state.tokens.reload())
     configure_logs(settings.request_log)
+    if (missing := configure_tracing("fling-service")) is not None:
+        logging.getLogger("fling").warning(missing)
     config = server_config(app, settings.host, settings.port)
     DrainingServer(config, partial(_drain, app)).run()
     return 0
@@ -152,8 +158,9 @@ def _service(settings: ServiceSettings, tokens: TokenRegistry) -> Service:
         logging.getLogger("fling").warning("cell %s is refused: %s", name, reason)
     pool = PlannerPool(settings.planner_workers, settings.planner_queue, _warm_up_job(settings, cells))
     drivers = BatchDrivers(store, settings.database_url, settings.driver_workers, settings.ray_address)
+    runners = MapRunners(store, settings.database_url, settings.driver_workers, settings.ray_address)
     metrics, feeds = Metrics(store), ExecutionFeeds(store)
-    return Service(settings, store, cells, pool, drivers, tokens, metrics, feeds, StoreProbe(store))
+    return Service(settings, store, cells, pool, drivers, runners, tokens, metrics, feeds, StoreProbe(store))
 
 
 async def _warm_up(service: Service) -> None:
@@ -166,6 +173,11 @@ async def _warm_up(service: Service) -> None:
 async def _drive_batches(service: Service) -> None:
     """Has batches planned, those first that were left when the service ended."""
     await service.batch_drivers.run()
+
+
+async def _make_maps(service: Service) -> None:
+    """Has maps made, those first that were left when the service ended."""
+    await service.map_runners.run()
 
 
 async def _retain(service: Service) -> None:

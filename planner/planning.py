@@ -17,16 +17,18 @@ from planner.search import (
     Attempt,
     CertifiedSolution,
     PlanningSearch,
+    Ranking,
     best_with_way_home,
     load_libraries,
     nearest_problem,
     of_candidates,
     refuse_impossible,
+    search_optimised,
     search_sequential,
     search_thoroughly,
     search_with_stop,
 )
-from planner.seeds import candidates
+from planner.seeds import Candidate, ReleaseState, candidates, neighbour_candidates
 from planner.trajectory import Trajectory
 
 
@@ -57,10 +59,31 @@ class Plan:
     way_home: Approach
 
 
-def plan(problem: ThrowProblem) -> Plan:
+@dataclass(frozen=True)
+class SearchHints:
+    """What a caller of the planner wants or knows beside the problem.
+
+    Attributes:
+        releases: release states of plans for other targets: a short search starts from these alone. Empty: an ordinary
+            search from candidates of its own.
+        offers_nearest: whether a refusal carries the nearest feasible request, the larger part of most refusals' time.
+    """
+
+    releases: tuple[ReleaseState, ...] = ()
+    offers_nearest: bool = True
+
+
+ORDINARY = SearchHints()
+
+
+def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
     """Returns the best certified motion for the problem.
 
     The clock of `time_limit_s` starts once the libraries are loaded, and stands still while solvers are.
+
+    Args:
+        problem: to be solved.
+        hints: where the search starts, and what a refusal offers.
 
     Raises:
         Infeasible: the search for a certified motion ran to its end in vain, or none exists; carries the constraints
@@ -71,7 +94,7 @@ def plan(problem: ThrowProblem) -> Plan:
     load_libraries(problem.backend)
     begun_s = time.perf_counter()
     search = PlanningSearch(problem, begun_s + problem.time_limit_s)
-    best, way_home = _best(search)
+    best, way_home = _best(search, hints)
     return Plan(
         problem=problem,
         backend=best.backend,
@@ -85,40 +108,58 @@ def plan(problem: ThrowProblem) -> Plan:
     )
 
 
-def _best(search: PlanningSearch) -> tuple[CertifiedSolution, Approach]:
+def _best(search: PlanningSearch, hints: SearchHints) -> tuple[CertifiedSolution, Approach]:
     """Returns the answer of a search: its best motion from whose end there is a way home, and that way.
 
     Raises:
-        Infeasible, SolverFailed: there is none; with the nearest feasible request.
+        Infeasible, SolverFailed: there is none; with the nearest feasible request, if asked for.
     """
     try:
-        _run(search)
+        _run(search, hints.releases)
         return best_with_way_home(search)
     except (Infeasible, SolverFailed) as refusal:
-        refusal.nearest = _nearest(search, refusal.violations)
+        if hints.offers_nearest:
+            refusal.nearest = _nearest(search, refusal.violations)
         raise
 
 
-def _run(search: PlanningSearch) -> None:
-    """Searches for a motion.
+def _run(search: PlanningSearch, releases: Sequence[ReleaseState]) -> None:
+    """Searches for a motion; from the release states of other plans, where some are given, by one walk of the policy.
 
     Raises:
         Infeasible, SolverFailed: there is none.
     """
     problem = search.problem
     refuse_impossible(problem)
-    try:
-        found = candidates(problem)
-    except Infeasible as refusal:
-        raise Infeasible(of_candidates(problem, refusal.violations)) from None
+    if releases:
+        search_optimised(search, Ranking(problem, neighbour_candidates(problem, releases)))
+    else:
+        _search_ordinarily(search)
+    if search.answer is None:
+        raise search.failure()
+
+
+def _search_ordinarily(search: PlanningSearch) -> None:
+    """Searches from candidates of its own, to the end.
+
+    Raises:
+        Infeasible: there are no candidates.
+    """
+    problem = search.problem
+    found = _candidates(problem)
     if problem.backend in VARIANTS_BY_BACKEND:
         search_sequential(search, problem.backend, found)
     else:
         search_thoroughly(search, found)
     if search.answer is None and problem.backend == "auto":
         search_with_stop(search, found)
-    if search.answer is None:
-        raise search.failure()
+
+
+def _candidates(problem: ThrowProblem) -> list[Candidate]:
+    try:
+        return candidates(problem)
+    except Infeasible as refusal:
+        raise Infeasible(of_candidates(problem, refusal.violations)) from None
 
 
 def _nearest(search: PlanningSearch, violations: Sequence[Violation]) -> dict[str, Any] | None:

@@ -8,6 +8,7 @@ from store.batches import BatchDriven, BatchLost, UnknownBatch
 from store.database import StoreError, StoreUnavailable, default_database_url
 from store.executions import CellBusy, UnknownExecution, UnknownExperiment, UnknownPlan
 from store.idempotency_and_audit import KeyTaken
+from store.many import LandingCellRow, MapPlan, MapRow
 from store.retention import Retention
 from store.rows import (
     AuditLine,
@@ -42,7 +43,10 @@ __all__ = [
     "ExperimentRow",
     "IdempotencyKey",
     "KeyTaken",
+    "LandingCellRow",
     "LandingRow",
+    "MapPlan",
+    "MapRow",
     "PlanRow",
     "ProfileRow",
     "RecordingRow",

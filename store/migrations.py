@@ -102,6 +102,20 @@ STEPS: tuple[tuple[str, ...], ...] = (
         "CREATE INDEX batch_results_of_problem ON batch_results (batch_id, problem_sha256)",
         "CREATE INDEX batch_results_of_plan ON batch_results (plan_id)",
     ),
+    (
+        """CREATE TABLE maps (
+            id TEXT PRIMARY KEY, created_at {float} NOT NULL, cell TEXT NOT NULL, cell_version INTEGER NOT NULL,
+            created_by TEXT NOT NULL, made_by TEXT NOT NULL, definition_sha256 TEXT NOT NULL, definition JSON NOT NULL,
+            state TEXT NOT NULL, beat_at {float}, cancel_requested_at {float}, finished_at {float})""",
+        "CREATE INDEX maps_of_cell ON maps (cell, id)",
+        "CREATE UNIQUE INDEX one_map_per_definition ON maps (definition_sha256)",
+        """CREATE TABLE landing_cells (
+            map_id TEXT NOT NULL REFERENCES maps (id), number INTEGER NOT NULL, round INTEGER NOT NULL,
+            state INTEGER NOT NULL, plan_id TEXT REFERENCES plans (id), samples_sha256 TEXT, release_time_s {float},
+            shift_early_m {float}, shift_late_m {float}, hit_probability {float}, margin {float}, margin_check TEXT,
+            constraint_name TEXT, reason TEXT, PRIMARY KEY (map_id, number))""",
+        "CREATE INDEX landing_cells_of_plan ON landing_cells (plan_id)",
+    ),
 )
 
 LATEST = len(STEPS)

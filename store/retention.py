@@ -1,8 +1,8 @@
 """Retention: deletes what is old or too much, in short transactions; never a plan in use.
 
 An execution goes with its events, recording and landings, if it has finished and belongs to no experiment. A plan goes
-if no execution and no batch refers to it any more, a finished batch with its results. Idempotency keys go with what
-they stand for.
+if no execution, no batch and no map refers to it any more, a finished batch with its results. Idempotency keys go with
+what they stand for.
 """
 
 from __future__ import annotations
@@ -14,13 +14,28 @@ from typing import Any
 from sqlalchemy import ColumnElement, Connection, delete, exists, select, tuple_
 
 from store.database import Repository, writing
-from store.tables import batch_results, batches, events, executions, idempotency, landings, plans, recordings
+from store.tables import (
+    batch_results,
+    batches,
+    events,
+    executions,
+    idempotency,
+    landing_cells,
+    landings,
+    plans,
+    recordings,
+)
 
 DAY_S = 86400.0  # [s]
 YOUNG_S = 600.0  # [s] a plan this young may be about to be executed
 RESULTS = 1000  # rows of results, which are small, in one transaction
 BATCH = 20  # rows in one transaction: other writers wait for some ten milliseconds at most
-UNUSED = ~exists().where(executions.c.plan_id == plans.c.id) & ~exists().where(batch_results.c.plan_id == plans.c.id)
+# Nothing refers to a plan.
+UNUSED = (
+    ~exists().where(executions.c.plan_id == plans.c.id)
+    & ~exists().where(batch_results.c.plan_id == plans.c.id)
+    & ~exists().where(landing_cells.c.plan_id == plans.c.id)
+)
 
 
 @dataclass(frozen=True)
@@ -28,7 +43,7 @@ class Retention:
     """How much is kept; None: everything.
 
     Attributes:
-        plans, plans_days: Number and age [days] of the plans that no execution and no batch refers to.
+        plans, plans_days: Number and age [days] of the plans that no execution, batch or map refers to.
         executions, executions_days: Number and age [days] of the finished executions.
         batches, batches_days: Number and age [days] of the finished batches.
     """

@@ -16,6 +16,7 @@ from store.executions import ExecutionRepository
 from store.experiments import ExperimentRepository
 from store.idempotency_and_audit import ClientRepository
 from store.landings import LandingRepository
+from store.many import MapRepository
 from store.plans import PlanRepository
 from store.profiles import ProfileRepository
 from store.retention import RetentionRepository
@@ -30,13 +31,14 @@ class Store(
     ExecutionRepository,
     ExperimentRepository,
     LandingRepository,
+    MapRepository,
     CellStatusRepository,
     ClientRepository,
     ProfileRepository,
     RetentionRepository,
     CellVersionRepository,
 ):
-    """Plans, batches, executions, events, recordings, experiments, landings, profiles, cells, keys and audit trail.
+    """Plans, batches, maps, executions, recordings, experiments, landings, profiles, cells, keys and audit trail.
 
     Every method is one transaction. Threads may share a store; each process opens its own.
     """

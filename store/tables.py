@@ -229,3 +229,42 @@ batch_results = Table(  # written by the driver of the batch, append only; a row
 )
 batch_results_of_problem = Index("batch_results_of_problem", batch_results.c.batch_id, batch_results.c.problem_sha256)
 batch_results_of_plan = Index("batch_results_of_plan", batch_results.c.plan_id)
+
+maps = Table(  # written by whoever makes the map: its runner process or `fling map`
+    "maps",
+    METADATA,
+    Column("id", Text, primary_key=True),
+    Column("created_at", Double, nullable=False),
+    Column("cell", Text, nullable=False),
+    Column("cell_version", Integer, nullable=False),
+    Column("created_by", Text, nullable=False),
+    Column("made_by", Text, nullable=False),
+    Column("definition_sha256", Text, nullable=False),
+    Column("definition", JSON, nullable=False),
+    Column("state", Text, nullable=False),
+    Column("beat_at", Double),
+    Column("cancel_requested_at", Double),  # api
+    Column("finished_at", Double),
+)
+maps_of_cell = Index("maps_of_cell", maps.c.cell, maps.c.id)
+one_map = Index("one_map_per_definition", maps.c.definition_sha256, unique=True)
+
+landing_cells = Table(  # written by whoever makes the map
+    "landing_cells",
+    METADATA,
+    Column("map_id", Text, ForeignKey("maps.id"), primary_key=True),
+    Column("number", Integer, primary_key=True, autoincrement=False),
+    Column("round", Integer, nullable=False),
+    Column("state", Integer, nullable=False),
+    Column("plan_id", Text, ForeignKey("plans.id")),
+    Column("samples_sha256", Text),
+    Column("release_time_s", Double),
+    Column("shift_early_m", Double),
+    Column("shift_late_m", Double),
+    Column("hit_probability", Double),
+    Column("margin", Double),
+    Column("margin_check", Text),
+    Column("constraint_name", Text),
+    Column("reason", Text),
+)
+landing_cells_of_plan = Index("landing_cells_of_plan", landing_cells.c.plan_id)

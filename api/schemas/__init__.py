@@ -11,6 +11,7 @@ from api.schemas.experiments import (
     ExperimentRequest,
 )
 from api.schemas.landings import LANDING_EXAMPLES, LandingAnswer, LandingList, LandingRequest
+from api.schemas.maps import MAP_EXAMPLES, MapAnswer, MapBody, MapHead
 from api.schemas.profiles import Adoption, ProfileAnswer, ProfileList
 from api.schemas.requests import EXECUTE_EXAMPLES, ID_PATTERN, PLAN_EXAMPLES, UUID_PATTERN, ExecuteRequest, PlanRequest
 from api.schemas.responses import (
@@ -31,6 +32,7 @@ __all__ = [
     "EXPERIMENT_EXAMPLES",
     "ID_PATTERN",
     "LANDING_EXAMPLES",
+    "MAP_EXAMPLES",
     "PLAN_EXAMPLES",
     "UUID_PATTERN",
     "Acknowledged",
@@ -54,6 +56,9 @@ __all__ = [
     "LandingAnswer",
     "LandingList",
     "LandingRequest",
+    "MapAnswer",
+    "MapBody",
+    "MapHead",
     "PlanAnswer",
     "PlanCurves",
     "PlanList",

@@ -11,21 +11,26 @@ import numpy as np
 from learning import CellKnowledge, LandingForecast
 from planner.arrays import Array
 from planner.plan_reading import aimed_problem
-from planner.planning import Plan, plan
+from planner.planning import ORDINARY, Plan, SearchHints, plan
 from planner.problem import TargetRelease, ThrowProblem
 
 AIM_M = 0.001  # [m] distance of the predicted landing from the target that is good enough
 AIM_ROUNDS = 3  # plans at most: the shift carries over from plan to plan but where the posture changes
 
 
-def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None) -> Plan:
+def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None, hints: SearchHints = ORDINARY) -> Plan:
     """Returns a plan whose predicted landing is on the target; without knowledge, or a target, the plan as asked for.
+
+    Args:
+        problem: as requested.
+        known: what is known of the cell.
+        hints: of the search for each plan.
 
     Raises:
         PlannerError: as of `planner.planning.plan`.
     """
     until = time.perf_counter() + problem.time_limit_s
-    found = plan(problem)
+    found = plan(problem, hints)
     if known is None or not isinstance(problem.release, TargetRelease):
         return found
     best, least, shift = found, np.inf, np.zeros(3)
@@ -37,7 +42,7 @@ def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None) -> Plan:
         if least < AIM_M or remaining == 1 or rest_s <= 0.0:
             break
         shift = shift - np.append(miss, 0.0)
-        found = plan(replace(aimed_problem(problem, shift), time_limit_s=rest_s))
+        found = plan(replace(aimed_problem(problem, shift), time_limit_s=rest_s), hints)
     return best
 
 

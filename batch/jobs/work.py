@@ -6,7 +6,7 @@ import gc
 import os
 import signal
 import threading
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
@@ -34,6 +34,9 @@ class PlanningJob:
         profile: Id and document of the profile that the cell uses; None: the cell file's numbers.
         request_id: Id of the HTTP request.
         cell_version: Version of the cell's files; None: not known to a store.
+        releases: Joint positions and velocities at the release of plans for other targets: a short search starts from
+            these alone. Empty: an ordinary search.
+        offers_nearest: Whether a refusal carries the nearest feasible request.
     """
 
     plan_id: str | None
@@ -43,6 +46,8 @@ class PlanningJob:
     profile: tuple[str, bytes] | None = None
     request_id: str | None = None
     cell_version: int | None = None
+    releases: tuple[tuple[Sequence[float], Sequence[float]], ...] = ()
+    offers_nearest: bool = True
 
 
 @dataclass(frozen=True)
@@ -108,6 +113,7 @@ def solve(job: PlanningJob) -> Planned:
     from batch.jobs.odds import plan_for_odds
     from learning import cell_with_profile, knowledge_of, prior_knowledge
     from planner.plan_document import plan_document
+    from planner.planning import SearchHints
     from planner.request import problem_from_request
 
     cell = _cell(job.cell)
@@ -119,7 +125,8 @@ def solve(job: PlanningJob) -> Planned:
     if least > 0.0:
         found = plan_for_odds(problem, least, known, is_learnt)
     else:
-        found = plan_aimed(problem, known if is_learnt else None)
+        hints = SearchHints(job.releases, job.offers_nearest)
+        found = plan_aimed(problem, known if is_learnt else None, hints)
     check_duration(problem, found.trajectory)
     answer = plan_document(found, job.request, job.plan_id or "", job.created_at)
     if job.plan_id is None:

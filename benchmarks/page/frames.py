@@ -1,4 +1,4 @@
-"""How many frames a second the scene draws while a throw is scrubbed: `python -m benchmarks.page.frames`.
+"""How many frames a second the scene draws while a throw is scrubbed.
 
 Frames are counted between two of the browser's own. The processor time of all its processes for a frame does not depend
 on what else the machine does, and stands beside them.
@@ -8,11 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import click
 import psutil
 from playwright.sync_api import Page
-
-from benchmarks.page.report_browser import report_of_a_throw, scene_page, software_browser
 
 WIDTH, HEIGHT = 1440, 582  # [px] the scene of the page in a window of 1440 by 900
 SECONDS = 6.0  # [s] of scrubbing for one figure
@@ -73,21 +70,3 @@ def _processor_s() -> float:
             continue
         total += times.user + times.system
     return total
-
-
-@click.command()
-def main() -> None:
-    """Measure the frame rate of the scene, drawn in software."""
-    report = report_of_a_throw()
-    with software_browser() as browser, scene_page(browser, report, WIDTH, HEIGHT) as page:
-        click.echo(f"{WIDTH} x {HEIGHT} pixels, drawn in software on {psutil.cpu_count()} processors")
-        for label, level in (("as the machine allows", None), ("full detail", 0)):
-            rate = measured(page, level)
-            click.echo(
-                f"{label}: {rate.frames_per_s:.1f} frames/s at level {rate.detail}, {rate.draw_calls} draw calls, "
-                f"{rate.processor_ms:.0f} ms of processor time a frame"
-            )
-
-
-if __name__ == "__main__":
-    main()

@@ -18,6 +18,7 @@ from planner.search.released_flight import released_flight_blocked
 from planner.search.throw_range import SLACK, farthest_reach_from_shoulder, out_of_range, shoulder_position
 
 RIM_POINTS = 2048  # [-] places on the rim of the arm's reach from which a target is aimed at
+RANGE_STEP_M = 0.01  # [m] to which the farthest distance of a target is found
 RIM_FIRST = 32  # [-] one of so many is looked at first: a target that can be reached from there is not refused
 
 
@@ -44,6 +45,35 @@ def proven_violations(problem: ThrowProblem) -> list[Violation]:
             found = _place(problem, p) or _range(problem, release, p)
     blocked = released_flight_blocked(problem)
     return [replace(violation, proven=True) for violation in [*found, *filter(None, [blocked])]]
+
+
+def farthest_target_m(problem: ThrowProblem) -> float | None:
+    """Returns a horizontal distance from the shoulder [m] beyond which no throw reaches a target's height.
+
+    The bounds on a throw's range depend on that distance and on the height alone. None where not even a target right
+    below or above the shoulder is within range.
+
+    Args:
+        problem: of a target; its height counts.
+    """
+    assert isinstance(problem.release, TargetRelease)
+    shoulder, target = shoulder_position(problem.cell), problem.release.p_W
+
+    def is_out_of_range(distance: float) -> bool:
+        place = np.array([shoulder[0] + distance, shoulder[1], target[2]])
+        release = replace(problem.release, p_W=place)
+        assert isinstance(release, TargetRelease)
+        return bool(_range(problem, release))
+
+    if is_out_of_range(0.0):
+        return None
+    within, beyond = 0.0, 1.0
+    while not is_out_of_range(beyond):
+        within, beyond = beyond, 2.0 * beyond
+    while beyond - within > RANGE_STEP_M:
+        middle = (within + beyond) / 2.0
+        within, beyond = (within, middle) if is_out_of_range(middle) else (middle, beyond)
+    return beyond
 
 
 def of_candidates(problem: ThrowProblem, violations: tuple[Violation, ...]) -> tuple[Violation, ...]:

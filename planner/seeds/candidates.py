@@ -136,6 +136,20 @@ def candidates(problem: ThrowProblem, wide: bool = True) -> list[Candidate]:
     return _usable(problem, states)
 
 
+def usable_candidates(problem: ThrowProblem, q: Array, qd: Array) -> list[Candidate]:
+    """Returns those of given release states that keep every limit themselves, by ascending lower bound.
+
+    Args:
+        problem: the problem.
+        q: positions (n, 6) [rad].
+        qd: velocities (n, 6) [rad/s].
+
+    Raises:
+        Infeasible: none does; the violations are those of the state closest to the limits.
+    """
+    return _usable(problem, _distinct(q, qd))
+
+
 def _target_candidates(problem: ThrowProblem, release: TargetRelease, wide: bool) -> list[Candidate]:
     """Returns the candidates for a target; where obstacles leave too few, from a thorough search.
 

@@ -34,18 +34,21 @@ THROW_MS = 60_000
 SMALL = {"width": 1024, "height": 700}  # [px] drawn without a graphics processor
 STEP_PX = 12  # [px] a handle is taken within 14
 # Feels for it inside the page: a round trip for each of a thousand places takes minutes.
-FIND_HANDLE = """(canvas, step) => {
+FIND_POINTER = """(canvas, [step, pointer]) => {
   const { left, top, right, bottom } = canvas.getBoundingClientRect();
   for (let y = bottom - step; y > top; y -= step) // the floor before what stands on it
     for (let x = left + step; x < right; x += step) {
       if (document.elementFromPoint(x, y) !== canvas) continue;
       canvas.dispatchEvent(new PointerEvent("pointermove", { clientX: x, clientY: y }));
-      if (canvas.style.cursor === "grab") return [x, y];
+      if (canvas.style.cursor === pointer) return [x, y];
     }
   return null;
 }"""
 REFUSED = "Failed to load resource"  # Chromium's own word for a status of 400 and up, or for no answer
 HARMLESS_IMPACTS = (None, "minor", "moderate")
+AXE = Axe()
+LIGHT = {"resultTypes": ["violations"]}
+DARK = {**LIGHT, "runOnly": ["color-contrast"]}  # the rest does not depend on colours
 
 
 class PageStack(Up):
@@ -53,7 +56,7 @@ class PageStack(Up):
 
     def __init__(self, folder: Path) -> None:
         shutil.copy(ROOT / "cells" / "example-real.toml", folder)
-        os.environ["FLING_APPROACH_PACE"] = "0.35"
+        os.environ["FLING_APPROACH_PACE"] = "0.5"
         try:
             super().__init__(folder)
         finally:
@@ -123,13 +126,26 @@ class Visit:
 
     def grasp(self) -> tuple[float, float]:
         """Returns where the target's handle is [px]: where the pointer becomes a hand."""
-        found = self.region("Scene").locator("canvas").evaluate(FIND_HANDLE, STEP_PX)
-        assert found is not None, "no handle found"
+        return self._where("grab")
+
+    def on_the_map(self) -> tuple[float, float]:
+        """Returns a point of the map [px]: where the pointer becomes a crosshair."""
+        return self._where("crosshair")
+
+    def _where(self, pointer: str) -> tuple[float, float]:
+        found = self.region("Scene").locator("canvas").evaluate(FIND_POINTER, [STEP_PX, pointer])
+        assert found is not None, f"the pointer becomes a {pointer} nowhere"
         return found[0], found[1]
 
     def barriers(self) -> list[str]:
-        """Returns what axe-core finds serious or worse for people with disabilities."""
-        found = Axe().run(self.page).response["violations"]
+        """Returns what axe-core finds serious or worse for people with disabilities, light and dark."""
+        self.page.emulate_media(color_scheme="light")
+        found = self._violations(LIGHT)
+        self.page.emulate_media(color_scheme="dark")
+        return [*found, *self._violations(DARK)]
+
+    def _violations(self, options: Mapping[str, Any]) -> list[str]:
+        found = AXE.run(self.page, options=dict(options)).response["violations"]
         return [
             f"{rule['id']}: {node['target']} {node['failureSummary']}"
             for rule in found

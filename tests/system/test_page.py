@@ -22,6 +22,8 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
 
 PHONE = {"width": 390, "height": 844}
 LISTENS_S = 90.0  # [s] on a busy machine
+MAP_MS = 240_000  # [ms] for a hundred landing cells on a busy machine
+PNG = b"\x89PNG\r\n"
 
 
 @pytest.fixture(scope="module")
@@ -205,9 +207,8 @@ def until_answered(url: str) -> None:
                 return
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_nothing_keeps_people_out(stack: PageStack, browser: Browser, scheme: str) -> None:
-    with visit(browser, stack.url, color_scheme=scheme) as guest:
+def test_nothing_keeps_people_out(stack: PageStack, browser: Browser) -> None:
+    with visit(browser, stack.url) as guest:
         guest.region("Robots").get_by_text("Ready").wait_for()
         assert guest.barriers() == []
         guest.page.get_by_text("Options", exact=True).click()
@@ -226,12 +227,45 @@ def test_nothing_keeps_people_out(stack: PageStack, browser: Browser, scheme: st
             assert guest.barriers() == []
 
 
+def test_a_report_keeps_nobody_out(stack: PageStack, browser: Browser, tmp_path: Path) -> None:
+    file, id = tmp_path / "report.html", stack.plan_far_away()
+    made = CliRunner().invoke(main, ["report", "--plan", id, "--url", stack.url, "-o", str(file)])
+    assert made.exit_code == 0, made.output
+    with visit(browser, file.as_uri()) as guest:
+        guest.page.wait_for_function("report.scene.statistics.draw_calls > 0")
+        assert guest.barriers() == []
+        with guest.page.expect_download() as saved:
+            guest.button("Save Velocity as PNG").click()
+        assert saved.value.path().read_bytes().startswith(PNG)
+        with guest.page.expect_download() as saved:
+            guest.button("SVG").first.click()
+        assert "<title>Planned throw" in saved.value.path().read_text()
+
+
 def test_an_example_of_the_openapi_page_runs(stack: PageStack, browser: Browser) -> None:
     with visit(browser, f"{stack.url}/docs") as guest:
         guest.page.get_by_text("List cells").click()
         guest.button("Run").click()
         expect(guest.page.get_by_label("Answer", exact=True)).to_contain_text("200 application/json")
         expect(guest.page.get_by_label("Answer", exact=True)).to_contain_text('"ur5e-sim"')
+
+
+def test_a_map_lies_over_the_floor_and_a_click_plans_there(guest: Visit) -> None:
+    guest.button("Show map").click()
+    shown = guest.region("Throwability map")
+    shown.get_by_text("There is no map").wait_for()
+    shown.get_by_label("Landing cells").select_option("0.5")
+    guest.button("Make a map").click()
+    shown.get_by_text(re.compile(r"^[1-9]\d* of \d+ landing cells can be hit")).wait_for(timeout=MAP_MS)
+    shown.get_by_label("Colour").select_option("reason")
+    expect(shown.get_by_role("listitem").filter(has_text="proven").first).to_be_visible()
+    x, y = guest.on_the_map()
+    guest.page.mouse.click(x, y)
+    expect(guest.field("x [m]")).not_to_have_value("1.2")
+    assert guest.field("x [m]").input_value() != "" and guest.page.get_by_text("Plan …").count() <= 1
+    expect(guest.button("Throw on").or_(guest.page.get_by_role("alert"))).to_be_visible(timeout=PLAN_MS)
+    guest.button("Hide map").click()
+    expect(shown.get_by_label("Colour")).to_have_count(0)
 
 
 def test_a_real_arm_asks_once_more(stack: PageStack, browser: Browser) -> None:

@@ -7,6 +7,7 @@ import { CertificateSection } from "./views/certificate";
 import { ExecutionSection } from "./views/execution";
 import { Header } from "./views/header";
 import { HistorySection } from "./views/history";
+import { MapSection } from "./views/map";
 import { RobotsSection } from "./views/robots";
 import { SceneSection } from "./views/scene";
 import { ThrowPanel } from "./views/throw";
@@ -21,7 +22,10 @@ export function App(): JSX.Element {
         <div class="stage">
           <SceneSection />
           <ThrowPanel />
-          <ExecutionSection />
+          <div class="side">
+            <ExecutionSection />
+            <MapSection />
+          </div>
           <TimelineSection />
         </div>
         <div class="below">

@@ -1,11 +1,25 @@
 import { describe, expect, it } from "vitest";
-import { type Chain, linkPoses, toolPose, toolState, transformOfRow } from "../src/model/chain";
-import { dragConstant, fly, path } from "../src/model/flight";
-import { type Pose, poseOfRows, type Vector } from "../src/model/poses";
+import { type Chain, linkPoses, toolPose, toolState } from "../src/model/chain";
+import { fly, path } from "../src/model/flight";
+import { type Pose, poseOfRows, quaternionOf, rotationVectorOf, type Vector } from "../src/model/poses";
 import { durationOf, stateAt } from "../src/model/samples";
 import numbers from "./model-numbers.json";
 
 const TOLERANCE = 1e-12; // [m, 1] rounding, on nine arms
+
+/** One row of a Denavit–Hartenberg table in the distal convention: lengths [m], twist [rad]. */
+interface DhRow {
+  readonly a: number;
+  readonly d: number;
+  readonly alpha: number;
+}
+
+/** Returns M = Tz(d) Tx(a) Rx(alpha) of one row, exact at quarter turns, where floats leave 6e-17. */
+function transformOfRow({ a, d, alpha }: DhRow): Pose {
+  const exact = (value: number): number => (Math.abs(value) < Number.EPSILON ? 0 : value);
+  const [c, s] = [exact(Math.cos(alpha)), exact(Math.sin(alpha))];
+  return Float64Array.of(1, 0, 0, a, 0, c, -s, 0, 0, s, c, d, 0, 0, 0, 1);
+}
 
 function chainOf(arm: (typeof numbers.arms)[number]): Chain {
   const transforms = arm.transforms
@@ -58,10 +72,6 @@ it("takes flights of both kinds, and some that never come down to their plane", 
   expect(new Set(landed)).toEqual(new Set([true, false]));
 });
 
-it("has the deceleration of a sphere", () => {
-  expect(dragConstant(0.05, 0.02, 0.4)).toBeCloseTo((0.5 * 1.204 * 0.4 * Math.PI * 0.02 ** 2) / 0.05, 15);
-});
-
 it("has the motion between samples as the planner has it, clipped to its ends", () => {
   const { samples, sample_rate_hz, times, found } = numbers.motion;
   expect(durationOf(samples, sample_rate_hz)).toBe(0.032);
@@ -71,4 +81,11 @@ it("has the motion between samples as the planner has it, clipped to its ends", 
     expectNear(state.velocities, found.velocities[i]!);
     expectNear(state.accelerations, found.accelerations[i]!, 1e-11);
   });
+});
+
+it("turns rotation vectors into quaternions and back", () => {
+  expectNear(quaternionOf([0, 0, Math.PI / 2]), [0, 0, Math.SQRT1_2, Math.SQRT1_2]);
+  expectNear(quaternionOf([0, 0, 0]), [0, 0, 0, 1]);
+  expectNear(rotationVectorOf([-0.5, 0.5, 0.5, -0.5]), [(2 * Math.PI) / 3 / Math.sqrt(3), ...[1, 1].map(() => (-2 * Math.PI) / 3 / Math.sqrt(3))]);
+  for (const rotation of [[0.3, -1.2, 0.7], [1e-11, 0, 0], [0, 3.14, 0]] as const) expectNear(rotationVectorOf(quaternionOf(rotation)), rotation);
 });

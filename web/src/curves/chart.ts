@@ -10,10 +10,10 @@ export interface ChartColors {
   readonly ink: string;
   readonly grid: string;
   readonly limit: string;
-  readonly cursor: string;
+  readonly paper: string;
 }
 
-export interface ChartOptions {
+interface ChartOptions {
   readonly height: number; // [px]
   readonly colors: ChartColors;
   readonly release_s: number | null; // a mark on the time axis
@@ -25,16 +25,18 @@ export interface ChartOptions {
 export interface Chart {
   setTime(time_s: number): void;
   resize(width: number): void;
-  readonly plot: uPlot;
+  /** Resolves with the curves as they are on the screen, with their names. */
+  png(): Promise<Blob>;
   destroy(): void;
 }
 
 const FONT = "12px system-ui, sans-serif";
 const EDGE_S = 0.004; // [s] a cursor this far beyond the curve still stands at its end
+const LEAST_PX = 120; // [px] width
 const ROOM = 0.08; // of the range, above and below
 
 /** Range of a quantity: its values and those limits that lie within reach of them. */
-export function valueRange(quantity: Quantity, visible: readonly boolean[]): [number, number] {
+function valueRange(quantity: Quantity, visible: readonly boolean[]): [number, number] {
   let low = Infinity;
   let high = -Infinity;
   quantity.lines.forEach((line, i) => {
@@ -93,23 +95,65 @@ function drawRelease(plot: uPlot, options: ChartOptions, release_s: number, scal
   ctx.setLineDash([]);
   ctx.fillStyle = options.colors.ink;
   ctx.font = `${11 * scale}px system-ui, sans-serif`;
-  ctx.fillText("release", x + 4 * scale, bbox.top + 12 * scale);
+  ctx.globalAlpha = 1;
+  const width = ctx.measureText("release").width;
+  const right = x + 5 * scale + width < bbox.left + bbox.width;
+  const at = [right ? x + 5 * scale : x - 5 * scale - width, bbox.top + bbox.height - 5 * scale] as const;
+  ctx.textAlign = "left";
+  ctx.strokeStyle = options.colors.paper;
+  ctx.lineWidth = 4 * scale;
+  ctx.strokeText("release", ...at); // a halo, where it lies on a line
+  ctx.fillText("release", ...at);
+}
+
+const HEAD_PX = 26; // [px] for the names above the curves
+
+/** Returns the plot as PNG, under the names of its lines. */
+async function pictureOf(plot: uPlot, quantity: Quantity, { colors, visible }: ChartOptions): Promise<Blob> {
+  const [drawn, scale] = [plot.ctx.canvas, devicePixelRatio];
+  const canvas = document.createElement("canvas");
+  Object.assign(canvas, { width: drawn.width, height: drawn.height + HEAD_PX * scale });
+  const ctx = canvas.getContext("2d");
+  if (ctx === null) throw new Error("the picture could not be drawn");
+  ctx.fillStyle = colors.paper;
+  ctx.fillRect(0, 0, canvas.width, canvas.height);
+  ctx.drawImage(drawn, 0, HEAD_PX * scale);
+  ctx.font = `${12 * scale}px system-ui, sans-serif`;
+  let x = 12 * scale;
+  const write = (text: string, colour: string): void => {
+    ctx.fillStyle = colour;
+    ctx.fillText(text, x, 17 * scale);
+    x += ctx.measureText(text).width + 14 * scale;
+  };
+  write(`${quantity.label} [${quantity.unit}]`, colors.ink);
+  quantity.lines.forEach(({ label }, i) => visible[i] && write(label, colors.lines[i % colors.lines.length] ?? colors.ink));
+  return new Promise((resolve, reject) => {
+    canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("the picture could not be drawn"))), "image/png");
+  });
 }
 
 /** Draws one quantity into `host`. A click or a drag in it moves the time. */
 export function createChart(host: HTMLElement, quantity: Quantity, options: ChartOptions): Chart {
   const { colors } = options;
   const axis = { stroke: colors.ink, font: FONT, grid: { stroke: colors.grid, width: 1 }, ticks: { stroke: colors.grid, width: 1 } };
+  const mark = document.createElement("div");
+  mark.className = "chart-cursor";
+  let shown = 0; // [s]
+  const place = (drawn: uPlot): void => {
+    const [first, last] = [quantity.times[0] ?? 0, quantity.times.at(-1) ?? 0];
+    mark.hidden = shown < first - EDGE_S || shown > last + EDGE_S;
+    mark.style.transform = `translateX(${drawn.valToPos(shown, "x")}px)`;
+  };
   const stepped = uPlot.paths.stepped?.({ align: 1 });
   const plot = new uPlot(
     {
-      width: Math.max(120, host.clientWidth),
+      width: Math.max(LEAST_PX, host.clientWidth),
       height: options.height,
       legend: { show: false },
       cursor: { x: true, y: false, drag: { x: false, y: false }, points: { size: 6 } },
       scales: { x: { time: false }, y: { range: () => valueRange(quantity, options.visible) } },
       axes: [
-        { ...axis, size: 28, values: (_, ticks) => ticks.map((tick) => `${Number(tick.toFixed(3))} s`) },
+        { ...axis, size: 28, space: 72, values: (_, ticks) => ticks.map((tick) => `${Number(tick.toFixed(3))} s`) },
         { ...axis, size: 52, space: 26 },
       ],
       series: [
@@ -123,13 +167,18 @@ export function createChart(host: HTMLElement, quantity: Quantity, options: Char
           ...(quantity.steps && stepped ? { paths: stepped } : {}),
         })),
       ],
-      hooks: { draw: [(drawn) => drawLimits(drawn, quantity, options)] },
+      hooks: {
+        draw: [
+          (drawn) => {
+            drawLimits(drawn, quantity, options);
+            place(drawn); // its scales may be others
+          },
+        ],
+      },
     },
     [quantity.times as number[], ...quantity.lines.map((line) => line.values as (number | null)[])],
     host,
   );
-  const mark = document.createElement("div");
-  mark.className = "chart-cursor";
   plot.over.append(mark);
   const pointed = (event: PointerEvent): void => {
     if (event.type === "pointermove" && event.buttons === 0) return;
@@ -139,16 +188,15 @@ export function createChart(host: HTMLElement, quantity: Quantity, options: Char
   plot.over.addEventListener("pointerdown", pointed);
   plot.over.addEventListener("pointermove", pointed);
   return {
-    plot,
     setTime(time_s) {
-      const [first, last] = [quantity.times[0] ?? 0, quantity.times.at(-1) ?? 0];
-      mark.hidden = time_s < first - EDGE_S || time_s > last + EDGE_S;
-      const x = plot.valToPos(time_s, "x");
-      mark.style.transform = `translateX(${x}px)`;
+      shown = time_s;
+      place(plot);
     },
     resize(width) {
-      plot.setSize({ width: Math.max(120, width), height: options.height });
+      const wanted = Math.max(LEAST_PX, width);
+      if (wanted !== plot.width) plot.setSize({ width: wanted, height: options.height });
     },
+    png: () => pictureOf(plot, quantity, options),
     destroy() {
       plot.destroy();
     },

@@ -2,13 +2,13 @@
 
 import type { Check, Curves, Plan } from "../service/types";
 
-export interface Line {
+interface Line {
   readonly label: string;
   readonly values: readonly (number | null)[];
 }
 
 /** A limit of one line, or of all (`line` null). */
-export interface Limit {
+interface Limit {
   readonly value: number;
   readonly line: number | null;
 }

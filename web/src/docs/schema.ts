@@ -1,6 +1,6 @@
 // The parts of an OpenAPI document that the page reads, and plain answers about them. Pure.
 
-export interface SchemaNode {
+interface SchemaNode {
   readonly $ref?: string;
   readonly const?: unknown;
   readonly enum?: readonly unknown[];
@@ -21,7 +21,7 @@ export interface Example {
   readonly value: unknown;
 }
 
-export interface Parameter {
+interface Parameter {
   readonly name: string;
   readonly in: "path" | "query" | "header";
   readonly description?: string;

@@ -15,20 +15,6 @@ export interface Chain {
   readonly tool: Pose; // X_FT, the tool centre point in the flange
 }
 
-/** One row of a Denavit–Hartenberg table in the distal convention: lengths [m], twist [rad]. */
-export interface DhRow {
-  readonly a: number;
-  readonly d: number;
-  readonly alpha: number;
-}
-
-/** Returns M = Tz(d) Tx(a) Rx(alpha) of one row, exact at quarter turns, where floats leave 6e-17. */
-export function transformOfRow({ a, d, alpha }: DhRow): Pose {
-  const exact = (value: number): number => (Math.abs(value) < Number.EPSILON ? 0 : value);
-  const [c, s] = [exact(Math.cos(alpha)), exact(Math.sin(alpha))];
-  return Float64Array.of(1, 0, 0, a, 0, c, -s, 0, 0, s, c, d, 0, 0, 0, 1);
-}
-
 /** Returns the poses in the world of the base and the six links, for joint positions [rad]. */
 export function linkPoses(chain: Chain, q: ArrayLike<number>): Pose[] {
   const poses = [chain.base];
@@ -42,7 +28,7 @@ export function toolPose(chain: Chain, q: ArrayLike<number>): Pose {
 }
 
 /** Pose and velocity of the tool centre point in the world. */
-export interface ToolState {
+interface ToolState {
   readonly pose: Pose;
   readonly velocity: Vector; // [m/s]
 }

@@ -5,9 +5,8 @@
 
 import { norm, type Vector } from "./poses";
 
-export const AIR_DENSITY_KG_M3 = 1.204; // source: ISO 2533, dry air at 20 °C and 101,325 Pa
-export const STEP_S = 0.004; // [s] Runge–Kutta step, the planner's
-export const FLIGHT_MAX_S = 30; // [s] longest flight that is integrated
+const STEP_S = 0.004; // [s] Runge–Kutta step, the planner's
+const FLIGHT_MAX_S = 30; // [s] longest flight that is integrated
 const BISECTIONS = 50; // halvings of one step: to the last digit
 
 /** Gravity [m/s²] and the constant k [1/m] of the drag's deceleration k |v|². */
@@ -25,11 +24,6 @@ export interface Flight {
 }
 
 type State = readonly [number, number, number, number, number, number]; // position, velocity
-
-/** Returns the constant k [1/m] of a sphere: rho c_d pi r² / (2 m). */
-export function dragConstant(massKg: number, radiusM: number, dragCoefficient: number): number {
-  return (0.5 * AIR_DENSITY_KG_M3 * dragCoefficient * Math.PI * radiusM ** 2) / massKg;
-}
 
 /** Returns the flight from a release down to the plane z = `planeZ`, null where it never reaches the plane. */
 export function fly(p: Vector, v: Vector, planeZ: number, air: Air): Flight | null {

@@ -54,6 +54,23 @@ export function plus(a: Vector, b: Vector, s = 1): Vector {
   return [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]];
 }
 
+export type Quaternion = readonly [number, number, number, number]; // x, y, z, w
+
+/** Returns the unit quaternion of a rotation vector [rad]. */
+export function quaternionOf(rotation: Vector): Quaternion {
+  const angle = norm(rotation);
+  const s = angle < 1e-9 ? 0.5 : Math.sin(angle / 2) / angle;
+  return [s * rotation[0], s * rotation[1], s * rotation[2], Math.cos(angle / 2)];
+}
+
+/** Returns the rotation vector [rad] of a unit quaternion, at most half a turn. */
+export function rotationVectorOf([x, y, z, w]: Quaternion): Vector {
+  const sine = Math.hypot(x, y, z);
+  const s = sine < 1e-9 ? 2 : (2 * Math.atan2(sine, Math.abs(w))) / sine;
+  const sign = w < 0 ? -s : s;
+  return [sign * x, sign * y, sign * z];
+}
+
 /** Returns the distance of two points [m]. */
 export function distance(a: Vector, b: Vector): number {
   return Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);

@@ -35,3 +35,8 @@ export function stateAt(samples: Samples, sampleRateHz: number, t: number): Join
     accelerations: qdd.map((value, joint) => value + s * jerk[joint]!),
   };
 }
+
+/** When a plan's arm rests and its object has landed [s]. */
+export function endOf(plan: { duration_s: number; release_time_s: number; flight?: { time_of_flight_s: number } | null }): number {
+  return Math.max(plan.duration_s, plan.release_time_s + (plan.flight?.time_of_flight_s ?? 0));
+}

@@ -9,8 +9,10 @@ import { type Chart, createChart } from "../curves/chart";
 import { type Quantity, quantitiesOf } from "../curves/quantities";
 import { createScene } from "../scene/index";
 import type { CameraPreset, Ellipse, Landing, Scene, Theme } from "../scene/interface";
+import { endOf } from "../model/samples";
+import { save } from "../service/save";
 import type { CellModel, Curves, Plan } from "../service/types";
-import { curveDrawing } from "./curve-drawing";
+import { curveDrawing } from "../curves/drawing";
 import { Player } from "./player";
 
 /** What the file carries. */
@@ -52,15 +54,11 @@ function start(): void {
   for (const button of document.querySelectorAll<HTMLButtonElement>("button[data-time]")) {
     button.addEventListener("click", () => player.go(Number(button.dataset["time"])));
   }
-  requestAnimationFrame(() => player.go(data.plan.release_time_s)); // charts know their scales after their first frame
+  player.go(data.plan.release_time_s);
   Object.assign(window, { report: { scene, player } });
 }
 
 const NO_LIMITS = { lower: null, upper: null, velocity: null, acceleration: null, jerk: null };
-
-function endOf(plan: Plan): number {
-  return Math.max(plan.duration_s, plan.release_time_s + (plan.flight?.time_of_flight_s ?? 0));
-}
 
 /** Returns the scene in its place, null where the browser cannot draw it. */
 function mountScene(host: HTMLElement, data: ReportData, theme: Theme): Scene | null {
@@ -105,25 +103,21 @@ function mountCharts(quantities: readonly Quantity[], plan: Plan, theme: Theme, 
   host.replaceChildren();
   const style = getComputedStyle(document.documentElement);
   const colour = (name: string): string => style.getPropertyValue(name).trim();
-  const colors = { lines: LINES[theme], ink: colour("--ink"), grid: colour("--line"), limit: colour("--bad"), cursor: colour("--accent") };
+  const colors = { lines: LINES[theme], ink: colour("--ink"), grid: colour("--line"), limit: colour("--bad"), paper: colour("--paper") };
   const release_s = plan.flight ? plan.release_time_s : null;
   return quantities.map((quantity) => {
     const figure = element("figure", "curve");
-    figure.append(caption(quantity, LINES[theme], release_s, plan.id));
     const place = element("div", "plot");
-    figure.append(place);
+    figure.append(caption(quantity, LINES[theme], release_s, plan.id, () => chart.png()), place);
     host.append(figure);
     const visible = quantity.lines.map(() => true);
     const chart = createChart(place, quantity, { height: CHART_PX, colors, release_s, binding: false, visible, onTime: (t) => player.go(t) });
-    new ResizeObserver(() => {
-      chart.resize(place.clientWidth);
-      requestAnimationFrame(() => player.again());
-    }).observe(place);
+    new ResizeObserver(() => chart.resize(place.clientWidth)).observe(place);
     return chart;
   });
 }
 
-function caption(quantity: Quantity, lines: readonly string[], release_s: number | null, name: string): HTMLElement {
+function caption(quantity: Quantity, lines: readonly string[], release_s: number | null, name: string, png: () => Promise<Blob>): HTMLElement {
   const text = element("figcaption");
   text.append(element("b", "", `${quantity.label} [${quantity.unit}]`));
   quantity.lines.forEach((line, i) => {
@@ -133,16 +127,10 @@ function caption(quantity: Quantity, lines: readonly string[], release_s: number
   });
   const picture = button("SVG", () => save(new Blob([curveDrawing(quantity, release_s)], { type: "image/svg+xml" }), `${name}-${quantity.key}.svg`));
   picture.setAttribute("aria-label", `Save ${quantity.label} as SVG`);
-  text.append(picture);
+  const pixels = button("PNG", () => void png().then((blob) => save(blob, `${name}-${quantity.key}.png`)));
+  pixels.setAttribute("aria-label", `Save ${quantity.label} as PNG`);
+  text.append(picture, pixels);
   return text;
-}
-
-function save(blob: Blob, name: string): void {
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(blob);
-  link.download = `fling-${name}`;
-  link.click();
-  setTimeout(() => URL.revokeObjectURL(link.href), 1000);
 }
 
 function button(text: string, onClick: () => void): HTMLButtonElement {

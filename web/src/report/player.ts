@@ -53,11 +53,6 @@ export class Player {
     for (const listener of this.listeners) listener(this.time);
   }
 
-  /** Tells the present instant once more. */
-  again(): void {
-    this.go(this.time);
-  }
-
   private play(speed: number): void {
     this.speed = speed;
     for (const [own, made] of this.buttons) made.setAttribute("aria-pressed", String(own === speed));

@@ -2,15 +2,22 @@
 
 import { type PerspectiveCamera, Vector3 as ThreeVector } from "three";
 import { distance, type Vector } from "../model/poses";
-import type { CameraPreset } from "./interface";
+import type { CameraPreset, Insets } from "./interface";
 
-const MARGIN = 1.17; // of the view about what it is to show
+const MARGIN = 1.12; // of the view about what it is to show
 const SETTLE_S = 0.35; // [s] time from one preset to the next
 
 /** Place of the camera and the point it looks at. */
 export interface View {
   readonly from: Vector;
   readonly to: Vector;
+}
+
+export const NO_INSETS: Insets = { left: 0, right: 0, top: 0, bottom: 0 };
+
+/** Moves the middle of the picture into the middle of what is not covered, as a lens that is shifted does. */
+export function shiftLens(camera: PerspectiveCamera, width: number, height: number, { left, right, top, bottom }: Insets): void {
+  camera.setViewOffset(width, height, (right - left) / 2, (bottom - top) / 2, width, height);
 }
 
 /** What a view is to show: points of the throw, the arm's base, and the direction of the throw. */
@@ -21,8 +28,14 @@ export interface Subject {
   readonly landing: Vector | null;
 }
 
+/** What is not covered, as shares of the canvas. */
+export interface FreeArea {
+  readonly width: number;
+  readonly height: number;
+}
+
 /** Returns the view of a preset. */
-export function viewOf(preset: CameraPreset, subject: Subject, camera: PerspectiveCamera): View {
+export function viewOf(preset: CameraPreset, subject: Subject, camera: PerspectiveCamera, free: FreeArea): View {
   const [x, y] = subject.direction;
   const side: Vector = [y, -x, 0]; // the throw goes from left to right
   const towards: Record<CameraPreset, Vector> = {
@@ -34,7 +47,7 @@ export function viewOf(preset: CameraPreset, subject: Subject, camera: Perspecti
   };
   const close = preset === "target" && subject.landing !== null;
   const points = close ? around(subject.landing!, 0.28) : subject.points;
-  return framed(points, new ThreeVector(...towards[preset]).normalize(), camera);
+  return framed(points, new ThreeVector(...towards[preset]).normalize(), camera, free);
 }
 
 /** Moves the camera from where it is to a view, in a third of a second. */
@@ -77,7 +90,7 @@ export class CameraMove {
 }
 
 /** Returns the view from `direction` in which all points just fit. */
-function framed(points: readonly Vector[], direction: ThreeVector, camera: PerspectiveCamera): View {
+function framed(points: readonly Vector[], direction: ThreeVector, camera: PerspectiveCamera, free: FreeArea): View {
   const [right, up] = [new ThreeVector(0, 0, 1).cross(direction).normalize(), new ThreeVector()];
   up.crossVectors(direction, right);
   const seen = points.map((point) => new ThreeVector(...point));
@@ -86,7 +99,7 @@ function framed(points: readonly Vector[], direction: ThreeVector, camera: Persp
   const away = seen.map((point) => {
     const offset = point.clone().sub(middle);
     const [x, y, z] = [Math.abs(offset.dot(right)), Math.abs(offset.dot(up)), offset.dot(direction)];
-    return z + Math.max(y / tangent, x / (tangent * camera.aspect)) * MARGIN;
+    return z + Math.max(y / (tangent * free.height), x / (tangent * camera.aspect * free.width)) * MARGIN;
   });
   const from = middle.clone().addScaledVector(direction, Math.max(0.5, ...away));
   return { from: from.toArray() as Vector, to: middle.toArray() as Vector };

@@ -4,7 +4,7 @@
  */
 
 /** What is left out at each level; level 0 has everything. */
-export interface Detail {
+interface Detail {
   readonly resolution: number; // as a share of the screen's own
   readonly shadow: boolean;
   readonly fine: boolean; // meshes for close looks

@@ -3,22 +3,22 @@
 import { Object3D, Plane, Raycaster, Vector2, Vector3 as ThreeVector } from "three";
 import { TransformControls } from "three/addons/controls/TransformControls.js";
 import { plus, type Vector } from "../model/poses";
-import type { Handle, ReleaseGizmo, SceneOptions, Target } from "./interface";
+import type { FloorMap, Handle, ReleaseGizmo, SceneOptions, Target } from "./interface";
 import { Layer } from "./layer";
 import { LIFT_M, TARGET_RADIUS_M } from "./marks";
 import type { Palette } from "./palette";
-import { arrow, disc } from "./shapes";
+import { arrow, ball } from "./shapes";
 import type { Stage } from "./stage";
 
-export const VELOCITY_SCALE_S = 0.12; // [s] an arrow shows this much of the flight at its velocity
+const VELOCITY_SCALE_S = 0.12; // [s] an arrow shows this much of the flight at its velocity
 const NEAR_PX = 14; // [px] within which a pointer takes hold of a point
 const CLICK_PX = 4; // [px] a pointer that moves less has clicked
-const GIZMO_SIZE = 0.62; // of the release's gizmo, as a share of three's own
+const GIZMO_SIZE = 0.8; // of the release's gizmo, as a share of three's own
 
 type Grip = "floor" | "lift" | "tip";
 
 /** What the handles tell the scene. */
-export interface HandleEvents extends Pick<SceneOptions, "onTargetMoved" | "onTargetDropped" | "onReleaseMoved" | "onReleaseDropped" | "onFloorPicked" | "onNearestPicked"> {
+interface HandleEvents extends Pick<SceneOptions, "onTargetMoved" | "onTargetDropped" | "onReleaseMoved" | "onReleaseDropped" | "onFloorPicked" | "onNearestPicked" | "onMapPicked"> {
   changedTarget(target: Target): void;
 }
 
@@ -27,6 +27,7 @@ export class Handles {
   picking = false;
   pickingZ = 0;
   nearest: Vector | null = null;
+  map: FloorMap | null = null;
   private handle: Handle = "none";
   private target: Target | null = null;
   private release: ReleaseGizmo | null = null;
@@ -51,6 +52,11 @@ export class Handles {
     this.listen("pointercancel", (event) => this.up(event));
   }
 
+  /** Whether a person holds a handle now. */
+  get held(): boolean {
+    return this.grip !== null || this.gizmos.some((gizmo) => gizmo.dragging);
+  }
+
   setHandle(handle: Handle): void {
     this.handle = handle;
     this.show();
@@ -61,7 +67,7 @@ export class Handles {
   }
 
   setRelease(release: ReleaseGizmo | null): void {
-    if (this.grip || this.gizmos.some((gizmo) => gizmo.dragging)) return;
+    if (this.held) return;
     this.release = release;
     this.show();
   }
@@ -92,8 +98,7 @@ export class Handles {
   private velocityThings(release: ReleaseGizmo): Object3D[] {
     const { arrow: colour, nearest } = this.palette();
     const tip = plus(release.position, release.velocity, VELOCITY_SCALE_S);
-    const knob = disc(tip, 0.02, nearest);
-    knob.onBeforeRender = (_renderer, _scene, camera) => knob.quaternion.copy(camera.quaternion);
+    const knob = ball(tip, 0.022, nearest);
     return [...arrow(release.position, plus(tip, release.position, -1), colour), knob];
   }
 
@@ -136,7 +141,7 @@ export class Handles {
   private move(event: PointerEvent): void {
     if (!this.grip) {
       const hand = this.gripAt(event) || this.overNearest(event);
-      this.stage.canvas.style.cursor = hand ? "grab" : this.picking ? "crosshair" : "";
+      this.stage.canvas.style.cursor = hand ? "grab" : this.picking || (this.map && this.pointOnMap(this.map, event)) ? "crosshair" : "";
       return;
     }
     const held = this.heldPoint();
@@ -183,7 +188,17 @@ export class Handles {
     else if (this.picking) {
       const point = this.pointOn(new Plane(new ThreeVector(0, 0, 1), -this.pickingZ), event);
       if (point) this.events.onFloorPicked?.(point);
+    } else if (this.map) {
+      const point = this.pointOnMap(this.map, event);
+      if (point) this.events.onMapPicked?.(point);
     }
+  }
+
+  /** Returns the point of the map under the pointer. */
+  private pointOnMap({ lower, upper, z }: FloorMap, event: PointerEvent): Vector | null {
+    const point = this.pointOn(new Plane(new ThreeVector(0, 0, 1), -z), event);
+    const within = point && [0, 1].every((axis) => point[axis]! >= lower[axis]! && point[axis]! <= upper[axis]!);
+    return within ? point : null;
   }
 
   /** Tells what moves, once a frame at most. */

@@ -4,8 +4,9 @@ import { type ArmGeometry, armGeometry, frozen, SolidArm } from "./arm/model";
 import { type CellDocument, type CellGeometry, geometryOf } from "../model/cell";
 import { linkPoses, toolPose } from "../model/chain";
 import { norm, plus, positionOf, type Vector } from "../model/poses";
-import { CameraMove, directionTo, type Subject, viewOf } from "./camera";
+import { CameraMove, directionTo, NO_INSETS, type Subject, viewOf } from "./camera";
 import { drawing } from "./drawing/picture";
+import { floorMapThings } from "./floor-map";
 import { Ghost } from "./ghost";
 import { Handles } from "./handles";
 import type * as face from "./interface";
@@ -17,7 +18,8 @@ import { Stage } from "./stage";
 import { studioMaterial } from "./studio";
 import { ThrownObject } from "./thrown";
 
-const LAYERS = ["boxes", "hazard", "plan", "target", "nearest", "landings", "obstacles"] as const;
+const LAYERS = ["map", "boxes", "hazard", "plan", "target", "nearest", "landings", "obstacles"] as const;
+const SIDES = ["left", "right", "top", "bottom"] as const;
 const GRIPPER_OPENS_S = 0.06; // [s] in which the drawn fingers open
 const STILL_RAD = 1e-4; // [rad] less than this is not seen to move
 const FOLLOWER = 20; // place in the order of drawing of the ghost that moves
@@ -47,6 +49,7 @@ class ThrowScene implements face.Scene {
   private obstacles: readonly face.Obstacle[] = [];
   private landings: readonly face.Landing[] = [];
   private ellipse: face.Ellipse | null = null;
+  private map: face.FloorMap | null = null;
   private real: boolean;
   private preset: face.CameraPreset = "overview";
   private framed = "";
@@ -83,6 +86,7 @@ class ThrowScene implements face.Scene {
     this.setLandings([], null);
     this.setNearest(null);
     this.setObstacles([]);
+    this.setMap(null);
     this.look(true);
   }
 
@@ -133,11 +137,18 @@ class ThrowScene implements face.Scene {
   setNearest(position: face.Vector3 | null): void {
     this.nearest = this.handles.nearest = position;
     this.show("nearest", position ? nearestThings(position, this.palette) : []);
+    if (!this.handles.held) this.look(false);
   }
 
   setObstacles(obstacles: readonly face.Obstacle[]): void {
     this.obstacles = obstacles;
     this.show("obstacles", this.cell ? obstacleThings(obstacles, this.cell, this.posture(), this.palette) : []);
+  }
+
+  setMap(map: face.FloorMap | null): void {
+    this.map = this.handles.map = map;
+    this.show("map", map ? floorMapThings(map) : []);
+    this.look(false);
   }
 
   setPicking(on: boolean): void {
@@ -149,6 +160,12 @@ class ThrowScene implements face.Scene {
     this.preset = preset;
     this.framed = "";
     this.look(false);
+  }
+
+  setInsets(insets: face.Insets): void {
+    if (SIDES.every((side) => insets[side] === this.stage.insets[side])) return;
+    this.stage.insets = insets;
+    this.resize();
   }
 
   setTheme(theme: face.Theme): void {
@@ -168,22 +185,24 @@ class ThrowScene implements face.Scene {
   }
 
   async png(): Promise<Blob> {
-    this.camera.finish();
-    this.stage.drawNow();
-    return new Promise((resolve, reject) => {
-      this.stage.canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("the picture could not be drawn"))), "image/png");
+    return this.uncovered(() => {
+      this.stage.drawNow(true);
+      return new Promise((resolve, reject) => {
+        this.stage.canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("the picture could not be drawn"))), "image/png");
+      });
     });
   }
 
   svg(): string {
     if (!this.cell || !this.geometry) throw new Error("there is nothing to draw yet");
-    this.camera.finish();
-    this.stage.controls.update();
     const { motion, target, landings, ellipse, time } = this;
     const object = motion?.flies && time >= motion.releaseTime ? motion.objectAt(time) : null;
     const drawn = { cell: this.cell, parts: this.geometry.parts, q: this.posture(), object, motion, target, landings, ellipse };
     const { clientWidth, clientHeight } = this.stage.canvas;
-    return drawing(drawn, this.stage.camera, clientWidth, clientHeight, paletteOf("light"));
+    return this.uncovered(() => {
+      this.stage.drawNow();
+      return drawing(drawn, this.stage.camera, clientWidth, clientHeight, paletteOf("light"));
+    });
   }
 
   /** Keeps to one level of detail, 0 for all of it; null: as fast as the machine is. */
@@ -203,6 +222,18 @@ class ThrowScene implements face.Scene {
     this.thrown.dispose();
     this.material.dispose();
     this.stage.dispose();
+  }
+
+  /** Draws for a picture of its own, which no panel covers: what is looked at is in its middle. */
+  private uncovered<T>(draw: () => T): T {
+    this.camera.finish();
+    const { insets } = this.stage;
+    this.stage.insets = NO_INSETS;
+    this.stage.resize();
+    const drawn = draw();
+    this.stage.insets = insets;
+    this.stage.resize();
+    return drawn;
   }
 
   /** Draws everything anew in the present palette. */
@@ -311,7 +342,8 @@ class ThrowScene implements face.Scene {
   private look(atOnce: boolean): void {
     if (!this.cell) return;
     const landing = (this.motion?.plan.flight?.landing_point as Vector | undefined) ?? this.target?.position ?? null;
-    const key = `${this.cell.name} ${this.preset} ${this.motion ? landing?.map((x) => x.toFixed(1)) : "home"}`;
+    const refused = this.refused().map((point) => point.map((x) => x.toFixed(1)));
+    const key = `${this.cell.name} ${this.preset} ${this.motion ? landing?.map((x) => x.toFixed(1)) : "home"} ${refused} ${this.map?.lower} ${this.map?.upper}`;
     if (key === this.framed) return;
     this.framed = key;
     const still = atOnce || window.matchMedia("(prefers-reduced-motion: reduce)").matches;
@@ -319,7 +351,7 @@ class ThrowScene implements face.Scene {
     this.stage.resize();
     this.placeFloor(base);
     this.stage.drawNow();
-    this.camera.start(viewOf(this.preset, this.subject(base, landing), this.stage.camera), performance.now(), still);
+    this.camera.start(viewOf(this.preset, this.subject(base, landing), this.stage.camera, this.stage.freeArea), performance.now(), still);
     this.stage.moved();
     this.stage.invalidate();
   }
@@ -329,14 +361,26 @@ class ThrowScene implements face.Scene {
     const joints = postures.flatMap((q) => linkPoses(this.cell!.chain, q).map(positionOf));
     const around = [0.12, -0.12].flatMap((r) => joints.map((point) => plus(point, [r, r, r])));
     const marks = landing ? [plus(landing, [0.1, 0.1, 0]), plus(landing, [-0.1, -0.1, 0])] : [];
-    const points = [base, ...around, ...marks, ...(this.motion?.extent() ?? [])];
+    const points = [base, ...around, ...marks, ...this.mapCorners(), ...this.refused(), ...(this.motion?.extent() ?? [])];
     return { points, base, direction: directionTo(base, landing ?? plus(base, [0.001, -1, 0])), landing };
+  }
+
+  /** Returns what a refusal is about: the target that cannot be hit, and the nearest that can. */
+  private refused(): Vector[] {
+    return this.nearest ? [this.nearest, ...(this.target ? [this.target.position] : [])] : [];
+  }
+
+  private mapCorners(): Vector[] {
+    if (!this.map) return [];
+    const { lower, upper, z } = this.map;
+    return [lower, upper, [lower[0], upper[1]] as const, [upper[0], lower[1]] as const].map(([x, y]): Vector => [x, y, z]);
   }
 
   private placeFloor(base: Vector): void {
     const landing = this.motion?.plan.flight?.landing_point ?? base;
     const centre = [(base[0] + landing[0]!) / 2, (base[1] + landing[1]!) / 2] as const;
-    const extent = Math.max(1.8, Math.hypot(landing[0]! - base[0], landing[1]! - base[1]));
+    const corners = this.mapCorners().map((corner) => 0.9 * Math.hypot(corner[0] - centre[0], corner[1] - centre[1]));
+    const extent = Math.max(1.8, Math.hypot(landing[0]! - base[0], landing[1]! - base[1]), ...corners);
     this.stage.floor.place(this.cell!.floorZ, centre, extent, [base[0], base[1]], this.reach() * AROUND_ARM);
   }
 

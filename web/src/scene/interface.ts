@@ -68,8 +68,28 @@ export interface SceneOptions {
   /** A click on the floor while `setPicking(true)`: where the object landed. */
   onFloorPicked?(position: Vector3): void;
   onNearestPicked?(): void;
+  /** A click on the map. */
+  onMapPicked?(position: Vector3): void;
   /** Drawing is impossible (no WebGL, context lost): a sentence for people. */
   onFailure?(reason: string): void;
+}
+
+/** A picture on the floor. */
+export interface FloorMap {
+  readonly lower: readonly [number, number]; // its corner with the least x and y [m]
+  readonly upper: readonly [number, number];
+  readonly z: number; // [m]
+  readonly width: number; // [px]
+  readonly height: number;
+  readonly pixels: Uint8Array; // RGBA, rows along y from the least
+}
+
+/** Edges of the canvas that something else covers [px]. */
+export interface Insets {
+  readonly left: number;
+  readonly right: number;
+  readonly top: number;
+  readonly bottom: number;
 }
 
 export interface Scene {
@@ -84,11 +104,15 @@ export interface Scene {
   setRelease(release: ReleaseGizmo | null): void;
   setHandle(handle: Handle): void;
   setLandings(landings: readonly Landing[], ellipse: Ellipse | null): void;
+  /** A throwability map over the floor; a click on it is told by `onMapPicked`. */
+  setMap(map: FloorMap | null): void;
   /** Nearest feasible target or release as a ghost ring to click, and what stands in the way. */
   setNearest(position: Vector3 | null): void;
   setObstacles(obstacles: readonly Obstacle[]): void;
   setPicking(on: boolean): void;
   setCamera(preset: CameraPreset): void;
+  /** Edges of the canvas that panels cover [px]: the throw is shown between them. */
+  setInsets(insets: Insets): void;
   setTheme(theme: Theme): void;
   setRealArm(real: boolean): void;
   /** Size of the canvas in the layout has changed. */

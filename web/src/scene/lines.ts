@@ -8,7 +8,7 @@ import { LineSegments2 } from "three/addons/lines/LineSegments2.js";
 import { LineSegmentsGeometry } from "three/addons/lines/LineSegmentsGeometry.js";
 import { distance, type Vector } from "../model/poses";
 
-export interface LineStyle {
+interface LineStyle {
   readonly colour: Color;
   readonly width: number; // [px]
   readonly opacity?: number;

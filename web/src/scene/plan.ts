@@ -5,7 +5,7 @@ import type { CellGeometry } from "../model/cell";
 import { toolPose, toolState } from "../model/chain";
 import { fly, path, sampledPath } from "../model/flight";
 import { plus, positionOf, type Vector } from "../model/poses";
-import { durationOf, type JointState, type Samples, stateAt } from "../model/samples";
+import { durationOf, endOf, type JointState, type Samples, stateAt } from "../model/samples";
 import type { Plan } from "../service/types";
 import { polyline, thinned } from "./lines";
 import type { Palette } from "./palette";
@@ -15,12 +15,6 @@ const STEP_M = 0.006; // [m] between drawn points of the tool's way
 const FLIGHT_POINTS = 64;
 const SPEED_SCALE_S = 0.09; // [s] the release arrow shows this much of the flight
 const LANDING_M = 0.03; // [m] outer radius of a landing mark
-
-/** A flight to be drawn. */
-export interface Trace {
-  readonly delay: number; // [s] of the release against the plan
-  readonly points: readonly Vector[];
-}
 
 /** A plan as geometry in the world. */
 export class PlanMotion {
@@ -44,7 +38,7 @@ export class PlanMotion {
     this.duration = durationOf(this.samples, this.rate);
     this.flies = plan.flight !== null && plan.flight !== undefined;
     this.flightTime = plan.flight?.time_of_flight_s ?? 0;
-    this.end = Math.max(this.duration, this.releaseTime + this.flightTime);
+    this.end = endOf(plan);
     this.p = plan.release.pose.position as unknown as Vector;
     this.v = plan.release.twist.linear as unknown as Vector;
   }
@@ -73,7 +67,7 @@ export class PlanMotion {
   }
 
   /** Returns the flights of a release as early and as late as the plan's window says. */
-  windowFlights(): Trace[] {
+  windowFlights(): Vector[][] {
     const planeZ = this.plan.flight?.landing_point[2];
     const delays = this.plan.flight?.window.map((row) => row.delay_s) ?? [];
     if (planeZ === undefined || !delays.length) return [];
@@ -81,13 +75,13 @@ export class PlanMotion {
     return ends.flatMap((delay) => this.delayed(delay, planeZ));
   }
 
-  private delayed(delay: number, planeZ: number): Trace[] {
+  private delayed(delay: number, planeZ: number): Vector[][] {
     const state = this.at(this.releaseTime + delay);
     const tool = toolState(this.cell.chain, state.positions, state.velocities);
     const p = positionOf(tool.pose);
     const flight = fly(p, tool.velocity, planeZ, this.cell.air);
     if (!flight) return [];
-    return [{ delay, points: sampledPath(p, tool.velocity, flight.timeOfFlight, FLIGHT_POINTS, this.cell.air) }];
+    return [sampledPath(p, tool.velocity, flight.timeOfFlight, FLIGHT_POINTS, this.cell.air)];
   }
 
   /** Returns the points that a camera should have in view. */
@@ -115,12 +109,12 @@ export function planThings(motion: PlanMotion, palette: Palette, stale: boolean)
     polyline(motion.flight(), { colour: tone.flight, width: 3, opacity }),
     ...arrow(p, [SPEED_SCALE_S * v[0], SPEED_SCALE_S * v[1], SPEED_SCALE_S * v[2]], tone.arrow),
     disc(landing, 0.5 * LANDING_M, tone.flight),
-    ...motion.windowFlights().flatMap((trace) => windowThings(trace, tone.flight)),
+    ...motion.windowFlights().flatMap((points) => windowThings(points, tone.flight)),
     ...ellipseThings(motion.plan, palette, stale),
   ];
 }
 
-function windowThings({ points }: Trace, colour: Palette["flight"]): Object3D[] {
+function windowThings(points: readonly Vector[], colour: Palette["flight"]): Object3D[] {
   const line = polyline(points, { colour, width: 1.3, opacity: 0.55, dash: 0.025 });
   return [line, ring(points.at(-1)!, 0.55 * LANDING_M, 0.75 * LANDING_M, colour, 0.85)];
 }

@@ -13,17 +13,19 @@ import {
   MeshBasicMaterial,
   type Object3D,
   RingGeometry,
+  SphereGeometry,
   Vector3 as ThreeVector,
 } from "three";
 import type { Box } from "../model/cell";
 import { norm, plus, type Vector } from "../model/poses";
+import { principalAxes } from "../model/spread";
 import { segments } from "./lines";
 
 const ABOVE_M = 0.002; // [m] between a mark and the surface it lies on
 const ROUND = 48; // corners of a circle
 const ELLIPSE_POINTS = 72;
 // source: square root of the 95 % quantile of the chi-squared distribution with two degrees of freedom
-export const SIGMAS_95 = 2.4477;
+const SIGMAS_95 = 2.4477;
 
 /** Returns a material of one colour that takes no light. */
 export function flat(colour: Color, opacity = 1): MeshBasicMaterial {
@@ -38,6 +40,11 @@ export function ring(at: Vector, inner: number, outer: number, colour: Color, op
 /** Returns a flat disc about a point. */
 export function disc(at: Vector, radius: number, colour: Color, opacity = 1): Mesh {
   return placed(new Mesh(new CircleGeometry(radius, ROUND), flat(colour, opacity)), at, ABOVE_M);
+}
+
+/** Returns a ball about a point. */
+export function ball(at: Vector, radius: number, colour: Color): Mesh {
+  return placed(new Mesh(new SphereGeometry(radius, 20, 14), flat(colour)), at);
 }
 
 /** Returns a bull's eye about a point: ring, centre, four ticks. */
@@ -56,14 +63,12 @@ export function bullseye(at: Vector, radius: number, colour: Color): Object3D[] 
 
 /** Returns the points of the ellipse that holds 95 % of a normal distribution, null where there is none. */
 export function ellipsePoints(centre: readonly [number, number], covariance: readonly (readonly number[])[], z: number): Vector[] | null {
-  const [a, b, c] = [covariance[0]?.[0] ?? 0, covariance[0]?.[1] ?? 0, covariance[1]?.[1] ?? 0];
-  const [mean, half] = [(a + c) / 2, Math.hypot((a - c) / 2, b)];
-  if (!(mean - half >= 0) || !(mean + half > 0)) return null;
-  const turn = 0.5 * Math.atan2(2 * b, a - c);
-  const [long, short] = [SIGMAS_95 * Math.sqrt(mean + half), SIGMAS_95 * Math.sqrt(mean - half)];
+  const axes = principalAxes(covariance[0]?.[0] ?? 0, covariance[0]?.[1] ?? 0, covariance[1]?.[1] ?? 0);
+  if (axes === null) return null;
+  const { turn } = axes;
   return Array.from({ length: ELLIPSE_POINTS + 1 }, (_, i) => {
     const angle = (2 * Math.PI * i) / ELLIPSE_POINTS;
-    const [u, v] = [long * Math.cos(angle), short * Math.sin(angle)];
+    const [u, v] = [SIGMAS_95 * axes.long * Math.cos(angle), SIGMAS_95 * axes.short * Math.sin(angle)];
     return [centre[0] + u * Math.cos(turn) - v * Math.sin(turn), centre[1] + u * Math.sin(turn) + v * Math.cos(turn), z];
   });
 }

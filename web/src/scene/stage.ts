@@ -3,16 +3,20 @@
 import { Color, Group, type Matrix4, PerspectiveCamera, Scene, Vector3 as ThreeVector, WebGLRenderer } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 import { DetailControl, LEVELS } from "./detail";
+import { type FreeArea, NO_INSETS, shiftLens } from "./camera";
 import { Floor } from "./floor";
+import type { Insets } from "./interface";
 import { COARSE, FINE } from "./layers";
 import { StillPicture } from "./still";
 
 const FIELD_OF_VIEW_DEG = 34;
 const PIXEL_RATIO_MAX = 2; // more is not seen
+const REST_FINER = 2; // pixels drawn for each of the screen's, along both sides, of a picture at rest: smooth edges
+const LEAST_FREE = 0.3; // of the canvas: what is shown is not drawn smaller than that
 const REST_MS = 700; // [ms] without motion, after which the picture is drawn in full; a moving arm is reported more often
 
 /** What the stage asks before each frame. */
-export interface Actors {
+interface Actors {
   /** Moves what moves by itself; returns whether it goes on. */
   step(now: number): boolean;
 }
@@ -27,13 +31,14 @@ export class Stage {
   readonly controls: OrbitControls;
   readonly renderer: WebGLRenderer;
   frameMs = 0;
+  insets: Insets = NO_INSETS;
   private readonly detail: DetailControl;
   private readonly background = new Color();
   private actors: Actors = { step: () => false };
   private requested = 0;
   private rest = 0;
   private shadowDue = true;
-  private drawnLevel = -1;
+  private drawnResolution = Number.NaN;
   private disposed = false;
   private pinned: number | null = null;
   private readonly picture = new StillPicture();
@@ -66,8 +71,20 @@ export class Stage {
     this.invalidate();
   }
 
+  /** What of the canvas no panel covers. */
+  get freeArea(): FreeArea {
+    const { left, right, top, bottom } = this.insets;
+    const share = (covered: number, side: number): number => Math.max(LEAST_FREE, 1 - covered / Math.max(1, side));
+    return { width: share(left + right, this.canvas.clientWidth), height: share(top + bottom, this.canvas.clientHeight) };
+  }
+
   get lookedAt(): ThreeVector {
     return this.controls.target;
+  }
+
+  /** Without a graphics processor edges are not smoothed while things move. */
+  private get restFiner(): number {
+    return this.software ? REST_FINER : 1;
   }
 
   get level(): number {
@@ -98,15 +115,15 @@ export class Stage {
 
   /** Takes the canvas' size in the layout. */
   resize(): void {
-    this.drawnLevel = -1;
+    this.drawnResolution = Number.NaN;
     this.invalidate();
   }
 
-  /** Draws at once and in full. */
-  drawNow(): void {
+  /** Draws at once and in full; `finest`: as it is drawn at rest. */
+  drawNow(finest = false): void {
     this.shadowDue = true;
     this.controls.update();
-    this.draw(0, true);
+    this.draw(0, true, finest ? this.restFiner : 1);
   }
 
   private frame(now: number): void {
@@ -126,14 +143,14 @@ export class Stage {
     if (this.disposed || this.requested) return;
     this.detail.pause();
     if (this.pinned !== null) return;
-    if (this.detail.level > 0 || this.software) this.draw(0, true);
+    if (this.detail.level > 0 || this.software) this.draw(0, true, this.restFiner);
   }
 
   /** Draws at a level of detail; `whole` draws what stands still anew and in order. */
-  private draw(level: number, whole = false): void {
+  private draw(level: number, whole = false, finer = 1): void {
     const began = performance.now();
     const detail = LEVELS[level]!;
-    this.fit(level);
+    this.fit(level, finer);
     this.camera.layers.set(0);
     this.camera.layers.enable(detail.fine ? FINE : COARSE);
     this.renderer.info.reset();
@@ -177,16 +194,18 @@ export class Stage {
     for (const group of [this.still, this.ghosts, this.moving]) group.visible = shown.includes(group);
   }
 
-  /** Gives the picture the resolution of a level. */
-  private fit(level: number): void {
-    if (level === this.drawnLevel) return;
+  /** Gives the picture the resolution of a level; `finer` is more than the screen's. */
+  private fit(level: number, finer: number): void {
+    const resolution = finer * LEVELS[level]!.resolution;
+    if (resolution === this.drawnResolution) return;
     const [width, height] = [Math.max(1, this.canvas.clientWidth), Math.max(1, this.canvas.clientHeight)];
-    const ratio = Math.min(window.devicePixelRatio || 1, PIXEL_RATIO_MAX) * LEVELS[level]!.resolution;
+    const ratio = Math.min(window.devicePixelRatio || 1, PIXEL_RATIO_MAX) * resolution;
     this.renderer.setPixelRatio(ratio);
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / height;
+    shiftLens(this.camera, width, height, this.insets);
     this.camera.updateProjectionMatrix();
-    this.drawnLevel = level;
+    this.drawnResolution = resolution;
     this.picture.fresh = false;
   }
 

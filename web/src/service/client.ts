@@ -34,7 +34,7 @@ export function authorization(): Record<string, string> {
   return value ? { Authorization: `Bearer ${value}` } : {};
 }
 
-export interface CallOptions {
+interface CallOptions {
   readonly body?: unknown;
   readonly accept?: string;
   readonly key?: string; // Idempotency-Key
@@ -60,15 +60,14 @@ export async function call(method: string, path: string, options: CallOptions = 
   throw new ProblemError(await problemOf(response));
 }
 
-export async function get<T>(path: string): Promise<T> {
-  return (await (await call("GET", path)).json()) as T;
+export async function get<T>(path: string, options: CallOptions = {}): Promise<T> {
+  return (await (await call("GET", path, options)).json()) as T;
 }
 
 export async function post<T>(path: string, body?: unknown, options: CallOptions = {}): Promise<T> {
   if (body !== undefined) options = { ...options, body };
   return (await (await call("POST", path, options)).json()) as T;
 }
-
 
 async function problemOf(response: Response): Promise<ProblemDocument> {
   const type = response.headers.get("Content-Type") ?? "";

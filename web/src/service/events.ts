@@ -2,9 +2,9 @@
 
 import { authorization } from "./client";
 
-export interface ServerEvent {
+interface ServerEvent {
   readonly id: number;
-  readonly kind: string; // state, telemetry, note
+  readonly kind: string; // state, telemetry
   readonly data: Record<string, unknown>;
 }
 

@@ -191,6 +191,52 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/cells/{name}/map": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Read a map
+         * @description Reads the latest map of a cell, or another one, as far as it is. One that does not hold any more is `void`.
+         */
+        get: operations["read_cell_map"];
+        put?: never;
+        /**
+         * Make a map
+         * @description Plans a throw to every landing cell of a plane or a volume, coarse points first; every yes has a stored plan.
+         *
+         *     The same request for an unchanged cell is the same map: one that was cancelled goes on, a finished one is answered.
+         */
+        post: operations["make_cell_map"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
+    "/cells/{name}/map/cancel": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Cancel a map
+         * @description Ends the work on a map; the same request to make it goes on with what is missing.
+         */
+        post: operations["cancel_cell_map"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/cells/{name}/model": {
         parameters: {
             query?: never;
@@ -2132,6 +2178,275 @@ export interface components {
             throws: number;
         };
         /**
+         * MapAnswer
+         * @description One plane of a throwability map.
+         */
+        MapAnswer: {
+            /** Cell */
+            cell: string;
+            /** Cell Sha256 */
+            cell_sha256: string;
+            /**
+             * Cell Version
+             * @description Version of the cell's files that it was made with.
+             */
+            cell_version: number;
+            /**
+             * Counts
+             * @description Landing cells of all planes: unknown, yes, proven, not_found.
+             */
+            counts: {
+                [key: string]: number;
+            };
+            /** Id */
+            id: string;
+            /**
+             * Level M
+             * @description Distance of the points of the finest completed level [m].
+             */
+            level_m: number | null;
+            /**
+             * Origin
+             * @description Centre of landing cell 0, 0: x, y [m].
+             */
+            origin: number[];
+            /**
+             * Plane Z M
+             * @description Height of the plane that is shown [m].
+             */
+            plane_z_m: number;
+            /**
+             * Planes Z M
+             * @description Heights of all planes [m].
+             */
+            planes_z_m: number[];
+            /**
+             * Planner Version
+             * @description Version of Fling that it was made with.
+             */
+            planner_version: string;
+            /**
+             * Plans
+             * @description Ids of the stored plans.
+             */
+            plans: (string | null)[][];
+            /**
+             * Profile
+             * @description Profile that it was made with; null: the cell file's numbers.
+             */
+            profile: string | null;
+            /** @description Landing cells of all planes. */
+            progress: components["schemas"]["MapProgress"];
+            /** Reasons */
+            reasons: components["schemas"]["MapReason"][];
+            /**
+             * Resolution M
+             * @description Edge of a landing cell [m].
+             */
+            resolution_m: number;
+            /** Robust */
+            robust: boolean;
+            /**
+             * Sha256
+             * @description Hash of all answers; equal for equal maps.
+             */
+            sha256: string;
+            /**
+             * Shape
+             * @description Landing cells along y, along x.
+             */
+            shape: number[];
+            /**
+             * State
+             * @description running; finished; cancelled: nobody works on it, the same POST goes on; void: see `void_because`.
+             */
+            state: string;
+            values: components["schemas"]["MapValues"];
+            /**
+             * Void Because
+             * @description Why the map does not hold any more; null where it does.
+             */
+            void_because: string | null;
+        };
+        /**
+         * MapBody
+         * @description What a map is to show.
+         */
+        MapBody: {
+            /**
+             * Extent M
+             * @description [x0, x1, y0, y1] [m]; by default all that is not proven to be out of the arm's range.
+             */
+            extent_m?: number[] | null;
+            /**
+             * Plane Z M
+             * @description Height of the plane [m]; by default the floor of the cell.
+             */
+            plane_z_m?: number | null;
+            /**
+             * Resolution M
+             * @description Edge of a landing cell [m], 0.005 to 2.
+             * @default 0.05
+             */
+            resolution_m: number;
+            /**
+             * Robust
+             * @description Plans with a target's release window; false: those that release soonest.
+             * @default false
+             */
+            robust: boolean;
+            /**
+             * Volume M
+             * @description Lowest and highest plane [m], a resolution apart.
+             */
+            volume_m?: number[] | null;
+        };
+        /**
+         * MapHead
+         * @description A map and its progress.
+         */
+        MapHead: {
+            /** Cell */
+            cell: string;
+            /** Cell Sha256 */
+            cell_sha256: string;
+            /**
+             * Cell Version
+             * @description Version of the cell's files that it was made with.
+             */
+            cell_version: number;
+            /**
+             * Counts
+             * @description Landing cells of all planes: unknown, yes, proven, not_found.
+             */
+            counts: {
+                [key: string]: number;
+            };
+            /** Id */
+            id: string;
+            /**
+             * Level M
+             * @description Distance of the points of the finest completed level [m].
+             */
+            level_m: number | null;
+            /**
+             * Origin
+             * @description Centre of landing cell 0, 0: x, y [m].
+             */
+            origin: number[];
+            /**
+             * Plane Z M
+             * @description Height of the plane that is shown [m].
+             */
+            plane_z_m: number;
+            /**
+             * Planes Z M
+             * @description Heights of all planes [m].
+             */
+            planes_z_m: number[];
+            /**
+             * Planner Version
+             * @description Version of Fling that it was made with.
+             */
+            planner_version: string;
+            /**
+             * Profile
+             * @description Profile that it was made with; null: the cell file's numbers.
+             */
+            profile: string | null;
+            /** @description Landing cells of all planes. */
+            progress: components["schemas"]["MapProgress"];
+            /**
+             * Resolution M
+             * @description Edge of a landing cell [m].
+             */
+            resolution_m: number;
+            /** Robust */
+            robust: boolean;
+            /**
+             * Sha256
+             * @description Hash of all answers; equal for equal maps.
+             */
+            sha256: string;
+            /**
+             * Shape
+             * @description Landing cells along y, along x.
+             */
+            shape: number[];
+            /**
+             * State
+             * @description running; finished; cancelled: nobody works on it, the same POST goes on; void: see `void_because`.
+             */
+            state: string;
+            /**
+             * Void Because
+             * @description Why the map does not hold any more; null where it does.
+             */
+            void_because: string | null;
+        };
+        /**
+         * MapProgress
+         * @description How many landing cells have an answer.
+         */
+        MapProgress: {
+            /** Done */
+            done: number;
+            /** Total */
+            total: number;
+        };
+        /**
+         * MapReason
+         * @description Why landing cells are refused.
+         */
+        MapReason: {
+            /**
+             * Constraint
+             * @description Name of the certificate's check, or of the planner's bound.
+             */
+            constraint: string;
+            /**
+             * Text
+             * @description By how much.
+             */
+            text: string;
+        };
+        /**
+         * MapValues
+         * @description Values of the landing cells, each a row along x for every y.
+         */
+        MapValues: {
+            /**
+             * Hit Probability
+             * @description With what is known of the cell [-].
+             */
+            hit_probability: (number | null)[][];
+            /**
+             * Landing Shift 10Ms M
+             * @description How far the landing point moves for a release 10 ms early or late, whichever is farther [m].
+             */
+            landing_shift_10ms_m: (number | null)[][];
+            /**
+             * Margin
+             * @description Least margin of the certificate as a share of its limit [-].
+             */
+            margin: (number | null)[][];
+            /**
+             * Reason
+             * @description Index into `reasons`.
+             */
+            reason: (number | null)[][];
+            /**
+             * Release Time S
+             * @description Release time of the plan [s].
+             */
+            release_time_s: (number | null)[][];
+            /**
+             * State
+             * @description 0 unknown, 1 yes, 2 refused with proof, 3 not found.
+             */
+            state: number[][];
+        };
+        /**
          * ObjectAnswer
          * @description The object, a sphere.
          */
@@ -3841,6 +4156,12 @@ export type LandingList = components['schemas']['LandingList'];
 export type LandingRequest = components['schemas']['LandingRequest'];
 export type LandingShift = components['schemas']['LandingShift'];
 export type LandingStatistics = components['schemas']['LandingStatistics'];
+export type MapAnswer = components['schemas']['MapAnswer'];
+export type MapBody = components['schemas']['MapBody'];
+export type MapHead = components['schemas']['MapHead'];
+export type MapProgress = components['schemas']['MapProgress'];
+export type MapReason = components['schemas']['MapReason'];
+export type MapValues = components['schemas']['MapValues'];
 export type ObjectAnswer = components['schemas']['ObjectAnswer'];
 export type OpeningRequest = components['schemas']['OpeningRequest'];
 export type PlanAnswer = components['schemas']['PlanAnswer'];
@@ -4071,6 +4392,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `internal` */
             500: {
                 headers: {
@@ -4123,6 +4453,15 @@ export interface operations {
             };
             /** @description `not-found` */
             404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -4335,6 +4674,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `internal` */
             500: {
                 headers: {
@@ -4471,6 +4819,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `internal` */
             500: {
                 headers: {
@@ -4531,6 +4888,295 @@ export interface operations {
                 };
             };
             /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    read_cell_map: {
+        parameters: {
+            query?: {
+                /** @description Id of the map; by default the latest. */
+                id?: string | null;
+                /** @description Height of the plane [m]; the closest one. */
+                plane_z_m?: number | null;
+                /** @description Only maps of robust plans, or only of soonest ones. */
+                robust?: boolean | null;
+                /** @description Only maps of this resolution [m]. */
+                resolution_m?: number | null;
+            };
+            header?: {
+                /** @description application/json, image/png, application/zip, text/html */
+                accept?: string | null;
+                /** @description ETags that the client has. */
+                "if-none-match"?: string | null;
+            };
+            path: {
+                /** @description Name of a cell. */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description One plane as JSON; or all planes as PNG, zipped Zarr or HTML, by `Accept`. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["MapAnswer"];
+                    "application/zip": string;
+                    "image/png": string;
+                    "text/html": string;
+                };
+            };
+            /** @description The client has it: `If-None-Match`. */
+            304: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-acceptable` */
+            406: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    make_cell_map: {
+        parameters: {
+            query?: never;
+            header?: never;
+            path: {
+                /** @description Name of a cell. */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["MapBody"];
+            };
+        };
+        responses: {
+            /** @description Begun, or gone on with; read it at `Location`. */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["MapHead"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `request-timeout` */
+            408: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `too-large` */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `unsupported-media-type` */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request`, `idempotency-conflict` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `internal` */
+            500: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `shutting-down`, `not-ready` */
+            503: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+        };
+    };
+    cancel_cell_map: {
+        parameters: {
+            query?: {
+                /** @description Id of the map; by default the latest. */
+                id?: string | null;
+            };
+            header?: never;
+            path: {
+                /** @description Name of a cell. */
+                name: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description Its runner stops soon; what is planned stays. */
+            202: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["MapHead"];
+                };
+            };
+            /** @description `forbidden` */
+            403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `not-found` */
+            404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `too-large` */
+            413: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `unsupported-media-type` */
+            415: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request`, `idempotency-conflict` */
             422: {
                 headers: {
                     [name: string]: unknown;
@@ -4879,6 +5525,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `internal` */
             500: {
                 headers: {
@@ -5175,6 +5830,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `internal` */
             500: {
                 headers: {
@@ -5236,6 +5900,15 @@ export interface operations {
             };
             /** @description `executor-lost` */
             409: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -5366,6 +6039,15 @@ export interface operations {
             };
             /** @description `not-found` */
             404: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -5845,6 +6527,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `internal` */
             500: {
                 headers: {
@@ -5876,6 +6567,15 @@ export interface operations {
             };
             /** @description `forbidden` */
             403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
                 headers: {
                     [name: string]: unknown;
                 };
@@ -6224,6 +6924,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `internal` */
             500: {
                 headers: {
@@ -6373,6 +7082,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `internal` */
             500: {
                 headers: {
@@ -6441,6 +7159,15 @@ export interface operations {
                     "application/problem+json": components["schemas"]["ProblemAnswer"];
                 };
             };
+            /** @description `invalid-request` */
+            422: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
             /** @description `internal` */
             500: {
                 headers: {
@@ -6481,6 +7208,15 @@ export interface operations {
             };
             /** @description `forbidden` */
             403: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["ProblemAnswer"];
+                };
+            };
+            /** @description `invalid-request` */
+            422: {
                 headers: {
                     [name: string]: unknown;
                 };

@@ -1,6 +1,6 @@
 // Names for the documents of the service. They come from its OpenAPI schema: `make web` writes schema.d.ts.
 
-import type { CheckAnswer, ExecutionAnswer, PlanAnswer, PlanRequest, PlanSummary } from "./schema";
+import type { CheckAnswer, ExecutionAnswer, MapAnswer, PlanAnswer, PlanRequest } from "./schema";
 
 export type {
   CellList,
@@ -19,12 +19,10 @@ export type {
 } from "./schema";
 
 export type Plan = PlanAnswer;
-export type Summary = PlanSummary;
 export type Check = CheckAnswer;
-export type ReleaseRequest = PlanRequest["release"];
 export type Outcome = NonNullable<ExecutionAnswer["outcome"]>;
 
-export interface Violation {
+interface Violation {
   readonly constraint: string;
   readonly value: number | null;
   readonly limit: number | null;
@@ -44,4 +42,12 @@ export interface ProblemDocument {
   readonly errors?: readonly { readonly field: string; readonly reason: string }[] | null;
   readonly violations?: readonly Violation[] | null;
   readonly nearest?: Nearest | null;
+}
+
+type Read = "id" | "cell" | "plane_z_m" | "resolution_m" | "state" | "void_because" | "level_m" | "progress" | "values" | "reasons";
+
+/** One plane of a throwability map, as far as it is read here. */
+export interface ThrowMap extends Pick<MapAnswer, Read> {
+  readonly origin: readonly [number, number]; // centre of the landing cell with the least x and y [m]
+  readonly shape: readonly [number, number]; // landing cells along y, along x
 }

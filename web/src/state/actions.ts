@@ -1,11 +1,11 @@
 // What a person does: edit, plan, drag, throw, stop, acknowledge, report a landing, adopt a profile.
 
 import { call, get, keepToken, post, ProblemError, token } from "../service/client";
-import type { CellState, Curves, Execution, Plan, ProfileList } from "../service/types";
+import type { CellState, Curves, Execution, Plan, ProfileList, ThrowMap } from "../service/types";
 import { type Draft, InvalidDraft, previewOf, requestOf, withNearest } from "./draft";
 import { isArmed } from "./machine";
 import {
-  access, cellStates, curves, dispatch, failed, landings, notice, picking, playing, profiles, reached, state, time,
+  access, cellStates, curves, dispatch, failed, landings, notice, picking, playing, profiles, reached, state, throwMap, time,
 } from "./store";
 
 export function edit(fields: Partial<Draft>): void {
@@ -45,7 +45,7 @@ function refuse(revision: number, error: unknown): void {
 export async function loadCurves(of: Plan): Promise<void> {
   if (curves.value?.planId === of.id) return;
   try {
-    curves.value = { planId: of.id, value: await get<Curves>(`/plans/${of.id}/curves`) };
+    curves.value = { planId: of.id, value: await get<Curves>(`/plans/${of.id}/curves`, { patient: true }) };
   } catch {
     curves.value = null; // the curves of the trajectory are drawn without them
   }
@@ -192,6 +192,46 @@ export async function reportLanding(position: readonly number[]): Promise<void> 
 }
 
 const LANDING_STD_M = 0.02; // [m] a click on the floor of a picture is about this good
+
+/** Begins a throwability map of the cell, or goes on with one that was ended; its landing cells are so wide [m]. */
+export async function makeMap(resolution_m: number): Promise<void> {
+  const { cell } = state.value;
+  if (cell === null) return;
+  try {
+    await post(`/cells/${cell}/map`, { resolution_m }, { patient: true });
+    await loadMap();
+  } catch (error) {
+    notice.value = { kind: "bad", text: failed(error) };
+  }
+}
+
+export async function cancelMap(id: string): Promise<void> {
+  try {
+    await post(`/cells/${state.value.cell}/map/cancel?id=${id}`);
+    await loadMap();
+  } catch (error) {
+    notice.value = { kind: "bad", text: failed(error) };
+  }
+}
+
+/** Loads the map of the cell; there may be none. */
+export async function loadMap(): Promise<void> {
+  const { cell } = state.value;
+  if (cell === null) return;
+  let found: ThrowMap | null = null;
+  try {
+    found = await get<ThrowMap>(`/cells/${cell}/map`, { patient: true });
+  } catch (error) {
+    if (!(error instanceof ProblemError && error.problem.status === 404)) throw error;
+  }
+  if (cell === state.value.cell && !isSameMap(found, throwMap.value)) throwMap.value = found;
+}
+
+/** Whether nothing has been added to a map. */
+function isSameMap(a: ThrowMap | null, b: ThrowMap | null): boolean {
+  if (a === null || b === null) return a === b;
+  return a.id === b.id && a.state === b.state && a.level_m === b.level_m && a.progress.done === b.progress.done;
+}
 
 export async function learn(): Promise<void> {
   await changeProfile(() => post(`/cells/${state.value.cell}/profiles`, undefined, { patient: true }), "A profile was estimated. It is not in use yet.");

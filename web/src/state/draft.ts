@@ -4,7 +4,7 @@
 import type { Nearest, PlanRequest } from "../service/types";
 
 export type Kind = "target" | "point" | "pose" | "joint";
-export type Backend = NonNullable<PlanRequest["backend"]>;
+type Backend = NonNullable<PlanRequest["backend"]>;
 export const BACKENDS: readonly Backend[] = ["auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp"];
 
 /** Everything that a person can ask for. Empty text: the service's default. */

@@ -5,16 +5,18 @@ import { effect } from "@preact/signals";
 import { get } from "../service/client";
 import { watchExecution } from "../service/events";
 import type { CellList, CellModel, Execution, ExecutionList, LandingList, Plan, ProfileList } from "../service/types";
-import { loadCurves, refreshCell } from "./actions";
+import { loadCurves, loadMap, refreshCell } from "./actions";
 import { isRunning } from "./machine";
 import {
-  cellName, cells, dispatch, endTime, failed, history, landings, model, playing, profiles, reached, running, runPlan, state,
-  targets, time,
+  cellName, cells, dispatch, endTime, failed, history, landings, mapShown, model, playing, profiles, reached, running, runPlan, state,
+  targets, throwMap, time,
 } from "./store";
 
 const ROBOT_MS = 400; // state of the chosen cell
 const CELLS_MS = 2500; // the list, the other cells and the past
+const MAP_MS = 2000; // the map, while it is shown
 const HISTORY = 40; // executions that are listed
+const AT_ONCE = 5; // requests for them; a browser has six connections
 
 /** Starts following; never ends. */
 export function follow(): void {
@@ -22,6 +24,7 @@ export function follow(): void {
   void repeat(ROBOT_MS, followRobot);
   void repeat(CELLS_MS, followHistory);
   effect(() => void loadModel(cellName.value));
+  void repeat(MAP_MS, followMap);
   followRuns();
 }
 
@@ -74,10 +77,19 @@ async function followHistory(): Promise<void> {
   const page = await get<ExecutionList>(`/executions?limit=${HISTORY}`);
   if (JSON.stringify(page.executions) !== JSON.stringify(history.value)) history.value = page.executions;
   const own = page.executions.filter((run) => run.cell === cell && run.state === "finished");
-  for (const run of own.slice(0, HISTORY)) await loadPast(run);
+  await inParallel(own.slice(0, HISTORY), loadPast);
   if (cell !== null && (profiles.value === null || profiles.value.cell !== cell)) {
     profiles.value = await get<ProfileList>(`/cells/${cell}/profiles`);
   }
+}
+
+/** Does something with every item, a few at a time. */
+async function inParallel<T>(items: readonly T[], work: (item: T) => Promise<void>): Promise<void> {
+  const rest = [...items];
+  const worker = async (): Promise<void> => {
+    for (let item = rest.shift(); item !== undefined; item = rest.shift()) await work(item);
+  };
+  await Promise.all(Array.from({ length: AT_ONCE }, worker));
 }
 
 async function loadPast(run: Execution): Promise<void> {
@@ -89,6 +101,13 @@ async function loadPast(run: Execution): Promise<void> {
     const plan = await get<Plan>(`/plans/${run.plan_id}?trajectory=false`);
     targets.value = { ...targets.value, [run.plan_id]: plan };
   }
+}
+
+/** The map sharpens while it is made; one that is finished changes only with cell and profile. */
+async function followMap(): Promise<void> {
+  const known = throwMap.value;
+  if (known !== null && known.cell !== cellName.value) throwMap.value = null;
+  if (mapShown.value && cellName.value !== null) await loadMap();
 }
 
 async function loadModel(cell: string | null): Promise<void> {

@@ -7,7 +7,7 @@ import type { Execution, Plan, ProblemDocument } from "../service/types";
 import { type Draft, FIRST_DRAFT } from "./draft";
 
 /** An answer of the planner, with the request it answers. */
-export interface Answered<T> {
+interface Answered<T> {
   readonly revision: number;
   readonly value: T;
 }
@@ -16,9 +16,6 @@ export interface Sample {
   readonly clock_s: number; // on the plan's clock
   readonly positions: readonly number[]; // [rad]
   readonly planned: readonly number[]; // [rad]
-  readonly velocities: readonly number[]; // [rad/s]
-  readonly plannedVelocities: readonly number[]; // [rad/s]
-  readonly missedTicks: number;
 }
 
 /** One execution of the cell, as it is followed. */
@@ -30,7 +27,6 @@ export interface Run {
   readonly reason: string | null;
   readonly metrics: Readonly<Record<string, unknown>> | null;
   readonly samples: readonly Sample[];
-  readonly notes: readonly string[];
   readonly stopping: boolean; // a stop was asked for
 }
 
@@ -121,7 +117,7 @@ function refused(state: State, revision: number, problem: ProblemDocument): Stat
 
 function newRun(id: string, planId: string | null): Run {
   return {
-    id, planId, state: "queued", outcome: null, reason: null, metrics: null, samples: [], notes: [], stopping: false,
+    id, planId, state: "queued", outcome: null, reason: null, metrics: null, samples: [], stopping: false,
   };
 }
 
@@ -167,25 +163,21 @@ function withEvent(run: Run, kind: string, data: Record<string, unknown>): Run {
       metrics: (data["metrics"] as Run["metrics"] | undefined) ?? run.metrics,
     };
   }
-  const words = data["text"] ?? data["note"] ?? data["message"];
-  return typeof words === "string" ? { ...run, notes: [...run.notes, words] } : run;
+  return run;
 }
 
 function sampleOf(data: Record<string, unknown>): Sample | null {
-  const { clock_s, positions, velocities, planned_positions, planned_velocities, missed_ticks } = data;
+  const { clock_s, positions, planned_positions } = data;
   if (typeof clock_s !== "number" || !Array.isArray(positions)) return null;
   return {
     clock_s,
     positions: positions as number[],
     planned: Array.isArray(planned_positions) ? (planned_positions as number[]) : [],
-    velocities: Array.isArray(velocities) ? (velocities as number[]) : [],
-    plannedVelocities: Array.isArray(planned_velocities) ? (planned_velocities as number[]) : [],
-    missedTicks: typeof missed_ticks === "number" ? missed_ticks : 0,
   };
 }
 
 /** How the plan on the screen is to be read; `none` where there is none. */
-export type PlanStanding = "none" | "valid" | "stale";
+type PlanStanding = "none" | "valid" | "stale";
 
 export function planStanding(state: State): PlanStanding {
   if (state.plan === null) return "none";

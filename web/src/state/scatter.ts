@@ -1,10 +1,11 @@
 // Spread of landings about their targets. Pure.
 
+import { principalAxes } from "../model/spread";
 import type { LandingList } from "../service/types";
 
 export type Offset = readonly [number, number]; // landing less target, x and y [m]
 
-export interface Spread {
+interface Spread {
   readonly center: Offset; // [m]
   readonly axes: readonly [number, number]; // two standard deviations along the principal axes [m]
   readonly turn_deg: number; // of the first axis against x
@@ -26,14 +27,6 @@ export function ellipseOf(points: readonly Offset[]): Spread | null {
   const cy = mean(points.map(([, y]) => y));
   const cover = (f: (x: number, y: number) => number): number =>
     points.reduce((sum, [x, y]) => sum + f(x - cx, y - cy), 0) / (n - 1);
-  return principalAxes([cx, cy], cover((x) => x * x), cover((x, y) => x * y), cover((_, y) => y * y));
-}
-
-/** Principal axes of a covariance [[xx, xy], [xy, yy]]; closed form for two dimensions. */
-export function principalAxes(center: Offset, xx: number, xy: number, yy: number): Spread {
-  const middle = (xx + yy) / 2;
-  const apart = Math.hypot((xx - yy) / 2, xy);
-  const turn = 0.5 * Math.atan2(2 * xy, xx - yy);
-  const axis = (variance: number): number => 2 * Math.sqrt(Math.max(0, variance));
-  return { center, axes: [axis(middle + apart), axis(middle - apart)], turn_deg: (turn * 180) / Math.PI };
+  const axes = principalAxes(cover((x) => x * x), cover((x, y) => x * y), cover((_, y) => y * y));
+  return axes && { center: [cx, cy], axes: [2 * axes.long, 2 * axes.short], turn_deg: (axes.turn * 180) / Math.PI };
 }

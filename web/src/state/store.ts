@@ -2,8 +2,10 @@
 
 import { computed, signal } from "@preact/signals";
 
+import { endOf } from "../model/samples";
+import { type MapQuantity, pictureOfMap } from "../model/throw-map";
 import { ConnectionLost, ProblemError } from "../service/client";
-import type { CellModel, CellState, CellSummary, Curves, Execution, LandingAnswer, Plan, ProfileList } from "../service/types";
+import type { CellModel, CellState, CellSummary, Curves, Execution, LandingAnswer, Plan, ProfileList, ThrowMap } from "../service/types";
 import { type Change, change, FIRST_STATE, isArmed, isRunning, planStanding, type State } from "./machine";
 
 export const state = signal<State>(FIRST_STATE);
@@ -25,6 +27,12 @@ export const history = signal<readonly Execution[] | null>(null);
 export const landings = signal<Readonly<Record<string, readonly LandingAnswer[]>>>({});
 export const targets = signal<Readonly<Record<string, Plan>>>({}); // summaries by plan id
 export const profiles = signal<ProfileList | null>(null);
+
+/** The throwability map of the chosen cell; null until it is asked for, and where there is none. */
+export const throwMap = signal<ThrowMap | null>(null);
+export const mapShown = signal(false);
+export const mapQuantity = signal<MapQuantity>("release_time_s");
+export const mapPicture = computed(() => (mapShown.value && throwMap.value ? pictureOfMap(throwMap.value, mapQuantity.value) : null));
 
 export type Connection = "connecting" | "open" | "lost";
 export const connection = signal<Connection>("connecting");
@@ -69,11 +77,7 @@ export const shown = computed<Plan | null>(() => {
 });
 
 /** End of what the cursor runs over: the plan, or the flight where that takes longer [s]. */
-export const endTime = computed(() => {
-  const plan = shown.value;
-  if (plan === null) return 0;
-  return Math.max(plan.duration_s, plan.release_time_s + (plan.flight?.time_of_flight_s ?? 0));
-});
+export const endTime = computed(() => (shown.value === null ? 0 : endOf(shown.value)));
 
 /** Notes what a failed call says about connection and access; returns it in words. */
 export function failed(error: unknown): string {

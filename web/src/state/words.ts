@@ -67,7 +67,7 @@ interface Fault {
   readonly reason?: string;
 }
 
-export interface CellWords {
+interface CellWords {
   readonly tone: Tone;
   readonly headline: string;
   readonly reasons: readonly string[];
@@ -98,7 +98,7 @@ export function cellWords(summary: CellSummary, live: CellState | null): CellWor
   return plain("good", "Ready", robot.warnings ?? []);
 }
 
-export interface PreflightItem {
+interface PreflightItem {
   readonly text: string;
   readonly ok: boolean | null; // null: not known yet
 }
@@ -191,7 +191,7 @@ export function timingWords(plan: Plan): string | null {
   return `Up to ${window} ms early or late it lands within ${length(flight.landing_tolerance_m)}.${shift}`;
 }
 
-export interface KeyNumber {
+interface KeyNumber {
   readonly label: string;
   readonly value: string;
   readonly note: string;

@@ -26,9 +26,16 @@ export function ExecutionSection(): JSX.Element {
 const PAST_PREFLIGHT = new Set(["approaching", "streaming", "braking"]);
 
 function Preflight(): JSX.Element {
+  const items = preflight(cellState.value, answered.value);
+  const held = items.filter((item) => item.ok === true).length;
+  const stopping = items.some((item) => item.ok === false);
   return (
-    <ul class="preflight" aria-label="Preflight">
-      {preflight(cellState.value, answered.value).map((item) => (
+    <details class="options" open={stopping}>
+      <summary class={stopping ? "bad" : held === items.length ? "good" : ""}>
+        Preflight: {held === items.length ? `all ${held} checks are in order` : `${held} of ${items.length} checks are in order`}
+      </summary>
+      <ul class="preflight" aria-label="Preflight">
+      {items.map((item) => (
         <li key={item.text} class={item.ok === null ? "unknown" : item.ok ? "ok" : "no"}>
           <Icon name={item.ok === null ? "wait" : item.ok ? "ok" : "no"} />
           <span>
@@ -37,7 +44,8 @@ function Preflight(): JSX.Element {
           </span>
         </li>
       ))}
-    </ul>
+      </ul>
+    </details>
   );
 }
 
@@ -59,7 +67,6 @@ function RunView({ run }: { run: Run }): JSX.Element {
         {run.outcome ? <code class="sr-only">{run.outcome}</code> : null}
       </p>
       {run.reason ? <p class="soft">{run.reason}</p> : null}
-      {run.notes.map((note) => <p class="hint" key={note}>{note}</p>)}
       {ended && run.outcome !== "completed" && ADVICE[run.outcome ?? ""] && run.outcome !== "aborted" ? <p>{ADVICE[run.outcome ?? ""]}</p> : null}
       {run.samples.length > 1 ? <Tracking samples={run.samples} plan={plan} /> : null}
       {ended ? <Numbers run={run} plan={plan} /> : null}

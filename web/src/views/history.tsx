@@ -3,6 +3,7 @@
 import type { JSX } from "preact";
 
 import { call } from "../service/client";
+import { save } from "../service/save";
 import type { Execution } from "../service/types";
 import { aimOf } from "../state/machine";
 import { ellipseOf, type Offset, seenAt } from "../state/scatter";
@@ -77,20 +78,16 @@ function errorOf(run: Execution): number | null {
 }
 
 function Download({ id, media, suffix }: { id: string; media: string; suffix: string }): JSX.Element {
-  const save = async (): Promise<void> => {
+  const fetchAndSave = async (): Promise<void> => {
     try {
       const response = await call("GET", `/executions/${id}/recording`, { accept: media });
-      const link = document.createElement("a");
-      link.href = URL.createObjectURL(await response.blob());
-      link.download = `fling-${id}.${suffix}`;
-      link.click();
-      URL.revokeObjectURL(link.href);
+      save(await response.blob(), `${id}.${suffix}`);
     } catch (error) {
       notice.value = { kind: "bad", text: failed(error) };
     }
   };
   return (
-    <button type="button" class="link" aria-label={`Download the recording as ${suffix}`} onClick={() => void save()}>
+    <button type="button" class="link" aria-label={`Download the recording as ${suffix}`} onClick={() => void fetchAndSave()}>
       <Icon name="download" /> {suffix}
     </button>
   );

@@ -7,7 +7,7 @@ const PATHS = {
   pause: "M5 3.5h3.5v13H5zM11.5 3.5H15v13h-3.5z",
   ok: "M4 10.5l4 4 8-9",
   no: "M5 5l10 10M15 5L5 15",
-  wait: "M10 4v6l4 2",
+  wait: "M10 3a7 7 0 1 0 .01 0M10 6.5V10l2.5 1.5",
   download: "M10 3v9M6 8.5l4 4 4-4M4 16.5h12",
 } as const;
 

@@ -4,7 +4,7 @@ import type { JSX } from "preact";
 
 import { currentPositions, edit } from "../state/actions";
 import { BACKENDS, type Draft, type Kind } from "../state/draft";
-import { cellState, draft, dryRun, mode } from "../state/store";
+import { answered, cellState, draft, dryRun, mode } from "../state/store";
 import { Choice, NumberField, SelectField, VectorField } from "./fields";
 
 const XYZ = ["x", "y", "z"] as const;
@@ -27,7 +27,7 @@ export function RequestFields(): JSX.Element {
   return (
     <>
       <Choice legend="What is asked for" name="kind" options={KINDS} value={asked.kind} onChoose={(kind) => edit({ kind })} />
-      <p class="hint">{KIND_WORDS[asked.kind]}</p>
+      {asked.kind === "target" && answered.value ? null : <p class="hint">{KIND_WORDS[asked.kind]}</p>}
       {asked.kind === "target" ? <TargetFields draft={asked} /> : null}
       {asked.kind === "point" || asked.kind === "pose" ? <ToolFields draft={asked} /> : null}
       {asked.kind === "joint" ? <JointFields draft={asked} /> : null}

@@ -4,15 +4,19 @@ import { effect, useSignal } from "@preact/signals";
 import type { JSX } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 
-import type { CameraPreset, CreateScene, Landing, Obstacle, Scene, Vector3 } from "../scene/interface";
+import type { CameraPreset, CreateScene, Insets, Landing, Obstacle, ReleaseGizmo, Scene, Vector3 } from "../scene/interface";
+import { type Quaternion, quaternionOf, rotationVectorOf } from "../model/poses";
+import { landingCellAt } from "../model/throw-map";
 import { call } from "../service/client";
+import { save } from "../service/save";
 import { drag, drop, reportLanding, takeNearest } from "../state/actions";
 import { type Draft, vector } from "../state/draft";
 import {
-  answered, cellName, cellState, dark, draft, execution, isReal, landings, model, picking, preview, problem, runId, running,
-  shown, standing, time,
+  answered, cellName, cellState, dark, draft, execution, isReal, landings, mapPicture, model, picking, preview, problem, runId, running,
+  shown, standing, throwMap, time,
 } from "../state/store";
 import { seenAt } from "../state/scatter";
+import { SceneKey } from "./scene-key";
 
 const LOADERS = import.meta.glob<{ createScene: CreateScene }>("../scene/index.ts");
 
@@ -47,6 +51,7 @@ export function SceneSection(): JSX.Element {
     <section class={`scene ${standing.value} ${picking.value ? "picking" : ""}`} aria-label="Scene">
       <canvas ref={canvas} tabIndex={0} role="img" aria-label={sceneWords()} hidden={failure.value !== null} />
       {failure.value === null ? null : <Picture reason={failure.value} />}
+      <SceneKey />
       <div class="cameras" role="group" aria-label="Camera">
         {CAMERAS.map(([preset, text]) => (
           <button key={preset} type="button" class="chip" disabled={failure.value !== null} onClick={() => scene.current?.setCamera(preset)}>
@@ -92,6 +97,7 @@ async function loadScene(canvas: HTMLCanvasElement | null, onFailure: (reason: s
       onReleaseDropped: (release) => drop(asRelease(release)),
       onFloorPicked: (position) => void reportLanding(position),
       onNearestPicked: takeNearest,
+      onMapPicked: planAt,
       onFailure,
     });
   } catch (error) {
@@ -106,14 +112,19 @@ function asTarget(position: Vector3): Partial<Draft> {
   return { target: rounded(position), frame: "world" };
 }
 
-function asRelease(release: { position: Vector3; velocity: Vector3; quaternion: readonly number[] | null }): Partial<Draft> {
+function asRelease(release: ReleaseGizmo): Partial<Draft> {
   const pose = { position: rounded(release.position), velocity: rounded(release.velocity), frame: "world" as const };
-  return release.quaternion ? { ...pose, orientation: "quaternion", quaternion: release.quaternion.map((x) => x.toFixed(6)) } : pose;
+  if (release.quaternion === null) return pose;
+  if (draft.value.orientation === "rotation_vector") return { ...pose, rotationVector: rounded(rotationVectorOf(release.quaternion)) };
+  return { ...pose, quaternion: release.quaternion.map((x) => x.toFixed(6)) };
 }
 
 /** Hands every change of the state on to the scene; returns what ends that. */
 function keepInStep(scene: Scene, canvas: HTMLCanvasElement | null): () => void {
-  const observer = new ResizeObserver(() => scene.resize());
+  const observer = new ResizeObserver(() => {
+    scene.resize();
+    if (canvas) scene.setInsets(insetsOf(canvas));
+  });
   if (canvas?.parentElement) observer.observe(canvas.parentElement);
   const ends = [
     effect(() => {
@@ -128,12 +139,28 @@ function keepInStep(scene: Scene, canvas: HTMLCanvasElement | null): () => void 
     effect(() => scene.setTheme(dark.value ? "dark" : "light")),
     effect(() => scene.setRealArm(isReal.value)),
     effect(() => scene.setPicking(picking.value !== null)),
+    effect(() => showMap(scene)),
   ];
   return () => {
     observer.disconnect();
     for (const end of ends) end();
   };
 }
+
+const CARD_SHARE = 0.5; // the card on the right is low most of the time: half of it counts as covered
+
+/** How much of the scene's edges the panels cover [px]; nothing where they stand beside it. */
+function insetsOf(canvas: HTMLCanvasElement): Insets {
+  const { left, right, top, bottom } = canvas.getBoundingClientRect();
+  const covered = (selector: string): DOMRect | null => {
+    const box = document.querySelector(selector)?.getBoundingClientRect();
+    return box && box.left < right && box.right > left && box.top < bottom && box.bottom > top && box.width < right - left ? box : null;
+  };
+  const [panel, card] = [covered(".panel.request"), covered(".side")];
+  return { left: panel ? panel.right - left : 0, right: card ? CARD_SHARE * (right - card.left) : 0, top: 0, bottom: BAR_PX };
+}
+
+const BAR_PX = 44; // [px] the cameras' buttons at the lower edge
 
 function showPlan(scene: Scene): void {
   void model.value; // a new model clears the scene
@@ -168,9 +195,20 @@ function showRequest(scene: Scene): void {
   const tool = (asked.kind === "point" || asked.kind === "pose") && asked.frame === "world";
   const position = tool ? vector(asked.position) : null;
   const velocity = tool ? vector(asked.velocity) : null;
-  const quaternion = asked.kind === "pose" && asked.orientation === "quaternion" ? (asked.quaternion.map(Number) as [number, number, number, number]) : null;
-  scene.setRelease(position && velocity ? { position, velocity, quaternion } : null);
+  scene.setRelease(position && velocity ? { position, velocity, quaternion: orientationOf(asked) } : null);
   scene.setHandle(running.value ? "none" : target ? "target" : position ? "release" : "none");
+}
+
+/** Returns the orientation that is asked for as a unit quaternion; null where it is free or not yet one. */
+function orientationOf(asked: Draft): Quaternion | null {
+  if (asked.kind !== "pose") return null;
+  if (asked.orientation === "rotation_vector") {
+    const rotation = vector(asked.rotationVector);
+    return rotation && quaternionOf(rotation);
+  }
+  const values = asked.quaternion.map(Number);
+  const length = Math.hypot(...values);
+  return length > 0 && Number.isFinite(length) ? (values.map((value) => value / length) as unknown as Quaternion) : null;
 }
 
 function showRefusal(scene: Scene): void {
@@ -197,6 +235,22 @@ function obstacleOf(violation: { constraint: string; value: number | null; limit
   };
 }
 
+function showMap(scene: Scene): void {
+  void model.value;
+  const [map, picture] = [throwMap.value, mapPicture.value];
+  if (map === null || picture === null) return scene.setMap(null);
+  const half = map.resolution_m / 2;
+  const [x, y] = map.origin;
+  const upper = [x - half + picture.width * map.resolution_m, y - half + picture.height * map.resolution_m] as const;
+  scene.setMap({ lower: [x - half, y - half], upper, z: map.plane_z_m, ...picture });
+}
+
+/** Plans a throw to the landing cell that was clicked on. */
+function planAt([x, y, z]: Vector3): void {
+  const centre = throwMap.value && landingCellAt(throwMap.value, x, y);
+  if (centre) drop({ kind: "target", frame: "world", target: rounded([...centre, z]) });
+}
+
 function showLandings(scene: Scene): void {
   void model.value;
   const newest = runId.value;
@@ -204,20 +258,12 @@ function showLandings(scene: Scene): void {
     const seen = seenAt(list);
     return seen ? [{ id, position: seen as unknown as Vector3, newest: id === newest }] : [];
   });
-  const plan = shown.value;
-  const spread = plan?.landing_ellipse ?? null;
-  const height = plan?.flight?.landing_point[2] ?? 0;
-  scene.setLandings(dots, spread ? { center: spread.center as [number, number], covariance_m2: spread.covariance_m2, height_m: height } : null);
+  scene.setLandings(dots, null); // the plan brings its own ellipse
 }
 
 async function saveView(scene: Scene | null, form: "png" | "svg"): Promise<void> {
   if (scene === null) return;
-  const content = form === "png" ? await scene.png() : new Blob([scene.svg()], { type: "image/svg+xml" });
-  const link = document.createElement("a");
-  link.href = URL.createObjectURL(content);
-  link.download = `fling-scene.${form}`;
-  link.click();
-  URL.revokeObjectURL(link.href);
+  save(form === "png" ? await scene.png() : new Blob([scene.svg()], { type: "image/svg+xml" }), `scene.${form}`);
 }
 
 /** Two views of the plan, drawn by the service: where the browser cannot draw the scene. */

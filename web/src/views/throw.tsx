@@ -47,7 +47,7 @@ function PlanSummary(): JSX.Element | null {
     );
   }
   const current = answered.value;
-  if (current === null) return null;
+  if (current === null || problem.value !== null) return null;
   const odds = current.hit_probability;
   return (
     <div class={`summary ${standing.value}`}>

@@ -5,7 +5,9 @@ import type { JSX } from "preact";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 
 import { type Chart, type ChartColors, createChart } from "../curves/chart";
+import { curveDrawing } from "../curves/drawing";
 import { bindingCheck, type JointLimits, type Quantity, quantitiesOf } from "../curves/quantities";
+import { save } from "../service/save";
 import type { CellModel, Plan } from "../service/types";
 import { answered, curves, dark, endTime, model, playing, shown, standing, time } from "../state/store";
 import { figure } from "../state/words";
@@ -53,7 +55,7 @@ function Transport(): JSX.Element {
   );
 }
 
-export const SLOW = 0.125;
+const SLOW = 0.125;
 
 /** Limits for the samples of a preview, which has no curves of the service's. */
 function limitsOf(cellModel: CellModel | null, plan: Plan): JointLimits {
@@ -78,6 +80,8 @@ function Curves({ plan }: { plan: Plan }): JSX.Element {
   const binding = bindingCheck(plan.certificate.checks);
   const first = quantities.find((quantity) => quantity.check === binding?.name) ?? quantities[1];
   const quantity = quantities.find(({ key }) => key === chosen.value) ?? first;
+  const chart = useRef<Chart | null>(null);
+  const release_s = plan.flight ? plan.release_time_s : null;
   if (!quantity) return <p class="empty">This plan came without its samples.</p>;
   return (
     <div class="curves">
@@ -95,9 +99,16 @@ function Curves({ plan }: { plan: Plan }): JSX.Element {
           </button>
         ))}
       </div>
-      <ChartView quantity={quantity} hidden={hidden.value} binding={quantity.check === binding?.name} release_s={plan.flight ? plan.release_time_s : null} />
+      <ChartView
+        quantity={quantity} hidden={hidden.value} binding={quantity.check === binding?.name} release_s={release_s}
+        onChart={(made) => (chart.current = made)}
+      />
       <Legend
         quantity={quantity} hidden={hidden.value}
+        onSave={(form) => {
+          const content = form === "svg" ? Promise.resolve(new Blob([curveDrawing(quantity, release_s)], { type: "image/svg+xml" })) : chart.current?.png();
+          void content?.then((blob) => save(blob, `${quantity.key}.${form}`));
+        }}
         onToggle={(line) => (hidden.value = hidden.value.includes(line) ? hidden.value.filter((i) => i !== line) : [...hidden.value, line])}
       />
     </div>
@@ -108,10 +119,11 @@ interface LegendProps {
   readonly quantity: Quantity;
   readonly hidden: readonly number[];
   readonly onToggle: (line: number) => void;
+  readonly onSave: (form: "svg" | "png") => void;
 }
 
 /** Name and value at the cursor of each line; a click hides it. */
-function Legend({ quantity, hidden, onToggle }: LegendProps): JSX.Element {
+function Legend({ quantity, hidden, onToggle, onSave }: LegendProps): JSX.Element {
   const at = nearestIndex(quantity.times, time.value);
   return (
     <ul class="legend" aria-label={`${quantity.label} [${quantity.unit}]`}>
@@ -124,17 +136,24 @@ function Legend({ quantity, hidden, onToggle }: LegendProps): JSX.Element {
           </button>
         </li>
       ))}
+      <li class="save">
+        {(["png", "svg"] as const).map((form) => (
+          <button key={form} type="button" class="chip" aria-label={`Save these curves as ${form.toUpperCase()}`} onClick={() => onSave(form)}>
+            {form.toUpperCase()}
+          </button>
+        ))}
+      </li>
     </ul>
   );
 }
 
-export function nearestIndex(times: readonly number[], at: number): number {
+function nearestIndex(times: readonly number[], at: number): number {
   const step = (times[1] ?? 1) - (times[0] ?? 0) || 1;
   return Math.max(0, Math.min(times.length - 1, Math.round((at - (times[0] ?? 0)) / step)));
 }
 
 /** The chart's colours, from the style sheet. */
-export function chartColors(): ChartColors {
+function chartColors(): ChartColors {
   const style = getComputedStyle(document.documentElement);
   const color = (name: string): string => style.getPropertyValue(name).trim();
   return {
@@ -142,7 +161,7 @@ export function chartColors(): ChartColors {
     ink: color("--soft"),
     grid: color("--hair"),
     limit: color("--bad"),
-    cursor: color("--accent"),
+    paper: color("--paper"),
   };
 }
 
@@ -151,9 +170,10 @@ interface ChartViewProps {
   readonly hidden: readonly number[];
   readonly binding: boolean;
   readonly release_s: number | null;
+  readonly onChart: (chart: Chart | null) => void;
 }
 
-function ChartView({ quantity, hidden, binding, release_s }: ChartViewProps): JSX.Element {
+function ChartView({ quantity, hidden, binding, release_s, onChart }: ChartViewProps): JSX.Element {
   const host = useRef<HTMLDivElement>(null);
   const chart = useRef<Chart | null>(null);
   const isDark = dark.value;
@@ -167,15 +187,14 @@ function ChartView({ quantity, hidden, binding, release_s }: ChartViewProps): JS
     };
     chart.current = createChart(element, quantity, { height: HEIGHT_PX, colors: chartColors(), release_s, binding, visible, onTime });
     chart.current.setTime(time.peek());
-    const observer = new ResizeObserver(() => {
-      chart.current?.resize(element.clientWidth);
-      chart.current?.setTime(time.peek());
-    });
+    onChart(chart.current);
+    const observer = new ResizeObserver(() => chart.current?.resize(element.clientWidth));
     observer.observe(element);
     return () => {
       observer.disconnect();
       chart.current?.destroy();
       chart.current = null;
+      onChart(null);
     };
   }, [quantity, hidden, binding, release_s, isDark]);
   useSignalEffect(() => chart.current?.setTime(time.value));

@@ -40,7 +40,7 @@ function fingerGeometries(fingers: Fingers, cell: CellGeometry, palette: Palette
 }
 
 /** Writes a pose into a matrix of three.js. */
-export function setMatrix(matrix: Matrix4, X: Pose): void {
+function setMatrix(matrix: Matrix4, X: Pose): void {
   matrix.set(...(X as unknown as Parameters<Matrix4["set"]>));
 }
 

@@ -7,7 +7,7 @@
 import { BufferAttribute, BufferGeometry, Color } from "three";
 import { cross, norm, plus, type Vector } from "../../model/poses";
 
-export const SEGMENTS = 36; // around the axis: edges of 10°, which shading hides
+const SEGMENTS = 36; // around the axis: edges of 10°, which shading hides
 const COARSE = 3; // a coarse mesh takes each third of them: 12 around the axis
 const SMOOTH_RAD = 0.7; // [rad] profile corners below it are shaded round
 

@@ -143,7 +143,7 @@ function throwLines({ motion, object, cell, q }: Drawn, pen: Pen, palette: Palet
   const [p, v] = [release.pose.position, release.twist.linear] as unknown as [Vector, Vector];
   return [
     ...lines,
-    ...motion.windowFlights().map((trace) => pen.line(trace.points, palette.flight, 0.9, ' stroke-dasharray="6 4"')),
+    ...motion.windowFlights().map((points) => pen.line(points, palette.flight, 0.9, ' stroke-dasharray="6 4"')),
     pen.line(motion.flight(), palette.flight, 2.2),
     pen.line([p, plus(p, v, 0.09)], palette.arrow, 2),
     pen.label(plus(p, v, 0.09), `release, ${flight!.speed_m_s.toFixed(2)} m/s`, palette.arrow),

@@ -14,7 +14,7 @@ const GRADIENT_DEG = [-75, -40, -5, 30, 70]; // where the light is computed acro
 const FACE = 0.75; // share of a strip's normal along its axis above which it is a face, not a side
 
 /** A filled outline with its distance from the camera. */
-export interface Shape {
+interface Shape {
   readonly depth: number; // [m]
   readonly svg: string;
 }
@@ -130,7 +130,7 @@ export function pathOf(points: readonly Seen[]): string {
 }
 
 /** Returns the convex hull of points on the screen. Source: Andrew's monotone chain. */
-export function hull(points: readonly Seen[]): Seen[] {
+function hull(points: readonly Seen[]): Seen[] {
   const sorted = [...points].sort((a, b) => a.x - b.x || a.y - b.y);
   const half = (list: readonly Seen[]): Seen[] => {
     const kept: Seen[] = [];

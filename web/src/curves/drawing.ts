@@ -1,6 +1,6 @@
 /** A curve against its limits as a vector drawing for a paper. */
 
-import type { Quantity } from "../curves/quantities";
+import type { Quantity } from "./quantities";
 
 const [WIDTH, HEIGHT] = [640, 320]; // [px]
 const EDGE = { left: 64, right: 112, top: 22, bottom: 44 }; // [px]
@@ -31,7 +31,7 @@ export function curveDrawing(quantity: Quantity, release_s: number | null): stri
 }
 
 /** Returns round numbers within a range, about as many as asked for. */
-export function roundTicks({ low, high }: Range, count = TICKS): number[] {
+function roundTicks({ low, high }: Range, count = TICKS): number[] {
   const rough = (high - low) / count;
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = power * ([1, 2, 5, 10].find((factor) => factor * power >= rough) ?? 10);

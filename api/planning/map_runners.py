@@ -1,0 +1,101 @@
+"""Runners of the service's maps: one process at a time; one that dies or is killed loses next to nothing."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import os
+import subprocess
+import sys
+import tempfile
+from contextlib import suppress
+
+from starlette.concurrency import run_in_threadpool
+
+from store import Store, StoreError
+
+IDLE_POLL_S = 5.0  # [s] between two looks for a map whose service ended before it did
+EXIT_POLL_S = 0.2  # [s] between two looks at whether the runner has ended
+BEAT_S = 10.0  # [s] between two signs of life of the maps in line
+
+log = logging.getLogger("fling")
+
+
+class MapRunners:
+    """Has the service's maps made, one after another, by processes of their own (`python -m batch.maps`).
+
+    Args:
+        store: of the maps.
+        database_url: of the same.
+        workers: Number of planner processes of a runner; None: one a core.
+        ray_address: Address of a Ray cluster; None: processes of this machine.
+    """
+
+    def __init__(self, store: Store, database_url: str, workers: int | None, ray_address: str | None) -> None:
+        self._store = store
+        self._environment = {**os.environ, "FLING_DATABASE_URL": database_url}
+        self._options = [
+            *(["--workers", str(workers)] if workers else []),
+            *(["--ray", ray_address] if ray_address else []),
+        ]
+        self._in_line: list[str] = []
+        self._in_hand = ""
+        self._news = asyncio.Event()
+
+    def add(self, map_id: str) -> None:
+        """Puts a map in line, unless it is there already; called from the event loop."""
+        if map_id not in (self._in_hand, *self._in_line):
+            self._in_line.append(map_id)
+            self._news.set()
+
+    async def run(self) -> None:
+        """Makes map after map until it is cancelled; the map in hand goes on when a service starts again."""
+        while True:
+            if not self._in_line:
+                await self._take_up()
+            if self._in_line:
+                self._in_hand = self._in_line.pop(0)
+                await self._make(self._in_hand)
+                self._in_hand = ""
+                continue
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._news.wait(), IDLE_POLL_S)
+            self._news.clear()
+
+    async def _take_up(self) -> None:
+        """Puts those maps of the service in line that nobody works on."""
+        with suppress(StoreError):  # the store has logged it
+            rows = await run_in_threadpool(self._store.running_maps, "service")
+            self._in_line += [row.id for row in rows if not row.is_worked_on]
+
+    async def _make(self, map_id: str) -> None:
+        with tempfile.TemporaryFile() as errors:
+            process = subprocess.Popen(
+                [sys.executable, "-P", "-m", "batch.maps", map_id, *self._options],
+                env=self._environment,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                stderr=errors,
+                start_new_session=True,
+            )
+            try:
+                await self._wait(process)
+            finally:
+                process.kill()  # its planners end with it; see `batch.jobs.initialise`
+                process.wait()
+            if process.returncode != 0:
+                errors.seek(0)
+                log.warning("map %s: %s", map_id, errors.read().decode(errors="replace").strip()[-500:])
+                with suppress(StoreError):
+                    await run_in_threadpool(self._store.end_map, map_id, "cancelled")
+
+    async def _wait(self, process: subprocess.Popen[bytes]) -> None:
+        """Waits for a runner's end, and keeps the maps in line alive."""
+        waited_s = 0.0
+        while process.poll() is None:
+            await asyncio.sleep(EXIT_POLL_S)
+            waited_s += EXIT_POLL_S
+            if waited_s >= BEAT_S:
+                waited_s = 0.0
+                with suppress(StoreError):
+                    await run_in_threadpool(self._store.beat_maps, list(self._in_line))
