@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check --no-input
 SOURCES := fling planner store learning batch api executor benchmarks
 
-.PHONY: setup demo up test verify test-kernels check web web-check bench pictures docs lock clean
+.PHONY: setup demo up test verify verify-ci fuzz test-kernels check web web-check bench bench-batches pictures docs lock clean
 
 setup: $(VENV)/dev.stamp $(VENV)/warm.stamp   ## .venv with everything pinned, and the generated solvers built
 
@@ -19,8 +19,14 @@ test: $(VENV)/dev.stamp $(VENV)/warm.stamp
 	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore tests/system --ignore tests/verify
 	$(BIN)/python -m pytest tests/system  # in real time: nothing beside it
 
-verify: $(VENV)/docs.stamp $(VENV)/verify.stamp $(VENV)/warm.stamp   ## what takes minutes: wheels, both databases, generated clients, notebooks
+verify: $(VENV)/docs.stamp $(VENV)/verify.stamp $(VENV)/ray.stamp $(VENV)/warm.stamp   ## what takes minutes: wheels, both databases, generated clients, notebooks
 	$(BIN)/python -m pytest tests/verify
+
+verify-ci: $(VENV)/docs.stamp $(VENV)/verify.stamp $(VENV)/warm.stamp   ## what of it continuous integration has time for
+	$(BIN)/python -m pytest tests/verify -m "not slow"
+
+fuzz: $(VENV)/docs.stamp $(VENV)/verify.stamp $(VENV)/warm.stamp   ## 5,000 cases of schemathesis, twice, on both databases
+	FLING_CASES=5000 $(BIN)/python -m pytest tests/verify/test_openapi.py
 
 # What computes once more as other processors round: older kernels of numpy, BLAS and libm on one thread, then the
 # optimiser's functions compiled for x86-64-v3, which fuses multiplications and additions. About eight minutes.
@@ -63,6 +69,10 @@ bench: $(VENV)/bench.stamp $(VENV)/warm.stamp  ## writes docs/benchmarks, about 
 	$(BIN)/python -m benchmarks $(if $(SLOW),--slow)
 	$(BIN)/python -m benchmarks.conditions --count $(if $(SLOW),100,5) --out docs/benchmarks
 	$(BIN)/python -m benchmarks.page
+	$(BIN)/python -m benchmarks.throwbench --count $(if $(SLOW),20,4)
+
+bench-batches: $(VENV)/ray.stamp $(VENV)/warm.stamp  ## batches through both engines, with kills: minutes; SLOW=1: 20,000 plans each, about two hours
+	$(BIN)/python -m benchmarks.batches --count $(if $(SLOW),20000,400) --costs $(if $(SLOW),1000,200) --out docs/benchmarks
 
 pictures: $(VENV)/dev.stamp $(VENV)/warm.stamp  ## the README's pictures and animation of a throw (needs chromium)
 	$(BIN)/python -m benchmarks.page.pictures
@@ -104,6 +114,10 @@ $(VENV)/docs.stamp: requirements/docs.txt $(VENV)/dev.stamp
 
 $(VENV)/verify.stamp: requirements/verify.txt $(VENV)/dev.stamp
 	$(PIP) install --quiet --require-hashes -r requirements/verify.txt
+	touch $@
+
+$(VENV)/ray.stamp: requirements/ray.txt $(VENV)/dev.stamp
+	$(PIP) install --quiet --require-hashes -r requirements/ray.txt
 	touch $@
 
 $(VENV)/bench.stamp: requirements/bench.txt $(VENV)/dev.stamp

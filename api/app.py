@@ -10,13 +10,13 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from functools import partial
 
-from fastapi import FastAPI
+from fastapi import Depends, FastAPI
 from starlette.concurrency import run_in_threadpool
 from starlette.middleware.gzip import GZipMiddleware
 
 from api import fling_version
 from api.cell_repository import CellRepository
-from api.dependencies import Service
+from api.dependencies import Service, known_query
 from api.execution_feed import ExecutionFeeds
 from api.http import (
     DrainingMiddleware,
@@ -25,6 +25,7 @@ from api.http import (
     RequestRecord,
     SecurityMiddleware,
     TokenRegistry,
+    TracingMiddleware,
     install_error_handlers,
     openapi_schema,
     operation_id,
@@ -36,6 +37,7 @@ from api.routes import ROUTERS
 from api.settings import ServiceSettings, is_loopback_host
 from api.store_probe import StoreProbe
 from batch.jobs import PlanningJob
+from fling.tracing import configure_tracing
 from store import Retention, Store, StoreError
 
 DESCRIPTION = (
@@ -76,6 +78,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
         redoc_url=None,
         redirect_slashes=False,
         generate_unique_id_function=operation_id,
+        dependencies=[Depends(known_query)],
     )
     app.state.tokens, app.state.is_draining = tokens, False
     app.add_middleware(GZipMiddleware, minimum_size=COMPRESSED_BYTES, compresslevel=COMPRESSION)
@@ -83,6 +86,7 @@ def create_app(settings: ServiceSettings) -> FastAPI:
     app.add_middleware(DrainingMiddleware)
     app.add_middleware(SecurityMiddleware, local_only=not tokens.is_guarded)
     app.add_middleware(RequestLogMiddleware, record=partial(_record_request, app))
+    app.add_middleware(TracingMiddleware)
     install_error_handlers(app)
     for router in ROUTERS:
         app.include_router(router)
@@ -119,6 +123,8 @@ def serve(settings: ServiceSettings) -> int:
     if settings.tokens_file is not None:
         signal.signal(signal.SIGHUP, lambda *_: app.state.tokens.reload())
     configure_logs(settings.request_log)
+    if (missing := configure_tracing("fling-service")) is not None:
+        logging.getLogger("fling").warning(missing)
     config = server_config(app, settings.host, settings.port)
     DrainingServer(config, partial(_drain, app)).run()
     return 0

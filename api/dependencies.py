@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
-from collections.abc import Callable
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Sequence
 from dataclasses import dataclass, field
+from difflib import get_close_matches
 from typing import Annotated, Any
 
 from fastapi import Depends, Header, Path, Request
+from fastapi.dependencies.models import Dependant
+from fastapi.routing import APIRoute
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
 from api.cell_repository import CellRepository
@@ -23,6 +27,7 @@ from planner.cell import Cell, CellSource
 from store import AuditLine, IdempotencyKey, Store, StoreUnavailable
 
 KEY_LENGTH_MAX = 255
+GONE_POLL_S = 0.25  # [s] between two looks at whether a client has left
 LOCAL_CALLER = Caller("local", frozenset({"plan", "operate"}))  # anyone on this machine, if there are no tokens
 BEARER = HTTPBearer(auto_error=False, description="From `fling token create`; not needed where there are no tokens.")
 
@@ -134,18 +139,13 @@ IfNoneMatch = Annotated[str | None, Depends(conditional)]
 async def idempotency_key(
     request: Request,
     caller: AnyCaller,
-    idempotency_key: Annotated[str | None, Header(description="Same key and body: same resource.")] = None,
+    idempotency_key: Annotated[
+        str | None, Header(min_length=1, max_length=KEY_LENGTH_MAX, description="Same key and body: same resource.")
+    ] = None,
 ) -> IdempotencyKey | None:
-    """Returns the idempotency key of a request; its scope is the caller and the path.
-
-    Raises:
-        ProblemDetails: The key is empty or too long.
-    """
+    """Returns the idempotency key of a request; its scope is the caller and the path."""
     if idempotency_key is None:
         return None
-    if not 0 < len(idempotency_key) <= KEY_LENGTH_MAX:
-        errors = [{"field": "Idempotency-Key", "reason": f"must have 1 to {KEY_LENGTH_MAX} characters"}]
-        raise ProblemDetails("invalid-request", " ".join(errors[0].values()), errors=errors)
     body = hashlib.sha256(await request.body()).hexdigest()
     return IdempotencyKey(f"{caller.name} {request.url.path}", idempotency_key, body)
 
@@ -176,6 +176,57 @@ Origin = Annotated[RequestOrigin, Depends(request_origin)]
 def name_in_path(description: str, key: str, value: str, summary: str) -> Any:
     """Returns a path parameter of at most 64 characters; `key` names its example `value` in OpenAPI."""
     return Path(description=description, max_length=64, openapi_examples={key: {"summary": summary, "value": value}})
+
+
+async def client_gone(request: Request) -> AsyncIterator[asyncio.Event]:
+    """Yields what is set once the client of a request has left; looked at a few times a second."""
+    gone = asyncio.Event()
+
+    async def watch() -> None:
+        while not await request.is_disconnected():
+            await asyncio.sleep(GONE_POLL_S)
+        gone.set()
+
+    watching = asyncio.create_task(watch())
+    try:
+        yield gone
+    finally:
+        watching.cancel()
+
+
+Gone = Annotated[asyncio.Event, Depends(client_gone)]
+
+
+def known_query(request: Request) -> None:
+    """Refuses query parameters that the route does not have, or that are given twice: a slip would be without effect.
+
+    Raises:
+        ProblemDetails: Every such parameter, with the one that was meant.
+    """
+    route = request.scope.get("route")
+    if not isinstance(route, APIRoute) or not route.include_in_schema:  # pages take what their scripts read
+        return
+    known = sorted(_query_names(route.dependant))
+    counts = Counter(name for name, _ in request.query_params.multi_items())
+    errors = [
+        {"field": f"query.{name[:80]}", "reason": _unknown_query(name, known)} for name in counts if name not in known
+    ]
+    errors += [{"field": f"query.{name}", "reason": "is given twice"} for name in known if counts[name] > 1]
+    if errors:
+        detail = "; ".join(f"{error['field']}: {error['reason']}" for error in errors)
+        raise ProblemDetails("invalid-request", detail, errors=errors)
+
+
+def _query_names(dependant: Dependant) -> set[str]:
+    """Returns the names of the query parameters of a route and of everything that it depends on."""
+    own = {str(parameter.alias) for parameter in dependant.query_params}
+    return own.union(*(_query_names(inner) for inner in dependant.dependencies))
+
+
+def _unknown_query(name: str, known: Sequence[str]) -> str:
+    if similar := get_close_matches(name, known, n=1):
+        return f"there is no such parameter; did you mean {similar[0]!r}?"
+    return f"there is no such parameter; there {'are ' + ', '.join(known) if known else 'is none here'}"
 
 
 def id_in_path(thing: str) -> Any:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import logging
 import sys
 from datetime import UTC, datetime
 from typing import Any
-
-import orjson
 
 REQUESTS = "fling.requests"
 
@@ -22,7 +21,7 @@ class JsonFormatter(logging.Formatter):
         line |= {"message": record.getMessage(), **getattr(record, "fields", {})}
         if record.exc_info:
             line["exception"] = self.formatException(record.exc_info)
-        return orjson.dumps(line, default=str).decode()
+        return json.dumps(line, default=str)  # ASCII: no character of a client's path ends the line
 
 
 def configure_logs(requests: bool) -> None:

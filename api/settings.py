@@ -10,6 +10,7 @@ from pathlib import Path
 from pydantic import Field, ValidationError
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
+from api.field_errors import reason
 from planner.cell_folder import default_cells_folder
 from store import Retention, default_database_url
 
@@ -70,24 +71,37 @@ class SettingsError(ValueError):
     """A setting is wrong: which, its value, and what is allowed, in one sentence."""
 
 
-def read_settings(**flags: object) -> ServiceSettings:
+def parse_settings(**flags: object) -> ServiceSettings:
     """Returns the settings: flags before the environment before the defaults; flags that are None do not count.
+
+    Raises:
+        SettingsError: One is wrong.
+    """
+    given = _given(flags)
+    try:
+        return ServiceSettings(**given)  # type: ignore[arg-type]
+    except ValidationError as error:
+        wrong = [f"{_source(found['loc'], given)}: {reason(found)}" for found in error.errors()]
+        raise SettingsError("; ".join(wrong)) from error
+
+
+def read_settings(**flags: object) -> ServiceSettings:
+    """Returns the settings as `parse_settings` does, for a process that serves the cells.
 
     Raises:
         SettingsError: One is wrong, or the folder of cells or the default cell is not there.
     """
-    given = {name: value for name, value in flags.items() if value is not None}
-    try:
-        settings = ServiceSettings(**given)  # type: ignore[arg-type]
-    except ValidationError as error:
-        wrong = [f"{_source(found['loc'], given)} = {found['input']!r}: {found['msg']}" for found in error.errors()]
-        raise SettingsError("; ".join(wrong)) from error
+    given, settings = _given(flags), parse_settings(**flags)
     if not settings.cells.is_dir():
         raise SettingsError(f"{_source(('cells',), given)} = '{settings.cells}': there is no such folder")
     if not (settings.cells / f"{settings.default_cell}.toml").is_file():
         name = _source(("default_cell",), given)
         raise SettingsError(f"{name}: no cell {settings.default_cell!r} in {settings.cells}")
     return settings
+
+
+def _given(flags: Mapping[str, object]) -> dict[str, object]:
+    return {name: value for name, value in flags.items() if value is not None}
 
 
 def _source(location: tuple[int | str, ...], given: Mapping[str, object]) -> str:

@@ -25,7 +25,6 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--slow", action="store_true", help="also 2 x 2,800 pairs and 10,000 audited plans")
     parser.add_argument("--audited", type=int, help="plans audited by other libraries (default 200, slow 10,000)")
-    parser.add_argument("--no-peers", dest="peers", action="store_false", help="leave other planners out")
     parser.add_argument("--no-streaming", dest="streaming", action="store_false", help="leave the streaming part out")
     parser.add_argument("--no-consistency", dest="consistency", action="store_false", help="leave that part out")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "benchmarks", help="folder of the report")
@@ -45,7 +44,6 @@ def main(argv: Sequence[str]) -> int:
         count=given.count,
         seed=given.seed,
         audited=audited,
-        peers=given.peers,
         out=given.out,
         rows=given.rows,
         resume=given.resume,

@@ -1,4 +1,4 @@
-"""One run of the benchmark: sets by back ends, peers, search for feasible motions, audit, report."""
+"""One run of the benchmark: sets by back ends, search for feasible motions, audit, report."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ from pathlib import Path
 
 from benchmarks.audit import AuditResult, run_audit
 from benchmarks.feasibility_search import SEARCH, find_certified_motion
-from benchmarks.peers import PEERS, PeerMissing, PeerPlanner, SduTally, tally_sdu_method
-from benchmarks.problem_sets import ANYWHERE, IMPOSSIBLE_SETS, Task, build, cell
+from benchmarks.problem_sets import ANYWHERE, IMPOSSIBLE_SETS, Task, build
 from benchmarks.report import write_report
 from benchmarks.results import ResultFile, ResultRow, machine
 from benchmarks.runner import Runner, measured, supported
@@ -36,8 +35,6 @@ QUICK_SETS = {
     "sdu-far": 35,
 }
 PAIR_SETS = {"sdu-near-pairs": 2800, "sdu-far-pairs": 2800}
-PEER_TASKS = 24  # problems of `pose` for the peers
-SDU_STRIDE = 5  # the quick run gives the SDU method every fifth release point
 
 
 @dataclass(frozen=True)
@@ -50,7 +47,6 @@ class BenchmarkOptions:
         count: Problems per set; None for each set's own number.
         seed: Seed of the problems.
         audited: Number of plans to audit; 0 for none.
-        peers: Whether other planners run too.
         out: Folder of the report.
         rows: Folder of the raw rows.
         resume: Whether to continue an interrupted run.
@@ -62,7 +58,6 @@ class BenchmarkOptions:
     count: int | None
     seed: int
     audited: int
-    peers: bool
     out: Path
     rows: Path
     resume: bool
@@ -82,13 +77,11 @@ def run(options: BenchmarkOptions) -> None:
     installed = supported(next(iter(tasks.values()))[0].problem)
     for name, group in tasks.items():
         _run_set(group, _backends(name, installed, options.backends), results, runner)
-    if options.peers and "pose" in tasks:
-        _run_peers(tasks["pose"][:PEER_TASKS], results)
     for group in tasks.values():
         _search(group, results)
     audit = _audit(options) if options.audited else AuditResult(0, 0, ())
     _log(f"{audit.audited} certified plans audited by other libraries, {len(audit.faulty)} faulty")
-    write_report(options.out, about, results.rows, audit, _sdu_method(options))
+    write_report(options.out, about, results.rows, audit)
     _log(f"written: {options.out}/README.md")
 
 
@@ -113,13 +106,6 @@ def _backends(name: str, installed: tuple[str, ...], wanted: tuple[str, ...]) ->
     return sorted(chosen, key=lambda b: b != "ruckig")
 
 
-def _sdu_method(options: BenchmarkOptions) -> dict[str, SduTally]:
-    """Returns the result of the SDU method on every `SDU_STRIDE`-th release point; on all if the pairs run too."""
-    parts = [part for part in ("near", "far") if options.peers and f"sdu-{part}" in options.sets]
-    stride = 1 if any(name in PAIR_SETS for name in options.sets) else SDU_STRIDE
-    return {part: tally_sdu_method(part, cell("sdu-table"), stride) for part in parts}
-
-
 def _run_set(tasks: list[Task], backends: list[str], results: ResultFile, runner: Runner) -> None:
     for backend in backends:
         for task in tasks:
@@ -129,31 +115,8 @@ def _run_set(tasks: list[Task], backends: list[str], results: ResultFile, runner
         _log(f"{tasks[0].group:18} {backend:10} {sum(r.certified for r in own)} of {len(own)} certified")
 
 
-def _run_peers(tasks: list[Task], results: ResultFile) -> None:
-    for name, peer in PEERS.items():
-        try:
-            for task in tasks[: peer.tasks or len(tasks)]:
-                if not results.has(task.name, name):
-                    peer.prepare(task.problem.cell)
-                    results.add(_peer_row(name, peer, task))
-        except PeerMissing as missing:
-            _log(f"peer {name}: {missing}")
-            continue
-        own = [r for r in results.rows if r.backend == name]
-        _log(f"pose               {name:10} {sum(r.certified for r in own)} of {len(own)} certified")
-
-
-def _peer_row(name: str, peer: PeerPlanner, task: Task) -> ResultRow:
-    answer = peer.solve(task.problem)
-    if answer.motion is None:
-        return ResultRow(task.name, name, "failed", solve_s=answer.solve_s, cpu_s=answer.solve_s, reason=answer.reason)
-    row = measured(task, name, answer.motion, answer.solve_s, peer.ignored)
-    row.cpu_s = answer.solve_s
-    return row
-
-
 def _search(tasks: list[Task], results: ResultFile) -> None:
-    """Searches for a motion where no back end and no peer found one, so that "feasible" does not depend on them."""
+    """Searches for a motion where no back end found one, so that "feasible" does not depend on them."""
     for task in _unsolved(tasks, results):
         if task.state is None or task.problem.is_robust or results.has(task.name, SEARCH):
             continue

@@ -69,7 +69,7 @@ def _run(name: str, tasks: list[Task], verbose: bool) -> None:
             ms.append(duration)
             release_s.append(made.trajectory.release_time_s)
             backends[made.backend] += 1
-            outcome = "; ".join(faults)
+            outcome = "; ".join(map(str, faults))
         else:
             outcome = f"refused in {duration:.0f} ms: {made}"
         if verbose and outcome:

@@ -14,10 +14,11 @@ from executor.calibration_import import ImportFailed, import_calibration
 from executor.calibration_import import report as import_report
 from executor.daemon import Daemon
 from executor.doctor import DURATION_S, examine, grade_lag, known_timing, report
-from executor.logs import configure_logs
+from executor.logs import configure_logs, log
 from executor.records import Journal, JournalLocked
 from executor.robot import RobotSession
 from executor.settings import ExecutorSettings
+from fling.tracing import configure_tracing
 from planner.cell import Cell, load_cell
 from planner.errors import CellError
 from store import Store, StoreUnavailable
@@ -38,6 +39,8 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true", help="print the import as JSON")
     options = parser.parse_args(arguments)
     configure_logs()
+    if (missing := configure_tracing("fling-executor")) is not None:
+        log(missing)
     ended = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: ended.set())

@@ -95,10 +95,9 @@ def _replace(path: Path, text: str) -> None:
 def report(imported: ImportedCalibration, cell: str) -> str:
     """Returns the import in words."""
     apart = imported.difference
-    size = f"{apart.median_m * 1e3:.2f} mm in the median of postures, up to {apart.largest_m * 1e3:.2f} mm"
     lines = [
         f"{imported.path}: {imported.hash}, calibration status {imported.status}",
-        f"The arm deviates from the published table by {size} and {apart.largest_rad * 1e3:.2f} mrad.",
+        f"The arm deviates from the published table by {apart.words(2)} and {apart.largest_rad * 1e3:.2f} mrad.",
     ]
     if not imported.is_named:
         named = f'[kinematics]\ncalibration = "{imported.path.name}"'

@@ -15,6 +15,7 @@ from executor.logs import log
 from executor.preflight import ExecutionRefused, session_refusals, session_warnings
 from executor.records import MIN_FREE_BYTES, ExecutionResult, Journal, row_document
 from executor.robot import RobotSession, robot_document
+from fling.tracing import TracedSpan, traced
 from planner.cell import Cell, read_source
 from planner.errors import CellError
 from store import ExecutionRow, Store, StoreUnavailable, new_id
@@ -24,6 +25,7 @@ TELEMETRY_S = 0.04  # [s] between two telemetry events: 25 Hz
 BEAT_S = 0.25  # [s] the service considers an executor gone after two seconds
 STORE_PAUSE_S = 1.0  # [s] without queries after one has failed: each may take five seconds
 STREAM_END_S = 30.0  # [s] longest wait for an aborted streaming process
+ASKED_TO_END = "the executor was asked to end (SIGTERM or Ctrl-C) and braked first"
 HARMLESS = ("completed", "refused", "held")  # outcomes that latch no fault; neither does an abort that ended in order
 
 STATES = ("preparing", "approaching", "streaming", "braking")  # public states of an execution, in order
@@ -163,8 +165,16 @@ class Daemon:
             self._execute(row, ended)
 
     def _execute(self, row: ExecutionRow, ended: threading.Event) -> None:
+        """Runs one execution within the trace of the request that queued it."""
+        first = (self._try_store(lambda: self.store.events(row.id, limit=1)) or [None])[0]
+        parent = {} if first is None else first.data.get("trace") or {}
+        fields = {f"fling__{name}": value for name, value in _log_fields(row).items()}
+        with traced("execution", "consumer", parent, **fields) as span:
+            self._run_execution(row, ended, span)
+
+    def _run_execution(self, row: ExecutionRow, ended: threading.Event, span: TracedSpan) -> None:
         """Runs one execution; its result is on the disk before the store is informed."""
-        execution = Execution(self.session, row)
+        execution = Execution(self.session, row, span=span)
         log("claimed", **_log_fields(row))
         self.heartbeat.idle = False
         result = ExecutionResult(row.id, "executor_lost", "the executor failed", None)
@@ -215,7 +225,9 @@ class Daemon:
         published = 0
         while not run.wait(TELEMETRY_S):
             published = self._publish_states(execution, published)
-            if ended.is_set() or self._try_store(lambda: self.store.abort_requested(row.id)):
+            if ended.is_set():
+                run.abort(ASKED_TO_END)
+            elif self._try_store(lambda: self.store.abort_requested(row.id)):
                 run.abort()
             latest = run.latest_row()
             if latest is not None:
@@ -228,6 +240,7 @@ class Daemon:
         reached = STATES.index(execution.state())
         for state in STATES[published + 1 : reached + 1]:
             execution.note(state)
+            execution.span.event(state)
             self._try_store(lambda state=state: self.store.set_state(execution.row.id, state))
         return max(published, reached)
 
@@ -238,6 +251,9 @@ class Daemon:
         if result.outcome not in HARMLESS and not (result.outcome == "aborted" and in_order):
             self._latch(result.outcome, result.reason, result.execution_id)
         self.journal.keep(result)
+        execution.span.set(fling__outcome=result.outcome, fling__reason=result.reason or None)
+        if result.outcome not in HARMLESS:
+            execution.span.fail(result.outcome)
         log("finished", **_log_fields(execution.row), outcome=result.outcome, reason=result.reason)
         self.heartbeat.beat()
         self._try_store(lambda: self.journal.deliver(self.store))

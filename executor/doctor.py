@@ -28,6 +28,7 @@ LINK_S = 5.0  # [s] of packages
 LATE_S = 1e-3  # [s] a wake-up later than half an e-Series tick may miss it
 GOOD_SHARE, BAD_SHARE = 0.95, 0.90  # [-] of ticks in time; source: libfranka's communication_test
 GAP_MAX_S = 0.020  # [s] a gap after which the stream gives up as late
+GAP_WARNING_S = GAP_MAX_S / 2.0  # [s] half of it: ten seconds have not seen the longest
 STAT = Path("/proc/stat")
 STOLEN = 8  # column of a processor's line; source: proc(5)
 ROOT = Path(__file__).parents[1]
@@ -125,7 +126,7 @@ def grade_jitter(late: list[float], dt: float) -> DoctorFinding:
     advice = "end other programs, use a wired network, set the performance governor"
     if share < BAD_SHARE or most > 2.0 * GAP_MAX_S * 1e6:
         return DoctorFinding("jitter", "bad", text, advice)
-    if share < GOOD_SHARE or most > GAP_MAX_S * 1e6:
+    if share < GOOD_SHARE or most > GAP_WARNING_S * 1e6:
         return DoctorFinding("jitter", "warning", text, advice)
     return DoctorFinding("jitter", "ok", text)
 
@@ -212,8 +213,8 @@ def grade_kinematics(cell: Cell, info: KinematicsInfo | None) -> DoctorFinding:
         return DoctorFinding(name, "bad", f"the controller's arm is no {cell.robot.name}", "check `robot` in the cell")
     if apart.largest_m <= KINEMATICS_M:
         return DoctorFinding(name, "ok", "the arm is as published")
-    size = f"{apart.median_m * 1e3:.1f} mm in the median of postures, up to {apart.largest_m * 1e3:.1f} mm"
-    return DoctorFinding(name, "warning", f"no calibration in the cell file: this arm is off by {size}", advice)
+    text = f"no calibration in the cell file: this arm is off by {apart.words()}"
+    return DoctorFinding(name, "warning", text, advice)
 
 
 def _run_python(code: str, *arguments: str) -> str:

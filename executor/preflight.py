@@ -145,8 +145,7 @@ def kinematics_warnings(cell: Cell, info: KinematicsInfo | None) -> list[str]:
         return [f"kinematic_calibration: the controller's arm ({info.table.hash}) is no {cell.robot.name}"]
     if apart.largest_m <= KINEMATICS_M:
         return []
-    size = f"{apart.median_m * 1e3:.1f} mm in the median of postures, up to {apart.largest_m * 1e3:.1f} mm"
-    return [f"kinematic_calibration: none in the cell file; this arm is off by {size}; {advice}"]
+    return [f"kinematic_calibration: none in the cell file; this arm is off by {apart.words()}; {advice}"]
 
 
 def difference_from(cell: Cell, info: KinematicsInfo) -> ChainDifference | None:

@@ -114,6 +114,7 @@ class StreamRun:
         self._thread = threading.Thread(target=self._supervise, name="supervision", daemon=True)
         self._child: ChildProcess | None = None
         self._failed_by_itself = False
+        self._abort_reason = ""
 
     @property
     def state(self) -> int:
@@ -129,8 +130,9 @@ class StreamRun:
         """Starts the process and the thread that supervises it."""
         self._thread.start()
 
-    def abort(self) -> None:
-        """Requests the brake; repeated requests have no effect."""
+    def abort(self, reason: str = "") -> None:
+        """Requests the brake, for a reason other than a client's request; repeated requests have no effect."""
+        self._abort_reason = self._abort_reason or reason
         self.memory.fields[shm.ABORT] = 1.0
 
     def wait(self, timeout_s: float) -> bool:
@@ -250,6 +252,7 @@ class StreamRun:
         reported = self.state in (shm.DONE, shm.FAULT)
         outcome = OUTCOMES[int(self.memory.fields[shm.OUTCOME])] if reported else self._silent_outcome()
         reason = self.memory.text() if reported else failure
+        reason = self._abort_reason or reason if outcome == "aborted" else reason
         foreign = ""
         if failure and outcome in EXPLAINED_BY_FOREIGN:
             foreign = self.programs.wait(FOREIGN_WAIT_S)

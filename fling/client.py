@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import TracebackType
 from typing import Any, Self
 
 import httpx2
 
+from fling.tracing import trace_context
+
 TIMEOUT_S = 150.0  # [s] a plan may take its whole time limit
+UNREACHABLE = 0  # status of the problem of a service that does not answer
+RETURN_S = 30.0  # [s] within which a service that is started again answers
+RETRY_S = 0.5  # [s] between two attempts to reach it
 PROBLEM_TYPE = "application/problem+json"
 DEFAULT_URL = "http://127.0.0.1:8000"  # unless FLING_URL names another service
 
@@ -43,7 +49,7 @@ class Client:
         ServiceRefusal: From every call that does not succeed.
     """
 
-    refusal: Callable[[dict[str, Any]], Exception] = ServiceRefusal  # what the calls raise
+    refusal: type[Exception] = ServiceRefusal  # what the calls raise
 
     def __init__(self, url: str | None = None, token: str | None = None) -> None:
         url, token = url or os.environ.get("FLING_URL") or DEFAULT_URL, token or os.environ.get("FLING_TOKEN")
@@ -68,11 +74,37 @@ class Client:
         """Queues an execution of a plan and returns it; `finished` waits for its end."""
         return self.post("/execute", {"plan_id": plan_id, "mode": mode, "dry_run": dry_run})
 
-    def finished(self, execution_id: str) -> dict[str, Any]:
-        """Waits for the end of an execution and returns it, with outcome and metrics."""
-        for _ in self.events(execution_id):
-            pass
-        return self.get(f"/executions/{execution_id}")
+    def finished(
+        self, execution_id: str, on_event: Callable[[str, dict[str, Any]], object] | None = None
+    ) -> dict[str, Any]:
+        """Waits for the end of an execution and returns it, with outcome and metrics.
+
+        A service that ends meanwhile may come back within half a minute: the executor goes on without it.
+
+        Args:
+            execution_id: of the execution.
+            on_event: called with kind and data of each event.
+
+        Raises:
+            ServiceRefusal: the service stays away; the refusal names the execution.
+        """
+        last_id, away_since = 0, None
+        while True:
+            try:
+                for event_id, kind, data in self._events(execution_id, last_id):
+                    last_id = event_id
+                    if on_event is not None:
+                        on_event(kind, data)
+                found, away_since = self.get(f"/executions/{execution_id}"), None
+                if found["outcome"] is not None:
+                    return found
+            except self.refusal as error:
+                if getattr(error, "problem", {}).get("status") != UNREACHABLE:
+                    raise
+                away_since = away_since or time.monotonic()
+                if time.monotonic() - away_since > RETURN_S:
+                    raise self._lost(execution_id) from error
+            time.sleep(RETRY_S)
 
     def abort(self, execution_id: str) -> dict[str, Any]:
         """Asks for the brake. Not a safety function."""
@@ -97,16 +129,23 @@ class Client:
 
     def events(self, execution_id: str) -> Iterator[tuple[str, dict[str, Any]]]:
         """Yields (kind, data) of every event of an execution until its end."""
-        kind = "message"
+        for _, kind, data in self._events(execution_id):
+            yield kind, data
+
+    def _events(self, execution_id: str, after_id: int = 0) -> Iterator[tuple[int, str, dict[str, Any]]]:
+        """Yields (id, kind, data) of every event after `after_id`."""
+        id, kind, headers = after_id, "message", {"Last-Event-ID": str(after_id), **trace_context()}
         try:
-            with self._http.stream("GET", f"/executions/{execution_id}/events") as response:
+            with self._http.stream("GET", f"/executions/{execution_id}/events", headers=headers) as response:
                 self._check(response)
                 for line in response.iter_lines():
                     name, _, value = line.partition(": ")
-                    if name == "event":
+                    if name == "id":
+                        id = int(value)
+                    elif name == "event":
                         kind = value
                     elif name == "data":
-                        yield kind, json.loads(value)
+                        yield id, kind, json.loads(value)
         except httpx2.TransportError as error:
             raise self._unreachable(error) from error
 
@@ -115,7 +154,8 @@ class Client:
 
     def _response(self, method: str, path: str, **more: Any) -> httpx2.Response:
         try:
-            response = self._http.request(method, path, **more)
+            headers = {**more.pop("headers", {}), **trace_context()}  # the caller's trace goes on in the service
+            response = self._http.request(method, path, headers=headers, **more)
         except httpx2.TransportError as error:
             raise self._unreachable(error) from error
         self._check(response)
@@ -131,5 +171,13 @@ class Client:
         raise self.refusal(unexpected)
 
     def _unreachable(self, error: Exception) -> Exception:
-        detail = f"no service at {self._http.base_url} ({error}); start one with 'fling up'"
-        return self.refusal({"title": "no service", "detail": detail, "status": 0})
+        detail = f"there is none at {self._http.base_url} ({error}); start one with 'fling up'"
+        return self.refusal({"title": "no service", "detail": detail, "status": UNREACHABLE})
+
+    def _lost(self, execution_id: str) -> Exception:
+        detail = (
+            f"the one at {self._http.base_url} has been away for {RETURN_S:g} s. Execution {execution_id} goes on "
+            f"without it: GET /executions/{execution_id} once it is back"
+        )
+        document = {"title": "no service", "detail": detail, "status": UNREACHABLE, "execution_id": execution_id}
+        return self.refusal(document)

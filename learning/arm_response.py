@@ -14,6 +14,7 @@ import numpy as np
 
 from learning.recordings import MotionRecording
 from planner.arrays import Array
+from planner.trajectory import columns_at
 
 FINE_S = 0.002  # [s] longest step of the grid: a bend within a step is off by jerk * step^2 / 8, 2.5e-4 rad/s
 RESPONSE_END = 1e-9  # [-] share of an impulse response at which it ends
@@ -69,7 +70,7 @@ def commanded_motion(recording: MotionRecording, acceleration: float = math.inf)
     velocity = ramped(times, command, acceleration)
     step = recording.dt / math.ceil(recording.dt / FINE_S - 1e-6)
     grid = np.arange(times[0], times[-1] + 0.5 * step, step)
-    return CommandedMotion(times[0], step, np.stack([np.interp(grid, times, u) for u in velocity.T], axis=1))
+    return CommandedMotion(times[0], step, columns_at(grid, times, velocity))
 
 
 def leading_rates(recording: MotionRecording) -> Array:

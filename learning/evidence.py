@@ -19,7 +19,7 @@ from planner.certificate import release_flight
 from planner.errors import PlannerError
 from planner.plan_reading import aim_shift, aimed_problem, plan_from_document
 from planner.problem import Release, TargetRelease, ThrowProblem
-from planner.trajectory import Trajectory
+from planner.trajectory import Trajectory, columns_at
 from store import ExecutionRow, LandingRow, Store
 
 THROWS_MAX = 60  # newest throws of a cell that count: a fit of them takes a second, and drift makes older ones useless
@@ -124,7 +124,7 @@ def _deviations(columns: Mapping[str, Array], trajectory: Trajectory) -> tuple[A
     planned = trajectory.at(clock)
     times = table_times(trajectory.release_time_s)
     smooth = [_smoothed(clock, columns[name] - planned[i]) for i, name in enumerate(("q", "qd"))]
-    q, qd = (np.stack([np.interp(times, clock, column) for column in x.T], axis=1) for x in smooth)
+    q, qd = (columns_at(times, clock, x) for x in smooth)
     return q, qd
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from learning.release import DRAG, FACTOR, LEAD, OFFSET, TURN, ReleasePosterior
-from learning.throws import Circumstances, Throws, ThrowTable
+from learning.release import FACTOR, LEAD, ReleasePosterior, circumstances
+from learning.throws import Throws, ThrowTable
 from planner.arrays import Array
 
 PARTICLES = 1000  # states; 500 degenerate after ten outcomes
@@ -77,9 +77,7 @@ def _likelihood(
     late = states[:, None, LEAD] - outcome.lead_s + jitters[:, None] * rng.standard_normal(size)
     std = np.hypot(scatters, outcome.speed_std)[:, None, None]
     dv = (std * rng.standard_normal((*size, 6))) @ outcome.table.J[outcome.table.planned].T
-    flat = {name: np.repeat(states[:, k], REPEATS)[:, None] for name, k in (("f", FACTOR), ("d", DRAG), ("t", TURN))}
-    offset = np.repeat(states[:, None, OFFSET], REPEATS, axis=1).reshape(-1, 1, 2)
-    c = Circumstances(late.reshape(-1, 1), flat["f"], offset, flat["d"], flat["t"])
+    c = circumstances(states, late, np.repeat(states[:, FACTOR, None], REPEATS, axis=1))
     landed = Throws([outcome.table]).landings(c, dv.reshape(-1, 1, 3)).reshape(*size, 2)
     inside = outcome.radius_m - np.linalg.norm(landed - outcome.target, axis=-1)
     if outcome.result == "edge":

@@ -7,17 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from learning.joint_speeds import JointSpeeds
-from learning.release import (
-    CLING_LOSS,
-    CLING_LOSS_STD,
-    DRAG,
-    FACTOR,
-    LEAD,
-    OFFSET,
-    TURN,
-    ReleasePosterior,
-)
-from learning.throws import Circumstances, Throws, ThrowTable
+from learning.release import CLING_LOSS, CLING_LOSS_STD, FACTOR, LEAD, ReleasePosterior, circumstances
+from learning.throws import Throws, ThrowTable
 from planner.arrays import Array
 
 PARAMETERS = 200  # samples of what is not known for certain
@@ -91,8 +82,6 @@ def forecast(
     qd = table.qd[table.planned]
     dqd = speeds.drawn(rng, qd, parameters, repeats) + scatters[:, None, None] * rng.standard_normal((*size, 6))
     throws = Throws([table])
-    offset = np.repeat(states[:, None, OFFSET], repeats, axis=1).reshape(-1, 1, 2)
-    drag, turn = (np.repeat(states[:, k], repeats)[:, None] for k in (DRAG, TURN))
-    c = Circumstances(late.reshape(-1, 1), factor.reshape(-1, 1), offset, drag, turn)
+    c = circumstances(states, late, factor)
     dv = (dqd.reshape(-1, 6) @ table.J[table.planned].T)[:, None]
     return LandingForecast(throws.landings(c, dv).reshape(*size, 2))

@@ -114,6 +114,20 @@ class ReleasePosterior:
         return states, self.jitter_s[g], self.scatter_rad_s[g]
 
 
+def circumstances(states: Array, late_s: Array, factor: Array) -> Circumstances:
+    """Returns the circumstances of k throws of each of n states (n, 6), in one column (n k, 1).
+
+    Args:
+        states: of the cell; shift, turn and drag are the same in all throws of a state.
+        late_s: releases after the planned one (n, k) [s].
+        factor: release speeds over the tool's (n, k) [-].
+    """
+    repeats = late_s.shape[1]
+    offset = np.repeat(states[:, None, OFFSET], repeats, axis=1).reshape(-1, 1, 2)
+    drag, turn = (np.repeat(states[:, k], repeats)[:, None] for k in (DRAG, TURN))
+    return Circumstances(late_s.reshape(-1, 1), factor.reshape(-1, 1), offset, drag, turn)
+
+
 def prior_state(lead_s: float, drag_coefficient: float) -> Array:
     """Returns the prior's mean (6,) from the cell file's gripper delay and lag together [s], and its drag.
 

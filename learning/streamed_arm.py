@@ -9,7 +9,7 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.feedback import FEEDBACK_GAIN, FEEDBACK_MAX
-from planner.trajectory import Trajectory
+from planner.trajectory import Trajectory, columns_at
 
 AFTER_S = 0.15  # [s] that are simulated after the plan's end, while the arm settles
 
@@ -52,11 +52,7 @@ class StreamedArm:
                 qd[k] = self.gain * ((1.0 - share) * late + share * later)
                 q[k] = q[k - 1] + 0.5 * dt * (qd[k - 1] + qd[k])
             sent[k] += np.clip(FEEDBACK_GAIN * (q_plan[k] - q[k]), -FEEDBACK_MAX, FEEDBACK_MAX)
-        return _read(times, t, q - q_plan), _read(times, t, qd - qd_plan)
-
-
-def _read(times: Array, t: Array, values: Array) -> Array:
-    return np.stack([np.interp(times, t, column) for column in values.T], axis=1)
+        return columns_at(times, t, q - q_plan), columns_at(times, t, qd - qd_plan)
 
 
 def _standing(trajectory: Trajectory, times: Array) -> tuple[Array, Array]:

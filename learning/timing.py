@@ -8,7 +8,7 @@ is correlated over some cycles, so the standard errors are those of Newey and We
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -119,6 +119,14 @@ def estimate_timing(recording: MotionRecording, ramp_rad_s2: float | None = None
     return TimingEstimate(lag, std, tuple(joints), binding, rms, len(recording.time_s))
 
 
+def weighted_mean(values: Sequence[float], stds: Sequence[float]) -> tuple[float, float]:
+    """Returns the mean of values with standard errors, and its own; a spread beyond theirs widens it."""
+    x, weights = np.array(values), 1.0 / np.maximum(np.array(stds), 1e-6) ** 2
+    mean = float(weights @ x / weights.sum())
+    spread = float(weights @ (x - mean) ** 2) / max(len(x) - 1, 1)
+    return mean, math.sqrt(max(1.0, spread) / float(weights.sum()))
+
+
 @dataclass(frozen=True, eq=False)
 class _JointFit:
     """Fit of one joint: `theta` = (lag [s], first-order part [s], gain), standard errors, residual, prediction."""
@@ -137,7 +145,7 @@ def _joint_fits(recording: MotionRecording, ramp: float, moving: list[int]) -> d
 
 
 def _pooled_lag(fits: dict[int, _JointFit]) -> tuple[float, float]:
-    return _pooled([fit.theta[0] for fit in fits.values()], [fit.std[0] for fit in fits.values()])
+    return weighted_mean([fit.theta[0] for fit in fits.values()], [fit.std[0] for fit in fits.values()])
 
 
 def _lag_spread_by_ramp(recording: MotionRecording, ramp: float, fits: dict[int, _JointFit]) -> float:
@@ -254,14 +262,6 @@ def _scatter_of_means(residual: Array, length: int) -> float:
 
 def _unmoved() -> JointTiming:
     return JointTiming(None, None, 0.0, FIRST_ORDER_STD_S, 1.0, GAIN_STD)
-
-
-def _pooled(values: list[float], stds: list[float]) -> tuple[float, float]:
-    """Returns the weighted mean of the joints' lags and its standard error; a spread beyond theirs widens it."""
-    weights = 1.0 / np.maximum(np.array(stds), 1e-6) ** 2
-    mean = float(weights @ values / weights.sum())
-    spread = float(weights @ (np.array(values) - mean) ** 2) / max(len(values) - 1, 1)
-    return mean, math.sqrt(max(1.0, spread) / float(weights.sum()))
 
 
 def _first_lag(motion: CommandedMotion, recording: MotionRecording) -> float:

@@ -7,9 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from learning.recordings import JOINTS
+from learning.timing import weighted_mean
 from store import ExecutionRow, Store
 
 SIGNIFICANT = 3.0  # [-] standard errors that a change must exceed: 3 in 1,000 runs by chance
@@ -46,12 +45,11 @@ def pool_timing(runs: Sequence[Mapping[str, Any]]) -> PooledTiming | None:
     newest = list(runs)[:POOLED_RUNS]
     if not newest:
         return None
-    lag = _weighted_mean([run["lag_s"] for run in newest], [math.hypot(run["lag_std_s"], RUN_STD_S) for run in newest])
-    assert lag is not None
+    lag = weighted_mean([run["lag_s"] for run in newest], [math.hypot(run["lag_std_s"], RUN_STD_S) for run in newest])
     joints: dict[str, list[float | None]] = {}
     for name in JOINT_NUMBERS:
         std = name.removesuffix("_s") + "_std_s" if name.endswith("_s") else f"{name}_std"
-        pooled = [_weighted_mean([r[name][j] for r in newest], [r[std][j] for r in newest]) for j in range(JOINTS)]
+        pooled = [_known_mean([r[name][j] for r in newest], [r[std][j] for r in newest]) for j in range(JOINTS)]
         joints[name] = [None if x is None else x[0] for x in pooled]
         joints[std] = [None if x is None else x[1] for x in pooled]
     return PooledTiming(*lag, joints, len(newest))
@@ -90,13 +88,7 @@ def lag_advice(lag_s: float, lag_std_s: float, assumed_s: float) -> str:
     return f"{measured}, timing.lag_s {1e3 * assumed_s:.1f} ms: set it to {lag_s:.4f}, or adopt a new profile"
 
 
-def _weighted_mean(values: Sequence[float | None], stds: Sequence[float | None]) -> tuple[float, float] | None:
-    """Returns mean and standard error over the values that are known; a spread beyond their own widens it."""
+def _known_mean(values: Sequence[float | None], stds: Sequence[float | None]) -> tuple[float, float] | None:
+    """Returns mean and standard error over the values that are known; None without any."""
     known = [(v, s) for v, s in zip(values, stds, strict=True) if v is not None and s is not None]
-    if not known:
-        return None
-    x, std = np.array(known).T
-    weight = 1.0 / np.maximum(std, 1e-9) ** 2
-    mean = float(weight @ x / weight.sum())
-    spread = float(weight @ (x - mean) ** 2) / max(len(x) - 1, 1)
-    return mean, math.sqrt(max(1.0, spread) / float(weight.sum()))
+    return weighted_mean(*zip(*known, strict=True)) if known else None

@@ -120,6 +120,11 @@ def integrate(q0: ArrayLike, qd0: ArrayLike, qdd0: ArrayLike, jerk: Array, dt: f
     return q, qd, qdd
 
 
+def columns_at(t: Array, knots: Array, values: Array) -> Array:
+    """Returns the columns of `values` (k, m) at times t (n,): linear between `knots` (k,), constant outside."""
+    return np.stack([np.interp(t, knots, column) for column in values.T], axis=1)
+
+
 def join(launch: tuple[Array, Array, Array], brake: tuple[Array, Array, Array], rate: float) -> Trajectory:
     """Returns the trajectory of a launch followed by a brake.
 

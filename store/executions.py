@@ -53,8 +53,11 @@ class ExecutionRepository(Repository):
         key: IdempotencyKey | None = None,
         experiment_id: str | None = None,
         audit: AuditLine | None = None,
+        trace: Mapping[str, str] | None = None,
     ) -> ExecutionRow:
         """Queues one execution of a plan, as part of an experiment if one is named; the same transaction audits it.
+
+        `trace` is the trace context of the request, for the executor: it stands in the first event.
 
         Raises:
             CellBusy: The cell has an unfinished execution.
@@ -74,7 +77,7 @@ class ExecutionRepository(Repository):
                 connection.execute(insertion)
             except IntegrityError as error:
                 raise CellBusy(cell) from error
-            _write_event(connection, id, "state", {"state": "queued"}, now)
+            _write_event(connection, id, "state", {"state": "queued", **({"trace": dict(trace)} if trace else {})}, now)
             write_audit(connection, audit, f"/executions/{id}")
             return _read_execution(connection, id)
 

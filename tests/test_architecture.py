@@ -63,12 +63,15 @@ PLANTED = {
     "benchmarks-alone": ("planner/planning.py", "benchmarks.results"),
     "benchmarks-audit": ("benchmarks/audit/distances.py", "benchmarks.audit.checks"),
     "benchmarks-peers": ("benchmarks/peers/sdu_method.py", "benchmarks.peers.drake_spline"),
+    "benchmarks-peers-alone": ("benchmarks/peers/arm.py", "planner.kinematics"),
+    "benchmarks-throwbench": ("benchmarks/throwbench/judge.py", "benchmarks.throwbench.run"),
     "benchmarks-consistency": ("benchmarks/consistency/loosened.py", "benchmarks.consistency.report"),
     "benchmarks-problem-sets": ("benchmarks/problem_sets/task.py", "benchmarks.problem_sets.named_sets"),
     "benchmarks-report": ("benchmarks/report/pictures.py", "benchmarks.report.page"),
     "benchmarks-streaming": ("benchmarks/streaming/throws.py", "benchmarks.streaming.report"),
     "benchmarks-learning": ("benchmarks/learning/recorded_arms.py", "benchmarks.learning.hidden_timing"),
     "benchmarks-batches": ("benchmarks/batches/problems.py", "benchmarks.batches.runs"),
+    "benchmarks-maps": ("benchmarks/maps/runs.py", "benchmarks.maps.truth"),
     "benchmarks-page": ("benchmarks/page/report_browser.py", "benchmarks.page.frames"),
     "benchmarks-layers": ("benchmarks/problem_sets/task.py", "benchmarks.suite"),
     "store-layers": ("store/idempotency_and_audit.py", "store.plans"),
@@ -128,10 +131,10 @@ FACES = (
     "api.scene",
     "api.schemas",
     "benchmarks.audit",
-    "benchmarks.peers",
     "benchmarks.problem_sets",
     "benchmarks.report",
     "benchmarks.streaming",
+    "benchmarks.throwbench",
 )
 
 
@@ -276,17 +279,13 @@ def imports(file: Path) -> Iterator[tuple[str, tuple[str, ...]]]:
             yield from ((alias.name, ()) for alias in node.names)
 
 
-# A peer that differs from our optimiser in its transcription alone takes the arm's formulas from it.
-INSIDERS = {"benchmarks.peers.ipopt_shooting": "planner.backends.casadi_nlp"}
-
-
 @pytest.mark.parametrize("face", FACES)
 def test_a_package_is_entered_by_its_face(root: Path, face: str):
     public, found = public_names(face, root), []
     assert public
     for file in sources(root):
         module = module_name(file, root)
-        if f"{module}.".startswith(f"{face}.") or INSIDERS.get(module) == face:
+        if f"{module}.".startswith(f"{face}."):
             continue
         for imported, names in imports(file):
             if imported.startswith(f"{face}."):

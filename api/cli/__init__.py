@@ -56,12 +56,22 @@ class LazyGroup(FlingGroup):
             formatter.write_dl([(name, text) for name, (_, _, text) in COMMANDS.items()])
 
 
+def _show_version(ctx: click.Context, param: click.Parameter, given: bool) -> None:
+    if given and not ctx.resilient_parsing:
+        from api import fling_version
+
+        click.echo(f"fling {fling_version()}")
+        ctx.exit()
+
+
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=_show_version, help="The version.")
 def main() -> None:
     """Plan a throw for a Universal Robots arm, get it certified, stream it to the arm.
 
     Settings come from FLING_* environment variables; flags override them. Software stop is not a safety function.
 
     Exit status: 0 done; 1 wrong input, missing file or not reachable; 2 infeasible; 3 solver failed; 4 executed, but
-    not completed; 64 wrong command line. With --json errors are JSON on standard error.
+    not completed; 64 wrong command line. `fling doctor`: 0 fit; 1 fit with warnings; 2 unfit. With --json errors are
+    JSON on standard error.
     """

@@ -13,14 +13,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from api.cli.cell_versions import diff, history, restore
-from api.cli.support.errors import JSON_FLAG, FlingGroup
+from api.cli.support.errors import FlingGroup
+from api.cli.support.options import cell_option, json_option
 from api.cli.support.terminal import GOOD, say
 
 if TYPE_CHECKING:
     from planner.cell import Cell
-
-
-json_option = click.option(JSON_FLAG, "as_json", is_flag=True, help="Answer in JSON, errors too.")
 
 
 @click.group(cls=FlingGroup)
@@ -72,14 +70,14 @@ def _kinematics_of(cell: Cell) -> str:
             f"; {reads}" if cell.link.kind == "ur" else ""
         )
     apart = chain_difference(cell.robot.published, cell.robot)
-    size = f"{apart.median_m * 1e3:.2f} mm in the median of postures, up to {apart.largest_m * 1e3:.2f} mm"
-    return f"kinematics: {cell.calibration.name} ({cell.calibration.hash or 'no hash'}), {size} off the published table"
+    named = f"{cell.calibration.name} ({cell.calibration.hash or 'no hash'})"
+    return f"kinematics: {named}, {apart.words(2)} off the published table"
 
 
 @cell.command()
-@click.option("--cell", "name", help="Cell; default: FLING_DEFAULT_CELL.")
+@cell_option("name")
 @click.option("--from-robot", is_flag=True, required=True, help="Read them from the cell's controller.")
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@json_option
 def kinematics(name: str | None, from_robot: bool, as_json: bool) -> None:
     """Write the measured kinematics of the cell's arm beside its cell file, as UR's ROS driver does.
 

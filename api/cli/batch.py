@@ -77,10 +77,13 @@ def batch(
             _report(_document(store.cancel_batch(cancel)), as_json)
             return
         id = resume or _queue(store, settings, _read(file))
-        row = _drive(store, settings, id, as_json)
+        row = store.batch(id)
+        if row is None or row.state != "finished":
+            row = _drive(store, settings, id, as_json)
         if out is not None:
             _write(out, store.all_batch_results(id))
         _report(_document(row), as_json)
+        _require_completed(_document(row))
     finally:
         store.close()
 
@@ -205,6 +208,7 @@ def _through_service(
         if out is not None:
             _write(out, _results_of_service(client, document["id"]))
         _report(document, as_json)
+        _require_completed(document)
 
 
 def _watch(client: Any, document: dict[str, Any], as_json: bool) -> dict[str, Any]:
@@ -243,12 +247,15 @@ def _document(row: BatchRow) -> dict[str, Any]:
 
 
 def _report(document: dict[str, Any], as_json: bool) -> None:
-    """Writes a batch, and fails where it is not completed."""
+    """Writes a batch: what became of it, and its results by outcome."""
     if as_json:
         click.echo(json.dumps(document))
     else:
         counts = ", ".join(f"{count} {outcome}" for outcome, count in sorted(document["counts"].items()))
         state = document["outcome"] or document["state"]
         click.echo(f"batch {document['id']}: {state}; {document['done']} of {document['total']}: {counts or 'none'}")
-    if document["outcome"] == "failed":
-        raise NotCompleted(f"batch {document['id']} failed: {document['reason']}")
+
+
+def _require_completed(document: dict[str, Any]) -> None:
+    if document["outcome"] != "completed":
+        raise NotCompleted(f"batch {document['id']}: {document['outcome']} {document['reason'] or ''}".rstrip())

@@ -13,8 +13,8 @@ import click
 from api.cli.support.client import ServiceClient, ServiceError
 from api.cli.support.errors import FlingGroup
 from api.cli.support.exit_status import NotCompleted
+from api.cli.support.options import cell_of_service, cell_option, json_option, service_options, service_url
 from api.cli.support.progress import execute_plan
-from api.cli.throw import service_options, service_url
 
 AMPLITUDE_RAD = 0.25  # [rad] of a small motion: long enough for 1 rad/s, short enough to stay clear of most things
 AMPLITUDE_MIN_RAD = 0.02  # [rad] a shorter motion ends before a lag of 20 ms shows
@@ -29,11 +29,6 @@ EYE_STD_M = 0.01  # [m] of a position that a person reports
 PROPOSED = ("lag_s", "lag_std_s", "gain", "delay_s", "delay_std_s", "jitter_s", "jitter_std_s", "speed_factor",
             "speed_factor_std", "landing_offset_m", "landing_offset_std_m", "drag_coefficient", "base_turn_rad",
             "landing_error_before_m", "landing_error_after_m", "cell_file", "evidence", "adopted")  # fmt: skip
-
-
-def json_option(command: Any) -> Any:
-    """Adds the option --json to a command."""
-    return click.option("--json", "as_json", is_flag=True, help="Answer as JSON.")(command)
 
 
 def picture_option(command: Any) -> Any:
@@ -266,13 +261,13 @@ def profile() -> None:
 
 
 @profile.command(name="list")
-@click.option("--cell", required=True, help="Cell.")
+@cell_option(service=True)
 @json_option
 @service_options
-def list_profiles(cell: str, as_json: bool, url: str | None, token: str | None) -> None:
+def list_profiles(cell: str | None, as_json: bool, url: str | None, token: str | None) -> None:
     """List the profiles of a cell, newest first; * marks the one that it uses."""
     with ServiceClient(service_url(url), token) as client:
-        answer = client.get(f"/cells/{cell}/profiles")
+        answer = client.get(f"/cells/{cell_of_service(client, cell)}/profiles")
     if as_json:
         click.echo(json.dumps(answer))
         return
@@ -306,13 +301,14 @@ def adopt(id: str, url: str | None, token: str | None) -> None:
 
 
 @profile.command()
-@click.option("--cell", required=True, help="Cell.")
+@cell_option(service=True)
 @service_options
-def revert(cell: str, url: str | None, token: str | None) -> None:
+def revert(cell: str | None, url: str | None, token: str | None) -> None:
     """Use the cell file's own numbers again."""
     with ServiceClient(service_url(url), token) as client:
-        client.post(f"/cells/{cell}/profiles/revert")
-    click.echo(f"{cell} uses the cell file's numbers")
+        name = cell_of_service(client, cell)
+        client.post(f"/cells/{name}/profiles/revert")
+    click.echo(f"{name} uses the cell file's numbers")
 
 
 def numbers_text(row: dict[str, Any]) -> str:

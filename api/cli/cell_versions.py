@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from api.cli.support.options import cell_option, json_option
+
 if TYPE_CHECKING:
     from store import CellVersionRow
 
-CELL = click.option("--cell", "name", help="Cell; default: FLING_DEFAULT_CELL.")
+CELL = cell_option("name")
 
 
 @click.command()
 @CELL
-@click.option("--json", "as_json", is_flag=True, help="As GET /cells/{name}/history answers.")
+@json_option
 def history(name: str | None, as_json: bool) -> None:
     """List the versions of a cell file that service or executor have seen, with what changed."""
     from api.cell_history import history_document
@@ -72,11 +74,11 @@ def _versions(name: str | None) -> tuple[Path, list[CellVersionRow]]:
     """Returns the path of the cell file and its versions; the present file is one, unless it is refused."""
     from api.cell_repository import CellRepository
     from api.cli.support.processes import cell_path
-    from api.settings import ServiceSettings
+    from api.settings import parse_settings
     from planner.errors import CellError
     from store import Store, StoreError
 
-    settings = ServiceSettings()
+    settings = parse_settings()
     path = cell_path(settings.cells, name or settings.default_cell)
     try:
         store = Store.open(settings.database_url)

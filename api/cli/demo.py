@@ -43,11 +43,12 @@ def demo(cell: str, keep: Path | None) -> None:
 
     Exit status 0 only where the ideal arm's object landed within 10 mm of the target.
     """
-    from api.cli.support.processes import catch_signals, cell_path
-    from api.settings import ServiceSettings
+    from api.cli.support.processes import catch_signals, cell_path, require_streaming_client
+    from api.settings import parse_settings
 
+    require_streaming_client()
     catch_signals()
-    original = cell_path(ServiceSettings().cells, cell)
+    original = cell_path(parse_settings().cells, cell)
     with tempfile.TemporaryDirectory(prefix="fling-demo-") as temporary:
         folder = keep or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)

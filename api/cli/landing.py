@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from api.cli.support.errors import Coordinate
-from api.cli.throw import service_options, service_url
+from api.cli.support.options import json_option, service_options, service_url
 
 STD_M = 0.005  # [m] chosen: a careful measurement with a tape
 
@@ -21,7 +21,7 @@ STD_M = 0.005  # [m] chosen: a careful measurement with a tape
 @click.option("--edge", type=float, metavar="RADIUS", help="It landed on the edge of that.")
 @click.option("--miss", type=float, metavar="RADIUS", help="It landed farther from the target than that.")
 @click.option("--source", default="person", show_default=True, help="What observed it.")
-@click.option("--json", "as_json", is_flag=True, help="Answer in JSON.")
+@json_option
 @service_options
 def landing(
     execution: str,

@@ -69,7 +69,7 @@ def _read(file: Path) -> Any:
         text = sys.stdin.buffer.read() if str(file) == "-" else file.read_bytes()
         return PlanRequest.model_validate_json(text.decode())
     except ValidationError as error:
-        raise invalid_request(error.errors(include_input=False)) from error
+        raise invalid_request(error.errors(), PlanRequest) from error
     except UnicodeDecodeError as error:
         raise invalid_field("file", "is not UTF-8") from error
 
@@ -80,11 +80,11 @@ def _plan(body: Any, cells: Path | None, cell: str | None) -> Planned:
     from api.cell_repository import CellRepository
     from api.http import invalid_field
     from api.schemas import iso_time
-    from api.settings import ServiceSettings
+    from api.settings import parse_settings
     from batch.jobs import PlanningJob, solve
     from store import new_id
 
-    settings = ServiceSettings()
+    settings = parse_settings()
     repository, name = CellRepository(cells or settings.cells), body.cell or cell or settings.default_cell
     if body.start is not None and body.start.current:
         raise invalid_field("start.current", "needs a service with an executor")

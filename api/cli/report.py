@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from api.cli.throw import service_options, service_url
+from api.cli.support.options import service_options, service_url
 
 if TYPE_CHECKING:
     from api.cli.support.client import ServiceClient
@@ -63,13 +63,13 @@ def _of_file(file: Path, cells: Path | None) -> ReportContent:
     from api.cell_repository import CellRepository
     from api.report import ReportContent, plan_svg
     from api.scene import cell_model, plan_curves
-    from api.settings import ServiceSettings
+    from api.settings import parse_settings
     from planner.errors import PlannerError
 
     try:
         plan = json.loads(file.read_text(encoding="utf-8"))
         _ = plan["trajectory"]  # which a list of plans leaves out
-        cell = CellRepository(cells or ServiceSettings().cells).cell(plan["cell"])
+        cell = CellRepository(cells or parse_settings().cells).cell(plan["cell"])
         if cell is None or cell.sha256 != plan["cell_sha256"]:
             return ReportContent(plan)
         return ReportContent(plan, plan_svg(plan, cell), cell_model(cell), plan_curves(plan, cell))

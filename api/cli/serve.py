@@ -12,6 +12,7 @@ import click
 
 from api.cli.simulator import OTHER_HOST, truth_arguments, truth_options
 from api.cli.support.addresses import SIMULATOR_PORTS
+from api.cli.support.options import cell_option, service_url
 from api.cli.support.terminal import BAD, GOOD, say
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ COMPILING = (
 
 
 @click.command()
-@click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL.")
+@cell_option()
 @click.option("--port", type=int, help="Port of the service; default: FLING_PORT, or 8000.")
 @truth_options
 def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> None:
@@ -34,13 +35,18 @@ def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> 
     A process that ends by itself is started again, and named; one that ends again and again stops everything.
     """
     from api.cli.support.addresses import require_free
-    from api.cli.support.processes import ChildFailed, ChildProcesses, are_interpreted, catch_signals, start_all
-    from api.settings import SettingsError, read_settings
+    from api.cli.support.processes import (
+        ChildFailed,
+        ChildProcesses,
+        are_interpreted,
+        catch_signals,
+        require_streaming_client,
+        start_all,
+    )
+    from api.settings import read_settings
 
-    try:
-        settings = read_settings(default_cell=cell, port=port)
-    except SettingsError as error:
-        raise click.ClickException(str(error)) from error
+    require_streaming_client()
+    settings = read_settings(default_cell=cell, port=port)
     name, number = cell or settings.default_cell, port or settings.port
     address = _prepare(settings.cells, name, settings.database_url)
     simulated = address.kind == "sim"
@@ -62,7 +68,7 @@ def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> 
             if are_interpreted(url):
                 say(COMPILING, BAD)
             say(f"\nFling is up: {url}    (OpenAPI: {url}/docs)", GOOD)
-            say("try: fling throw 1.2 0.3 0.0\nCtrl-C stops all.")
+            say(f"try: fling throw 1.2 0.3 0.0{'' if url == service_url(None) else f' --url {url}'}\nCtrl-C stops all.")
             _keep_alive(children)
     except KeyboardInterrupt:
         click.echo("\nstopped.")
@@ -92,18 +98,15 @@ def serve(**flags: object) -> None:
     """Run the service alone: HTTP on one address, with its planner processes."""
     from api.app import serve as run
     from api.cli.support.addresses import require_free
-    from api.settings import SettingsError, read_settings
+    from api.settings import read_settings
 
-    try:
-        settings = read_settings(**flags)
-    except SettingsError as error:
-        raise click.ClickException(str(error)) from error
+    settings = read_settings(**flags)
     require_free(settings.host, [settings.port], "the service", "or choose another port: --port")
     sys.exit(run(settings))
 
 
 @click.command()
-@click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL.")
+@cell_option()
 @click.option("--read-only", is_flag=True, help="Connect, report state and preflight, never move.")
 def executor(cell: str | None, read_only: bool) -> None:
     """Run the executor of one cell: it claims executions and streams them to the controller."""
@@ -111,9 +114,12 @@ def executor(cell: str | None, read_only: bool) -> None:
 
 
 @click.command()
-@click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL.")
+@cell_option()
 def doctor(cell: str | None) -> None:
-    """Check this machine's timing and the link to the cell's controller, with advice."""
+    """Check this machine's timing and the link to the cell's controller, with advice.
+
+    Exit status: 0 fit to stream; 1 fit for simulation, with warnings to resolve before using a real arm; 2 unfit.
+    """
     _exec("executor", "--doctor", *(["--cell", cell] if cell else []))
 
 

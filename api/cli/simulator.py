@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from api.cli.support.errors import FlingGroup
-from api.cli.throw import service_options, service_url
+from api.cli.support.options import cell_option, service_options, service_url
 
 CONTROL_PORT = 29900  # of the simulator alone; source: docs/simulator.md
 OTHER_HOST = "give its cell file another loopback address: link.host, such as 127.0.0.2"
@@ -46,7 +46,7 @@ def _controller_options(command: Any) -> Any:
 
 
 @click.group(cls=FlingGroup, invoke_without_command=True)
-@click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL.")
+@cell_option()
 @click.option("--host", help="Loopback address to listen on; default: the cell's link.host.")
 @click.option("--profile", help="Behave as this profile says: its id, or a file from `fling profile show --json`.")
 @truth_options
@@ -61,9 +61,9 @@ def sim(context: click.Context, cell: str | None, host: str | None, **given: Any
     """
     from api.cli.support.addresses import SIMULATOR_PORTS, require_free
     from api.cli.support.processes import cell_path
-    from api.settings import ServiceSettings
+    from api.settings import parse_settings
 
-    settings = ServiceSettings()
+    settings = parse_settings()
     path = cell_path(settings.cells, cell or settings.default_cell)
     if context.invoked_subcommand is None:
         advice = f"or choose another loopback address: --host 127.0.0.2, and {OTHER_HOST}"

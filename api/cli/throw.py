@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,26 +11,14 @@ import click
 
 from api.cli.support.errors import Coordinate
 from api.cli.support.exit_status import NotCompleted
+from api.cli.support.options import cell_of_service, cell_option, json_option, service_options, service_url
 from api.cli.support.progress import execute_plan, make_plan
 from api.cli.support.series import LOAD_HELP, LoadStep, load_step, read_targets, run_series, series_text
 from api.cli.support.summary import landing_text
+from api.cli.support.terminal import say_step
 
-DEFAULT_URL = "http://127.0.0.1:8000"
 ODDS_HELP = "Least probability of a hit within --tolerance [-]; a later release where the soonest has less."
 BIN_HELP = "Throw into a round bin: its inner radius, and the height of its rim above X Y Z, the bottom's centre [m]."
-
-
-def service_options(command: Any) -> Any:
-    """Adds the options --url and --token to a command."""
-    command = click.option("--token", envvar="FLING_TOKEN", help="Bearer token; FLING_TOKEN.")(command)
-    return click.option("--url", default=None, help="URL of the service; default: FLING_URL, or this machine.")(command)
-
-
-def service_url(url: str | None) -> str:
-    """Returns the URL of the service: the option, FLING_URL, or this machine at FLING_PORT."""
-    if url or os.environ.get("FLING_URL"):
-        return url or os.environ["FLING_URL"]
-    return f"http://127.0.0.1:{os.environ['FLING_PORT']}" if os.environ.get("FLING_PORT") else DEFAULT_URL
 
 
 @click.command(context_settings={"ignore_unknown_options": True})  # negative coordinates are not options
@@ -40,8 +27,8 @@ def service_url(url: str | None) -> str:
 @click.option("--repeat", type=click.IntRange(1, 10000), help="Throw this often at each target, as one experiment.")
 @click.option("--load", help=LOAD_HELP)
 @click.option("--name", default="", help="Name of the experiment.")
-@click.option("--json", "as_json", is_flag=True, help="Answer in JSON: the execution, or the experiment.")
-@click.option("--cell", help="Cell; default: the service's.")
+@json_option
+@cell_option(service=True)
 @click.option("--mode", type=click.Choice(["speedj", "servoj"]), default="speedj", show_default=True)
 @click.option("--dry-run", is_flag=True, help="Everything except motion.")
 @click.option("--window", type=float, help="A release early or late by up to this [s] still lands …")
@@ -97,6 +84,8 @@ def throw(
 
 
 def _one_throw(client: Any, request: dict[str, Any], mode: str, dry_run: bool, as_json: bool) -> None:
+    if not as_json and request.get("min_hit_probability"):
+        say_step(_odds_note(request))
     plan = make_plan(client, request, progress=not as_json)
     execution = execute_plan(client, plan, mode, dry_run, progress=not as_json)
     if as_json:
@@ -105,6 +94,15 @@ def _one_throw(client: Any, request: dict[str, Any], mode: str, dry_run: bool, a
         raise NotCompleted(f"{execution['outcome']}: {execution['reason'] or 'no reason was given'}")
     if not as_json:
         click.echo("\n".join(filter(None, [execution["reason"], landing_text(execution)])))
+
+
+def _odds_note(request: dict[str, Any]) -> str:
+    """Returns what is asked for with --odds: it takes longest, and is refused most, where a hit is a narrow thing."""
+    tolerance = request.get("landing_tolerance_m")
+    narrow = "the object's radius of the target, at least 1 cm; --tolerance makes it wider"
+    within = f"{tolerance:g} m of the target" if tolerance is not None else narrow
+    within = "the bin" if "opening" in request["release"] else within
+    return f"up to eight plans for odds of {request['min_hit_probability']:.0%}; a hit is within {within}"
 
 
 def _series(client: Any, load: LoadStep, settings: dict[str, Any], as_json: bool) -> None:
@@ -122,14 +120,14 @@ def _target(position: Sequence[float], bin: tuple[float, float] | None) -> dict[
 
 
 @click.command()
-@click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL, or ur5e-sim.")
+@cell_option(service=True)
 @service_options
 def acknowledge(cell: str | None, url: str | None, token: str | None) -> None:
     """Clear the fault that the executor latched, once a person has checked the robot."""
     from api.cli.support.client import ServiceClient
 
-    name = cell or os.environ.get("FLING_DEFAULT_CELL", "ur5e-sim")
     with ServiceClient(service_url(url), token) as client:
+        name = cell_of_service(client, cell)
         answer = client.post(f"/cells/{name}/acknowledge")
     fault = answer["fault"] or {}
     said = ": ".join(filter(None, [fault.get("outcome"), fault.get("reason")])) or "there was no fault"

@@ -3,12 +3,15 @@
 from api.http.draining import DrainingMiddleware
 from api.http.errors import (
     PROBLEM_TYPES,
+    RESTART_S,
+    SOON_S,
     ProblemDetails,
     install_error_handlers,
     invalid_field,
     invalid_request,
     problem_document,
     problem_status,
+    retry_after,
     translate,
 )
 from api.http.head import HeadMiddleware
@@ -25,10 +28,13 @@ from api.http.tokens import (
     read_tokens,
     revoke_token,
 )
+from api.http.tracing import TracingMiddleware
 from api.http.wrong_tokens import WrongTokens
 
 __all__ = [
     "PROBLEM_TYPES",
+    "RESTART_S",
+    "SOON_S",
     "Caller",
     "DrainingMiddleware",
     "HeadMiddleware",
@@ -38,6 +44,7 @@ __all__ = [
     "SecurityMiddleware",
     "StrictJsonRoute",
     "TokenRegistry",
+    "TracingMiddleware",
     "WrongTokens",
     "client_address",
     "create_token",
@@ -54,6 +61,7 @@ __all__ = [
     "problem_document",
     "problem_status",
     "read_tokens",
+    "retry_after",
     "revoke_token",
     "translate",
     "unchanging",

@@ -7,9 +7,8 @@ import re
 from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from api.http.errors import ProblemDetails, problem_response
+from api.http.errors import RESTART_S, ProblemDetails, problem_response, retry_after
 
-RETRY_AFTER_S = 5  # [s] another instance answers at once, this one after its restart
 NEW_WORK = re.compile(r"/(plan|execute|experiments|batches|cells/[^/]+/map)")
 
 
@@ -36,7 +35,7 @@ class DrainingMiddleware:
 def shutting_down() -> ProblemDetails:
     """Returns the problem of work that comes too late."""
     detail = "the service is shutting down and takes no new work"
-    return ProblemDetails("shutting-down", detail, headers={"Retry-After": str(RETRY_AFTER_S)})
+    return ProblemDetails("shutting-down", detail, headers=retry_after(RESTART_S))
 
 
 def _closing(send: Send) -> Send:

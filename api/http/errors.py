@@ -14,17 +14,22 @@ from typing import Any
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import Response
+from pydantic import BaseModel
 from starlette.exceptions import HTTPException
+from starlette.routing import Match
 
-from api.planning import PlanningEnded, PlanningQueueFull
+from api.field_errors import reason, refused_fields
+from api.planning import ClientGone, PlanningEnded, PlanningQueueFull
 from planner.errors import BackendUnavailable, CellError, Infeasible, InvalidProblem, SolverFailed
 from store import CellBusy, KeyTaken, StoreUnavailable, UnknownBatch, UnknownExecution, UnknownExperiment, UnknownPlan
 
 MEDIA_TYPE = "application/problem+json"
 BODY_LIMIT_BYTES = 1_000_000  # [byte] far above the few hundred bytes of a request
+SOON_S = 1  # [s] to wait for what usually takes less: a busy database, a planner that starts
+RESTART_S = 5  # [s] to wait for a service that ends: another one answers at once, this one after its restart
+UNFINISHED = 499  # status of a request whose client was gone before the answer began; source: nginx
+METHODS = ("GET", "HEAD", "POST", "PUT", "PATCH", "DELETE")
 BODY_TOO_LARGE = f"the body is larger than {BODY_LIMIT_BYTES} bytes"
-# of unions, in pydantic's error locations
-UNION_TAGS = {"float", "constrained-float", "int", "pose", "point", "joint", "target", "body"}
 
 
 @dataclass(frozen=True)
@@ -119,6 +124,11 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
 }
 
 
+def retry_after(seconds: int) -> dict[str, str]:
+    """Returns the header that tells a client when to try again [s]."""
+    return {"Retry-After": str(seconds)}
+
+
 class ProblemDetails(Exception):
     """An error response: problem type, detail in words, extra fields and headers.
 
@@ -142,13 +152,10 @@ def invalid_field(field: str, reason: str) -> ProblemDetails:
     return ProblemDetails("invalid-request", f"{field}: {reason}", errors=[{"field": field, "reason": reason}])
 
 
-def invalid_request(errors: Sequence[Any]) -> ProblemDetails:
-    """Returns the problem of a request that pydantic refused with these errors: one reason per field."""
-    found: dict[str, str] = {}
-    for error in errors:
-        found.setdefault(_field_path(error["loc"]), str(error["msg"]))
-    detail = "; ".join(f"{field}: {reason}" for field, reason in found.items())
-    fields = [{"field": field, "reason": reason} for field, reason in found.items()]
+def invalid_request(errors: Sequence[Any], model: type[BaseModel] | None = None) -> ProblemDetails:
+    """Returns the problem of a request that pydantic refused with these errors; `model` is that of its body."""
+    fields = refused_fields(errors, model)
+    detail = "; ".join(f"{field['field']}: {field['reason']}" for field in fields)
     return ProblemDetails("invalid-request", detail, errors=fields)
 
 
@@ -163,8 +170,8 @@ def _invalid(error: RequestValidationError) -> ProblemDetails:
     errors = error.errors()
     wrong = next((found for found in errors if found["loc"][0] == "path"), None)
     if wrong is not None:
-        return ProblemDetails("not-found", f"{wrong['loc'][1]} {str(wrong['input'])[:80]!a}: {wrong['msg']}")
-    return invalid_request(errors)
+        return ProblemDetails("not-found", f"{wrong['loc'][1]}: {reason(wrong)}")
+    return invalid_request(errors, getattr(error, "model", None))
 
 
 def _from_framework(error: HTTPException) -> ProblemDetails:
@@ -202,9 +209,9 @@ TRANSLATIONS: dict[type[Exception], Callable[[Any], ProblemDetails]] = {
     SolverFailed: _solver_failed,
     BackendUnavailable: lambda e: invalid_field("backend", str(e)),
     CellError: lambda e: invalid_field("cell", f"the cell file is refused: {e}"),
-    PlanningQueueFull: lambda e: ProblemDetails("overloaded", str(e), headers={"Retry-After": str(e.retry_after_s)}),
-    PlanningEnded: lambda e: ProblemDetails("shutting-down", str(e), headers={"Retry-After": "5"}),
-    StoreUnavailable: lambda e: ProblemDetails("not-ready", e.advice, headers={"Retry-After": "1"}, outage=e.kind),
+    PlanningQueueFull: lambda e: ProblemDetails("overloaded", str(e), headers=retry_after(e.retry_after_s)),
+    PlanningEnded: lambda e: ProblemDetails("shutting-down", str(e), headers=retry_after(RESTART_S)),
+    StoreUnavailable: lambda e: ProblemDetails("not-ready", e.advice, headers=retry_after(SOON_S), outage=e.kind),
     CellBusy: lambda e: ProblemDetails("robot-busy", str(e), cell=e.cell),
     KeyTaken: lambda _: ProblemDetails("idempotency-conflict", "this Idempotency-Key was used with another body"),
     UnknownPlan: lambda e: ProblemDetails("not-found", str(e)),
@@ -246,31 +253,27 @@ def problem_response(problem: ProblemDetails, instance: str) -> Response:
 
 def install_error_handlers(app: FastAPI) -> None:
     """Makes `app` answer every error with a problem document."""
-    for kind in TRANSLATIONS:
+    for kind in (ClientGone, *TRANSLATIONS):
         app.add_exception_handler(kind, _on_error)
 
 
 async def _on_error(request: Request, error: Exception) -> Response:
+    if isinstance(error, ClientGone):
+        return Response(status_code=UNFINISHED)
     request.state.problem = problem = translate(error)  # for the log and the audit trail
+    if problem.name == "method-not-allowed":
+        problem.headers["Allow"] = ", ".join(_allowed_methods(request))
     return problem_response(problem, request.url.path)
 
 
-def _field_path(location: Sequence[str | int]) -> str:
-    """Returns ("body", "release", "joint", "positions", 3) as "release.positions[3]"."""
-    path = ""
-    for i, part in enumerate(location):
-        if isinstance(part, int):
-            path += f"[{part}]"
-        elif not (part in UNION_TAGS and _is_tag(location, i)) and "[" not in part:
-            path += f".{part}" if path else part
-    return path or "body"
-
-
-def _is_tag(location: Sequence[str | int], i: int) -> bool:
-    part = location[i]
-    if part == "body":
-        return i == 0
-    return part in ("float", "constrained-float", "int") or (i > 0 and location[i - 1] == "release")
+def _allowed_methods(request: Request) -> list[str]:
+    """Returns the methods of every route at the address of a request; the framework names those of the first alone."""
+    routes, found = request.app.router.routes, []
+    for method in METHODS:
+        scope = {**request.scope, "method": "GET" if method == "HEAD" else method}  # HEAD is answered by GET
+        if any(route.matches(scope)[0] is Match.FULL for route in routes):
+            found.append(method)
+    return found
 
 
 def _finite(value: Any) -> Any:

@@ -7,13 +7,14 @@ from collections.abc import Callable, Coroutine, Iterator
 from typing import Any
 
 from fastapi import Request, Response
+from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 
 from api.http.errors import ProblemDetails
 
 
 class StrictJsonRoute(APIRoute):
-    """A route that refuses ambiguous JSON before its models read it."""
+    """A route that refuses ambiguous JSON before its models read it, and says which model refused a body."""
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         """Returns the handler, with the check in front of it."""
@@ -22,7 +23,12 @@ class StrictJsonRoute(APIRoute):
         async def checked(request: Request) -> Response:
             if self.body_field is not None:
                 refuse_ambiguous(await request.body())
-            return await handler(request)
+            try:
+                return await handler(request)
+            except RequestValidationError as error:
+                if self.body_field is not None:
+                    error.model = self.body_field.field_info.annotation  # type: ignore[attr-defined]  # for suggestions
+                raise
 
         return checked
 

@@ -64,6 +64,15 @@ class ProblemAnswer(BaseModel):
 
 
 OF_BODIES = {"invalid-request", "too-large", "unsupported-media-type", "request-timeout", "shutting-down"}
+LINKS = {  # operation: the operations that take the id of what it made
+    "make_plan": ("read_plan", "read_trajectory", "read_plan_curves"),
+    "execute_plan": (
+        "read_execution", "watch_execution", "read_recording", "abort_execution", "report_landing", "read_landings",
+    ),
+    "begin_experiment": ("read_experiment",),
+    "estimate_profile_of_cell": ("read_profile", "adopt_profile"),
+}  # fmt: skip
+MADE = "$response.body#/id"
 UNROUTED = (ProblemAnswer, StateEvent, TelemetryEvent)  # models of media types that FastAPI does not know
 
 
@@ -124,8 +133,21 @@ def _complete(operation: dict[str, Any], secured: bool) -> None:
     names = names | {"unauthenticated"} if guarded and secured else names - {"unauthenticated"}
     places = {parameter["in"] for parameter in operation.get("parameters", ())}
     names |= {"not-found"} if "path" in places else set()
-    names |= {"invalid-request"} if places & {"query", "header"} else set()
+    names |= {"invalid-request"}  # a query parameter that there is not
     names |= OF_BODIES if "requestBody" in operation else set()
     successes = {code: answer for code, answer in operation["responses"].items() if code < "400"}
+    for code in successes.keys() & {"201", "202"}:
+        if links := _links(operation["operationId"]):
+            successes[code]["links"] = links
     problems = {str(status): answer for status, answer in problem_answers(*names).items()}
     operation["responses"] = {**successes, **problems}
+
+
+def _links(operation: str) -> dict[str, Any]:
+    """Returns what can be done with what an operation made (OpenAPI 3.1, Link Object)."""
+    links: dict[str, Any] = {
+        name: {"operationId": name, "parameters": {"id": MADE}} for name in LINKS.get(operation, ())
+    }
+    if operation == "make_plan":
+        links["execute_plan"] = {"operationId": "execute_plan", "requestBody": {"plan_id": MADE}}
+    return links

@@ -14,11 +14,11 @@ from typing import Any
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from api.http.errors import UNFINISHED
 from store import AuditLine, new_id
 
 ID_HEADER = "X-Request-ID"
 ID_PATTERN = re.compile(r"[A-Za-z0-9._:+/=-]{1,128}")  # others are not echoed: they end up in logs
-UNFINISHED = 499  # status of a request whose client was gone before the answer began; source: nginx
 ACTIONS = {  # what is audited, by route; acts that succeed are audited by the store, with the act
     "/execute": "execute",
     "/executions/{id}/abort": "abort",

@@ -3,10 +3,11 @@
 from api.planning.batch_drivers import BatchDrivers
 from api.planning.compilation import compile_when_idle
 from api.planning.map_runners import MapRunners
-from api.planning.pool import PlannerPool, PlanningEnded, PlanningQueueFull
+from api.planning.pool import ClientGone, PlannerPool, PlanningEnded, PlanningQueueFull
 
 __all__ = [
     "BatchDrivers",
+    "ClientGone",
     "MapRunners",
     "PlannerPool",
     "PlanningEnded",

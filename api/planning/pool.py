@@ -38,6 +38,10 @@ class PlanningEnded(Exception):
         super().__init__("the service is shutting down; this request waited in line")
 
 
+class ClientGone(Exception):
+    """The client left before its request was begun."""
+
+
 class PlannerPool:
     """Planner processes behind a bounded queue.
 
@@ -83,10 +87,17 @@ class PlannerPool:
         if before is not None:
             before.shutdown(wait=False)
 
-    async def solve(self, job: PlanningJob, time_limit_s: float) -> Planned:
+    async def solve(self, job: PlanningJob, time_limit_s: float, gone: asyncio.Event | None = None) -> Planned:
         """Plans one request.
 
+        Args:
+            job: the request.
+            time_limit_s: of its search [s].
+            gone: set when the client has left: a request in line is given up. One that was begun ends by its own limit:
+                to kill its process would cost seconds of loading, more than most plans take.
+
         Raises:
+            ClientGone: The client left while the request was in line.
             PlanningQueueFull: Too many requests wait already.
             PlanningEnded: `drain` was called before this request was begun.
             PlannerError: The planner refused the request, or its process died or did not answer in time.
@@ -96,10 +107,13 @@ class PlannerPool:
             raise PlanningQueueFull(min(max(1, advice), RETRY_MAX_S))
         self.waiting += 1
         try:
-            async with self._free:
+            await self._turn(gone or asyncio.Event())
+            try:
                 if self._is_draining:
                     raise PlanningEnded
                 return await self._run(job, time_limit_s + self._grace_s)
+            finally:
+                self._free.release()
         finally:
             self.waiting -= 1
 
@@ -113,6 +127,24 @@ class PlannerPool:
         """Ends the processes."""
         if self._executor is not None:
             self._discard(self._executor)
+
+    async def _turn(self, gone: asyncio.Event) -> None:
+        """Waits until a process is free, and takes it.
+
+        Raises:
+            ClientGone: The client left before.
+        """
+        turn, left = asyncio.ensure_future(self._free.acquire()), asyncio.ensure_future(gone.wait())
+        taken = False
+        try:
+            await asyncio.wait((turn, left), return_when=asyncio.FIRST_COMPLETED)
+            if gone.is_set():
+                raise ClientGone
+            taken = True
+        finally:
+            left.cancel()
+            if not taken and not turn.cancel():  # it came at the same moment
+                self._free.release()
 
     async def _run(self, job: PlanningJob, timeout_s: float) -> Planned:
         for _ in range(TRIES):

@@ -9,7 +9,7 @@ from starlette.concurrency import run_in_threadpool
 
 from api import fling_version
 from api.dependencies import AnyCaller, Service, ServiceDep
-from api.http import ProblemDetails, json_answer
+from api.http import RESTART_S, SOON_S, ProblemDetails, json_answer, retry_after
 from api.schemas import Health, Readiness
 
 router = APIRouter(tags=["service"])
@@ -35,11 +35,11 @@ async def read_readiness(request: Request, service: ServiceDep) -> JSONResponse:
     parts = {"store": store, "planner": service.pool.is_warm, "solvers": solvers, "cells": cells}
     if request.app.state.is_draining:
         reason = "the service is shutting down"
-        raise ProblemDetails("not-ready", reason, headers={"Retry-After": "5"}, ready=False, **parts)
+        raise ProblemDetails("not-ready", reason, headers=retry_after(RESTART_S), ready=False, **parts)
     if not (store and service.pool.is_warm):
         reason = outage.advice if outage else "the planner processes are starting"
         parts["outage"] = outage and outage.kind
-        raise ProblemDetails("not-ready", reason, headers={"Retry-After": "1"}, ready=False, **parts)
+        raise ProblemDetails("not-ready", reason, headers=retry_after(SOON_S), ready=False, **parts)
     return JSONResponse({"ready": True, **parts})
 
 

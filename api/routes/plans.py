@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import asyncio
 import csv
 import io
 import time
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 import orjson
@@ -12,7 +14,7 @@ from fastapi import APIRouter, Body, Header, Query, Response
 from starlette.concurrency import run_in_threadpool
 
 from api import fling_version
-from api.dependencies import AnyCaller, IfNoneMatch, Key, Origin, PlanCaller, Service, ServiceDep, id_in_path
+from api.dependencies import AnyCaller, Gone, IfNoneMatch, Key, Origin, PlanCaller, Service, ServiceDep, id_in_path
 from api.http import (
     ProblemDetails,
     StrictJsonRoute,
@@ -23,7 +25,7 @@ from api.http import (
     translate,
     unchanging,
 )
-from api.planning import PlanningEnded, PlanningQueueFull
+from api.planning import ClientGone, PlanningEnded, PlanningQueueFull
 from api.report import plan_svg
 from api.schemas import (
     PLAN_EXAMPLES,
@@ -36,6 +38,7 @@ from api.schemas import (
     iso_time,
 )
 from batch.jobs import Planned, PlanningJob
+from fling.tracing import TracedSpan, traced
 from planner.cell import Cell, CellSource
 from planner.errors import CellError, PlannerError
 from planner.problem import TIME_LIMIT_S
@@ -77,15 +80,17 @@ async def make_plan(
     caller: PlanCaller,
     key: Key,
     origin: Origin,
+    gone: Gone,
     trajectory: WithTrajectory = True,
     store: WithStore = True,
 ) -> Response:
     """Solves, certifies and stores one plan. A plan that fails its certificate is never stored and never returned."""
+    asked = _Asked(body, service, key, origin.request_id, gone)
     if not store:
-        return await _preview(body, service, key, origin.request_id, trajectory)
+        return await _preview(asked, trajectory)
     id = None if key is None else await run_in_threadpool(service.store.resource_of_key, key)
     if id is None:
-        id = await _solve_and_store(body, service, key, origin.request_id)
+        id = await _solve_and_store(asked)
     row = await run_in_threadpool(service.store.plan if trajectory else service.store.plan_summary, id)
     assert row is not None  # retention deletes no young plan, and keys with their plans
     content = row.document if trajectory else row.summary
@@ -177,38 +182,63 @@ def cell_of_plan(service: Service, row: PlanRow) -> Cell:
     return cell
 
 
-async def _preview(
-    body: PlanRequest, service: Service, key: IdempotencyKey | None, request_id: str, trajectory: bool
-) -> Response:
+@dataclass(frozen=True)
+class _Asked:
+    """A request for a plan, with what it came with."""
+
+    body: PlanRequest
+    service: Service
+    key: IdempotencyKey | None
+    request_id: str
+    gone: asyncio.Event
+
+
+async def _preview(asked: _Asked, trajectory: bool) -> Response:
     """Answers a plan and forgets it: no id, no `Location`, nothing to execute.
 
     Raises:
         ProblemDetails: The request has an idempotency key, which belongs to something stored.
     """
-    if key is not None:
+    if asked.key is not None:
         raise invalid_field("Idempotency-Key", "belongs to a plan that is stored, not to store=false")
-    job = await run_in_threadpool(_planning_job, body, service, request_id, False)
-    planned = await _solve(job, body, service)
+    job = await run_in_threadpool(_planning_job, asked.body, asked.service, asked.request_id, False)
+    planned = await _solve(job, asked)
     return Response(planned.document if trajectory else planned.summary, 200, media_type="application/json")
 
 
-async def _solve_and_store(body: PlanRequest, service: Service, key: IdempotencyKey | None, request_id: str) -> str:
-    job = await run_in_threadpool(_planning_job, body, service, request_id)
-    planned = await _solve(job, body, service)
-    return await run_in_threadpool(_store_plan, service, job, planned, key)
+async def _solve_and_store(asked: _Asked) -> str:
+    job = await run_in_threadpool(_planning_job, asked.body, asked.service, asked.request_id)
+    planned = await _solve(job, asked)
+    return await run_in_threadpool(_store_plan, asked.service, job, planned, asked.key)
 
 
-async def _solve(job: PlanningJob, body: PlanRequest, service: Service) -> Planned:
+async def _solve(job: PlanningJob, asked: _Asked) -> Planned:
+    service, limit_s = asked.service, asked.body.time_limit_s or TIME_LIMIT_S
     started_at = time.perf_counter()
-    try:
-        planned = await service.pool.solve(job, body.time_limit_s or TIME_LIMIT_S)
-    except (PlannerError, PlanningEnded, PlanningQueueFull) as error:
-        service.metrics.plans.labels(translate(error).name).inc()
-        raise
-    finally:
-        service.metrics.plan_seconds.observe(time.perf_counter() - started_at)
+    with traced("plan", fling__cell=job.cell.name, fling__plan_id=job.plan_id) as span:
+        try:
+            planned = await service.pool.solve(job, limit_s, asked.gone)
+        except (PlannerError, PlanningEnded, PlanningQueueFull) as error:
+            name = translate(error).name
+            service.metrics.plans.labels(name).inc()
+            span.set(fling__problem=name)
+            raise
+        except ClientGone:
+            service.metrics.plans.labels("abandoned").inc()
+            raise
+        finally:
+            service.metrics.plan_seconds.observe(time.perf_counter() - started_at)
+        _note_attempts(span, planned)
     service.metrics.record_plan(planned.summary)
     return planned
+
+
+def _note_attempts(span: TracedSpan, planned: Planned) -> None:
+    """Adds what the planner tried to the span of a plan."""
+    solver = orjson.loads(planned.summary)["solver"]
+    span.set(fling__backend=planned.backend, fling__solve_time_s=solver["solve_time_s"])
+    for attempt in solver["attempts"]:
+        span.event(attempt["backend"], result=attempt["result"], duration_s=attempt["duration_s"])
 
 
 def _planning_job(body: PlanRequest, service: Service, request_id: str, stored: bool = True) -> PlanningJob:

@@ -14,6 +14,7 @@ from batch.jobs import PlanningJob
 from batch.pool.planning_pool import PoolBroken, Report
 from batch.pool.results import Chunk, JobResult, Work, answer
 
+LINE_MAX = 160  # characters of a line of Ray's errors that are kept
 ADVICE = "Ray is not installed: pip install 'fling-robotics[ray]'"
 
 
@@ -123,6 +124,6 @@ def _connect(address: str) -> Any:
 
 
 def _words(error: Exception) -> str:
-    """Returns the last line of an error that says something: Ray's own messages are pages long."""
-    lines = [line.strip() for line in str(error).splitlines() if line.strip()]
-    return lines[-1] if lines else type(error).__name__
+    """Returns the first and the last line of an error: Ray's messages are pages long."""
+    lines = [line.strip()[:LINE_MAX] for line in str(error).splitlines() if line.strip()]
+    return " … ".join(dict.fromkeys([*lines[:1], *lines[-1:]])) or type(error).__name__

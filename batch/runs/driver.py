@@ -6,6 +6,7 @@ It may be killed at any time: whoever drives the batch next begins with what is 
 from __future__ import annotations
 
 import hashlib
+import os
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Iterator
@@ -191,8 +192,10 @@ class BatchDriver:
             self._recent.popitem(last=False)
 
     def _pool_size(self, left: int) -> int | None:
-        """Returns the number of workers: no more than requests are left."""
-        return None if self._workers is None else max(1, min(self._workers, left))
+        """Returns the number of workers, no more than requests are left; None: one a core of the cluster."""
+        if self._workers is None and self._ray_address:
+            return None
+        return min(self._workers or os.cpu_count() or 1, left)
 
     def _warm_up(self) -> PlanningJob:
         return PlanningJob(None, "", next(iter(self._sources.values())), WARM_UP_REQUEST)

@@ -1,7 +1,22 @@
 """The independent audit: certified plans checked by Pinocchio, coal and MuJoCo instead of Fling's own kinematics."""
 
-from benchmarks.audit.checks import find_faults
-from benchmarks.audit.flights import flight_faults
+from benchmarks.audit.checks import find_faults, motion_faults
+from benchmarks.audit.distances import self_pairs
+from benchmarks.audit.fault import AuditFault, over, under
+from benchmarks.audit.flights import clearance_faults, flight_faults, landing_errors, release_state
 from benchmarks.audit.run import AuditResult, run_audit
 
-__all__ = ["AuditResult", "find_faults", "flight_faults", "run_audit"]
+__all__ = [
+    "AuditResult",
+    "AuditFault",
+    "clearance_faults",
+    "find_faults",
+    "flight_faults",
+    "landing_errors",
+    "motion_faults",
+    "over",
+    "release_state",
+    "run_audit",
+    "self_pairs",
+    "under",
+]

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from benchmarks.audit.distances import LENGTH_SLACK_M, SPARSE_S, spatial_faults
+from benchmarks.audit.fault import AuditFault, joint_faults, over
 from benchmarks.audit.flights import flight_faults
 from benchmarks.audit.mujoco_model import inverse_dynamics
 from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
@@ -23,9 +24,11 @@ from planner.trajectory import Trajectory
 
 Vector = NDArray[np.float64]
 
-STEP_S = 0.001  # [s] grid of joint limits, torques and speeds
+STEP_S = 0.001  # [s] grid of joint limits
+TORQUE_S = 0.004  # [s] grid of torques
 LIMIT_SLACK = 1e-5  # [-] of a limit: spline interpolation, and quarter turns rounded in the URDF
 SPEED_SLACK = 1.1e-4  # [m/s] at the release: the certificate's tolerance and rounding
+START_SLACK = 1e-6  # [rad, rad/s] at start and end
 TORQUE_AGREEMENT = 1e-4  # [-] of the largest torque, between Pinocchio and MuJoCo
 
 
@@ -40,7 +43,8 @@ class DenseSamples:
         q: Positions (n, 6) [rad].
         qd: Velocities (n, 6) [rad/s].
         qdd: Accelerations (n, 6) [rad/s^2].
-        jerk: Jerks in the middle of each tick (N-1, 6) [rad/s^3].
+        jerk: Jerks in the middle of each tick, and between ticks by second differences of the velocities, with rest
+            before and after the motion (2N-1, 6) [rad/s^3]. Neither exceeds the largest jerk of a smooth motion.
     """
 
     t: Vector
@@ -50,80 +54,119 @@ class DenseSamples:
     jerk: Vector
 
     @classmethod
-    def of(cls, motion: Trajectory) -> DenseSamples:
-        """Evaluates a motion."""
+    def of(cls, motion: Trajectory, smooth: bool = False) -> DenseSamples:
+        """Evaluates a motion.
+
+        Args:
+            motion: The motion.
+            smooth: Whether its jerk may change within a tick. The spline's acceleration at the end of a tick is then
+                not the motion's; that in the middle is its mean over the tick, and only that is taken.
+        """
         spline = CubicHermiteSpline(motion.t, motion.q, motion.qd)
         t = np.linspace(0.0, motion.duration_s, max(2, round(motion.duration_s / STEP_S) + 1))
-        return cls(t, spline(t), spline(t, 1), spline(t, 2), spline(0.5 * (motion.t[1:] + motion.t[:-1]), 3))
+        if smooth:
+            t = 0.5 * (motion.t[1:] + motion.t[:-1])
+        rest = np.zeros((1, motion.qd.shape[1]))
+        across = np.diff(np.concatenate([rest, motion.qd, rest]), n=2, axis=0) / motion.dt**2
+        inside = spline(0.5 * (motion.t[1:] + motion.t[:-1]), 3)
+        return cls(t, spline(t), spline(t, 1), spline(t, 2), np.concatenate([inside, across]))
+
+    def every(self, step_s: float) -> int:
+        """Returns which share of the times, one in how many, are `step_s` apart or a little less."""
+        return max(1, int(step_s / (self.t[1] - self.t[0]) + 1e-6)) if len(self.t) > 1 else 1
 
 
-def find_faults(problem: ThrowProblem, motion: Trajectory) -> list[str]:
-    """Returns the faults of a certified motion, in words; an empty list if it is right."""
-    dense = DenseSamples.of(motion)
-    found = [*_limits(problem, motion, dense), *_torques(problem, motion, dense), *_space(problem, motion, dense)]
+def find_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
+    """Returns the faults of a certified motion; an empty list if it is right."""
+    found = motion_faults(problem, motion)
     found += [*safety_faults(problem, motion), *grip_faults(problem, motion), *flight_faults(problem, motion)]
     return found + _release(problem, motion)
 
 
-def _limits(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[str]:
+def motion_faults(problem: ThrowProblem, motion: Trajectory, smooth: bool = False) -> list[AuditFault]:
+    """Returns the faults of a motion by itself: start, rest, joints, torques, distances, speed; not of the release.
+
+    Args:
+        problem: The problem.
+        motion: The motion; its accelerations are not used.
+        smooth: Whether its jerk may change within a tick.
+    """
+    dense = DenseSamples.of(motion, smooth)
+    return [*_limits(problem, motion, dense), *_torques(problem, motion, dense), *_space(problem, motion, dense)]
+
+
+def _limits(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[AuditFault]:
     limits = problem.limits
-    pairs = (
-        ("velocity", np.abs(dense.qd).max(axis=0), limits.qd_max),
-        ("acceleration", np.abs(dense.qdd).max(axis=0), limits.qdd_max),
-        ("jerk", np.abs(dense.jerk).max(axis=0), limits.jerk_max),
-        ("upper position", dense.q.max(axis=0), limits.q_upper + 1e-6),
-        ("lower position", -dense.q.min(axis=0), -limits.q_lower + 1e-6),
+    rows = (
+        (
+            "joint_velocity",
+            "velocity",
+            np.abs(np.concatenate([dense.qd, motion.qd])).max(axis=0),
+            limits.qd_max,
+            0.0,
+            "rad/s",
+        ),
+        ("joint_acceleration", "acceleration", np.abs(dense.qdd).max(axis=0), limits.qdd_max, 0.0, "rad/s^2"),
+        ("joint_jerk", "jerk", np.abs(dense.jerk).max(axis=0), limits.jerk_max, 0.0, "rad/s^3"),
+        ("joint_position", "upper position", dense.q.max(axis=0), limits.q_upper, 1e-6, "rad"),
+        ("joint_position", "lower position, negated", -dense.q.min(axis=0), -limits.q_lower, 1e-6, "rad"),
     )
-    found = [f"{name} {worst}" for name, worst, limit in pairs if np.any(worst > limit + LIMIT_SLACK * np.abs(limit))]
-    if np.abs(motion.qd[-1]).max() > 1e-6 or np.abs(motion.q[0] - problem.start).max() > 1e-6:
-        found.append("does not start as requested or does not end at rest")
+    found = []
+    for rule, text, worst, limit, slack, unit in rows:
+        found += joint_faults(rule, text, worst, limit, slack + LIMIT_SLACK * np.abs(limit), unit)
+    off = float(np.abs(motion.q[0] - problem.start).max())
+    found += over("start", "does not start as requested", off, 0.0, START_SLACK, "rad")
+    for rule, i in (("start", 0), ("end_at_rest", -1)):
+        text = "does not start at rest" if i == 0 else "does not end at rest"
+        found += over(rule, text, float(np.abs(motion.qd[i]).max()), 0.0, START_SLACK, "rad/s")
     return found
 
 
-def _torques(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[str]:
-    found, cell = [], problem.cell
+def _torques(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[AuditFault]:
+    found, cell, worst = [], problem.cell, np.zeros(6)
     gone_from, held_until = object_times(problem, motion)
     for rows, with_object in ((dense.t <= held_until, True), (dense.t >= gone_from, False)):
-        states = [x[rows][::4] for x in (dense.q, dense.qd, dense.qdd)]
+        states = [x[rows][:: dense.every(TORQUE_S)] for x in (dense.q, dense.qd, dense.qdd)]
         if len(states[0]) == 0:
             continue
         model = arm_model(cell, with_object)
         data = model.createData()
         tau = np.array([pin.rnea(model, data, *state) for state in zip(*states, strict=True)])
-        if np.any(np.abs(tau) > problem.limits.tau_max * (1.0 + LIMIT_SLACK) + 1e-6):
-            found.append(f"torque {np.abs(tau).max(axis=0)}")
+        worst = np.maximum(worst, np.abs(tau).max(axis=0))
         other = inverse_dynamics(cell, with_object, model, *(x[::8] for x in states))
-        if np.abs(tau[::8] - other).max() > TORQUE_AGREEMENT * max(1.0, np.abs(tau).max()):
-            found.append("Pinocchio and MuJoCo disagree on torques")
-    return found
+        off = float(np.abs(tau[::8] - other).max())
+        agreed = TORQUE_AGREEMENT * max(1.0, np.abs(tau).max())
+        found += over("joint_torque", "Pinocchio and MuJoCo disagree on torques", off, agreed, 0.0, "N m")
+    slack = problem.limits.tau_max * LIMIT_SLACK + 1e-6
+    return joint_faults("joint_torque", "torque", worst, problem.limits.tau_max, slack, "N m") + found
 
 
-def _space(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[str]:
-    rows = slice(None, None, round(SPARSE_S / STEP_S))
+def _space(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[AuditFault]:
+    rows = slice(None, None, dense.every(SPARSE_S))
     return spatial_faults(problem, dense.q[rows], dense.qd[rows], dense.t[rows], object_times(problem, motion)[1])
 
 
-def _release(problem: ThrowProblem, motion: Trajectory) -> list[str]:
+def _release(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
     """Returns the faults of the release state."""
     cell, k, release = problem.cell, motion.release_index, problem.release
     model = arm_model(cell, True)
     poses, v = poses_and_velocity(cell, model, model.createData(), motion.q[k], motion.qd[k])
     p, found = poses[6].act(cell.tool.X_FT[:3, 3]), []
     if isinstance(release, JointRelease):
-        if max(np.abs(motion.q[k] - release.q).max(), np.abs(motion.qd[k] - release.qd).max()) > SPEED_SLACK:
-            found.append("another joint state at the release")
-        return found
+        off = max(np.abs(motion.q[k] - release.q).max(), np.abs(motion.qd[k] - release.qd).max())
+        return over("release_velocity", "another joint state at the release", float(off), 0.0, SPEED_SLACK)
     if isinstance(release, PoseRelease | PointRelease):
         place = release.X_WT[:3, 3] if isinstance(release, PoseRelease) else release.p_WT
         velocity = release.V_WT[:3] if isinstance(release, PoseRelease) else release.v_WT
-        if np.linalg.norm(p - place) > 2.0 * LENGTH_SLACK_M or np.linalg.norm(v - velocity) > 2.0 * SPEED_SLACK:
-            found.append(f"release off by {np.linalg.norm(p - place)} m, {np.linalg.norm(v - velocity)} m/s")
+        apart, too_fast = float(np.linalg.norm(p - place)), float(np.linalg.norm(v - velocity))
+        found += over("release_position", "another place of release", apart, 0.0, 2.0 * LENGTH_SLACK_M, "m")
+        found += over("release_velocity", "another velocity of release", too_fast, 0.0, 2.0 * SPEED_SLACK, "m/s")
     if isinstance(release, PoseRelease):
         found += _orientation(release, problem, motion, model)
     return found
 
 
-def _orientation(release: PoseRelease, problem: ThrowProblem, motion: Trajectory, model: pin.Model) -> list[str]:
+def _orientation(release: PoseRelease, problem: ThrowProblem, motion: Trajectory, model: pin.Model) -> list[AuditFault]:
     k, data = motion.release_index, model.createData()
     pin.forwardKinematics(model, data, motion.q[k], motion.qd[k])
     R_WT = (
@@ -131,6 +174,5 @@ def _orientation(release: PoseRelease, problem: ThrowProblem, motion: Trajectory
     )
     turn = float(np.linalg.norm(pin.log3(R_WT @ release.X_WT[:3, :3].T)))
     spin = float(np.linalg.norm(pin.getVelocity(model, data, 6, pin.LOCAL_WORLD_ALIGNED).angular - release.V_WT[3:]))
-    if turn > 2.0 * LENGTH_SLACK_M or spin > 2.0 * SPEED_SLACK:
-        return [f"release turned by {turn} rad, {spin} rad/s"]
-    return []
+    found = over("release_position", "release turned", turn, 0.0, 2.0 * LENGTH_SLACK_M, "rad")
+    return found + over("release_velocity", "another spin of release", spin, 0.0, 2.0 * SPEED_SLACK, "rad/s")

@@ -12,10 +12,13 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import NDArray
 
-from benchmarks.audit.pinocchio_arm import arm_model, poses_and_velocity
+from benchmarks.audit.fault import AuditFault, over, under
+from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
 from planner.cell import Cell
 from planner.geometry import SELF_CLEARANCE_M, body_capsules
 from planner.problem import TargetRelease, ThrowProblem
+from planner.robots import Robot
+from tests.planner.published_arms import pinocchio_arm
 
 Vector = NDArray[np.float64]
 Obstacle = tuple[coal.Box | coal.Cylinder, coal.Transform3s]
@@ -48,22 +51,22 @@ class SpatialExtremes:
     speed: float = 0.0
     outside: float = -np.inf
 
-    def faults(self, problem: ThrowProblem) -> list[str]:
-        """Returns the violated limits, in words."""
-        limits, clearance = problem.limits, problem.cell.surroundings.clearance_m - LENGTH_SLACK_M
-        rows = (
-            ("tool speed", self.speed, self.speed > limits.tcp_speed_max * (1.0 + LIMIT_SLACK)),
-            ("floor", self.floor, self.floor < clearance),
-            ("self-collision", self.self_gap, self.self_gap < SELF_CLEARANCE_M - LENGTH_SLACK_M),
-            ("forbidden box or bin", self.boxes, self.boxes < clearance),
-            ("outside a box by", self.outside, self.outside > LENGTH_SLACK_M),
-            ("singularity distance", self.singular, self.singular < limits.singularity_distance_min - LIMIT_SLACK),
-        )
-        return [f"{name} {value}" for name, value, wrong in rows if wrong]
+    def faults(self, problem: ThrowProblem) -> list[AuditFault]:
+        """Returns the violated limits."""
+        limits, clearance, slack = problem.limits, problem.cell.surroundings.clearance_m, LENGTH_SLACK_M
+        least, fast = limits.singularity_distance_min, limits.tcp_speed_max
+        return [
+            *over("tcp_speed", "tool speed", self.speed, fast, fast * LIMIT_SLACK, "m/s"),
+            *under("floor", "floor", self.floor, clearance, slack, "m"),
+            *under("self_collision", "self-collision", self.self_gap, SELF_CLEARANCE_M, slack, "m"),
+            *under("keep_out", "forbidden box or bin", self.boxes, clearance, slack, "m"),
+            *over("keep_in", "outside a box by", self.outside, 0.0, slack, "m"),
+            *under("singularity_distance", "singularity distance", self.singular, least, LIMIT_SLACK),
+        ]
 
 
-def spatial_faults(problem: ThrowProblem, q: Vector, qd: Vector, t: Vector, held_until_s: float) -> list[str]:
-    """Returns the violated distances, speeds and singularity distances, in words.
+def spatial_faults(problem: ThrowProblem, q: Vector, qd: Vector, t: Vector, held_until_s: float) -> list[AuditFault]:
+    """Returns the violated distances, speeds and singularity distances.
 
     Args:
         problem: Gives cell and limits.
@@ -164,22 +167,60 @@ def _all(cell: Cell) -> list[BodyShape]:
     return [*shapes(cell), held]
 
 
+def _pairs(cell: Cell) -> tuple[tuple[int, int], ...]:
+    """Returns the pairs of bodies, as indices into `_all`, that are judged."""
+    return _apart(cell.robot, tuple(_Solid(b.frame, _key(b.placement), b.radius_m, _length(b)) for b in _all(cell)))
+
+
+class _Solid(NamedTuple):
+    """A body without its name: what pairs depend on, as a key."""
+
+    frame: int
+    placement: tuple[float, ...]
+    radius_m: float
+    length_m: float
+
+
+def _key(X: pin.SE3) -> tuple[float, ...]:
+    return tuple(np.round(X.homogeneous[:3].ravel(), 12).tolist())
+
+
+def _length(body: BodyShape) -> float:
+    return float(np.linalg.norm(body.ends[1] - body.ends[0]))
+
+
 @cache
-def _pairs(cell: Cell) -> list[tuple[int, int]]:
+def _apart(robot: Robot, bodies: tuple[_Solid, ...]) -> tuple[tuple[int, int], ...]:
     """Returns the pairs of bodies that are apart in some random posture: all except neighbours.
 
     The object is beside what grips it: the tool, and wrists that it touches in some posture without being apart.
     """
-    rng, robot = np.random.default_rng(0), cell.robot
-    model = arm_model(cell, False)
-    data, seen = model.createData(), {}
+    rng, model, X_frames = (
+        np.random.default_rng(0),
+        pinocchio_arm(robot.name, exact=True),
+        dh_frames_in_urdf(robot.name),
+    )
+    data = model.createData()
+    solids = [coal.Capsule(b.radius_m, b.length_m) if b.length_m else coal.Sphere(b.radius_m) for b in bodies]
+    fixed = [pin.SE3(np.vstack([np.reshape(b.placement, (3, 4)), [0.0, 0.0, 0.0, 1.0]])) for b in bodies]
+    pairs = [(i, j) for i, j in combinations(range(len(bodies)), 2) if bodies[i].frame < 6]
+    open_pairs = list(pairs)
     for _ in range(PAIR_SAMPLES):
-        poses, _ = poses_and_velocity(cell, model, data, rng.uniform(robot.q_lower, robot.q_upper), np.zeros(6))
-        places = [_coal(poses[shape.frame] * shape.placement) for shape in _all(cell)]
-        for i, j in combinations(range(len(_all(cell))), 2):
-            if _all(cell)[i].frame < 6 and not seen.get((i, j)):
-                seen[i, j] = _distance(cell, places, i, j) >= SELF_CLEARANCE_M
-    return [pair for pair, apart in seen.items() if apart]
+        pin.forwardKinematics(model, data, rng.uniform(robot.q_lower, robot.q_upper))
+        poses = [pin.SE3.Identity(), *(data.oMi[i] * X_frames[i - 1] for i in range(1, 7))]
+        X = {i: _coal(poses[bodies[i].frame] * fixed[i]) for i in {i for pair in open_pairs for i in pair}}
+        gaps = {
+            (i, j): coal.distance(solids[i], X[i], solids[j], X[j], _REQUEST, coal.DistanceResult())
+            for i, j in open_pairs
+        }
+        open_pairs = [pair for pair in open_pairs if gaps[pair] < SELF_CLEARANCE_M]
+    return tuple(pair for pair in pairs if pair not in open_pairs)
+
+
+def self_pairs(cell: Cell) -> list[tuple[str, str]]:
+    """Returns the names of the bodies that self-collision is judged for; the held object is "object"."""
+    names = [body.name for body in _all(cell)]
+    return [(names[i], names[j]) for i, j in _pairs(cell)]
 
 
 def _coal(X: pin.SE3) -> coal.Transform3s:

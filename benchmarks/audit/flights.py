@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from benchmarks.audit.distances import LENGTH_SLACK_M, shapes
+from benchmarks.audit.fault import AuditFault, over, under
 from benchmarks.audit.pinocchio_arm import arm_model, poses_and_velocity
 from planner.problem import TargetRelease, ThrowProblem
 from planner.trajectory import Trajectory
@@ -81,60 +82,78 @@ def _landing(x: Vector, plane_z: float, radius: float) -> tuple[Vector, int]:
     return landed, int(touches[-1]) + 1 if len(touches) else i + 1
 
 
-def flight_faults(problem: ThrowProblem, motion: Trajectory) -> list[str]:
-    """Returns what is wrong with landing and flight of every release in the window, in words."""
-    if problem.ends_at_rest:
-        return []
-    window = problem.release_window_s if problem.is_robust else 0.0
-    delays = np.linspace(-window, window, DELAYS) if window > 0.0 else np.zeros(1)
-    arm = _Arm(problem, motion)
-    p, v = arm.tool(motion.release_time_s + delays)
-    paths = integrate(p, v, problem.plane_z, problem.cell.object.radius_m, problem.gravity, drag_constant(problem))
-    found = _landings(problem, delays, paths)
+def flight_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
+    """Returns what is wrong with landing and flight of every release in the window."""
+    return [] if problem.ends_at_rest else [*_landings(problem, motion), *clearance_faults(problem, motion)]
+
+
+def clearance_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
+    """Returns what the object touches, and how it leaves the gripper, for the first faulty release in the window."""
+    delays, arm = _delays(problem), _Arm(problem, motion)
+    paths = _paths(problem, motion, delays)
     for i, delay in enumerate(delays):
         faults = [*_obstacles(problem, arm, delay, paths, i), *_way_out(problem, arm, delay, paths.x[:, i])]
-        found += [f"released {delay:+.4f} s late: {text}" for text in faults]
-        if found:
-            break
-    return found
+        if faults:
+            return [replace(fault, text=f"released {delay:+.4f} s late, {fault.text}") for fault in faults]
+    return []
 
 
-def obstacles_of_path(problem: ThrowProblem, motion: Trajectory, paths: Paths) -> list[str]:
-    """Returns what the first of some paths from the nominal release touches beside the moving arm, in words."""
+def landing_errors(problem: ThrowProblem, motion: Trajectory, delays: Vector) -> Vector:
+    """Returns how far from the target the object lands (m,) [m] for delays of the release (m,) [s].
+
+    NaN where it does not land.
+    """
+    assert isinstance(problem.release, TargetRelease)
+    return np.linalg.norm(_paths(problem, motion, delays).landed - problem.release.p_W, axis=1)
+
+
+def release_state(problem: ThrowProblem, motion: Trajectory) -> tuple[Vector, Vector]:
+    """Returns position and velocity (3,) of the tool centre point at the release [m, m/s]."""
+    p, v = _Arm(problem, motion).tool(np.array([motion.release_time_s]))
+    return p[0], v[0]
+
+
+def obstacles_of_path(problem: ThrowProblem, motion: Trajectory, paths: Paths) -> list[AuditFault]:
+    """Returns what the first of some paths from the nominal release touches beside the moving arm."""
     return _obstacles(problem, _Arm(problem, motion), 0.0, paths, 0)
 
 
-def _landings(problem: ThrowProblem, delays: Vector, paths: Paths) -> list[str]:
-    release = problem.release
-    if not isinstance(release, TargetRelease):
+def _delays(problem: ThrowProblem) -> Vector:
+    window = problem.release_window_s if problem.is_robust else 0.0
+    return np.linspace(-window, window, DELAYS) if window > 0.0 else np.zeros(1)
+
+
+def _paths(problem: ThrowProblem, motion: Trajectory, delays: Vector) -> Paths:
+    p, v = _Arm(problem, motion).tool(motion.release_time_s + delays)
+    return integrate(p, v, problem.plane_z, problem.cell.object.radius_m, problem.gravity, drag_constant(problem))
+
+
+def _landings(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
+    if not isinstance(problem.release, TargetRelease):
         return []
-    missed = np.linalg.norm(paths.landed - release.p_W, axis=1)
-    allowed = np.where(delays == 0.0, 0.0, problem.landing_tolerance_m) + LANDING_SLACK_M
-    wrong = ~(missed <= allowed)
-    return [f"lands at {paths.landed[i]}, released {delays[i]} s late" for i in np.flatnonzero(wrong)[:1]]
+    found, delays = [], _delays(problem)
+    for delay, missed in zip(delays, landing_errors(problem, motion, delays), strict=True):
+        rule, allowed = ("landing", 0.0) if delay == 0.0 else ("landing_window", problem.landing_tolerance_m)
+        found += over(rule, f"released {delay:+.4f} s late, lands at a distance", missed, allowed, LANDING_SLACK_M, "m")
+    return found[:1]
 
 
-def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: int) -> list[str]:
+def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: int) -> list[AuditFault]:
     """Returns what the sphere of one path touches before it touches the plane."""
     around, radius = problem.cell.surroundings, problem.cell.object.radius_m
     x = paths.x[: paths.steps[i], i]
-    slack = LENGTH_SLACK_M
-    found = []
-    if (x[:, 2] - radius).min() < around.floor_z_m - slack:
-        found.append("flight through the floor")
+    gaps = [("the floor", float((x[:, 2] - radius).min()) - around.floor_z_m)]
     for k, box in enumerate(around.keep_out):
-        gap = np.linalg.norm(x - np.clip(x, box.lower, box.upper), axis=1).min() - radius
-        if gap < -slack:
-            found.append(f"flight through box {k}: {gap} m")
-    found += _bin(problem, x, slack)
-    for name, frame, gaps in arm.gaps(x, delay):
-        counted = _since_clear(gaps - radius) if frame in GRIPPED_FRAMES else np.ones(len(gaps), bool)
-        if np.any(gaps[counted] - radius < -slack):
-            found.append(f"flight through {name}: {float((gaps[counted] - radius).min())} m")
-    return found
+        gaps.append((f"box {k}", float(np.linalg.norm(x - np.clip(x, box.lower, box.upper), axis=1).min()) - radius))
+    for name, frame, apart in arm.gaps(x, delay):
+        counted = _since_clear(apart - radius) if frame in GRIPPED_FRAMES else np.ones(len(apart), bool)
+        gaps.append((name, float((apart[counted] - radius).min(initial=np.inf))))
+    slack = LENGTH_SLACK_M
+    found = [f for name, gap in gaps for f in under("flight_clearance", f"flight through {name}", gap, 0.0, slack, "m")]
+    return found + _bin(problem, x, slack)
 
 
-def _way_out(problem: ThrowProblem, arm: _Arm, delay: float, x: Vector) -> list[str]:
+def _way_out(problem: ThrowProblem, arm: _Arm, delay: float, x: Vector) -> list[AuditFault]:
     """Returns whether the way of the object in the tool leaves the gripper's opening cone before the object is out."""
     gripper, out_m = problem.cell.gripper, max(problem.cell.object.radius_m, OUT_M)
     if gripper.opening_direction is None or gripper.opening_cone_rad is None:
@@ -146,8 +165,9 @@ def _way_out(problem: ThrowProblem, arm: _Arm, delay: float, x: Vector) -> list[
         if np.linalg.norm(moved) < FREE_M:
             continue
         angle = float(np.arccos(np.clip(moved @ gripper.opening_direction / np.linalg.norm(moved), -1.0, 1.0)))
-        if angle > gripper.opening_cone_rad + ANGLE_SLACK:
-            return [f"leaves the gripper at {angle} rad after {k * STEP_S} s"]
+        text = f"leaves the gripper aside after {k * STEP_S} s"
+        if found := over("opening_direction", text, angle, gripper.opening_cone_rad, ANGLE_SLACK, "rad"):
+            return found
     return []
 
 
@@ -158,7 +178,7 @@ def _since_clear(gaps: Vector) -> NDArray[np.bool_]:
     return np.maximum.accumulate(clear) if len(gaps) else clear
 
 
-def _bin(problem: ThrowProblem, x: Vector, slack: float) -> list[str]:
+def _bin(problem: ThrowProblem, x: Vector, slack: float) -> list[AuditFault]:
     """Returns whether the sphere touches a bin's wall before its centre passes the mouth, or passes outside it."""
     release, radius = problem.release, problem.cell.object.radius_m
     if not isinstance(release, TargetRelease) or release.opening is None:
@@ -170,14 +190,15 @@ def _bin(problem: ThrowProblem, x: Vector, slack: float) -> list[str]:
     gap = np.hypot(off - inner, np.maximum(before[:, 2] - rim, 0.0))
     inside = (before[:, 2] < release.p_W[2]) & (off > inner)  # below the bottom's height, outside: no wall there
     gap = np.where(inside, np.inf, gap).min() - radius
-    found = [] if gap >= -slack else [f"flight through the bin's wall: {gap} m"]
+    found = under("flight_clearance", "flight through the bin's wall", float(gap), 0.0, slack, "m")
     if len(falls):
         share = (x[last - 1, 2] - rim) / (x[last - 1, 2] - x[last, 2])
         entry = np.linalg.norm((x[last - 1] + share * (x[last] - x[last - 1]))[:2] - release.p_W[:2])
-        if entry > inner - radius + slack:
-            found.append(f"enters the bin {entry} m from its axis")
+        found += over("bin_mouth", "enters the bin beside its axis", float(entry), inner - radius, slack, "m")
     elif x[-1, 2] - rim > x[-2, 2] - x[-1, 2]:  # the path ends where the sphere touches the plane, within a step
-        found.append("never passes the bin's mouth")
+        found.append(
+            AuditFault("bin_mouth", "never passes the bin's mouth, ends at a height", float(x[-1, 2]), rim, "m")
+        )
     return found
 
 

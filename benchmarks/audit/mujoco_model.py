@@ -74,11 +74,11 @@ def inverse_dynamics(cell: Cell, with_object: bool, arm: pin.Model, q: Vector, q
     return np.array(rows).reshape(-1, 6)
 
 
-_MODELS: dict[tuple[str, bool], mujoco.MjModel] = {}
+_MODELS: dict[tuple[Cell, bool], mujoco.MjModel] = {}
 
 
 def _arm(cell: Cell, with_object: bool, arm: pin.Model) -> mujoco.MjModel:
-    key = (cell.name, with_object)
+    key = (cell, with_object)
     if key not in _MODELS:
         _MODELS[key] = mujoco.MjModel.from_xml_string(_document(arm, cell.surroundings.gravity_m_s2))
     return _MODELS[key]

@@ -113,7 +113,7 @@ def _faults(task: Task) -> list[str] | None:
         motion = plan(task.problem).trajectory
     except (Infeasible, SolverFailed):
         return None
-    return find_faults(task.problem, motion)
+    return [str(fault) for fault in find_faults(task.problem, motion)]
 
 
 def _read(rows: Path) -> Iterator[tuple[str, list[str] | None]]:

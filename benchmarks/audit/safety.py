@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
 from benchmarks.audit.distances import shapes
+from benchmarks.audit.fault import AuditFault, over
 from benchmarks.audit.pinocchio_arm import arm_model, dh_frames_in_urdf, poses_and_velocity
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
@@ -29,8 +30,8 @@ def object_times(problem: ThrowProblem, motion: Trajectory) -> tuple[float, floa
     return motion.release_time_s - window, motion.release_time_s + window
 
 
-def safety_faults(problem: ThrowProblem, motion: Trajectory) -> list[str]:
-    """Returns the safety limits of the cell that a motion violates, in words."""
+def safety_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
+    """Returns the safety limits of the cell that a motion violates."""
     safety = problem.cell.safety
     limits = {
         "flange speed": safety.tool_speed_m_s,
@@ -55,8 +56,11 @@ def safety_faults(problem: ThrowProblem, motion: Trajectory) -> list[str]:
             stop = _stopping_times(drift, momentum, tau_max)
             way = STOP_DISTANCE * 0.5 * fastest * np.where(fastest > 0.0, stop, 0.0)
             worst = np.maximum(worst, [*values.max(axis=0), STOP_TIME * stop.max(), way.max()])
-    pairs = zip(limits.items(), worst, strict=True)
-    return [f"{n} {value}" for (n, limit), value in pairs if limit is not None and value > limit * (1.0 + LIMIT_SLACK)]
+    found = []
+    for (name, limit), value in zip(limits.items(), worst, strict=True):
+        if limit is not None:
+            found += over(name.replace(" ", "_"), name, float(value), limit, limit * LIMIT_SLACK)
+    return found
 
 
 class _Watch:
@@ -107,8 +111,8 @@ def _stopping_times(drift: Vector, momentum: Vector, tau_max: Vector) -> Vector:
         return np.where(within(np.zeros(len(drift))), 1.0 / low, np.inf)
 
 
-def grip_faults(problem: ThrowProblem, motion: Trajectory) -> list[str]:
-    """Returns whether the object accelerates against free fall by more than the grip withstands, in words.
+def grip_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
+    """Returns whether the object accelerates against free fall by more than the grip withstands.
 
     The acceleration is the second difference of the tool centre point, in the axes of the tool.
     """
@@ -128,4 +132,4 @@ def grip_faults(problem: ThrowProblem, motion: Trajectory) -> list[str]:
         share = np.linalg.norm(felt) / limit[0] if len(limit) == 1 else np.max(np.abs(along) / limit)
         worst = max(worst, float(share))
     slack = LIMIT_SLACK + 0.01  # the jerk within two differences of an instant
-    return [f"grip acceleration: {worst} of what it withstands"] if worst > 1.0 + slack else []
+    return over("grip_acceleration", "grip acceleration, as a share of what it withstands", worst, 1.0, slack)

@@ -7,14 +7,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from batch.jobs import PlanningJob
-from batch.pool import JobResult, open_pool
+from batch.jobs import Planned, PlanningJob
+from batch.pool import JobResult, Work, open_pool
 from batch.runs.writer import GROUP
 from planner.cell import read_source
 from planner.cell_folder import default_cells_folder
 from store import BatchResultRow, PlanRow, Store, new_id
 
 CELL = "ur5e-sim"
+ALONE_COUNT = 1000  # results of an engine alone
+SUMMARY_BYTES, SAMPLES_BYTES = 6_500, 50_000  # of a usual plan
 
 
 @dataclass(frozen=True)
@@ -26,12 +28,14 @@ class EngineCost:
         plans_per_s: results per second [1/s].
         overhead_ms: time of a worker per result beyond its planning [ms], waiting at the end included.
         planning_ms: mean planning time [ms].
+        alone_ms: time per result of one worker whose planning is to answer with stored bytes [ms].
     """
 
     workers: int
     plans_per_s: float
     overhead_ms: float
     planning_ms: float
+    alone_ms: float
 
 
 @dataclass(frozen=True)
@@ -54,7 +58,24 @@ def engine_cost(requests: Sequence[dict], workers: int, ray: str | None) -> tupl
     planning_s = sum(result.duration_s for result in results)
     count = len(results)
     overhead_ms = 1e3 * (workers * duration_s - planning_s) / count
-    return EngineCost(workers, count / duration_s, overhead_ms, 1e3 * planning_s / count), results
+    alone_ms = _engine_alone_ms(jobs[0], ray)
+    return EngineCost(workers, count / duration_s, overhead_ms, 1e3 * planning_s / count, alone_ms), results
+
+
+def _engine_alone_ms(job: PlanningJob, ray: str | None) -> float:
+    with open_pool(1, ray, work=Work(_load_nothing, _answer_bytes)) as pool:
+        pool.wait_until_ready()
+        list(pool.plan_all([job] * ALONE_COUNT))
+        began = time.perf_counter()
+        list(pool.plan_all([job] * ALONE_COUNT))
+        return 1e3 * (time.perf_counter() - began) / ALONE_COUNT
+
+
+def _load_nothing(_: PlanningJob | None) -> None: ...
+
+
+def _answer_bytes(_: PlanningJob) -> Planned:
+    return Planned("none", bytes(SUMMARY_BYTES), bytes(SAMPLES_BYTES))
 
 
 def store_cost(folder: Path, results: Sequence[JobResult]) -> StoreCost:

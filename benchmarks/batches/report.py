@@ -117,14 +117,15 @@ def _median(values: Sequence[int]) -> float:
 def _engines(count: int, engines: dict[str, list[EngineCost]]) -> str:
     head = (
         f"{count} requests through the pool alone, from when all workers are warm: overhead is the time of a worker "
-        "per result beyond its planning, the wait for the last one included."
+        "per result beyond its planning, the wait for the last one included. `alone` is the time per result of one "
+        "worker that answers at once, with as many bytes as a plan has."
     )
-    table = "| engine | workers | plans a second | planning | overhead |\n|---|---|---|---|---|"
+    table = "| engine | workers | plans a second | planning | overhead | alone |\n|---|---|---|---|---|---|"
     for name, costs in engines.items():
         for cost in costs:
             table += (
                 f"\n| {name} | {cost.workers} | {cost.plans_per_s:.2f} | {cost.planning_ms:.1f} ms "
-                f"| {cost.overhead_ms:.2f} ms |"
+                f"| {cost.overhead_ms:.2f} ms | {cost.alone_ms:.2f} ms |"
             )
     return "\n\n".join([f"## Engines ({os.cpu_count()} cores)", head, table])
 

@@ -1,18 +1,8 @@
-"""Other planners for the same throws. A peer that is not installed is left out of the tables.
+"""Other planners as entries of ThrowBench: written from docs/throwbench.md alone, they import nothing else of Fling.
 
-Peers plan the launch to a release state given by Fling, because they have no inverse kinematics or another's. None of
-them plans the brake, which is Ruckig's. The first of Fling's three best postures with a certified motion counts.
+A peer's module is loaded by its name, `benchmarks.peers.ruckig_alone:plan`, in a process of its own. It gets a problem
+as a dictionary and returns an answer as one. `arm`, `releases` and `motions` are what several of them share; packages
+that not everybody has (ruckig, casadi, toppra, drake) are imported by the peer that needs them.
 """
 
-from benchmarks.peers.answer import PeerAnswer, PeerMissing, PeerPlanner
-from benchmarks.peers.drake_spline import solve as _drake
-from benchmarks.peers.ipopt_shooting import prepare as _prepare
-from benchmarks.peers.ipopt_shooting import solve as _ipopt
-from benchmarks.peers.sdu_method import SduTally, tally_sdu_method
-
-__all__ = ["PEERS", "PeerPlanner", "PeerAnswer", "PeerMissing", "SduTally", "tally_sdu_method"]
-
-PEERS = {
-    "drake": PeerPlanner("Drake KinematicTrajectoryOptimization", _drake),
-    "ipopt": PeerPlanner("plain multiple shooting, IPOPT", _ipopt, tasks=8, prepare=_prepare),
-}
+__all__: list[str] = []

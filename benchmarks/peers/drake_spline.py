@@ -1,7 +1,8 @@
 """Drake's KinematicTrajectoryOptimization: a B-spline of free duration with limits at all times and an end velocity.
 
-It obeys joint limits up to the jerk. Torques, distances and singularities are left to the certificate, because Drake
-would need a model of the cell for them. A second solve with a fixed duration puts the release on a tick.
+It plans the launch to one of a few random release states, and obeys joint limits up to the jerk. A second solve with a
+fixed duration puts the release on a tick. Torques, tool speed and distances are looked at afterwards. The brake is
+Ruckig's.
 """
 
 from __future__ import annotations
@@ -12,76 +13,76 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.peers.answer import PeerAnswer, PeerMissing, Samples, first_certified, gridded
-from planner.problem import ThrowProblem
-from planner.seeds import Candidate
-from planner.timing import grid_limits
+from benchmarks.peers.arm import PeerArm, Problem
+from benchmarks.peers.motions import WITHIN, Answer, answer, braked, is_right, refusal
+from benchmarks.peers.releases import ThrowState, release_states
 
 Vector = NDArray[np.float64]
 
 CONTROL_POINTS = 16
-ORDER = 4  # cubic pieces: piecewise-constant jerk, as in Fling
+ORDER = 4  # cubic pieces: piecewise-constant jerk
 DURATION_S = (0.05, 5.0)  # [s] limits
+GUESS_S = 0.8  # [s] initial guess
+TRIES = 8  # release states
+WANTED = 2  # answers, the sooner of which counts
 
 
-def solve(problem: ThrowProblem) -> PeerAnswer:
-    """Returns Drake's motion for a `pose` or `joint` release.
+def plan(problem: Problem) -> Answer:
+    """Returns the answer to a problem of ThrowBench."""
+    arm, rate, found = PeerArm(problem), float(problem["sample_rate_hz"]), []
+    for state in release_states(problem, arm, TRIES):
+        motion = _throw(arm, rate, state)
+        if motion is not None and is_right(arm, rate, *motion):
+            found.append(motion)
+        if len(found) == WANTED:
+            break
+    if not found:
+        return refusal("no spline to a release state that is clear")
+    return answer(*min(found, key=lambda motion: motion[2]), rate)
 
-    Raises:
-        PeerMissing: Drake is not installed.
-    """
-    return first_certified(problem, _launch)
 
-
-def _launch(problem: ThrowProblem, state: Candidate) -> Samples | None:
-    found = _optimise(problem, state, DURATION_S, None)
-    if found is None:
+def _throw(arm: PeerArm, rate: float, state: ThrowState) -> tuple[Vector, Vector, int] | None:
+    free = _optimise(arm, state, DURATION_S, None)
+    if free is None:
         return None
-    ticks = math.ceil(found[0] / problem.dt)
-    fixed = _optimise(problem, state, (ticks * problem.dt, ticks * problem.dt), found[1])
-    if fixed is None:
+    ticks = math.ceil((free.end_time() - free.start_time()) * rate)
+    spline = _optimise(arm, state, (ticks / rate, ticks / rate), free)
+    if spline is None:
         return None
-    spline = fixed[2].MakeDerivative(2)
     times = np.linspace(spline.start_time(), spline.end_time(), ticks + 1)
-    return gridded(problem, state, spline.vector_values(times).T)
+    q, qd, qdd = (spline.MakeDerivative(k).vector_values(times).T for k in range(3))
+    return braked(arm, rate, q, qd, np.clip(qdd[-1], -WITHIN * arm.qdd_max, WITHIN * arm.qdd_max))
 
 
-def _optimise(
-    problem: ThrowProblem, state: Candidate, duration: tuple[float, float], initial_guess: Any
-) -> tuple[float, Any, Any] | None:
-    """Returns duration [s], trajectory as an initial guess, and trajectory; None if SNOPT finds none."""
-    try:
-        from pydrake.planning import KinematicTrajectoryOptimization
-        from pydrake.solvers import SnoptSolver
-    except ImportError as error:
-        raise PeerMissing("drake is not installed (requirements/bench.txt)") from error
-    limits, zero = grid_limits(problem.limits, problem.dt), np.zeros(6)
-    spline = (
-        KinematicTrajectoryOptimization(6, CONTROL_POINTS, ORDER, max(state.bound_s * 1.2, 0.2))
-        if initial_guess is None
-        else KinematicTrajectoryOptimization(initial_guess)
-    )
+def _optimise(arm: PeerArm, state: ThrowState, duration: tuple[float, float], initial_guess: Any) -> Any:
+    """Returns the trajectory; None if SNOPT finds none."""
+    from pydrake.planning import KinematicTrajectoryOptimization
+    from pydrake.solvers import SnoptSolver
+
+    zero = np.zeros(6)
     if initial_guess is None:
-        line = problem.start[:, None] + np.outer(state.q - problem.start, np.linspace(0.0, 1.0, CONTROL_POINTS))
+        spline = KinematicTrajectoryOptimization(6, CONTROL_POINTS, ORDER, GUESS_S)
+        line = arm.start[:, None] + np.outer(state.q - arm.start, np.linspace(0.0, 1.0, CONTROL_POINTS))
         spline.get_mutable_prog().SetInitialGuess(spline.control_points(), line)
-        spline.get_mutable_prog().SetInitialGuess(spline.duration(), max(state.bound_s * 1.2, 0.2))
+        spline.get_mutable_prog().SetInitialGuess(spline.duration(), GUESS_S)
+    else:
+        spline = KinematicTrajectoryOptimization(initial_guess)
     spline.AddDurationCost(1.0)
     spline.AddDurationConstraint(*duration)
-    spline.AddPositionBounds(limits.q_lower, limits.q_upper)
-    top = np.maximum(limits.qd_max, np.abs(state.qd))
-    spline.AddVelocityBounds(-top, top)
-    spline.AddAccelerationBounds(-limits.qdd_max, limits.qdd_max)
-    spline.AddJerkBounds(-limits.jerk_max, limits.jerk_max)
-    spline.AddPathPositionConstraint(problem.start, problem.start, 0.0)
+    spline.AddPositionBounds(arm.q_lower, arm.q_upper)
+    for add, most in (
+        (spline.AddVelocityBounds, arm.qd_max),
+        (spline.AddAccelerationBounds, arm.qdd_max),
+        (spline.AddJerkBounds, arm.jerk_max),
+    ):
+        add(-WITHIN * most, WITHIN * most)
+    spline.AddPathPositionConstraint(arm.start, arm.start, 0.0)
     spline.AddPathPositionConstraint(state.q, state.q, 1.0)
     spline.AddPathVelocityConstraint(zero, zero, 0.0)
     spline.AddPathAccelerationConstraint(zero, zero, 0.0)
     _fix_end_velocity(spline, state.qd)
     result = SnoptSolver().Solve(spline.prog())
-    if not result.is_success():
-        return None
-    motion = spline.ReconstructTrajectory(result)
-    return motion.end_time() - motion.start_time(), motion, motion
+    return spline.ReconstructTrajectory(result) if result.is_success() else None
 
 
 def _fix_end_velocity(spline: Any, qd: Vector) -> None:

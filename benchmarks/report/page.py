@@ -9,7 +9,6 @@ from pathlib import Path
 
 from benchmarks.audit import AuditResult
 from benchmarks.feasibility_search import SEARCH
-from benchmarks.peers import PEERS, SduTally
 from benchmarks.problem_sets import ANYWHERE, IMPOSSIBLE_SETS
 from benchmarks.report import floors, pictures, sections
 from benchmarks.results import ResultRow
@@ -17,7 +16,7 @@ from benchmarks.statistics import SetSummary, summarise
 
 METHOD = """A problem is drawn from a random joint state (within 1.5 rad of home, joints up to 80 % of their velocity,
 tool at 0.8 m/s or more; floor, self-collision and singularity distance hold on its straight line ±50 ms) and requested
-as a pose, a point, or the point where it would land. It counts as **feasible** if any back end, any peer, or a slow
+as a pose, a point, or the point where it would land. It counts as **feasible** if any back end or a slow
 search (Ruckig at three speeds, through a dozen random stops, for launch and brake) found a motion that certifies;
 shares are of these. Problems that nobody solved are *undecided* and counted separately. `hard` draws states
 next to limits, singularities and the floor, or with every joint at 90 to 100 % of its velocity limit. All of these
@@ -27,9 +26,10 @@ joint-wise lower bound with free acceleration at the release (poses only); "on t
 tick."""
 
 
-def write_report(
-    out: Path, about: dict[str, str], rows: Sequence[ResultRow], audit: AuditResult, sdu: dict[str, SduTally]
-) -> None:
+PEERS_NOTE = "[ThrowBench](throwbench.md) has the table: its problems, its judge and other planners as entries."
+
+
+def write_report(out: Path, about: dict[str, str], rows: Sequence[ResultRow], audit: AuditResult) -> None:
     """Writes README.md, the pictures and results.json.
 
     Args:
@@ -37,11 +37,10 @@ def write_report(
         about: Conditions of the run, from `machine`, and its command.
         rows: Rows of the run.
         audit: Result of the audit.
-        sdu: Results of the SDU method by part of the table.
     """
     out.mkdir(parents=True, exist_ok=True)
     lines = summaries(rows)
-    page = _page(about, lines, rows, audit, sdu)
+    page = _page(about, lines, rows, audit)
     (out / "README.md").write_text("\n".join(page), encoding="utf-8")
     document = {"about": about, "summaries": [asdict(s) for s in lines], "audit": asdict(audit)}
     (out / "results.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
@@ -53,7 +52,6 @@ def _page(
     lines: Sequence[SetSummary],
     rows: Sequence[ResultRow],
     audit: AuditResult,
-    sdu: dict[str, SduTally],
 ) -> list[str]:
     head = [
         "# Benchmarks",
@@ -69,8 +67,8 @@ def _page(
         "Time to a plan": [*sections.times(lines), "", "![Time to a plan](solve-time.svg)"],
         "A gripper that opens early or late": [*sections.windows(lines), "", "![Landing errors](window.svg)"],
         "Infeasible requests": sections.refusals(rows),
-        "The SDU table": sections.sdu(rows, sdu),
-        "Peers": sections.peers(rows),
+        "The SDU table": sections.sdu(rows),
+        "Other planners": [PEERS_NOTE],
         "Wrong certificates": sections.audit(audit),
     }
     return head + [line for title, body in bodies.items() for line in (f"## {title}", "", *body, "")]
@@ -95,6 +93,6 @@ def summaries(rows: Sequence[ResultRow]) -> list[SetSummary]:
     for group in dict.fromkeys(row.group for row in rows if row.group not in IMPOSSIBLE_SETS):
         own = [row for row in rows if row.group == group]
         for backend in dict.fromkeys(row.backend for row in own):
-            if backend != SEARCH and backend not in PEERS:
+            if backend != SEARCH:
                 lines.append(summarise(group, backend, own, known))
     return lines

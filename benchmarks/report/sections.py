@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 
 from benchmarks.audit import AuditResult
-from benchmarks.peers import PEERS, SduTally
 from benchmarks.problem_sets import IMPOSSIBLE_SETS, sdu_facts
 from benchmarks.results import ResultRow
 from benchmarks.statistics import SetSummary, quantiles
@@ -74,8 +73,8 @@ def refusals(rows: Sequence[ResultRow]) -> list[str]:
     return markdown_table(head, body)
 
 
-def sdu(rows: Sequence[ResultRow], rebuilt: dict[str, SduTally]) -> list[str]:
-    """Returns the table of certified targets and pairs, beside the project's own numbers and its method rebuilt."""
+def sdu(rows: Sequence[ResultRow]) -> list[str]:
+    """Returns the table of certified targets and pairs, beside the project's own numbers."""
     head = ["part", "who", "targets", "pairs", "time p50 ms"]
     body = []
     for part in ("near", "far"):
@@ -84,17 +83,6 @@ def sdu(rows: Sequence[ResultRow], rebuilt: dict[str, SduTally]) -> list[str]:
         own_pairs = facts["source_clean_pairs_of_2800"]["5 rad/s2"]
         count = len(facts["targets"])
         body.append([part, "the project's report, 5 rad/s²", f"{own_targets} / {count}", f"{own_pairs} / 2800", ""])
-        if part in rebuilt:
-            t = rebuilt[part]
-            body.append(
-                [
-                    part,
-                    "its method rebuilt (no jerk, torque, collision limits)",
-                    f"{t.targets} / {t.of_targets}",
-                    f"{t.pairs} / {t.of_pairs}",
-                    f"{1000 * t.pair_s:.1f}",
-                ]
-            )
         for backend in dict.fromkeys(row.backend for row in rows if row.group == f"sdu-{part}"):
             body.append([part, f"fling {backend}", *_sdu_shares(rows, part, backend)])
     note = (
@@ -110,47 +98,6 @@ def _sdu_shares(rows: Sequence[ResultRow], part: str, backend: str) -> list[str]
     shown = f"{sum(r.certified for r in pairs)} / {len(pairs)}" if pairs else "–"
     time = thousandths(quantiles([row.solve_s for row in targets], 50))
     return [f"{sum(r.certified for r in targets)} / {len(targets)}", shown, time]
-
-
-def peers(rows: Sequence[ResultRow]) -> list[str]:
-    """Returns the table of the peers and of `auto` on the same problems."""
-    head = [
-        "peer",
-        "certified",
-        "auto on the same",
-        "auto's release time over the peer's p10 / p50 / p90",
-        "peer's time p50 / p90 ms",
-        "auto p50 / p90 ms",
-        "fails its certificate by",
-    ]
-    auto = {row.task: row for row in rows if row.backend == "auto"}
-    body = []
-    for name, peer in PEERS.items():
-        own = [row for row in rows if row.backend == name and row.task in auto]
-        if not own:
-            body.append([peer.title, "not installed", *[""] * 5])
-            continue
-        both = [(auto[r.task].release_time_s, r.release_time_s) for r in own if r.certified and auto[r.task].certified]
-        reasons = sorted({word for r in own if r.outcome == "invalid" for word in r.reason.split(", ")})
-        same = [auto[r.task] for r in own]
-        body.append(
-            [
-                peer.title,
-                f"{sum(r.certified for r in own)} / {len(own)}",
-                f"{sum(a.certified for a in same)} / {len(same)}",
-                decimals(quantiles([a / b for a, b in both], 10, 50, 90)),
-                thousandths(quantiles([r.solve_s for r in own], 50, 90)),
-                thousandths(quantiles([a.solve_s for a in same], 50, 90)),
-                ", ".join(reasons),
-            ]
-        )
-    note = (
-        "Poses. Peers get Fling's three best postures in turn; their brake is Ruckig's and not part of their time. "
-        "Drake obeys joint limits up to the jerk and nothing else; the IPOPT program also obeys torques, floor, tool "
-        "speed and singularities, starts cold and runs interpreted. TOPP-RA on a path is Fling's own back end "
-        "`toppra`, in the tables above."
-    )
-    return [note, "", *markdown_table(head, body)]
 
 
 def audit(found: AuditResult) -> list[str]:

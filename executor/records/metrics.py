@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from executor.records.landing import Landing
 from executor.records.telemetry import RunResult, Telemetry
-from executor.records.timing import path_error_m
+from executor.records.timing import path_error_m, tool_points
 from learning import lag_advice
 from planner.certificate import release_flight
 from planner.flight import fly
 from planner.geometry import tool_state
-from planner.kinematics import forward
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
 
@@ -122,13 +121,12 @@ def _tracking(problem: ThrowProblem, telemetry: Telemetry, timing: dict[str, Any
         return {"tracking_error_max_rad": None, "tracking_error_max_m": None, "path_error_max_m": None}
     cell = problem.cell
     planned, measured = telemetry.vector("planned_q"), telemetry.vector("q")
-    p, p_planned = (forward(cell.robot, q, cell.tool.X_FT)[:, :3, 3] for q in (measured, planned))
+    p_BT, p_BT_planned = (tool_points(cell, q) for q in (measured, planned))
+    late_s = 0.0 if timing is None else timing["lag_s"] - cell.timing.lag_s
     return {
         "tracking_error_max_rad": float(np.abs(measured - planned).max()),
-        "tracking_error_max_m": float(np.linalg.norm(p - p_planned, axis=1).max()),
-        "path_error_max_m": path_error_m(
-            cell, telemetry, 0.0 if timing is None else timing["lag_s"] - cell.timing.lag_s
-        ),
+        "tracking_error_max_m": float(np.linalg.norm(p_BT - p_BT_planned, axis=1).max()),
+        "path_error_max_m": path_error_m(cell, telemetry, p_BT, late_s),
     }
 
 

@@ -11,6 +11,7 @@ from learning import MotionRecording, RecordingError, estimate_timing, lag_chang
 from planner.arrays import Array
 from planner.cell import Cell
 from planner.kinematics import forward
+from planner.trajectory import columns_at
 
 
 def arm_timing(cell: Cell, telemetry: Telemetry, mode: str, acceleration: float) -> dict[str, Any] | None:
@@ -27,7 +28,7 @@ def arm_timing(cell: Cell, telemetry: Telemetry, mode: str, acceleration: float)
     stamps, lag = telemetry.scalar("timestamp_s"), cell.timing.lag_s
     command = telemetry.vector("command" if mode == "speedj" else "planned_qd")
     if mode == "servoj":  # a planned row is what should be measured, one lag after its command
-        command = np.stack([np.interp(stamps + lag, stamps, column) for column in command.T], axis=1)
+        command = columns_at(stamps + lag, stamps, command)
     try:
         found = estimate_timing(MotionRecording(stamps, command, telemetry.vector("qd")), acceleration)
     except (RecordingError, np.linalg.LinAlgError):  # a run that shows no timing has an outcome all the same
@@ -40,17 +41,22 @@ def arm_timing(cell: Cell, telemetry: Telemetry, mode: str, acceleration: float)
     }
 
 
-def path_error_m(cell: Cell, telemetry: Telemetry, late_s: float) -> float | None:
+def path_error_m(cell: Cell, telemetry: Telemetry, p_BT: Array, late_s: float) -> float:
     """Returns the largest distance of the tool centre point from where it was planned `late_s` before [m].
 
     An arm that is late, or early, stays on the certified path; this is how far it left it.
+
+    Args:
+        cell: of the run.
+        telemetry: of the run; not empty.
+        p_BT: measured positions of the tool centre point (N, 3), of `tool_points` [m].
+        late_s: by how much the arm is late [s].
     """
-    if not len(telemetry):
-        return None
     clock, planned = telemetry.scalar("clock_s"), telemetry.vector("planned_q")
-    shifted = np.stack([np.interp(clock - late_s, clock, column) for column in planned.T], axis=1)
-    return float(np.linalg.norm(_points(cell, telemetry.vector("q")) - _points(cell, shifted), axis=1).max())
+    shifted = columns_at(clock - late_s, clock, planned)
+    return float(np.linalg.norm(p_BT - tool_points(cell, shifted), axis=1).max())
 
 
-def _points(cell: Cell, q: Array) -> Array:
+def tool_points(cell: Cell, q: Array) -> Array:
+    """Returns the tool centre point in joint positions (N, 6), (N, 3), in the arm's base [m]."""
     return forward(cell.robot, q, cell.tool.X_FT)[:, :3, 3]

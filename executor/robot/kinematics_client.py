@@ -19,6 +19,7 @@ from planner.calibration import DhTable
 
 TIMEOUT_S = 1.0  # [s] to connect
 WAIT_S = 3.0  # [s] for the table: states come at 10 Hz, and the first on a connection has it
+READER_WAIT_S = 1.0  # [s] within the executor's heartbeat: after two seconds without one it counts as gone
 KEEP_S = 60.0  # [s] for which a table is good: an arm is changed with the power off
 RETRY_S = 10.0  # [s] between two attempts
 ROBOT_STATE, KINEMATICS_INFO = 16, 5
@@ -40,15 +41,15 @@ class KinematicsInfo:
     status: int
 
 
-def read_kinematics(host: str) -> KinematicsInfo:
-    """Returns what the controller at `host` tells of its arm.
+def read_kinematics(host: str, wait_s: float = WAIT_S) -> KinematicsInfo:
+    """Returns what the controller at `host` tells of its arm, within `wait_s` [s].
 
     Raises:
         OSError: no connection, or no table in time.
         ValueError: what arrives is not the primary interface.
     """
-    end = time.monotonic() + WAIT_S
-    with socket.create_connection((host, PORT), TIMEOUT_S) as connection:
+    end = time.monotonic() + wait_s
+    with socket.create_connection((host, PORT), min(TIMEOUT_S, wait_s)) as connection:
         for kind, body in _packages(connection, end):
             info = _kinematics(body) if kind == ROBOT_STATE else None
             if info is not None:
@@ -96,7 +97,7 @@ class KinematicsReader:
         """Returns the newest answer; None where the controller gives none."""
         if time.monotonic() >= self._due_at:
             try:
-                self._info = read_kinematics(self.host)
+                self._info = read_kinematics(self.host, READER_WAIT_S)
             except (OSError, ValueError):
                 self._info = None
             self._due_at = time.monotonic() + (RETRY_S if self._info is None else KEEP_S)

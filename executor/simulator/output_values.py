@@ -116,5 +116,5 @@ class OutputValues:
         total = mass + installation.payload_kg
         loads = zip(com, installation.payload_cog_m, strict=True)
         common = [(mass * x + installation.payload_kg * y) / total for x, y in loads]
-        turned = [q + theta for q, theta in zip(arm.measured_q, arm.chain.kinematics.theta, strict=True)]
+        turned = [q + theta for q, theta in zip(arm.measured_q, arm.chain.theta, strict=True)]
         return linear_momentum(arm.chain.links, [*others, (total, common)], turned, arm.measured_qd)

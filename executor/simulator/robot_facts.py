@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from executor.simulator.interfaces import DenavitHartenberg, RobotFacts
-from executor.simulator.physics import ControllerKinematics
-from planner.calibration import published_table
+from executor.simulator.physics import checksums
+from planner.calibration import DhTable, published_table
 from planner.cell import Cell
 from planner.robots import Robot
 
@@ -15,14 +15,13 @@ SUB_TYPES = {"CB3": 1, "e-Series": 3}  # chosen; 3 is what an e-Series arm repor
 UNCALIBRATED = (0xFFFFFFFF,) * 6  # what URSim reports, whose arm is its model
 
 
-def robot_facts(cell: Cell, arm: ControllerKinematics) -> RobotFacts:
-    """Returns the facts of a cell's arm, whose own table is that of `arm`."""
-    robot, nominal = cell.robot, nominal_kinematics(cell.robot)
-    calibrated = DenavitHartenberg(_six(arm.theta), _six(arm.a), _six(arm.d), _six(arm.alpha))
+def robot_facts(cell: Cell, table: DhTable) -> RobotFacts:
+    """Returns the facts of a cell's arm, whose own table is `table`."""
+    robot, nominal, calibrated = cell.robot, nominal_kinematics(cell.robot), _told(table)
     return RobotFacts(
         nominal=nominal,
         calibrated=calibrated,
-        checksum=UNCALIBRATED if calibrated == nominal else arm.checksums,
+        checksum=UNCALIBRATED if calibrated == nominal else checksums(table),
         q_lower=_six(robot.q_lower),
         q_upper=_six(robot.q_upper),
         qd_max=_six(robot.qd_max),
@@ -34,7 +33,10 @@ def robot_facts(cell: Cell, arm: ControllerKinematics) -> RobotFacts:
 
 def nominal_kinematics(robot: Robot) -> DenavitHartenberg:
     """Returns the published parameters of a model."""
-    table = published_table(robot)
+    return _told(published_table(robot))
+
+
+def _told(table: DhTable) -> DenavitHartenberg:
     return DenavitHartenberg(_six(table.theta), _six(table.a), _six(table.d), _six(table.alpha))
 
 

@@ -35,7 +35,7 @@ class Simulation:
         self.freeze_s = 0.0
         values, derived = self.output_values.values, self.output_values.derived
         self.rtde = RtdeServer(c.identity, c.timeline, values, c.take_inputs, derived)
-        self.client_interfaces = ClientInterfaces(c, values, derived, robot_facts(cell, c.arm.chain.kinematics))
+        self.client_interfaces = ClientInterfaces(c, values, derived, robot_facts(cell, c.arm.chain.table))
         dashboard = DashboardServer(c.identity, c.stops, settings.programs)
         self.network = Network(host)
         self.network.add(

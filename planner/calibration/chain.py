@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 
 from planner.arrays import Array, read_only
-from planner.calibration.dh_table import DhTable, published_table
+from planner.calibration.dh_table import DhTable, published_table, row_transform, turn_z
 from planner.robots import Robot
 from planner.rotations import angle_between, invert_pose
 
@@ -36,7 +36,7 @@ class ImplausibleChain(ValueError):
 
 def transforms_of_table(table: DhTable) -> Array:
     """Returns the fixed transforms (6, 4, 4) of a table: Rz(theta) Tz(d) Tx(a) Rx(alpha)."""
-    return np.array([turn_z(theta) @ _beyond(a, d, alpha) for theta, a, d, alpha in table.rows])
+    return np.array([row_transform(*row) for row in table.rows])
 
 
 def transforms_of_links(links: Sequence[Array], flange: Array) -> Array:
@@ -133,15 +133,3 @@ def _require_plausible(placed: Array, published: Array, name: str) -> None:
     else:
         return
     raise ImplausibleChain(f"{name} is {reason}: the file is of another model")
-
-
-def turn_z(angle: float) -> Array:
-    """Returns the pose (4, 4) of a rotation about z."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-
-
-def _beyond(a: float, d: float, alpha: float) -> Array:
-    """Returns Tz(d) Tx(a) Rx(alpha), exact at quarter turns, where floats leave 6e-17."""
-    c, s = (0.0 if abs(x) < np.finfo(np.float64).eps else x for x in (np.cos(alpha), np.sin(alpha)))
-    return np.array([[1.0, 0.0, 0.0, a], [0.0, c, -s, 0.0], [0.0, s, c, d], [0.0, 0.0, 0.0, 1.0]])

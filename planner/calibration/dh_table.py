@@ -74,7 +74,7 @@ def table_of_transforms(fixed: Array) -> DhTable:
         X = rest @ measured
         row = _common_normal(X)
         rows.append(row)
-        rest = invert_pose(_row_transform(*row)) @ X
+        rest = invert_pose(row_transform(*row)) @ X
     X = rest @ fixed[5]
     if abs(X[2, 0]) > 1e-9 or abs(X[:3, 0] @ [-X[1, 3], X[0, 3], 0.0]) > 1e-9:
         raise ValueError("the flange is turned against the last axis: no Denavit-Hartenberg table holds that")
@@ -100,9 +100,17 @@ def _common_normal(X: Array) -> tuple[float, float, float, float]:
     return float(np.arctan2(normal[1], normal[0])), float(normal @ point), float(point[2] + along * axis[2]), twist
 
 
-def _row_transform(theta: float, a: float, d: float, alpha: float) -> Array:
-    c, s, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
-    return np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0.0, sa, ca, d], [0.0, 0.0, 0.0, 1.0]])
+def row_transform(theta: float, a: float, d: float, alpha: float) -> Array:
+    """Returns Rz(theta) Tz(d) Tx(a) Rx(alpha) (4, 4), exact at quarter turns of alpha, where floats leave 6e-17."""
+    c, s = (0.0 if abs(x) < np.finfo(np.float64).eps else x for x in (np.cos(alpha), np.sin(alpha)))
+    beyond = np.array([[1.0, 0.0, 0.0, a], [0.0, c, -s, 0.0], [0.0, s, c, d], [0.0, 0.0, 0.0, 1.0]])
+    return turn_z(theta) @ beyond
+
+
+def turn_z(angle: float) -> Array:
+    """Returns the pose (4, 4) of a rotation about z."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s, 0.0, 0.0], [s, c, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
 def gnu_hash(data: bytes) -> int:

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 
 from planner.arrays import Array
-from planner.calibration.chain import ImplausibleChain, calibrated, transforms_of_links, turn_z
+from planner.calibration.chain import ImplausibleChain, calibrated, transforms_of_links
+from planner.calibration.dh_table import turn_z
 from planner.errors import CellError
 from planner.robots import Robot
 from planner.rotations import invert_pose, pose

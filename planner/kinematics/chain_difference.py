@@ -29,6 +29,11 @@ class ChainDifference:
     largest_m: float
     largest_rad: float
 
+    def words(self, decimals: int = 1) -> str:
+        """Returns the distances as a sentence says them."""
+        median, largest = (f"{1e3 * value:.{decimals}f} mm" for value in (self.median_m, self.largest_m))
+        return f"{median} in the median of postures, up to {largest}"
+
 
 @lru_cache(maxsize=DIFFERENCES_KEPT)
 def chain_difference(first: Robot, second: Robot) -> ChainDifference:

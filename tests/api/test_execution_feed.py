@@ -81,7 +81,8 @@ def test_closing_ends_all_streams(tmp_path):
     async def test() -> bytes:
         feeds = ExecutionFeeds(store)
         listening = asyncio.create_task(heard(feeds, id))
-        await asyncio.sleep(0.1)
+        while id not in feeds._feeds or not feeds._feeds[id][0]._ids:  # until it has read, however busy the machine is
+            await asyncio.sleep(0.01)
         feeds.close()
         return await listening + await heard(feeds, id)
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from api.http import translate
-from api.planning import PlannerPool, PlanningEnded, PlanningQueueFull
+from api.planning import ClientGone, PlannerPool, PlanningEnded, PlanningQueueFull
 from planner.errors import SolverFailed
 
 
@@ -42,6 +42,26 @@ def test_a_full_queue_is_answered_with_a_time_to_retry():
         assert pool.waiting == 0
 
     run(test, time.sleep)
+
+
+def test_a_client_that_left_gives_up_its_place_in_line():
+    async def test(pool: PlannerPool) -> None:
+        await pool.warm_up()
+        gone = asyncio.Event()
+        first = asyncio.create_task(pool.solve(0.4, 60.0, gone))
+        await asyncio.sleep(0.05)
+        second = asyncio.create_task(pool.solve(3600.0, 60.0, gone))
+        await asyncio.sleep(0.05)
+        assert pool.waiting == 2
+        gone.set()
+        with pytest.raises(ClientGone):
+            await second
+        assert pool.waiting == 1
+        await first  # it was begun, and ends by itself
+        await asyncio.wait_for(pool.solve(0.0, 60.0), 30.0)  # the place is free again
+        assert pool.waiting == 0
+
+    run(test, time.sleep, queue=2)
 
 
 def test_the_loop_is_free_while_a_worker_works():

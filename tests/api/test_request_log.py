@@ -29,7 +29,12 @@ def test_a_request_is_one_line_of_json(service: RunningService, caplog: pytest.L
         "/executions/{id}",
         "/executions/nobody",
     )
-    assert (line["status"], line["problem"], line["token"], line["client"]) == (404, "not-found", "local", "testclient")
+    assert (line["status"], line["problem"], line["token"], line["client"]) == (
+        422,
+        "invalid-request",
+        "local",
+        "testclient",
+    )
     assert line["ms"] >= 0.0
     assert "secret" not in orjson.dumps(line).decode()
 

@@ -121,6 +121,9 @@ def test_every_call_of_the_contract_is_there(service: RunningService):
         "GET /batches/{id}/events",
         "GET /batches/{id}/results",
         "POST /batches/{id}/cancel",
+        "POST /cells/{name}/map",
+        "GET /cells/{name}/map",
+        "POST /cells/{name}/map/cancel",
         "POST /experiments",
         "GET /experiments",
         "GET /experiments/{id}",
@@ -244,6 +247,7 @@ def test_with_tokens_every_guarded_operation_says_so(tmp_path: Path, cells: Path
 MEDIA_TYPES = {
     "/plans/{id}/trajectory": {"application/json", "text/csv"},
     "/experiments/{id}": {"application/json", "text/csv", "application/vnd.apache.parquet"},
+    "/cells/{name}/map": {"application/json", "application/zip", "image/png", "text/html"},
     "/batches/{id}/results": {"application/json", "text/csv", "application/vnd.apache.parquet"},
     "/batches/{id}/events": {"text/event-stream"},
     "/executions/{id}/recording": {"application/octet-stream", "text/csv"},
@@ -256,6 +260,6 @@ def test_media_types_are_those_that_are_answered(service: RunningService):
     for method, path, operation in operations(service.client.get("/openapi.json").json()):
         for status, answer in operation["responses"].items():
             if status.startswith("2"):
-                expected = MEDIA_TYPES.get(path, {"application/json"})
+                expected = MEDIA_TYPES.get(path if method == "get" else "", {"application/json"})
                 assert set(answer["content"]) == expected, (method, path)
                 assert all(content["schema"] for content in answer["content"].values()), (method, path)

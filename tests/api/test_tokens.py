@@ -216,9 +216,9 @@ def test_tokens_on_the_command_line(tmp_path: Path):
 @pytest.mark.parametrize(
     ("variable", "value", "sentence"),
     [
-        ("FLING_PORT", "abc", "FLING_PORT = 'abc': Input should be a valid integer"),
-        ("FLING_PORT", "70000", "FLING_PORT = '70000': Input should be less than or equal to 65535"),
-        ("FLING_PLANNER_WORKERS", "0", "FLING_PLANNER_WORKERS = '0': Input should be greater than or equal to 1"),
+        ("FLING_PORT", "abc", "FLING_PORT: must be a whole number; it is 'abc'"),
+        ("FLING_PORT", "70000", "FLING_PORT: must be at most 65535; it is '70000'"),
+        ("FLING_PLANNER_WORKERS", "0", "FLING_PLANNER_WORKERS: must be at least 1; it is '0'"),
         ("FLING_CELLS", "/nowhere", "FLING_CELLS = '/nowhere': there is no such folder"),
         ("FLING_DEFAULT_CELL", "moon", "FLING_DEFAULT_CELL: no cell 'moon' in "),
     ],

@@ -20,6 +20,8 @@ DT = 0.002
         ([2e-5] * 1000, "ok"),
         ([2e-5] * 930 + [2e-3] * 70, "warning"),  # libfranka's first band
         ([2e-5] * 800 + [2e-3] * 200, "bad"),
+        ([2e-5] * 999 + [0.009], "ok"),
+        ([2e-5] * 999 + [0.011], "warning"),  # more than half of it
         ([2e-5] * 999 + [0.030], "warning"),  # one gap longer than the stream bears
         ([2e-5] * 999 + [0.100], "bad"),
     ],

@@ -12,16 +12,29 @@ import pytest
 import fling
 
 PROBLEM = {"type": "/problems/infeasible", "title": "Infeasible", "detail": "too far", "status": 422}
-EVENTS = 'event: state\ndata: {"state": "queued"}\n\nevent: state\ndata: {"state": "finished"}\n\n'
+EVENTS = [
+    'id: 1\nevent: state\ndata: {"state": "queued"}\n\n',
+    'id: 2\nevent: state\ndata: {"state": "streaming"}\n\n',
+    'id: 3\nevent: state\ndata: {"state": "finished"}\n\n',
+]
 
 
 class EchoingService(BaseHTTPRequestHandler):
     """Answers what the paths of the client ask for, and echoes what was posted."""
 
+    cuts = 0  # streams that still end in the middle
+
     def do_GET(self) -> None:
         if self.path.endswith("/events"):
-            return self.answer(200, "text/event-stream", EVENTS)
-        return self.answer(200, "application/json", json.dumps({"path": self.path}))
+            return self.answer(200, "text/event-stream", self.events())
+        outcome = None if EchoingService.cuts >= 0 else "completed"
+        return self.answer(200, "application/json", json.dumps({"path": self.path, "outcome": outcome}))
+
+    def events(self) -> str:
+        """Returns the events after the last one that the client has; the first alone of a stream that is cut."""
+        EchoingService.cuts -= 1
+        rest = EVENTS[int(self.headers["Last-Event-ID"]) :]
+        return "".join(rest[:1] if EchoingService.cuts >= 0 else rest)
 
     def do_POST(self) -> None:
         body = self.rfile.read(int(self.headers.get("Content-Length", 0)))
@@ -64,8 +77,25 @@ def test_calls_and_their_bodies(url: str):
 
 def test_events_until_the_end(url: str):
     with fling.Client(url) as client:
-        assert [data["state"] for _, data in client.events("e")] == ["queued", "finished"]
-        assert client.finished("e") == {"path": "/executions/e"}
+        assert [data["state"] for _, data in client.events("e")] == ["queued", "streaming", "finished"]
+        assert client.finished("e") == {"path": "/executions/e", "outcome": "completed"}
+
+
+def test_an_execution_is_waited_for_although_its_stream_ends_before(url: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("fling.client.RETRY_S", 0.0)
+    EchoingService.cuts, seen = 2, []
+    with fling.Client(url) as client:
+        done = client.finished("e", lambda kind, data: seen.append(data["state"]))
+    assert (done["outcome"], seen) == ("completed", ["queued", "streaming", "finished"])
+
+
+def test_a_service_that_stays_away_is_told_with_the_execution(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("fling.client.RETRY_S", 0.0)
+    monkeypatch.setattr("fling.client.RETURN_S", 0.05)
+    with fling.Client("http://127.0.45.1:9") as client, pytest.raises(fling.ServiceRefusal) as refused:
+        client.finished("e7")
+    assert refused.value.problem["execution_id"] == "e7"
+    assert "Execution e7 goes on without it: GET /executions/e7 once it is back" in str(refused.value)
 
 
 def test_refusals_carry_the_problem(url: str):

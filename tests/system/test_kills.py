@@ -111,6 +111,7 @@ def test_a_daemon_that_is_terminated_brakes_first(rig: Rig) -> None:
     row = rig.row(id)
     rig.start_executor()
     assert row.outcome == "aborted", row.reason
+    assert "asked to end" in row.reason
     assert len(rig.world()["releases"]) == released
     assert max(map(abs, rig.state()["qd"])) < 1e-3
 

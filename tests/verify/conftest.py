@@ -1,7 +1,8 @@
-"""What long tests share: a wheel built from the files under version control, and a PostgreSQL server."""
+"""What long tests share: a wheel built from the files under version control, a PostgreSQL server, a service."""
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
@@ -10,15 +11,20 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
+import httpx2
 import psycopg
 import pytest
 
 HOST = "127.0.45.4"  # of the simulated controller beside which examples run
 UP_WITHIN_S = 240.0  # [s] a busy machine
+ROOT = Path(__file__).parents[2]
+READY_S = 400.0  # [s] planner processes of lowest priority load and warm up on a busy machine
 LONG_S = 900  # [s] for one test of this folder
 SERVER_FOLDERS = Path("/usr/lib/postgresql")  # where Debian keeps servers, a folder a version
 
@@ -94,6 +100,62 @@ def _wait_until_listening(process: subprocess.Popen[bytes], port: int) -> None:
             return
         except psycopg.OperationalError:
             assert time.monotonic() < deadline, "the PostgreSQL server does not answer"
+            time.sleep(0.1)
+
+
+class ServiceProcess:
+    """A service process on an address of its own, with its log."""
+
+    def __init__(self, url: str, log: Path, workers: int = 2, **settings: str) -> None:
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            self.port = free.getsockname()[1]
+        self.url, self.log, self.workers, self.settings = url, log, workers, settings
+        self.start()
+
+    def start(self) -> None:
+        """Starts the process and waits until it is ready."""
+        own = {"FLING_DATABASE_URL": self.url, "FLING_PORT": str(self.port), "FLING_CELLS": str(ROOT / "cells")}
+        own |= {"FLING_PLANNER_WORKERS": str(self.workers), **self.settings}
+        command = [sys.executable, "-m", "api"]
+        self.process = subprocess.Popen(command, cwd=ROOT, env={**os.environ, **own}, stderr=subprocess.PIPE)
+        threading.Thread(target=self._keep_log, args=(self.process,), daemon=True).start()
+        self.until(lambda: self.get("/readyz").status_code == 200)
+
+    def _keep_log(self, process: subprocess.Popen[bytes]) -> None:
+        """Writes the log from outside: limits of the service's files leave it alone."""
+        assert process.stderr is not None
+        with self.log.open("ab", buffering=0) as log, process.stderr as stream:
+            for line in stream:
+                log.write(line)
+
+    def stop(self) -> None:
+        """Ends the process."""
+        if self.process.poll() is None:
+            self.process.terminate()
+            self.process.wait(150.0)
+
+    def get(self, path: str) -> httpx2.Response:
+        return httpx2.get(f"http://127.0.0.1:{self.port}{path}", timeout=30.0)
+
+    def plan(self, request: dict[str, Any]) -> httpx2.Response:
+        return httpx2.post(f"http://127.0.0.1:{self.port}/plan?trajectory=false", json=request, timeout=180.0)
+
+    def lines(self, **fields: str) -> list[dict[str, Any]]:
+        """Returns the lines of the log with these members."""
+        found = [json.loads(line) for line in self.log.read_text().splitlines() if line.startswith("{")]
+        return [line for line in found if line.items() >= fields.items()]
+
+    @staticmethod
+    def until(condition: Callable[[], bool], within_s: float = READY_S) -> None:
+        """Waits for a condition; a service that does not answer meets none."""
+        deadline = time.monotonic() + within_s
+        while True:
+            try:
+                if condition():
+                    return
+            except httpx2.TransportError:
+                pass
+            assert time.monotonic() < deadline, "waited too long"
             time.sleep(0.1)
 
 

@@ -16,7 +16,8 @@ from pathlib import Path
 
 import pytest
 
-TRAPS = ("fling", "planner", "store", "learning", "api", "executor", "numpy", "json")
+pytestmark = pytest.mark.slow
+TRAPS = ("fling", "planner", "store", "learning", "batch", "api", "executor", "numpy", "json")
 REQUEST = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}
 UP_WITHIN_S = 240.0  # [s] a cold machine compiles Python files and interprets the optimiser
 HOST = "127.0.45.2"

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 PAGES = ("index", "tutorial/first-throw", "tutorial/real-arm", "course/08-online", "reference/cli", "reference/http")
+pytestmark = pytest.mark.slow
 FETCHED = re.compile(r"""(?:src=|<link[^>]*href=|@import\s+|url\()["']?(?:https?:)?//""")
 
 

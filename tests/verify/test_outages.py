@@ -5,7 +5,6 @@ Planner processes, service and database are real; the executor's own kills are i
 
 from __future__ import annotations
 
-import json
 import os
 import resource
 import shutil
@@ -13,14 +12,12 @@ import signal
 import socket
 import sqlite3
 import subprocess
-import sys
 import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import httpx2
 import psutil
@@ -28,10 +25,8 @@ import psycopg
 import pytest
 
 from store import Store
-from tests.verify.conftest import server_program
+from tests.verify.conftest import ServiceProcess, server_program
 
-ROOT = Path(__file__).parents[2]
-READY_S = 400.0  # [s] planner processes of lowest priority load and warm up on a busy machine
 LOAD_S = 4.0  # [s] of planning before and after each blow
 CLIENTS = 4
 JOINT = {
@@ -44,62 +39,6 @@ JOINT = {
 }
 SLOW = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}
 UNAVAILABLE = {"not-ready", "solver-failed", "overloaded"}
-
-
-class ServiceProcess:
-    """A service process on an address of its own, with its log."""
-
-    def __init__(self, url: str, log: Path, workers: int = 2) -> None:
-        with socket.create_server(("127.0.0.1", 0)) as free:
-            self.port = free.getsockname()[1]
-        self.url, self.log, self.workers = url, log, workers
-        self.start()
-
-    def start(self) -> None:
-        """Starts the process and waits until it is ready."""
-        own = {"FLING_DATABASE_URL": self.url, "FLING_PORT": str(self.port), "FLING_CELLS": str(ROOT / "cells")}
-        own |= {"FLING_PLANNER_WORKERS": str(self.workers)}
-        command = [sys.executable, "-m", "api"]
-        self.process = subprocess.Popen(command, cwd=ROOT, env={**os.environ, **own}, stderr=subprocess.PIPE)
-        threading.Thread(target=self._keep_log, args=(self.process,), daemon=True).start()
-        self.until(lambda: self.get("/readyz").status_code == 200)
-
-    def _keep_log(self, process: subprocess.Popen[bytes]) -> None:
-        """Writes the log from outside: limits of the service's files leave it alone."""
-        assert process.stderr is not None
-        with self.log.open("ab", buffering=0) as log, process.stderr as stream:
-            for line in stream:
-                log.write(line)
-
-    def stop(self) -> None:
-        """Ends the process."""
-        if self.process.poll() is None:
-            self.process.terminate()
-            self.process.wait(150.0)
-
-    def get(self, path: str) -> httpx2.Response:
-        return httpx2.get(f"http://127.0.0.1:{self.port}{path}", timeout=30.0)
-
-    def plan(self, request: dict[str, Any]) -> httpx2.Response:
-        return httpx2.post(f"http://127.0.0.1:{self.port}/plan?trajectory=false", json=request, timeout=180.0)
-
-    def lines(self, **fields: str) -> list[dict[str, Any]]:
-        """Returns the lines of the log with these members."""
-        found = [json.loads(line) for line in self.log.read_text().splitlines() if line.startswith("{")]
-        return [line for line in found if line.items() >= fields.items()]
-
-    @staticmethod
-    def until(condition: Callable[[], bool], within_s: float = READY_S) -> None:
-        """Waits for a condition; a service that does not answer meets none."""
-        deadline = time.monotonic() + within_s
-        while True:
-            try:
-                if condition():
-                    return
-            except httpx2.TransportError:
-                pass
-            assert time.monotonic() < deadline, "waited too long"
-            time.sleep(0.1)
 
 
 class Load:

@@ -27,11 +27,24 @@ class ServiceClient(Client):
 def describe(problem: dict[str, Any]) -> str:
     """Returns a problem as text: what stands in the way, a line each, and the nearest request that is feasible."""
     title, violations = problem.get("title", "refused"), problem.get("violations") or ()
+    if [violation["constraint"] for violation in violations] == ["hit_probability"]:
+        return _odds_text(problem, violations[0])
     lines = [f"{title}:" if violations else f"{title}: {problem.get('detail', '')}"]
     lines += [f"  {_violation_text(violation)}" for violation in violations]
     if problem.get("nearest"):
         lines.append(f"  {_nearest_text(problem['nearest'])}")
     return "\n".join(lines)
+
+
+def _odds_text(problem: dict[str, Any], violation: dict[str, Any]) -> str:
+    """Returns a refusal for odds alone: the arm can throw there, and does not hit often enough."""
+    nearest = problem.get("nearest") or {}
+    lines = [
+        f"No throw of those tried hits often enough: {violation['value']:.0%} {violation['detail']}, "
+        f"{violation['limit']:.0%} were asked for.",
+        "  A wider --tolerance makes more throws a hit; `fling calibrate gripper` teaches how the cell really throws.",
+    ]
+    return "\n".join([*lines, f"  {_nearest_text(nearest)}"] if nearest else lines)
 
 
 def _violation_text(violation: dict[str, Any]) -> str:

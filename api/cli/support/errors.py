@@ -14,8 +14,7 @@ from typing import Any
 import click
 
 from api.cli.support.exit_status import INTERRUPTED, INVALID, WRONG_COMMAND_LINE, exit_status
-
-JSON_FLAG = "--json"
+from api.cli.support.options import JSON_FLAG
 
 
 class FlingGroup(click.Group):
@@ -128,21 +127,13 @@ def _sentence(error: BaseException) -> str | None:
         return "interrupted"
     if isinstance(error, OSError) and error.filename is not None:
         return f"{os.fspath(error.filename)!s}: {error.strerror}"
-    return _of_settings(error) if type(error).__name__ == "ValidationError" else _of_fling(error)
+    return _of_fling(error)
 
 
 def _of_fling(error: BaseException) -> str | None:
-    """Returns the sentence of an error that planner or store raise on purpose."""
-    purposeful = ("PlannerError", "StoreError", "StoreUnavailable")
+    """Returns the sentence of an error that settings, planner or store raise on purpose."""
+    purposeful = ("PlannerError", "SettingsError", "StoreError", "StoreUnavailable")
     return str(error) if {kind.__name__ for kind in type(error).__mro__} & set(purposeful) else None
-
-
-def _of_settings(error: Any) -> str | None:
-    """Returns the sentence of wrong FLING_* settings, None of another model's error."""
-    if error.title != "ServiceSettings":
-        return None
-    wrong = [f"FLING_{str(part['loc'][0]).upper()} = {part['input']!r}: {part['msg']}" for part in error.errors()]
-    return "; ".join(wrong)
 
 
 def _status(error: BaseException) -> int:

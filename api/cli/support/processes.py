@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
@@ -24,6 +25,10 @@ READY_S = 300.0  # [s] for a child to get ready: it imports and builds for ten s
 SAID_EVERY_S = 30.0  # [s] between two sentences that say what is waited for
 POLL_S = 0.1  # [s] between two looks at the service's readiness
 DEATHS_MAX, DEATHS_WITHIN_S = 3, 60.0  # [-], [s] a child that ends more often within this time does not come back
+NO_CLIENT = (
+    "ur_rtde is not installed, without which nothing streams to an arm, a simulated one included: use Python 3.11 or "
+    "3.12 (make PYTHON=python3.12 ...), for which it has wheels; planning works without it"
+)
 PR_SET_PDEATHSIG = 1  # source: Linux prctl(2)
 
 
@@ -174,6 +179,16 @@ def start_all(
     click.echo("starting the service …")
     children.start("service", "api")
     _wait_until_ready(children, url, cell)
+
+
+def require_streaming_client() -> None:
+    """Checks that executions can be streamed here.
+
+    Raises:
+        click.ClickException: ur_rtde is missing.
+    """
+    if find_spec("rtde_control") is None:
+        raise click.ClickException(NO_CLIENT)
 
 
 def start_simulator(children: ChildProcesses, cell: Path, truth: Sequence[str] = ()) -> None:

@@ -6,7 +6,6 @@ from typing import Any
 
 import click
 
-from api.cli.support.exit_status import NotCompleted
 from api.cli.support.summary import plan_text
 from api.cli.support.terminal import say_step
 
@@ -33,23 +32,14 @@ def execute_plan(
     request = {"plan_id": plan["id"], "mode": mode, "dry_run": dry_run}
     request |= {"experiment_id": experiment_id} if experiment_id else {}
     execution = client.post("/execute", request)
+
+    def follow(kind: str, data: dict[str, Any]) -> None:
+        if kind == "state" and progress:
+            say_step(f"  {data['state']}")
+
     try:
-        _follow(client, execution["id"], progress)
+        return client.finished(execution["id"], follow)
     except KeyboardInterrupt:
         client.post(f"/executions/{execution['id']}/abort")
         click.echo("interrupted: the executor was asked to brake. This is not a safety function.", err=True)
-        _follow(client, execution["id"], progress)
-    done = client.get(f"/executions/{execution['id']}")
-    if done["outcome"] is None:
-        raise NotCompleted(
-            "the service ended before the throw did, which the executor brings to its end: "
-            f"see GET /executions/{done['id']} once the service is back"
-        )
-    return done
-
-
-def _follow(client: Any, execution_id: str, progress: bool) -> None:
-    """Waits for the end of an execution, and prints its states."""
-    for kind, data in client.events(execution_id):
-        if kind == "state" and progress:
-            say_step(f"  {data['state']}")
+        return client.finished(execution["id"], follow)

@@ -2,7 +2,7 @@
 
 from executor.simulator.physics import kinematics
 from executor.simulator.physics.arm import Arm, MotionConflict
-from executor.simulator.physics.controller_kinematics import ControllerKinematics
+from executor.simulator.physics.controller_kinematics import checksums
 from executor.simulator.physics.dynamics import JointTorques
 from executor.simulator.physics.kinematics import Transform
 from executor.simulator.physics.obstacles import RoundBin
@@ -10,7 +10,7 @@ from executor.simulator.physics.workcell import Workcell
 
 __all__ = [
     "Arm",
-    "ControllerKinematics",
+    "checksums",
     "JointTorques",
     "MotionConflict",
     "RoundBin",

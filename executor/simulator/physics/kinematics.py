@@ -11,8 +11,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from executor.simulator.physics.controller_kinematics import ControllerKinematics, controller_kinematics
+from executor.simulator.physics.controller_kinematics import controller_table
 from executor.simulator.truth import DhDeviation
+from planner.calibration import DhTable
 from planner.robots import Robot
 
 Transform = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
@@ -103,12 +104,14 @@ class KinematicChain:
     """The arm's joints with a tool at their end, by their Denavit–Hartenberg parameters, whatever these are.
 
     Attributes:
-        kinematics: the parameters, as the controller tells them.
+        table: the parameters, as the controller tells them.
+        theta: its offsets of the joint positions (6,) [rad].
     """
 
-    def __init__(self, kinematics: ControllerKinematics) -> None:
-        self.kinematics = k = kinematics
-        self.links = [(a, d, math.cos(alpha), math.sin(alpha)) for a, d, alpha in zip(k.a, k.d, k.alpha, strict=True)]
+    def __init__(self, table: DhTable) -> None:
+        self.table = table
+        self.theta: list[float] = table.theta.tolist()
+        self.links = [(a, d, math.cos(alpha), math.sin(alpha)) for _, a, d, alpha in table.rows]
 
     def forward(self, q: Vector, tool: Transform = IDENTITY) -> Transform:
         """Returns the pose of the tool in the base."""
@@ -139,7 +142,7 @@ class KinematicChain:
     def _axes(self, q: Vector, tool: Transform) -> tuple[list[tuple[float, ...]], Transform]:
         """Returns direction and origin of each joint's axis, and the pose of the tool."""
         axes, pose = [], IDENTITY
-        for (a, d, ca, sa), angle, offset in zip(self.links, q, self.kinematics.theta, strict=True):
+        for (a, d, ca, sa), angle, offset in zip(self.links, q, self.theta, strict=True):
             axes.append((pose[2], pose[6], pose[10], pose[3], pose[7], pose[11]))
             c, s = math.cos(angle + offset), math.sin(angle + offset)
             pose = product(pose, (c, -s * ca, s * sa, a * c, s, c * ca, -c * sa, a * s, 0.0, sa, ca, d))
@@ -167,7 +170,7 @@ class PublishedChain(KinematicChain):
     """
 
     def __init__(self, robot: Robot) -> None:
-        super().__init__(controller_kinematics(robot))
+        super().__init__(controller_table(robot))
         self.lengths = tuple(float(x) for x in (robot.d[0], robot.a[1], robot.a[2], robot.d[3], robot.d[4], robot.d[5]))
 
     def motion(self, q: Vector, qd: Vector, tool: Transform = IDENTITY) -> tuple[Transform, list[float]]:
@@ -216,7 +219,7 @@ def kinematic_chain(robot: Robot, deviation: DhDeviation | None) -> KinematicCha
     """Returns the chain of an arm that deviates from the published one; None: the arm as the cell has it."""
     if deviation is None and robot.fixed is None:
         return PublishedChain(robot)
-    return KinematicChain(controller_kinematics(robot, deviation))
+    return KinematicChain(controller_table(robot, deviation))
 
 
 def pose_error(goal: Transform, pose: Transform) -> list[float]:

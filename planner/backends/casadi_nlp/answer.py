@@ -25,7 +25,7 @@ from planner.geometry import tool_state
 from planner.problem import ThrowProblem
 from planner.solution import Solution
 from planner.timing import RESERVES, onto_grid
-from planner.trajectory import Trajectory, join
+from planner.trajectory import Trajectory, columns_at, join
 
 States = Callable[[Vector], tuple[Vector, Vector, Vector]]
 
@@ -230,20 +230,15 @@ def _sampled_on_ticks(
     zero, (q, qd) = np.zeros(6), release
     launch, brake = found.t[: k + 1], found.t[k:] - found.t[k]
     wait = ticks[0] * dt - float(launch[-1])
-    acceleration = _interpolated(launch, found.qdd[: k + 1], dt * np.arange(ticks[0] + 1, dtype=np.float64) - wait)
+    acceleration = columns_at(dt * np.arange(ticks[0] + 1, dtype=np.float64) - wait, launch, found.qdd[: k + 1])
     state = (q, qd, zero if problem.ends_at_rest else found.qdd[k])
     head = onto_grid((problem.start, zero, zero), state, acceleration, dt, jerk_max)
     if problem.ends_at_rest:
         return join(head, tuple(x[-1:] for x in head), 1.0 / dt)  # pyright: ignore[reportArgumentType]
-    acceleration = _interpolated(brake, found.qdd[k:], dt * np.arange(ticks[1] + 1, dtype=np.float64))
+    acceleration = columns_at(dt * np.arange(ticks[1] + 1, dtype=np.float64), brake, found.qdd[k:])
     rest = q + found.q[-1] - found.q[k]
     tail = onto_grid(state, (rest, zero, zero), acceleration, dt, jerk_max)
     return join(head, tail, 1.0 / dt)
-
-
-def _interpolated(t: Vector, qdd: Vector, times: Vector) -> Vector:
-    """Returns the accelerations (n, 6) at `times` (n,) [s] of a phase with knots `t`; at rest outside it."""
-    return np.stack([np.interp(times, t, column) for column in qdd.T], axis=1)
 
 
 def _keeps_joint_limits(problem: ThrowProblem, made: Trajectory) -> bool:

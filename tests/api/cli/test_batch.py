@@ -39,9 +39,10 @@ def test_a_batch_without_a_service(environment: dict[str, str], tmp_path: Path):
     waiting = store.add_batch(b"", 1, driven_by="command").id
     store.close()
     assert [plan["request"]["release"]["positions"][0] for plan in plans] == [0.3, 0.31]
-    resumed = run(environment, "--resume", batch["id"])
-    assert resumed.exit_code == 1
-    assert "is finished: completed" in resumed.stderr
+    again = run(environment, "--resume", batch["id"], "--out", str(tmp_path / "again.csv"))
+    assert again.exit_code == 0
+    assert "completed; 2 of 2: 2 planned" in again.stdout
+    assert (tmp_path / "again.csv").read_text() == out.read_text()
     cancelled = run(environment, "--cancel", waiting)
     assert cancelled.exit_code == 0
     assert "cancelled" in cancelled.stdout

@@ -63,7 +63,7 @@ def test_every_error_is_one_sentence_or_one_document(arguments: list[str], statu
 def test_wrong_settings_are_one_sentence():
     result = fling("serve", FLING_PORT="eighty")
     assert (result.exit_code, result.stderr.count("\n")) == (1, 1)
-    assert "FLING_PORT = 'eighty'" in result.stderr
+    assert "FLING_PORT: must be a whole number; it is 'eighty'" in result.stderr
 
 
 def test_a_bug_keeps_its_traceback():
@@ -181,3 +181,16 @@ def test_a_child_that_dies_again_and_again_does_not_come_back(children: ChildPro
 def test_first_use_is_told_by_the_service(monkeypatch: pytest.MonkeyPatch, solvers: str, expected: bool):
     monkeypatch.setattr("fling.client.Client.get", lambda _self, path: {"path": path, "solvers": solvers})
     assert are_interpreted(f"http://{HOST}:9") is expected
+
+
+def test_without_a_client_for_the_controller_one_sentence_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    monkeypatch.setattr("api.cli.support.processes.find_spec", lambda name: None)
+    result = CliRunner().invoke(main, ["demo", "--keep", str(tmp_path / "demo")])
+    assert result.exit_code == 1
+    assert result.output.startswith("fling: ur_rtde is not installed")
+    assert len(result.output.splitlines()) == 1
+
+
+def test_the_version_is_an_option_too():
+    result = CliRunner().invoke(main, ["--version"])
+    assert (result.exit_code, result.output) == (0, CliRunner().invoke(main, ["version"]).output)

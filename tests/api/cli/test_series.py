@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 from typing import Any
@@ -64,8 +63,8 @@ class ScriptedService:
         self.executed.append(body)
         return {"id": str(len(self.executed))}
 
-    def events(self, _id: str) -> Iterator[Any]:
-        return iter(())
+    def finished(self, id: str, on_event: Any) -> Any:
+        return self.get(f"/executions/{id}")
 
 
 def fling(monkeypatch: pytest.MonkeyPatch, script: ScriptedService, *arguments: str, typed: str = "") -> Any:

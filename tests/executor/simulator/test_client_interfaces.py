@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,7 @@ import pytest
 
 from executor.simulator.interfaces.realtime_server import packet_size
 from executor.simulator.loop import SimulatorLoop
-from executor.simulator.physics import ControllerKinematics
-from executor.simulator.physics.controller_kinematics import controller_kinematics
+from executor.simulator.physics.controller_kinematics import checksums, controller_table
 from executor.simulator.program.runner import PLAYING, STOPPED
 from executor.simulator.robot_facts import nominal_kinematics, robot_facts
 from executor.simulator.settings import SimulatorSettings
@@ -116,18 +116,18 @@ def test_kinematics_and_configuration_are_those_of_the_arm(clients: Any):
 
 def test_an_arm_that_differs_from_its_model_has_kinematics_and_checksums_of_its_own():
     cell = make_cell()
-    model = nominal_kinematics(cell.robot)
-    measured = type(model)(model.theta, tuple(a + 1e-4 for a in model.a), model.d, model.alpha)
-    arm = ControllerKinematics(measured.theta, measured.a, measured.d, measured.alpha)
-    facts = robot_facts(cell, arm)
-    assert (facts.nominal, facts.calibrated) == (model, measured)
-    assert facts.checksum == arm.checksums
+    model, table = nominal_kinematics(cell.robot), controller_table(cell.robot)
+    table = replace(table, a=table.a + 1e-4)
+    facts = robot_facts(cell, table)
+    assert facts.nominal == model
+    assert facts.calibrated == replace(model, a=tuple(a + 1e-4 for a in model.a))
+    assert facts.checksum == checksums(table)
 
 
 def test_a_checksum_changes_with_every_parameter():
-    k = controller_kinematics(robot("ur5e"))
-    other = type(k)(k.theta, (k.a[0] + 1e-9, *k.a[1:]), k.d, k.alpha)
-    assert [a != b for a, b in zip(k.checksums, other.checksums, strict=True)] == [True, *[False] * 5]
+    table = controller_table(robot("ur5e"))
+    other = replace(table, a=table.a + 1e-9 * np.eye(6)[0])
+    assert [a != b for a, b in zip(checksums(table), checksums(other), strict=True)] == [True, *[False] * 5]
 
 
 def test_the_state_is_that_of_the_robot(clients: Any, sim: Simulation):

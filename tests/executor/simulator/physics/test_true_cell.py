@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from executor.simulator.physics.camera import ObservingCamera
+from executor.simulator.physics.controller_kinematics import checksums
 from executor.simulator.physics.gripper import SimulatedGripper
 from executor.simulator.physics.kinematics import KinematicChain, PublishedChain, kinematic_chain, pose_error, pose_of
 from executor.simulator.physics.world import World
@@ -145,7 +146,7 @@ def deviation(size: float, draw: np.random.Generator) -> DhDeviation:
 
 def forward_by_matrices(chain: KinematicChain, q: np.ndarray) -> np.ndarray:
     """Returns Rz(q + theta) Tz(d) Tx(a) Rx(alpha) of six joints, each written as a 4x4 matrix."""
-    k, X = chain.kinematics, np.eye(4)
+    k, X = chain.table, np.eye(4)
     for theta, a, d, alpha, angle in zip(k.theta, k.a, k.d, k.alpha, q, strict=True):
         about_z, about_x = np.eye(4), np.eye(4)
         about_z[:3, :3] = rotation_vector_to_matrix(np.array([0.0, 0.0, angle + theta]))
@@ -170,17 +171,16 @@ def test_an_arm_of_its_own_moves_by_its_own_table(name: str) -> None:
 
 
 def test_the_controller_tells_its_own_table_and_another_arm_has_other_checksums() -> None:
-    published = PublishedChain(robot("ur5e")).kinematics
-    assert published.theta == (0.0,) * 6
+    published = PublishedChain(robot("ur5e")).table
+    assert not published.theta.any()
     np.testing.assert_allclose([published.a, published.d, published.alpha],
                                [robot("ur5e").a, robot("ur5e").d, robot("ur5e").alpha])  # fmt: skip
     change = DhDeviation(d_m=(0.0, 0.0, 0.0, 0.001, 0.0, 0.0))
-    other = kinematic_chain(robot("ur5e"), change).kinematics
+    other = kinematic_chain(robot("ur5e"), change).table
     assert other.d[3] == published.d[3] + 0.001
-    assert [a == b for a, b in zip(published.checksums, other.checksums, strict=True)] == [True] * 3 + [False] + [
-        True
-    ] * 2
-    assert all(0 <= checksum < 2**32 for checksum in other.checksums)
+    told = checksums(other)
+    assert [a == b for a, b in zip(checksums(published), told, strict=True)] == [True] * 3 + [False] + [True] * 2
+    assert all(0 <= checksum < 2**32 for checksum in told)
 
 
 def test_the_controller_solves_poses_with_its_own_table() -> None:

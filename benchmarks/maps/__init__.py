@@ -1,0 +1,1 @@
+"""Measurements of throwability maps: how fast, how true, and the same to the bit after kills."""

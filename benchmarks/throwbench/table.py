@@ -1,0 +1,166 @@
+"""ThrowBench's table, as a page and as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.statistics import quantiles
+from benchmarks.throwbench.problem_document import Problem
+from benchmarks.throwbench.run import ThrowRow
+from benchmarks.throwbench.sets import HASHES, hash_of
+
+COLUMNS = (
+    "entry",
+    "solved",
+    "invalid",
+    "refused",
+    "cut, crashed",
+    "release over best p50",
+    "wall p50 / p90 s",
+    "processor p50 / p90 s",
+    "landing mm",
+    "10 ms early / late mm",
+    "broken rules",
+)
+NOTE = """Shares are of all problems asked. *Release over best*: the release time over the soonest valid one of any
+entry in this run, median of the entry's own valid answers. *Landing* and *10 ms early / late*: median distance from the
+target of valid answers, and of the same motion released 10 ms off. Times are of every answer, refusals among them;
+*processor* is what the entry's process used, less affected by a busy machine. Rules are counted once an answer. What
+each entry was given, and what it cannot express, is said in [ThrowBench](../throwbench.md#entries)."""
+
+
+def summary(rows: Sequence[ThrowRow], best: dict[str, float]) -> dict[str, Any]:
+    """Returns the numbers of one entry on one set.
+
+    Args:
+        rows: Its rows.
+        best: Soonest valid release time of each problem [s].
+    """
+    good = [row for row in rows if row.solved]
+    verdicts = [row.verdict for row in good]
+    outcomes = Counter(row.outcome for row in rows)
+    rules = Counter(rule for row in rows for rule in {fault["rule"] for fault in row.verdict["faults"]})
+    return {
+        "entry": rows[0].entry,
+        "set": rows[0].set,
+        "problems": len(rows),
+        "outcomes": dict(outcomes),
+        "release_over_best_p50": quantiles([v["release_time_s"] / best[r.problem] for r, v in _pairs(good)], 50)[0],
+        "release_time_p50_s": quantiles([v["release_time_s"] for v in verdicts], 50)[0],
+        "wall_s": quantiles([row.wall_s for row in rows], 50, 90),
+        "processor_s": quantiles([row.processor_s for row in rows], 50, 90),
+        "landing_error_p50_m": quantiles([v["landing_error_m"] for v in verdicts], 50)[0],
+        "early_error_p50_m": quantiles([v["early_error_m"] for v in verdicts], 50)[0],
+        "late_error_p50_m": quantiles([v["late_error_m"] for v in verdicts], 50)[0],
+        "rules": dict(rules.most_common()),
+    }
+
+
+def soonest(rows: Iterable[ThrowRow]) -> dict[str, float]:
+    """Returns the soonest valid release time of each problem that anyone solved [s]."""
+    best: dict[str, float] = {}
+    for row in rows:
+        if row.solved:
+            best[row.problem] = min(best.get(row.problem, math.inf), row.verdict["release_time_s"])
+    return best
+
+
+def write_table(
+    page: Path,
+    about: dict[str, str],
+    rows: Sequence[ThrowRow],
+    problems: dict[str, list[Problem]],
+    missing: dict[str, str],
+) -> None:
+    """Writes the page, and beside it a JSON file with the same numbers and every row.
+
+    Args:
+        page: The page.
+        about: Conditions of the run.
+        rows: Rows of the run.
+        problems: Problems asked, by set.
+        missing: Entries that could not be loaded, with the reason.
+    """
+    best = soonest(rows)
+    entries = list(dict.fromkeys(row.entry for row in rows))
+    parts = {name: [_of(rows, entry, name) for entry in entries] for name in problems}
+    summaries = [summary(own, best) for part in parts.values() for own in part if own]
+    lines = _head(about, missing)
+    for name, asked in problems.items():
+        solved = sum(problem["name"] in best for problem in asked)
+        told = HASHES.get(name) or hash_of(asked)
+        lines += [
+            f"## {name}",
+            "",
+            f"{len(asked)} problems asked, {solved} solved by anyone; the set's sha256: `{told}`.",
+            "",
+        ]
+        lines += _table([s for s in summaries if s["set"] == name])
+    page.parent.mkdir(parents=True, exist_ok=True)
+    page.write_text("\n".join(lines), encoding="utf-8")
+    document = {"about": about, "missing": missing, "summaries": summaries, "rows": [row.__dict__ for row in rows]}
+    text = json.dumps(_finite(document), separators=(",", ":"))
+    page.with_suffix(".json").write_text(text + "\n", encoding="utf-8")
+
+
+def _head(about: dict[str, str], missing: dict[str, str]) -> list[str]:
+    lines = [
+        "# ThrowBench: table",
+        "",
+        f"{about['date']}, {about['processor']}, {about['system']}; load {about['load']}; commit {about['commit']};",
+        f"{about['versions']}. One run of `{about['command']}`; numbers are of this run alone.",
+        "",
+        *NOTE.splitlines(),
+        "",
+    ]
+    return lines + [line for name, reason in missing.items() for line in (f"Left out: `{name}` ({reason}).", "")]
+
+
+def _table(summaries: Sequence[dict[str, Any]]) -> list[str]:
+    rows = [COLUMNS, ["---"] * len(COLUMNS), *(_cells(s) for s in summaries)]
+    return ["| " + " | ".join(row) + " |" for row in rows] + [""]
+
+
+def _cells(s: dict[str, Any]) -> list[str]:
+    outcomes, count = Counter(s["outcomes"]), s["problems"]
+    cut = outcomes["timed out"] + outcomes["crashed"]
+    shares = [f"{100.0 * n / count:.0f} %" for n in (outcomes["solved"], outcomes["invalid"], outcomes["refused"], cut)]
+    return [
+        s["entry"],
+        *shares,
+        _number(s["release_over_best_p50"], 2),
+        " / ".join(_number(v, 2) for v in s["wall_s"]),
+        " / ".join(_number(v, 2) for v in s["processor_s"]),
+        _number(1000.0 * s["landing_error_p50_m"], 2),
+        " / ".join(_number(1000.0 * s[f"{side}_error_p50_m"], 0) for side in ("early", "late")),
+        ", ".join(f"{rule} {n}" for rule, n in s["rules"].items()),
+    ]
+
+
+def _pairs(rows: Sequence[ThrowRow]) -> list[tuple[ThrowRow, dict]]:
+    return [(row, row.verdict) for row in rows]
+
+
+def _of(rows: Sequence[ThrowRow], entry: str, name: str) -> list[ThrowRow]:
+    return [row for row in rows if row.entry == entry and row.set == name]
+
+
+def _number(value: float, digits: int) -> str:
+    return "–" if math.isnan(value) else f"{value:.{digits}f}"
+
+
+def _finite(value: Any) -> Any:
+    """Returns a document with null for what is no number."""
+    match value:
+        case dict():
+            return {key: _finite(item) for key, item in value.items()}
+        case list() | tuple():
+            return [_finite(item) for item in value]
+        case float() if not math.isfinite(value):
+            return None
+    return value

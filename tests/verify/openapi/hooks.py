@@ -1,0 +1,53 @@
+"""What schemathesis does beside its own checks: it keeps plans short, and compares the schema with the models."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import schemathesis
+from pydantic import BaseModel, ValidationError
+
+from api.schemas import ExecuteRequest, ExperimentRequest, LandingRequest, PlanRequest
+
+PLAN_S = 0.5  # [s] of a search: this is about the interface, not the planner
+MODELS: dict[str, type[BaseModel]] = {
+    "make_plan": PlanRequest,
+    "execute_plan": ExecuteRequest,
+    "report_landing": LandingRequest,
+    "begin_experiment": ExperimentRequest,
+}
+NOT_OF_THE_BODY = ("infeasible", "idempotency-conflict")  # refusals of bodies that are in order
+
+
+@schemathesis.hook
+def before_call(context: Any, case: Any, kwargs: Any) -> None:
+    """Bounds the search of a plan that does not bound it itself."""
+    if case.path == "/plan" and isinstance(case.body, dict):
+        case.body.setdefault("time_limit_s", PLAN_S)
+
+
+@schemathesis.check
+def schema_and_models_agree(context: Any, response: Any, case: Any) -> None:
+    """What the schema allows, the model of the body allows too, but for rules over several fields."""
+    meta = case.meta
+    if meta is None or not meta.generation.mode.is_positive or response.status_code != 422:
+        return
+    problem = response.json()["type"].rpartition("/")[2]
+    model = MODELS.get(case.operation.definition.raw.get("operationId", ""))
+    if problem in NOT_OF_THE_BODY:
+        return
+    assert model is not None, f"a valid request was refused: {response.text}"
+    try:
+        model.model_validate(case.body)
+    except ValidationError as error:
+        wrong = [found for found in error.errors() if found["type"] != "value_error"]
+        assert not wrong, f"the schema allows what the model refuses: {wrong}"
+
+
+@schemathesis.check
+def no_other_failure(context: Any, response: Any, case: Any) -> None:
+    """Where the server may answer 503, it does so because the time that it was given is over."""
+    if response.status_code == 503:
+        problem = response.json()
+        assert problem["type"] == "/problems/solver-failed", response.text
+        assert problem["solver"]["status"] == "time_limit", response.text
