@@ -76,8 +76,8 @@ def _requests(body: BatchRequest, size_max: int) -> BatchRequests:
         field = "requests" if listed else "grid"
         raise invalid_field(field, f"{len(requests)} requests; a batch of this service has at most {size_max}")
     errors: list[Any] = []
-    for number in range(len(requests)):
-        errors += [_at(number, error) for error in _errors(requests[number], is_checked=listed is not None)]
+    for number, request in enumerate(requests):
+        errors += [_at(number, error) for error in _errors(request, is_checked=listed is not None)]
         if len(errors) >= ERRORS_MAX:
             break
     if errors:

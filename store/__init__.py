@@ -4,11 +4,10 @@
 URL. Times are seconds since the epoch.
 """
 
-from store.batches import BatchDriven, BatchLost, UnknownBatch
 from store.database import StoreError, StoreUnavailable, default_database_url
 from store.executions import CellBusy, UnknownExecution, UnknownExperiment, UnknownPlan
 from store.idempotency_and_audit import KeyTaken
-from store.many import LandingCellRow, MapPlan, MapRow
+from store.many import BatchDriven, BatchLost, LandingCellRow, MapPlan, MapRow, UnknownBatch
 from store.retention import Retention
 from store.rows import (
     AuditLine,

@@ -9,14 +9,13 @@ from typing import Self
 from sqlalchemy import update
 
 from store import migrations
-from store.batches import BatchRepository
 from store.cells import CellStatusRepository, CellVersionRepository
 from store.database import StoreError, StoreUnavailable, free_bytes, open_engine, outage_log, probing
 from store.executions import ExecutionRepository
 from store.experiments import ExperimentRepository
 from store.idempotency_and_audit import ClientRepository
 from store.landings import LandingRepository
-from store.many import MapRepository
+from store.many import BatchRepository, MapRepository
 from store.plans import PlanRepository
 from store.profiles import ProfileRepository
 from store.retention import RetentionRepository

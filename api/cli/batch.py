@@ -100,7 +100,7 @@ def _settings(**flags: Any) -> Any:
 def _read(file: Path | None) -> BatchRequest:
     from pydantic import ValidationError
 
-    from api.cli.support.errors import Refused
+    from api.cli.support.errors import RefusedRequest
     from api.http import invalid_field, invalid_request, problem_document
     from api.schemas import BatchRequest
 
@@ -108,16 +108,16 @@ def _read(file: Path | None) -> BatchRequest:
         text = sys.stdin.buffer.read() if str(file) == "-" else Path(str(file)).read_bytes()
         return BatchRequest.model_validate_json(text.decode())
     except ValidationError as error:
-        raise Refused(problem_document(invalid_request(error.errors(include_input=False)), str(file))) from error
+        raise RefusedRequest(problem_document(invalid_request(error.errors(include_input=False)), str(file))) from error
     except UnicodeDecodeError as error:
-        raise Refused(problem_document(invalid_field("file", "is not UTF-8"), str(file))) from error
+        raise RefusedRequest(problem_document(invalid_field("file", "is not UTF-8"), str(file))) from error
 
 
 def _queue(store: Store, settings: Any, body: BatchRequest) -> str:
     """Checks and stores a batch; returns its id."""
     from api.batch_requests import batch_specification
     from api.cell_repository import CellRepository
-    from api.cli.support.errors import Refused
+    from api.cli.support.errors import RefusedRequest
     from api.http import ProblemDetails, problem_document, translate
     from batch.runs import BATCH_MAX
     from planner.errors import PlannerError
@@ -125,7 +125,7 @@ def _queue(store: Store, settings: Any, body: BatchRequest) -> str:
     try:
         asked = batch_specification(body, store, CellRepository(settings.cells), settings.default_cell, BATCH_MAX)
     except (ProblemDetails, PlannerError) as error:
-        raise Refused(problem_document(translate(error), "batch")) from error
+        raise RefusedRequest(problem_document(translate(error), "batch")) from error
     return store.add_batch(asked.pack(), len(asked.requests), "local", "command").id
 
 

@@ -6,10 +6,13 @@ from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from batch.maps.landing_cells import LandingState
 from batch.maps.table import MapTable
 from planner.arrays import Array, Index
+
+Pixels = NDArray[np.uint8]  # (..., 3), from 0 to 255
 
 # Soon is bright, late is dark, and equal steps look equal, also in grey and to the colour-blind. Source: viridis by
 # S. van der Walt and N. Smith (CC0), nine of its colours, reversed.
@@ -50,7 +53,7 @@ class MapColours:
         greys: legend of the refused ones, most frequent first.
     """
 
-    pixels: Index
+    pixels: Pixels
     scale_s: tuple[float, float] | None
     greys: tuple[GreyEntry, ...]
 
@@ -71,7 +74,7 @@ def map_colours(table: MapTable) -> MapColours:
     return MapColours(_blocks(table, pixels), scale, greys)
 
 
-def colours_of(times_s: Array, scale_s: tuple[float, float]) -> Index:
+def colours_of(times_s: Array, scale_s: tuple[float, float]) -> Pixels:
     """Returns the colours (n, 3) of release times (n,) [s]."""
     low, high = scale_s
     share = np.clip((times_s - low) / max(high - low, 1e-9), 0.0, 1.0) * (len(STOPS) - 1)
@@ -98,7 +101,7 @@ def _refused_by(table: MapTable, constraint: str, is_proven: bool) -> np.ndarray
     return (table.state == state) & named[table.reason]
 
 
-def _blocks(table: MapTable, pixels: Index) -> Index:
+def _blocks(table: MapTable, pixels: Pixels) -> Pixels:
     """Returns the pixels with the points of the finest completed level painted as blocks where nothing finer is."""
     if table.level_m is None:
         return pixels

@@ -7,13 +7,16 @@ affair alone, whatever engine it has.
 from __future__ import annotations
 
 import os
+import socket
 from collections.abc import Iterator
+from importlib import import_module
 from typing import Any
 
 from batch.jobs import PlanningJob
 from batch.pool.planning_pool import PoolBroken, Report
 from batch.pool.results import Chunk, JobResult, Work, answer
 
+CONNECT_S = 5.0  # [s] within which a cluster's head node accepts a connection
 LINE_MAX = 160  # characters of a line of Ray's errors that are kept
 ADVICE = "Ray is not installed: pip install 'fling-robotics[ray]'"
 
@@ -113,14 +116,26 @@ def _connect(address: str) -> Any:
         raise PoolBroken(f"{address}: results cannot be streamed over ray://; run on a machine of the cluster")
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     try:
-        import ray
+        ray: Any = import_module("ray")
     except ImportError:
         raise PoolBroken(ADVICE) from None
+    _require_answer(address)
     try:
         ray.init(address=address, log_to_driver=False, logging_level="warning")
     except (ConnectionError, ValueError, RuntimeError) as error:
         raise PoolBroken(f"no Ray cluster at {address!r}: {error}") from error
     return ray
+
+
+def _require_answer(address: str) -> None:
+    """Checks that somebody listens at host and port: Ray tries for minutes, and then ends the process."""
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdecimal():  # auto, local
+        return
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), CONNECT_S).close()
+    except (OSError, OverflowError) as error:
+        raise PoolBroken(f"no Ray cluster at {address!r}: {error}") from error
 
 
 def _words(error: Exception) -> str:

@@ -23,7 +23,7 @@ BATCH_MAX = 1_000_000  # requests of one batch: a day of some hundred cores
 LEVEL = 6  # of compression: requests of a batch are much alike
 
 
-class BatchRequests(Sequence[Mapping[str, Any]]):
+class BatchRequests:
     """The requests of a batch, as a list or as a template with a grid; one of a grid is made when it is asked for.
 
     Args:
@@ -52,7 +52,11 @@ class BatchRequests(Sequence[Mapping[str, Any]]):
         """Returns the number of requests."""
         return self._count
 
-    def __getitem__(self, number: Any) -> Mapping[str, Any]:
+    def __iter__(self) -> Iterator[Mapping[str, Any]]:
+        """Yields the requests in their order."""
+        return (self[number] for number in range(self._count))
+
+    def __getitem__(self, number: int) -> Mapping[str, Any]:
         """Returns one request, without fields that are null."""
         if not 0 <= number < self._count:
             raise IndexError(number)
@@ -113,8 +117,7 @@ class BatchSpecification:
 
     def numbered(self) -> Iterator[tuple[int, Mapping[str, Any]]]:
         """Yields each request with its number; every one names its cell."""
-        for number in range(len(self.requests)):
-            request = self.requests[number]
+        for number, request in enumerate(self.requests):
             yield number, {**request, "cell": request.get("cell") or self.default_cell}
 
 

@@ -38,8 +38,9 @@ def _load(browser: Browser, url: str) -> dict[str, float]:
     context = browser.new_context(viewport={"width": WIDTH, "height": HEIGHT})
     try:
         page = context.new_page()
-        page.goto(url)
-        page.wait_for_function("performance.getEntriesByType('resource').some(({ name }) => /scene-/.test(name))")
+        with page.expect_response(lambda response: "/assets/scene-" in response.url):
+            page.goto(url)
+        page.get_by_role("region", name="Robots").get_by_role("listitem").first.wait_for()
         return page.evaluate(PAINT)
     finally:
         context.close()

@@ -56,16 +56,13 @@ def software_browser() -> Iterator[Browser]:
 
 
 @contextmanager
-def scene_page(
-    browser: Browser, report: str, width: int, height: int, dark: bool = False, scale: float = 1.0
-) -> Iterator[Page]:
-    """The report's scene alone, filling a window of this size [px]; `scale` is of the screen's own pixels to these."""
+def scene_page(browser: Browser, report: str, width: int, height: int, dark: bool = False) -> Iterator[Page]:
+    """The report's scene alone, filling a window of this size [px]."""
     with TemporaryDirectory() as folder:
         file = Path(folder) / "report.html"
         file.write_text(report, encoding="utf-8")
         page = browser.new_page(
             viewport={"width": width, "height": height},
-            device_scale_factor=scale,
             color_scheme="dark" if dark else "light",
         )
         page.set_default_timeout(PATIENCE_MS)

@@ -160,7 +160,7 @@ def _dh(q: Vector, a: float, d: float, alpha: float) -> Vector:
 def _segments(a0: Vector, a1: Vector, b0: Vector, b1: Vector) -> Vector:
     """Returns distances (n, m) between segments, by alternating projections: never below the true ones."""
     u, v = a1 - a0, b1 - b0
-    s = np.full(a0.shape[:-1], 0.5)
+    s = t = np.full(a0.shape[:-1], 0.5)
     for _ in range(SEGMENT_STEPS):
         t = _share(a0 + s[..., None] * u - b0, v)
         s = _share(b0 + t[..., None] * v - a0, u)

@@ -38,7 +38,8 @@ def plan(problem: Problem) -> Answer:
             break
     if not found:
         return refusal("no spline to a release state that is clear")
-    return answer(*min(found, key=lambda motion: motion[2]), rate)
+    q, qd, release = min(found, key=lambda motion: motion[2])
+    return answer(q, qd, release, rate)
 
 
 def _throw(arm: PeerArm, rate: float, state: ThrowState) -> tuple[Vector, Vector, int] | None:

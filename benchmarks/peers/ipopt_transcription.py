@@ -70,8 +70,7 @@ def _program(problem: Problem, arm: PeerArm) -> dict[str, Any]:
 
     top = SPARE * arm.qd_max
     for i, h in enumerate(steps):
-        q, v, a = X[:6, i], X[6:12, i], X[12:, i]
-        j = J[:, i]
+        q, v, a, j = X[:6, i], X[6:12, i], X[12:, i], J[:, i]
         after = ca.vertcat(q + h * (v + h * (a / 2 + h * j / 6)), v + h * (a + h * j / 2), a + h * j)
         hold(X[:, i + 1] - after, 0.0, 0.0)
         hold(v + h * a / 2, -top, top)

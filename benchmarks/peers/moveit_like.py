@@ -48,7 +48,8 @@ def plan(problem: Problem) -> Answer:
             break
     if not found:
         return refusal("no release state with a path to its run-up")
-    return answer(*min(found, key=lambda motion: motion[2]), rate)
+    q, qd, release = min(found, key=lambda motion: motion[2])
+    return answer(q, qd, release, rate)
 
 
 def _path(arm: PeerArm, goal: Vector, rng: np.random.Generator) -> list[Vector] | None:

@@ -65,7 +65,9 @@ def _postures(arm: PeerArm) -> Vector:
     return q[((q > arm.q_lower + 0.05) & (q < arm.q_upper - 0.05)).all(axis=1)]
 
 
-def _throws(problem: Problem, arm: PeerArm, q: Vector, slowest: bool) -> tuple[Vector, Vector, Vector, Vector]:
+def _throws(
+    problem: Problem, arm: PeerArm, q: Vector, slowest: bool
+) -> tuple[Vector, Vector, Vector, NDArray[np.intp]]:
     """Returns the throws from postures (n, 6) that obstacles and limits of speed allow, drag left out.
 
     They are joint positions and velocities (m, 6), weighted inverses of the Jacobians (m, 6, 3), and their order.
@@ -75,7 +77,7 @@ def _throws(problem: Problem, arm: PeerArm, q: Vector, slowest: bool) -> tuple[V
     away = np.array(target["position_m"]) - p
     t = (FLIGHT_TIMES[:1] if slowest else FLIGHT_TIMES)[:, None] * np.sqrt(2.0 * np.linalg.norm(away, axis=1) / g)
     v = away / t[..., None] + np.array([0.0, 0.0, 0.5 * g]) * t[..., None]
-    inverse = np.linalg.pinv(J * arm.qd_max) * arm.qd_max[:, None]
+    inverse = np.asarray(np.linalg.pinv(J * arm.qd_max) * arm.qd_max[:, None], dtype=np.float64)
     qd, speed = np.einsum("nij,knj->kni", inverse, v), np.linalg.norm(v, axis=-1)
     fits = (np.abs(qd) <= SPARE * arm.qd_max).all(-1) & (speed <= SPARE * arm.speed_max) & (v[..., 2] < g * t)
     fits &= np.arcsin(v[..., 2] / speed) >= target["min_elevation_rad"]

@@ -133,7 +133,9 @@ class Visit:
         return self._where("crosshair")
 
     def _where(self, pointer: str) -> tuple[float, float]:
-        found = self.region("Scene").locator("canvas").evaluate(FIND_POINTER, [STEP_PX, pointer])
+        canvas = self.region("Scene").locator("canvas")
+        canvas.scroll_into_view_if_needed()
+        found = canvas.evaluate(FIND_POINTER, [STEP_PX, pointer])
         assert found is not None, f"the pointer becomes a {pointer} nowhere"
         return found[0], found[1]
 

@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
 
 PHONE = {"width": 390, "height": 844}
 LISTENS_S = 90.0  # [s] on a busy machine
-MAP_MS = 240_000  # [ms] for a hundred landing cells on a busy machine
+MAP_MS = 90_000  # [ms] until the first landing cells are known, on a busy machine
 PNG = b"\x89PNG\r\n"
 
 
@@ -253,17 +253,18 @@ def test_an_example_of_the_openapi_page_runs(stack: PageStack, browser: Browser)
 def test_a_map_lies_over_the_floor_and_a_click_plans_there(guest: Visit) -> None:
     guest.button("Show map").click()
     shown = guest.region("Throwability map")
-    shown.get_by_text("There is no map").wait_for()
     shown.get_by_label("Landing cells").select_option("0.5")
-    guest.button("Make a map").click()
-    shown.get_by_text(re.compile(r"^[1-9]\d* of \d+ landing cells can be hit")).wait_for(timeout=MAP_MS)
+    guest.button("(Make a map|Go on)").click()
+    shown.get_by_text(re.compile(r"^[1-9]\d* of \d+ landing cells")).wait_for(timeout=MAP_MS)  # it sharpens
+    guest.button("Cancel map").click()
+    shown.get_by_text(re.compile("^Ended after [1-9]")).wait_for(timeout=MAP_MS)
     shown.get_by_label("Colour").select_option("reason")
-    expect(shown.get_by_role("listitem").filter(has_text="proven").first).to_be_visible()
+    expect(shown.get_by_role("list").or_(shown.get_by_text("No landing cell is refused"))).to_be_visible()
     x, y = guest.on_the_map()
     guest.page.mouse.click(x, y)
     expect(guest.field("x [m]")).not_to_have_value("1.2")
-    assert guest.field("x [m]").input_value() != "" and guest.page.get_by_text("Plan …").count() <= 1
-    expect(guest.button("Throw on").or_(guest.page.get_by_role("alert"))).to_be_visible(timeout=PLAN_MS)
+    answer = guest.button("Throw on").and_(guest.page.locator(":enabled")).or_(guest.button("Take nearest"))
+    answer.or_(guest.page.get_by_role("alert")).first.wait_for(timeout=PLAN_MS)
     guest.button("Hide map").click()
     expect(shown.get_by_label("Colour")).to_have_count(0)
 

@@ -65,7 +65,7 @@ class ErrorReport:
             _end(error, self._as_json)
 
 
-class Refused(click.ClickException):
+class RefusedRequest(click.ClickException):
     """A request of the command line is refused, for a problem that is the service's own too.
 
     Args:
