@@ -12,7 +12,15 @@ from api.cli import COMMANDS
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("fling", "planner", "api", "store", "learning", "batch", "executor", "benchmarks")
-WRITTEN_BY_COMMANDS = {"streaming.md", "same-answers.md", "consistency.md", "operations.md", "http.md", "maps.md"}
+WRITTEN_BY_COMMANDS = {
+    "streaming.md",
+    "same-answers.md",
+    "consistency.md",
+    "operations.md",
+    "http.md",
+    "maps.md",
+    "page.md",
+}
 NAMES = {file.name for folder in (*PACKAGES, "docs", "tests") for file in (ROOT / folder).rglob("*.*")} | {
     file.name for file in ROOT.glob("*.*")
 }
