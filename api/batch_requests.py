@@ -39,7 +39,7 @@ def batch_specification(
         if source is None or cells.cell(name) is None:
             raise invalid_field("cell", f"no cell {name!r}; there are {', '.join(cells.names())}")
         version = store.note_cell_version(name, source.sha256, source.text, source.calibration, "service")
-        adopted = store.adopted_profile(name)
+        adopted = store.profile_in_use(name, source.sha256)
         uses[name] = CellUse(version, None if adopted is None else adopted.id)
     return BatchSpecification(requests, default_cell, uses)
 

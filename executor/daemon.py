@@ -183,7 +183,7 @@ class Daemon:
             plan = self.store.plan(row.plan_id)
             if plan is None:
                 raise ExecutionRefused(f"there is no plan {row.plan_id}")
-            execution.profile = self.store.adopted_profile(self.cell)
+            execution.profile = self.store.profile_in_use(self.cell, plan.cell_sha256)
             job = execution.prepare(plan.document)
             with realtime.real_time_process():
                 execution.start(job)

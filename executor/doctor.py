@@ -6,6 +6,7 @@ link is measured with receive-only packages at the controller's rate.
 
 from __future__ import annotations
 
+import json
 import os
 import platform
 import subprocess
@@ -19,7 +20,7 @@ from typing import Any
 from executor import realtime
 from executor.preflight import KINEMATICS_M, difference_from, kinematics_refusals
 from executor.robot import KinematicsInfo, read_kinematics, receive_timestamps
-from learning import pooled_document, timing_runs
+from learning import cell_with_profile, pooled_document, timing_runs
 from planner.cell import Cell
 from store import Store, StoreError, StoreUnavailable
 
@@ -132,13 +133,19 @@ def grade_jitter(late: list[float], dt: float) -> DoctorFinding:
 
 
 def known_timing(cell: Cell, database_url: str) -> dict[str, Any] | None:
-    """Returns the timing of the arm pooled over the cell's executions; None without any, or without a store."""
+    """Returns the timing of the arm pooled over the cell's executions, beside the lag that plans assume.
+
+    None without any executions, or without a store. `profile` is the id of the profile that the cell uses.
+    """
     try:
         store = Store.open(database_url)
     except (RuntimeError, StoreError):
         return None
     try:
-        return pooled_document([timing for _, timing in timing_runs(store, cell.name)], cell.timing.lag_s)
+        profile = store.profile_in_use(cell.name, cell.sha256)
+        used = cell_with_profile(cell, None if profile is None else json.loads(profile.document))
+        pooled = pooled_document([timing for _, timing in timing_runs(store, cell.name)], used.timing.lag_s)
+        return None if pooled is None else {**pooled, "profile": None if profile is None else profile.id}
     except StoreUnavailable:
         return None
     finally:
@@ -152,7 +159,7 @@ def grade_lag(cell: Cell, pooled: dict[str, Any] | None) -> DoctorFinding:
         return DoctorFinding("lag", "warning", "not measured: no execution of this cell shows it", advice)
     text = f"{1e3 * pooled['lag_s']:.1f} ± {1e3 * pooled['lag_std_s']:.1f} ms over {pooled['runs']} runs"
     if pooled["advice"] is None:
-        return DoctorFinding("lag", "ok", f"{text}, as in the cell file")
+        return DoctorFinding("lag", "ok", f"{text}, as in {'the profile' if pooled['profile'] else 'the cell file'}")
     return DoctorFinding("lag", "warning", text, pooled["advice"])
 
 

@@ -83,9 +83,9 @@ def lag_change(lag_s: float, lag_std_s: float, assumed_s: float) -> float | None
 
 
 def lag_advice(lag_s: float, lag_std_s: float, assumed_s: float) -> str:
-    """Returns in words that a measured lag differs from the assumed one, with the value to set."""
+    """Returns in words that a measured lag differs from the assumed one, and what to do."""
     measured = f"the arm's lag is {1e3 * lag_s:.1f} ± {1e3 * lag_std_s:.1f} ms"
-    return f"{measured}, timing.lag_s {1e3 * assumed_s:.1f} ms: set it to {lag_s:.4f}, or adopt a new profile"
+    return f"{measured}, plans assume {1e3 * assumed_s:.1f} ms: adopt a new profile, or set timing.lag_s to {lag_s:.4f}"
 
 
 def _known_mean(values: Sequence[float | None], stds: Sequence[float | None]) -> tuple[float, float] | None:

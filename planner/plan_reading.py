@@ -60,11 +60,15 @@ def promised_tolerance(document: Mapping[str, Any], problem: ThrowProblem) -> fl
 
 
 def aimed_problem(problem: ThrowProblem, shift: Array) -> ThrowProblem:
-    """Returns the problem with its target, and the bin around it, moved by `shift` (3,) [m]."""
+    """Returns the problem with its aim, and the mouth that the flight enters, moved by `shift` (3,) [m].
+
+    The bin that the arm keeps out of stays where it stands.
+    """
     release = problem.release
     if not isinstance(release, TargetRelease) or not shift.any():
         return problem
-    return replace(problem, release=replace(release, p_W=release.p_W + shift))
+    aim = replace(release, p_W=release.p_W + shift)
+    return replace(problem, release=aim, aim_shift=problem.aim_shift + shift)
 
 
 def _window(document: Mapping[str, Any]) -> dict[str, float]:

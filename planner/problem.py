@@ -6,7 +6,7 @@ All quantities are in the world frame.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -102,6 +102,8 @@ class ThrowProblem:
         backend: one of `BACKENDS`.
         time_limit_s: time limit of the search [s].
         holds_object: whether the object is in the tool until the release; False for a way home after a throw.
+        aim_shift: by how much the release's target, the aim, lies off the real one (3,), so that a learnt cell hits
+            that [m]. The bin stands about the real one.
 
     Raises:
         InvalidProblem: every field that contradicts another field or the cell.
@@ -116,6 +118,7 @@ class ThrowProblem:
     backend: str = "auto"
     time_limit_s: float = TIME_LIMIT_S
     holds_object: bool = True
+    aim_shift: Array = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         errors, release = _start_errors(self.start, self.limits), self.release
@@ -151,7 +154,8 @@ class ThrowProblem:
             return self.cell
         radius, rim = release.opening.radius_m, release.opening.rim_height_m
         aside, top = np.array([radius, radius, 0.0]), np.array([radius, radius, rim])
-        return _cell_with_block(self.cell, (*(release.p_W - aside),), (*(release.p_W + top),))
+        stands = release.p_W - self.aim_shift
+        return _cell_with_block(self.cell, (*(stands - aside),), (*(stands + top),))
 
     @property
     def dt(self) -> float:

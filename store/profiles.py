@@ -53,8 +53,21 @@ class ProfileRepository(Repository):
             connection.execute(insert(adoptions).values(**line))
             write_audit(connection, audit, f"/cells/{cell}/profiles/{profile_id or ''}")
 
+    def profile_in_use(self, cell: str, cell_sha256: str) -> ProfileRow | None:
+        """Returns the profile that a cell uses; None where it uses the cell file's numbers.
+
+        What was learnt with another version of the cell's files says nothing of an arm or a gripper that may have been
+        exchanged with them.
+
+        Args:
+            cell: name of the cell.
+            cell_sha256: hash of its files now.
+        """
+        adopted = self.adopted_profile(cell)
+        return adopted if adopted is not None and adopted.cell_sha256 == cell_sha256 else None
+
     def adopted_profile(self, cell: str) -> ProfileRow | None:
-        """Returns the profile that a cell uses; None where it uses the cell file's numbers."""
+        """Returns the profile that was adopted for a cell, for whatever version of its files; None after a revert."""
         newest = select(adoptions.c.profile_id).where(adoptions.c.cell == cell).order_by(adoptions.c.id.desc()).limit(1)
         id = self._value(newest)
         return None if id is None else self.profile(id)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -83,8 +83,15 @@ def gripper(
     """
     with ServiceClient(service_url(url), token) as client:
         document = client.get(f"/cells/{cell}")
+        if not as_json:
+            click.echo(f"planning {throws} throws, each when the one before has landed …")
+        done: list[str] = []
         for i, plan in enumerate(_soonest_plans(client, document, throws), start=1):
-            text = _throw_and_observe(client, plan, document["link"]["kind"] == "sim")
+            try:
+                text = _throw_and_observe(client, plan, document["link"]["kind"] == "sim")
+            except NotCompleted as error:
+                raise NotCompleted(f"throw {i} of {throws}: {error.message}{_kept_text(cell, done)}") from error
+            done.append(text)
             if not as_json:
                 click.echo(f"throw {i} of {throws}: {text}")
         _propose(client, cell, adopt, as_json, picture)
@@ -131,19 +138,36 @@ def _soonest_plans(client: ServiceClient, cell: dict[str, Any], count: int) -> I
 def _throw_and_observe(client: ServiceClient, plan: dict[str, Any], is_simulated: bool) -> str:
     """Executes a plan and sees to it that its landing is reported; returns what is known of it in words."""
     if not is_simulated:
-        click.prompt("put an object into the gripper, then press Enter", default="", show_default=False)
+        click.prompt("put an object into the gripper, then press Enter", default="", show_default=False, err=True)
     done = _executed(client, plan)
     path = f"/executions/{done['id']}/landing"
     if not is_simulated:
-        place = click.prompt("landing x y [m], nothing if it was not seen", default="", show_default=False).split()
-        if len(place) == 2:
+        place = _asked_place()
+        if place:
             z = plan["request"]["release"]["position"][2]
-            client.post(path, {"position": [*map(float, place), z], "std_m": EYE_STD_M})
+            client.post(path, {"position": [*place[:2], z], "std_m": EYE_STD_M})
     seen = [x["position"] for x in client.get(path)["landings"] if x["position"] is not None]
     if not seen:
         return "the landing was not seen"
     miss = math.dist(seen[-1][:2], plan["request"]["release"]["position"][:2])
     return f"landed at {seen[-1][0]:.3f} {seen[-1][1]:.3f}, {1e3 * miss:.0f} mm from the target"
+
+
+def _asked_place() -> list[float]:
+    """Returns the landing that a person reports, two or three coordinates [m]; asks again for anything else.
+
+    Nothing where it was not seen.
+    """
+    question = "landing x y [m], nothing if it was not seen"
+    while True:
+        answer = click.prompt(question, default="", show_default=False, err=True).replace(",", " ").split()
+        try:
+            place = [float(word) for word in answer]
+        except ValueError:
+            place = [math.nan]
+        if len(place) in (0, 2, 3) and all(map(math.isfinite, place)):
+            return place
+        question = f"{' '.join(answer)!r} is not two numbers [m], such as 1.21 0.29; nothing if it was not seen"
 
 
 def _estimate(client: ServiceClient, cell: str, adopt: bool) -> dict[str, Any]:
@@ -194,14 +218,25 @@ def _by_motions(cell: str, count: int, quiet: bool, url: str | None, token: str 
     runs = []
     with ServiceClient(service_url(url), token) as client:
         document = client.get(f"/cells/{cell}")
+        assumed_s = client.get(f"/cells/{cell}/timing")["assumed_lag_s"]
         for i in range(count):
-            timing = _move(client, cell, document["home_rad"], SIGNS[i % len(SIGNS)])
+            try:
+                timing = _move(client, cell, document["home_rad"], SIGNS[i % len(SIGNS)])
+            except NotCompleted as error:
+                raise NotCompleted(f"motion {i + 1} of {count}: {error.message}{_kept_text(cell, runs)}") from error
             runs.insert(0, timing)
             if not quiet:
                 click.echo(f"motion {i + 1} of {count}: {_milliseconds(timing)}")
-    pooled = pooled_document(runs, document["timing"]["lag_s"])
+    pooled = pooled_document(runs, assumed_s)
     assert pooled is not None
-    return {**pooled, "assumed_lag_s": document["timing"]["lag_s"]}
+    return {**pooled, "assumed_lag_s": assumed_s}
+
+
+def _kept_text(cell: str, runs: Sequence[Any]) -> str:
+    """Returns how to go on after a run that was not completed, and what those before it are good for."""
+    text = f". Once the arm is checked: fling acknowledge --cell {cell}"
+    kept = f"; what the {len(runs)} before showed is kept: fling calibrate landings --cell {cell}"
+    return text + kept if runs else text
 
 
 def _move(client: ServiceClient, cell: str, home: list[float], signs: tuple[int, ...]) -> dict[str, Any]:
@@ -235,7 +270,7 @@ def _lag_text(found: dict[str, Any]) -> str:
     if found.get("ramp_rad_s2"):
         lines.append(f"speedj's acceleration of {found['ramp_rad_s2']:.1f} rad/s² held the arm back")
     if "assumed_lag_s" in found:
-        lines.append(found["advice"] or f"as in the cell file: timing.lag_s = {found['assumed_lag_s']:g}")
+        lines.append(found["advice"] or f"as plans assume it: {1e3 * found['assumed_lag_s']:.1f} ms")
     else:
         lines.append(f"for the cell file: timing.lag_s = {found['lag_s']:.4f}")
     return "\n".join([*lines, *_lag_change_text(found)])
@@ -277,6 +312,8 @@ def list_profiles(cell: str | None, as_json: bool, url: str | None, token: str |
         click.echo(f"{mark} {row['id']}  {row['created_at']}  {throws} throws; {numbers_text(row)}")
     if answer["adopted"] is None:
         click.echo("in use: the cell file's numbers")
+    if answer["warning"]:
+        click.echo(f"warning: {answer['warning']}", err=True)
 
 
 @profile.command()

@@ -93,7 +93,8 @@ def _one_throw(client: Any, request: dict[str, Any], mode: str, dry_run: bool, a
     if execution["outcome"] != "completed":
         raise NotCompleted(f"{execution['outcome']}: {execution['reason'] or 'no reason was given'}")
     if not as_json:
-        click.echo("\n".join(filter(None, [execution["reason"], landing_text(execution)])))
+        observed = client.get(f"/executions/{execution['id']}/landing")["landings"]
+        click.echo("\n".join(filter(None, [execution["reason"], landing_text(execution, observed)])))
 
 
 def _odds_note(request: dict[str, Any]) -> str:

@@ -163,7 +163,8 @@ def _check_executable(service: Service, plan: PlanRow, body: ExecuteRequest) -> 
     if cell is None or cell.sha256 != plan.cell_sha256:
         change = "is gone" if cell is None else "has changed since planning"
         raise ProblemDetails("plan-not-executable", f"the cell file {plan.cell!r} {change}: plan again", cell=plan.cell)
-    adopted, made = service.store.adopted_profile(plan.cell), orjson.loads(plan.summary).get("profile")
+    adopted = service.store.profile_in_use(plan.cell, plan.cell_sha256)
+    made = orjson.loads(plan.summary).get("profile")
     if made != (None if adopted is None else adopted.id):
         detail = f"the plan was made with profile {made}, the cell uses {adopted and adopted.id}: plan again"
         raise ProblemDetails("plan-not-executable", detail, cell=plan.cell, profile=adopted and adopted.id)

@@ -250,7 +250,7 @@ def _planning_job(body: PlanRequest, service: Service, request_id: str, stored: 
     if body.start is not None and body.start.current:
         request["start"] = {"positions": _current_positions(service, name)}
     version = service.note_cell_version(source)
-    adopted = service.store.adopted_profile(name)
+    adopted = service.store.profile_in_use(name, source.sha256)
     profile = None if adopted is None else (adopted.id, adopted.document)
     plan_id, at = new_id() if stored else None, iso_time(time.time()) or ""
     return PlanningJob(plan_id, at, source, request, profile, request_id, version)

@@ -20,6 +20,7 @@ router = APIRouter(tags=["profiles"])
 
 ProfileId = Annotated[str, id_in_path("profile")]
 WHOLE_ONLY = ("landings", "state", "covariance", "mixture", "joint_speeds", "timing", "cell_file")
+OUTDATED = "the cell file has changed since the profile was learnt; estimate and adopt a new one"
 ACTING = ("unauthenticated", "forbidden")
 
 
@@ -51,7 +52,7 @@ def list_profiles(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSO
     adopted = _adopted_id(service, name)
     rows = [{k: v for k, v in _whole(row, adopted).items() if k not in WHOLE_ONLY}
             for row in service.store.profiles_of_cell(name)]  # fmt: skip
-    return JSONResponse({"cell": name, "adopted": adopted, "profiles": rows})
+    return JSONResponse({"cell": name, "adopted": adopted, "warning": _warning(service, name), "profiles": rows})
 
 
 @router.get(
@@ -84,8 +85,7 @@ def adopt_profile(id: ProfileId, service: ServiceDep, caller: OperateCaller, ori
     """Uses a profile from now on; plans made before it cannot be executed any more. Limits and checks stay the same."""
     row = _find(service, id)
     if service.cell(row.cell).sha256 != row.cell_sha256:
-        detail = f"the cell file {row.cell!r} has changed since the profile was learnt: estimate a new one"
-        raise ProblemDetails("profile-not-adoptable", detail, cell=row.cell)
+        raise ProblemDetails("profile-not-adoptable", f"cell {row.cell!r}: {OUTDATED}", cell=row.cell)
     return _use(service, row.cell, row.id, caller, origin)
 
 
@@ -119,8 +119,16 @@ def _find(service: Service, id: str) -> ProfileRow:
 
 
 def _adopted_id(service: Service, cell: str) -> str | None:
-    row = service.store.adopted_profile(cell)
+    row = service.store.profile_in_use(cell, service.cell(cell).sha256)
     return None if row is None else row.id
+
+
+def _warning(service: Service, cell: str) -> str | None:
+    """Returns what a person should know of an adopted profile that is not used; None where there is none."""
+    adopted = service.store.adopted_profile(cell)
+    if adopted is None or adopted.cell_sha256 == service.cell(cell).sha256:
+        return None
+    return f"profile {adopted.id} is not used: {OUTDATED}"
 
 
 def _whole(row: ProfileRow, adopted_id: str | None) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import orjson
 from fastapi import APIRouter
 from fastapi.responses import JSONResponse
 
@@ -9,7 +10,7 @@ from api.dependencies import AnyCaller, ServiceDep
 from api.http import json_answer
 from api.routes.cells import CellName
 from api.schemas import TimingAnswer, iso_time
-from learning import pooled_document, timing_runs
+from learning import cell_with_profile, pooled_document, timing_runs
 
 router = APIRouter(tags=["cells"])
 
@@ -24,5 +25,7 @@ def read_timing(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONR
     cell = service.cell(name)
     found = timing_runs(service.store, name)
     runs = [{"execution_id": row.id, "finished_at": iso_time(row.finished_at), **timing} for row, timing in found]
-    pooled = pooled_document([timing for _, timing in found], cell.timing.lag_s)
-    return JSONResponse({"cell": name, "assumed_lag_s": cell.timing.lag_s, "pooled": pooled, "runs": runs})
+    profile = service.store.profile_in_use(name, cell.sha256)
+    assumed_s = cell_with_profile(cell, None if profile is None else orjson.loads(profile.document)).timing.lag_s
+    pooled = pooled_document([timing for _, timing in found], assumed_s)
+    return JSONResponse({"cell": name, "assumed_lag_s": assumed_s, "pooled": pooled, "runs": runs})

@@ -71,6 +71,7 @@ class ProfileList(BaseModel):
 
     cell: str
     adopted: str | None = Field(description="Id of the profile that the cell uses; null: the cell file's numbers.")
+    warning: str | None = Field(None, description="Why the profile that was adopted is not used, where it is not.")
     profiles: list[ProfileSummary]
 
 

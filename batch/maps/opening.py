@@ -55,7 +55,7 @@ def begin_map(
         InvalidProblem: every field that is out of its bounds.
         CellError: the cell file is refused.
     """
-    profile = store.adopted_profile(source.name)
+    profile = store.profile_in_use(source.name, source.sha256)
     document = None if profile is None else orjson.loads(profile.document)
     cell = cell_with_profile(cell_of(source), document)
     definition = map_definition(cell, source.sha256, None if profile is None else profile.id, request, planner_version)
@@ -113,8 +113,8 @@ def why_void(store: Store, row: MapRow, source: CellSource | None) -> str | None
         row: the map.
         source: content of the cell's files now; None: they are gone.
     """
-    profile = store.adopted_profile(row.cell)
     definition = definition_from(row.definition)
+    profile = None if source is None else store.profile_in_use(row.cell, source.sha256)
     return void_because(definition, None if source is None else source.sha256, None if profile is None else profile.id)
 
 

@@ -40,7 +40,7 @@ def test_timing_by_run_and_pooled_and_what_the_doctor_says(service: RunningServi
     assert [run["execution_id"] for run in answer["runs"]] == ids[::-1]
     assert answer["pooled"]["lag_s"] == pytest.approx(0.026, abs=5e-4)
     assert answer["pooled"]["lag_change_s"] == pytest.approx(0.006, abs=5e-4)
-    assert "set it to 0.02" in answer["pooled"]["advice"]
+    assert "set timing.lag_s to 0.02" in answer["pooled"]["advice"]
     cell = service.client.app.state.service.cell(CELL)  # type: ignore[attr-defined]
     finding = grade_lag(cell, known_timing(cell, service.settings.database_url))
     assert (finding.grade, finding.advice) == ("warning", answer["pooled"]["advice"])

@@ -104,7 +104,7 @@ def test_an_arm_that_lags_more_than_the_cell_says_completes_with_the_lag_to_set(
     assert row.metrics["timing"]["lag_s"] == pytest.approx(0.026, abs=0.001)
     assert row.metrics["release_velocity_error_share"] > RELEASE_SHARE
     assert row.metrics["path_error_max_m"] < rig.cell.surroundings.clearance_m
-    assert "set it to 0.02" in row.reason
+    assert "set timing.lag_s to 0.02" in row.reason
 
 
 def test_a_throw_that_lost_commands_is_reported(rig: Rig) -> None:

@@ -54,7 +54,7 @@ def load_step(text: str | None) -> LoadStep:
     if text is None:
         return lambda client, cell: None
     if text == "enter":
-        return lambda client, cell: click.prompt(PROMPT, default="", show_default=False)
+        return lambda client, cell: click.prompt(PROMPT, default="", show_default=False, err=True)
     if kind == "input" and index.isdecimal() and int(index) < INPUTS_MAX:
         return lambda client, cell: _wait_for_input(client, cell, int(index))
     if kind in ("http", "https"):
@@ -82,7 +82,8 @@ def run_series(client: Any, load: LoadStep, settings: dict[str, Any]) -> dict[st
         if i:
             load(client, plan["cell"])
         execution = execute_plan(client, plan, settings["mode"], progress=False, experiment_id=experiment["id"])
-        click.echo(f"{i + 1} of {count}: {execution['outcome']} {execution['reason'] or ''}".rstrip(), err=True)
+        said = f"{i + 1} of {count}: {execution['outcome']} {execution['reason'] or ''}".rstrip()
+        click.echo(f"{said}  (execution {execution['id']})", err=True)
         if execution["outcome"] != "completed":
             break
     return client.get(f"/experiments/{experiment['id']}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 IN_THE_WAY = ("keep_out", "bin wall")  # beginnings of `landed_on` where something stopped the object in flight
@@ -31,8 +32,13 @@ def plan_text(plan: dict[str, Any]) -> str:
     return "\n  ".join(lines)
 
 
-def landing_text(execution: dict[str, Any]) -> str:
-    """Returns missed ticks, landing point and what the object landed on, of an execution that was completed."""
+def landing_text(execution: dict[str, Any], observed: Sequence[dict[str, Any]] = ()) -> str:
+    """Returns missed ticks, landing point and what the object landed on, of an execution that was completed.
+
+    Args:
+        execution: as of `GET /executions/{id}`.
+        observed: its reported landings, oldest first; the newest position counts where the true landing is not known.
+    """
     metrics = execution["metrics"] or {}
     text = f"{metrics.get('ticks')} ticks, {metrics.get('missed_ticks')} missed"
     if execution.get("dry_run"):
@@ -41,9 +47,18 @@ def landing_text(execution: dict[str, Any]) -> str:
         text += f"; joint velocity at the release within {100 * metrics['release_velocity_error_share']:.2f} %"
     point, error = metrics.get("landing_point"), metrics.get("landing_error_m")
     if point is None or error is None:
-        return text + "\nthe landing point is not known"
+        return f"{text}\n{_observed_text(observed)}"
     place = ", ".join(f"{value:.4f}" for value in point)
     return f"{text}\n{_landed_text(metrics.get('landed_on'))} at ({place}) m, {_length(error)} from where the plan said"
+
+
+def _observed_text(observed: Sequence[dict[str, Any]]) -> str:
+    """Returns where the object was last seen to land."""
+    seen = [row for row in observed if row["position"] is not None]
+    if not seen:
+        return "nobody has seen where it landed yet: fling landing latest X Y Z"
+    place = ", ".join(f"{value:.3f}" for value in seen[-1]["position"])
+    return f"seen to land at ({place}) m, within {_length(seen[-1]['std_m'])}, by {seen[-1]['source']}"
 
 
 def _window_text(flight: dict[str, Any]) -> str:

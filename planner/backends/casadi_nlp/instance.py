@@ -219,7 +219,7 @@ class Instance:
         bounds.limit_steps(self.steps)
         if margins.watched:
             bounds.watch_long_enough(problem.release_window_s if self.stages.window else 0.0)
-        if not problem.ends_at_rest:
+        if not problem.ends_at_rest and self.limits.singularity_distance_min > 0.0:  # 0 does not limit: sides are free
             distance = margins.singularity * self.limits.singularity_distance_min
             bounds.avoid_singularities(self._singularity_sides(), distance)
         bounds.set_release(problem, self.candidate)

@@ -107,7 +107,7 @@ def test_an_arm_that_is_late_does_not_leave_its_path_and_the_lag_to_set_is_said(
     assert found["path_error_max_m"] < 0.1 * prepared.cell.surroundings.clearance_m
     verdict = release_verdict(prepared.problem, trajectory, found, Landing(101.0, None))
     assert verdict is not None and verdict[0] == "completed"
-    assert "set it to 0.02" in verdict[1]
+    assert "set timing.lag_s to 0.02" in verdict[1]
 
 
 @pytest.mark.parametrize(("kind", "observed"), [("sim", True), ("ur", False)])
