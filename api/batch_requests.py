@@ -81,7 +81,7 @@ def _requests(body: BatchRequest, size_max: int) -> BatchRequests:
         if len(errors) >= ERRORS_MAX:
             break
     if errors:
-        raise invalid_request(errors[:ERRORS_MAX])
+        raise invalid_request(errors[:ERRORS_MAX], BatchRequest)
     return requests
 
 
@@ -91,11 +91,12 @@ def _errors(request: Any, is_checked: bool) -> list[Any]:
         if not is_checked:
             PlanRequest.model_validate(request)
     except ValidationError as error:
-        return list(error.errors(include_input=False, include_url=False))
+        return list(error.errors())
     if request.get("start", {}).get("current"):
-        return [{"loc": ("start", "current"), "msg": "a batch is planned later: give positions"}]
+        msg = "a batch is planned later: give positions"
+        return [{"loc": ("start", "current"), "type": "value_error", "msg": msg}]
     return []
 
 
 def _at(number: int, error: Any) -> dict[str, Any]:
-    return {"loc": ("requests", number, *error["loc"]), "msg": error["msg"]}
+    return {**error, "loc": ("requests", number, *error["loc"])}

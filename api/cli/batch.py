@@ -108,7 +108,7 @@ def _read(file: Path | None) -> BatchRequest:
         text = sys.stdin.buffer.read() if str(file) == "-" else Path(str(file)).read_bytes()
         return BatchRequest.model_validate_json(text.decode())
     except ValidationError as error:
-        raise RefusedRequest(problem_document(invalid_request(error.errors(include_input=False)), str(file))) from error
+        raise RefusedRequest(problem_document(invalid_request(error.errors(), BatchRequest), str(file))) from error
     except UnicodeDecodeError as error:
         raise RefusedRequest(problem_document(invalid_field("file", "is not UTF-8"), str(file))) from error
 
