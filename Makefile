@@ -68,6 +68,7 @@ web/node_modules/.package-lock.json: web/package.json web/package-lock.json
 bench: $(VENV)/bench.stamp $(VENV)/warm.stamp  ## writes docs/benchmarks, about ten minutes; SLOW=1 for hours
 	$(BIN)/python -m benchmarks $(if $(SLOW),--slow)
 	$(BIN)/python -m benchmarks.conditions --count $(if $(SLOW),100,5) --out docs/benchmarks
+	$(BIN)/python -m benchmarks.maps $(if $(SLOW),,--resolution 0.3 --sample 30) --out docs/benchmarks
 	$(BIN)/python -m benchmarks.page
 	$(BIN)/python -m benchmarks.throwbench --count $(if $(SLOW),20,4)
 
