@@ -3188,6 +3188,11 @@ export interface components {
             cell: string;
             /** Profiles */
             profiles: components["schemas"]["ProfileSummary"][];
+            /**
+             * Warning
+             * @description Why the profile that was adopted is not used, where it is not.
+             */
+            warning?: string | null;
         };
         /**
          * ProfileSummary
