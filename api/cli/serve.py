@@ -17,6 +17,7 @@ from api.cli.support.terminal import BAD, GOOD, say
 
 if TYPE_CHECKING:
     from api.cli.support.processes import ChildProcesses
+    from api.settings import ServiceSettings
     from planner.cell import ControllerAddress
 
 COMPILING = (
@@ -54,16 +55,9 @@ def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> 
     if simulated:
         require_free(address.host, SIMULATOR_PORTS, "the simulated controller", f"or {OTHER_HOST}")
     url = f"http://{'127.0.0.1' if settings.host == '0.0.0.0' else settings.host}:{number}"
-    environment = {
-        "FLING_PORT": str(number),
-        "FLING_CELLS": str(settings.cells),
-        "FLING_DEFAULT_CELL": name,
-        "FLING_DATABASE_URL": settings.database_url,
-        "FLING_REQUEST_LOG": os.environ.get("FLING_REQUEST_LOG", "off"),  # the terminal is for people
-    }
     catch_signals()
     try:
-        with ChildProcesses(environment) as children:
+        with ChildProcesses(_environment(settings, name, number)) as children:
             start_all(children, settings.cells, name, url, simulated, truth_arguments(truth, reveal))
             if are_interpreted(url):
                 say(COMPILING, BAD)
@@ -74,6 +68,17 @@ def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> 
         click.echo("\nstopped.")
     except ChildFailed as error:
         raise click.ClickException(f"{error}; everything was stopped") from error
+
+
+def _environment(settings: ServiceSettings, cell: str, port: int) -> dict[str, str]:
+    """Returns the settings of the processes that `fling up` starts."""
+    return {
+        "FLING_PORT": str(port),
+        "FLING_CELLS": str(settings.cells),
+        "FLING_DEFAULT_CELL": cell,
+        "FLING_DATABASE_URL": settings.database_url,
+        "FLING_REQUEST_LOG": os.environ.get("FLING_REQUEST_LOG", "off"),  # the terminal is for people
+    }
 
 
 def _keep_alive(children: ChildProcesses) -> None:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -63,6 +64,28 @@ def test_plans_name_the_profile_and_old_ones_are_not_executable(
     problem_of(service.client.post("/execute", json={"plan_id": new["id"]}), 409, "plan-not-executable")
     actions = [line["action"] for line in service.store.audit_lines(10)]
     assert {"adopt", "revert"} <= set(actions)
+
+
+def test_a_profile_is_not_used_with_another_version_of_the_cell_file(service: RunningService, cells: Path):
+    """A gripper that was exchanged has another delay: what was learnt of the old one says nothing of it."""
+    profile = service.client.post("/cells/changing/profiles").json()
+    service.client.post(f"/profiles/{profile['id']}/adopt")
+    assert service.plan(cell="changing")["profile"] == profile["id"]
+    assert service.client.get("/cells/changing/profiles").json()["warning"] is None
+    file = cells / "changing.toml"
+    before = file.read_text()
+    try:
+        file.write_text(before.replace("delay_s = 0.040", "delay_s = 0.090"))
+        plan = service.plan(cell="changing")
+        assert plan["profile"] is None
+        lead = plan["release_time_s"] - plan["release"]["command_time_s"]
+        assert lead == pytest.approx(0.020 + 0.090)
+        listed = service.client.get("/cells/changing/profiles").json()
+        assert (listed["adopted"], listed["profiles"][0]["adopted"]) == (None, False)
+        assert profile["id"] in listed["warning"]
+    finally:
+        file.write_text(before)
+        service.client.post("/cells/changing/profiles/revert")
 
 
 def test_a_target_has_odds_and_other_releases_have_none(service: RunningService):

@@ -188,6 +188,9 @@ def test_every_example_runs(service: RunningService, executor: FakeExecutor, pla
         for body in bodies:
             response = service.client.request(method, path, json=body)
             assert response.status_code < 300, f"{method} {path}: {response.text}"
+            if method.upper() == "POST" and path.endswith(("/map", "/batches")):  # hours of planning
+                made = path if path.endswith("/map") else response.headers["Location"]
+                assert service.client.post(f"{made}/cancel").status_code < 300
             if path == "/execute":
                 service.store.add_recording(response.json()["id"], b"m", pack_samples(["t"], [[0.0]]))
                 service.store.finish_execution(response.json()["id"], "completed")

@@ -8,6 +8,7 @@ import pytest
 
 from planner.certificate import certify
 from planner.errors import Infeasible
+from planner.plan_reading import aimed_problem
 from planner.planning import plan
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease
 from planner.request import problem_from_request
@@ -132,3 +133,17 @@ def test_a_plan_carries_the_log_of_its_attempts():
     assert {attempt.backend for attempt in answer.attempts} <= {"casadi", "ruckig"}
     assert any("certified" in attempt.result for attempt in answer.attempts)
     assert answer.solve_time_s > 0.0
+
+
+def test_the_arm_keeps_out_of_a_bin_where_it_stands_wherever_a_learnt_cell_aims():
+    """The aim moves the mouth that the flight must enter, so that the object enters the real one; no arm enters it."""
+    target = {"kind": "target", "position": [1.1, 0.2, 0.0], "opening": {"radius_m": 0.2, "rim_height_m": 0.3}}
+    problem = problem_from_request({"release": target}, cell())
+    aimed = aimed_problem(problem, np.array([0.07, -0.02, 0.0]))
+    assert isinstance(aimed.release, TargetRelease)
+    np.testing.assert_allclose(aimed.release.p_W, [1.17, 0.18, 0.0])
+    (block,) = (box for box in aimed.cell_with_bin.surroundings.keep_out if box.name == "bin")
+    np.testing.assert_allclose(block.lower, [0.9, 0.0, 0.0])
+    np.testing.assert_allclose(block.upper, [1.3, 0.4, 0.3])
+    back = aimed_problem(aimed, np.array([-0.07, 0.02, 0.0]))
+    np.testing.assert_allclose(back.cell_with_bin.surroundings.keep_out[-1].lower, block.lower)

@@ -24,3 +24,11 @@ def test_the_newest_adoption_counts_and_none_means_the_cell_file(store: Store):
     assert store.adopted_profile("b") is None
     store.adopt_profile("a", None, "ben")
     assert store.adopted_profile("a") is None
+
+
+def test_a_profile_is_in_use_with_the_files_that_it_was_learnt_with_alone(store: Store):
+    learnt = store.add_profile("a", "sha", "ann", b"{}")
+    store.adopt_profile("a", learnt.id, "ann")
+    assert store.profile_in_use("a", "sha") == learnt
+    assert store.profile_in_use("a", "another") is None
+    assert store.profile_in_use("b", "sha") is None
