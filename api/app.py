@@ -37,7 +37,7 @@ from api.routes import ROUTERS
 from api.settings import ServiceSettings, is_loopback_host
 from api.store_probe import StoreProbe
 from batch.jobs import PlanningJob
-from fling.tracing import configure_tracing
+from fling import tracing
 from store import Retention, Store, StoreError
 
 DESCRIPTION = (
@@ -123,7 +123,7 @@ def serve(settings: ServiceSettings) -> int:
     if settings.tokens_file is not None:
         signal.signal(signal.SIGHUP, lambda *_: app.state.tokens.reload())
     configure_logs(settings.request_log)
-    if (missing := configure_tracing("fling-service")) is not None:
+    if (missing := tracing.configure_tracing("fling-service")) is not None:
         logging.getLogger("fling").warning(missing)
     config = server_config(app, settings.host, settings.port)
     DrainingServer(config, partial(_drain, app)).run()

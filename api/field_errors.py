@@ -47,7 +47,9 @@ def reason(error: Error, model: type[BaseModel] | None = None) -> str:
 
 
 def field_path(location: Sequence[str | int]) -> str:
-    """Returns ("body", "release", "joint", "positions", 3) as "release.positions[3]"."""
+    """Returns ("body", "release", "joint", "positions", 3) as "release.positions[3]"; a header by its usual name."""
+    if location[:1] == ("header",):
+        return "-".join(str(part) for part in location[1:]).title()
     path = ""
     for i, part in enumerate(location):
         if isinstance(part, int):

@@ -18,7 +18,7 @@ from executor.logs import configure_logs, log
 from executor.records import Journal, JournalLocked
 from executor.robot import RobotSession
 from executor.settings import ExecutorSettings
-from fling.tracing import configure_tracing
+from fling import tracing
 from planner.cell import Cell, load_cell
 from planner.errors import CellError
 from store import Store, StoreUnavailable
@@ -39,7 +39,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--json", action="store_true", help="print the import as JSON")
     options = parser.parse_args(arguments)
     configure_logs()
-    if (missing := configure_tracing("fling-executor")) is not None:
+    if (missing := tracing.configure_tracing("fling-executor")) is not None:
         log(missing)
     ended = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):

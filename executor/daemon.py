@@ -15,7 +15,7 @@ from executor.logs import log
 from executor.preflight import ExecutionRefused, session_refusals, session_warnings
 from executor.records import MIN_FREE_BYTES, ExecutionResult, Journal, row_document
 from executor.robot import RobotSession, robot_document
-from fling.tracing import TracedSpan, traced
+from fling import tracing
 from planner.cell import Cell, read_source
 from planner.errors import CellError
 from store import ExecutionRow, Store, StoreUnavailable, new_id
@@ -169,10 +169,10 @@ class Daemon:
         first = (self._try_store(lambda: self.store.events(row.id, limit=1)) or [None])[0]
         parent = {} if first is None else first.data.get("trace") or {}
         fields = {f"fling__{name}": value for name, value in _log_fields(row).items()}
-        with traced("execution", "consumer", parent, **fields) as span:
+        with tracing.traced("execution", "consumer", parent, **fields) as span:
             self._run_execution(row, ended, span)
 
-    def _run_execution(self, row: ExecutionRow, ended: threading.Event, span: TracedSpan) -> None:
+    def _run_execution(self, row: ExecutionRow, ended: threading.Event, span: tracing.TracedSpan) -> None:
         """Runs one execution; its result is on the disk before the store is informed."""
         execution = Execution(self.session, row, span=span)
         log("claimed", **_log_fields(row))

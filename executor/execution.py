@@ -17,7 +17,7 @@ from executor.robot import RobotSession, RobotState
 from executor.stream_job import ExpectedLanding, StreamJob
 from executor.streaming.state_checks import EMERGENCY_BITS, NORMAL
 from executor.supervision import StreamRun
-from fling.tracing import TracedSpan
+from fling import tracing
 from learning import knowledge_of
 from planner.approach import Approach, find_approach, jog_advice, obstacle_words
 from planner.certificate import Check, release_flight
@@ -46,7 +46,7 @@ class Execution:
     log: list[tuple[float, str]] = field(default_factory=list)
     run: StreamRun | None = None
     profile: ProfileRow | None = None
-    span: TracedSpan = field(default_factory=TracedSpan)
+    span: tracing.TracedSpan = field(default_factory=tracing.TracedSpan)
 
     def note(self, text: str) -> None:
         """Adds a line to the recording's log."""

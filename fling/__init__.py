@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     __version__: str
+    from fling import tracing
     from fling.cells import cell_names, open_cell
     from fling.client import Client, ServiceRefusal
     from fling.planning import plan, plan_document, problem, warm
@@ -61,6 +62,7 @@ __all__ = [
     "robot",
     "rotations",
     "timing",
+    "tracing",
     "warm",
 ]
 
@@ -87,6 +89,8 @@ def __getattr__(name: str) -> Any:
     """Loads a public name when it is first used: `import fling` itself costs nothing."""
     if name == "__version__":
         return _version()
+    if name == "tracing":
+        return import_module("fling.tracing")
     if name not in _HOME_OF:
         raise AttributeError(f"module 'fling' has no attribute {name!r}")
     home = import_module(_HOME_OF[name])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from fling.tracing import traced
+from fling import tracing
 
 
 class TracingMiddleware:
@@ -28,7 +28,7 @@ class TracingMiddleware:
             await send(message)
 
         about = {"http__request__method": method, "url__path": scope["path"]}
-        with traced(method, "server", Headers(scope=scope), **about) as span:
+        with tracing.traced(method, "server", Headers(scope=scope), **about) as span:
             await self.app(scope, receive, noting)
             state, route = scope.get("state", {}), getattr(scope.get("route"), "path", None)
             if route is not None:

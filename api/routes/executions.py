@@ -12,7 +12,7 @@ from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, Ser
 from api.http import ProblemDetails, StrictJsonRoute, json_answer, preferred_media_type, problem_answers
 from api.routes.plans import POST_PROBLEMS, PageCursor, PageLimit, find_plan
 from api.schemas import EXECUTE_EXAMPLES, ExecuteRequest, ExecutionAnswer, ExecutionList, iso_time
-from fling.tracing import trace_context
+from fling import tracing
 from planner.errors import CellError
 from store import CellRow, ExecutionRow, KeyTaken, PlanRow
 
@@ -53,7 +53,7 @@ def execute_plan(body: ExecuteBody, service: ServiceDep, caller: OperateCaller, 
             key,
             body.experiment_id,
             origin.act(caller, "execute"),
-            trace_context(),
+            tracing.trace_context(),
         )
     except KeyTaken as taken:
         return _accepted(service, find_execution(service, taken.resource_of(key)))

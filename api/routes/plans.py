@@ -38,7 +38,7 @@ from api.schemas import (
     iso_time,
 )
 from batch.jobs import Planned, PlanningJob
-from fling.tracing import TracedSpan, traced
+from fling import tracing
 from planner.cell import Cell, CellSource
 from planner.errors import CellError, PlannerError
 from planner.problem import TIME_LIMIT_S
@@ -215,7 +215,7 @@ async def _solve_and_store(asked: _Asked) -> str:
 async def _solve(job: PlanningJob, asked: _Asked) -> Planned:
     service, limit_s = asked.service, asked.body.time_limit_s or TIME_LIMIT_S
     started_at = time.perf_counter()
-    with traced("plan", fling__cell=job.cell.name, fling__plan_id=job.plan_id) as span:
+    with tracing.traced("plan", fling__cell=job.cell.name, fling__plan_id=job.plan_id) as span:
         try:
             planned = await service.pool.solve(job, limit_s, asked.gone)
         except (PlannerError, PlanningEnded, PlanningQueueFull) as error:
@@ -233,7 +233,7 @@ async def _solve(job: PlanningJob, asked: _Asked) -> Planned:
     return planned
 
 
-def _note_attempts(span: TracedSpan, planned: Planned) -> None:
+def _note_attempts(span: tracing.TracedSpan, planned: Planned) -> None:
     """Adds what the planner tried to the span of a plan."""
     solver = orjson.loads(planned.summary)["solver"]
     span.set(fling__backend=planned.backend, fling__solve_time_s=solver["solve_time_s"])

@@ -3,9 +3,11 @@
 from batch.runs.driver import BatchDriver, wait_and_claim
 from batch.runs.specification import BATCH_MAX, BatchRequests, BatchSpecification, CellUse
 from batch.runs.tables import PARQUET, ParquetMissing, parquet_of, rows_of, write_table, writes_to
+from batch.runs.writer import GROUP
 
 __all__ = [
     "BATCH_MAX",
+    "GROUP",
     "PARQUET",
     "BatchDriver",
     "BatchRequests",

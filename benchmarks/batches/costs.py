@@ -9,7 +9,7 @@ from pathlib import Path
 
 from batch.jobs import Planned, PlanningJob
 from batch.pool import JobResult, Work, open_pool
-from batch.runs.writer import GROUP
+from batch.runs import GROUP
 from planner.cell import read_source
 from planner.cell_folder import default_cells_folder
 from store import BatchResultRow, PlanRow, Store, new_id

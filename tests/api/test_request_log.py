@@ -21,13 +21,13 @@ def lines_of(caplog: pytest.LogCaptureFixture) -> list[dict]:
 
 def test_a_request_is_one_line_of_json(service: RunningService, caplog: pytest.LogCaptureFixture):
     caplog.set_level(logging.INFO, "fling.requests")
-    service.client.get("/executions/nobody?secret=1", headers={"X-Request-ID": "mine-1"})
+    service.client.get("/executions?cursor=secret-1", headers={"X-Request-ID": "mine-1"})
     (line,) = lines_of(caplog)
     assert (line["id"], line["method"], line["route"], line["path"]) == (
         "mine-1",
         "GET",
-        "/executions/{id}",
-        "/executions/nobody",
+        "/executions",
+        "/executions",
     )
     assert (line["status"], line["problem"], line["token"], line["client"]) == (
         422,

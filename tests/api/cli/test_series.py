@@ -48,7 +48,7 @@ class ScriptedService:
         if path.startswith("/cells/"):
             return {"robot": {"digital_input_bits": self.inputs.pop(0)}}
         if path.startswith("/executions/"):
-            return {"outcome": self.outcomes[len(self.executed) - 1], "reason": None}
+            return {"id": "x", "outcome": self.outcomes[len(self.executed) - 1], "reason": None}
         done = self.outcomes[: len(self.executed)]
         numbers = {"throws": len(done), "landed": 0, "median_distance_m": None, "largest_distance_m": None}
         whole = {**numbers, "mean_error_m": None, "outcomes": {outcome: done.count(outcome) for outcome in done}}
