@@ -16,7 +16,7 @@ from planner.search import POLICY, PlanningSearch, Ranking, search_optimised
 from planner.seeds import candidates
 from tests.planner.problems import cell, feasible_states, joint_problem, pose_problem
 
-RANDOM_POSES = 500
+RANDOM_POSES = 200
 
 
 def test_every_random_feasible_pose_is_planned_and_certified():
