@@ -59,13 +59,13 @@ def configure_tracing(service_name: str) -> str | None:
         return None
     try:
         from opentelemetry import trace
-        from opentelemetry.sdk.resources import Resource
-        from opentelemetry.sdk.trace import TracerProvider
-        from opentelemetry.sdk.trace.export import BatchSpanProcessor, ConsoleSpanExporter
+        from opentelemetry.sdk.resources import Resource  # pyright: ignore[reportMissingImports]
+        from opentelemetry.sdk.trace import TracerProvider  # pyright: ignore[reportMissingImports]
+        from opentelemetry.sdk.trace.export import BatchSpanProcessor, ConsoleSpanExporter  # pyright: ignore[reportMissingImports]
     except ImportError:
         return NOT_INSTALLED
     if name == "otlp":
-        from opentelemetry.exporter.otlp.proto.http.trace_exporter import OTLPSpanExporter as Exporter
+        from opentelemetry.exporter.otlp.proto.http.trace_exporter import OTLPSpanExporter as Exporter  # pyright: ignore[reportMissingImports]
     elif name == "console":
         Exporter = ConsoleSpanExporter
     else:
