@@ -31,10 +31,10 @@ PROPOSED = ("lag_s", "lag_std_s", "gain", "delay_s", "delay_std_s", "jitter_s", 
             "landing_error_before_m", "landing_error_after_m", "cell_file", "evidence", "adopted")  # fmt: skip
 
 
-def picture_option(command: Any) -> Any:
-    """Adds the option --picture to a command."""
+def picture_option(shown: str) -> Any:
+    """Returns what adds the option --picture to a command: a file for a picture of what is shown."""
     kind = click.Path(dir_okay=False, writable=True, path_type=Path)
-    return click.option("--picture", type=kind, help="SVG of the landings, before and after.")(command)
+    return click.option("--picture", type=kind, help=f"SVG of {shown}, before and after.")
 
 
 @click.group(cls=FlingGroup)
@@ -48,10 +48,18 @@ def calibrate() -> None:
               help="Recorded run: time_s, command_0 … command_5, measured_0 … measured_5 [rad/s].")  # fmt: skip
 @click.option("--throws", type=click.IntRange(1, 100), default=MOTIONS, show_default=True, help="Number of motions.")
 @click.option("--adopt", is_flag=True, help="Use a profile with the measured lag from now on.")
+@picture_option("the lags")
 @json_option
 @service_options
 def lag(
-    cell: str, from_csv: Path | None, throws: int, adopt: bool, as_json: bool, url: str | None, token: str | None
+    cell: str,
+    from_csv: Path | None,
+    throws: int,
+    adopt: bool,
+    picture: Path | None,
+    as_json: bool,
+    url: str | None,
+    token: str | None,
 ) -> None:
     """Measure the arm's lag and gains: from a recorded run, or with small certified motions without an object.
 
@@ -59,7 +67,9 @@ def lag(
     """
     if adopt and from_csv is not None:
         raise click.UsageError("a profile rests on runs of the cell: --adopt does not go together with --from-csv")
-    found = _from_csv(from_csv) if from_csv is not None else _by_motions(cell, throws, as_json, url, token)
+    if picture is not None and from_csv is not None:
+        raise click.UsageError("one run has no spread to draw: --picture does not go together with --from-csv")
+    found = _from_csv(from_csv) if from_csv is not None else _by_motions(cell, throws, as_json, picture, url, token)
     if adopt:
         with ServiceClient(service_url(url), token) as client:
             found |= {"profile": _estimate(client, cell, adopt)["id"], "adopted": True}
@@ -70,7 +80,7 @@ def lag(
 @click.option("--cell", required=True, help="Cell.")
 @click.option("--throws", type=click.IntRange(2, 100), default=THROWS, show_default=True, help="Number of throws.")
 @click.option("--adopt", is_flag=True, help="Use the profile from now on.")
-@picture_option
+@picture_option("the landings")
 @json_option
 @service_options
 def gripper(
@@ -100,7 +110,7 @@ def gripper(
 @calibrate.command()
 @click.option("--cell", required=True, help="Cell.")
 @click.option("--adopt", is_flag=True, help="Use the profile from now on.")
-@picture_option
+@picture_option("the landings")
 @json_option
 @service_options
 def landings(cell: str, adopt: bool, picture: Path | None, as_json: bool, url: str | None, token: str | None) -> None:
@@ -211,8 +221,11 @@ def _from_csv(file: Path) -> dict[str, Any]:
         raise click.ClickException(f"{file}: {error}") from error
 
 
-def _by_motions(cell: str, count: int, quiet: bool, url: str | None, token: str | None) -> dict[str, Any]:
-    """Returns the timing pooled over `count` motions about home, executed by the running service."""
+def _by_motions(
+    cell: str, count: int, quiet: bool, picture: Path | None, url: str | None, token: str | None
+) -> dict[str, Any]:
+    """Returns the timing pooled over `count` motions about home, executed by the running service; draws it."""
+    from api.report import lags_svg
     from learning import pooled_document
 
     runs = []
@@ -229,6 +242,8 @@ def _by_motions(cell: str, count: int, quiet: bool, url: str | None, token: str 
                 click.echo(f"motion {i + 1} of {count}: {_milliseconds(timing)}")
     pooled = pooled_document(runs, assumed_s)
     assert pooled is not None
+    if picture is not None:
+        picture.write_text(lags_svg(runs[::-1], pooled["lag_s"], assumed_s))
     return {**pooled, "assumed_lag_s": assumed_s}
 
 

@@ -59,7 +59,7 @@ class HiddenTruth:
     text: str
 
 
-def drawn_truth(rng: np.random.Generator) -> HiddenTruth:
+def drawn_truth(rng: np.random.Generator, disturbance: str = "none") -> HiddenTruth:
     """Returns a hidden cell: timing, gripper, release, object, base, arm and camera all differ from the cell file."""
     lag, shape = 0.020 + rng.uniform(-0.008, 0.012), str(rng.choice(SHAPES))
     delay, jitter = float(np.clip(0.040 + rng.normal(0.0, 0.020), 0.020, 0.120)), rng.uniform(0.0005, 0.006)
@@ -70,7 +70,7 @@ def drawn_truth(rng: np.random.Generator) -> HiddenTruth:
         f'[gripper]\ndelay_s = {delay:.5f}\njitter_s = {jitter:.5f}\njitter_shape = "{shape}"',
         f"[release]\nspeed_factor = {rng.uniform(0.96, 1.04):.4f}",
         f"[object]\ndrag_coefficient = {rng.uniform(0.0, 0.4):.3f}",
-        f"[arm]\novershoot = {rng.uniform(0.0, 0.02):.4f}",
+        f'[arm]\ndisturbance = "{disturbance}"\novershoot = {rng.uniform(0.0, 0.02):.4f}',
         f"base_offset_m = {[*rng.uniform(-0.008, 0.008, 2).round(5).tolist(), 0.0]}",
         "[camera]\nstd_m = 0.003\noutlier_share = 0.05\noutlier_std_m = 0.2",
     ]
@@ -178,10 +178,10 @@ def _odds_of_5_cm(plan: dict[str, Any]) -> float:
     return float((np.linalg.norm(points - plan["request"]["release"]["position"][:2], axis=1) <= HIT_M).mean())
 
 
-def sitting(seed: int, count: int) -> str:
+def sitting(seed: int, count: int, disturbance: str) -> str:
     """Returns the table of one sitting: throws, calibration as docs/learning.md has it, throws."""
     rng = np.random.default_rng(seed)
-    truth, lines = drawn_truth(rng), [*HEAD]
+    truth, lines = drawn_truth(rng, disturbance), [*HEAD]
     with running_cell(truth) as lab:
         lines += _thrown_rows(lab, rng, count, "before")
         began = time.monotonic()
@@ -241,11 +241,12 @@ def main() -> None:
     parser.add_argument("--throws", type=int, help="before and after a sitting (30); of a gripper's calibration (6)")
     parser.add_argument("--cells", type=int, default=10, help="grippers")
     parser.add_argument("--first", type=int, default=0, help="number of the first gripper")
+    parser.add_argument("--measured-arm", action="store_true", help="a sitting on the arm as measured on a real UR5")
     options = parser.parse_args()
     seed = secrets.randbelow(1_000_000) if options.seed is None else options.seed
     print(f"seed {seed}", flush=True)
     if options.what == "sitting":
-        print(sitting(seed, options.throws or 30))
+        print(sitting(seed, options.throws or 30, "ur5-measured" if options.measured_arm else "none"))
     else:
         print(grippers(seed, range(options.first, options.first + options.cells), options.throws or 6))
 
