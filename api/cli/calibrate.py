@@ -65,10 +65,8 @@ def lag(
 
     **The motions move the arm**, about its home; the gripper stays as it is.
     """
-    if adopt and from_csv is not None:
-        raise click.UsageError("a profile rests on runs of the cell: --adopt does not go together with --from-csv")
-    if picture is not None and from_csv is not None:
-        raise click.UsageError("one run has no spread to draw: --picture does not go together with --from-csv")
+    if from_csv is not None and (adopt or picture is not None):
+        raise click.UsageError("--adopt and --picture rest on runs of the cell, not on --from-csv")
     found = _from_csv(from_csv) if from_csv is not None else _by_motions(cell, throws, as_json, picture, url, token)
     if adopt:
         with ServiceClient(service_url(url), token) as client:
@@ -249,9 +247,8 @@ def _by_motions(
 
 def _kept_text(cell: str, runs: Sequence[Any]) -> str:
     """Returns how to go on after a run that was not completed, and what those before it are good for."""
-    text = f". Once the arm is checked: fling acknowledge --cell {cell}"
-    kept = f"; what the {len(runs)} before showed is kept: fling calibrate landings --cell {cell}"
-    return text + kept if runs else text
+    kept = f"; what the {len(runs)} before showed is kept: fling calibrate landings --cell {cell}" if runs else ""
+    return f". Once the arm is checked: fling acknowledge --cell {cell}{kept}"
 
 
 def _move(client: ServiceClient, cell: str, home: list[float], signs: tuple[int, ...]) -> dict[str, Any]:
