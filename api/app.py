@@ -36,7 +36,7 @@ from api.planning import BatchDrivers, MapRunners, PlannerPool, compile_when_idl
 from api.routes import ROUTERS
 from api.settings import ServiceSettings, is_loopback_host
 from api.store_probe import StoreProbe
-from batch.jobs import PlanningJob
+from batch.jobs import PlanningJob, warm_up_job
 from fling import tracing
 from store import Retention, Store, StoreError
 
@@ -45,7 +45,6 @@ DESCRIPTION = (
     "it to the arm. SI units; world frame unless a request says `frame: base`. Every error is "
     "`application/problem+json`. **Software stop is not a safety function.**"
 )
-WARM_UP_REQUEST = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}  # any throw loads and builds everything
 COMPRESSED_BYTES = 1000  # answers from this size on are compressed for clients that can read it
 COMPRESSION = 4  # of 9: a plan shrinks to a third in milliseconds; more costs much and saves little
 RETENTION_PERIOD_S = 600.0  # [s] between two times that old plans and executions are deleted
@@ -196,4 +195,4 @@ async def _retain(service: Service) -> None:
 
 def _warm_up_job(settings: ServiceSettings, cells: CellRepository) -> PlanningJob | None:
     source = cells.source(settings.default_cell)
-    return None if source is None else PlanningJob("warm-up", "", source, WARM_UP_REQUEST)
+    return None if source is None else warm_up_job(source)

@@ -37,7 +37,7 @@ def batch_specification(
     for name in requests.cells(default_cell):
         source = cells.source(name)
         if source is None or cells.cell(name) is None:
-            raise invalid_field("cell", f"no cell {name!r}; there are {', '.join(cells.names())}")
+            raise invalid_field("cell", cells.without(name))
         version = store.note_cell_version(name, source.sha256, source.text, source.calibration, "service")
         adopted = store.profile_in_use(name, source.sha256)
         uses[name] = CellUse(version, None if adopted is None else adopted.id)

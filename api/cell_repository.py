@@ -24,6 +24,10 @@ class CellRepository:
         """Returns the names of the cell files, sorted."""
         return sorted(path.stem for path in self.folder.glob("*.toml"))
 
+    def without(self, name: str) -> str:
+        """Returns in words that there is no such cell, and which there are."""
+        return f"no cell {name!r}; there are {', '.join(self.names())}"
+
     def source(self, name: str) -> CellSource | None:
         """Returns the content of a cell's files, or None if there is no such cell."""
         path = self.folder / f"{name}.toml"

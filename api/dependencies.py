@@ -64,7 +64,7 @@ class Service:
         """
         cell = self.cells.cell(name)
         if cell is None:
-            raise ProblemDetails("not-found", f"no cell {name!r}; there are {', '.join(self.cells.names())}")
+            raise ProblemDetails("not-found", self.cells.without(name))
         return cell
 
     def cell_version(self, name: str) -> int | None:

@@ -10,21 +10,17 @@ import argparse
 import os
 import signal
 import sys
-import threading
-import time
 
-from batch.jobs import NICENESS
+from batch.jobs import NICENESS, end_with_starter
 from batch.pool import PoolBroken
 from batch.runs import BatchDriver, wait_and_claim
 from store import BatchDriven, BatchLost, Store, StoreError, default_database_url
-
-PARENT_POLL_S = 0.5  # [s] within which this process ends after its parent
 
 
 def main() -> int:
     """Drives one batch. Returns the exit status of the process."""
     arguments = _arguments()
-    _end_with(os.getppid())
+    end_with_starter()
     os.nice(NICENESS)
     try:
         store = Store.open(os.environ.get("FLING_DATABASE_URL") or default_database_url())
@@ -50,15 +46,6 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--workers", type=int, help="number of planner processes; default: one a core")
     parser.add_argument("--ray", help="address of a Ray cluster")
     return parser.parse_args()
-
-
-def _end_with(parent: int) -> None:
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(PARENT_POLL_S)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 if __name__ == "__main__":

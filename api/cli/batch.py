@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from api.cli.support.exit_status import INTERRUPTED, NotCompleted
-from api.cli.throw import service_options
+from api.cli.support.options import json_option, service_options
 
 if TYPE_CHECKING:
     from api.schemas import BatchRequest
@@ -34,7 +34,7 @@ RAY_HELP = "Plan in the Ray cluster at this address; FLING_RAY_ADDRESS."
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help=OUT_HELP)
 @click.option("--workers", type=click.IntRange(min=1), help="Planner processes; FLING_BATCH_WORKERS, or one a core.")
 @click.option("--ray", metavar="ADDRESS", help=RAY_HELP)
-@click.option("--json", "as_json", is_flag=True, help="Answer in JSON: the batch.")
+@json_option
 @click.option("--cells", type=click.Path(exists=True, file_okay=False, path_type=Path), help="FLING_CELLS.")
 @click.option("--cell", help="Cell of requests that name none; default: FLING_DEFAULT_CELL.")
 @service_options
@@ -57,6 +57,7 @@ def batch(
     all combinations of some values. Without --url it needs no service. Ctrl-C stops: what is planned is stored, and
     --resume goes on. A batch whose requests are infeasible one and all is done nevertheless.
     """
+    from api.settings import read_settings
     from batch.runs import writes_to
 
     if sum(given is not None for given in (file, resume, cancel)) != 1:
@@ -68,7 +69,7 @@ def batch(
     if url is not None:
         _through_service(url, token, file, resume, cancel, out, as_json)
         return
-    settings = _settings(cells=cells, default_cell=cell, batch_workers=workers, ray_address=ray)
+    settings = read_settings(cells=cells, default_cell=cell, batch_workers=workers, ray_address=ray)
     from store import Store
 
     store = Store.open(settings.database_url)
@@ -88,29 +89,17 @@ def batch(
         store.close()
 
 
-def _settings(**flags: Any) -> Any:
-    from api.settings import SettingsError, read_settings
-
-    try:
-        return read_settings(**flags)
-    except SettingsError as error:
-        raise click.ClickException(str(error)) from error
-
-
 def _read(file: Path | None) -> BatchRequest:
-    from pydantic import ValidationError
-
     from api.cli.support.errors import RefusedRequest
-    from api.http import invalid_field, invalid_request, problem_document
+    from api.cli.support.request_file import read_request
+    from api.http import ProblemDetails, problem_document
     from api.schemas import BatchRequest
 
+    assert file is not None  # a batch is not resumed
     try:
-        text = sys.stdin.buffer.read() if str(file) == "-" else Path(str(file)).read_bytes()
-        return BatchRequest.model_validate_json(text.decode())
-    except ValidationError as error:
-        raise RefusedRequest(problem_document(invalid_request(error.errors(), BatchRequest), str(file))) from error
-    except UnicodeDecodeError as error:
-        raise RefusedRequest(problem_document(invalid_field("file", "is not UTF-8"), str(file))) from error
+        return read_request(file, BatchRequest)
+    except ProblemDetails as error:
+        raise RefusedRequest(problem_document(error, str(file))) from error
 
 
 def _queue(store: Store, settings: Any, body: BatchRequest) -> str:

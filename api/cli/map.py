@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from api.cli.support.exit_status import INTERRUPTED, exit_status
+from api.cli.support.options import cell_option, json_option
 from api.cli.support.terminal import say
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ KINDS = (".zarr", ".png", ".html")  # of output files; a path without a suffix i
 
 
 @click.command("map")
-@click.option("--cell", help="Cell; default: FLING_DEFAULT_CELL.")
+@cell_option()
 @click.option("--cells", type=click.Path(exists=True, file_okay=False, path_type=Path), help="FLING_CELLS.")
 @click.option("--plane", "plane_z_m", type=float, help="Height of the plane [m]; default: the cell's floor.")
 @click.option("--volume", "volume_m", type=(float, float), help="Lowest and highest plane [m], a resolution apart.")
@@ -32,7 +33,7 @@ KINDS = (".zarr", ".png", ".html")  # of output files; a path without a suffix i
 @click.option("--out", multiple=True, type=click.Path(path_type=Path), help="FILE.zarr, .png, .html, or a folder.")
 @click.option("--workers", type=click.IntRange(1), help="Planner processes; default: one a core.")
 @click.option("--ray", "ray_address", envvar="FLING_RAY_ADDRESS", help="Address of a Ray cluster.")
-@click.option("--json", "as_json", is_flag=True, help="The summary as JSON on standard output.")
+@json_option
 def map_command(
     cell: str | None,
     cells: Path | None,
@@ -149,20 +150,18 @@ def _cell(name: str | None, cells: Path | None) -> tuple[Any, CellSource]:
     """Returns the settings and the content of the cell's files.
 
     Raises:
-        click.ClickException: there is no such cell, or a setting is wrong.
+        click.ClickException: there is no such cell.
+        SettingsError: a setting is wrong.
         CellError: its file is refused.
     """
     from api.cell_repository import CellRepository
-    from api.settings import SettingsError, read_settings
+    from api.settings import read_settings
 
-    try:
-        settings = read_settings(cells=cells)
-    except SettingsError as error:
-        raise click.ClickException(str(error)) from error
+    settings = read_settings(cells=cells)
     repository, name = CellRepository(settings.cells), name or settings.default_cell
     source = repository.source(name)
     if source is None or repository.cell(name) is None:
-        raise click.ClickException(f"no cell {name!r}; there are {', '.join(repository.names())}")
+        raise click.ClickException(repository.without(name))
     return settings, source
 
 

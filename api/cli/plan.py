@@ -27,11 +27,13 @@ def plan(file: Path, cells: Path | None, cell: str | None, odds: float | None) -
     limit ended the search, 1 for an invalid one.
     """
     from api.cli.support.exit_status import exit_status
+    from api.cli.support.request_file import read_request
     from api.http import ProblemDetails, problem_document, translate
+    from api.schemas import PlanRequest
     from planner.errors import PlannerError
 
     try:
-        body = _read(file)
+        body = read_request(file, PlanRequest)
         planned = _plan(body if odds is None else body.model_copy(update={"min_hit_probability": odds}), cells, cell)
     except (ProblemDetails, PlannerError) as error:
         problem = translate(error)
@@ -59,21 +61,6 @@ def warm() -> None:
         click.echo("There is no C compiler: the slower interpreted functions are used.", err=True)
 
 
-def _read(file: Path) -> Any:
-    from pydantic import ValidationError
-
-    from api.http import invalid_field, invalid_request
-    from api.schemas import PlanRequest
-
-    try:
-        text = sys.stdin.buffer.read() if str(file) == "-" else file.read_bytes()
-        return PlanRequest.model_validate_json(text.decode())
-    except ValidationError as error:
-        raise invalid_request(error.errors(), PlanRequest) from error
-    except UnicodeDecodeError as error:
-        raise invalid_field("file", "is not UTF-8") from error
-
-
 def _plan(body: Any, cells: Path | None, cell: str | None) -> Planned:
     import time
 
@@ -90,7 +77,7 @@ def _plan(body: Any, cells: Path | None, cell: str | None) -> Planned:
         raise invalid_field("start.current", "needs a service with an executor")
     source = repository.source(name)
     if source is None or repository.cell(name) is None:
-        raise invalid_field("cell", f"no cell {name!r}; there are {', '.join(repository.names())}")
+        raise invalid_field("cell", repository.without(name))
     request = {**body.model_dump(exclude_none=True), "cell": name}
     job = PlanningJob(new_id(), iso_time(time.time()) or "", source, request)
     return solve(job)

@@ -14,6 +14,7 @@ from api.http.errors import (
     retry_after,
     translate,
 )
+from api.http.event_stream import event_stream, event_stream_answer
 from api.http.head import HeadMiddleware
 from api.http.json_body import StrictJsonRoute
 from api.http.middleware import SecurityMiddleware
@@ -48,6 +49,8 @@ __all__ = [
     "WrongTokens",
     "client_address",
     "create_token",
+    "event_stream",
+    "event_stream_answer",
     "find_token",
     "has_current",
     "install_error_handlers",

@@ -4,20 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import os
-import subprocess
-import sys
-import tempfile
 from contextlib import suppress
-from typing import IO
 
 from starlette.concurrency import run_in_threadpool
 
+from api.planning.child_process import PlanningCommand
 from store import BatchRow, Store, StoreError, new_id
 
 IDLE_POLL_S = 2.0  # [s] between two looks for a batch that another instance of the service has queued
-EXIT_POLL_S = 0.2  # [s] between two looks at whether the driver has ended
-STOP_S = 10.0  # [s] after which a driver that was asked to stop is killed
 BACKOFF_S = 0.5  # [s] times the number of failures before a driver is begun again
 FAILURES_MAX = 3  # drivers in a row that end without a result: the batch cannot be planned
 
@@ -36,11 +30,7 @@ class BatchDrivers:
 
     def __init__(self, store: Store, database_url: str, workers: int | None, ray_address: str | None) -> None:
         self._store = store
-        self._environment = {**os.environ, "FLING_DATABASE_URL": database_url}
-        self._options = [
-            *(["--workers", str(workers)] if workers else []),
-            *(["--ray", ray_address] if ray_address else []),
-        ]
+        self._command = PlanningCommand("batch", database_url, workers, ray_address)
         self._name = f"service {new_id()}"
         self._news = asyncio.Event()
         self._failures: dict[str, int] = {}
@@ -69,27 +59,14 @@ class BatchDrivers:
         return next((row for row in rows if not row.is_driven or row.driver_id == self._name), None)
 
     async def _drive(self, row: BatchRow) -> None:
-        with tempfile.TemporaryFile() as errors:
-            command = [sys.executable, "-P", "-m", "batch", row.id, "--driver", self._name, *self._options]
-            process = subprocess.Popen(
-                command,
-                env=self._environment,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=errors,
-                start_new_session=True,
-            )
-            try:
-                while process.poll() is None:
-                    await asyncio.sleep(EXIT_POLL_S)
-            finally:
-                _end(process)
-            if process.returncode != 0:
-                await self._failed(row, process.returncode, errors)
+        status, errors = await self._command.run(row.id, "--driver", self._name)
+        if status != 0:
+            await self._failed(row, status, errors)
 
-    async def _failed(self, row: BatchRow, status: int, errors: IO[bytes]) -> None:
+    async def _failed(self, row: BatchRow, status: int, errors: str) -> None:
         """Has a batch begun again whose driver died; gives it up where several did without a result."""
-        reason = _last_line(errors) or f"its driver ended with status {status}"
+        last_line = errors.rpartition("\n")[2].removeprefix("fling: ")
+        reason = last_line or f"its driver ended with status {status}"
         log.warning("batch %s: %s", row.id, reason)
         with suppress(StoreError):  # the next round sees the batch again
             now = await run_in_threadpool(self._store.batch, row.id)
@@ -100,20 +77,3 @@ class BatchDrivers:
                 await run_in_threadpool(self._store.finish_batch, row.id, "failed", reason)
                 return
         await asyncio.sleep(BACKOFF_S * self._failures.get(row.id, 0))
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """Asks a driver to stop, and sees to it."""
-    if process.poll() is None:
-        process.terminate()
-        try:
-            process.wait(STOP_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-
-
-def _last_line(errors: IO[bytes]) -> str:
-    errors.seek(0)
-    lines = errors.read().decode(errors="replace").strip().splitlines()
-    return lines[-1].removeprefix("fling: ") if lines else ""

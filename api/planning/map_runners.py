@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import os
-import subprocess
-import sys
-import tempfile
+import time
 from contextlib import suppress
 
 from starlette.concurrency import run_in_threadpool
 
+from api.planning.child_process import PlanningCommand
 from store import Store, StoreError
 
 IDLE_POLL_S = 5.0  # [s] between two looks for a map whose service ended before it did
-EXIT_POLL_S = 0.2  # [s] between two looks at whether the runner has ended
 BEAT_S = 10.0  # [s] between two signs of life of the maps in line
 
 log = logging.getLogger("fling")
@@ -33,11 +30,8 @@ class MapRunners:
 
     def __init__(self, store: Store, database_url: str, workers: int | None, ray_address: str | None) -> None:
         self._store = store
-        self._environment = {**os.environ, "FLING_DATABASE_URL": database_url}
-        self._options = [
-            *(["--workers", str(workers)] if workers else []),
-            *(["--ray", ray_address] if ray_address else []),
-        ]
+        self._command = PlanningCommand("batch.maps", database_url, workers, ray_address)
+        self._beat_at = 0.0
         self._in_line: list[str] = []
         self._in_hand = ""
         self._news = asyncio.Event()
@@ -69,33 +63,16 @@ class MapRunners:
             self._in_line += [row.id for row in rows if not row.is_worked_on]
 
     async def _make(self, map_id: str) -> None:
-        with tempfile.TemporaryFile() as errors:
-            process = subprocess.Popen(
-                [sys.executable, "-P", "-m", "batch.maps", map_id, *self._options],
-                env=self._environment,
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=errors,
-                start_new_session=True,
-            )
-            try:
-                await self._wait(process)
-            finally:
-                process.kill()  # its planners end with it; see `batch.jobs.initialise`
-                process.wait()
-            if process.returncode != 0:
-                errors.seek(0)
-                log.warning("map %s: %s", map_id, errors.read().decode(errors="replace").strip()[-500:])
-                with suppress(StoreError):
-                    await run_in_threadpool(self._store.end_map, map_id, "cancelled")
+        self._beat_at = time.monotonic()
+        status, errors = await self._command.run(map_id, meanwhile=self._keep_alive)
+        if status != 0:
+            log.warning("map %s: %s", map_id, errors[-500:])
+            with suppress(StoreError):
+                await run_in_threadpool(self._store.end_map, map_id, "cancelled")
 
-    async def _wait(self, process: subprocess.Popen[bytes]) -> None:
-        """Waits for a runner's end, and keeps the maps in line alive."""
-        waited_s = 0.0
-        while process.poll() is None:
-            await asyncio.sleep(EXIT_POLL_S)
-            waited_s += EXIT_POLL_S
-            if waited_s >= BEAT_S:
-                waited_s = 0.0
-                with suppress(StoreError):
-                    await run_in_threadpool(self._store.beat_maps, list(self._in_line))
+    async def _keep_alive(self) -> None:
+        """Says now and then that the maps in line are taken care of."""
+        if time.monotonic() - self._beat_at >= BEAT_S:
+            self._beat_at = time.monotonic()
+            with suppress(StoreError):
+                await run_in_threadpool(self._store.beat_maps, list(self._in_line))

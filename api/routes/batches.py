@@ -21,6 +21,8 @@ from api.dependencies import AnyCaller, Key, Origin, PlanCaller, Service, Servic
 from api.http import (
     ProblemDetails,
     StrictJsonRoute,
+    event_stream,
+    event_stream_answer,
     invalid_field,
     json_answer,
     preferred_media_type,
@@ -48,10 +50,7 @@ RESULTS_ANSWER = {
     },
     "description": "A page in JSON; or all results so far as CSV or Parquet, by `Accept`.",
 }
-EVENTS_ANSWER = {
-    "content": {"text/event-stream": {"schema": {"type": "string"}}},
-    "description": "Events `progress` (data: `BatchAnswer`); ends with the batch.",
-}
+EVENTS_ANSWER = event_stream_answer("Events `progress` (data: `BatchAnswer`); ends with the batch.")
 
 
 @router.post(
@@ -128,9 +127,7 @@ async def watch_batch(
 ) -> StreamingResponse:
     """Streams the progress of a batch as server-sent events until it is finished."""
     row = await run_in_threadpool(find_batch, service, id)
-    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    chunks = _events(request, service.store, row.id, last_event_id)
-    return StreamingResponse(chunks, 200, headers, "text/event-stream")
+    return event_stream(_events(request, service.store, row.id, last_event_id))
 
 
 @router.get(

@@ -9,15 +9,14 @@ from fastapi.responses import StreamingResponse
 from starlette.concurrency import run_in_threadpool
 
 from api.dependencies import AnyCaller, ServiceDep
-from api.http import problem_answers
+from api.http import event_stream, event_stream_answer, problem_answers
 from api.routes.executions import ExecutionId, find_execution
 
 router = APIRouter(tags=["executions"])
 
-EVENT_STREAM_ANSWER = {
-    "content": {"text/event-stream": {"schema": {"type": "string"}}},
-    "description": "Events `state` (data: `StateEvent`) and `telemetry` (`TelemetryEvent`); ends with the execution.",
-}
+EVENT_STREAM_ANSWER = event_stream_answer(
+    "Events `state` (data: `StateEvent`) and `telemetry` (`TelemetryEvent`); ends with the execution."
+)
 
 
 @router.get(
@@ -34,6 +33,4 @@ async def watch_execution(
 ) -> StreamingResponse:
     """Streams state changes and telemetry (20 Hz or more) as server-sent events until the execution has ended."""
     row = await run_in_threadpool(find_execution, service, id)
-    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    chunks = service.feeds.listen(row.id, last_event_id)
-    return StreamingResponse(chunks, 200, headers, "text/event-stream")
+    return event_stream(service.feeds.listen(row.id, last_event_id))

@@ -1,25 +1,19 @@
 """One planning job, the same wherever it runs: a request, a cell and its profile in, the JSON of a plan out."""
 
+from batch.jobs.lifetime import end_with_parent, end_with_starter
 from batch.jobs.refusals import refusal_of
-from batch.jobs.work import (
-    NICENESS,
-    Planned,
-    PlanningJob,
-    end_with_parent,
-    has_compiled_solvers,
-    initialise,
-    load,
-    solve,
-)
+from batch.jobs.work import NICENESS, Planned, PlanningJob, has_compiled_solvers, initialise, load, solve, warm_up_job
 
 __all__ = [
     "NICENESS",
     "Planned",
     "PlanningJob",
     "end_with_parent",
+    "end_with_starter",
     "has_compiled_solvers",
     "initialise",
     "load",
     "refusal_of",
     "solve",
+    "warm_up_job",
 ]

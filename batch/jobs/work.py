@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import gc
 import os
-import signal
-import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
-from multiprocessing import parent_process
 from typing import Any
 
 import orjson
 
+from batch.jobs.lifetime import end_with_parent
 from planner.cell import Cell, CellSource, cell_of
 from planner.errors import PlannerError
 from store import join_plan, pack_trajectory
@@ -70,18 +68,6 @@ def initialise(warm_up: PlanningJob | None) -> None:
     load(warm_up)
 
 
-def end_with_parent() -> None:
-    """Makes this process end with its parent, and not before: signals to their whole group are the parent's.
-
-    It lets this one finish its plan.
-    """
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, signal.SIG_IGN)
-    parent = parent_process()
-    if parent is not None:
-        threading.Thread(target=_exit_with, args=(parent,), daemon=True).start()
-
-
 def load(warm_up: PlanningJob | None) -> None:
     """Prepares this process for planning, whoever started it: low priority, solvers built, everything loaded."""
     from planner.backends.casadi_nlp import build_solvers
@@ -93,6 +79,11 @@ def load(warm_up: PlanningJob | None) -> None:
             solve(warm_up)
     gc.collect()
     gc.freeze()  # collections during a plan skip everything loaded so far: saves milliseconds
+
+
+def warm_up_job(source: CellSource) -> PlanningJob:
+    """Returns a job that loads and builds everything, as any throw does; its plan is not stored."""
+    return PlanningJob(None, "", source, {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}})
 
 
 def has_compiled_solvers() -> bool:
@@ -140,8 +131,3 @@ def solve(job: PlanningJob) -> Planned:
 @lru_cache(maxsize=32)
 def _cell(source: CellSource) -> Cell:
     return cell_of(source)
-
-
-def _exit_with(parent: Any) -> None:
-    parent.join()
-    os._exit(0)

@@ -9,21 +9,18 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-import threading
-import time
 
+from batch.jobs import end_with_starter
 from batch.maps.making import make_map
 from batch.maps.opening import map_inputs
 from batch.pool import PoolBroken, open_pool
 from store import Store, StoreError, default_database_url
 
-PARENT_POLL_S = 0.5  # [s] within which this process ends after its parent
-
 
 def main() -> int:
     """Makes one map. Returns the exit status of the process."""
     arguments = _arguments()
-    _end_with(os.getppid())
+    end_with_starter()
     try:
         store = Store.open(os.environ.get("FLING_DATABASE_URL") or default_database_url())
         _make(store, arguments)
@@ -53,15 +50,6 @@ def _arguments() -> argparse.Namespace:
     parser.add_argument("--workers", type=int, help="number of planner processes; default: one a core")
     parser.add_argument("--ray", help="address of a Ray cluster")
     return parser.parse_args()
-
-
-def _end_with(parent: int) -> None:
-    def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(PARENT_POLL_S)
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from typing import Any
 
 import orjson
 
-from batch.jobs import PlanningJob
+from batch.jobs import PlanningJob, warm_up_job
 from batch.pool import PLANNING, JobResult, PlanningPool, Work, open_pool
 from batch.runs.specification import BatchSpecification, CellUse, plan_id, problem_sha256
 from batch.runs.writer import GROUP, LINE, ResultWriter
@@ -26,7 +26,6 @@ from store import BatchDriven, BatchResultRow, BatchRow, PlanRow, Store
 CLAIM_POLL_S = 0.5  # [s] between two attempts to take over a batch whose driver may have died
 CLAIM_S = 15.0  # [s] after which it must have been alive
 WARM_UP_FROM = 100  # requests left from which on each worker warms up first: a second that pays later
-WARM_UP_REQUEST = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}  # any throw loads and builds everything
 
 
 def wait_and_claim(store: Store, batch_id: str, driver_id: str, wait_s: float = CLAIM_S) -> BatchRow:
@@ -118,7 +117,7 @@ class BatchDriver:
 
     def _plan(self, writer: ResultWriter) -> None:
         left = self._row.total - self._row.done
-        warm_up = self._warm_up() if left >= WARM_UP_FROM else None
+        warm_up = warm_up_job(next(iter(self._sources.values()))) if left >= WARM_UP_FROM else None
         with open_pool(self._pool_size(left), self._ray_address, warm_up, self._work) as pool:
             self._plan_in(pool, writer)
 
@@ -196,9 +195,6 @@ class BatchDriver:
         if self._workers is None and self._ray_address:
             return None
         return min(self._workers or os.cpu_count() or 1, left)
-
-    def _warm_up(self) -> PlanningJob:
-        return PlanningJob(None, "", next(iter(self._sources.values())), WARM_UP_REQUEST)
 
     def _source(self, name: str, use: CellUse) -> CellSource:
         version = next(row for row in self._store.cell_versions(name) if row.version == use.version)
