@@ -28,7 +28,8 @@ ACKNOWLEDGE_TIMEOUT_S = 5.0  # [s] the executor acknowledges at its next heartbe
 MEASURED_ARM = '[arm]\ndisturbance = "ur5-measured"\n'  # truth file of the second arm
 MEASURED_TOLERANCE_M = 0.1  # [m] for that arm: with the default of 2 cm the executor keeps what would land further off
 MEASURED_THROWS = 5  # on that arm: its landings scatter
-THROWS_MAX = 3  # a busy machine may miss ticks; after this many late throws it is unfit for a demo
+THROWS_MAX = 3  # a busy machine may miss ticks; after this many such throws it is unfit for a demo
+BUSY = ("late", "executor_lost")  # outcomes of a busy machine: ticks were missed, or the stream was silent
 
 
 class ThrowFailed(Exception):
@@ -120,9 +121,9 @@ def _execute(client: ServiceClient, plan: dict[str, Any], progress: bool = True)
     """
     execution = execute_plan(client, plan, progress=progress)
     for _ in range(THROWS_MAX - 1):
-        if execution["outcome"] != "late":
+        if execution["outcome"] not in BUSY:
             break
-        _acknowledge_late(client, plan["cell"], execution)
+        _acknowledge_busy(client, plan["cell"], execution)
         execution = execute_plan(client, plan, progress=progress)
     if execution["outcome"] != "completed":
         raise ThrowFailed(f"{execution['outcome']}: {execution['reason']}")
@@ -149,9 +150,9 @@ def _exchange_arm(children: ChildProcesses, client: ServiceClient, folder: Path,
         time.sleep(0.1)
 
 
-def _acknowledge_late(client: ServiceClient, cell: str, execution: dict[str, Any]) -> None:
+def _acknowledge_busy(client: ServiceClient, cell: str, execution: dict[str, Any]) -> None:
     """Reports that the machine was too busy and clears the fault: nobody stands beside a simulated arm."""
-    click.echo(f"late: {execution['reason']}; this machine is busy. Acknowledged; throwing again …")
+    click.echo(f"{execution['outcome']}: {execution['reason']}; this machine is busy. Acknowledged; throwing again …")
     client.post(f"/cells/{cell}/acknowledge")
     deadline = time.monotonic() + ACKNOWLEDGE_TIMEOUT_S
     while client.get(f"/cells/{cell}/state")["fault"] is not None and time.monotonic() < deadline:
