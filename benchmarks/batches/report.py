@@ -103,7 +103,7 @@ def _digest(run: BatchRun) -> str:
 def _memory(runs: dict[str, BatchRun]) -> str:
     table = "| engine | after a quarter | half | three quarters | at the end |\n|---|---|---|---|---|"
     for name, run in runs.items():
-        sizes = [size for _, size in run.memory if size]
+        sizes = [size for size in run.memory if size]
         quarters = [_median(sizes[max(0, k * len(sizes) // 4 - 8) : k * len(sizes) // 4]) for k in (1, 2, 3, 4)]
         table += f"\n| {name} | " + " | ".join(f"{size / 1e6:.0f} MB" for size in quarters) + " |"
     head = "Resident memory of driver and workers (of Ray: of the driver alone), median of two seconds."
