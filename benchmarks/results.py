@@ -21,7 +21,7 @@ class ResultRow:
 
     Attributes:
         task: Name of the task.
-        backend: Requested back end, or the name of a peer.
+        backend: Requested back end, or the search for any feasible motion.
         outcome: "certified", "infeasible", "failed" or "invalid".
         by: Back end that found the plan.
         release_time_s: Time of the release; NaN without a motion.
