@@ -12,7 +12,7 @@ from benchmarks.batches.cluster import LocalCluster
 from benchmarks.batches.costs import EngineCost, StoreCost, engine_cost, store_cost
 from benchmarks.batches.problems import batch_requests
 from benchmarks.batches.runs import BatchRun, kill_actor, kill_driver, kill_worker, run_batch
-from benchmarks.results import machine
+from benchmarks.results import machine, machine_words
 
 MILLION = 1_000_000
 DAY_S = 86_400.0  # [s]
@@ -61,7 +61,7 @@ def _page(
 ) -> str:
     sections = [
         "# Batches",
-        f"{_machine()}. Written by `python -m benchmarks.batches --count {count} --costs {cost_count}`: "
+        f"{machine_words(machine())} Written by `python -m benchmarks.batches --count {count} --costs {cost_count}`: "
         "60 % releases in joints, 35 % through a point, 5 % targets, some of them out of reach.",
         _answers(count, runs),
         _memory(runs),
@@ -70,10 +70,6 @@ def _page(
         _scaling(engines["processes"], store),
     ]
     return "\n\n".join(sections) + "\n"
-
-
-def _machine() -> str:
-    return ", ".join(str(value) for value in machine().values())
 
 
 def _answers(count: int, runs: dict[str, BatchRun]) -> str:

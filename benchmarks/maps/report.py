@@ -10,7 +10,7 @@ import fling
 from batch.maps import LandingState, MapRequest, map_picture
 from benchmarks.maps.runs import MapMeasurement, run_map
 from benchmarks.maps.truth import Certified, PlannedAgain, certify_again, plan_again, trajectories_sha256
-from benchmarks.results import machine
+from benchmarks.results import machine, machine_words
 from planner.cell import CellSource, cell_of
 
 KILLS = (0.02, 0.15, 0.4, 0.7, 0.95)  # [-] of the answers: in every level, and near the end
@@ -52,7 +52,7 @@ def maps_report(task: MapTask, picture: Path) -> str:
     picture.write_bytes(map_picture(calm.table, None, (x, y)).png)
     sections = [
         "# Throwability maps",
-        f"{', '.join(str(value) for value in machine().values())}. Written by `{task.command}`.",
+        f"{machine_words(machine())} Written by `{task.command}`.",
         f"![The map](../img/{picture.name})",
         _times(calm, task),
         _kills(calm, killed, same),

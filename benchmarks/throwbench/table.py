@@ -9,6 +9,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.results import machine_words
 from benchmarks.statistics import quantiles
 from benchmarks.throwbench.problem_document import Problem
 from benchmarks.throwbench.run import ThrowRow
@@ -112,8 +113,7 @@ def _head(about: dict[str, str], missing: dict[str, str]) -> list[str]:
     lines = [
         "# ThrowBench: table",
         "",
-        f"{about['date']}, {about['processor']}, {about['system']}; load {about['load']}; commit {about['commit']};",
-        f"{about['versions']}. One run of `{about['command']}`; numbers are of this run alone.",
+        f"{machine_words(about)} One run of `{about['command']}`; numbers are of this run alone.",
         "",
         *NOTE.splitlines(),
         "",
