@@ -26,7 +26,7 @@ def batches_report(count: int, cost_count: int, with_ray: bool) -> str:
         cost_count: requests of each measurement of costs.
         with_ray: whether Ray is measured too.
     """
-    asked = batch_requests(count)
+    about, asked = machine(), batch_requests(count)
     local_kills = [(0.25, "a worker", kill_worker), (0.5, "the driver", kill_driver), (0.75, "a worker", kill_worker)]
     runs = {"processes": _run(asked, None, local_kills)}
     costs = _costs(batch_requests(cost_count, seed=1), None)
@@ -40,7 +40,7 @@ def batches_report(count: int, cost_count: int, with_ray: bool) -> str:
             ]
             runs["Ray, two nodes"] = _run(asked, cluster.address, ray_kills)
             engines["Ray, two nodes"] = _costs(batch_requests(cost_count, seed=1), cluster.address)[0]
-    return _page(count, cost_count, runs, engines, costs[1])
+    return _page(about, count, cost_count, runs, engines, costs[1])
 
 
 def _run(asked: Sequence[dict], ray: str | None, kills: Sequence) -> BatchRun:
@@ -57,11 +57,16 @@ def _costs(asked: Sequence[dict], ray: str | None) -> tuple[list[EngineCost], St
 
 
 def _page(
-    count: int, cost_count: int, runs: dict[str, BatchRun], engines: dict[str, list[EngineCost]], store: StoreCost
+    about: dict[str, str],
+    count: int,
+    cost_count: int,
+    runs: dict[str, BatchRun],
+    engines: dict[str, list[EngineCost]],
+    store: StoreCost,
 ) -> str:
     sections = [
         "# Batches",
-        f"{machine_words(machine())} Written by `python -m benchmarks.batches --count {count} --costs {cost_count}`: "
+        f"{machine_words(about)} Written by `python -m benchmarks.batches --count {count} --costs {cost_count}`: "
         "60 % releases in joints, 35 % through a point, 5 % targets, some of them out of reach.",
         _answers(count, runs),
         _memory(runs),

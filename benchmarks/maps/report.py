@@ -42,6 +42,7 @@ def maps_report(task: MapTask, picture: Path) -> str:
         task: what is measured.
         picture: file of the map's picture.
     """
+    about = machine()
     with tempfile.TemporaryDirectory() as folder:
         calm = _run(task, Path(folder) / "calm")
         killed = _run(task, Path(folder) / "killed", KILLS)
@@ -52,7 +53,7 @@ def maps_report(task: MapTask, picture: Path) -> str:
     picture.write_bytes(map_picture(calm.table, None, (x, y)).png)
     sections = [
         "# Throwability maps",
-        f"{machine_words(machine())} Written by `{task.command}`.",
+        f"{machine_words(about)} Written by `{task.command}`.",
         f"![The map](../img/{picture.name})",
         _times(calm, task),
         _kills(calm, killed, same),
