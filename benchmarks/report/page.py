@@ -9,6 +9,7 @@ from pathlib import Path
 
 from benchmarks.audit import AuditResult
 from benchmarks.feasibility_search import SEARCH
+from benchmarks.markdown import markdown_table
 from benchmarks.problem_sets import ANYWHERE, IMPOSSIBLE_SETS
 from benchmarks.report import floors, pictures, sections
 from benchmarks.results import ResultRow, machine_words
@@ -61,7 +62,7 @@ def _page(
     ]
     release_time = ["", "![Release times over Ruckig's](release-time.svg)"]
     bodies = {
-        "Floors and goals": sections.markdown_table(floors.HEAD, floors.floor_rows(lines, rows, audit)),
+        "Floors and goals": markdown_table(floors.HEAD, floors.floor_rows(lines, rows, audit)),
         "Time to the release": [METHOD, "", *sections.ratios(lines), *release_time],
         "Time to a plan": [*sections.times(lines), "", "![Time to a plan](solve-time.svg)"],
         "A gripper that opens early or late": [*sections.windows(lines), "", "![Landing errors](window.svg)"],
