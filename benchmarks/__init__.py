@@ -1,1 +1,1 @@
-"""The benchmark: named problem sets with fixed seeds, every back end, peers, an independent audit, one report."""
+"""The benchmark: named problem sets with fixed seeds, every back end, an independent audit, one report."""

@@ -7,6 +7,7 @@ import math
 import os
 import platform
 import subprocess
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -21,7 +22,7 @@ class ResultRow:
 
     Attributes:
         task: Name of the task.
-        backend: Requested back end, or the name of a peer.
+        backend: Requested back end, or the search for any feasible motion.
         outcome: "certified", "infeasible", "failed" or "invalid".
         by: Back end that found the plan.
         release_time_s: Time of the release; NaN without a motion.
@@ -101,6 +102,14 @@ def machine() -> dict[str, str]:
         "commit": _commit(),
         "versions": ", ".join(f"{name} {_version(name)}" for name in PACKAGES),
     }
+
+
+def machine_words(about: Mapping[str, str]) -> str:
+    """Returns the conditions of a run, from `machine`, as a sentence of its page on two lines."""
+    return (
+        f"{about['date']}, {about['processor']}, {about['system']}; load {about['load']}; commit {about['commit']};\n"
+        f"{about['versions']}."
+    )
 
 
 def _processor() -> str:

@@ -77,21 +77,19 @@ class Runner:
                 continue
 
 
-def measured(task: Task, name: str, motion: Trajectory, solve_s: float, ignored: tuple[str, ...] = ()) -> ResultRow:
+def measured(task: Task, name: str, motion: Trajectory) -> ResultRow:
     """Returns the row of a motion.
 
     Args:
         task: Its task.
         name: Name of the method.
         motion: The motion, which is certified here.
-        solve_s: Time to find it [s].
-        ignored: Checks that the method does not promise.
     """
     problem = task.problem
     started_at = time.perf_counter()
     certificate = certify(problem, motion)
     certificate_s = time.perf_counter() - started_at
-    failures = [c.name for c in certificate.failures if c.name not in ignored]
+    failures = [c.name for c in certificate.failures]
     return ResultRow(
         task.name,
         name,
@@ -99,7 +97,6 @@ def measured(task: Task, name: str, motion: Trajectory, solve_s: float, ignored:
         by=name,
         release_time_s=motion.release_time_s,
         duration_s=motion.duration_s,
-        solve_s=solve_s,
         certificate_s=certificate_s,
         tick_s=problem.dt,
         window_m={} if problem.ends_at_rest else windows(problem, motion),
@@ -136,7 +133,7 @@ def _certify_once(problem: ThrowProblem, motion: Trajectory) -> float:
 
 
 def _answered(task: Task, backend: str, answer: Plan) -> ResultRow:
-    row = measured(task, backend, answer.trajectory, 0.0)
+    row = measured(task, backend, answer.trajectory)
     row.by, row.bound_s = answer.backend, launch_bound(task.problem)
     return row
 

@@ -123,7 +123,7 @@ def _search(tasks: list[Task], results: ResultFile) -> None:
         motion = find_certified_motion(task.problem, task.state)
         row = ResultRow(task.name, SEARCH, "failed" if motion is None else "certified")
         if motion is not None:
-            row = measured(replace(task, problem=replace(task.problem, release=task.state)), SEARCH, motion, 0.0)
+            row = measured(replace(task, problem=replace(task.problem, release=task.state)), SEARCH, motion)
         results.add(row)
 
 

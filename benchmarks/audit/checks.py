@@ -63,16 +63,14 @@ class DenseSamples:
                 not the motion's; that in the middle is its mean over the tick, and only that is taken.
         """
         spline = CubicHermiteSpline(motion.t, motion.q, motion.qd)
-        t = np.linspace(0.0, motion.duration_s, max(2, round(motion.duration_s / STEP_S) + 1))
-        if smooth:
-            t = 0.5 * (motion.t[1:] + motion.t[:-1])
+        middle = 0.5 * (motion.t[1:] + motion.t[:-1])
+        t = middle if smooth else np.linspace(0.0, motion.duration_s, max(2, round(motion.duration_s / STEP_S) + 1))
         rest = np.zeros((1, motion.qd.shape[1]))
         across = np.diff(np.concatenate([rest, motion.qd, rest]), n=2, axis=0) / motion.dt**2
-        inside = spline(0.5 * (motion.t[1:] + motion.t[:-1]), 3)
-        return cls(t, spline(t), spline(t, 1), spline(t, 2), np.concatenate([inside, across]))
+        return cls(t, spline(t), spline(t, 1), spline(t, 2), np.concatenate([spline(middle, 3), across]))
 
     def every(self, step_s: float) -> int:
-        """Returns which share of the times, one in how many, are `step_s` apart or a little less."""
+        """Returns of how many times one is taken, so that those taken are `step_s` apart or a little less."""
         return max(1, int(step_s / (self.t[1] - self.t[0]) + 1e-6)) if len(self.t) > 1 else 1
 
 
@@ -97,19 +95,13 @@ def motion_faults(problem: ThrowProblem, motion: Trajectory, smooth: bool = Fals
 
 def _limits(problem: ThrowProblem, motion: Trajectory, dense: DenseSamples) -> list[AuditFault]:
     limits = problem.limits
+    q, qd = np.concatenate([dense.q, motion.q]), np.concatenate([dense.qd, motion.qd])
     rows = (
-        (
-            "joint_velocity",
-            "velocity",
-            np.abs(np.concatenate([dense.qd, motion.qd])).max(axis=0),
-            limits.qd_max,
-            0.0,
-            "rad/s",
-        ),
+        ("joint_velocity", "velocity", np.abs(qd).max(axis=0), limits.qd_max, 0.0, "rad/s"),
         ("joint_acceleration", "acceleration", np.abs(dense.qdd).max(axis=0), limits.qdd_max, 0.0, "rad/s^2"),
         ("joint_jerk", "jerk", np.abs(dense.jerk).max(axis=0), limits.jerk_max, 0.0, "rad/s^3"),
-        ("joint_position", "upper position", dense.q.max(axis=0), limits.q_upper, 1e-6, "rad"),
-        ("joint_position", "lower position, negated", -dense.q.min(axis=0), -limits.q_lower, 1e-6, "rad"),
+        ("joint_position", "upper position", q.max(axis=0), limits.q_upper, 1e-6, "rad"),
+        ("joint_position", "lower position, negated", -q.min(axis=0), -limits.q_lower, 1e-6, "rad"),
     )
     found = []
     for rule, text, worst, limit, slack, unit in rows:

@@ -167,6 +167,7 @@ def _all(cell: Cell) -> list[BodyShape]:
     return [*shapes(cell), held]
 
 
+@cache
 def _pairs(cell: Cell) -> tuple[tuple[int, int], ...]:
     """Returns the pairs of bodies, as indices into `_all`, that are judged."""
     return _apart(cell.robot, tuple(_Solid(b.frame, _key(b.placement), b.radius_m, _length(b)) for b in _all(cell)))

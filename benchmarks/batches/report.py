@@ -12,7 +12,7 @@ from benchmarks.batches.cluster import LocalCluster
 from benchmarks.batches.costs import EngineCost, StoreCost, engine_cost, store_cost
 from benchmarks.batches.problems import batch_requests
 from benchmarks.batches.runs import BatchRun, kill_actor, kill_driver, kill_worker, run_batch
-from benchmarks.results import machine
+from benchmarks.results import machine, machine_words
 
 MILLION = 1_000_000
 DAY_S = 86_400.0  # [s]
@@ -26,7 +26,7 @@ def batches_report(count: int, cost_count: int, with_ray: bool) -> str:
         cost_count: requests of each measurement of costs.
         with_ray: whether Ray is measured too.
     """
-    asked = batch_requests(count)
+    about, asked = machine(), batch_requests(count)
     local_kills = [(0.25, "a worker", kill_worker), (0.5, "the driver", kill_driver), (0.75, "a worker", kill_worker)]
     runs = {"processes": _run(asked, None, local_kills)}
     costs = _costs(batch_requests(cost_count, seed=1), None)
@@ -40,7 +40,7 @@ def batches_report(count: int, cost_count: int, with_ray: bool) -> str:
             ]
             runs["Ray, two nodes"] = _run(asked, cluster.address, ray_kills)
             engines["Ray, two nodes"] = _costs(batch_requests(cost_count, seed=1), cluster.address)[0]
-    return _page(count, cost_count, runs, engines, costs[1])
+    return _page(about, count, cost_count, runs, engines, costs[1])
 
 
 def _run(asked: Sequence[dict], ray: str | None, kills: Sequence) -> BatchRun:
@@ -57,11 +57,16 @@ def _costs(asked: Sequence[dict], ray: str | None) -> tuple[list[EngineCost], St
 
 
 def _page(
-    count: int, cost_count: int, runs: dict[str, BatchRun], engines: dict[str, list[EngineCost]], store: StoreCost
+    about: dict[str, str],
+    count: int,
+    cost_count: int,
+    runs: dict[str, BatchRun],
+    engines: dict[str, list[EngineCost]],
+    store: StoreCost,
 ) -> str:
     sections = [
         "# Batches",
-        f"{_machine()}. Written by `python -m benchmarks.batches --count {count} --costs {cost_count}`: "
+        f"{machine_words(about)} Written by `python -m benchmarks.batches --count {count} --costs {cost_count}`: "
         "60 % releases in joints, 35 % through a point, 5 % targets, some of them out of reach.",
         _answers(count, runs),
         _memory(runs),
@@ -70,10 +75,6 @@ def _page(
         _scaling(engines["processes"], store),
     ]
     return "\n\n".join(sections) + "\n"
-
-
-def _machine() -> str:
-    return ", ".join(str(value) for value in machine().values())
 
 
 def _answers(count: int, runs: dict[str, BatchRun]) -> str:
@@ -103,7 +104,7 @@ def _digest(run: BatchRun) -> str:
 def _memory(runs: dict[str, BatchRun]) -> str:
     table = "| engine | after a quarter | half | three quarters | at the end |\n|---|---|---|---|---|"
     for name, run in runs.items():
-        sizes = [size for _, size in run.memory if size]
+        sizes = [size for size in run.memory if size]
         quarters = [_median(sizes[max(0, k * len(sizes) // 4 - 8) : k * len(sizes) // 4]) for k in (1, 2, 3, 4)]
         table += f"\n| {name} | " + " | ".join(f"{size / 1e6:.0f} MB" for size in quarters) + " |"
     head = "Resident memory of driver and workers (of Ray: of the driver alone), median of two seconds."

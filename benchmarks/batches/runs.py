@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
@@ -29,20 +29,16 @@ class BatchRun:
     Attributes:
         row: the batch at its end.
         hashes: of each request's trajectory, or of its refusal in words.
-        planning_s: what its planners took, together [s].
         plans: number of plans in the store.
-        file_bytes: size of the store.
-        memory: resident bytes of driver and workers over time.
+        memory: resident bytes of driver and workers, at every look.
         killed: what was killed, with the number of results then.
     """
 
     row: BatchRow
     hashes: list[str]
-    planning_s: float
     plans: int
-    file_bytes: int
-    memory: list[tuple[float, int]] = field(default_factory=list)
-    killed: list[tuple[str, int]] = field(default_factory=list)
+    memory: list[int]
+    killed: list[tuple[str, int]]
 
 
 def run_batch(
@@ -60,13 +56,13 @@ def run_batch(
     url = f"sqlite:///{folder / 'fling.db'}"
     store = Store.open(url)
     id = _queue(store, requests)
-    begun, memory, killed, waiting = time.monotonic(), [], [], list(kills)
+    memory, killed, waiting = [], [], list(kills)
     while (row := store.batch(id)) is not None and row.state != "finished":
         driver = _start(url, id, workers, ray)
         while driver.poll() is None:
             time.sleep(POLL_S)
             row = store.batch(id) or row
-            memory.append((time.monotonic() - begun, _resident(driver.pid)))
+            memory.append(_resident(driver.pid))
             if waiting and row.done >= waiting[0][0] * row.total:
                 _, name, kill = waiting.pop(0)
                 killed.append((name, row.done))
@@ -77,10 +73,8 @@ def run_batch(
     ids = {result.plan_id for result in results if result.plan_id}
     stored = sum(store.plan_summary(one) is not None for one in ids)
     assert [result.number for result in results] == list(range(len(requests)))
-    planning_s = sum(result.planning_time_s for result in results)
     store.close()
-    size = sum(file.stat().st_size for file in folder.iterdir())
-    return BatchRun(row, hashes, planning_s, stored, size, memory, killed)
+    return BatchRun(row, hashes, stored, memory, killed)
 
 
 def kill_worker(driver: psutil.Process) -> None:

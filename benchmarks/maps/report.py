@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import shutil
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import fling
-from batch.maps import LandingState, MapRequest, map_picture, write_zarr
+from batch.maps import LandingState, MapRequest, map_picture
 from benchmarks.maps.runs import MapMeasurement, run_map
 from benchmarks.maps.truth import Certified, PlannedAgain, certify_again, plan_again, trajectories_sha256
-from benchmarks.results import machine
+from benchmarks.results import machine, machine_words
 from planner.cell import CellSource, cell_of
 
 KILLS = (0.02, 0.15, 0.4, 0.7, 0.95)  # [-] of the answers: in every level, and near the end
@@ -36,14 +35,14 @@ class MapTask:
     command: str
 
 
-def maps_report(task: MapTask, picture: Path, keep: Path | None = None) -> str:
+def maps_report(task: MapTask, picture: Path) -> str:
     """Measures a map and returns the page.
 
     Args:
         task: what is measured.
         picture: file of the map's picture.
-        keep: folder for the map as Zarr; None: it is not kept.
     """
+    about = machine()
     with tempfile.TemporaryDirectory() as folder:
         calm = _run(task, Path(folder) / "calm")
         killed = _run(task, Path(folder) / "killed", KILLS)
@@ -52,12 +51,9 @@ def maps_report(task: MapTask, picture: Path, keep: Path | None = None) -> str:
         same = calm.table.sha256 == killed.table.sha256 and trajectories_sha256(calm) == trajectories_sha256(killed)
     x, y = cell_of(task.source).X_WB[:2, 3].tolist()
     picture.write_bytes(map_picture(calm.table, None, (x, y)).png)
-    if keep is not None:
-        shutil.rmtree(keep, ignore_errors=True)
-        write_zarr(keep, calm.table)
     sections = [
         "# Throwability maps",
-        f"{', '.join(str(value) for value in machine().values())}. Written by `{task.command}`.",
+        f"{machine_words(about)} Written by `{task.command}`.",
         f"![The map](../img/{picture.name})",
         _times(calm, task),
         _kills(calm, killed, same),

@@ -5,18 +5,16 @@ Everything runs on this machine: service, planner, browser, and its drawing in s
 
 from __future__ import annotations
 
-import os
-from datetime import UTC, datetime
 from pathlib import Path
 
 import click
-import psutil
 
 from benchmarks.page.dragging import COUNT, RoundTrips, round_trips
 from benchmarks.page.frames import HEIGHT, WIDTH, FrameRate, measured
 from benchmarks.page.loading import LOADS, FirstPaint, first_paint
 from benchmarks.page.report_browser import ROOT, report_of_a_throw, scene_page, software_browser
 from benchmarks.page.service import service
+from benchmarks.results import machine
 
 LEVELS = (("as the machine allows", None), ("full detail", 0))
 GOALS = (30, 12)  # [1/s]
@@ -26,7 +24,7 @@ GOALS = (30, 12)  # [1/s]
 @click.option("--out", type=click.Path(file_okay=False, path_type=Path), default=ROOT / "docs" / "benchmarks")
 def main(out: Path) -> None:
     """Measure the page, and write what was measured."""
-    load = os.getloadavg()[0]
+    about = machine()
     with software_browser() as browser:
         with scene_page(browser, report_of_a_throw(), WIDTH, HEIGHT) as page:
             rates = {label: measured(page, level) for label, level in LEVELS}
@@ -35,14 +33,13 @@ def main(out: Path) -> None:
             page = browser.new_page()
             page.goto(url)
             trips = round_trips(page)
-    text = _text(load, rates, paint, trips)
+    text = _text(about, rates, paint, trips)
     (out / "page.md").write_text(text, encoding="utf-8")
     click.echo(text)
 
 
-def _text(load: float, rates: dict[str, FrameRate], paint: FirstPaint, trips: RoundTrips) -> str:
+def _text(about: dict[str, str], rates: dict[str, FrameRate], paint: FirstPaint, trips: RoundTrips) -> str:
     """Returns the page of the documentation."""
-    when = datetime.now(tz=UTC).strftime("%Y-%m-%d %H:%M UTC")
     rows = [
         f"| first paint, median of {LOADS} loads | 1000 ms | {paint.painted_ms:.0f} ms; three.js is asked for after "
         f"{paint.scene_asked_ms:.0f} ms |",
@@ -53,7 +50,7 @@ def _text(load: float, rates: dict[str, FrameRate], paint: FirstPaint, trips: Ro
     table = "\n".join(["| quantity | goal | measured |", "| --- | --- | --- |", *rows])
     return f"""# The page, without a graphics processor
 
-{when}, {psutil.cpu_count()} cores, load {load:.1f} of the last minute at the start. One run of
+{about["date"]}, {about["processor"]}, load {about["load"]}. One run of
 `python -m benchmarks.page`; service, planner and browser share the machine.
 
 {table}

@@ -9,9 +9,10 @@ from pathlib import Path
 
 from benchmarks.audit import AuditResult
 from benchmarks.feasibility_search import SEARCH
+from benchmarks.markdown import markdown_table
 from benchmarks.problem_sets import ANYWHERE, IMPOSSIBLE_SETS
 from benchmarks.report import floors, pictures, sections
-from benchmarks.results import ResultRow
+from benchmarks.results import ResultRow, machine_words
 from benchmarks.statistics import SetSummary, summarise
 
 METHOD = """A problem is drawn from a random joint state (within 1.5 rad of home, joints up to 80 % of their velocity,
@@ -56,13 +57,12 @@ def _page(
     head = [
         "# Benchmarks",
         "",
-        f"{about['date']}, {about['processor']}, {about['system']}; load {about['load']}; commit {about['commit']};",
-        f"{about['versions']}. One run of `{about['command']}`; numbers are of this run alone.",
+        f"{machine_words(about)} One run of `{about['command']}`; numbers are of this run alone.",
         "",
     ]
     release_time = ["", "![Release times over Ruckig's](release-time.svg)"]
     bodies = {
-        "Floors and goals": sections.markdown_table(floors.HEAD, floors.floor_rows(lines, rows, audit)),
+        "Floors and goals": markdown_table(floors.HEAD, floors.floor_rows(lines, rows, audit)),
         "Time to the release": [METHOD, "", *sections.ratios(lines), *release_time],
         "Time to a plan": [*sections.times(lines), "", "![Time to a plan](solve-time.svg)"],
         "A gripper that opens early or late": [*sections.windows(lines), "", "![Landing errors](window.svg)"],

@@ -62,12 +62,13 @@ def main(argv: Sequence[str]) -> int:
         resume=given.resume,
     )
     about = machine() | {"command": " ".join(["python -m benchmarks.throwbench", *argv])}
+    problems = chosen_problems(options)
     try:
-        rows, missing = run_entries(options)
+        rows, missing = run_entries(options, problems)
     except EntryMissing as error:
         print(error, file=sys.stderr)
         return 2
-    write_table(given.out, about, rows, chosen_problems(options), missing)
+    write_table(given.out, about, rows, problems, missing)
     print(f"written: {given.out}", file=sys.stderr)
     return 0
 

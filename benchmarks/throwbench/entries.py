@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.util import find_spec
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -88,17 +89,23 @@ def entry_of(text: str) -> ThrowEntry:
         return HttpEntry(name, place)
     if place.startswith(("fling+http://", "fling+https://")):
         return HttpEntry(name, place.removeprefix("fling+").rstrip("/") + "/plan?store=false", fling=True)
-    place = BUILT_IN.get(place, (place, ""))[0]
+    place, package = BUILT_IN.get(place, (place, ""))
     if ":" not in place:
         raise EntryMissing(f"{text!r} is none of {', '.join(BUILT_IN)}, no module:function and no HTTP address")
-    return FunctionEntry(name, place)
+    return FunctionEntry(name, place, package)
 
 
 class FunctionEntry:
-    """A function, in a process that is kept between problems and ended where it takes too long."""
+    """A function, in a process that is kept between problems and ended where it takes too long.
 
-    def __init__(self, name: str, place: str) -> None:
-        self.name, self._place = name, place
+    Args:
+        name: In the table.
+        place: "module:function" or "file.py:function".
+        package: That it imports when it is asked; empty: none.
+    """
+
+    def __init__(self, name: str, place: str, package: str = "") -> None:
+        self.name, self._place, self._package = name, place, package
         self._process: subprocess.Popen[bytes] | None = None
         self._connection: Connection[Any, Any] | None = None
         self._errors: IO[bytes] | None = None
@@ -107,7 +114,7 @@ class FunctionEntry:
         """Returns the reply to a problem.
 
         Raises:
-            EntryMissing: The function cannot be loaded.
+            EntryMissing: The function cannot be loaded, or its package is missing.
         """
         connection = self._connected()
         begun = time.perf_counter()
@@ -135,6 +142,8 @@ class FunctionEntry:
     def _connected(self) -> Connection[Any, Any]:
         if self._connection is not None:
             return self._connection
+        if self._package and find_spec(self._package) is None:
+            raise EntryMissing(f"{self._package} is not installed")
         self._connection, other = Pipe()
         command = [sys.executable, str(WORKER), str(other.fileno()), self._place]
         paths = [str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]

@@ -10,7 +10,7 @@ from pathlib import Path
 from benchmarks.throwbench.entries import EntryMissing, Reply, ThrowEntry, entry_of
 from benchmarks.throwbench.judge import Verdict, verify
 from benchmarks.throwbench.problem_document import Problem
-from benchmarks.throwbench.sets import HIDDEN, HIDDEN_COUNT, hidden_problems, load_set, spread
+from benchmarks.throwbench.sets import HIDDEN, HIDDEN_COUNT, hidden_name, hidden_problems, load_set, spread
 
 
 @dataclass(frozen=True)
@@ -75,18 +75,20 @@ def chosen_problems(options: ThrowBenchOptions) -> dict[str, list[Problem]]:
     problems = {}
     for name in options.sets:
         if name == HIDDEN:
-            problems[f"{HIDDEN}-seed-{options.seed}"] = hidden_problems(options.count or HIDDEN_COUNT, options.seed)
+            problems[hidden_name(options.seed)] = hidden_problems(options.count or HIDDEN_COUNT, options.seed)
         else:
             problems[name] = spread(load_set(name), options.count)
     return problems
 
 
-def run_entries(options: ThrowBenchOptions) -> tuple[list[ThrowRow], dict[str, str]]:
-    """Returns the rows of a run, and why entries that could not be loaded are missing, by their name."""
+def run_entries(
+    options: ThrowBenchOptions, problems: dict[str, list[Problem]]
+) -> tuple[list[ThrowRow], dict[str, str]]:
+    """Returns the rows of a run on `chosen_problems`, and why entries that could not be loaded are missing, by name."""
     options.rows.parent.mkdir(parents=True, exist_ok=True)
     if not options.resume:
         options.rows.unlink(missing_ok=True)
-    problems, missing = chosen_problems(options), {}
+    missing: dict[str, str] = {}
     entries = [entry_of(text) for text in options.entries]
     rows = _read(options.rows)
     for entry in entries:

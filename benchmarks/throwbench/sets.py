@@ -53,6 +53,11 @@ def load_set(name: str) -> list[Problem]:
     return problems
 
 
+def hidden_name(seed: int) -> str:
+    """Returns the name of the hidden cells of a seed."""
+    return f"{HIDDEN}-seed-{seed}"
+
+
 def hidden_problems(count: int, seed: int) -> list[Problem]:
     """Returns `count` throws in random cells; the same number and seed give the same problems."""
     drawn, tasks = count, []
@@ -61,7 +66,7 @@ def hidden_problems(count: int, seed: int) -> list[Problem]:
         tasks = [
             t for t in random_cell_tasks(drawn, HIDDEN_CELLS, seed) if isinstance(t.problem.release, TargetRelease)
         ]
-    return _documents(f"{HIDDEN}-seed-{seed}", tasks[:count])
+    return _documents(hidden_name(seed), tasks[:count])
 
 
 def hash_of(problems: list[Problem]) -> str:
@@ -76,12 +81,10 @@ def spread(problems: list[Problem], count: int | None) -> list[Problem]:
     return problems if count is None or count >= total else [problems[i * total // count] for i in range(count)]
 
 
-def export(folder: Path, count: int, seed: int | None) -> list[Path]:
-    """Writes every set whole, and with a seed the hidden cells too. Returns the files."""
+def export(folder: Path, count: int, seed: int) -> list[Path]:
+    """Writes every set whole, and `count` problems of the hidden cells. Returns the files."""
     folder.mkdir(parents=True, exist_ok=True)
-    sets = {name: load_set(name) for name in HASHES}
-    if seed is not None:
-        sets[f"{HIDDEN}-seed-{seed}"] = hidden_problems(count, seed)
+    sets = {name: load_set(name) for name in HASHES} | {hidden_name(seed): hidden_problems(count, seed)}
     files = []
     for name, problems in sets.items():
         files.append(folder / f"{name}.json")

@@ -6,9 +6,12 @@ import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from benchmarks.markdown import decimals, markdown_table, thousandths
+from benchmarks.results import machine_words
 from benchmarks.statistics import quantiles
 from benchmarks.throwbench.problem_document import Problem
 from benchmarks.throwbench.run import ThrowRow
@@ -50,7 +53,7 @@ def summary(rows: Sequence[ThrowRow], best: dict[str, float]) -> dict[str, Any]:
         "set": rows[0].set,
         "problems": len(rows),
         "outcomes": dict(outcomes),
-        "release_over_best_p50": quantiles([v["release_time_s"] / best[r.problem] for r, v in _pairs(good)], 50)[0],
+        "release_over_best_p50": quantiles([row.verdict["release_time_s"] / best[row.problem] for row in good], 50)[0],
         "release_time_p50_s": quantiles([v["release_time_s"] for v in verdicts], 50)[0],
         "wall_s": quantiles([row.wall_s for row in rows], 50, 90),
         "processor_s": quantiles([row.processor_s for row in rows], 50, 90),
@@ -100,10 +103,10 @@ def write_table(
             f"{len(asked)} problems asked, {solved} solved by anyone; the set's sha256: `{told}`.",
             "",
         ]
-        lines += _table([s for s in summaries if s["set"] == name])
+        lines += [*markdown_table(COLUMNS, [_cells(s) for s in summaries if s["set"] == name]), ""]
     page.parent.mkdir(parents=True, exist_ok=True)
     page.write_text("\n".join(lines), encoding="utf-8")
-    document = {"about": about, "missing": missing, "summaries": summaries, "rows": [row.__dict__ for row in rows]}
+    document = {"about": about, "missing": missing, "summaries": summaries, "rows": [asdict(row) for row in rows]}
     text = json.dumps(_finite(document), separators=(",", ":"))
     page.with_suffix(".json").write_text(text + "\n", encoding="utf-8")
 
@@ -112,18 +115,12 @@ def _head(about: dict[str, str], missing: dict[str, str]) -> list[str]:
     lines = [
         "# ThrowBench: table",
         "",
-        f"{about['date']}, {about['processor']}, {about['system']}; load {about['load']}; commit {about['commit']};",
-        f"{about['versions']}. One run of `{about['command']}`; numbers are of this run alone.",
+        f"{machine_words(about)} One run of `{about['command']}`; numbers are of this run alone.",
         "",
         *NOTE.splitlines(),
         "",
     ]
     return lines + [line for name, reason in missing.items() for line in (f"Left out: `{name}` ({reason}).", "")]
-
-
-def _table(summaries: Sequence[dict[str, Any]]) -> list[str]:
-    rows = [COLUMNS, ["---"] * len(COLUMNS), *(_cells(s) for s in summaries)]
-    return ["| " + " | ".join(row) + " |" for row in rows] + [""]
 
 
 def _cells(s: dict[str, Any]) -> list[str]:
@@ -133,25 +130,17 @@ def _cells(s: dict[str, Any]) -> list[str]:
     return [
         s["entry"],
         *shares,
-        _number(s["release_over_best_p50"], 2),
-        " / ".join(_number(v, 2) for v in s["wall_s"]),
-        " / ".join(_number(v, 2) for v in s["processor_s"]),
-        _number(1000.0 * s["landing_error_p50_m"], 2),
-        " / ".join(_number(1000.0 * s[f"{side}_error_p50_m"], 0) for side in ("early", "late")),
+        decimals([s["release_over_best_p50"]], 2),
+        decimals(s["wall_s"], 2),
+        decimals(s["processor_s"], 2),
+        thousandths([s["landing_error_p50_m"]], 2),
+        thousandths([s[f"{side}_error_p50_m"] for side in ("early", "late")]),
         ", ".join(f"{rule} {n}" for rule, n in s["rules"].items()),
     ]
 
 
-def _pairs(rows: Sequence[ThrowRow]) -> list[tuple[ThrowRow, dict]]:
-    return [(row, row.verdict) for row in rows]
-
-
 def _of(rows: Sequence[ThrowRow], entry: str, name: str) -> list[ThrowRow]:
     return [row for row in rows if row.entry == entry and row.set == name]
-
-
-def _number(value: float, digits: int) -> str:
-    return "–" if math.isnan(value) else f"{value:.{digits}f}"
 
 
 def _finite(value: Any) -> Any:

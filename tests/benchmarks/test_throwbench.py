@@ -23,7 +23,7 @@ from benchmarks.peers.arm import PeerArm
 from benchmarks.peers.ruckig_alone import plan
 from benchmarks.throwbench import HASHES, hash_of, hidden_problems, load_set, sets, verify
 from benchmarks.throwbench.__main__ import main
-from benchmarks.throwbench.entries import EntryMissing, entry_of
+from benchmarks.throwbench.entries import BUILT_IN, EntryMissing, entry_of
 from benchmarks.throwbench.fling_entries import service_request
 from benchmarks.throwbench.problem_document import problem_from_document
 from planner.request import problem_from_request
@@ -303,6 +303,14 @@ def test_an_entry_that_cannot_be_loaded_is_named(module):
         entry_of(f"{module}:no_such").ask({"name": "any"}, 1.0)
     with pytest.raises(EntryMissing, match="none of fling"):
         entry_of("flung")
+
+
+def test_an_entry_whose_package_is_missing_is_left_out(tmp_path, monkeypatch):
+    monkeypatch.setitem(BUILT_IN, "drake", (BUILT_IN["drake"][0], "no_such_package"))
+    page = tmp_path / "page.md"
+    arguments = ["--entries", "drake", "--sets", "random-1", "--count", "1", "--out", str(page)]
+    assert main([*arguments, "--rows", str(tmp_path / "rows.jsonl")]) == 0
+    assert "Left out: `drake` (no_such_package is not installed)." in page.read_text()
 
 
 class Handler(BaseHTTPRequestHandler):
