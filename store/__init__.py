@@ -7,7 +7,7 @@ URL. Times are seconds since the epoch.
 from store.database import StoreError, StoreUnavailable, default_database_url
 from store.executions import CellBusy, UnknownExecution, UnknownExperiment, UnknownPlan
 from store.idempotency_and_audit import KeyTaken
-from store.many import BatchDriven, BatchLost, LandingCellRow, MapPlan, MapRow, UnknownBatch
+from store.many import BatchDriven, BatchLost, UnknownBatch
 from store.retention import Retention
 from store.rows import (
     AuditLine,
@@ -19,7 +19,9 @@ from store.rows import (
     ExecutionRow,
     ExperimentRow,
     IdempotencyKey,
+    LandingCellRow,
     LandingRow,
+    MapRow,
     PlanRow,
     ProfileRow,
     RecordingRow,
@@ -44,7 +46,6 @@ __all__ = [
     "KeyTaken",
     "LandingCellRow",
     "LandingRow",
-    "MapPlan",
     "MapRow",
     "PlanRow",
     "ProfileRow",
