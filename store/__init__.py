@@ -25,6 +25,7 @@ from store.rows import (
     PlanRow,
     ProfileRow,
     RecordingRow,
+    derived_id,
     new_id,
 )
 from store.samples import join_plan, pack_samples, pack_trajectory, samples_of_csv, split_plan
@@ -59,6 +60,7 @@ __all__ = [
     "UnknownExperiment",
     "UnknownPlan",
     "default_database_url",
+    "derived_id",
     "join_plan",
     "new_id",
     "pack_samples",

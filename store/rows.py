@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import secrets
 import time
 import uuid
@@ -21,12 +22,21 @@ MAP_FRESH_S = 60.0  # [s] answers of a map are stored every second; a landing ce
 
 
 def new_id() -> str:
-    """Returns a fresh UUID of version 7, whose text sorts by creation time.
+    """Returns a fresh UUID of version 7, whose text sorts by creation time."""
+    return _uuid7(time.time_ns() // 1_000_000, secrets.randbits(74))
 
-    48 bits of Unix time [ms], then 74 random bits. Source: RFC 9562, section 5.7.
+
+def derived_id(owner: str, part: str) -> str:
+    """Returns the id of a part of what has an id: the same one whoever makes the part, and however often.
+
+    A UUID of version 7: the time of the owner's own id, then bits of a hash.
     """
-    milliseconds = time.time_ns() // 1_000_000
-    random = secrets.randbits(74)
+    digest = hashlib.sha256(f"{owner} {part}".encode()).digest()
+    return _uuid7(uuid.UUID(owner).int >> 80, int.from_bytes(digest[:10]) >> 6)
+
+
+def _uuid7(milliseconds: int, random: int) -> str:
+    """Returns 48 bits of Unix time [ms], then 74 random bits. Source: RFC 9562, section 5.7."""
     value = (milliseconds << 80) | (0x7 << 76) | ((random >> 62) << 64) | (0b10 << 62) | (random & (2**62 - 1))
     return str(uuid.UUID(int=value))
 

@@ -102,7 +102,7 @@ class _MapWork:
     def _job(self, number: int, round: int) -> PlanningJob:
         """Returns the job that plans a landing cell."""
         return PlanningJob(
-            plan_id=plan_id_of(self.row.id, self.row.created_at, number, round),
+            plan_id=plan_id_of(self.row.id, number, round),
             created_at=datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z"),
             cell=self.inputs.source,
             request=self.definition.request(number),
@@ -135,7 +135,7 @@ class _MapWork:
         return row
 
     def _planned(self, number: int, round: int, planned: Planned) -> LandingCellRow:
-        id, source = plan_id_of(self.row.id, self.row.created_at, number, round), self.inputs.source
+        id, source = plan_id_of(self.row.id, number, round), self.inputs.source
         made = planned.backend, planned.summary, None, planned.samples
         self._plans.append(PlanRow(id, time.time(), source.name, source.sha256, *made))
         return planned_row(self.row.id, number, round, id, planned)
