@@ -137,18 +137,19 @@ def _find(
         ProblemDetails: There is none.
     """
     service.cell(name)
+    listed = service.store.maps_of_cell(name) if id is None else [service.store.map(id)]
     rows = [
         row
-        for row in service.store.maps_of_cell(name)
-        if (id is None or row.id == id)
+        for row in listed
+        if (row is not None and row.cell == name)
         and (robust is None or row.definition["robust"] == robust)
         and (resolution_m is None or abs(row.definition["resolution_m"] - resolution_m) < 1e-9)
     ]
     if not rows:
         raise ProblemDetails("not-found", f"no such map of cell {name!r}; POST /cells/{name}/map makes one")
     source = service.cells.source(name)
-    found = [(row, why_void(service.store, row, source)) for row in rows]
-    return next((pair for pair in found if pair[1] is None), found[0])
+    row = next((row for row in rows if why_void(service.store, row, source) is None), rows[0])
+    return row, why_void(service.store, row, source)
 
 
 def _answer(
