@@ -17,7 +17,7 @@ from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 
 from api.cell_repository import CellRepository
 from api.execution_feed import ExecutionFeeds
-from api.http import Caller, ProblemDetails, TokenRegistry, WrongTokens, client_address
+from api.http import Caller, ProblemDetails, TokenRegistry, WrongTokens, client_address, invalid_fields
 from api.metrics import Metrics
 from api.planning import BatchDrivers, MapRunners, PlannerPool
 from api.schemas import ID_PATTERN
@@ -213,8 +213,7 @@ def known_query(request: Request) -> None:
     ]
     errors += [{"field": f"query.{name}", "reason": "is given twice"} for name in known if counts[name] > 1]
     if errors:
-        detail = "; ".join(f"{error['field']}: {error['reason']}" for error in errors)
-        raise ProblemDetails("invalid-request", detail, errors=errors)
+        raise invalid_fields(errors)
 
 
 def _query_names(dependant: Dependant) -> set[str]:

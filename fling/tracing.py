@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from functools import cache
 from typing import Any
 
 ENDPOINTS = ("OTEL_EXPORTER_OTLP_ENDPOINT", "OTEL_EXPORTER_OTLP_TRACES_ENDPOINT")
@@ -89,11 +90,11 @@ def traced(
         parent: headers or the like with the context that it belongs to; None: the block around it.
         attributes: as `TracedSpan.set` takes them.
     """
-    try:
-        from opentelemetry import propagate, trace
-    except ImportError:
+    found = _api()
+    if found is None:
         yield TracedSpan()
         return
+    propagate, trace = found
     context = None if parent is None else propagate.extract(parent)
     options: dict[str, Any] = {"kind": trace.SpanKind[kind.upper()], "attributes": _attributes(attributes)}
     with trace.get_tracer("fling").start_as_current_span(name, context, record_exception=False, **options) as span:
@@ -103,12 +104,20 @@ def traced(
 def trace_context() -> dict[str, str]:
     """Returns the context of the current span as headers; empty without traces."""
     carrier: dict[str, str] = {}
-    try:
-        from opentelemetry import propagate
-    except ImportError:
-        return carrier
-    propagate.inject(carrier)
+    found = _api()
+    if found is not None:
+        found[0].inject(carrier)
     return carrier
+
+
+@cache
+def _api() -> tuple[Any, Any] | None:
+    """Returns OpenTelemetry's `propagate` and `trace`; looked for once: an import that fails reads every folder."""
+    try:
+        from opentelemetry import propagate, trace
+    except ImportError:
+        return None
+    return propagate, trace
 
 
 def _exporter_name() -> str:

@@ -7,7 +7,7 @@ URL. Times are seconds since the epoch.
 from store.database import StoreError, StoreUnavailable, default_database_url
 from store.executions import CellBusy, UnknownExecution, UnknownExperiment, UnknownPlan
 from store.idempotency_and_audit import KeyTaken
-from store.many import BatchDriven, BatchLost, LandingCellRow, MapPlan, MapRow, UnknownBatch
+from store.many import BatchDriven, BatchLost, UnknownBatch
 from store.retention import Retention
 from store.rows import (
     AuditLine,
@@ -19,10 +19,13 @@ from store.rows import (
     ExecutionRow,
     ExperimentRow,
     IdempotencyKey,
+    LandingCellRow,
     LandingRow,
+    MapRow,
     PlanRow,
     ProfileRow,
     RecordingRow,
+    derived_id,
     new_id,
 )
 from store.samples import join_plan, pack_samples, pack_trajectory, samples_of_csv, split_plan
@@ -44,7 +47,6 @@ __all__ = [
     "KeyTaken",
     "LandingCellRow",
     "LandingRow",
-    "MapPlan",
     "MapRow",
     "PlanRow",
     "ProfileRow",
@@ -58,6 +60,7 @@ __all__ = [
     "UnknownExperiment",
     "UnknownPlan",
     "default_database_url",
+    "derived_id",
     "join_plan",
     "new_id",
     "pack_samples",

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from sqlalchemy import insert, select
+from sqlalchemy import Connection, insert, select
 
-from store.database import Repository, writing
+from store.database import Repository, insert_if_new, writing
 from store.idempotency_and_audit import take_key
 from store.rows import IdempotencyKey, PlanRow
 from store.tables import plans
@@ -46,11 +46,10 @@ class PlanRepository(Repository):
         Raises:
             KeyTaken: `key` is bound to another plan; nothing is stored.
         """
-        row = {"id": id, "created_at": created_at, "cell": cell, "cell_sha256": cell_sha256, "backend": backend}
-        row |= {"summary": summary, "document": b"", "samples": samples, "request_id": request_id}
+        row = PlanRow(id, created_at, cell, cell_sha256, backend, summary, request_id, samples)
         with writing(self._engine) as connection:
             take_key(connection, key, id, created_at)
-            connection.execute(insert(plans).values(**row))
+            connection.execute(insert(plans).values(**_columns(row)))
 
     def plan(self, id: str) -> PlanRow | None:
         """Returns one plan with its trajectory."""
@@ -64,3 +63,14 @@ class PlanRepository(Repository):
     def plans(self, limit: int = 50, cursor: str | None = None) -> tuple[list[PlanRow], str | None]:
         """Returns plans without trajectories, newest first, and the cursor of the next page (None after the last)."""
         return self._page(PlanRow, select(*SUMMARY_COLUMNS), plans, limit, cursor)
+
+
+def insert_plan_if_new(connection: Connection, row: PlanRow) -> None:
+    """Stores a plan, unless there is one with its id."""
+    connection.execute(insert_if_new(connection, plans, **_columns(row)))
+
+
+def _columns(row: PlanRow) -> dict[str, Any]:
+    values = dict(vars(row))
+    values["document"] = values.pop("earlier_document")
+    return values

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import secrets
 import time
 import uuid
@@ -17,15 +18,25 @@ from store.samples import join_plan, samples_csv, samples_of_csv, trajectory_jso
 
 HEARTBEAT_FRESH_S = 2.0  # [s] an executor beats several times a second
 DRIVER_FRESH_S = 10.0  # [s] the driver of a batch beats every second, but waits for other writers meanwhile
+MAP_FRESH_S = 60.0  # [s] answers of a map are stored every second; a landing cell takes a few seconds at most
 
 
 def new_id() -> str:
-    """Returns a fresh UUID of version 7, whose text sorts by creation time.
+    """Returns a fresh UUID of version 7, whose text sorts by creation time."""
+    return _uuid7(time.time_ns() // 1_000_000, secrets.randbits(74))
 
-    48 bits of Unix time [ms], then 74 random bits. Source: RFC 9562, section 5.7.
+
+def derived_id(owner: str, part: str) -> str:
+    """Returns the id of a part of what has an id: the same one whoever makes the part, and however often.
+
+    A UUID of version 7: the time of the owner's own id, then bits of a hash.
     """
-    milliseconds = time.time_ns() // 1_000_000
-    random = secrets.randbits(74)
+    digest = hashlib.sha256(f"{owner} {part}".encode()).digest()
+    return _uuid7(uuid.UUID(owner).int >> 80, int.from_bytes(digest[:10]) >> 6)
+
+
+def _uuid7(milliseconds: int, random: int) -> str:
+    """Returns 48 bits of Unix time [ms], then 74 random bits. Source: RFC 9562, section 5.7."""
     value = (milliseconds << 80) | (0x7 << 76) | ((random >> 62) << 64) | (0b10 << 62) | (random & (2**62 - 1))
     return str(uuid.UUID(int=value))
 
@@ -280,6 +291,70 @@ class BatchResultRow:
     release_speed_m_s: float | None = None
     hit_probability: float | None = None
     refusal: Mapping[str, Any] | None = None
+
+
+@dataclass(frozen=True)
+class MapRow:
+    """One throwability map.
+
+    Attributes:
+        made_by: Who makes it: "service" or "command".
+        definition: What it is of, as JSON; see `batch.maps`.
+        state: "running", "finished" or "cancelled".
+        beat_at: When its last answers were stored.
+    """
+
+    id: str
+    created_at: float
+    cell: str
+    cell_version: int
+    created_by: str
+    made_by: str
+    definition_sha256: str
+    definition: Mapping[str, Any]
+    state: str
+    beat_at: float | None = None
+    cancel_requested_at: float | None = None
+    finished_at: float | None = None
+
+    @property
+    def is_worked_on(self) -> bool:
+        """Whether it is running, and answers were stored within `MAP_FRESH_S`."""
+        return self.state == "running" and time.time() - (self.beat_at or 0.0) < MAP_FRESH_S
+
+
+@dataclass(frozen=True)
+class LandingCellRow:
+    """The answer of one landing cell of a map.
+
+    Attributes:
+        map_id: The map.
+        number: Of the landing cell.
+        round: In which it was answered: 0 by its own search, later from the releases of its neighbours.
+        state: 1 planned, 2 refused with proof, 3 not found; see `batch.maps`.
+        plan_id: Its plan.
+        samples_sha256: Hash of the plan's trajectory.
+        release_time_s: Of the plan.
+        shift_early_m, shift_late_m: How far the landing point moves for a release 10 ms early, or late.
+        hit_probability: Of the plan [-].
+        margin, margin_check: Least margin of the certificate as a share of its limit [-], and which check has it.
+        constraint_name, reason: Why it is refused: which constraint, and by how much.
+    """
+
+    map_id: str
+    number: int
+    round: int
+    state: int
+    plan_id: str | None = None
+    samples_sha256: str | None = None
+    release_time_s: float | None = None
+    shift_early_m: float | None = None
+    shift_late_m: float | None = None
+    hit_probability: float | None = None
+    margin: float | None = None
+    margin_check: str | None = None
+    constraint_name: str | None = None
+    reason: str | None = None
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from api.http.errors import RESTART_S, ProblemDetails, problem_response, retry_after
 
-NEW_WORK = re.compile(r"/(plan|execute|experiments|batches|cells/[^/]+/map)")
+NEW_WORK = re.compile(r"/(plan|execute|batches|experiments|cells/[^/]+/map)")
 
 
 class DrainingMiddleware:

@@ -149,14 +149,18 @@ class ProblemDetails(Exception):
 
 def invalid_field(field: str, reason: str) -> ProblemDetails:
     """Returns the problem of a single refused field."""
-    return ProblemDetails("invalid-request", f"{field}: {reason}", errors=[{"field": field, "reason": reason}])
+    return invalid_fields([{"field": field, "reason": reason}])
+
+
+def invalid_fields(errors: Sequence[Mapping[str, str]]) -> ProblemDetails:
+    """Returns the problem of refused fields: each with `field` and `reason`."""
+    detail = "; ".join(f"{error['field']}: {error['reason']}" for error in errors)
+    return ProblemDetails("invalid-request", detail, errors=list(errors))
 
 
 def invalid_request(errors: Sequence[Any], model: type[BaseModel] | None = None) -> ProblemDetails:
     """Returns the problem of a request that pydantic refused with these errors; `model` is that of its body."""
-    fields = refused_fields(errors, model)
-    detail = "; ".join(f"{field['field']}: {field['reason']}" for field in fields)
-    return ProblemDetails("invalid-request", detail, errors=fields)
+    return invalid_fields(refused_fields(errors, model))
 
 
 def translate(error: Exception) -> ProblemDetails:

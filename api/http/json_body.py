@@ -10,7 +10,7 @@ from fastapi import Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.routing import APIRoute
 
-from api.http.errors import ProblemDetails
+from api.http.errors import invalid_fields
 
 
 class StrictJsonRoute(APIRoute):
@@ -56,8 +56,7 @@ def refuse_ambiguous(body: bytes) -> None:
     errors = [{"field": _shown(key), "reason": "is given twice"} for key in twice]
     errors += [{"field": field, "reason": "has a character that is no text"} for field in _unprintable(document, "")]
     if errors:
-        detail = "; ".join(f"{error['field']}: {error['reason']}" for error in errors)
-        raise ProblemDetails("invalid-request", detail, errors=errors)
+        raise invalid_fields(errors)
 
 
 def _unprintable(value: Any, path: str) -> Iterator[str]:

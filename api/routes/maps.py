@@ -20,7 +20,7 @@ from api.http import (
     unchanging,
 )
 from api.routes.cells import CellName
-from api.routes.plans import POST_PROBLEMS
+from api.routes.plans import POST_PROBLEMS, UNCHANGED
 from api.schemas import MAP_EXAMPLES, UUID_PATTERN, MapAnswer, MapBody, MapHead
 from batch.maps import (
     MapRequest,
@@ -28,6 +28,7 @@ from batch.maps import (
     OutputUnavailable,
     begin_map,
     map_document,
+    map_head,
     map_html,
     map_picture,
     map_table,
@@ -45,8 +46,6 @@ MAP_ANSWER: dict[str, Any] = {
     "content": {"image/png": BINARY, "application/zip": BINARY, "text/html": {"schema": {"type": "string"}}},
     "description": "One plane as JSON; or all planes as PNG, zipped Zarr or HTML, by `Accept`.",
 }
-UNCHANGED: dict[int | str, dict[str, Any]] = {304: {"description": "The client has it: `If-None-Match`."}}
-WITH_VALUES = ("values", "reasons", "plans")
 MapFields = Annotated[MapBody, Body(openapi_examples=MAP_EXAMPLES)]  # type: ignore[arg-type]
 MapId = Annotated[str | None, Query(description="Id of the map; by default the latest.", pattern=UUID_PATTERN)]
 MapPlane = Annotated[float | None, Query(ge=-100.0, le=100.0, description="Height of the plane [m]; the closest one.")]
@@ -73,12 +72,12 @@ async def make_cell_map(name: CellName, body: MapFields, service: ServiceDep, ca
         if source is None:
             raise ProblemDetails("not-found", f"no cell {name!r}")
         row = begin_map(service.store, source, _request(body), fling_version(), caller.name, "service")
-        return row, map_document(_table(service, row))
+        return row, map_head(_table(service, row))
 
-    row, document = await run_in_threadpool(begin)
+    row, head = await run_in_threadpool(begin)
     if row.state == "running":
         service.map_runners.add(row.id)
-    return JSONResponse(_head(document), 202, {"Location": f"/cells/{name}/map?id={row.id}"})
+    return JSONResponse(head, 202, {"Location": f"/cells/{name}/map?id={row.id}"})
 
 
 @router.get(
@@ -119,7 +118,7 @@ def cancel_cell_map(name: CellName, service: ServiceDep, caller: PlanCaller, id:
     row, void = _find(service, name, id, None, None)
     service.store.request_map_cancel(row.id)
     now = service.store.map(row.id) or row
-    return JSONResponse(_head(map_document(_table(service, now), void)), 202)
+    return JSONResponse(map_head(_table(service, now), void), 202)
 
 
 def _request(body: MapBody) -> MapRequest:
@@ -138,18 +137,19 @@ def _find(
         ProblemDetails: There is none.
     """
     service.cell(name)
+    listed = service.store.maps_of_cell(name) if id is None else [service.store.map(id)]
     rows = [
         row
-        for row in service.store.maps_of_cell(name)
-        if (id is None or row.id == id)
+        for row in listed
+        if (row is not None and row.cell == name)
         and (robust is None or row.definition["robust"] == robust)
         and (resolution_m is None or abs(row.definition["resolution_m"] - resolution_m) < 1e-9)
     ]
     if not rows:
         raise ProblemDetails("not-found", f"no such map of cell {name!r}; POST /cells/{name}/map makes one")
     source = service.cells.source(name)
-    found = [(row, why_void(service.store, row, source)) for row in rows]
-    return next((pair for pair in found if pair[1] is None), found[0])
+    row = next((row for row in rows if why_void(service.store, row, source) is None), rows[0])
+    return row, why_void(service.store, row, source)
 
 
 def _answer(
@@ -179,7 +179,3 @@ def _answer(
 
 def _table(service: Service, row: MapRow) -> MapTable:
     return map_table(row, service.store.landing_cells(row.id))
-
-
-def _head(document: dict[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in document.items() if name not in WITH_VALUES}

@@ -1,7 +1,7 @@
 """Throwability maps: where an arm in its cell can throw, how soon and how surely, and why not elsewhere."""
 
 from batch.maps.definition import RESOLUTION_M, MapDefinition, definition_from, landing_grid
-from batch.maps.document import map_document
+from batch.maps.document import map_document, map_head
 from batch.maps.landing_cells import LandingState
 from batch.maps.making import MapInputs, PlanAll, make_map
 from batch.maps.opening import MapRequest, begin_map, map_definition, map_inputs, why_void
@@ -27,6 +27,7 @@ __all__ = [
     "make_map",
     "map_definition",
     "map_document",
+    "map_head",
     "map_html",
     "map_inputs",
     "map_picture",

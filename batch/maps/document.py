@@ -1,4 +1,4 @@
-"""A map as the JSON of `GET /cells/{name}/map`: one plane of it, for the page."""
+"""A map as the JSON of `/cells/{name}/map`: its head, and with one plane of it, for the page."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from batch.maps.landing_cells import LandingState
 from batch.maps.table import MapTable
 
 
-def map_document(table: MapTable, void: str | None = None, plane: int = 0) -> dict[str, Any]:
-    """Returns one plane of a map as JSON.
+def map_head(table: MapTable, void: str | None = None, plane: int = 0) -> dict[str, Any]:
+    """Returns what a map is of and how far it is, as JSON.
 
     Args:
         table: the map.
@@ -38,6 +38,19 @@ def map_document(table: MapTable, void: str | None = None, plane: int = 0) -> di
         "progress": {"done": table.answered, "total": definition.count},
         "counts": {state.name.lower(): table.count_of(state) for state in LandingState},
         "sha256": table.sha256,
+    }
+
+
+def map_document(table: MapTable, void: str | None = None, plane: int = 0) -> dict[str, Any]:
+    """Returns one plane of a map as JSON: its head, and the values of its landing cells.
+
+    Args:
+        table: the map.
+        void: why it does not hold any more; None where it does.
+        plane: index of the plane.
+    """
+    return {
+        **map_head(table, void, plane),
         "values": {
             "state": table.state[plane].tolist(),
             "release_time_s": _nulls(table.measures["release_time_s"][plane]),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import uuid
 from collections.abc import Mapping
 from enum import IntEnum
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import orjson
 
 from batch.jobs import Planned
-from store import LandingCellRow
+from store import LandingCellRow, derived_id
 
 
 class LandingState(IntEnum):
@@ -76,21 +75,15 @@ def refused_row(map_id: str, number: int, round: int, refusal: Mapping[str, Any]
     )
 
 
-def plan_id_of(map_id: str, created_at: float, number: int, round: int) -> str:
-    """Returns the id of a landing cell's plan: a UUID of version 7 that follows from its arguments alone.
-
-    A landing cell that is planned a second time, after a kill, thereby gets the same id. Source: RFC 9562, section 5.7.
+def plan_id_of(map_id: str, number: int, round: int) -> str:
+    """Returns the id of a landing cell's plan: the same one for a landing cell that is planned again after a kill.
 
     Args:
         map_id: of the map.
-        created_at: when the map was begun [s since the epoch].
         number: of the landing cell.
         round: in which it is planned.
     """
-    text = f"{map_id}/{number}/{round}".encode()
-    bits = int.from_bytes(hashlib.sha256(text).digest()[:10])
-    value = int(created_at * 1000) << 80 | 0x7 << 76 | (bits >> 68) << 64 | 0b10 << 62 | bits & (2**62 - 1)
-    return str(uuid.UUID(int=value))
+    return derived_id(map_id, f"{number}/{round}")
 
 
 def _least_margin(checks: list[dict[str, Any]]) -> tuple[float, str]:

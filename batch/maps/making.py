@@ -16,7 +16,7 @@ from batch.maps.landing_cells import plan_id_of, planned_row, refused_row
 from batch.maps.rounds import Step, planned_neighbours, steps
 from batch.pool import JobResult
 from planner.cell import CellSource
-from store import LandingCellRow, MapPlan, MapRow, Store
+from store import LandingCellRow, MapRow, PlanRow, Store
 
 STORE_EVERY_S = 0.5  # [s] between two transactions: what a kill loses at most
 
@@ -80,7 +80,7 @@ class _MapWork:
         self.unanswered: set[int] = set()
         self.is_cancelled = False
         self._rows: list[LandingCellRow] = []
-        self._plans: list[MapPlan] = []
+        self._plans: list[PlanRow] = []
         self._stored_at = time.monotonic()
 
     def do(self, step: Step, plan_all: PlanAll, report: ProgressReport) -> None:
@@ -102,7 +102,7 @@ class _MapWork:
     def _job(self, number: int, round: int) -> PlanningJob:
         """Returns the job that plans a landing cell."""
         return PlanningJob(
-            plan_id=plan_id_of(self.row.id, self.row.created_at, number, round),
+            plan_id=plan_id_of(self.row.id, number, round),
             created_at=datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z"),
             cell=self.inputs.source,
             request=self.definition.request(number),
@@ -135,8 +135,9 @@ class _MapWork:
         return row
 
     def _planned(self, number: int, round: int, planned: Planned) -> LandingCellRow:
-        id, source = plan_id_of(self.row.id, self.row.created_at, number, round), self.inputs.source
-        self._plans.append(MapPlan(id, source.name, source.sha256, planned.backend, planned.summary, planned.samples))
+        id, source = plan_id_of(self.row.id, number, round), self.inputs.source
+        made = planned.backend, planned.summary, None, planned.samples
+        self._plans.append(PlanRow(id, time.time(), source.name, source.sha256, *made))
         return planned_row(self.row.id, number, round, id, planned)
 
     def _store(self) -> None:

@@ -7,7 +7,6 @@ meanwhile.
 from __future__ import annotations
 
 import hashlib
-import uuid
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ import orjson
 
 from batch.runs.grids import axes_of, request_at
 from planner.errors import FieldError, InvalidProblem
+from store import derived_id
 
 BATCH_MAX = 1_000_000  # requests of one batch: a day of some hundred cores
 LEVEL = 6  # of compression: requests of a batch are much alike
@@ -131,14 +131,8 @@ def problem_sha256(request: Mapping[str, Any], cell_sha256: str, profile: str | 
 
 
 def plan_id(batch_id: str, sha256: str) -> str:
-    """Returns the id of the plan of a problem in a batch: the same one, whoever plans it, and however often.
-
-    A UUID of version 7: the time of the batch's own id, then 74 bits of a hash (RFC 9562, section 5.7).
-    """
-    time = uuid.UUID(batch_id).int >> 80
-    random = int.from_bytes(hashlib.sha256(f"{batch_id} {sha256}".encode()).digest()[:10]) >> 6
-    value = (time << 80) | (0x7 << 76) | ((random >> 62) << 64) | (0b10 << 62) | (random & (2**62 - 1))
-    return str(uuid.UUID(int=value))
+    """Returns the id of the plan of a problem in a batch: the same one, whoever plans it, and however often."""
+    return derived_id(batch_id, sha256)
 
 
 def _without_null(request: Mapping[str, Any]) -> dict[str, Any]:

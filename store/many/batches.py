@@ -13,10 +13,11 @@ from typing import Any
 
 from sqlalchemy import Connection, insert, or_, select, update
 
-from store.database import Repository, StoreError, insert_if_new, reading, writing
+from store.database import Repository, StoreError, reading, writing
 from store.idempotency_and_audit import take_key, write_audit
+from store.plans import insert_plan_if_new
 from store.rows import DRIVER_FRESH_S, AuditLine, BatchResultRow, BatchRow, IdempotencyKey, PlanRow, new_id
-from store.tables import batch_results, batches, plans
+from store.tables import batch_results, batches
 
 HEAD_COLUMNS = [column for column in batches.c if column.name != "specification"]
 UNFINISHED = batches.c.state != "finished"
@@ -132,9 +133,7 @@ class BatchRepository(Repository):
             known = _known_numbers(connection, id, results)
             new = [row for row in results if row.number not in known]
             for plan in made:
-                values = {**vars(plan), "document": b""}
-                del values["earlier_document"]
-                connection.execute(insert_if_new(connection, plans, **values))
+                insert_plan_if_new(connection, plan)
             if new:
                 connection.execute(insert(batch_results), [vars(row) for row in new])
             counts.update(row.outcome for row in new)
