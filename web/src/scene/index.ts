@@ -79,7 +79,6 @@ class ThrowScene implements face.Scene {
     this.setPlan(null, "valid");
     this.live = null;
     this.cell = geometryOf(model as CellDocument);
-    this.framed = "";
     this.handles.pickingFloor = this.handles.pickingZ = this.cell.floorZ;
     this.thrown.setRadius(this.cell.objectRadius);
     this.buildArm();
@@ -87,6 +86,7 @@ class ThrowScene implements face.Scene {
     this.setNearest(null);
     this.setObstacles([]);
     this.setMap(null);
+    this.framed = ""; // clearing has begun to frame the view, but not at once
     this.look(true);
   }
 
