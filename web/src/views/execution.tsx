@@ -3,7 +3,7 @@
 import type { JSX } from "preact";
 
 import type { Plan } from "../service/types";
-import { aimOf, PHASES, type Run, type Sample } from "../state/machine";
+import { aimOf, orderOf, PHASES, type Run, type Sample } from "../state/machine";
 import { seenAt } from "../state/scatter";
 import { JOINTS } from "../curves/quantities";
 import { answered, cellName, cellState, execution, landings, picking, runPlan } from "../state/store";
@@ -75,8 +75,7 @@ function RunView({ run }: { run: Run }): JSX.Element {
 }
 
 function phaseClass(phase: string, now: string): string {
-  const at = PHASES.indexOf(now as (typeof PHASES)[number]);
-  const here = PHASES.indexOf(phase as (typeof PHASES)[number]);
+  const [at, here] = [orderOf(now), orderOf(phase)];
   return here < at || now === "finished" ? "done" : here === at ? "now" : "later";
 }
 
