@@ -24,6 +24,11 @@ PHONE = {"width": 390, "height": 844}
 LISTENS_S = 90.0  # [s] on a busy machine
 MAP_MS = 90_000  # [ms] until the first landing cells are known, on a busy machine
 PNG = b"\x89PNG\r\n"
+PAINTED_AND_ASKED = """() => {
+  const [painted] = performance.getEntriesByName("first-contentful-paint");
+  const scene = performance.getEntriesByType("resource").find(({ name }) => name.includes("/assets/scene-"));
+  return painted && scene && [painted.startTime, scene.startTime];
+}"""
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +68,11 @@ def test_an_edit_disarms_the_throw_until_it_is_planned_again(guest: Visit) -> No
     expect(guest.button("Throw")).to_have_text("Throw on ur5e-sim to (1.20, 0.35)")
     guest.page.get_by_label("Cell", exact=True).select_option("ur5e-sim")  # the same: nothing changes
     expect(guest.button("Throw")).to_be_enabled()
+
+
+def test_three_js_is_asked_for_after_the_form_is_painted(guest: Visit) -> None:
+    painted_ms, asked_ms = guest.page.wait_for_function(PAINTED_AND_ASKED).json_value()
+    assert painted_ms < asked_ms
 
 
 def test_text_that_is_no_number_is_named(guest: Visit) -> None:

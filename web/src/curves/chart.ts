@@ -3,6 +3,7 @@
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 
+import { pngOf } from "../service/save";
 import type { Quantity } from "./quantities";
 
 export interface ChartColors {
@@ -127,9 +128,7 @@ async function pictureOf(plot: uPlot, quantity: Quantity, { colors, visible }: C
   };
   write(`${quantity.label} [${quantity.unit}]`, colors.ink);
   quantity.lines.forEach(({ label }, i) => visible[i] && write(label, colors.lines[i % colors.lines.length] ?? colors.ink));
-  return new Promise((resolve, reject) => {
-    canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("the picture could not be drawn"))), "image/png");
-  });
+  return pngOf(canvas);
 }
 
 /** Draws one quantity into `host`. A click or a drag in it moves the time. */

@@ -1,7 +1,7 @@
 /** Principal axes of a spread in the plane. */
 
 /** Standard deviations along the principal axes [m], and the turn of the longer one against x [rad]. */
-export interface PrincipalAxes {
+interface PrincipalAxes {
   readonly long: number;
   readonly short: number;
   readonly turn: number;

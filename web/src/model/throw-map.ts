@@ -5,7 +5,7 @@ import type { ThrowMap } from "../service/types";
 export type MapQuantity = "release_time_s" | "landing_shift_10ms_m" | "hit_probability" | "reason";
 
 /** States of a landing cell, as the service numbers them. */
-export const UNKNOWN = 0;
+const UNKNOWN = 0;
 export const YES = 1;
 export const PROVEN = 2;
 
@@ -20,13 +20,14 @@ const STOPS: readonly Rgb[] = [
 const REASONS: readonly Rgb[] = [[238, 102, 119], [68, 119, 170], [204, 187, 68], [34, 136, 51], [170, 51, 119], [102, 204, 238]];
 const OTHER: Rgb = [150, 158, 168];
 const LAST_SHARE = 0.99; // of the values within the scale: a few far ones would flatten it
-const OPAQUE = { yes: 215, proven: 120, vain: 60 } as const; // 0 to 255
+/** Opacity of a landing cell by its state, 0 to 255: unknown, yes, proven, searched in vain. */
+const OPAQUE = { value: [0, 215, 120, 60], reason: [0, 60, 215, 145] } as const;
 
 /** Whether more of it is better. */
 const MORE_IS_BETTER: ReadonlySet<MapQuantity> = new Set(["hit_probability"]);
 
 /** One constraint that refuses landing cells. */
-export interface ReasonEntry {
+interface ReasonEntry {
   readonly constraint: string;
   readonly colour: Rgb;
   readonly proven: number; // landing cells
@@ -48,6 +49,7 @@ export function pictureOfMap(map: ThrowMap, quantity: MapQuantity): MapPicture {
   const reasons = reasonEntries(map);
   const values = quantity === "reason" ? null : map.values[quantity];
   const scale = values && scaleOf(values, MORE_IS_BETTER.has(quantity));
+  const opacity: readonly number[] = OPAQUE[quantity === "reason" ? "reason" : "value"];
   const pixels = new Uint8Array(4 * width * height);
   const stride = strideOf(map);
   for (let j = 0; j < height; j++) {
@@ -57,8 +59,7 @@ export function pictureOfMap(map: ThrowMap, quantity: MapQuantity): MapPicture {
       if (state === UNKNOWN) continue;
       const value = values?.[row]?.[column] ?? null;
       const colour = state === YES ? yesColour(value, scale) : refusedColour(map, row, column, quantity, reasons);
-      const opacity = state === YES ? OPAQUE.yes : quantity === "reason" ? OPAQUE.yes - (state === PROVEN ? 0 : 70) : state === PROVEN ? OPAQUE.proven : OPAQUE.vain;
-      pixels.set([...colour, state === YES && quantity === "reason" ? OPAQUE.vain : opacity], 4 * (j * width + i));
+      pixels.set([...colour, opacity[state]!], 4 * (j * width + i));
     }
   }
   return { width, height, pixels, scale, reasons };

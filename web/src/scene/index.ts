@@ -4,6 +4,7 @@ import { type ArmGeometry, armGeometry, frozen, SolidArm } from "./arm/model";
 import { type CellDocument, type CellGeometry, geometryOf } from "../model/cell";
 import { linkPoses, toolPose } from "../model/chain";
 import { norm, plus, positionOf, type Vector } from "../model/poses";
+import { pngOf } from "../service/save";
 import { CameraMove, directionTo, NO_INSETS, type Subject, viewOf } from "./camera";
 import { drawing } from "./drawing/picture";
 import { floorMapThings } from "./floor-map";
@@ -54,10 +55,7 @@ class ThrowScene implements face.Scene {
   private preset: face.CameraPreset = "overview";
   private framed = "";
 
-  constructor(
-    canvas: HTMLCanvasElement,
-    options: face.SceneOptions,
-  ) {
+  constructor(canvas: HTMLCanvasElement, options: face.SceneOptions) {
     this.palette = paletteOf(options.theme);
     this.real = options.realArm ?? false;
     this.stage = new Stage(canvas);
@@ -79,7 +77,6 @@ class ThrowScene implements face.Scene {
     this.setPlan(null, "valid");
     this.live = null;
     this.cell = geometryOf(model as CellDocument);
-    this.framed = "";
     this.handles.pickingFloor = this.handles.pickingZ = this.cell.floorZ;
     this.thrown.setRadius(this.cell.objectRadius);
     this.buildArm();
@@ -87,6 +84,7 @@ class ThrowScene implements face.Scene {
     this.setNearest(null);
     this.setObstacles([]);
     this.setMap(null);
+    this.framed = ""; // clearing has begun to frame the view, but not at once
     this.look(true);
   }
 
@@ -187,9 +185,7 @@ class ThrowScene implements face.Scene {
   async png(): Promise<Blob> {
     return this.uncovered(() => {
       this.stage.drawNow(true);
-      return new Promise((resolve, reject) => {
-        this.stage.canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("the picture could not be drawn"))), "image/png");
-      });
+      return pngOf(this.stage.canvas);
     });
   }
 

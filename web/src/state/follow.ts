@@ -23,8 +23,11 @@ export function follow(): void {
   void repeat(CELLS_MS, followCells);
   void repeat(ROBOT_MS, followRobot);
   void repeat(CELLS_MS, followHistory);
-  effect(() => void loadModel(cellName.value));
   void repeat(MAP_MS, followMap);
+  effect(() => {
+    throwMap.value = null; // that of another cell
+    void loadModel(cellName.value);
+  });
   followRuns();
 }
 
@@ -105,8 +108,6 @@ async function loadPast(run: Execution): Promise<void> {
 
 /** The map sharpens while it is made; one that is finished changes only with cell and profile. */
 async function followMap(): Promise<void> {
-  const known = throwMap.value;
-  if (known !== null && known.cell !== cellName.value) throwMap.value = null;
   if (mapShown.value && cellName.value !== null) await loadMap();
 }
 

@@ -123,7 +123,8 @@ function newRun(id: string, planId: string | null): Run {
 
 export const PHASES = ["queued", "preparing", "approaching", "streaming", "braking", "finished"] as const;
 
-function order(phase: string): number {
+/** Returns the place of a state among the phases. */
+export function orderOf(phase: string): number {
   return PHASES.indexOf(phase as (typeof PHASES)[number]);
 }
 
@@ -132,21 +133,11 @@ function withExecution(state: State, execution: Execution): State {
   if (execution.cell !== state.cell) return state;
   const shown = state.execution;
   if (shown !== null && shown.id !== execution.id && isRunning(state) && execution.state === "finished") return state;
-  const before = state.execution?.id === execution.id ? state.execution : newRun(execution.id, execution.plan_id);
-  if (order(execution.state) < order(before.state)) {
-    const stopping = before.stopping || execution.abort_requested_at !== null;
-    return { ...state, execution: { ...before, planId: execution.plan_id, stopping } };
-  }
-  const run: Run = {
-    ...before,
-    planId: execution.plan_id,
-    state: execution.state,
-    outcome: execution.outcome,
-    reason: execution.reason,
-    metrics: execution.metrics ?? before.metrics,
-    stopping: before.stopping || execution.abort_requested_at !== null,
-  };
-  return { ...state, execution: run };
+  const before = shown?.id === execution.id ? shown : newRun(execution.id, execution.plan_id);
+  const run: Run = { ...before, planId: execution.plan_id, stopping: before.stopping || execution.abort_requested_at !== null };
+  if (orderOf(execution.state) < orderOf(before.state)) return { ...state, execution: run };
+  const { outcome, reason, metrics } = execution;
+  return { ...state, execution: { ...run, state: execution.state, outcome, reason, metrics: metrics ?? before.metrics } };
 }
 
 function withEvent(run: Run, kind: string, data: Record<string, unknown>): Run {

@@ -18,6 +18,12 @@ export function seenAt(list: readonly LandingList["landings"][number][]): readon
   return list.filter((landing) => landing.position !== null).at(-1)?.position ?? null;
 }
 
+/** Returns how far from an aim the newest observation saw an object land [m]; null without either. */
+export function offsetFrom(aim: readonly number[] | null, list: readonly LandingList["landings"][number][]): Offset | null {
+  const seen = seenAt(list);
+  return aim && seen && [(seen[0] ?? 0) - (aim[0] ?? 0), (seen[1] ?? 0) - (aim[1] ?? 0)];
+}
+
 /** Returns the ellipse of two standard deviations; null for fewer than three landings. */
 export function ellipseOf(points: readonly Offset[]): Spread | null {
   const n = points.length;

@@ -3,8 +3,8 @@
 import type { JSX } from "preact";
 
 import type { Plan } from "../service/types";
-import { aimOf, PHASES, type Run, type Sample } from "../state/machine";
-import { seenAt } from "../state/scatter";
+import { aimOf, orderOf, PHASES, type Run, type Sample } from "../state/machine";
+import { offsetFrom } from "../state/scatter";
 import { JOINTS } from "../curves/quantities";
 import { answered, cellName, cellState, execution, landings, picking, runPlan } from "../state/store";
 import {
@@ -35,15 +35,15 @@ function Preflight(): JSX.Element {
         Preflight: {held === items.length ? `all ${held} checks are in order` : `${held} of ${items.length} checks are in order`}
       </summary>
       <ul class="preflight" aria-label="Preflight">
-      {items.map((item) => (
-        <li key={item.text} class={item.ok === null ? "unknown" : item.ok ? "ok" : "no"}>
-          <Icon name={item.ok === null ? "wait" : item.ok ? "ok" : "no"} />
-          <span>
-            {item.text}
-            <span class="sr-only">{item.ok === null ? ": not known yet" : item.ok ? ": in order" : ": in the way"}</span>
-          </span>
-        </li>
-      ))}
+        {items.map((item) => (
+          <li key={item.text} class={item.ok === null ? "unknown" : item.ok ? "ok" : "no"}>
+            <Icon name={item.ok === null ? "wait" : item.ok ? "ok" : "no"} />
+            <span>
+              {item.text}
+              <span class="sr-only">{item.ok === null ? ": not known yet" : item.ok ? ": in order" : ": in the way"}</span>
+            </span>
+          </li>
+        ))}
       </ul>
     </details>
   );
@@ -75,8 +75,7 @@ function RunView({ run }: { run: Run }): JSX.Element {
 }
 
 function phaseClass(phase: string, now: string): string {
-  const at = PHASES.indexOf(now as (typeof PHASES)[number]);
-  const here = PHASES.indexOf(phase as (typeof PHASES)[number]);
+  const [at, here] = [orderOf(now), orderOf(phase)];
   return here < at || now === "finished" ? "done" : here === at ? "now" : "later";
 }
 
@@ -147,9 +146,6 @@ function Numbers({ run, plan }: { run: Run; plan: Plan | null }): JSX.Element {
 
 /** Horizontal distance of the newest observed landing from the target [m]; null without either. */
 export function observedError(id: string, plan: Plan | null): number | null {
-  const seen = seenAt(landings.value[id] ?? []);
-  const aim = plan && aimOf(plan);
-  if (!seen || !aim) return null;
-  return Math.hypot((seen[0] ?? 0) - (aim[0] ?? 0), (seen[1] ?? 0) - (aim[1] ?? 0));
+  const offset = offsetFrom(plan && aimOf(plan), landings.value[id] ?? []);
+  return offset && Math.hypot(...offset);
 }
-

@@ -6,7 +6,7 @@ import { call } from "../service/client";
 import { save } from "../service/save";
 import type { Execution } from "../service/types";
 import { aimOf } from "../state/machine";
-import { ellipseOf, type Offset, seenAt } from "../state/scatter";
+import { ellipseOf, type Offset, offsetFrom } from "../state/scatter";
 import { adopt, learn, revert } from "../state/actions";
 import { cellName, failed, history, landings, notice, profiles, targets } from "../state/store";
 import { figure, length, OUTCOME_WORDS, outcomeTone } from "../state/words";
@@ -95,16 +95,13 @@ function Download({ id, media, suffix }: { id: string; media: string; suffix: st
 
 /** Landings less their targets, seen from above. */
 function offsets(runs: readonly Execution[]): Offset[] {
-  const found: Offset[] = [];
-  for (const run of runs) {
+  return runs.flatMap((run) => {
     const plan = targets.value[run.plan_id];
     const release = plan?.request["release"] as { kind?: string } | undefined;
-    const seen = seenAt(landings.value[run.id] ?? []);
     const aim = plan && release?.kind === "target" ? aimOf(plan) : null;
-    if (!aim || !seen) continue;
-    found.push([(seen[0] ?? 0) - (aim[0] ?? 0), (seen[1] ?? 0) - (aim[1] ?? 0)]);
-  }
-  return found;
+    const offset = offsetFrom(aim, landings.value[run.id] ?? []);
+    return offset ? [offset] : [];
+  });
 }
 
 const RINGS_M = [0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2];

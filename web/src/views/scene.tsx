@@ -85,7 +85,7 @@ async function loadScene(canvas: HTMLCanvasElement | null, onFailure: (reason: s
     onFailure("");
     return null;
   }
-  await new Promise((painted) => requestAnimationFrame(() => setTimeout(painted)));
+  await formPainted();
   try {
     const { createScene } = await load();
     return createScene(canvas, {
@@ -105,6 +105,21 @@ async function loadScene(canvas: HTMLCanvasElement | null, onFailure: (reason: s
     return null;
   }
 }
+
+/** Resolves once the browser says that the form is on the screen; three.js would keep it from there. */
+function formPainted(): Promise<void> {
+  return new Promise((resolve) => {
+    const observer = new PerformanceObserver((list) => {
+      if (list.getEntriesByName("first-contentful-paint").length === 0) return;
+      observer.disconnect();
+      resolve();
+    });
+    observer.observe({ type: "paint", buffered: true });
+    requestAnimationFrame(() => setTimeout(resolve, UNTOLD_MS));
+  });
+}
+
+const UNTOLD_MS = 3000; // [ms] after a frame: this browser does not tell when it paints
 
 const rounded = (values: readonly number[]): string[] => values.map((value) => String(Number(value.toFixed(3))));
 
