@@ -6,7 +6,6 @@ link is measured with receive-only packages at the controller's rate.
 
 from __future__ import annotations
 
-import json
 import os
 import platform
 import subprocess
@@ -20,7 +19,7 @@ from typing import Any
 from executor import realtime
 from executor.preflight import KINEMATICS_M, difference_from, kinematics_refusals
 from executor.robot import KinematicsInfo, read_kinematics, receive_timestamps
-from learning import cell_with_profile, pooled_document, timing_runs
+from learning import cell_in_use, pooled_document, timing_runs
 from planner.cell import Cell
 from store import Store, StoreError, StoreUnavailable
 
@@ -142,10 +141,9 @@ def known_timing(cell: Cell, database_url: str) -> dict[str, Any] | None:
     except (RuntimeError, StoreError):
         return None
     try:
-        profile = store.profile_in_use(cell.name, cell.sha256)
-        used = cell_with_profile(cell, None if profile is None else json.loads(profile.document))
+        used, profile = cell_in_use(store, cell)
         pooled = pooled_document([timing for _, timing in timing_runs(store, cell.name)], used.timing.lag_s)
-        return None if pooled is None else {**pooled, "profile": None if profile is None else profile.id}
+        return None if pooled is None else {**pooled, "profile": profile}
     except StoreUnavailable:
         return None
     finally:

@@ -8,6 +8,7 @@ from learning.joint_speeds import JointSpeeds, learn_joint_speeds
 from learning.predictions import LandingForecast, forecast
 from learning.profile import (
     CellKnowledge,
+    cell_in_use,
     cell_with_profile,
     estimate_profile,
     knowledge_of,
@@ -32,6 +33,7 @@ __all__ = [
     "ThrowTable",
     "TimingEstimate",
     "estimate_timing",
+    "cell_in_use",
     "cell_with_profile",
     "estimate_profile",
     "forecast",

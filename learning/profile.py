@@ -130,6 +130,12 @@ def cell_with_profile(cell: Cell, document: Mapping[str, Any] | None) -> Cell:
     return replace(cell, timing=replace(cell.timing, lag_s=float(document["lag_s"])), gripper=gripper, object=thing)
 
 
+def cell_in_use(store: Store, cell: Cell) -> tuple[Cell, str | None]:
+    """Returns a cell with the numbers of the profile that it uses, and the profile's id; None: the cell file's."""
+    profile = store.profile_in_use(cell.name, cell.sha256)
+    return (cell, None) if profile is None else (cell_with_profile(cell, orjson.loads(profile.document)), profile.id)
+
+
 def profile_bytes(document: Mapping[str, Any]) -> bytes:
     """Returns the document as the bytes that are hashed and stored."""
     return orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_SORT_KEYS)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import orjson
 from fastapi import APIRouter
 from fastapi.responses import JSONResponse
 
@@ -10,7 +9,7 @@ from api.dependencies import AnyCaller, ServiceDep
 from api.http import json_answer
 from api.routes.cells import CellName
 from api.schemas import TimingAnswer, iso_time
-from learning import cell_with_profile, pooled_document, timing_runs
+from learning import cell_in_use, pooled_document, timing_runs
 
 router = APIRouter(tags=["cells"])
 
@@ -25,7 +24,6 @@ def read_timing(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONR
     cell = service.cell(name)
     found = timing_runs(service.store, name)
     runs = [{"execution_id": row.id, "finished_at": iso_time(row.finished_at), **timing} for row, timing in found]
-    profile = service.store.profile_in_use(name, cell.sha256)
-    assumed_s = cell_with_profile(cell, None if profile is None else orjson.loads(profile.document)).timing.lag_s
+    assumed_s = cell_in_use(service.store, cell)[0].timing.lag_s
     pooled = pooled_document([timing for _, timing in found], assumed_s)
     return JSONResponse({"cell": name, "assumed_lag_s": assumed_s, "pooled": pooled, "runs": runs})

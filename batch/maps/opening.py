@@ -6,12 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import orjson
 
 from batch.maps.definition import DECIMALS, RESOLUTION_M, MapDefinition, definition_from, landing_grid
 from batch.maps.making import MapInputs
 from batch.maps.table import void_because
-from learning import cell_with_profile
+from learning import cell_in_use
 from planner.cell import Cell, CellSource, cell_of
 from planner.errors import FieldError, InvalidProblem
 from planner.problem import TargetRelease, ThrowProblem
@@ -55,10 +54,8 @@ def begin_map(
         InvalidProblem: every field that is out of its bounds.
         CellError: the cell file is refused.
     """
-    profile = store.profile_in_use(source.name, source.sha256)
-    document = None if profile is None else orjson.loads(profile.document)
-    cell = cell_with_profile(cell_of(source), document)
-    definition = map_definition(cell, source.sha256, None if profile is None else profile.id, request, planner_version)
+    cell, profile = cell_in_use(store, cell_of(source))
+    definition = map_definition(cell, source.sha256, profile, request, planner_version)
     version = store.note_cell_version(source.name, source.sha256, source.text, source.calibration, who)
     return store.begin_map(source.name, version, definition.sha256, definition.document(), who, made_by)
 
