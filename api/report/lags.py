@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from api.report.standalone import TEXT, standalone_svg
+
 WIDTH, HEIGHT, EDGE = 520, 280, 48  # [px] of the picture, and its margin
 ROOM_S = 0.002  # [s] about the lags shown: a difference below a millisecond looks small, as it is
 SIGMAS = 2.0  # [-] standard errors to each side of a run
-# Styles as attributes: the service's content security policy forbids style sheets within a picture.
 RUN = 'class="run" stroke="#36c" stroke-width="2" fill="#36c"'
 ASSUMED = 'class="assumed" stroke="#c33" stroke-dasharray="6 4" fill="none"'
 POOLED = 'class="pooled" stroke="#36c" fill="none"'
-TEXT = 'font-family="sans-serif" font-size="12" fill="#333"'
 
 
 def lags_svg(runs: Sequence[Mapping[str, Any]], pooled_s: float, assumed_s: float) -> str:
@@ -37,9 +37,7 @@ def lags_svg(runs: Sequence[Mapping[str, Any]], pooled_s: float, assumed_s: floa
         dots.append(f'<path {RUN} d="M{x:.1f} {y(run["lag_s"] - spread):.1f}V{y(run["lag_s"] + spread):.1f}"/>')
         dots.append(f'<circle {RUN} cx="{x:.1f}" cy="{y(run["lag_s"]):.1f}" r="4"/>')
     words = f"lag of {len(runs)} motions, oldest on the left, two standard errors"
-    caption = f'<text {TEXT} x="8" y="{HEIGHT - 8}">{words}</text>'
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="Lags">'
-    return f"{head}{''.join([*lines, *dots])}{caption}</svg>"
+    return standalone_svg(WIDTH, HEIGHT, "Lags", [*lines, *dots], words)
 
 
 def _line(style: str, y: float, text: str, above: bool) -> str:

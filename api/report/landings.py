@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from api.report.standalone import TEXT, standalone_svg
+
 SIZE, EDGE = 420, 40  # [px] side of the square picture, and its margin
 RANGE_MIN_M = 0.02  # [m] a picture never shows less than this about the target
 RINGS = 2  # circles about the target, the outer one at the range
-# Styles as attributes: the service's content security policy forbids style sheets within a picture.
 RING = 'class="ring" fill="none" stroke="#999"'
 DOT = 'class="landing" r="5" fill="#c33" fill-opacity="0.6"'
 DOT_AFTER = 'class="explained" r="5" fill="#36c" fill-opacity="0.6"'
 CROSS = 'class="target" stroke="#333" stroke-width="2"'
 Point = tuple[float, float]
-
-TEXT = 'font-family="sans-serif" font-size="12" fill="#333"'
 
 
 def landings_svg(throws: Sequence[Mapping[str, Any]]) -> str:
@@ -41,16 +40,14 @@ def _picture(groups: Sequence[tuple[str, Sequence[Point]]], text: str) -> str:
     """Returns groups of points [m] about a cross, each with the style of its dots."""
     reach = max([RANGE_MIN_M, *(max(abs(x), abs(y)) for _, points in groups for x, y in points)])
     centre, scale = SIZE / 2.0, (SIZE / 2.0 - EDGE) / reach
-    rings = "".join(_ring(centre, scale, reach * (i + 1) / RINGS) for i in range(RINGS))
-    dots = "".join(
+    rings = [_ring(centre, scale, reach * (i + 1) / RINGS) for i in range(RINGS)]
+    dots = [
         f'<circle {style} cx="{centre + scale * x:.1f}" cy="{centre - scale * y:.1f}"/>'
         for style, points in groups
         for x, y in points
-    )
+    ]
     cross = f'<path {CROSS} d="M{centre - 8} {centre}h16M{centre} {centre - 8}v16"/>'
-    caption = f'<text {TEXT} x="8" y="{SIZE - 8}">{text}</text>'
-    head = f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {SIZE} {SIZE}" role="img" aria-label="Landings">'
-    return f"{head}{rings}{cross}{dots}{caption}</svg>"
+    return standalone_svg(SIZE, SIZE, "Landings", [*rings, cross, *dots], text)
 
 
 def _ring(centre: float, scale: float, radius_m: float) -> str:
