@@ -26,11 +26,14 @@ def batches_report(count: int, cost_count: int, with_ray: bool) -> str:
         cost_count: requests of each measurement of costs.
         with_ray: whether Ray is measured too.
     """
-    about, asked = machine(), batch_requests(count)
+    about, asked, priced = machine(), batch_requests(count), batch_requests(cost_count, seed=1)
+    costs, store = _costs(priced, None)
+    engines = {"processes": costs}
+    if with_ray:  # costs first: a run with kills may take long, and what else the machine does disturbs it less
+        with LocalCluster() as cluster:
+            engines["Ray, two nodes"] = _costs(priced, cluster.address)[0]
     local_kills = [(0.25, "a worker", kill_worker), (0.5, "the driver", kill_driver), (0.75, "a worker", kill_worker)]
     runs = {"processes": _run(asked, None, local_kills)}
-    costs = _costs(batch_requests(cost_count, seed=1), None)
-    engines = {"processes": costs[0]}
     if with_ray:
         with LocalCluster() as cluster:
             ray_kills = [
@@ -39,8 +42,7 @@ def batches_report(count: int, cost_count: int, with_ray: bool) -> str:
                 (0.7, "the driver", kill_driver),
             ]
             runs["Ray, two nodes"] = _run(asked, cluster.address, ray_kills)
-            engines["Ray, two nodes"] = _costs(batch_requests(cost_count, seed=1), cluster.address)[0]
-    return _page(about, count, cost_count, runs, engines, costs[1])
+    return _page(about, count, cost_count, runs, engines, store)
 
 
 def _run(asked: Sequence[dict], ray: str | None, kills: Sequence) -> BatchRun:

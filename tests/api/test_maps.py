@@ -66,7 +66,11 @@ def test_a_client_that_has_the_map_is_not_sent_it_again(shared, made):
 def test_a_map_is_chosen_by_id_or_kind(shared, made):
     assert read(shared, id=made["id"]).json()["id"] == made["id"]
     assert read(shared, robust=False, resolution_m=0.5, plane_z_m=3.0).json()["id"] == made["id"]
-    for query in ({"robust": True}, {"resolution_m": 0.07}, {"id": "00000000-0000-7000-8000-000000000000"}):
+    for query in (
+        {"robust": True, "resolution_m": 0.5},
+        {"resolution_m": 0.07},
+        {"id": "00000000-0000-7000-8000-000000000000"},
+    ):
         assert read(shared, **query).status_code == 404
 
 
