@@ -1,7 +1,7 @@
 """Parameters of block "flight": the edges, the bin's mouth and the gripper's opening that the object passes.
 
-A box is passed over its top or by one of its sides, between the times at which the flight crosses two of its vertical
-planes. The optimiser cannot change sides: the candidate's own flight decides.
+A box is passed over its top, by one of its sides or below it, between the times at which the flight crosses two of its
+vertical planes. The optimiser cannot change sides: the candidate's own flight decides.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from planner.seeds import Candidate
 
 UNBOUNDED_RADIUS_M = 1.0e3  # [m] radius where there is no bin
 LEAST_SPEED_M_S = 0.05  # [m/s] a flight slower than this along an axis hardly crosses the planes across it
+DOWN = np.array([0.0, 0.0, -1.0])
 CUT_ROOM_M = 0.012  # [m] by which a cut keeps the object off the arm: the arm moves on in the next solution, too
 
 
@@ -84,7 +85,7 @@ def _box_edges(problem: ThrowProblem, arcs: Arcs, room_m: float) -> list[FlightE
 
 
 def _ways_past(box: Box, arcs: Arcs, room_m: float) -> Iterator[tuple[float, list[FlightEdge]]]:
-    """Yields the ways over or beside a box: the flight's room [m] and the edges; none where it never comes close."""
+    """Yields the ways over, beside or below a box: the flight's room [m] and the edges; none where it stays away."""
     grown = arcs.radius_m + room_m
     lower, upper = box.lower - grown, box.upper + grown
     for axis in (0, 1):
@@ -100,6 +101,16 @@ def _ways_past(box: Box, arcs: Arcs, room_m: float) -> Iterator[tuple[float, lis
         for direction, bound in _sides(axis, lower, upper):
             room = min(float(arcs.at(np.asarray(t)) @ direction) for t in ends) - bound
             yield room, [_edge(axis, face, speed, direction, bound) for face in crossed]
+        edges = [_edge(axis, face, speed, DOWN, -float(lower[2])) for face in crossed]
+        yield _way_below(arcs, float(lower[2]), ends, edges)
+
+
+def _way_below(arcs: Arcs, height: float, ends: Vector, edges: list[FlightEdge]) -> tuple[float, list[FlightEdge]]:
+    """Returns the room [m] below `height` between two times, and the edges: unlike over a box, the apex is nearest."""
+    apex_s = float(arcs.v[2]) / arcs.gravity
+    if not ends[0] < apex_s < ends[1]:
+        return height - float(arcs.height_at(ends).max()), edges
+    return height - float(arcs.height_at(np.asarray(apex_s))), [FlightEdge.at_time(apex_s, (0.0, 0.0, -1.0), -height)]
 
 
 def _sides(axis: int, lower: Vector, upper: Vector) -> Iterator[tuple[Vector, float]]:

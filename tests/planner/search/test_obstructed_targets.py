@@ -52,3 +52,25 @@ def test_a_throw_into_a_bin_behind_a_wall() -> None:
     out = np.hypot(x[:, 0] - 1.15, x[:, 1] - 0.1) - BIN.radius_m
     wall_gap = np.hypot(out, np.maximum(x[:, 2] - 0.1 - BIN.rim_height_m, 0.0))
     assert wall_gap[out > -BIN.radius_m].min() >= 0.02
+
+
+@pytest.mark.parametrize("window", [{}, {"release_window_s": 0.005, "landing_tolerance_m": 0.02}])
+def test_a_throw_below_a_ceiling(window: dict[str, float]) -> None:
+    free = plan(problem(**window))
+    apex = max(float(x[:, 2].max()) for x in flights(free))
+    ceiling = Box(np.array([-3.0, -3.0, apex]), np.array([3.0, 3.0, apex + 0.1]))
+    made = plan(problem(ceiling, **window))
+    assert max(float(x[:, 2].max()) for x in flights(made)) <= apex - 0.02
+    assert made.backend == "casadi" and made.trajectory.release_time_s < 1.2 * free.trajectory.release_time_s
+
+
+def test_a_throw_below_a_beam_that_only_part_of_the_flight_passes() -> None:
+    (free,) = flights(plan(problem()))
+    rises = free[: int(free[:, 2].argmax())]
+    over = rises[int(0.7 * len(rises))]  # where the free flight still rises
+    x, top = float(over[0]), float(over[2])
+    beam = Box(np.array([x, -3.0, top]), np.array([x + 0.05, 3.0, top + 0.3]))
+    made = plan(problem(beam))
+    (arc,) = flights(made)
+    assert np.linalg.norm(arc - np.clip(arc, beam.lower, beam.upper), axis=1).min() >= 0.02
+    assert made.backend == "casadi"
