@@ -50,7 +50,7 @@ RESULTS_ANSWER = {
     },
     "description": "A page in JSON; or all results so far as CSV or Parquet, by `Accept`.",
 }
-EVENTS_ANSWER = event_stream_answer("Events `progress` (data: `BatchAnswer`); ends with the batch.")
+EVENTS_ANSWER = event_stream_answer("Its progress whenever it changes; ends with the batch.", progress=BatchAnswer)
 
 
 @router.post(

@@ -109,6 +109,7 @@ class ServiceProcess:
     def __init__(self, url: str, log: Path, workers: int = 2, **settings: str) -> None:
         with socket.create_server(("127.0.0.1", 0)) as free:
             self.port = free.getsockname()[1]
+        self.address = f"http://127.0.0.1:{self.port}"
         self.url, self.log, self.workers, self.settings = url, log, workers, settings
         self.start()
 
@@ -139,10 +140,10 @@ class ServiceProcess:
             self.process.wait(150.0)
 
     def get(self, path: str) -> httpx2.Response:
-        return httpx2.get(f"http://127.0.0.1:{self.port}{path}", timeout=30.0)
+        return httpx2.get(f"{self.address}{path}", timeout=30.0)
 
     def plan(self, request: dict[str, Any]) -> httpx2.Response:
-        return httpx2.post(f"http://127.0.0.1:{self.port}/plan?trajectory=false", json=request, timeout=180.0)
+        return httpx2.post(f"{self.address}/plan?trajectory=false", json=request, timeout=180.0)
 
     def lines(self, **fields: str) -> list[dict[str, Any]]:
         """Returns the lines of the log with these members."""

@@ -32,6 +32,8 @@ HOST, CONTROLLER = "127.0.41.7", "127.0.41.8"
 READY_S = 300.0  # [s] on a busy machine
 NO_ID = "00000000-0000-7000-8000-000000000000"  # of nothing
 TYPESCRIPT = Path(__file__).parent / "typescript_client"
+MAP_S = 240.0  # [s] for four throws, after planner processes have been started on a busy machine
+MAP = {"extent_m": [1.0, 1.4, 0.1, 0.5], "resolution_m": 0.2, "plane_z_m": 0.0}
 JOINT = {
     "kind": "joint",
     "positions": [0.4, -1.4, 1.2, -1.2, -1.57, 0.0],
@@ -154,6 +156,7 @@ def test_a_generated_python_client(running_cell: RunningCell, document: dict[str
     with PythonClient(python_package, running_cell.url, running_cell.tokens["both"]) as client:
         plan, execution, experiment = _throw(client)
         _plan_many(client)
+        _map(client)
         _read_everything(client, plan, execution, experiment)
         _provoke(client, plan)
     operations = {op["operationId"]: op for methods in document["paths"].values() for op in methods.values()}
@@ -197,6 +200,23 @@ def _plan_many(client: PythonClient) -> None:
     client.call("list_batches", 200)
     wrong = client.body("BatchRequest", {"template": {"release": JOINT}, "grid": {"release.nothing": [0, 1, 1]}})
     assert client.call("make_batch", 422, body=wrong).errors[0].field == "requests[0].release.nothing"
+
+
+def _map(client: PythonClient) -> None:
+    """Has a small map made and reads it."""
+    begun = client.call("make_cell_map", 202, "ur5e-sim", body=client.body("MapBody", MAP))
+    deadline = time.monotonic() + MAP_S
+    while (made := client.call("read_cell_map", 200, "ur5e-sim", id=begun.id)).state == "running":
+        assert time.monotonic() < deadline, made
+        time.sleep(0.5)
+    assert (made.state, made.progress.done) == ("finished", 4)
+    assert made.values.state == [[1, 1], [1, 1]]
+    assert all(client.call("read_plan", 200, plan).id == plan for row in made.plans for plan in row)
+    client.call("cancel_cell_map", 202, "ur5e-sim", id=begun.id)
+    wrong = client.body("MapBody", {**MAP, "resolution_m": 0.0001})
+    assert client.call("make_cell_map", 422, "ur5e-sim", body=wrong).errors[0].field == "resolution_m"
+    client.call("make_cell_map", 404, "nowhere", body=client.body("MapBody", MAP))
+    client.call("read_cell_map", 406, "ur5e-sim", accept="image/gif")
 
 
 def _read_everything(client: PythonClient, plan: str, execution: str, experiment: str) -> None:
@@ -248,7 +268,8 @@ def _provoke(client: PythonClient, plan: str) -> None:
                       "adopt_profile", "read_batch", "watch_batch", "read_batch_results", "cancel_batch"):  # fmt: skip
         assert client.call(operation, 404, NO_ID).type_ == "/problems/not-found"
     for operation in ("read_cell", "read_cell_model", "read_robot_state", "read_timing", "read_history",
-                      "list_profiles", "acknowledge_fault", "estimate_profile_of_cell", "revert_profile"):  # fmt: skip
+                      "list_profiles", "acknowledge_fault", "estimate_profile_of_cell", "revert_profile",
+                      "read_cell_map", "cancel_cell_map"):  # fmt: skip
         client.call(operation, 404, "nowhere")
     client.call("acknowledge_fault", 409, "spare")
 
@@ -260,6 +281,7 @@ def _without_token(client: PythonClient, document: dict[str, Any]) -> None:
         "execute_plan": ("ExecuteRequest", {"plan_id": "latest"}),
         "begin_experiment": ("ExperimentRequest", {}),
         "make_batch": ("BatchRequest", {"requests": [{"release": JOINT}]}),
+        "make_cell_map": ("MapBody", {}),
         "report_landing": ("LandingRequest", {"result": "hit", "radius_m": 0.1}),
     }
     for path, methods in document["paths"].items():

@@ -63,6 +63,21 @@ const results = done("read_batch_results", await client.GET("/batches/{id}/resul
 assert(results.results.every((result) => result.plan_id));
 assert.equal(done("cancel_batch", await client.POST("/batches/{id}/cancel", batch)).outcome, "completed");
 done("list_batches", await client.GET("/batches", {}));
+
+const area = { extent_m: [1.0, 1.4, 0.1, 0.5], resolution_m: 0.2, plane_z_m: 0 };
+const begun = done("make_cell_map", await client.POST("/cells/{name}/map", { ...cell, body: area as never }));
+const made = { params: { ...cell.params, query: { id: begun.id } } };
+let map = done("read_cell_map", await client.GET("/cells/{name}/map", made));
+for (const patience = Date.now() + 240_000; map.state === "running"; ) {
+  assert(Date.now() < patience, "the map takes too long");
+  await new Promise((resolve) => setTimeout(resolve, 500));
+  map = done("read_cell_map", await client.GET("/cells/{name}/map", made));
+}
+assert.deepEqual([map.state, map.values.state], ["finished", [[1, 1], [1, 1]]]);
+done("cancel_cell_map", await client.POST("/cells/{name}/map/cancel", made));
+const fine = { ...area, resolution_m: 0.0001 };
+refused("invalid-request", 422, await client.POST("/cells/{name}/map", { ...cell, body: fine as never }));
+
 done("list_plans", await client.GET("/plans", {}));
 done("list_executions", await client.GET("/executions", {}));
 done("list_experiments", await client.GET("/experiments", {}));
