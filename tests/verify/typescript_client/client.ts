@@ -31,6 +31,11 @@ function refused<D, E extends { type: string; status: number }>(name: string, st
   return answer.error;
 }
 
+function json<D>(document: D): Exclude<D, string> {
+  assert(typeof document !== "string");
+  return document as Exclude<D, string>;
+}
+
 const target = { release: { kind: "target" as const, position: [1.2, 0.3, 0.0] } };
 const planned = done("make_plan", await client.POST("/plan", { body: target as never }));
 assert("id" in planned && planned.certificate.valid);
@@ -59,7 +64,7 @@ const batch = { params: { path: { id: done("make_batch", await client.POST("/bat
 const progress = done("watch_batch", await client.GET("/batches/{id}/events", { ...batch, parseAs: "text" }));
 assert(progress.includes("event: progress"));
 assert.equal(done("read_batch", await client.GET("/batches/{id}", batch)).counts.planned, 3);
-const results = done("read_batch_results", await client.GET("/batches/{id}/results", batch));
+const results = json(done("read_batch_results", await client.GET("/batches/{id}/results", batch)));
 assert(results.results.every((result) => result.plan_id));
 assert.equal(done("cancel_batch", await client.POST("/batches/{id}/cancel", batch)).outcome, "completed");
 done("list_batches", await client.GET("/batches", {}));
@@ -67,11 +72,11 @@ done("list_batches", await client.GET("/batches", {}));
 const area = { extent_m: [1.0, 1.4, 0.1, 0.5], resolution_m: 0.2, plane_z_m: 0 };
 const begun = done("make_cell_map", await client.POST("/cells/{name}/map", { ...cell, body: area as never }));
 const made = { params: { ...cell.params, query: { id: begun.id } } };
-let map = done("read_cell_map", await client.GET("/cells/{name}/map", made));
+let map = json(done("read_cell_map", await client.GET("/cells/{name}/map", made)));
 for (const patience = Date.now() + 240_000; map.state === "running"; ) {
   assert(Date.now() < patience, "the map takes too long");
   await new Promise((resolve) => setTimeout(resolve, 500));
-  map = done("read_cell_map", await client.GET("/cells/{name}/map", made));
+  map = json(done("read_cell_map", await client.GET("/cells/{name}/map", made)));
 }
 assert.deepEqual([map.state, map.values.state], ["finished", [[1, 1], [1, 1]]]);
 done("cancel_cell_map", await client.POST("/cells/{name}/map/cancel", made));
