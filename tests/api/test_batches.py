@@ -91,6 +91,8 @@ def test_results_are_paged_and_tables(service: RunningService, batch: dict[str, 
     first = service.client.get(path, params={"limit": 3}).json()
     second = service.client.get(path, params={"limit": 3, "cursor": first["next_cursor"]}).json()
     assert [result["number"] for result in first["results"] + second["results"]] == [0, 1, 2, 3]
+    assert service.client.get(path, params={"cursor": 2**31 - 1}).json() == {"results": [], "next_cursor": None}
+    problem_of(service.client.get(path, params={"cursor": 2**31}), 422, "invalid-request")  # no integer of PostgreSQL
     table = service.client.get(path, headers={"Accept": "text/csv"})
     assert table.headers["Content-Type"].startswith("text/csv")
     rows = list(csv.DictReader(table.text.splitlines()))
