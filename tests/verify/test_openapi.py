@@ -16,13 +16,12 @@ from pathlib import Path
 from typing import Any
 
 import httpx2
-import psycopg
 import pytest
-from sqlalchemy import make_url
 
 from api.http import create_token
 from api.schemas import MAP_EXAMPLES, PLAN_EXAMPLES
-from store import Store, new_id
+from store import Store
+from tests.postgres import database_on
 from tests.verify.conftest import ServiceProcess
 from tests.verify.quick_workers import QuickExecutor, QuickPlanner
 
@@ -40,15 +39,13 @@ PATIENCE_S = 150  # [s] speed is no matter of this test
 
 
 @pytest.fixture
-def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+def url(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
     """URL of an empty database."""
     if request.param == "sqlite":
-        return f"sqlite:///{tmp_path / 'fling.db'}"
-    server = make_url(request.getfixturevalue("postgres_url"))
-    name = f"fling_{new_id().replace('-', '')}"
-    with psycopg.connect(f"postgresql://{server.username}@{server.host}:{server.port}/postgres", autocommit=True) as at:
-        at.execute(f"CREATE DATABASE {name}")  # type: ignore[arg-type]  # a name of our own
-    return server.set(database=name).render_as_string()
+        yield f"sqlite:///{tmp_path / 'fling.db'}"
+        return
+    with database_on(request.getfixturevalue("postgres_url")) as found:
+        yield found
 
 
 @contextmanager
