@@ -26,6 +26,7 @@ UP_WITHIN_S = 240.0  # [s] a busy machine
 ROOT = Path(__file__).parents[2]
 READY_S = 400.0  # [s] planner processes of lowest priority load and warm up on a busy machine
 LONG_S = 900  # [s] for one test of this folder
+WITHOUT_POSTGRES = "FLING_WITHOUT_POSTGRES" in os.environ  # a machine where no server can be installed
 SERVER_FOLDERS = Path("/usr/lib/postgresql")  # where Debian keeps servers, a folder a version
 
 
@@ -70,6 +71,8 @@ def postgres_url() -> Iterator[str]:
     """URL of an empty PostgreSQL server of these tests' own. One refuses to run as root: it is nobody's then."""
     initdb, server = server_program("initdb"), server_program("postgres")
     if initdb is None or server is None:
+        if WITHOUT_POSTGRES:
+            pytest.skip("POSTGRESQL IS MISSING: nothing is verified on it")
         pytest.fail("there is no PostgreSQL server here: apt-get install postgresql")
     user = "nobody" if os.geteuid() == 0 else None
     folder = Path(tempfile.mkdtemp(prefix="fling-pg-"))

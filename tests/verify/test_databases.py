@@ -9,8 +9,10 @@ from pathlib import Path
 
 import pytest
 
+STORE, API = ["tests/store", "-k", "postgresql"], pytest.param(["tests/api"], marks=pytest.mark.slow)
 
-@pytest.mark.parametrize("tests", [["tests/store", "-k", "postgresql"], ["tests/api"]], ids=["store", "api"])
+
+@pytest.mark.parametrize("tests", [STORE, API], ids=["store", "api"])
 def test_they_pass_on_postgresql(postgres_url: str, root: Path, tests: list[str]):
     command = [sys.executable, "-m", "pytest", *tests, "-q", "-p", "no:cacheprovider"]
     environment = {**os.environ, "FLING_TEST_POSTGRES": postgres_url}
