@@ -98,7 +98,10 @@ async def _lifespan(settings: ServiceSettings, tokens: TokenRegistry, app: FastA
     """Opens the service's parts, and closes them when the application ends."""
     service = _service(settings, tokens)
     app.state.service = service
-    tasks = [asyncio.create_task(work(service)) for work in (_warm_up, _retain, _drive_batches, _make_maps)]
+    works = [_warm_up, _retain]
+    if settings.batch_workers != 0:
+        works += [_drive_batches, _make_maps]
+    tasks = [asyncio.create_task(work(service)) for work in works]
     try:
         yield
     finally:

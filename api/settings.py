@@ -27,7 +27,8 @@ class ServiceSettings(BaseSettings):
         port: Port to listen on.
         planner_workers: Number of planner processes.
         planner_queue: Number of requests that may wait for a worker before further ones are answered 429.
-        batch_workers: Number of planner processes of a batch; None: see `driver_workers`.
+        batch_workers: Number of planner processes of a batch; None: see `driver_workers`; 0: batches and maps are left
+            to another service on the same database.
         ray_address: Address of the Ray cluster that plans batches; None: processes of this machine.
         request_log: Whether each request is a line in the log.
         keep_plans, keep_plans_days: Number and age of the plans without executions that are kept; None: all.
@@ -44,7 +45,7 @@ class ServiceSettings(BaseSettings):
     host: str = "127.0.0.1"
     port: int = Field(default=8000, ge=0, le=65535)
     planner_workers: int = Field(default_factory=lambda: max(1, (os.cpu_count() or 2) - 1), ge=1)  # one core streams
-    batch_workers: int | None = Field(default=None, ge=1)
+    batch_workers: int | None = Field(default=None, ge=0)
     ray_address: str | None = None
     planner_queue: int = Field(default=16, ge=0)
     request_log: bool = True

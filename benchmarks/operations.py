@@ -18,9 +18,9 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -70,10 +70,11 @@ def planner_alone(seconds: float) -> float:
 
 def _plans_within(job: PlanningJob, seconds: float) -> int:
     end, count = time.monotonic() + seconds, 0
-    while time.monotonic() < end:
+    while True:
         solve(job)
+        if time.monotonic() > end:  # this one was not made within the load
+            return count
         count += 1
-    return count
 
 
 @contextmanager
@@ -109,9 +110,11 @@ def _await_ready(port: int) -> None:
 async def clients(port: int, seconds: float) -> dict[str, Any]:
     """Returns statuses, plans per second and times of /healthz [s] under fifty clients."""
     statuses: Counter[str] = Counter()
-    end = time.monotonic() + seconds
     limits = httpx2.Limits(max_connections=None)
-    async with httpx2.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=120.0, limits=limits) as http:
+    async with (
+        _health_reader() as health_times,
+        httpx2.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=120.0, limits=limits) as http,
+    ):
 
         async def plan() -> None:
             while time.monotonic() < end:
@@ -126,7 +129,8 @@ async def clients(port: int, seconds: float) -> dict[str, Any]:
                 if response.status_code == 429:
                     await asyncio.sleep(float(response.headers["retry-after"]))
 
-        health = asyncio.create_task(_health(port, end))
+        end = time.monotonic() + seconds
+        health = asyncio.create_task(health_times(port, seconds))
         async with asyncio.timeout(seconds + END_S):
             await asyncio.gather(*(plan() for _ in range(CLIENTS)))
             return {"statuses": dict(statuses), "rate": statuses["201"] / seconds, "health": await health}
@@ -138,11 +142,17 @@ def _kind(response: httpx2.Response) -> str:
     return f"{response.status_code} {response.json()['type'].rsplit('/', 1)[1]}"
 
 
-async def _health(port: int, end: float) -> list[float]:
-    """Returns how long each request for /healthz took [s], as a process of its own sees it."""
-    context = multiprocessing.get_context("spawn")
+@asynccontextmanager
+async def _health_reader() -> AsyncIterator[Callable[[int, float], Awaitable[list[float]]]]:
+    """Yields a function that returns how long each request for /healthz took [s], as a process of its own sees it."""
+    loop, context = asyncio.get_running_loop(), multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, context) as pool:  # not behind fifty clients in one event loop: it would measure them
-        return await asyncio.get_running_loop().run_in_executor(pool, _health_times, port, end - time.monotonic())
+
+        async def health_times(port: int, seconds: float) -> list[float]:
+            return await loop.run_in_executor(pool, _health_times, port, seconds)
+
+        await health_times(0, 0.0)  # its start is no part of the load
+        yield health_times
 
 
 def _health_times(port: int, seconds: float) -> list[float]:
@@ -164,11 +174,11 @@ async def listeners(port: int, url: str, seconds: float) -> dict[str, Any]:
     store.close()
     writer = multiprocessing.get_context("spawn").Process(target=_write, args=(url, execution_id, seconds))
     delays: list[float] = []
-    async with asyncio.timeout(seconds + END_S):
+    async with _health_reader() as health_times, asyncio.timeout(seconds + END_S):
         tasks = [asyncio.create_task(_listen(port, execution_id, delays)) for _ in range(LISTENERS)]
         await asyncio.sleep(2.0)
         writer.start()
-        health = asyncio.create_task(_health(port, time.monotonic() + seconds))
+        health = asyncio.create_task(health_times(port, seconds))
         ended = await asyncio.gather(*tasks)
         writer.join()
         return {"delays": delays, "health": await health, "complete": sum(ended)}

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 import tokenize
+import tomllib
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -77,8 +79,18 @@ def test_no_file_names_an_index_or_a_place_on_one_machine():
 
 
 def test_every_pinned_requirement_has_its_hashes():
-    for name in ("run", "dev"):
+    for name in ("run", "dev", "docs", "verify", "bench", "ray"):
         text = (ROOT / "requirements" / f"{name}.txt").read_text()
         for block in re.split(r"\n(?=\S)", text.strip()):
             assert re.match(r"[a-z0-9][a-z0-9.\-\[\]]*==", block), block
             assert "--hash=sha256:" in block, block
+
+
+def test_the_version_has_its_changelog_section_and_upgrade_notes():
+    """What is left of a release is its tag."""
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    sections = re.findall(r"^## (\S+) - \d{4}-\d\d-\d\d$", (ROOT / "CHANGELOG.md").read_text(), re.M)
+    assert version == sections[0] or ".dev" in version
+    minor = [".".join(section.split(".")[:2]) for section in sections]
+    notes = re.findall(r"^## From (\S+) to (\S+)$", (ROOT / "docs" / "how-to" / "upgrade.md").read_text(), re.M)
+    assert notes == [(before, after) for after, before in pairwise(dict.fromkeys(minor))]

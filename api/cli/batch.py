@@ -125,7 +125,7 @@ def _drive(store: Store, settings: Any, id: str, as_json: bool) -> BatchRow:
 
     claimed = wait_and_claim(store, id, f"fling batch {os.getpid()}")
     with _ProgressBar(claimed.total, claimed.done, as_json) as advance:
-        workers = settings.batch_workers
+        workers = settings.batch_workers or None  # 0 is of a service
         driver = BatchDriver(store, claimed, workers, settings.ray_address, lambda row: advance(row.done))
         before = signal.signal(signal.SIGINT, lambda *_: _stop(driver, id))
         try:

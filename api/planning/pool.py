@@ -12,6 +12,7 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import get_context
+from multiprocessing.process import BaseProcess
 from typing import Any
 
 from batch.jobs import Planned, PlanningJob, has_compiled_solvers, initialise, solve
@@ -95,6 +96,7 @@ class PlannerPool:
         before = self._executor
         await self._use(self._new())
         if before is not None:
+            _unwatch(before)
             before.shutdown(wait=False)
 
     async def solve(self, job: PlanningJob, time_limit_s: float, gone: asyncio.Event | None = None) -> Planned:
@@ -161,6 +163,7 @@ class PlannerPool:
             executor = await self._ready()  # loading takes its time, which is none of the job's
             try:
                 future = asyncio.wrap_future(executor.submit(self._functions.solve, job))
+                self._watch(executor)
                 return await asyncio.wait_for(future, timeout_s)
             except BrokenProcessPool:
                 self._discard(executor)
@@ -190,14 +193,37 @@ class PlannerPool:
         self._executor, self.is_warm = executor, True
         return executor
 
+    def _watch(self, executor: ProcessPoolExecutor) -> None:
+        """Has all processes replaced as soon as one dies.
+
+        The executor notices that by itself, unless the process was killed within a result, or with a lock of the
+        queues: then it waits for ever for the rest.
+        """
+        loop = asyncio.get_running_loop()
+        for process in _processes(executor):
+            loop.add_reader(process.sentinel, self._discard, executor)
+
     def _discard(self, executor: ProcessPoolExecutor) -> None:
         if executor is self._executor:
             self._executor = None
+        _unwatch(executor)
         _kill(executor)
 
 
+def _processes(executor: ProcessPoolExecutor) -> list[BaseProcess]:
+    return list((executor._processes or {}).values())  # before Python 3.14 there is no public way to kill a worker
+
+
+def _unwatch(executor: ProcessPoolExecutor) -> None:
+    for process in _processes(executor):
+        asyncio.get_running_loop().remove_reader(process.sentinel)
+
+
 def _kill(executor: ProcessPoolExecutor) -> None:
-    processes = list((executor._processes or {}).values())  # before Python 3.14 there is no public way to kill a worker
-    for process in processes:
+    """Kills the processes; their jobs end with `BrokenProcessPool`. Returns at once: this is the event loop."""
+    for process in _processes(executor):
         process.kill()
-    executor.shutdown(wait=True, cancel_futures=True)
+    results: Any = executor._result_queue
+    if results is not None:
+        results._writer.close()  # nobody else has it open now: half a result comes to its end
+    executor.shutdown(wait=False, cancel_futures=True)

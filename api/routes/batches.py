@@ -40,7 +40,7 @@ POLL_S = 0.5  # [s] between two looks at the progress
 KEEP_ALIVE_S = 10.0  # [s] silence before a comment is sent, so that proxies keep the connection
 BatchId = Annotated[str, id_in_path("batch")]
 BatchBody = Annotated[BatchRequest, Body(openapi_examples=BATCH_EXAMPLES)]  # type: ignore[arg-type]
-ResultCursor = Annotated[int, Query(ge=-1, le=2**31, description="`next_cursor` of the page before.")]
+ResultCursor = Annotated[int, Query(ge=-1, le=2**31 - 1, description="`next_cursor` of the page before.")]
 TABLES = {"text/csv": ".csv", PARQUET: ".parquet"}
 RESULTS_ANSWER = {
     "model": BatchResultList,
@@ -50,7 +50,7 @@ RESULTS_ANSWER = {
     },
     "description": "A page in JSON; or all results so far as CSV or Parquet, by `Accept`.",
 }
-EVENTS_ANSWER = event_stream_answer("Events `progress` (data: `BatchAnswer`); ends with the batch.")
+EVENTS_ANSWER = event_stream_answer("Its progress whenever it changes; ends with the batch.", progress=BatchAnswer)
 
 
 @router.post(

@@ -11,11 +11,12 @@ from starlette.concurrency import run_in_threadpool
 from api.dependencies import AnyCaller, ServiceDep
 from api.http import event_stream, event_stream_answer, problem_answers
 from api.routes.executions import ExecutionId, find_execution
+from api.schemas import StateEvent, TelemetryEvent
 
 router = APIRouter(tags=["executions"])
 
 EVENT_STREAM_ANSWER = event_stream_answer(
-    "Events `state` (data: `StateEvent`) and `telemetry` (`TelemetryEvent`); ends with the execution."
+    "State changes and telemetry; ends with the execution.", state=StateEvent, telemetry=TelemetryEvent
 )
 
 

@@ -16,6 +16,7 @@ from fastapi.testclient import TestClient
 from api.app import create_app
 from api.settings import ServiceSettings
 from store import Store
+from tests.postgres import POSTGRES, database_on
 
 ROOT = Path(__file__).parents[2]
 JOINT = {
@@ -69,10 +70,20 @@ def cells(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def shared(tmp_path_factory: pytest.TempPathFactory, cells: Path) -> Iterator[RunningService]:
+def database_url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Yields the URL of the shared service's database: SQLite, or PostgreSQL if FLING_TEST_POSTGRES names a server."""
+    if POSTGRES is None:
+        yield f"sqlite:///{tmp_path_factory.mktemp('data') / 'fling.db'}"
+        return
+    with database_on(POSTGRES) as url:
+        Store.upgrade(url)
+        yield url
+
+
+@pytest.fixture(scope="session")
+def shared(database_url: str, cells: Path) -> Iterator[RunningService]:
     """Yields one service for every test that needs no settings of its own."""
-    url = f"sqlite:///{tmp_path_factory.mktemp('data') / 'fling.db'}"
-    with running(ServiceSettings(database_url=url, cells=cells, planner_workers=1)) as service:
+    with running(ServiceSettings(database_url=database_url, cells=cells, planner_workers=1)) as service:
         wait_until_ready(service)
         yield service
 

@@ -16,8 +16,9 @@ from api.batch_requests import batch_specification
 from api.cell_repository import CellRepository
 from api.planning import BatchDrivers
 from api.schemas import BatchRequest
+from api.settings import ServiceSettings
 from store import Store
-from tests.api.conftest import JOINT, NO_ID, REQUEST, RunningService
+from tests.api.conftest import JOINT, NO_ID, REQUEST, RunningService, running
 from tests.api.test_bad_input import problem_of
 
 OTHER = {**JOINT, "positions": [0.5, *JOINT["positions"][1:]]}
@@ -30,6 +31,7 @@ BATCH = {
         {"release": UNREACHABLE, "backend": "ruckig"},
     ]
 }
+BEGUN_S = 0.5  # [s] a driver is begun at once
 DONE_S = 240.0  # [s] a driver and its workers start first, on a busy machine
 
 
@@ -89,6 +91,8 @@ def test_results_are_paged_and_tables(service: RunningService, batch: dict[str, 
     first = service.client.get(path, params={"limit": 3}).json()
     second = service.client.get(path, params={"limit": 3, "cursor": first["next_cursor"]}).json()
     assert [result["number"] for result in first["results"] + second["results"]] == [0, 1, 2, 3]
+    assert service.client.get(path, params={"cursor": 2**31 - 1}).json() == {"results": [], "next_cursor": None}
+    problem_of(service.client.get(path, params={"cursor": 2**31}), 422, "invalid-request")  # no integer of PostgreSQL
     table = service.client.get(path, headers={"Accept": "text/csv"})
     assert table.headers["Content-Type"].startswith("text/csv")
     rows = list(csv.DictReader(table.text.splitlines()))
@@ -176,6 +180,16 @@ def test_a_driver_that_is_killed_is_begun_again(service: RunningService):
     assert (cancelled.status_code, cancelled.json()["outcome"]) == (202, "cancelled")
     assert wait_for(service, made["id"])["counts"] == {"planned": 3}
     assert service.client.get(f"/batches/{other['id']}").json()["done"] == 0
+
+
+def test_a_service_may_leave_the_planning_to_another_one(tmp_path: Path, cells: Path):
+    url = f"sqlite:///{tmp_path / 'fling.db'}"
+    settings = ServiceSettings(database_url=url, cells=cells, planner_workers=1, batch_workers=0)
+    with running(settings) as service:
+        id = service.client.post("/batches", json={"requests": [REQUEST]}).json()["id"]
+        time.sleep(BEGUN_S)
+        assert drivers_of(id) == []
+        assert service.store.claim_batch(id, "another").state == "running"
 
 
 def test_a_batch_whose_driver_always_dies_fails_with_a_reason(tmp_path: Path, cells: Path):

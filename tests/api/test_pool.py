@@ -5,8 +5,11 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
+import struct
 import time
 from collections.abc import Callable, Coroutine
+from contextlib import suppress
+from multiprocessing.connection import Connection
 from typing import Any
 
 import pytest
@@ -112,6 +115,34 @@ def test_a_worker_killed_from_outside_costs_nothing_but_time():
         assert await job is None
 
     run(test, time.sleep)
+
+
+def half_an_answer(seconds: float) -> bytes:
+    """Answers; with a negative number its process is killed in the middle of that."""
+
+    def half(connection: Connection, buffer: bytes) -> None:
+        os.write(connection.fileno(), struct.pack("!i", len(buffer)) + bytes(buffer[: len(buffer) // 2]))
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    if seconds < 0.0:
+        Connection._send_bytes = half  # type: ignore[attr-defined]
+    time.sleep(abs(seconds))
+    return b"whole"
+
+
+def test_a_worker_killed_within_its_answer_does_not_stop_the_service():
+    """The executor's own thread waits for the rest of the answer: another process could still write it."""
+
+    async def test(pool: PlannerPool) -> None:
+        await pool.warm_up()
+        long = asyncio.create_task(pool.solve(2.0, 60.0))
+        with pytest.raises(SolverFailed, match="died"):
+            await pool.solve(-0.2, 60.0)
+        assert await asyncio.wait_for(pool.solve(0.0, 60.0), 60.0) == b"whole"
+        with suppress(SolverFailed):  # twice beside a process that died
+            await long
+
+    run(test, half_an_answer, count=2, grace_s=3600.0)
 
 
 def test_draining_finishes_what_was_begun_and_gives_up_what_waits():

@@ -15,6 +15,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.routing import Route
 
+from api.dependencies import client_gone
 from api.http import DrainingMiddleware, SecurityMiddleware, install_error_handlers, middleware
 from api.server import DrainingServer, ImpatientProtocol, server_config
 
@@ -32,16 +33,17 @@ class QuickProtocol(ImpatientProtocol):
 
 
 class RunningServer:
-    """A server with a small application, which answers /slow after `answer` is set."""
+    """A server with a small application, which answers /slow after `answer` is set, and /left to nobody."""
 
     def __init__(self) -> None:
-        self.answer, self.drained = asyncio.Event(), asyncio.Event()
+        self.answer, self.drained, self.left = asyncio.Event(), asyncio.Event(), asyncio.Event()
         routes = [
             Route("/quick", self._quick),
             Route("/slow", self._slow),
             Route("/huge", self._huge),
             Route("/plan", self._body, methods=["POST"]),
             Route("/abort", self._body, methods=["POST"]),
+            Route("/left", self._left, methods=["POST"]),
         ]
         self.app = Starlette(routes=routes)
         self.app.state.is_draining = False
@@ -72,6 +74,13 @@ class RunningServer:
 
     async def _body(self, request: Request) -> Response:
         return JSONResponse({"bytes": len(await request.body())})
+
+    async def _left(self, request: Request) -> Response:
+        await request.body()
+        async with asynccontextmanager(client_gone)(request) as gone:
+            await gone.wait()
+        self.left.set()
+        return JSONResponse({})
 
     async def _drain(self) -> None:
         self.app.state.is_draining = True
@@ -174,6 +183,18 @@ def test_a_client_that_does_not_read_is_cut():
                 received += len(chunk)
         assert received < HUGE
         writer.close()
+
+    run(test)
+
+
+def test_it_is_noticed_at_once_that_a_client_has_left():
+    async def test(running: RunningServer) -> None:
+        _, writer = await asyncio.open_connection(HOST, running.port)
+        writer.write(POST % (b"left", 2) + b"{}")
+        await asyncio.sleep(0.1)
+        assert not running.left.is_set()
+        writer.close()
+        await asyncio.wait_for(running.left.wait(), 30.0)
 
     run(test)
 

@@ -257,6 +257,10 @@ MEDIA_TYPES = {
     "/executions/{id}/events": {"text/event-stream"},
     "/metrics": {"text/plain"},
 }
+EVENTS = {
+    "/batches/{id}/events": {"progress": "BatchAnswer"},
+    "/executions/{id}/events": {"state": "StateEvent", "telemetry": "TelemetryEvent"},
+}
 
 
 def test_media_types_are_those_that_are_answered(service: RunningService):
@@ -266,3 +270,13 @@ def test_media_types_are_those_that_are_answered(service: RunningService):
                 expected = MEDIA_TYPES.get(path if method == "get" else "", {"application/json"})
                 assert set(answer["content"]) == expected, (method, path)
                 assert all(content["schema"] for content in answer["content"].values()), (method, path)
+
+
+@pytest.mark.parametrize("path", EVENTS)
+def test_each_event_of_a_stream_is_described(service: RunningService, path: str):
+    schema = service.client.get("/openapi.json").json()
+    stream = schema["paths"][path]["get"]["responses"]["200"]["content"]["text/event-stream"]
+    fields = [kind["properties"] for kind in stream["itemSchema"]["oneOf"]]
+    models = {each["event"]["const"]: each["data"]["contentSchema"]["$ref"].rpartition("/")[2] for each in fields}
+    assert models == EVENTS[path]
+    assert set(models.values()) <= schema["components"]["schemas"].keys()

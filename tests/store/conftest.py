@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from sqlalchemy import create_engine, make_url, text
 
 from store import Store, new_id, pack_trajectory
+from tests.postgres import POSTGRES, database_on
 
 TRAJECTORY = {
     "joint_names": ["a", "b"],
@@ -18,7 +17,6 @@ TRAJECTORY = {
     "velocities": [[0.0, 1.0], [2.0, 3.0]],
     "accelerations": [[4.0, 5.0], [6.0, 7.0]],
 }
-POSTGRES = os.environ.get("FLING_TEST_POSTGRES")  # such as postgresql+psycopg://postgres@127.0.0.1:5432/postgres
 
 
 @pytest.fixture(params=["sqlite", *(["postgresql"] if POSTGRES else [])])
@@ -27,14 +25,8 @@ def database_url(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str
     if request.param == "sqlite":
         yield f"sqlite:///{tmp_path / 'fling.db'}"
         return
-    name = f"fling_{new_id().replace('-', '')}"
-    engine = create_engine(str(POSTGRES), isolation_level="AUTOCOMMIT")
-    with engine.connect() as connection:
-        connection.execute(text(f"CREATE DATABASE {name}"))
-    yield make_url(str(POSTGRES)).set(database=name).render_as_string(hide_password=False)
-    with engine.connect() as connection:
-        connection.execute(text(f"DROP DATABASE {name} WITH (FORCE)"))
-    engine.dispose()
+    with database_on(str(POSTGRES)) as url:
+        yield url
 
 
 @pytest.fixture

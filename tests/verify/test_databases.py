@@ -1,4 +1,4 @@
-"""The tests of the store on a PostgreSQL server; `make test` has them on SQLite alone."""
+"""The tests of store and service on a PostgreSQL server; `make test` has them on SQLite alone."""
 
 from __future__ import annotations
 
@@ -7,9 +7,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 
-def test_the_store_keeps_its_promises_on_postgresql(postgres_url: str, root: Path):
-    command = [sys.executable, "-m", "pytest", "tests/store", "-q", "-k", "postgresql", "-p", "no:cacheprovider"]
+STORE, API = ["tests/store", "-k", "postgresql"], pytest.param(["tests/api"], marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("tests", [STORE, API], ids=["store", "api"])
+def test_they_pass_on_postgresql(postgres_url: str, root: Path, tests: list[str]):
+    command = [sys.executable, "-m", "pytest", *tests, "-q", "-p", "no:cacheprovider"]
     environment = {**os.environ, "FLING_TEST_POSTGRES": postgres_url}
     done = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

@@ -10,18 +10,20 @@ import os
 import re
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-import psycopg
+import httpx2
 import pytest
-from sqlalchemy import make_url
 
 from api.http import create_token
-from store import Store, new_id
+from api.schemas import MAP_EXAMPLES, PLAN_EXAMPLES
+from store import Store
+from tests.postgres import database_on
 from tests.verify.conftest import ServiceProcess
+from tests.verify.quick_workers import QuickExecutor, QuickPlanner
 
 FOLDER = Path(__file__).parent / "openapi"
 CASES = int(os.environ.get("FLING_CASES", "0"))  # at least so many, in each run
@@ -33,60 +35,51 @@ RUNS = [
     ("sqlite", False, 2), ("postgresql", True, 2), ("sqlite", True, 2), ("postgresql", False, 2),
 ]  # fmt: skip
 CELL = "ur5e-sim"
-BEAT_S = 0.05
 PATIENCE_S = 150  # [s] speed is no matter of this test
 
 
-class QuickExecutor:
-    """An executor that finishes every execution at once, so that there is something to read, abort and report."""
-
-    def __init__(self, url: str) -> None:
-        self._store, self._ended = Store.open(url), threading.Event()
-        self._thread = threading.Thread(target=self._go_on)
-
-    def __enter__(self) -> None:
-        self._thread.start()
-
-    def __exit__(self, *_: object) -> None:
-        self._ended.set()
-        self._thread.join()
-        self._store.close()
-
-    def _go_on(self) -> None:
-        while not self._ended.wait(BEAT_S):
-            self._store.record_heartbeat(CELL, "quick", "sim", {"positions": [0.1] * 6}, None, False)
-            row = self._store.claim_execution(CELL, "quick")
-            if row is not None:
-                self._store.finish_execution(row.id, "completed", None, {"released": True, "ticks": 3})
-
-
 @pytest.fixture
-def url(request: pytest.FixtureRequest, tmp_path: Path) -> str:
+def url(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[str]:
     """URL of an empty database."""
     if request.param == "sqlite":
-        return f"sqlite:///{tmp_path / 'fling.db'}"
-    server = make_url(request.getfixturevalue("postgres_url"))
-    name = f"fling_{new_id().replace('-', '')}"
-    with psycopg.connect(f"postgresql://{server.username}@{server.host}:{server.port}/postgres", autocommit=True) as at:
-        at.execute(f"CREATE DATABASE {name}")  # type: ignore[arg-type]  # a name of our own
-    return server.set(database=name).render_as_string()
+        yield f"sqlite:///{tmp_path / 'fling.db'}"
+        return
+    with database_on(request.getfixturevalue("postgres_url")) as found:
+        yield found
 
 
 @contextmanager
-def served(url: str, folder: Path, guarded: bool) -> Iterator[tuple[ServiceProcess, list[str]]]:
-    """Runs a service with an executor; yields it and schemathesis' options for its token."""
+def served(url: str, folder: Path, guarded: bool) -> Iterator[tuple[ServiceProcess, dict[str, str]]]:
+    """Runs a service that has something of each kind; yields it and its headers."""
     Store.upgrade(url)
-    own, options = {}, []
+    own, headers = {"FLING_BATCH_WORKERS": "0"}, {}
     if guarded:
         file = folder / "tokens.toml"
         token = create_token(file, "schemathesis", ("plan", "operate"))
-        own, options = {"FLING_TOKENS_FILE": str(file)}, ["-H", f"Authorization: Bearer {token}"]
+        own["FLING_TOKENS_FILE"], headers = str(file), {"Authorization": f"Bearer {token}"}
     service = ServiceProcess(url, folder / "service.log", workers=1, **own)
     try:
-        with QuickExecutor(url):
-            yield service, options
+        with QuickExecutor(url, CELL), QuickPlanner(url):
+            furnish(service, headers)
+            yield service, headers
     finally:
         service.stop()
+
+
+def furnish(service: ServiceProcess, headers: dict[str, str]) -> None:
+    """Makes one of each thing that is read as `latest`."""
+    joint = PLAN_EXAMPLES["joint"]["value"]
+    http = httpx2.Client(base_url=service.address, headers=headers, timeout=PATIENCE_S)
+    first: list[tuple[str, dict[str, Any] | None]] = [
+        ("/experiments", {"name": "first"}), ("/plan", joint), ("/execute", {"plan_id": "latest"}),
+        ("/executions/latest/events", None), ("/executions/latest/landing", {"result": "hit", "radius_m": 0.1}),
+        ("/batches", {"requests": [joint]}), ("/batches/latest/events", None),
+        (f"/cells/{CELL}/map", MAP_EXAMPLES["coarse"]["value"]), (f"/cells/{CELL}/profiles", {}),
+    ]  # fmt: skip
+    with http:
+        for path, body in first:
+            answer = http.get(path) if body is None else http.post(path, json=body)
+            assert answer.is_success, (path, answer.text)
 
 
 @pytest.mark.timeout(900 + CASES)
@@ -96,10 +89,11 @@ def test_every_answer_is_as_documented(url: str, guarded: bool, seed: int, tmp_p
     flags = ["--checks", "all", "--continue-on-failure", "--generation-database", "none", "--no-color",
              "--max-response-time", str(PATIENCE_S)]  # fmt: skip
     examples = max(EXAMPLES, CASES // CASES_AN_EXAMPLE)
-    with served(url, tmp_path, guarded) as (service, options):
-        target = [f"http://127.0.0.1:{service.port}/openapi.json", "--seed", str(seed), "-n", str(examples)]
+    with served(url, tmp_path, guarded) as (service, headers):
+        target = [f"{service.address}/openapi.json", "--seed", str(seed), "-n", str(examples)]
+        header = [part for name, value in headers.items() for part in ("-H", f"{name}: {value}")]
         done = subprocess.run(
-            [*program, *target, *flags, *options], cwd=FOLDER, capture_output=True, text=True, check=False
+            [*program, *target, *flags, *header], cwd=FOLDER, capture_output=True, text=True, check=False
         )
         (tmp_path / "schemathesis.txt").write_text(done.stdout)
         errors = service.lines(level="error")

@@ -27,6 +27,7 @@ import pytest
 from store import Store
 from tests.verify.conftest import ServiceProcess, server_program
 
+pytestmark = pytest.mark.slow
 LOAD_S = 4.0  # [s] of planning before and after each blow
 CLIENTS = 4
 JOINT = {

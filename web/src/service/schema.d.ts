@@ -4509,7 +4509,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description Events `progress` (data: `BatchAnswer`); ends with the batch. */
+            /** @description Its progress whenever it changes; ends with the batch. */
             200: {
                 headers: {
                     [name: string]: unknown;
@@ -5956,7 +5956,7 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description Events `state` (data: `StateEvent`) and `telemetry` (`TelemetryEvent`); ends with the execution. */
+            /** @description State changes and telemetry; ends with the execution. */
             200: {
                 headers: {
                     [name: string]: unknown;

@@ -1,0 +1,100 @@
+"""Stand-ins for executor and planner processes: they answer at once, so that there is something to read.
+
+What is fuzzed is the service. Its plans are real; executions, batches and maps would take minutes each.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from functools import partial
+from types import SimpleNamespace
+from typing import Any
+
+from batch.jobs import PlanningJob, refusal_of
+from batch.maps import make_map, map_inputs
+from batch.pool import JobResult
+from batch.runs import BatchDriver
+from planner.errors import Infeasible, Violation
+from store import BatchLost, Store, pack_samples
+
+BEAT_S = 0.05
+WORK_S = 2.0  # [s] for one batch or map; what is not answered then is cancelled: one may have 100,000 requests
+TELEMETRY = {name: [0.1] * 6 for name in ("positions", "velocities", "planned_positions", "planned_velocities")}
+TELEMETRY |= {"clock_s": 0.1, "missed_ticks": 0}
+REFUSAL = refusal_of(Infeasible([Violation("floor", -0.1, 0.02, "m", proven=True)], {"release": {}}))
+
+
+class QuickWorker:
+    """A thread that works on a store every now and then."""
+
+    def __init__(self, url: str) -> None:
+        self._store, self._ended = Store.open(url), threading.Event()
+        self._thread = threading.Thread(target=self._go_on)
+
+    def __enter__(self) -> None:
+        self._thread.start()
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+        self._store.close()
+
+    def _go_on(self) -> None:
+        while not self._ended.wait(BEAT_S):
+            self._work()
+
+    def _work(self) -> None:
+        raise NotImplementedError
+
+
+class QuickExecutor(QuickWorker):
+    """Finishes every execution at once, so that there is something to read, watch, abort and report."""
+
+    def __init__(self, url: str, cell: str) -> None:
+        super().__init__(url)
+        self._cell = cell
+
+    def _work(self) -> None:
+        self._store.record_heartbeat(self._cell, "quick", "sim", {"positions": [0.1] * 6}, None, False)
+        row = self._store.claim_execution(self._cell, "quick")
+        if row is not None:
+            self._store.add_event(row.id, "telemetry", TELEMETRY)
+            self._store.add_recording(row.id, b"\x89MCAP0\r\n", pack_samples(["t"], [[0.0]]))
+            self._store.finish_execution(row.id, "completed", None, {"released": True, "ticks": 3})
+
+
+class QuickPlanner(QuickWorker):
+    """Drives batches and makes maps as the service's own processes do; refuses every request."""
+
+    def _work(self) -> None:
+        for row in self._store.unfinished_batches("service"):
+            with suppress(BatchLost):  # it was cancelled meanwhile
+                QuickDriver(self._store, self._store.claim_batch(row.id, "quick")).run()
+        for row in self._store.running_maps("service"):
+            give_up = partial(self._store.request_map_cancel, row.id)
+            make_map(self._store, row, map_inputs(self._store, row), partial(refuse_all, give_up))
+
+
+class QuickDriver(BatchDriver):
+    """A driver without processes of its own."""
+
+    def _plan(self, writer: Any) -> None:
+        give_up = partial(self._store.cancel_batch, self._row.id)
+        self._plan_in(SimpleNamespace(plan_all=partial(refuse_all, give_up)), writer)  # type: ignore[arg-type]
+
+
+def refuse_all(
+    give_up: Callable[[], object], jobs: Iterable[PlanningJob], must_stop: Callable[[], bool] = lambda: False
+) -> Iterator[JobResult]:
+    """Refuses jobs while there is time, then gives up what they are for."""
+    until = time.monotonic() + WORK_S
+    for number, _ in enumerate(jobs):
+        if must_stop():
+            return
+        if time.monotonic() > until:
+            give_up()
+            return
+        yield JobResult(number, None, REFUSAL)
