@@ -2,7 +2,7 @@
 
 import { Color, Group, type Matrix4, PerspectiveCamera, Scene, Vector3 as ThreeVector, WebGLRenderer } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
-import { DetailControl, LEVELS } from "./detail";
+import { DetailControl, LEVELS, SOFTWARE_LEVEL } from "./detail";
 import { type FreeArea, NO_INSETS, shiftLens } from "./camera";
 import { Floor } from "./floor";
 import type { Insets } from "./interface";
@@ -15,6 +15,7 @@ const PIXEL_RATIO_MAX = 2; // more is not seen
 const REST_FINER = 2; // pixels drawn for each of the screen's, along both sides, of a picture at rest: smooth edges
 const LEAST_FREE = 0.3; // of the canvas: what is shown is not drawn smaller than that
 const EDGE_PX = 4; // [px] drawn round what moves: pixels of a low resolution are as large
+const ROUNDING = 1e-9; // [-] and [m] of the camera's matrix: no pixel sees less
 const REST_MS = 700; // [ms] without motion, after which the picture is drawn in full; a moving arm is reported more often
 
 /** What the stage asks before each frame. */
@@ -52,7 +53,7 @@ export class Stage {
     this.software = drawsInSoftware();
     this.renderer = new WebGLRenderer({ canvas, antialias: !this.software, preserveDrawingBuffer: this.software, powerPreference: "high-performance" });
     this.renderer.info.autoReset = false;
-    this.detail = new DetailControl();
+    this.detail = new DetailControl(this.software ? SOFTWARE_LEVEL : 0);
     this.camera.up.set(0, 0, 1);
     this.camera.position.set(1.5, -3, 1.7);
     this.seenFrom = this.camera.matrixWorld.clone();
@@ -163,9 +164,14 @@ export class Stage {
       this.shadowDue = false;
     }
     this.camera.updateMatrixWorld();
-    if (whole || !this.camera.matrixWorld.equals(this.seenFrom) || !(this.software || level > 0)) this.drawWhole();
+    if (whole || !this.isSeenAsBefore() || !(this.software || level > 0)) this.drawWhole();
     else this.drawMoving();
     this.frameMs = performance.now() - began;
+  }
+
+  /** Whether the camera stands where the last whole picture was seen from; the controls round anew at each update. */
+  private isSeenAsBefore(): boolean {
+    return this.camera.matrixWorld.elements.every((value, i) => Math.abs(value - this.seenFrom.elements[i]!) < ROUNDING);
   }
 
   private drawWhole(): void {
