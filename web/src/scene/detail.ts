@@ -18,6 +18,9 @@ export const LEVELS: readonly Detail[] = [
   { resolution: 0.36, shadow: false, fine: false },
 ];
 
+/** Where a machine without a graphics processor begins: each step down to it would draw everything anew. */
+export const SOFTWARE_LEVEL = 2;
+
 const SLOW_MS = 31; // [ms] a frame: below 32 frames a second something goes
 const FAST_MS = 15; // [ms] a frame: above 66 frames a second something comes back
 const SLOW_FRAMES = 4; // in a row until it goes
@@ -26,11 +29,12 @@ const PAUSE_MS = 2000; // [ms] a longer gap is a pause, not a slow frame
 
 /** Chooses the level from the times between frames. */
 export class DetailControl {
-  level = 0;
   private last = Number.NaN;
   private slow = 0;
   private fast = 0;
   private patience = FAST_FRAMES;
+
+  constructor(public level = 0) {}
 
   /** Takes note of a frame at `now` [ms] while things move; returns whether the level has changed. */
   frame(now: number): boolean {

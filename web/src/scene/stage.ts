@@ -2,17 +2,20 @@
 
 import { Color, Group, type Matrix4, PerspectiveCamera, Scene, Vector3 as ThreeVector, WebGLRenderer } from "three";
 import { OrbitControls } from "three/addons/controls/OrbitControls.js";
-import { DetailControl, LEVELS } from "./detail";
+import { DetailControl, LEVELS, SOFTWARE_LEVEL } from "./detail";
 import { type FreeArea, NO_INSETS, shiftLens } from "./camera";
 import { Floor } from "./floor";
 import type { Insets } from "./interface";
 import { COARSE, FINE } from "./layers";
+import { both, EVERYWHERE, type Region, regionOf } from "./region";
 import { StillPicture } from "./still";
 
 const FIELD_OF_VIEW_DEG = 34;
 const PIXEL_RATIO_MAX = 2; // more is not seen
 const REST_FINER = 2; // pixels drawn for each of the screen's, along both sides, of a picture at rest: smooth edges
 const LEAST_FREE = 0.3; // of the canvas: what is shown is not drawn smaller than that
+const EDGE_PX = 4; // [px] drawn round what moves: pixels of a low resolution are as large
+const ROUNDING = 1e-9; // [-] and [m] of the camera's matrix: no pixel sees less
 const REST_MS = 700; // [ms] without motion, after which the picture is drawn in full; a moving arm is reported more often
 
 /** What the stage asks before each frame. */
@@ -42,14 +45,15 @@ export class Stage {
   private disposed = false;
   private pinned: number | null = null;
   private readonly picture = new StillPicture();
+  private movedIn = EVERYWHERE; // where the canvas differs from the picture of what stands still
   private readonly software: boolean; // no graphics processor
   private readonly seenFrom: Matrix4;
 
   constructor(readonly canvas: HTMLCanvasElement) {
     this.software = drawsInSoftware();
-    this.renderer = new WebGLRenderer({ canvas, antialias: !this.software, powerPreference: "high-performance" });
+    this.renderer = new WebGLRenderer({ canvas, antialias: !this.software, preserveDrawingBuffer: this.software, powerPreference: "high-performance" });
     this.renderer.info.autoReset = false;
-    this.detail = new DetailControl();
+    this.detail = new DetailControl(this.software ? SOFTWARE_LEVEL : 0);
     this.camera.up.set(0, 0, 1);
     this.camera.position.set(1.5, -3, 1.7);
     this.seenFrom = this.camera.matrixWorld.clone();
@@ -160,9 +164,14 @@ export class Stage {
       this.shadowDue = false;
     }
     this.camera.updateMatrixWorld();
-    if (whole || !this.camera.matrixWorld.equals(this.seenFrom) || !(this.software || level > 0)) this.drawWhole();
+    if (whole || !this.isSeenAsBefore() || !(this.software || level > 0)) this.drawWhole();
     else this.drawMoving();
     this.frameMs = performance.now() - began;
+  }
+
+  /** Whether the camera stands where the last whole picture was seen from; the controls round anew at each update. */
+  private isSeenAsBefore(): boolean {
+    return this.camera.matrixWorld.elements.every((value, i) => Math.abs(value - this.seenFrom.elements[i]!) < ROUNDING);
   }
 
   private drawWhole(): void {
@@ -171,18 +180,37 @@ export class Stage {
     this.picture.fresh = false;
   }
 
-  /** Draws what moves before the picture of what does not. */
+  /** Draws what moves before the picture of what does not; in software only where either differs from the last frame. */
   private drawMoving(): void {
     if (!this.picture.fresh) this.takePicture();
+    const now = this.software ? this.movingRegion() : EVERYWHERE;
+    this.cut(both(now, this.movedIn));
+    this.movedIn = now;
     this.renderer.autoClear = false;
     this.picture.show(this.renderer);
     this.only(this.moving);
     this.renderer.render(this.scene, this.camera);
     this.only(this.still, this.ghosts, this.moving);
     this.renderer.autoClear = true;
+    this.renderer.setScissorTest(false);
+  }
+
+  private movingRegion(): Region {
+    const { shadow } = this.floor;
+    const things = this.moving.children.filter((thing) => thing !== shadow);
+    return regionOf(things, this.camera, shadow.visible ? shadow.position.z : null);
+  }
+
+  /** Draws within a region alone. */
+  private cut({ left, right, bottom, top }: Region): void {
+    const [width, height] = [this.canvas.clientWidth / 2, this.canvas.clientHeight / 2];
+    const [x, y] = [(left + 1) * width - EDGE_PX, (bottom + 1) * height - EDGE_PX];
+    this.renderer.setScissor(x, y, (right - left) * width + 2 * EDGE_PX, (top - bottom) * height + 2 * EDGE_PX);
+    this.renderer.setScissorTest(true);
   }
 
   private takePicture(): void {
+    this.movedIn = EVERYWHERE;
     this.picture.take(this.renderer, (ghosts) => {
       this.only(this.still, ...(ghosts ? [this.ghosts] : []));
       this.renderer.render(this.scene, this.camera);

@@ -20,13 +20,16 @@ import {
   type WebGLRenderer,
 } from "three";
 
-const VERTEX = /* glsl */ `out vec2 at; void main() { at = uv; gl_Position = vec4(position.xy, 0.0, 1.0); }`;
+const VERTEX = /* glsl */ `void main() { gl_Position = vec4(position.xy, 0.0, 1.0); }`;
 const FRAGMENT = /* glsl */ `
-in vec2 at;
 out vec4 colour;
 uniform sampler2D colours;
 uniform sampler2D depths;
-void main() { colour = texture(colours, at); gl_FragDepth = texture(depths, at).r; }`;
+void main() {
+  ivec2 at = ivec2(gl_FragCoord.xy);
+  colour = texelFetch(colours, at, 0);
+  gl_FragDepth = texelFetch(depths, at, 0).r;
+}`;
 
 export class StillPicture {
   fresh = false;

@@ -1,12 +1,14 @@
 // What a person does: edit, plan, drag, throw, stop, acknowledge, report a landing, adopt a profile.
 
 import { call, get, keepToken, post, ProblemError, token } from "../service/client";
-import type { CellState, Curves, Execution, Plan, ProfileList, ThrowMap } from "../service/types";
+import type { CellState, Curves, Execution, LandingAnswer, LandingRequest, Plan, ProfileList, ThrowMap } from "../service/types";
 import { type Draft, InvalidDraft, previewOf, requestOf, withNearest } from "./draft";
+import { placeReport } from "./landing-report";
 import { isArmed } from "./machine";
 import {
-  access, cellStates, curves, dispatch, failed, landings, notice, picking, playing, profiles, reached, state, throwMap, time,
+  access, cellStates, curves, dispatch, failed, landings, landingStd, notice, picking, playing, profiles, reached, state, throwMap, time,
 } from "./store";
+import { landingWords } from "./words";
 
 export function edit(fields: Partial<Draft>): void {
   dispatch({ type: "edit", request: { ...state.value.request, ...fields } });
@@ -176,22 +178,28 @@ export async function currentPositions(): Promise<readonly number[] | null> {
   return null;
 }
 
-/** Reports that a person saw the object land there [m]. */
-export async function reportLanding(position: readonly number[]): Promise<void> {
-  const id = picking.value;
-  if (id === null) return;
+/** Reports what a person saw of the landing of an execution: a place, or whether it hit. */
+export async function reportLanding(id: string, report: LandingRequest): Promise<void> {
   picking.value = null;
   try {
-    await post(`/executions/${id}/landing`, { position, std_m: LANDING_STD_M });
-    const { [id]: _, ...others } = landings.value;
-    landings.value = others; // read again
-    notice.value = { kind: "good", text: `Landing at (${position.slice(0, 2).map((x) => x.toFixed(2)).join(", ")}) reported.` };
+    const kept = await post<LandingAnswer>(`/executions/${id}/landing`, report, { key: newKey() });
+    landings.value = { ...landings.value, [id]: [...(landings.value[id] ?? []), kept] };
+    notice.value = { kind: "good", text: `Reported: ${landingWords(kept)}.` };
   } catch (error) {
     notice.value = { kind: "bad", text: failed(error) };
   }
 }
 
-const LANDING_STD_M = 0.02; // [m] a click on the floor of a picture is about this good
+/** Reports a landing at the place on the floor that was pointed at [m]. */
+export async function reportPointedAt(position: readonly number[]): Promise<void> {
+  const id = picking.value;
+  if (id === null) return;
+  try {
+    await reportLanding(id, placeReport(position.map((x) => x.toFixed(4)), landingStd.value));
+  } catch (error) {
+    notice.value = { kind: "bad", text: `In the report, ${(error as InvalidDraft).message}.` };
+  }
+}
 
 /** Begins a throwability map of the cell, or goes on with one that was ended; its landing cells are so wide [m]. */
 export async function makeMap(resolution_m: number): Promise<void> {

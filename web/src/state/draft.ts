@@ -86,13 +86,13 @@ export class InvalidDraft extends Error {
   }
 }
 
-function numberOf(text: string, field: string): number {
+export function numberOf(text: string, field: string): number {
   const value = Number(text.trim().replace(",", "."));
   if (text.trim() === "" || !Number.isFinite(value)) throw new InvalidDraft(field, text);
   return value;
 }
 
-function numbersOf(texts: readonly string[], field: string): number[] {
+export function numbersOf(texts: readonly string[], field: string): number[] {
   return texts.map((text, i) => numberOf(text, `${field} ${i + 1}`));
 }
 

@@ -146,7 +146,7 @@ function endFollowing(): void {
 
 async function followRun(id: string, signal: AbortSignal): Promise<void> {
   playing.value = 0;
-  void loadRunPlan(id).catch(failed);
+  void showExecution(id).catch(failed);
   for await (const { kind, data } of watchExecution(id, signal)) {
     dispatch({ type: "event", id, kind, data });
     const clock = data["clock_s"];
@@ -160,8 +160,8 @@ async function followRun(id: string, signal: AbortSignal): Promise<void> {
   await followHistory();
 }
 
-/** Loads the plan of an execution, which is shown while it runs. */
-async function loadRunPlan(id: string): Promise<void> {
+/** Shows an execution, with its plan; one that runs stays on the screen. */
+export async function showExecution(id: string): Promise<void> {
   const execution = await get<Execution>(`/executions/${id}`);
   dispatch({ type: "execution", execution });
   const known = state.value.plan?.value;

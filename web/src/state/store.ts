@@ -44,6 +44,7 @@ export const notice = signal<{ readonly text: string; readonly kind: "bad" | "go
 export const time = signal(0);
 export const playing = signal<number>(0); // pace: 0 stands still, 1 real time
 export const picking = signal<string | null>(null); // execution whose landing is being pointed at
+export const landingStd = signal("0.02"); // of a reported place, as typed [m]: a click on the floor is about this good
 export const dark = signal(false);
 
 /** How a plan is executed. */

@@ -1,6 +1,6 @@
 // What the page says, in words: states, outcomes, stops and what to do after them, refusals. Pure.
 
-import type { CellState, CellSummary, Execution, Plan } from "../service/types";
+import type { CellState, CellSummary, Execution, LandingAnswer, Plan } from "../service/types";
 import type { Run } from "./machine";
 
 export type Tone = "good" | "bad" | "busy" | "idle";
@@ -213,4 +213,14 @@ export function keyNumbers(run: Run | Execution, observed_m: number | null, plan
     },
     { label: "Missed ticks", value: typeof missed === "number" ? String(missed) : "–", note: "" },
   ];
+}
+
+/** What somebody reported of a landing. */
+export function landingWords({ position, std_m, result, radius_m }: LandingAnswer): string {
+  if (position !== null) {
+    const place = position.slice(0, 2).map((x) => figure(Number(x.toFixed(3)), 4)).join(", ");
+    return `at (${place})${std_m ? ` ± ${length(std_m)}` : ""}`;
+  }
+  const target = `the target’s ${length(radius_m)}`;
+  return { hit: `hit, within ${target}`, edge: `on the edge of ${target}`, miss: `miss, beyond ${target}` }[result ?? ""] ?? "nothing";
 }

@@ -6,11 +6,12 @@ import type { Plan } from "../service/types";
 import { aimOf, orderOf, PHASES, type Run, type Sample } from "../state/machine";
 import { offsetFrom } from "../state/scatter";
 import { JOINTS } from "../curves/quantities";
-import { answered, cellName, cellState, execution, landings, picking, runPlan } from "../state/store";
+import { answered, cellName, cellState, execution, landings, runPlan } from "../state/store";
 import {
   ADVICE, figure, keyNumbers, OUTCOME_WORDS, outcomeTone, PHASE_WORDS, preflight,
 } from "../state/words";
 import { Icon } from "./icons";
+import { LandingReports } from "./landing";
 
 export function ExecutionSection(): JSX.Element {
   const run = execution.value;
@@ -122,11 +123,7 @@ function Numbers({ run, plan }: { run: Run; plan: Plan | null }): JSX.Element {
           </div>
         ))}
       </dl>
-      {run.metrics?.["released"] === true ? (
-        <button type="button" class="quiet small" aria-pressed={picking.value === run.id} onClick={() => (picking.value = picking.value === run.id ? null : run.id)}>
-          {picking.value === run.id ? "Click on the floor where it landed …" : "Report the landing"}
-        </button>
-      ) : null}
+      {run.metrics?.["released"] === true ? <LandingReports key={run.id} id={run.id} plan={plan} /> : null}
       {rest.length > 0 ? (
         <details class="options">
           <summary>Everything that was measured</summary>

@@ -5,11 +5,13 @@ import type { JSX } from "preact";
 import { call } from "../service/client";
 import { save } from "../service/save";
 import type { Execution } from "../service/types";
+import { newestResult } from "../state/landing-report";
 import { aimOf } from "../state/machine";
+import { showExecution } from "../state/follow";
 import { ellipseOf, type Offset, offsetFrom } from "../state/scatter";
 import { adopt, learn, revert } from "../state/actions";
 import { cellName, failed, history, landings, notice, profiles, targets } from "../state/store";
-import { figure, length, OUTCOME_WORDS, outcomeTone } from "../state/words";
+import { figure, landingWords, length, OUTCOME_WORDS, outcomeTone } from "../state/words";
 import { observedError } from "./execution";
 import { Icon } from "./icons";
 
@@ -49,12 +51,19 @@ function Table({ runs }: { runs: readonly Execution[] }): JSX.Element {
         <tbody>
           {runs.map((run) => (
             <tr key={run.id}>
-              <td>{new Date(run.created_at).toLocaleTimeString()}</td>
+              <td>
+                <button type="button" class="link" aria-label={`Show the execution of ${timeOf(run)}`} onClick={() => void showExecution(run.id).catch(failed)}>
+                  {timeOf(run)}
+                </button>
+              </td>
               <td class={run.outcome ? outcomeTone(run.outcome) : "busy"}>
                 {run.outcome ? (OUTCOME_WORDS[run.outcome] ?? run.outcome) : "Running"}
                 {run.dry_run ? " (dry run)" : ""}
               </td>
-              <td class="number">{length(errorOf(run))}</td>
+              <td class="number">
+                {length(errorOf(run))}
+                <Result run={run} />
+              </td>
               <td class="number">{run.metrics?.["missed_ticks"] === undefined ? "–" : String(run.metrics["missed_ticks"])}</td>
               <td>
                 {run.state === "finished" && run.outcome !== "refused" ? (
@@ -72,9 +81,19 @@ function Table({ runs }: { runs: readonly Execution[] }): JSX.Element {
   );
 }
 
+function timeOf(run: Execution): string {
+  return new Date(run.created_at).toLocaleTimeString();
+}
+
 function errorOf(run: Execution): number | null {
   const measured = run.metrics?.["landing_error_m"];
   return typeof measured === "number" ? measured : observedError(run.id, targets.value[run.plan_id] ?? null);
+}
+
+/** Whether the target was hit, as somebody reported it. */
+function Result({ run }: { run: Execution }): JSX.Element | null {
+  const found = newestResult(landings.value[run.id] ?? []);
+  return found && <small class={found.result === "hit" ? "good" : found.result === "miss" ? "bad" : ""}>{landingWords(found)}</small>;
 }
 
 function Download({ id, media, suffix }: { id: string; media: string; suffix: string }): JSX.Element {

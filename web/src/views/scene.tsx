@@ -9,10 +9,10 @@ import { type Quaternion, quaternionOf, rotationVectorOf } from "../model/poses"
 import { landingCellAt } from "../model/throw-map";
 import { call } from "../service/client";
 import { save } from "../service/save";
-import { drag, drop, reportLanding, takeNearest } from "../state/actions";
+import { drag, drop, reportPointedAt, takeNearest } from "../state/actions";
 import { type Draft, vector } from "../state/draft";
 import {
-  answered, cellName, cellState, dark, draft, execution, isReal, landings, mapPicture, model, picking, preview, problem, runId, running,
+  answered, cellName, cellState, dark, draft, execution, history, isReal, landings, mapPicture, model, picking, preview, problem, runId, running,
   shown, standing, throwMap, time,
 } from "../state/store";
 import { seenAt } from "../state/scatter";
@@ -95,7 +95,7 @@ async function loadScene(canvas: HTMLCanvasElement | null, onFailure: (reason: s
       onTargetDropped: (position) => drop(asTarget(position)),
       onReleaseMoved: (release) => drag(asRelease(release)),
       onReleaseDropped: (release) => drop(asRelease(release)),
-      onFloorPicked: (position) => void reportLanding(position),
+      onFloorPicked: (position) => void reportPointedAt(position),
       onNearestPicked: takeNearest,
       onMapPicked: planAt,
       onFailure,
@@ -269,8 +269,9 @@ function planAt([x, y, z]: Vector3): void {
 function showLandings(scene: Scene): void {
   void model.value;
   const newest = runId.value;
+  const own = new Set(history.value?.filter((run) => run.cell === cellName.value).map((run) => run.id));
   const dots: Landing[] = Object.entries(landings.value).flatMap(([id, list]) => {
-    const seen = seenAt(list);
+    const seen = own.has(id) ? seenAt(list) : null;
     return seen ? [{ id, position: seen as unknown as Vector3, newest: id === newest }] : [];
   });
   scene.setLandings(dots, null); // the plan brings its own ellipse

@@ -1,0 +1,30 @@
+// Reports of landings, from what a person types; and what a list of them says. Pure.
+
+import type { LandingAnswer, LandingRequest, Plan } from "../service/types";
+import { numberOf, numbersOf } from "./draft";
+
+export type Result = NonNullable<LandingRequest["result"]>;
+export const RESULTS: readonly (readonly [Result, string])[] = [["hit", "Hit"], ["edge", "Edge"], ["miss", "Miss"]];
+const RADIUS_M = "0.1"; // of a target that has none of its own
+
+/** Returns the report of a place [m] with its uncertainty [m]. Throws InvalidDraft for text that is no number. */
+export function placeReport(place: readonly string[], std: string): LandingRequest {
+  return { position: numbersOf(place, "landing"), std_m: numberOf(std, "uncertainty"), source: "person" };
+}
+
+/** Returns the report whether a target of a radius [m] was hit. Throws InvalidDraft for text that is no number. */
+export function resultReport(result: Result, radius: string): LandingRequest {
+  return { result, radius_m: numberOf(radius, "radius"), source: "person" };
+}
+
+/** Returns the radius of a plan's target as text: its bin's, else a usual one; null for a plan without a target. */
+export function targetRadius(plan: Plan | null): string | null {
+  const release = plan?.request["release"] as { kind?: string; opening?: { radius_m: number } | null } | undefined;
+  if (release?.kind !== "target") return null;
+  return release.opening ? String(release.opening.radius_m) : RADIUS_M;
+}
+
+/** Returns the newest report that says whether the target was hit, null without one. */
+export function newestResult(list: readonly LandingAnswer[]): LandingAnswer | null {
+  return list.filter((landing) => landing.result !== null).at(-1) ?? null;
+}
