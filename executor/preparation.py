@@ -172,7 +172,8 @@ def _landing_derivatives(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[
 def _landings(problem: ThrowProblem, q: Vector, qd: Vector) -> Vector:
     """Returns the landing points (n, 2) [m] of releases in joint states (n, 6); NaN where the object never lands."""
     state = tool_state(problem.cell, q, qd)
-    return landing_points(state.p_WT, state.v_WT, problem.plane_z, problem.gravity, problem.drag)[:, :2]
+    leaves = problem.release_speed_factor * state.v_WT
+    return landing_points(state.p_WT, leaves, problem.plane_z, problem.gravity, problem.drag)[:, :2]
 
 
 def _sample(problem: ThrowProblem, trajectory: Trajectory, brake_every: int = 1) -> tuple[StreamRows, Brakes]:

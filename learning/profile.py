@@ -119,13 +119,18 @@ def known_gains(gains: Sequence[float | None]) -> Array:
 
 
 def cell_with_profile(cell: Cell, document: Mapping[str, Any] | None) -> Cell:
-    """Returns the cell with a profile's lag, gripper delay, jitter and drag; without a profile the cell itself.
+    """Returns the cell with a profile's lag, gripper delay and jitter, release speed and drag; None: the cell itself.
 
     Nothing else is replaced: limits, surroundings and tool stay the cell file's.
     """
     if document is None:
         return cell
-    gripper = replace(cell.gripper, delay_s=float(document["delay_s"]), jitter_s=float(document["jitter_s"]))
+    gripper = replace(
+        cell.gripper,
+        delay_s=float(document["delay_s"]),
+        jitter_s=float(document["jitter_s"]),
+        release_speed_factor=float(document.get("speed_factor", 1.0)),
+    )
     thing = replace(cell.object, drag_coefficient=float(document["drag_coefficient"]))
     return replace(cell, timing=replace(cell.timing, lag_s=float(document["lag_s"])), gripper=gripper, object=thing)
 

@@ -99,7 +99,8 @@ def _landing_shift(problem: ThrowProblem, trajectory: Trajectory, late_s: float)
         return 0.0
     k = min(trajectory.release_index + ticks, len(trajectory.q) - 1)
     X_WT, V_WT = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
-    flight = fly(X_WT[:3, 3], V_WT[:3], problem.plane_z, problem.gravity, problem.drag)
+    leaves = problem.release_speed_factor * V_WT[:3]
+    flight = fly(X_WT[:3, 3], leaves, problem.plane_z, problem.gravity, problem.drag)
     return math.inf if flight is None else float(np.linalg.norm(flight.landing_point - nominal.landing_point))
 
 
