@@ -143,9 +143,8 @@ def expected_landing(
     by_q, by_qd = _landing_derivatives(problem, q, qd)
     shift = np.zeros(2)
     if known is not None:
-        at = np.array([trajectory.release_time_s])
-        off_q, off_qd = known.arm.deviation(trajectory, problem.cell.timing.lag_s, at)
-        shift = by_q @ off_q[0] + by_qd @ (off_qd[0] + known.speeds.expected(qd))
+        off_q, off_qd = known.release_deviation(trajectory, problem.cell.timing.lag_s)
+        shift = by_q @ off_q + by_qd @ off_qd
     return ExpectedLanding(
         tolerance_m=tolerance_m,
         shift=shift.tolist(),

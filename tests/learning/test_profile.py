@@ -26,7 +26,15 @@ TRUTH = HiddenCell(delay_s=0.071, jitter_s=0.001, shape="gaussian", assumed_dela
                    cling_share=0.0, outlier_share=0.0)  # fmt: skip
 
 
-def add_throw(store: Store, rng: np.random.Generator, distance_m: float, angle: float, observed: bool = True) -> str:
+def add_throw(
+    store: Store,
+    rng: np.random.Generator,
+    distance_m: float,
+    angle: float,
+    observed: bool = True,
+    outcome: str = "completed",
+    late_s: float = 0.0,
+) -> str:
     """Stores a plan, its execution with a recording of an exact arm, and where the object landed."""
     target = [distance_m * np.cos(angle), distance_m * np.sin(angle), 0.0]
     request = {"cell": CELL, "release": {"kind": "target", "position": target}, "backend": "ruckig",
@@ -37,11 +45,13 @@ def add_throw(store: Store, rng: np.random.Generator, distance_m: float, angle: 
     data = orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY)
     store.add_plan(document["id"], time.time(), CELL, document["cell_sha256"], "ruckig", *split_plan(data))
     trajectory = found.trajectory
-    true = throw(rng, TRUTH, PlannedThrow(problem, trajectory, 0.0), TRUTH.openings(rng, 1)[0] - LEAD_S, np.zeros(2))
+    true = throw(
+        rng, TRUTH, PlannedThrow(problem, trajectory, 0.0), TRUTH.openings(rng, 1)[0] - LEAD_S + late_s, np.zeros(2)
+    )
     row = store.queue_execution(document["id"], CELL)
     store.add_recording(row.id, b"", recording(trajectory))
-    metrics = {"gripper_commanded_s": trajectory.release_time_s - LEAD_S, "timing": None, "landed_on": "floor"}
-    store.finish_execution(row.id, "completed", None, metrics)
+    metrics = {"gripper_commanded_s": trajectory.release_time_s - LEAD_S + late_s, "timing": None, "landed_on": "floor"}
+    store.finish_execution(row.id, outcome, None, metrics)
     if observed:
         store.add_landing(new_id(), row.id, time.time(), "person", "test", [*true.seen, 0.0], 0.003)
     return row.id
@@ -72,6 +82,21 @@ def test_delay_speed_and_base_come_out_of_what_is_stored(learnt: SimpleNamespace
     assert found["evidence"]["throws"] == learnt.ids
     assert len(found["evidence"]["landings"]) == len(learnt.ids)
     assert found["evidence"]["recordings"] == [*learnt.ids, learnt.unseen]
+
+
+def test_a_throw_with_a_late_command_teaches_and_one_that_does_not_is_named(tmp_path: Path):
+    """The command's time is known: 15 ms late it lands 15 to 30 cm off, and says the same of the gripper."""
+    store, rng = Store.open(f"sqlite:///{tmp_path / 'fling.db'}"), np.random.default_rng(4)
+    late = [add_throw(store, rng, 1.0 + 0.1 * k, 1.3 * k, outcome="late", late_s=0.015) for k in range(4)]
+    stopped = add_throw(store, rng, 1.2, 0.3, outcome="protective_stop")
+    add_throw(store, rng, 1.2, 0.9, observed=False, outcome="tracking")  # nothing was reported of it
+    found = estimate_profile(store, benchmark_cell())
+    store.close()
+    evidence = found["evidence"]
+    assert evidence["throws"] == late
+    assert evidence["recordings"] == []
+    assert evidence["not_used"] == [{"execution_id": stopped, "reason": "its outcome is protective_stop"}]
+    assert found["lag_s"] + found["delay_s"] == pytest.approx(TRUTH.delay_s, abs=0.004)
 
 
 def test_a_profile_says_what_it_explains_of_the_landings(learnt: SimpleNamespace):
