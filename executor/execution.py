@@ -18,7 +18,7 @@ from executor.stream_job import ExpectedLanding, StreamJob
 from executor.streaming.state_checks import EMERGENCY_BITS, NORMAL
 from executor.supervision import StreamRun
 from fling import tracing
-from learning import knowledge_of
+from learning import CellKnowledge, knowledge_of
 from planner.approach import Approach, find_approach, jog_advice, obstacle_words
 from planner.certificate import Check, release_flight
 from planner.plan_reading import aimed_problem, promised_tolerance
@@ -80,8 +80,11 @@ class Execution:
         tolerance = promised_tolerance(orjson.loads(document), self.problem)
         if tolerance is None:
             return None
-        known = None if self.profile is None else knowledge_of(orjson.loads(self.profile.document))
-        return expected_landing(self.problem, self.trajectory, tolerance, known)
+        return expected_landing(self.problem, self.trajectory, tolerance, self._known())
+
+    def _known(self) -> CellKnowledge | None:
+        """Returns what the plan's profile knows of the cell; None without one."""
+        return None if self.profile is None else knowledge_of(orjson.loads(self.profile.document))
 
     def _approach(self, state: RobotState, pace: float) -> tuple[Approach, tuple[Check, ...]]:
         """Returns the approach, and the checks that a straight move fails.
@@ -141,7 +144,8 @@ class Execution:
         outcome, reason = self._outcome(ended)
         telemetry, landing = records.Telemetry(ended.rows), None if outcome == "held" else self._landing()
         timing = self._timing(telemetry)
-        numbers = records.metrics(self.problem, self.trajectory, ended, landing, timing, self.aim_shift)
+        known = self._known() if self.row.mode == "speedj" else None
+        numbers = records.metrics(self.problem, self.trajectory, ended, landing, timing, self.aim_shift, known)
         if outcome == "completed" and not self.row.dry_run:
             verdict = records.release_verdict(self.problem, self.trajectory, numbers, landing)
             outcome, reason = verdict or (outcome, reason)

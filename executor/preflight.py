@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 import orjson
@@ -65,7 +66,10 @@ def verify_plan(
         if plan.get("profile") != used:
             raise ExecutionRefused(f"the plan was made with profile {plan.get('profile')}, not {used}: plan again")
         learnt = None if profile is None else orjson.loads(profile.document)
-        problem, trajectory = plan_from_document(plan, cell_with_profile(cell, learnt))
+        own = cell_with_profile(cell, learnt)
+        problem, trajectory = plan_from_document(plan, own)
+        if made_for := _other_flight(plan, own):
+            raise ExecutionRefused(made_for)
         shift = aim_shift(plan)
     except KeyError as error:
         raise ExecutionRefused(f"the plan cannot be read: it has no {error}") from error
@@ -76,6 +80,19 @@ def verify_plan(
         names = ", ".join(f"{c.name} ({c.value:.4g} against {c.limit:.4g} {c.unit})" for c in certificate.failures)
         raise ExecutionRefused(f"the certificate made again does not hold: {names}")
     return problem, trajectory, shift
+
+
+def _other_flight(plan: Mapping[str, Any], own: Cell) -> str | None:
+    """Returns how a plan's flight was made for another object than this cell's; None where it agrees, or is silent."""
+    flight = plan.get("flight") or {}
+    here = {
+        "release_speed_factor": own.gripper.release_speed_factor,
+        "drag_coefficient": own.object.drag_coefficient,
+    }
+    for name, value in here.items():
+        if flight.get(name, value) != value:
+            return f"the plan's flight was made with flight.{name} = {flight[name]}, not {value}: plan again"
+    return None
 
 
 def gripper_is_open(cell: Cell, state: RobotState) -> bool:

@@ -143,9 +143,8 @@ def expected_landing(
     by_q, by_qd = _landing_derivatives(problem, q, qd)
     shift = np.zeros(2)
     if known is not None:
-        at = np.array([trajectory.release_time_s])
-        off_q, off_qd = known.arm.deviation(trajectory, problem.cell.timing.lag_s, at)
-        shift = by_q @ off_q[0] + by_qd @ (off_qd[0] + known.speeds.expected(qd))
+        off_q, off_qd = known.release_deviation(trajectory, problem.cell.timing.lag_s)
+        shift = by_q @ off_q + by_qd @ off_qd
     return ExpectedLanding(
         tolerance_m=tolerance_m,
         shift=shift.tolist(),
@@ -172,7 +171,8 @@ def _landing_derivatives(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[
 def _landings(problem: ThrowProblem, q: Vector, qd: Vector) -> Vector:
     """Returns the landing points (n, 2) [m] of releases in joint states (n, 6); NaN where the object never lands."""
     state = tool_state(problem.cell, q, qd)
-    return landing_points(state.p_WT, state.v_WT, problem.plane_z, problem.gravity, problem.drag)[:, :2]
+    leaves = problem.release_speed_factor * state.v_WT
+    return landing_points(state.p_WT, leaves, problem.plane_z, problem.gravity, problem.drag)[:, :2]
 
 
 def _sample(problem: ThrowProblem, trajectory: Trajectory, brake_every: int = 1) -> tuple[StreamRows, Brakes]:

@@ -17,6 +17,7 @@ from learning.profile import (
 )
 from learning.recordings import MotionRecording, RecordingError, recording_from_csv
 from learning.release import ObservedThrow, ReleasePosterior, learn_release, prior_state
+from learning.streamed_arm import StreamedArm
 from learning.throws import ThrowTable, throw_table
 from learning.timing import JointTiming, TimingEstimate, estimate_timing
 from learning.timing_history import lag_advice, lag_change, pool_timing, pooled_document, timing_runs
@@ -30,6 +31,7 @@ __all__ = [
     "ObservedThrow",
     "RecordingError",
     "ReleasePosterior",
+    "StreamedArm",
     "ThrowTable",
     "TimingEstimate",
     "estimate_timing",

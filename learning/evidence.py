@@ -29,6 +29,8 @@ SPEED_STD_RAD_S = 0.005
 UNRECORDED_RAD_S = 0.022  # [rad/s] of a joint speed that was not recorded; source: residual of a real UR5
 UNKNOWN_STD_M = 0.010  # [m] of a position that was reported without one: by eye, with a tape
 LEAST_STD_M = 0.001  # [m] of a position that claims to be exact: the model is no better
+COUNTED = ("completed", "late")  # outcomes of throws whose gripper opened at a known time on a known motion
+WITHOUT_TARGET = "hit, edge or miss says nothing without a target and the radius of a hit"
 IN_THE_WAY = ("keep_out", "bin")  # beginnings of what an object may land on instead of the plane
 
 
@@ -43,6 +45,7 @@ class ThrowEvidence:
         deviation: recorded less what the arm's lag and gains make of the plan (6,) [rad/s]; None without a recording.
         observed: where it landed; None where no position was reported.
         outcome: whether it hit; None where a position was reported, or nothing.
+        unused: why what was reported of its landing does not count; None where it counts, or nothing was reported.
     """
 
     execution_id: str
@@ -52,54 +55,98 @@ class ThrowEvidence:
     deviation: Array | None
     observed: ObservedThrow | None
     outcome: TargetOutcome | None
+    unused: str | None = None
 
 
-def throw_evidence(store: Store, cell: Cell, arm: StreamedArm) -> list[ThrowEvidence]:
-    """Returns the throws of a cell, oldest first; those planned for another version of its file do not count.
+@dataclass(frozen=True)
+class UnusedThrow:
+    """An execution with a reported landing that teaches nothing, and why."""
+
+    execution_id: str
+    reason: str
+
+
+def throw_evidence(store: Store, cell: Cell, arm: StreamedArm) -> tuple[list[ThrowEvidence], list[UnusedThrow]]:
+    """Returns the throws of a cell, oldest first, and those with a reported landing that do not count.
 
     Args:
         store: with executions, recordings and landings.
         cell: as its file says.
         arm: lag and gains, whose part in the deviations is no scatter.
     """
-    found = []
+    found: list[ThrowEvidence] = []
+    unused: list[UnusedThrow] = []
     for row in store.executions_of_cell(cell.name):
-        evidence = _evidence(store, cell, arm, row)
-        if evidence is not None:
-            found.append(evidence)
+        try:
+            found.append(_evidence(store, cell, arm, row))
+            reason = found[-1].unused
+        except _Unusable as error:
+            reason = str(error) if store.landings(row.id) else None
+        if reason is not None:
+            unused.append(UnusedThrow(row.id, reason))
         if len(found) == THROWS_MAX:
             break
-    return found[::-1]
+    return found[::-1], unused[::-1]
 
 
-def _evidence(store: Store, cell: Cell, arm: StreamedArm, row: ExecutionRow) -> ThrowEvidence | None:
+class _Unusable(Exception):
+    """The execution teaches nothing; the text says why."""
+
+
+def _evidence(store: Store, cell: Cell, arm: StreamedArm, row: ExecutionRow) -> ThrowEvidence:
+    """Returns what an execution teaches.
+
+    A gripper's command that was late is no fault here: its time is known, and the arm's motion is recorded.
+    """
     numbers = row.metrics or {}
     sent = numbers.get("gripper_commanded_s")
-    plan = store.plan(row.plan_id)
-    if row.dry_run or row.outcome != "completed" or sent is None or plan is None or plan.cell_sha256 != cell.sha256:
-        return None
-    document = orjson.loads(plan.document)
-    try:
-        problem, trajectory = plan_from_document(document, cell)
-    except (PlannerError, KeyError, TypeError):
-        return None  # a plan of an earlier version of Fling
+    if row.dry_run or sent is None:
+        raise _Unusable("the gripper was not commanded to open")
+    if row.outcome not in COUNTED:
+        raise _Unusable(f"its outcome is {row.outcome}")
+    document, problem, trajectory = _plan(store, cell, row)
     recording = store.recording(row.id)
     columns = {} if recording is None else _columns(*recording.table)
+    if row.outcome != "completed" and not (columns and columns["clock"][-1] >= trajectory.duration_s):
+        raise _Unusable(f"its outcome is {row.outcome}, and its recording ends before the motion")
     off = _deviations(columns, trajectory) if columns else None
-    landings = [] if _in_the_way(numbers) else store.landings(row.id)
-    position, lead = _position(landings), trajectory.release_time_s - float(sent)
-    table = throw_table(problem, trajectory, off) if landings else None
-    target = aimed_problem(problem, -aim_shift(document))
-    observed = outcome = None
-    if table is not None and position is not None:
-        std = SPEED_STD_RAD_S if columns else UNRECORDED_RAD_S
-        observed = ObservedThrow(table, lead, *position, np.full(6, std**2))
-    elif table is not None:
-        outcome = _outcome(table, lead, target.release, landings, SPEED_STD_RAD_S if columns else UNRECORDED_RAD_S)
-    k = trajectory.release_index
-    deviation = None if off is None else off[1][len(off[1]) // 2] - _expected(arm, trajectory, numbers)
+    reported, target = store.landings(row.id), aimed_problem(problem, -aim_shift(document))
+    landings = [] if _in_the_way(numbers) else reported
+    observed = outcome = unused = deviation = None
+    if landings:
+        table, lead = throw_table(problem, trajectory, off), trajectory.release_time_s - float(sent)
+        observed, outcome = _seen(table, lead, target.release, landings, is_recorded=bool(columns))
+    if reported and observed is None and outcome is None:
+        unused = f"the object landed on {numbers['landed_on']}" if _in_the_way(numbers) else WITHOUT_TARGET
+    if off is not None and row.outcome == "completed":  # lost ticks say nothing of gains
+        deviation = off[1][len(off[1]) // 2] - _expected(arm, trajectory, numbers)
     ids, landing = tuple(x.id for x in landings), _planned_landing(target, trajectory)
-    return ThrowEvidence(row.id, ids, landing, trajectory.qd[k], deviation, observed, outcome)
+    qd = trajectory.qd[trajectory.release_index]
+    return ThrowEvidence(row.id, ids, landing, qd, deviation, observed, outcome, unused)
+
+
+def _seen(
+    table: ThrowTable, lead_s: float, release: Release, landings: Sequence[LandingRow], is_recorded: bool
+) -> tuple[ObservedThrow | None, TargetOutcome | None]:
+    """Returns what the reported landings say: a position, else whether the throw hit; None twice where neither."""
+    std, position = SPEED_STD_RAD_S if is_recorded else UNRECORDED_RAD_S, _position(landings)
+    if position is not None:
+        return ObservedThrow(table, lead_s, *position, np.full(6, std**2)), None
+    return None, _outcome(table, lead_s, release, landings, std)
+
+
+def _plan(store: Store, cell: Cell, row: ExecutionRow) -> tuple[dict[str, Any], ThrowProblem, Trajectory]:
+    """Returns document, problem and trajectory of an execution's plan."""
+    plan = store.plan(row.plan_id)
+    if plan is None:
+        raise _Unusable("its plan is gone")
+    if plan.cell_sha256 != cell.sha256:
+        raise _Unusable("it was planned for another version of the cell file")
+    document = orjson.loads(plan.document)
+    try:
+        return document, *plan_from_document(document, cell)
+    except (PlannerError, KeyError, TypeError) as error:
+        raise _Unusable("its plan is of an earlier version of Fling") from error
 
 
 def _planned_landing(problem: ThrowProblem, trajectory: Trajectory) -> Array:

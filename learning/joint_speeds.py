@@ -44,6 +44,10 @@ class JointSpeeds:
         """Returns the expected deviation from planned speeds (..., 6) [rad/s]."""
         return self.gain_error * planned_qd
 
+    def std(self, planned_qd: Array) -> Array:
+        """Returns the standard deviation of a throw's deviation from planned speeds (..., 6) [rad/s]."""
+        return np.hypot(self.gain_std * planned_qd, self.scatter_rad_s)
+
     def drawn(self, rng: np.random.Generator, planned_qd: Array, count: int, repeats: int) -> Array:
         """Returns deviations (count, repeats, 6) from `planned_qd` (6,): `count` arms, `repeats` throws of each."""
         gains = self.gain_error + self.gain_std * rng.standard_normal((count, 1, 6))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import orjson
 
-from learning.evidence import ThrowEvidence, throw_evidence
+from learning.evidence import ThrowEvidence, UnusedThrow, throw_evidence
 from learning.hit_evidence import weighed_by_outcomes
 from learning.joint_speeds import JointSpeeds, learn_joint_speeds
 from learning.predictions import LandingForecast, forecast
@@ -53,6 +53,11 @@ class CellKnowledge:
         release = self.release
         return math.hypot(release.jitter, math.sqrt(float(release.state_covariance[LEAD, LEAD])))
 
+    def release_deviation(self, trajectory: Trajectory, assumed_lag_s: float) -> tuple[Array, Array]:
+        """Returns by how much positions [rad] and speeds [rad/s] are expected to be off a plan at its release, (6,)."""
+        off_q, off_qd = self.arm.deviation(trajectory, assumed_lag_s, np.array([trajectory.release_time_s]))
+        return off_q[0], off_qd[0] + self.speeds.expected(trajectory.qd[trajectory.release_index])
+
     def predicted(self, problem: ThrowProblem, trajectory: Trajectory) -> LandingForecast:
         """Returns where throws of a plan land, with the lag and the delay that the problem's cell assumes."""
         lag = problem.cell.timing.lag_s
@@ -83,7 +88,7 @@ def estimate_profile(store: Store, cell: Cell) -> dict[str, Any]:
     timing = pooled_document([run for _, run in runs], cell.timing.lag_s)
     lag = cell.timing.lag_s if timing is None else timing["lag_s"]
     arm = StreamedArm(lag, np.ones(6) if timing is None else known_gains(timing["gain"]))
-    throws = throw_evidence(store, cell, arm)
+    throws, unused = throw_evidence(store, cell, arm)
     prior = prior_state(cell.gripper.delay_s + cell.timing.lag_s, cell.object.drag_coefficient)
     release = learn_release([t.observed for t in throws if t.observed is not None], prior)
     release = weighed_by_outcomes(release, [t.outcome for t in throws if t.outcome is not None])
@@ -92,7 +97,7 @@ def estimate_profile(store: Store, cell: Cell) -> dict[str, Any]:
     speeds = learn_joint_speeds(pairs[:, 0], pairs[:, 1])
     known = CellKnowledge(arm, release, speeds)
     head = {"version": VERSION, "cell": cell.name, "cell_sha256": cell.sha256}
-    found = {"timing": timing, "evidence": _evidence_document(throws, [row.id for row, _ in runs])}
+    found = {"timing": timing, "evidence": _evidence_document(throws, unused, [row.id for row, _ in runs])}
     return {**head, **_numbers(cell, known, timing), **_landings(throws, release), **found, **_posterior(known)}
 
 
@@ -119,13 +124,18 @@ def known_gains(gains: Sequence[float | None]) -> Array:
 
 
 def cell_with_profile(cell: Cell, document: Mapping[str, Any] | None) -> Cell:
-    """Returns the cell with a profile's lag, gripper delay, jitter and drag; without a profile the cell itself.
+    """Returns the cell with a profile's lag, gripper delay and jitter, release speed and drag; None: the cell itself.
 
     Nothing else is replaced: limits, surroundings and tool stay the cell file's.
     """
     if document is None:
         return cell
-    gripper = replace(cell.gripper, delay_s=float(document["delay_s"]), jitter_s=float(document["jitter_s"]))
+    gripper = replace(
+        cell.gripper,
+        delay_s=float(document["delay_s"]),
+        jitter_s=float(document["jitter_s"]),
+        release_speed_factor=float(document.get("speed_factor", 1.0)),
+    )
     thing = replace(cell.object, drag_coefficient=float(document["drag_coefficient"]))
     return replace(cell, timing=replace(cell.timing, lag_s=float(document["lag_s"])), gripper=gripper, object=thing)
 
@@ -183,12 +193,15 @@ def _landings(throws: Sequence[ThrowEvidence], release: ReleasePosterior) -> dic
     return {"landings": rows, "landing_error_before_m": before, "landing_error_after_m": after}
 
 
-def _evidence_document(throws: list[ThrowEvidence], timing_ids: list[str]) -> dict[str, Any]:
+def _evidence_document(
+    throws: Sequence[ThrowEvidence], unused: Sequence[UnusedThrow], timing_ids: list[str]
+) -> dict[str, Any]:
     return {
         "throws": [t.execution_id for t in throws if t.observed is not None or t.outcome is not None],
         "landings": [id for t in throws for id in t.landing_ids],
         "recordings": [t.execution_id for t in throws if t.deviation is not None],
         "timing": timing_ids,
+        "not_used": [vars(throw) for throw in unused],
     }
 
 

@@ -79,7 +79,8 @@ def throw_table(problem: ThrowProblem, trajectory: Trajectory, off: tuple[Array,
     v = (J @ qd[..., None])[..., 0]
     thing = cell.object
     drag = drag_constant(thing.mass_kg, thing.radius_m, DRAG_STEP)
-    flights = [landing_points(p, v, problem.plane_z, problem.gravity, k)[:, :2] for k in (0.0, drag)]
+    leaves = problem.release_speed_factor * v
+    flights = [landing_points(p, leaves, problem.plane_z, problem.gravity, k)[:, :2] for k in (0.0, drag)]
     by_drag = np.nan_to_num((flights[1] - flights[0]) / DRAG_STEP)
     return ThrowTable(p, qd, J, by_drag, problem.plane_z, problem.gravity, cell.X_WB[:2, 3])
 

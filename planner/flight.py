@@ -217,23 +217,24 @@ def landing_sensitivity(
 
 
 def landing_per_release_delay(
-    p: ArrayLike, v: ArrayLike, a: ArrayLike, plane_z: float, gravity: float, drag: float = 0.0
+    p: ArrayLike, v: ArrayLike, a: ArrayLike, plane_z: float, gravity: float, drag: float = 0.0, factor: float = 1.0
 ) -> Array:
     """Returns the landing point's derivative by the release time (3,) [m/s], NaN where the object never lands.
 
     Args:
         p: release position (3,) [m].
-        v: release velocity (3,) [m/s].
+        v: velocity of the tool centre point at the release (3,) [m/s].
         a: acceleration of the tool centre point at the release (3,) [m/s^2].
         plane_z: height of the plane [m].
         gravity: [m/s^2].
         drag: k of `drag_constant` [1/m].
+        factor: the object's speed over the tool's [-].
     """
-    sensitivity = landing_sensitivity(p, v, plane_z, gravity, drag)
+    sensitivity = landing_sensitivity(p, factor * np.asarray(v, float), plane_z, gravity, drag)
     if sensitivity is None:
         return np.full(3, np.nan)
     by_position, by_velocity = sensitivity
-    return by_position @ np.asarray(v, float) + by_velocity @ np.asarray(a, float)
+    return by_position @ np.asarray(v, float) + by_velocity @ (factor * np.asarray(a, float))
 
 
 def launch_velocity(p: ArrayLike, target: ArrayLike, time_s: ArrayLike, gravity: float, drag: float = 0.0) -> Array:

@@ -113,6 +113,9 @@ def _flight(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any] | N
         "time_of_flight_s": flight.time_of_flight_s,
         "apex_height_m": flight.apex_height_m,
         "speed_m_s": flight.speed_m_s,
+        "release_speed_factor": problem.release_speed_factor,
+        "drag_coefficient": problem.cell.object.drag_coefficient,
+        "drag_per_m": problem.drag,
         "landing_per_release_delay_m_s": drift.tolist() if np.isfinite(drift).all() else None,
         "landing_shift_10ms_m": _landing_shift(problem, trajectory, flight.landing_point),
         "object_path": _object_path(problem, trajectory, flight),
@@ -138,7 +141,8 @@ def _object_path(problem: ThrowProblem, trajectory: Trajectory, flight: Flight) 
     k, T = trajectory.release_index, flight.time_of_flight_s
     state = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
     times = np.append(np.arange(0.0, T, PATH_STEP_S), T)
-    return path(state.p_WT, state.v_WT, times, problem.gravity, problem.drag).tolist()
+    leaves = problem.release_speed_factor * state.v_WT
+    return path(state.p_WT, leaves, times, problem.gravity, problem.drag).tolist()
 
 
 def _landing_drift(problem: ThrowProblem, trajectory: Trajectory) -> Array:
@@ -146,4 +150,5 @@ def _landing_drift(problem: ThrowProblem, trajectory: Trajectory) -> Array:
     X_WT, V_WT = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
     a_BT = tcp_acceleration(cell.robot, trajectory.q[k], trajectory.qd[k], trajectory.qdd[k], cell.tool.X_FT)[:3]
     a_WT = cell.X_WB[:3, :3] @ a_BT
-    return landing_per_release_delay(X_WT[:3, 3], V_WT[:3], a_WT, problem.plane_z, problem.gravity, problem.drag)
+    air = (problem.plane_z, problem.gravity, problem.drag)
+    return landing_per_release_delay(X_WT[:3, 3], V_WT[:3], a_WT, *air, problem.release_speed_factor)

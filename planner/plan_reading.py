@@ -26,6 +26,7 @@ def plan_from_document(document: Mapping[str, Any], cell: Cell) -> tuple[ThrowPr
     Raises:
         InvalidProblem: the request does not fit this cell, or the trajectory is malformed.
     """
+    cell = _as_the_flight_says(cell, document.get("flight") or {})
     problem = replace(problem_from_request(document["request"], cell), **_window(document))
     problem = aimed_problem(problem, aim_shift(document))
     samples = document["trajectory"]
@@ -69,6 +70,19 @@ def aimed_problem(problem: ThrowProblem, shift: Array) -> ThrowProblem:
         return problem
     aim = replace(release, p_W=release.p_W + shift)
     return replace(problem, release=aim, aim_shift=problem.aim_shift + shift)
+
+
+def _as_the_flight_says(cell: Cell, flight: Mapping[str, Any]) -> Cell:
+    """Returns the cell with the release speed factor and the drag that a plan was made with.
+
+    Plans of version 0.1 do not state them: their objects leave with the tool's speed, with the cell's drag.
+    """
+    factor = float(flight.get("release_speed_factor", 1.0))
+    drag = float(flight.get("drag_coefficient", cell.object.drag_coefficient))
+    if (factor, drag) == (cell.gripper.release_speed_factor, cell.object.drag_coefficient):
+        return cell
+    gripper, thing = replace(cell.gripper, release_speed_factor=factor), replace(cell.object, drag_coefficient=drag)
+    return replace(cell, gripper=gripper, object=thing)
 
 
 def _window(document: Mapping[str, Any]) -> dict[str, float]:

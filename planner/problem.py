@@ -189,6 +189,21 @@ class ThrowProblem:
         return self.cell.surroundings.gravity_m_s2
 
     @property
+    def release_speed_factor(self) -> float:
+        """The object's speed over the tool's as it leaves [-]."""
+        return self.cell.gripper.release_speed_factor
+
+    @property
+    def gravity_at_tool_speed(self) -> float:
+        """Gravity under which an object with the tool's own velocity flies the true path [m/s^2]: g / f^2.
+
+        An object that leaves with f v obeys x'' = -g - k |x'| x'. In the time s = f t its path is that of one which
+        leaves with v under g / f^2 and the same k. So whoever looks for the tool's velocity uses this gravity, and
+        times of flight are f times the true ones.
+        """
+        return self.gravity / self.release_speed_factor**2
+
+    @property
     def is_robust(self) -> bool:
         """Whether the landing tolerance must hold for a window of release times."""
         return self.release_window_s > 0.0 and self.landing_tolerance_m > 0.0 and not self.ends_at_rest

@@ -378,6 +378,7 @@ def profile_text(row: dict[str, Any]) -> str:
         f"profile {row['id']} of {row['cell']}, {row['created_at']} by {row['created_by']}"
         + ("; in use" if row["adopted"] else ""),
         f"  from {seen['throws']} throws with {seen['landings']} landings, {seen['timing']} runs that show the timing",
+        *(f"  not used: {row['execution_id']}: {row['reason']}" for row in row["evidence"].get("not_used", ())),
         f"  {numbers_text(row)}",
         f"  the cell file: lag {1e3 * file['lag_s']:.1f} ms, delay {1e3 * file['delay_s']:.1f} ms, "
         f"jitter {1e3 * file['jitter_s']:.1f} ms",

@@ -14,7 +14,7 @@ from planner.flight import path as flight_path
 from planner.geometry import tool_pose
 from planner.kinematics import link_poses
 from planner.plan_reading import plan_from_document
-from planner.problem import Opening, TargetRelease
+from planner.problem import Opening, TargetRelease, ThrowProblem
 
 Vector = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ def _scene(plan: Mapping[str, Any], cell: Cell) -> PlanScene:
     release = problem.release
     target, opening = (release.p_W, release.opening) if isinstance(release, TargetRelease) else (None, None)
     floor = cell.surroundings.floor_z_m
-    return PlanScene(arms, X_WT[:, :3, 3], k, _flight(plan, problem.drag, problem.gravity), target, opening, floor)
+    return PlanScene(arms, X_WT[:, :3, 3], k, _flight(plan, problem), target, opening, floor)
 
 
 def _arm(cell: Cell, q: Vector) -> Vector:
@@ -84,13 +84,14 @@ def _arm(cell: Cell, q: Vector) -> Vector:
     return np.vstack([origins[:, :3, 3], tool[None, :3, 3]])
 
 
-def _flight(plan: Mapping[str, Any], drag: float, gravity: float) -> Vector:
+def _flight(plan: Mapping[str, Any], problem: ThrowProblem) -> Vector:
     if plan["flight"] is None:
         return np.zeros((0, 3))
     release = plan["release"]
     p, v = np.array(release["pose"]["position"]), np.array(release["twist"]["linear"])
+    leaves = problem.release_speed_factor * v
     times = np.linspace(0.0, plan["flight"]["time_of_flight_s"], FLIGHT_POINTS)
-    return flight_path(p, v, times, gravity, drag)
+    return flight_path(p, leaves, times, problem.gravity, problem.drag)
 
 
 def _direction(scene: PlanScene, cell: Cell) -> Vector:

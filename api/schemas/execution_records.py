@@ -52,6 +52,9 @@ class ExecutionMetrics(BaseModel):
     release_velocity_error_share: float | None = Field(
         None, description="The same as a share of the fastest planned joint speed [-]."
     )
+    release_velocity_unexpected_rad_s: float | None = Field(
+        None, description="The same beyond what the plan's profile expects, by three standard deviations [rad/s]."
+    )
     gripper_commanded_s: float | None = Field(None, description="When the output was sent, on the plan's clock [s].")
     gripper_command_late_s: float | None = Field(None, description="How late that was [s].")
     gripper_opened_s: float | None = Field(None, description="When the object left; simulated cells [s].")

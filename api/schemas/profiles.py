@@ -18,6 +18,25 @@ class ExplainedLanding(BaseModel):
     expected: list[float] = Field(description="By the profile that this throw was one of [m].")
 
 
+class UnusedThrowAnswer(BaseModel):
+    """A throw with a reported landing that the profile does not rest on."""
+
+    execution_id: str
+    reason: str
+
+
+class ProfileEvidence(BaseModel):
+    """What a profile rests on, by id."""
+
+    throws: list[str] = Field(description="Executions whose landing counts.")
+    landings: list[str] = Field(description="The observations of them.")
+    recordings: list[str] = Field(description="Executions whose joint speeds count.")
+    timing: list[str] = Field(description="Executions that show the arm's timing.")
+    not_used: list[UnusedThrowAnswer] = Field(
+        [], description="Throws with a landing that does not count, oldest first."
+    )
+
+
 class ProfileSummary(BaseModel):
     """What was learnt of a cell at one time. Immutable."""
 
@@ -51,7 +70,7 @@ class ProfileSummary(BaseModel):
     landing_error_after_m: float | None = Field(
         None, description="The same from where the profile expects them, which has seen them [m]."
     )
-    evidence: dict[str, list[str]] = Field(description="Ids of the throws, landings, recordings and runs behind it.")
+    evidence: ProfileEvidence
 
 
 class ProfileAnswer(ProfileSummary):

@@ -59,7 +59,10 @@ class FlightAnswer(BaseModel):
     landing_point: Vector3 = Field(description="In the world [m].")
     time_of_flight_s: float = Field(description="[s]")
     apex_height_m: float = Field(description="Highest point of the flight, in the world [m].")
-    speed_m_s: float = Field(description="Speed at the release [m/s].")
+    speed_m_s: float = Field(description="The object's speed as it leaves [m/s]: the tool's, times the factor.")
+    release_speed_factor: float = Field(1.0, description="The object's speed over the tool's as it leaves [-].")
+    drag_coefficient: float | None = Field(None, description="Of the object [-]; absent from plans of version 0.1.")
+    drag_per_m: float | None = Field(None, description="k of the deceleration k v² in air [1/m]; as above.")
     landing_per_release_delay_m_s: Vector3 | None = Field(
         description="Shift of the landing point per delay of the release [m/s]."
     )

@@ -90,9 +90,9 @@ def flight_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]
 def clearance_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
     """Returns what the object touches, and how it leaves the gripper, for the first faulty release in the window."""
     delays, arm = _delays(problem), _Arm(problem, motion)
-    paths = _paths(problem, motion, delays)
+    paths, in_grip = _paths(problem, motion, delays), _paths(problem, motion, delays, factor=1.0)
     for i, delay in enumerate(delays):
-        faults = [*_obstacles(problem, arm, delay, paths, i), *_way_out(problem, arm, delay, paths.x[:, i])]
+        faults = [*_obstacles(problem, arm, delay, paths, i), *_way_out(problem, arm, delay, in_grip.x[:, i])]
         if faults:
             return [replace(fault, text=f"released {delay:+.4f} s late, {fault.text}") for fault in faults]
     return []
@@ -123,8 +123,10 @@ def _delays(problem: ThrowProblem) -> Vector:
     return np.linspace(-window, window, DELAYS) if window > 0.0 else np.zeros(1)
 
 
-def _paths(problem: ThrowProblem, motion: Trajectory, delays: Vector) -> Paths:
+def _paths(problem: ThrowProblem, motion: Trajectory, delays: Vector, factor: float | None = None) -> Paths:
+    """Returns the flights of an object that leaves `factor` times as fast as the tool; None: the learnt factor."""
     p, v = _Arm(problem, motion).tool(motion.release_time_s + delays)
+    v = (problem.cell.gripper.release_speed_factor if factor is None else factor) * v
     return integrate(p, v, problem.plane_z, problem.cell.object.radius_m, problem.gravity, drag_constant(problem))
 
 

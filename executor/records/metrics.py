@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from executor.records.landing import Landing
 from executor.records.telemetry import RunResult, Telemetry
 from executor.records.timing import path_error_m, tool_points
-from learning import lag_advice
+from learning import CellKnowledge, lag_advice
 from planner.certificate import release_flight
 from planner.flight import fly
 from planner.geometry import tool_state
@@ -22,6 +22,8 @@ Vector = NDArray[np.float64]
 
 RELEASE_SHARE = 0.005  # [-] release error without a warning, share of the fastest planned joint speed; 1 %: 27 mm off
 RELEASE_NOISE_RAD_S = 0.01  # [rad/s] scatter of a measured joint speed
+RELEASE_NUMBERS = ("release_velocity_error_rad_s", "release_velocity_error_share", "release_velocity_unexpected_rad_s")
+EXPECTED_STD = 3.0  # [-] standard deviations of a joint's speed that are no surprise: 3 in 1,000 joints by chance
 LANDING_SHIFT_M = 0.005  # [m] accepted shift of the landing by a late gripper command: `late` in docs/executor.md
 
 
@@ -32,6 +34,7 @@ def metrics(
     landing: Landing | None,
     timing: dict[str, Any] | None = None,
     aim_shift: Vector | None = None,
+    known: CellKnowledge | None = None,
 ) -> dict[str, Any]:
     """Returns the metrics; None where this run or this cell has no value.
 
@@ -42,13 +45,14 @@ def metrics(
         landing: as it was observed.
         timing: of `arm_timing`.
         aim_shift: by how much the plan's aim lies off its target (3,) [m]; None: it does not.
+        known: of the cell, as the plan's profile says, where joints were streamed by speed; None: nothing.
     """
     telemetry = Telemetry(result.rows)
     return {
         **_timing(telemetry, result),
         "timing": timing,
         **_tracking(problem, telemetry, timing),
-        **_release(problem, trajectory, telemetry),
+        **_release(problem, trajectory, telemetry, known),
         **_gripper(trajectory, result, landing),
         **_landing(problem, trajectory, landing, np.zeros(3) if aim_shift is None else aim_shift),
     }
@@ -61,26 +65,32 @@ def release_verdict(
 
     A late gripper command counts by its effect on the landing: next to nothing within a release window, 10 mm a
     millisecond in a fast throw. A speed that was off while the position kept to the plan endangers nothing: the object
-    lands elsewhere, and the warning says by how much the speed differed. Only a simulated cell can report that no
+    lands elsewhere, and the warning says by how much the speed differed, unless the plan's profile expects that: then
+    the aim makes up for it. Only a simulated cell can report that no
     object was seen to leave; the arm completed its motion then.
     """
-    error, share, late = (
-        numbers[name] or 0.0
-        for name in ("release_velocity_error_rad_s", "release_velocity_error_share", "gripper_command_late_s")
-    )
+    late = numbers["gripper_command_late_s"] or 0.0
     shift = _landing_shift(problem, trajectory, late)
     most = max(problem.landing_tolerance_m if problem.is_robust else 0.0, LANDING_SHIFT_M)
     if shift > most:
         moved = "" if math.isinf(shift) else f": the landing moves by {1e3 * shift:.0f} mm"
         return "late", f"the gripper command was {1e3 * late:.0f} ms late{moved}"
-    off = []
-    if error > RELEASE_NOISE_RAD_S and share > RELEASE_SHARE:
-        off = [f"at the release a joint's speed was {share:.1%} ({error:.3f} rad/s) off the plan's"]
+    off = _speed_warning(numbers)
     if numbers["released"] and landing is None and problem.cell.link.kind == "sim":
         return "completed", "the gripper was commanded to open, but no object left it"
     if warnings := [*off, *timing_advice(problem, numbers)]:
         return "completed", f"warning: {'; '.join(warnings)}"
     return None
+
+
+def _speed_warning(numbers: dict[str, Any]) -> list[str]:
+    """Returns by how much a joint's speed was off at the release, where neither noise nor the profile explains it."""
+    error, unexpected = numbers["release_velocity_error_rad_s"] or 0.0, numbers["release_velocity_unexpected_rad_s"]
+    share, counts = numbers["release_velocity_error_share"] or 0.0, error if unexpected is None else unexpected
+    if not error > 0.0 or counts <= RELEASE_NOISE_RAD_S or share * counts / error <= RELEASE_SHARE:
+        return []
+    beyond = "" if unexpected is None else f", {unexpected:.3f} rad/s beyond what the profile expects"
+    return [f"at the release a joint's speed was {share:.1%} ({error:.3f} rad/s) off the plan's{beyond}"]
 
 
 def timing_advice(problem: ThrowProblem, numbers: dict[str, Any]) -> list[str]:
@@ -99,7 +109,8 @@ def _landing_shift(problem: ThrowProblem, trajectory: Trajectory, late_s: float)
         return 0.0
     k = min(trajectory.release_index + ticks, len(trajectory.q) - 1)
     X_WT, V_WT = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
-    flight = fly(X_WT[:3, 3], V_WT[:3], problem.plane_z, problem.gravity, problem.drag)
+    leaves = problem.release_speed_factor * V_WT[:3]
+    flight = fly(X_WT[:3, 3], leaves, problem.plane_z, problem.gravity, problem.drag)
     return math.inf if flight is None else float(np.linalg.norm(flight.landing_point - nominal.landing_point))
 
 
@@ -130,14 +141,23 @@ def _tracking(problem: ThrowProblem, telemetry: Telemetry, timing: dict[str, Any
     }
 
 
-def _release(problem: ThrowProblem, trajectory: Trajectory, telemetry: Telemetry) -> dict[str, Any]:
-    """Returns the velocity error at the release; both speeds are interpolated alike, as they bend between rows."""
+def _release(
+    problem: ThrowProblem, trajectory: Trajectory, telemetry: Telemetry, known: CellKnowledge | None
+) -> dict[str, Any]:
+    """Returns the velocity error at the release; both speeds are interpolated alike, as they bend between rows.
+
+    What is unexpected is a joint's error less what the profile expects of it and three standard deviations.
+    """
     fastest = float(np.abs(trajectory.qd[trajectory.release_index]).max())
     planned, measured = (telemetry.at_clock(name, trajectory.release_time_s) for name in ("planned_qd", "qd"))
     if problem.ends_at_rest or measured is None or planned is None:
-        return {"release_velocity_error_rad_s": None, "release_velocity_error_share": None}
-    error = float(np.abs(measured - planned).max())
-    return {"release_velocity_error_rad_s": error, "release_velocity_error_share": error / fastest}
+        return dict.fromkeys(RELEASE_NUMBERS)
+    error, unexpected = np.abs(measured - planned), None
+    if known is not None:
+        _, expected = known.release_deviation(trajectory, problem.cell.timing.lag_s)
+        room = EXPECTED_STD * known.speeds.std(trajectory.qd[trajectory.release_index])
+        unexpected = float(np.maximum(np.abs(measured - planned - expected) - room, 0.0).max())
+    return dict(zip(RELEASE_NUMBERS, (float(error.max()), float(error.max()) / fastest, unexpected), strict=True))
 
 
 def _gripper(trajectory: Trajectory, result: RunResult, landing: Landing | None) -> dict[str, Any]:

@@ -122,6 +122,8 @@ class Gripper:
         opening_cone_rad: largest angle between the object's way out and that direction [rad]; None: any.
         hold_acceleration_m_s2: largest acceleration against free fall that the grip withstands [m/s^2], (1,) in any
             direction or (3,) along the axes of the tool frame; None: not limited.
+        release_speed_factor: the object's speed over the tool's as it leaves [-]: what a profile has learnt, no key of
+            the cell file.
     """
 
     output: str
@@ -132,6 +134,7 @@ class Gripper:
     opening_direction: Array | None = None
     opening_cone_rad: float | None = None
     hold_acceleration_m_s2: Array | None = None
+    release_speed_factor: float = 1.0
 
 
 @dataclass(frozen=True)

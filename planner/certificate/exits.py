@@ -13,6 +13,9 @@ gives J dr^2 / (3 s) and J ds^2 / (8 s): the smaller bound counts. Turned into t
 |w|, W on the tool's angular velocity and A on its acceleration, w deviates by (A + W^2) U (dr^2 + ds^2) / 8 and by
 W sup|a'| (dr^2 + ds^2 / 3) / 4 more.
 
+The object begins with the tool's velocity: that it leaves faster or slower (`release_speed_factor`) is what the opening
+gripper makes of it, on the way judged here.
+
 The first millimetre counts in no direction: an object that leaves slowly may be anywhere in it.
 
 A cone of at most a half space is convex: a chord is as deep in it as its shallower end. What lies outside a wider one
@@ -215,9 +218,9 @@ class Exits:
     def _first_length(self) -> float:
         """Returns a time in which the object should be out, a multiple of `SPACING_S` [s]."""
         motion, k = self.flights.motion, self.flights.motion.release_knot
-        s, (p, v) = motion.at_knots.t[k + 1 :] - motion.at_knots.t[k], self.flights.nominal
-        fallen = self.flights.flown_on_grid(p[:, None], v[:, None], s[None])[:, 0]
-        apart = fallen - motion.at_knots.p_WT[:, k + 1 :]
+        arm, s = motion.at_knots, motion.at_knots.t[k + 1 :] - motion.at_knots.t[k]
+        fallen = self.flights.flown_on_grid(arm.p_WT[:, k, None], arm.v_WT[:, k, None], s[None])[:, 0]
+        apart = fallen - arm.p_WT[:, k + 1 :]
         moved = np.sqrt(dot(apart, apart))
         out = np.flatnonzero(moved >= self.cone.out_m)
         if len(out) > 0:  # the displacement grows about like the square of the time

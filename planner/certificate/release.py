@@ -28,7 +28,13 @@ def release_flight(problem: ThrowProblem, trajectory: Trajectory) -> Flight | No
         return None
     k = trajectory.release_index
     state = tool_state(problem.cell, trajectory.q[k], trajectory.qd[k])
-    return fly(state.p_WT, state.v_WT, problem.plane_z, problem.gravity, problem.drag)
+    return _flown(problem, state.p_WT, state.v_WT)
+
+
+def _flown(problem: ThrowProblem, p_WT: Array, v_WT: Array) -> Flight | None:
+    """Returns the flight from a state of the tool centre point, both (3,)."""
+    leaves = problem.release_speed_factor * v_WT
+    return fly(p_WT, leaves, problem.plane_z, problem.gravity, problem.drag)
 
 
 def release_position(motion: MotionSamples) -> Check | None:
@@ -94,7 +100,7 @@ def landing(motion: MotionSamples) -> Check | None:
     if not isinstance(release, TargetRelease):
         return None
     p, v = motion.at_knots.p_WT[:, k], motion.at_knots.v_WT[:, k]
-    flight = fly(p, v, problem.plane_z, problem.gravity, problem.drag)
+    flight = _flown(problem, p, v)
     miss = math.inf if flight is None else float(np.linalg.norm(flight.landing_point - release.p_W))
     return at_most("landing", miss, LANDING_TOLERANCE_M, "m", motion.trajectory.release_time_s)
 
@@ -145,7 +151,8 @@ def window_landing_points(problem: ThrowProblem, trajectory: Trajectory, delays:
 @lru_cache(maxsize=1)  # of the window, for its landings and the bound between them
 def _landed(problem: ThrowProblem, arm: ArmSamples) -> LandingStates:
     """Returns the landings (k,) after a release at each instant; NaN where the object never lands."""
-    return landing_states(arm.p_WT.T, arm.v_WT.T, problem.plane_z, problem.gravity, problem.drag)
+    leaves = problem.release_speed_factor * arm.v_WT.T
+    return landing_states(arm.p_WT.T, leaves, problem.plane_z, problem.gravity, problem.drag)
 
 
 def _nominal_landing(problem: ThrowProblem, trajectory: Trajectory) -> Array:
@@ -161,9 +168,9 @@ def _landing_curvature(motion: MotionSamples, arm: ArmSamples) -> float:
     The flight x(t) from a release at p with velocity v obeys x'' = F(x') with F(w) = -k |w| w - g, so that it is
     p + xi(t; v). F' is symmetric with eigenvalues -k|w| and -2k|w|, none above 0: velocities approach each other, and
     |dw/dv| <= 1, |d xi/dv| <= t. |F''| <= 2k: |d^2 w/dv^2| <= 2 k t, |d^2 xi/dv^2| <= k t^2. With bounds A, J on the
-    acceleration and jerk of the tool, V on its speed, T on the time of flight, and at the landing W on the speed, w
-    on the downward speed (from below) and G = max(g, k W^2) on the vertical acceleration, differentiation of
-    z(t, v) = plane by the time of the release gives
+    acceleration and jerk of the tool, V on its speed, all three also times the release speed factor, T on the time of
+    flight, and at the landing W on the speed, w on the downward speed (from below) and G = max(g, k W^2) on the
+    vertical acceleration, differentiation of z(t, v) = plane by the time of the release gives
         |t'|  <= (V + A T) / w =: t1
         |t''| <= (X + 2 A t1 + G t1^2) / w =: t2   with X = A + J T + k (A T)^2 >= |d^2 x|
         |L''| <= X + 2 A t1 + k W^2 t1^2 + V t2,
@@ -177,9 +184,10 @@ def _landing_curvature(motion: MotionSamples, arm: ArmSamples) -> float:
     reach = math.ceil(problem.release_window_s * trajectory.sample_rate_hz) + 1
     k = trajectory.release_index
     rates = joint_rates(trajectory, np.array([max(0, k - reach), min(len(trajectory.q) - 1, k + reach)]))
-    _, a, j, _ = (motion.body.tool_lever @ rates.by_derivative)[:, 0].tolist()
+    most = max(1.0, problem.release_speed_factor)  # of tool and object, whichever is faster
+    _, a, j, _ = (most * (motion.body.tool_lever @ rates.by_derivative)[:, 0]).tolist()
     half = float(np.diff(arm.t).max()) / 2.0
-    speed = float(np.sqrt((arm.v_WT**2).sum(axis=0).max())) + a * half
+    speed = most * float(np.sqrt((arm.v_WT**2).sum(axis=0).max())) + a * half
     height = max(0.0, float(arm.p_WT[2].max()) + speed * half - problem.plane_z)
     fastest = speed**2 + 2.0 * gravity * height  # square of the landing speed without drag, which only slows
     g = max(gravity, drag * fastest)

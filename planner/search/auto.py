@@ -222,7 +222,8 @@ def _flight_cuts(problem: ThrowProblem, failures: Iterable[Check], made: Traject
     met = flight_obstruction(problem, made)
     if met is None or met.obstacle == "rim" or met.obstacle.startswith("box"):
         return ()
-    return casadi_nlp.flight_cuts(met.flight_time_s, met.direction, met.offset_m)
+    times = problem.release_speed_factor * met.flight_time_s  # as of an object with the tool's velocity, the formulas'
+    return casadi_nlp.flight_cuts(times, met.direction, met.offset_m)
 
 
 def _solve(search: PlanningSearch, seed: Seed, options: SolveOptions) -> Solution:

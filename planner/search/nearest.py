@@ -256,7 +256,7 @@ def _farthest_throw(problem: ThrowProblem, release: TargetRelease) -> Array:
 
     Source: range of a throw from height h at speed v, v/g sqrt(v^2 + 2 g h).
     """
-    base, reach, g = problem.cell.X_WB[:3, 3], farthest_reach(problem), problem.gravity
+    base, reach, g = problem.cell.X_WB[:3, 3], farthest_reach(problem), problem.gravity_at_tool_speed
     v = min(problem.limits.tcp_speed_max, release.max_speed_m_s)
     height = max(base[2] + reach - release.p_W[2], 0.0)
     near = np.array([*base[:2], release.p_W[2]])

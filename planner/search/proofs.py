@@ -198,8 +198,8 @@ def least_speed_within_reach(problem: ThrowProblem, target: Array, p_WT: Array |
 
 def _least_speed(problem: ThrowProblem, target: Array, places: Array, between_m: float) -> float:
     """Returns the least speed [m/s] of a throw from `places` (..., 3) to a target (3,), |d| + d_z less `between_m`."""
-    least = float(least_speed(places, target, problem.gravity).min()) ** 2 / problem.gravity
-    return float(np.sqrt(problem.gravity * max(least - between_m, 0.0)))
+    least = float(least_speed(places, target, problem.gravity_at_tool_speed).min()) ** 2 / problem.gravity_at_tool_speed
+    return float(np.sqrt(problem.gravity_at_tool_speed * max(least - between_m, 0.0)))
 
 
 def _rim(problem: ThrowProblem, target: Array, every: int = 1) -> tuple[Array, float]:

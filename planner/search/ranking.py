@@ -125,8 +125,8 @@ def _flights_clear(ranking: Sequence[RankedCandidate]) -> list[bool]:
     if problem is None or problem.ends_at_rest or not isinstance(problem.release, PointRelease):
         return [True] * len(ranking)
     release, body, radius = problem.release, body_model(problem.cell_with_bin), problem.cell.object.radius_m
-    arc = Arcs.onto(release.p_WT, release.v_WT, problem.plane_z, problem.gravity, radius)
-    x = path(arc.p, arc.v, np.arange(FLIGHT_STEP_S, float(arc.until_s), FLIGHT_STEP_S), problem.gravity, problem.drag)
+    arc = Arcs.onto(release.p_WT, release.v_WT, problem.plane_z, problem.gravity_at_tool_speed, radius)
+    x = path(arc.p, arc.v, np.arange(FLIGHT_STEP_S, float(arc.until_s), FLIGHT_STEP_S), arc.gravity, problem.drag)
     links = np.flatnonzero(body.frames < FLANGE)
     ends = body.end_points(body.link_poses(np.array([ranked.candidate.q for ranked in ranking])))[links]
     p0, p1 = np.moveaxis(ends, (1, 2), (0, -1))[:, :, :, None]

@@ -38,14 +38,15 @@ def released_flight_blocked(problem: ThrowProblem) -> Violation | None:
 
 def _release(problem: ThrowProblem) -> tuple[Array, Array]:
     """Returns position (3,) [m] and velocity (3,) [m/s] of the object at the release."""
+    factor = problem.release_speed_factor
     match problem.release:
         case JointRelease(q, qd):
             tool = tool_state(problem.cell, q, qd)
-            return tool.p_WT, tool.v_WT
+            return tool.p_WT, factor * tool.v_WT
         case PoseRelease(X_WT, V_WT):
-            return X_WT[:3, 3], V_WT[:3]
+            return X_WT[:3, 3], factor * V_WT[:3]
         case PointRelease(p_WT, v_WT):
-            return p_WT, v_WT
+            return p_WT, factor * v_WT
     raise AssertionError("a target does not fix the flight")
 
 

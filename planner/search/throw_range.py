@@ -100,13 +100,14 @@ def out_of_range(problem: ThrowProblem, release: TargetRelease) -> OutOfRange | 
     target = release.p_W - shoulder
     bound = _radial_bound(cell, limits.qd_max[2:5].tobytes())
     fastest = min(limits.tcp_speed_max, release.max_speed_m_s) + SLACK
+    gravity = problem.gravity_at_tool_speed
     places, looked_at, closest = _Places(np.zeros((1, 3)), reach), 0, OutOfRange(math.inf, 0.0)
     while len(places.x):
         looked_at += len(places.x)
         within = np.linalg.norm(places.x, axis=1) <= reach
-        if looked_at > CUBES_MAX or _possible(_Places(places.x[within], 0.0), target, problem.gravity, fastest, bound):
+        if looked_at > CUBES_MAX or _possible(_Places(places.x[within], 0.0), target, gravity, fastest, bound):
             return None
-        needed = _least_radial_speed(places, target, problem.gravity, fastest)
+        needed = _least_radial_speed(places, target, gravity, fastest)
         needed[np.linalg.norm(places.x, axis=1) - places.radius > reach] = np.inf
         given = bound.most(np.linalg.norm(places.x, axis=1) - places.radius)
         excluded = needed > given + SLACK

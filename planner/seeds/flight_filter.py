@@ -49,7 +49,7 @@ def clear_flights(problem: ThrowProblem, release: TargetRelease, p: Array, v: Ar
     if not beside_base and not has_flight_obstacles(problem):
         return np.ones(v.shape[:-1], dtype=bool)
     p = np.broadcast_to(p, v.shape)
-    arcs = Arcs.onto(p, v, float(release.p_W[2]), problem.gravity, problem.cell.object.radius_m)
+    arcs = Arcs.onto(p, v, float(release.p_W[2]), problem.gravity_at_tool_speed, problem.cell.object.radius_m)
     clear = np.ones(v.shape[:-1], dtype=bool)
     for box in around.keep_out:
         stands_on = box.upper[2] <= release.p_W[2]  # the object may land on it

@@ -184,7 +184,7 @@ def _thrown_from(problem: ThrowProblem, release: TargetRelease, thorough: bool) 
     q, p = _throwing_postures(_PostureKey.of(problem, MORE_POSTURES if thorough else POSTURES))
     allowed = _far_enough(release, p)
     q, p = q[allowed], p[allowed]
-    slow = least_speed(p, release.p_W, problem.gravity) <= _speed_limit(problem, release)
+    slow = least_speed(p, release.p_W, problem.gravity_at_tool_speed) <= _speed_limit(problem, release)
     if not slow.any():
         raise Infeasible([_no_flight(problem, release, p)])
     return _flights(problem, release, q[slow], p[slow], thorough)
@@ -251,9 +251,9 @@ def _best_flights(
 
 def _launches(problem: ThrowProblem, release: TargetRelease, p: Array, thorough: bool) -> tuple[Array, Mask]:
     """Returns release velocities (k, n, 3) from p (n, 3), and which of them (k, n) keep the limits on the velocity."""
-    t = np.outer(flight_times(problem, thorough), slowest_time(p, release.p_W, problem.gravity))
-    v = launch_velocity(p, release.p_W, t, problem.gravity)
-    return v, _allowed_velocity(problem, release, v) & (v[..., 2] < problem.gravity * t)
+    t = np.outer(flight_times(problem, thorough), slowest_time(p, release.p_W, problem.gravity_at_tool_speed))
+    v = launch_velocity(p, release.p_W, t, problem.gravity_at_tool_speed)
+    return v, _allowed_velocity(problem, release, v) & (v[..., 2] < problem.gravity_at_tool_speed * t)
 
 
 def _clear_of_obstacles(problem: ThrowProblem, q: Array, qd: Array) -> tuple[Array, Array]:
@@ -269,8 +269,8 @@ def _with_drag(problem: ThrowProblem, release: TargetRelease, q: Array, qd: Arra
     p, J = tool_pose(problem.cell, q)[:, :3, 3], tool_jacobian(problem, q)
     R_WB = problem.cell.X_WB[:3, :3]
     v = (J @ qd[..., None])[..., 0] @ R_WB.T
-    t = time_of_flight(p[:, 2] - release.p_W[2], v[:, 2], problem.gravity)
-    v = launch_velocity(p, release.p_W, t, problem.gravity, problem.drag)
+    t = time_of_flight(p[:, 2] - release.p_W[2], v[:, 2], problem.gravity_at_tool_speed)
+    v = launch_velocity(p, release.p_W, t, problem.gravity_at_tool_speed, problem.drag)
     hits = np.isfinite(v).all(axis=1) & _allowed_velocity(problem, release, v)
     return q[hits], allocate_velocity(J[hits], v[hits] @ R_WB, problem.limits.qd_max)
 
@@ -335,7 +335,7 @@ def _no_flight(problem: ThrowProblem, release: TargetRelease, p: Array) -> Viola
         least = release.min_horizontal_distance_m
         detail = "no release position obeys keep-in boxes, floor and distance to the target"
         return Violation("release_position", 0.0, least, "m", detail=detail)
-    speed = float(least_speed(p, release.p_W, problem.gravity).min())
+    speed = float(least_speed(p, release.p_W, problem.gravity_at_tool_speed).min())
     name = "release_velocity" if release.max_speed_m_s < problem.limits.tcp_speed_max else "tcp_speed"
     detail = f"least speed that hits the target within the requested elevations, from {len(p)} postures tried"
     return Violation(name, speed, _speed_limit(problem, release), "m/s", detail=detail)

@@ -103,6 +103,17 @@ class TestPlan:
         for name in ("limits", "safety", "surroundings", "tool", "robot"):
             assert getattr(problem.cell, name) is getattr(cell, name)
 
+    def test_a_flight_with_another_speed_than_the_profiles_is_refused(self, prepared: Prepared, document: dict) -> None:
+        """A plan that states none is of an earlier version: its aim has the speed in it."""
+        cell, numbers = prepared.cell, {"lag_s": 0.02, "delay_s": 0.04, "jitter_s": 0.003, "drag_coefficient": 0.0}
+        row = ProfileRow("one", 0.0, cell.name, cell.sha256, "t", "", orjson.dumps(numbers | {"speed_factor": 0.96}))
+        with pytest.raises(ExecutionRefused, match=r"flight\.release_speed_factor = 1\.0, not 0\.96: plan again"):
+            verify_plan(orjson.dumps({**document, "profile": "one"}), cell, row)
+        names = ("release_speed_factor", "drag_coefficient", "drag_per_m")
+        silent = {key: value for key, value in document["flight"].items() if key not in names}
+        problem, _, _ = verify_plan(orjson.dumps({**document, "profile": "one", "flight": silent}), cell, row)
+        assert problem.release_speed_factor == 1.0
+
     @pytest.mark.parametrize("name", ["positions", "velocities", "accelerations"])
     def test_a_plan_that_was_tampered_with_is_refused(self, prepared: Prepared, document: dict, name: str) -> None:
         samples = [row.copy() for row in document["trajectory"][name]]

@@ -7,6 +7,11 @@ import re
 
 import pytest
 
+from learning import cell_with_profile, estimate_profile, profile_bytes
+from planner.plan_document import plan_document
+from planner.planning import plan
+from planner.request import problem_from_request
+from store import new_id
 from tests.system.rig import LOB, Rig
 
 TRUTH = """
@@ -50,6 +55,26 @@ def test_revealed_the_truth_is_known_beside_the_observation(own_rig: Rig) -> Non
     assert 0.005 < row.metrics["gripper_opened_late_s"] < 0.011  # 8 ms, and a lag that differs from run to run
     (landing,) = own_rig.store.landings(row.id)
     assert 0.0 < math.dist(landing.position, row.metrics["landing_point"]) < OBSERVED_M
+
+
+def test_an_object_that_leaves_slower_lands_on_target_once_the_profile_knows(own_rig: Rig) -> None:
+    """The plan's own flight has the object's speed: its end is where the object lands, without a shift of the aim."""
+    truth = own_rig.folder / "truth.toml"
+    truth.write_text("[release]\nspeed_factor = 0.95\n[gripper]\njitter_s = 0.0\n")
+    own_rig.start_simulator("--truth", str(truth), "--reveal")
+    learnt = estimate_profile(own_rig.store, own_rig.cell) | {"speed_factor": 0.95}
+    profile = own_rig.store.add_profile("rig", own_rig.cell.sha256, "test", profile_bytes(learnt))
+    own_rig.store.adopt_profile("rig", profile.id, "test")
+    own_rig.start_executor()
+    request = {"cell": "rig", "release": LOB, "backend": "ruckig", "release_window_s": 0.0}
+    found = plan(problem_from_request(request, cell_with_profile(own_rig.cell, learnt)))
+    document = plan_document(found, request, new_id(), "2026-01-01T00:00:00Z") | {"profile": profile.id}
+    own_rig.add_plan(document)
+    row = own_rig.quiet_run(document["id"])
+    assert row.outcome == "completed", row.reason
+    assert row.metrics["landing_error_m"] < 0.006  # 2 ms of the simulated arm
+    assert math.dist(row.metrics["landing_point"], LOB["position"]) < 0.006
+    assert math.dist(document["flight"]["object_path"][-1], LOB["position"]) < 0.001
 
 
 def test_an_object_that_would_miss_is_kept(own_rig: Rig) -> None:

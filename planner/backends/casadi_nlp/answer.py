@@ -260,7 +260,7 @@ def landing_errors_in_window(instance: Instance, states: States, release_s: floa
     count = 2 * SAMPLES_PER_STAGE * instance.stages.window + 1
     q, qd, _ = states(release_s + np.linspace(-around, around, count))
     tool = tool_state(problem.cell, q, qd)
-    landed = landing_points(tool.p_WT, tool.v_WT, problem.plane_z, problem.gravity)[:, :2]
+    landed = landing_points(tool.p_WT, tool.v_WT, problem.plane_z, problem.gravity_at_tool_speed)[:, :2]
     return landed - landed[len(landed) // 2]
 
 

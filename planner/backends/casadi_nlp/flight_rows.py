@@ -63,7 +63,7 @@ def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Marg
 
 def _flight(problem: ThrowProblem, candidate: Candidate) -> Arcs:
     tool = tool_state(problem.cell, candidate.q, candidate.qd)
-    return Arcs.onto(tool.p_WT, tool.v_WT, problem.plane_z, problem.gravity, problem.cell.object.radius_m)
+    return Arcs.onto(tool.p_WT, tool.v_WT, problem.plane_z, problem.gravity_at_tool_speed, problem.cell.object.radius_m)
 
 
 def _opening(problem: ThrowProblem, margin_rad: float) -> list[float]:

@@ -299,7 +299,7 @@ def release_parameters(problem: ThrowProblem, aim: Vector) -> Vector:
     if isinstance(problem.release, TargetRelease):
         elevations = (problem.release.min_elevation_rad, problem.release.max_elevation_rad)
     slopes = [math.tan(e) if abs(e) < LARGEST_SLOPE_RAD else 0.0 for e in elevations]
-    return RELEASE.pack({"target": aim, "gravity_z": problem.gravity, "tan_elevation": slopes})
+    return RELEASE.pack({"target": aim, "gravity_z": problem.gravity_at_tool_speed, "tan_elevation": slopes})
 
 
 def _initial_aim(problem: ThrowProblem, candidate: Candidate) -> Vector:
@@ -312,7 +312,7 @@ def _initial_aim(problem: ThrowProblem, candidate: Candidate) -> Vector:
         p, v = tool.p_WT, tool.v_WT
     if isinstance(release, TargetRelease):
         return drag_free_aim(problem, release.p_W, p, v)
-    flight = None if problem.ends_at_rest else fly(p, v, problem.plane_z, problem.gravity)
+    flight = None if problem.ends_at_rest else fly(p, v, problem.plane_z, problem.gravity_at_tool_speed)
     return np.array([p[0], p[1], problem.plane_z]) if flight is None else flight.landing_point
 
 
@@ -327,8 +327,8 @@ def drag_free_aim(problem: ThrowProblem, goal: Vector, p: Vector, v: Vector) -> 
     """
     if problem.drag <= 0.0:
         return goal
-    ideal = fly(p, v, float(goal[2]), problem.gravity)
-    real = fly(p, v, float(goal[2]), problem.gravity, problem.drag)
+    ideal = fly(p, v, float(goal[2]), problem.gravity_at_tool_speed)
+    real = fly(p, v, float(goal[2]), problem.gravity_at_tool_speed, problem.drag)
     if ideal is None or real is None:
         return goal
     return goal + ideal.landing_point - real.landing_point

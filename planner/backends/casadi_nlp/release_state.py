@@ -140,7 +140,7 @@ def _measured_rows(problem: ThrowProblem, rows: Vector, state: tuple[Vector, Vec
     """Returns `RELEASE_ROWS` with position, velocity and landing of a calibrated arm's measured chain."""
     tool, rows, at = tool_state(problem.cell, *state), rows.copy(), RELEASE_ROWS.slices
     rows[at["position"]], rows[at["velocity"]] = tool.p_WT, tool.v_WT
-    landed = landing_points(tool.p_WT, tool.v_WT, float(aim[2]), problem.gravity)
+    landed = landing_points(tool.p_WT, tool.v_WT, float(aim[2]), problem.gravity_at_tool_speed)
     rows[at["landing"]] = landed[:2] - aim[:2]
     return rows
 

@@ -142,7 +142,7 @@ def _releases(flights: Flights) -> tuple[Array, Array, Array]:
     arm = flights.motion.in_window
     count = 1 + math.ceil(2.0 * flights.window_s / RELEASES_S)
     rows = np.unique(np.linspace(0, len(arm.t) - 1, count).round().astype(int))
-    return arm.t[rows], arm.p_WT[:, rows], arm.v_WT[:, rows]
+    return arm.t[rows], arm.p_WT[:, rows], flights.leaving(arm.v_WT[:, rows])
 
 
 def _latest_end(flights: Flights, r: Array, p: Array, v: Array) -> float:

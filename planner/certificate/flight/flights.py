@@ -1,9 +1,9 @@
 """The object's flights, one for each instant of the release window, and what they can meet.
 
-A flight that begins at the time r is at x(r, t) at the time t, both on the trajectory's clock: p(r) + v(r) s + g s^2/2
-with s = t - r. The object is a sphere: it keeps clear of a box, of a capsule's axis or of a bin's wall by its radius
-(and the capsule's). Its flight ends where the sphere first touches the landing plane on its way down; a flight that
-never rises a radius above the plane ends where its centre passes it.
+A flight that begins at the time r is at x(r, t) at the time t, both on the trajectory's clock: p(r) + f v(r) s +
+g s^2/2 with s = t - r, and the release speed factor f. The object is a sphere: it keeps clear of a box, of a capsule's
+axis or of a bin's wall by its radius (and the capsule's). Its flight ends where the sphere first touches the landing
+plane on its way down; a flight that never rises a radius above the plane ends where its centre passes it.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class Flights:
     def nominal(self) -> tuple[Array, Array]:
         """Position (3,) [m] and velocity (3,) [m/s] of the object at the nominal release."""
         arm, k = self.motion.at_knots, self.motion.release_knot
-        return arm.p_WT[:, k], arm.v_WT[:, k]
+        return arm.p_WT[:, k], self.leaving(arm.v_WT[:, k])
 
     @cached_property
     def end(self) -> tuple[float, float] | None:
@@ -84,7 +84,11 @@ class Flights:
         """Returns positions and velocities (3, k) of the object at release times `r` (k,) [s]."""
         distinct, where = np.unique(r, return_inverse=True)
         arm = self.motion.at(distinct)
-        return arm.p_WT[:, where], arm.v_WT[:, where]
+        return arm.p_WT[:, where], self.leaving(arm.v_WT[:, where])
+
+    def leaving(self, v_WT: Array) -> Array:
+        """Returns the velocities (3, ...) [m/s] with which the object leaves a tool at `v_WT` (3, ...) [m/s]."""
+        return self.motion.problem.release_speed_factor * v_WT
 
     def positions(self, r: Array, t: Array) -> Array:
         """Returns the positions (3, k) [m] at times `t` (k,) of flights that began at times `r` (k,) [s]."""

@@ -89,7 +89,7 @@ class PatchBounds:
         flights: the flights.
         height: of the centre at which the flights end [m].
         first_speed: bound on the object's speed at the release [m/s].
-        tool: bounds on acceleration and jerk of the tool over the release window [m/s^2, m/s^3].
+        tool: bounds on acceleration and jerk of the tool over the release window, as they count [m/s^2, m/s^3].
         spacing_s: largest interval of release times [s].
     """
 
@@ -118,7 +118,10 @@ class PatchBounds:
         return (self.gravity + self.drag * self.speed(s) ** 2) * (h * h / 8.0)
 
     def release_bend(self, s: Array, h: Array) -> Array:
-        """Returns bounds [m] on the deviation of flights between releases `h` [s] apart, up to `s` [s] from them."""
+        """Returns bounds [m] on the deviation of flights between releases `h` [s] apart, up to `s` [s] from them.
+
+        Without drag x = p + f v s - g s^2/2 with s = t - r, and its second derivative by r is (1 - 2f) a + f j s - g.
+        """
         (a, j), drag = self.tool, self.drag
         most = a + self.gravity + j * s
         if drag > 0.0:
@@ -246,7 +249,8 @@ def patch_bounds(flights: Flights, height: float, spacing_s: float, v: Array) ->
         ticks = np.array([round(t * rate) for t in (motion.gone_from_s, motion.held_until_s)])
         rates = joint_rates(motion.trajectory, ticks)
         _, a, j, _ = (motion.body.tool_lever @ rates.by_derivative)[:, 0].tolist()
-        tool = a, j
+        most = max(1.0, 2.0 * motion.problem.release_speed_factor - 1.0)  # no less than f and |1 - 2f|
+        tool = most * a, most * j
     first = math.sqrt(float(dot(v, v).max())) + tool[1] * spacing_s**2 / 8.0
     return PatchBounds(flights, height, first, tool, spacing_s)
 

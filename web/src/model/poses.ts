@@ -54,6 +54,11 @@ export function plus(a: Vector, b: Vector, s = 1): Vector {
   return [a[0] + s * b[0], a[1] + s * b[1], a[2] + s * b[2]];
 }
 
+/** Returns s v. */
+export function scaled(v: Vector, s: number): Vector {
+  return [s * v[0], s * v[1], s * v[2]];
+}
+
 export type Quaternion = readonly [number, number, number, number]; // x, y, z, w
 
 /** Returns the unit quaternion of a rotation vector [rad]. */

@@ -3,8 +3,8 @@
 import type { Object3D } from "three";
 import type { CellGeometry } from "../model/cell";
 import { toolPose, toolState } from "../model/chain";
-import { fly, path, sampledPath } from "../model/flight";
-import { plus, positionOf, type Vector } from "../model/poses";
+import { type Air, fly, path, sampledPath } from "../model/flight";
+import { plus, positionOf, scaled, type Vector } from "../model/poses";
 import { durationOf, endOf, type JointState, type Samples, stateAt } from "../model/samples";
 import type { Plan } from "../service/types";
 import { polyline, thinned } from "./lines";
@@ -25,7 +25,9 @@ export class PlanMotion {
   readonly end: number; // [s] of everything: arm at rest and object landed
   readonly flies: boolean;
   private readonly p: Vector;
-  private readonly v: Vector;
+  private readonly v: Vector; // of the object as it leaves [m/s]
+  private readonly speedFactor: number; // the object's speed over the tool's
+  private readonly air: Air;
   private readonly flightTime: number;
 
   constructor(
@@ -40,7 +42,9 @@ export class PlanMotion {
     this.flightTime = plan.flight?.time_of_flight_s ?? 0;
     this.end = endOf(plan);
     this.p = plan.release.pose.position as unknown as Vector;
-    this.v = plan.release.twist.linear as unknown as Vector;
+    this.speedFactor = plan.flight?.release_speed_factor ?? 1;
+    this.v = scaled(plan.release.twist.linear as unknown as Vector, this.speedFactor);
+    this.air = { gravity: cell.air.gravity, drag: plan.flight?.drag_per_m ?? cell.air.drag };
   }
 
   /** Returns the state of the joints at a time [s]. */
@@ -51,7 +55,7 @@ export class PlanMotion {
   /** Returns where the object is at a time [s]: in the tool, in flight, at rest where it landed. */
   objectAt(t: number): Vector {
     if (!this.flies || t < this.releaseTime) return positionOf(toolPose(this.cell.chain, this.at(t).positions));
-    return path(this.p, this.v, [Math.min(t - this.releaseTime, this.flightTime)], this.cell.air)[0]!;
+    return path(this.p, this.v, [Math.min(t - this.releaseTime, this.flightTime)], this.air)[0]!;
   }
 
   /** Returns the way of the tool, cut at the release. */
@@ -63,7 +67,7 @@ export class PlanMotion {
 
   /** Returns the planned flight, empty for a move that ends at rest. */
   flight(): Vector[] {
-    return this.flies ? sampledPath(this.p, this.v, this.flightTime, FLIGHT_POINTS, this.cell.air) : [];
+    return this.flies ? sampledPath(this.p, this.v, this.flightTime, FLIGHT_POINTS, this.air) : [];
   }
 
   /** Returns the flights of a release as early and as late as the plan's window says. */
@@ -79,9 +83,10 @@ export class PlanMotion {
     const state = this.at(this.releaseTime + delay);
     const tool = toolState(this.cell.chain, state.positions, state.velocities);
     const p = positionOf(tool.pose);
-    const flight = fly(p, tool.velocity, planeZ, this.cell.air);
+    const v = scaled(tool.velocity, this.speedFactor);
+    const flight = fly(p, v, planeZ, this.air);
     if (!flight) return [];
-    return [sampledPath(p, tool.velocity, flight.timeOfFlight, FLIGHT_POINTS, this.cell.air)];
+    return [sampledPath(p, v, flight.timeOfFlight, FLIGHT_POINTS, this.air)];
   }
 
   /** Returns the points that a camera should have in view. */
