@@ -186,10 +186,11 @@ class PlannerPool:
         loop, loaded = asyncio.get_running_loop(), False
         try:
             loading = [loop.run_in_executor(executor, self._functions.has_compiled_solvers) for _ in range(self._count)]
+            self._watch(executor)
             self.is_compiled, loaded = all(await asyncio.gather(*loading)), True
         finally:
             if not loaded:
-                _kill(executor)
+                self._discard(executor)
         self._executor, self.is_warm = executor, True
         return executor
 

@@ -16,10 +16,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.verify.conftest import READY_S
+
 pytestmark = pytest.mark.slow
 TRAPS = ("fling", "planner", "store", "learning", "batch", "api", "executor", "numpy", "json")
 REQUEST = {"release": {"kind": "target", "position": [1.2, 0.3, 0.0]}}
-UP_WITHIN_S = 240.0  # [s] a cold machine compiles Python files and interprets the optimiser
 HOST = "127.0.45.2"
 TRIES = 3  # on an overloaded machine the outcome may be `late`
 
@@ -118,7 +119,7 @@ def up(installed: CleanInstall) -> Iterator[str]:
         process = subprocess.Popen([str(installed.bin / "fling"), "up", "--port", str(port)], cwd=installed.work,
                                    env=installed.environment, stdout=output, stderr=output)  # fmt: skip
     try:
-        deadline = time.monotonic() + UP_WITHIN_S
+        deadline = time.monotonic() + READY_S
         while "Fling is up" not in log.read_text():
             assert process.poll() is None, log.read_text()
             assert time.monotonic() < deadline, log.read_text()

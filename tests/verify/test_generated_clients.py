@@ -27,9 +27,9 @@ from urllib.request import Request, urlopen
 import pytest
 
 from api.http import create_token
+from tests.verify.conftest import READY_S
 
 HOST, CONTROLLER = "127.0.41.7", "127.0.41.8"
-READY_S = 300.0  # [s] on a busy machine
 TRIES = 3  # on an overloaded machine a throw may be `late`
 NO_ID = "00000000-0000-7000-8000-000000000000"  # of nothing
 TYPESCRIPT = Path(__file__).parent / "typescript_client"
@@ -152,7 +152,6 @@ def python_package(document: dict[str, Any], tmp_path_factory: pytest.TempPathFa
     sys.path.remove(str(folder))
 
 
-@pytest.mark.timeout(900)
 def test_a_generated_python_client(running_cell: RunningCell, document: dict[str, Any], python_package: ModuleType):
     with PythonClient(python_package, running_cell.url, running_cell.tokens["both"]) as client:
         plan, execution, experiment = _throw(client)
@@ -295,7 +294,6 @@ def _without_token(client: PythonClient, document: dict[str, Any]) -> None:
             assert client.call(name, 401, *there, **body).type_ == "/problems/unauthenticated"
 
 
-@pytest.mark.timeout(900)
 @pytest.mark.skipif(shutil.which("npm") is None, reason="NOT INSTALLED: Node, for the generated TypeScript client")
 def test_a_generated_typescript_client(running_cell: RunningCell, document: dict[str, Any], tmp_path: Path):
     folder = tmp_path / "client"
