@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
 import { type Chain, linkPoses, toolPose, toolState } from "../src/model/chain";
 import { fly, path } from "../src/model/flight";
-import { type Pose, poseOfRows, quaternionOf, rotationVectorOf, type Vector } from "../src/model/poses";
+import { cross, plus, type Pose, poseOfRows, quaternionOf, quaternionOfPose, rotationVectorOf, type Vector } from "../src/model/poses";
 import { durationOf, stateAt } from "../src/model/samples";
 import numbers from "./model-numbers.json";
 
@@ -88,4 +88,19 @@ it("turns rotation vectors into quaternions and back", () => {
   expectNear(quaternionOf([0, 0, 0]), [0, 0, 0, 1]);
   expectNear(rotationVectorOf([-0.5, 0.5, 0.5, -0.5]), [(2 * Math.PI) / 3 / Math.sqrt(3), ...[1, 1].map(() => (-2 * Math.PI) / 3 / Math.sqrt(3))]);
   for (const rotation of [[0.3, -1.2, 0.7], [1e-11, 0, 0], [0, 3.14, 0]] as const) expectNear(rotationVectorOf(quaternionOf(rotation)), rotation);
+});
+
+/** Rotates a vector by a quaternion: v + 2 u × (u × v + w v). */
+function rotated([x, y, z, w]: readonly [number, number, number, number], v: Vector): Vector {
+  const u: Vector = [x, y, z];
+  return plus(v, cross(u, plus(cross(u, v), v, w)), 2);
+}
+
+it("turns poses into quaternions that turn the axes as the poses do", () => {
+  const halfTurns = [[1, 0, 0], [0, 1, 0], [0, 0, 1]].map((axis) => [0, 1, 2].map((i) => [0, 1, 2].map((j) => (i === j ? (axis[i] ? 1 : -1) : 0))));
+  const turns = [...numbers.arms.flatMap((arm) => arm.tool_pose), ...halfTurns];
+  for (const matrix of turns) {
+    const quaternion = quaternionOfPose(poseOfRows(matrix.map((row) => [...row.slice(0, 3), 0])));
+    ([[1, 0, 0], [0, 1, 0], [0, 0, 1]] as const).forEach((axis, i) => expectNear(rotated(quaternion, axis), matrix.map((row) => row[i]!)));
+  }
 });

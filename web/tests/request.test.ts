@@ -3,15 +3,26 @@
 import { describe, expect, it } from "vitest";
 
 import { bindingCheck, jerkOf, relativeMargin } from "../src/curves/quantities";
+import { poseOfRows } from "../src/model/poses";
 import { requestLine } from "../src/docs/schema";
 import { parseEvents } from "../src/service/events";
 import type { Check, Nearest } from "../src/service/types";
-import { FIRST_DRAFT, InvalidDraft, previewOf, requestOf, withNearest } from "../src/state/draft";
+import { FIRST_DRAFT, InvalidDraft, previewOf, requestOf, toolAt, withNearest } from "../src/state/draft";
 import { ellipseOf } from "../src/state/scatter";
 import { figure, length, preflight } from "../src/state/words";
 import { shortened } from "../src/views/fields";
 
 describe("the request", () => {
+  it("takes the tool's pose from where the robot stands, in the world", () => {
+    const pose = poseOfRows([[0, -1, 0, 0.5], [1, 0, 0, -0.25], [0, 0, 1, 0.75], [0, 0, 0, 1]]); // a quarter turn about z
+    const draft = { ...FIRST_DRAFT, kind: "pose" as const, frame: "base" as const };
+    const asked = requestOf({ ...draft, ...toolAt(draft, pose) }, "ur5e-sim");
+    expect(asked.frame).toBe("world");
+    expect(asked.release).toMatchObject({ pose: { position: [0.5, -0.25, 0.75], rotation_vector: [0, 0, 1.5708] } });
+    const other = { ...draft, orientation: "quaternion" as const };
+    expect(toolAt(other, pose).quaternion?.map(Number)).toEqual([0, 0, 0.707107, 0.707107]);
+  });
+
   it("leaves out what was left empty", () => {
     expect(requestOf(FIRST_DRAFT, "ur5e-sim")).toEqual({
       cell: "ur5e-sim", release: { kind: "target", position: [1.2, 0.3, 0] }, frame: "world", backend: "auto",

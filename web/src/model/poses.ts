@@ -76,6 +76,19 @@ export function rotationVectorOf([x, y, z, w]: Quaternion): Vector {
   return [sign * x, sign * y, sign * z];
 }
 
+/** Returns the unit quaternion of a pose's rotation: of its four numbers the largest is not negative. Source: Shepperd (1978). */
+export function quaternionOfPose(pose: Pose): Quaternion {
+  const r = (row: number, column: number): number => pose[4 * row + column]!;
+  const trace = r(0, 0) + r(1, 1) + r(2, 2);
+  const squares = [r(0, 0), r(1, 1), r(2, 2), trace].map((value, i) => (i < 3 ? 1 + 2 * value - trace : 1 + value)); // 4 x², … 4 w²
+  const largest = squares.indexOf(Math.max(...squares));
+  const [xy, xz, yz] = [r(1, 0) + r(0, 1), r(2, 0) + r(0, 2), r(2, 1) + r(1, 2)]; // 4 x y, …
+  const [xw, yw, zw] = [r(2, 1) - r(1, 2), r(0, 2) - r(2, 0), r(1, 0) - r(0, 1)];
+  const products = [[squares[0]!, xy, xz, xw], [xy, squares[1]!, yz, yw], [xz, yz, squares[2]!, zw], [xw, yw, zw, squares[3]!]][largest]!;
+  const scale = 2 * Math.sqrt(squares[largest]!);
+  return products.map((product) => product / scale) as unknown as Quaternion;
+}
+
 /** Returns the distance of two points [m]. */
 export function distance(a: Vector, b: Vector): number {
   return Math.hypot(a[0] - b[0], a[1] - b[1], a[2] - b[2]);

@@ -1,6 +1,7 @@
 // The request as the form holds it: text as typed, so that half a number stays on the screen; and its translation to
 // the service's request and back.
 
+import { type Pose, positionOf, quaternionOfPose, rotationVectorOf } from "../model/poses";
 import type { Nearest, PlanRequest } from "../service/types";
 
 export type Kind = "target" | "point" | "pose" | "joint";
@@ -228,6 +229,14 @@ function poseTexts(release: Extract<PlanRequest["release"], { kind: "pose" }>): 
     velocity: texts(twist.linear),
     angularVelocity: texts(twist.angular),
   };
+}
+
+/** Returns what puts the tool of a point or pose release at a pose in the world. */
+export function toolAt(draft: Draft, pose: Pose): Partial<Draft> {
+  const place = { frame: "world" as const, position: positionOf(pose).map((x) => x.toFixed(4)) };
+  const quaternion = quaternionOfPose(pose);
+  if (draft.orientation === "quaternion") return { ...place, quaternion: quaternion.map((x) => x.toFixed(6)) };
+  return { ...place, rotationVector: rotationVectorOf(quaternion).map((x) => x.toFixed(4)) };
 }
 
 export function vector(values: readonly string[]): [number, number, number] | null {

@@ -46,12 +46,18 @@ function PlaceForm({ id, plan }: { id: string; plan: Plan | null }): JSX.Element
   const typed = useSignal<readonly string[] | null>(null);
   const place = typed.value ?? ["", "", String((plan && aimOf(plan)?.[2]) ?? 0)];
   const points = picking.value === id;
+  const toggle = (): void => {
+    picking.value = points ? null : id;
+    if (!points) window.scrollTo({ top: 0 }); // to the scene, which panels may cover
+  };
   return (
     <>
-      <NumberField label="Uncertainty" unit="m" value={landingStd.value} onInput={(value) => (landingStd.value = value)} />
-      <button type="button" class="quiet small" aria-pressed={points} onClick={() => (picking.value = points ? null : id)}>
-        {points ? "Click on the floor where it landed …" : "Point at the floor"}
-      </button>
+      <div class="pointing">
+        <NumberField label="Uncertainty" unit="m" value={landingStd.value} onInput={(value) => (landingStd.value = value)} />
+        <button type="button" class="quiet small" aria-pressed={points} onClick={toggle}>
+          {points ? "Click where it landed …" : "Point at the floor"}
+        </button>
+      </div>
       <VectorField legend="Landing" unit="m" names={["x", "y", "z"]} values={place} onInput={(values) => (typed.value = values)} />
       <button type="button" class="quiet small" onClick={() => send(id, () => placeReport(place, landingStd.value))}>
         Report this place

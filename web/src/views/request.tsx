@@ -2,9 +2,11 @@
 
 import type { JSX } from "preact";
 
+import { type CellDocument, geometryOf } from "../model/cell";
+import { toolPose } from "../model/chain";
 import { currentPositions, edit } from "../state/actions";
-import { BACKENDS, type Draft, type Kind } from "../state/draft";
-import { answered, cellState, draft, dryRun, mode } from "../state/store";
+import { BACKENDS, type Draft, type Kind, toolAt } from "../state/draft";
+import { answered, cellState, draft, dryRun, mode, model } from "../state/store";
 import { Choice, NumberField, SelectField, VectorField } from "./fields";
 
 const XYZ = ["x", "y", "z"] as const;
@@ -57,7 +59,9 @@ function TargetFields({ draft }: { draft: Draft }): JSX.Element {
 function ToolFields({ draft }: { draft: Draft }): JSX.Element {
   return (
     <>
-      <VectorField legend="Tool at the release" unit="m" names={XYZ} values={draft.position} onInput={(position) => edit({ position })} />
+      <VectorField legend="Tool at the release" unit="m" names={XYZ} values={draft.position} onInput={(position) => edit({ position })}>
+        <FromHere onPositions={(q) => model.value && edit(toolAt(draft, toolPose(geometryOf(model.value as CellDocument).chain, q.map(Number))))} />
+      </VectorField>
       <VectorField legend="Its velocity" unit="m/s" names={XYZ} values={draft.velocity} onInput={(velocity) => edit({ velocity })} />
       {draft.kind === "pose" ? <PoseFields draft={draft} /> : null}
     </>
@@ -86,7 +90,7 @@ function PoseFields({ draft }: { draft: Draft }): JSX.Element {
   );
 }
 
-/** Fills joint fields with the robot's present state. */
+/** Fills fields with the robot's present state. */
 function FromHere({ onPositions }: { onPositions: (values: readonly string[]) => void }): JSX.Element {
   const reported = cellState.value?.executor?.alive === true;
   const take = async (): Promise<void> => {

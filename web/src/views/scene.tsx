@@ -162,8 +162,6 @@ function keepInStep(scene: Scene, canvas: HTMLCanvasElement | null): () => void 
   };
 }
 
-const CARD_SHARE = 0.5; // the card on the right is low most of the time: half of it counts as covered
-
 /** How much of the scene's edges the panels cover [px]; nothing where they stand beside it. */
 function insetsOf(canvas: HTMLCanvasElement): Insets {
   const { left, right, top, bottom } = canvas.getBoundingClientRect();
@@ -172,7 +170,7 @@ function insetsOf(canvas: HTMLCanvasElement): Insets {
     return box && box.left < right && box.right > left && box.top < bottom && box.bottom > top && box.width < right - left ? box : null;
   };
   const [panel, card] = [covered(".panel.request"), covered(".side")];
-  return { left: panel ? panel.right - left : 0, right: card ? CARD_SHARE * (right - card.left) : 0, top: 0, bottom: BAR_PX };
+  return { left: panel ? panel.right - left : 0, right: card ? right - card.left : 0, top: 0, bottom: BAR_PX };
 }
 
 const BAR_PX = 44; // [px] the cameras' buttons at the lower edge
