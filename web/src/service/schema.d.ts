@@ -331,6 +331,8 @@ export interface paths {
         /**
          * Read the arm's timing
          * @description Reads lag, gain, first-order part and overshoot of every joint, run by run and pooled, with standard errors.
+         *
+         *     Runs under other versions of the cell file count, unless that version describes another arm.
          */
         get: operations["read_timing"];
         put?: never;
@@ -1614,6 +1616,12 @@ export interface components {
              */
             release_velocity_error_share: number | null;
             /**
+             * Release Velocity Unexpected Rad S
+             * @description The same beyond what the plan's profile expects, by three standard deviations [rad/s].
+             * @default null
+             */
+            release_velocity_unexpected_rad_s: number | null;
+            /**
              * Released
              * @description Whether the gripper was commanded to open.
              * @default null
@@ -1848,6 +1856,16 @@ export interface components {
              */
             apex_height_m: number;
             /**
+             * Drag Coefficient
+             * @description Of the object [-]; absent from plans of version 0.1.
+             */
+            drag_coefficient?: number | null;
+            /**
+             * Drag Per M
+             * @description k of the deceleration k v² in air [1/m]; as above.
+             */
+            drag_per_m?: number | null;
+            /**
              * Landing Per Release Delay M S
              * @description Shift of the landing point per delay of the release [m/s].
              */
@@ -1869,13 +1887,19 @@ export interface components {
              */
             object_path: number[][];
             /**
+             * Release Speed Factor
+             * @description The object's speed over the tool's as it leaves [-].
+             * @default 1
+             */
+            release_speed_factor: number;
+            /**
              * Release Window S
              * @description Half width of the release window; 0: only the nominal release [s].
              */
             release_window_s: number;
             /**
              * Speed M S
-             * @description Speed at the release [m/s].
+             * @description The object's speed as it leaves [m/s]: the tool's, times the factor.
              */
             speed_m_s: number;
             /**
@@ -3077,13 +3101,7 @@ export interface components {
              * @description [-]
              */
             drag_coefficient_std: number;
-            /**
-             * Evidence
-             * @description Ids of the throws, landings, recordings and runs behind it.
-             */
-            evidence: {
-                [key: string]: string[];
-            };
+            evidence: components["schemas"]["ProfileEvidence"];
             /**
              * Gain
              * @description Measured over commanded velocity of each joint [-].
@@ -3175,6 +3193,38 @@ export interface components {
             timing: components["schemas"]["PooledTimingAnswer"] | null;
         };
         /**
+         * ProfileEvidence
+         * @description What a profile rests on, by id.
+         */
+        ProfileEvidence: {
+            /**
+             * Landings
+             * @description The observations of them.
+             */
+            landings: string[];
+            /**
+             * Not Used
+             * @description Throws with a landing that does not count, oldest first.
+             * @default []
+             */
+            not_used: components["schemas"]["UnusedThrowAnswer"][];
+            /**
+             * Recordings
+             * @description Executions whose joint speeds count.
+             */
+            recordings: string[];
+            /**
+             * Throws
+             * @description Executions whose landing counts.
+             */
+            throws: string[];
+            /**
+             * Timing
+             * @description Executions that show the arm's timing.
+             */
+            timing: string[];
+        };
+        /**
          * ProfileList
          * @description Profiles of a cell, newest first.
          */
@@ -3258,13 +3308,7 @@ export interface components {
              * @description [-]
              */
             drag_coefficient_std: number;
-            /**
-             * Evidence
-             * @description Ids of the throws, landings, recordings and runs behind it.
-             */
-            evidence: {
-                [key: string]: string[];
-            };
+            evidence: components["schemas"]["ProfileEvidence"];
             /**
              * Gain
              * @description Measured over commanded velocity of each joint [-].
@@ -4037,6 +4081,16 @@ export interface components {
             linear: number[];
         };
         /**
+         * UnusedThrowAnswer
+         * @description A throw with a reported landing that the profile does not rest on.
+         */
+        UnusedThrowAnswer: {
+            /** Execution Id */
+            execution_id: string;
+            /** Reason */
+            reason: string;
+        };
+        /**
          * ViolationAnswer
          * @description A constraint that stands in the way, and by how much.
          */
@@ -4181,6 +4235,7 @@ export type Pose = components['schemas']['Pose'];
 export type PoseReleaseRequest = components['schemas']['PoseReleaseRequest'];
 export type ProblemAnswer = components['schemas']['ProblemAnswer'];
 export type ProfileAnswer = components['schemas']['ProfileAnswer'];
+export type ProfileEvidence = components['schemas']['ProfileEvidence'];
 export type ProfileList = components['schemas']['ProfileList'];
 export type ProfileSummary = components['schemas']['ProfileSummary'];
 export type Readiness = components['schemas']['Readiness'];
@@ -4202,6 +4257,7 @@ export type TimingAnswer = components['schemas']['TimingAnswer'];
 export type TimingRunAnswer = components['schemas']['TimingRunAnswer'];
 export type TrajectoryAnswer = components['schemas']['TrajectoryAnswer'];
 export type Twist = components['schemas']['Twist'];
+export type UnusedThrowAnswer = components['schemas']['UnusedThrowAnswer'];
 export type ViolationAnswer = components['schemas']['ViolationAnswer'];
 export type WayHomeAnswer = components['schemas']['WayHomeAnswer'];
 export type WindowEntry = components['schemas']['WindowEntry'];
