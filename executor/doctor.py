@@ -142,7 +142,7 @@ def known_timing(cell: Cell, database_url: str) -> dict[str, Any] | None:
         return None
     try:
         used, profile = cell_in_use(store, cell)
-        pooled = pooled_document([timing for _, timing in timing_runs(store, cell.name)], used.timing.lag_s)
+        pooled = pooled_document([timing for _, timing in timing_runs(store, cell)], used.timing.lag_s)
         return None if pooled is None else {**pooled, "profile": profile}
     except StoreUnavailable:
         return None

@@ -84,7 +84,7 @@ def estimate_profile(store: Store, cell: Cell) -> dict[str, Any]:
         store: with executions, recordings and landings.
         cell: as its file says, without a profile.
     """
-    runs = timing_runs(store, cell.name)
+    runs = timing_runs(store, cell)
     timing = pooled_document([run for _, run in runs], cell.timing.lag_s)
     lag = cell.timing.lag_s if timing is None else timing["lag_s"]
     arm = StreamedArm(lag, np.ones(6) if timing is None else known_gains(timing["gain"]))
@@ -151,12 +151,17 @@ def profile_bytes(document: Mapping[str, Any]) -> bytes:
     return orjson.dumps(document, option=orjson.OPT_SERIALIZE_NUMPY | orjson.OPT_SORT_KEYS)
 
 
+def is_drag_learnt(drag_coefficient_std: float) -> bool:
+    """Returns whether throws have shown a cell's drag, so that a profile's is learnt and not the cell file's."""
+    return bool(drag_coefficient_std < DRAG_KNOWN * PRIOR_STD[DRAG])
+
+
 def _numbers(cell: Cell, known: CellKnowledge, timing: Mapping[str, Any] | None) -> dict[str, Any]:
     """Returns the numbers of a profile that people read, each with its standard deviation."""
     release = known.release
     state, std = release.state, np.sqrt(np.diag(release.state_covariance))
     jitter_std = math.sqrt(float(release.weight @ (release.jitter_s - release.jitter) ** 2))
-    seen = std[DRAG] < DRAG_KNOWN * PRIOR_STD[DRAG]
+    seen = is_drag_learnt(float(std[DRAG]))
     return {
         "lag_s": known.arm.lag_s,
         "lag_std_s": None if timing is None else timing["lag_std_s"],

@@ -9,6 +9,8 @@ from typing import Any
 
 from learning.recordings import JOINTS
 from learning.timing import weighted_mean
+from planner.cell import Cell, CellSource, cell_of
+from planner.errors import CellError
 from store import ExecutionRow, Store
 
 SIGNIFICANT = 3.0  # [-] standard errors that a change must exceed: 3 in 1,000 runs by chance
@@ -55,10 +57,41 @@ def pool_timing(runs: Sequence[Mapping[str, Any]]) -> PooledTiming | None:
     return PooledTiming(*lag, joints, len(newest))
 
 
-def timing_runs(store: Store, cell: str) -> list[tuple[ExecutionRow, dict[str, Any]]]:
-    """Returns the executions of a cell whose recordings show its timing, newest first, with that timing."""
-    rows = [(row, (row.metrics or {}).get("timing")) for row in store.executions_of_cell(cell)]
-    return [(row, dict(timing)) for row, timing in rows if timing is not None]
+def timing_runs(store: Store, cell: Cell) -> list[tuple[ExecutionRow, dict[str, Any]]]:
+    """Returns the executions whose recordings show the timing of a cell's arm, newest first, with that timing.
+
+    A run measures the arm against its commands, whatever its plan assumed: runs under other versions of the cell file
+    count, unless that version describes another arm.
+    """
+    rows = [(row, (row.metrics or {}).get("timing")) for row in store.executions_of_cell(cell.name)]
+    shown = [(row, dict(timing)) for row, timing in rows if timing is not None]
+    others = _versions_with_another_arm(store, cell)
+    if not others:
+        return shown
+    made_for = store.cell_hashes_of_plans({row.plan_id for row, _ in shown})
+    return [(row, timing) for row, timing in shown if made_for.get(row.plan_id) not in others]
+
+
+def _versions_with_another_arm(store: Store, cell: Cell) -> set[str]:
+    """Returns the hashes of the versions of a cell's files that describe another arm than this one."""
+    found = set()
+    for version in store.cell_versions(cell.name):
+        if version.sha256 != cell.sha256:
+            try:
+                then = cell_of(CellSource(cell.name, version.text, version.calibration))
+            except CellError:
+                continue  # of an earlier version of Fling: nothing says that the arm was another
+            if not _same_arm(cell, then):
+                found.add(version.sha256)
+    return found
+
+
+def _same_arm(a: Cell, b: Cell) -> bool:
+    """Returns whether two versions describe one arm: model, controller, tool mass, and calibration if both have one."""
+    hashes = {file.hash for file in (a.calibration, b.calibration) if file is not None}
+    is_simulated_alike = a.link.kind != "sim" or (a.sim.lag_s, a.sim.polyscope) == (b.sim.lag_s, b.sim.polyscope)
+    alike = (a.robot.name, a.link, a.tool.mass_kg) == (b.robot.name, b.link, b.tool.mass_kg)
+    return alike and is_simulated_alike and len(hashes) <= 1
 
 
 def pooled_document(runs: Sequence[Mapping[str, Any]], assumed_s: float) -> dict[str, Any] | None:

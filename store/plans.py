@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 from sqlalchemy import Connection, insert, select
 
-from store.database import Repository, insert_if_new, writing
+from store.database import Repository, insert_if_new, reading, writing
 from store.idempotency_and_audit import take_key
 from store.rows import IdempotencyKey, PlanRow
 from store.tables import plans
@@ -59,6 +60,12 @@ class PlanRepository(Repository):
     def plan_summary(self, id: str) -> PlanRow | None:
         """Returns one plan without its trajectory."""
         return self._row(PlanRow, select(*SUMMARY_COLUMNS).where(plans.c.id == id))
+
+    def cell_hashes_of_plans(self, ids: Collection[str]) -> dict[str, str]:
+        """Returns the hash of the cell's files that each of these plans was made for."""
+        with reading(self._engine) as connection:
+            rows = connection.execute(select(plans.c.id, plans.c.cell_sha256).where(plans.c.id.in_(list(ids))))
+            return {id: sha256 for id, sha256 in rows}
 
     def plans(self, limit: int = 50, cursor: str | None = None) -> tuple[list[PlanRow], str | None]:
         """Returns plans without trajectories, newest first, and the cursor of the next page (None after the last)."""

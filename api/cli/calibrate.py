@@ -15,6 +15,7 @@ from api.cli.support.errors import FlingGroup
 from api.cli.support.exit_status import NotCompleted
 from api.cli.support.options import cell_of_service, cell_option, json_option, service_options, service_url
 from api.cli.support.progress import execute_plan
+from api.cli.support.summary import numbers_text, profile_text
 
 AMPLITUDE_RAD = 0.25  # [rad] of a small motion: long enough for 1 rad/s, short enough to stay clear of most things
 AMPLITUDE_MIN_RAD = 0.02  # [rad] a shorter motion ends before a lag of 20 ms shows
@@ -43,7 +44,7 @@ def calibrate() -> None:
 
 
 @calibrate.command()
-@click.option("--cell", required=True, help="Cell.")
+@click.option("--cell", help="Cell; not needed with --from-csv.")
 @click.option("--from-csv", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="FILE",
               help="Recorded run: time_s, command_0 … command_5, measured_0 … measured_5 [rad/s].")  # fmt: skip
 @click.option("--throws", type=click.IntRange(1, 100), default=MOTIONS, show_default=True, help="Number of motions.")
@@ -52,7 +53,7 @@ def calibrate() -> None:
 @json_option
 @service_options
 def lag(
-    cell: str,
+    cell: str | None,
     from_csv: Path | None,
     throws: int,
     adopt: bool,
@@ -67,8 +68,13 @@ def lag(
     """
     if from_csv is not None and (adopt or picture is not None):
         raise click.UsageError("--adopt and --picture rest on runs of the cell, not on --from-csv")
-    found = _from_csv(from_csv) if from_csv is not None else _by_motions(cell, throws, as_json, picture, url, token)
-    if adopt:
+    if from_csv is not None:
+        found = _from_csv(from_csv)
+    elif cell is None:
+        raise click.UsageError("Missing option '--cell': the arm moves")
+    else:
+        found = _by_motions(cell, throws, as_json, picture, url, token)
+    if adopt and cell is not None:
         with ServiceClient(service_url(url), token) as client:
             found |= {"profile": _estimate(client, cell, adopt)["id"], "adopted": True}
     click.echo(json.dumps({"cell": cell, **found}) if as_json else _lag_text(found))
@@ -358,44 +364,3 @@ def revert(cell: str | None, url: str | None, token: str | None) -> None:
         name = cell_of_service(client, cell)
         client.post(f"/cells/{name}/profiles/revert")
     click.echo(f"{name} uses the cell file's numbers")
-
-
-def numbers_text(row: dict[str, Any]) -> str:
-    """Returns lag, delay and jitter of a profile in a line."""
-    lag = "" if row["lag_std_s"] is None else f" ± {1e3 * row['lag_std_s']:.1f}"
-    return (
-        f"lag {1e3 * row['lag_s']:.1f}{lag} ms, delay {1e3 * row['delay_s']:.1f} ± {1e3 * row['delay_std_s']:.1f} ms, "
-        f"jitter {1e3 * row['jitter_s']:.1f} ± {1e3 * row['jitter_std_s']:.1f} ms"
-    )
-
-
-def profile_text(row: dict[str, Any]) -> str:
-    """Returns a profile in a few lines, beside what the cell file says."""
-    file, offset = row["cell_file"], row["landing_offset_m"]
-    spread = row["landing_offset_std_m"]
-    seen = {name: len(ids) for name, ids in row["evidence"].items()}
-    lines = [
-        f"profile {row['id']} of {row['cell']}, {row['created_at']} by {row['created_by']}"
-        + ("; in use" if row["adopted"] else ""),
-        f"  from {seen['throws']} throws with {seen['landings']} landings, {seen['timing']} runs that show the timing",
-        *(f"  not used: {row['execution_id']}: {row['reason']}" for row in row["evidence"].get("not_used", ())),
-        f"  {numbers_text(row)}",
-        f"  the cell file: lag {1e3 * file['lag_s']:.1f} ms, delay {1e3 * file['delay_s']:.1f} ms, "
-        f"jitter {1e3 * file['jitter_s']:.1f} ms",
-        f"  speed of the object over the tool's {row['speed_factor']:.3f} ± {row['speed_factor_std']:.3f}; drag "
-        f"coefficient {row['drag_coefficient']:.2f} ± {row['drag_coefficient_std']:.2f}",
-        f"  base {1e3 * offset[0]:.1f} ± {1e3 * spread[0]:.1f}, {1e3 * offset[1]:.1f} ± {1e3 * spread[1]:.1f} mm off, "
-        f"turned by {1e3 * row['base_turn_rad']:.1f} ± {1e3 * row['base_turn_std_rad']:.1f} mrad",
-    ]
-    return "\n".join([*lines, *_explained_text(row)])
-
-
-def _explained_text(row: dict[str, Any]) -> list[str]:
-    """Returns how far the observed landings were from the plans, and are from what the profile expects."""
-    before, after = row.get("landing_error_before_m"), row.get("landing_error_after_m")
-    if before is None or after is None:
-        return []
-    return [
-        f"  landings {1e3 * before:.0f} mm from where they were planned in the median, {1e3 * after:.0f} mm from where "
-        "this profile expects them"
-    ]

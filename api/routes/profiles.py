@@ -84,7 +84,10 @@ def draw_profile(id: ProfileId, service: ServiceDep, caller: AnyCaller) -> Respo
 def adopt_profile(id: ProfileId, service: ServiceDep, caller: OperateCaller, origin: Origin) -> JSONResponse:
     """Uses a profile from now on; plans made before it cannot be executed any more. Limits and checks stay the same."""
     row = _find(service, id)
-    if service.cell(row.cell).sha256 != row.cell_sha256:
+    cell = service.cell(row.cell)
+    if id == "latest" and cell.link.kind != "sim":
+        raise ProblemDetails("forbidden", "on a real arm a profile is adopted by its own id, not by 'latest'")
+    if cell.sha256 != row.cell_sha256:
         raise ProblemDetails("profile-not-adoptable", f"cell {row.cell!r}: {OUTDATED}", cell=row.cell)
     return _use(service, row.cell, row.id, caller, origin)
 
@@ -113,7 +116,7 @@ def _use(service: Service, cell: str, profile_id: str | None, caller: Caller, or
 
 def _find(service: Service, id: str) -> ProfileRow:
     row = service.store.latest_profile() if id == "latest" else service.store.profile(id)
-    if row is None or (id == "latest" and service.cell(row.cell).link.kind != "sim"):
+    if row is None:
         raise ProblemDetails("not-found", f"no profile {id!r}")
     return row
 

@@ -20,9 +20,12 @@ router = APIRouter(tags=["cells"])
     responses=json_answer(200, TimingAnswer, "Newest run first.", "not-found", "invalid-request"),
 )
 def read_timing(name: CellName, service: ServiceDep, caller: AnyCaller) -> JSONResponse:
-    """Reads lag, gain, first-order part and overshoot of every joint, run by run and pooled, with standard errors."""
+    """Reads lag, gain, first-order part and overshoot of every joint, run by run and pooled, with standard errors.
+
+    Runs under other versions of the cell file count, unless that version describes another arm.
+    """
     cell = service.cell(name)
-    found = timing_runs(service.store, name)
+    found = timing_runs(service.store, cell)
     runs = [{"execution_id": row.id, "finished_at": iso_time(row.finished_at), **timing} for row, timing in found]
     assumed_s = cell_in_use(service.store, cell)[0].timing.lag_s
     pooled = pooled_document([timing for _, timing in found], assumed_s)

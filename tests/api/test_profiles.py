@@ -37,6 +37,13 @@ def test_a_profile_is_stored_but_not_adopted(service: RunningService, profile: d
     problem_of(service.client.post("/profiles/nothing/adopt"), 404, "not-found")
 
 
+def test_the_newest_profile_of_a_real_arm_is_read_as_latest_but_adopted_by_its_id(service: RunningService):
+    profile = service.client.post("/cells/real/profiles").json()
+    assert service.client.get("/profiles/latest").json()["id"] == profile["id"]
+    problem = problem_of(service.client.post("/profiles/latest/adopt"), 403, "forbidden")
+    assert problem["detail"] == "on a real arm a profile is adopted by its own id, not by 'latest'"
+
+
 def test_the_landings_behind_a_profile_are_drawn(service: RunningService, profile: dict[str, Any]):
     assert (profile["landings"], profile["landing_error_before_m"]) == ([], None)
     drawn = service.client.get(f"/profiles/{profile['id']}/picture.svg")

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,7 @@ def test_a_cell_without_runs_has_no_timing_yet(service: RunningService):
     assert grade_lag(cell, None).grade == "warning"
 
 
-def test_timing_by_run_and_pooled_and_what_the_doctor_says(service: RunningService):
+def test_timing_by_run_and_pooled_and_what_the_doctor_says(service: RunningService, cells: Path):
     ids = [finished(service, 0.026, seed) for seed in (1, 2)]
     answer = service.client.get(f"/cells/{CELL}/timing").json()
     assert [run["execution_id"] for run in answer["runs"]] == ids[::-1]
@@ -44,3 +45,15 @@ def test_timing_by_run_and_pooled_and_what_the_doctor_says(service: RunningServi
     cell = service.client.app.state.service.cell(CELL)  # type: ignore[attr-defined]
     finding = grade_lag(cell, known_timing(cell, service.settings.database_url))
     assert (finding.grade, finding.advice) == ("warning", answer["pooled"]["advice"])
+    file = cells / f"{CELL}.toml"
+    before = file.read_text()
+    try:
+        file.write_text(before.replace("[timing]\nlag_s = 0.02", "[timing]\nlag_s = 0.021"))
+        kept = service.client.get(f"/cells/{CELL}/timing").json()["pooled"]
+        file.write_text(before.replace("mass_kg = 1.0", "mass_kg = 1.6"))
+        other = service.client.get(f"/cells/{CELL}/timing").json()
+    finally:
+        file.write_text(before)
+    assert kept["lag_s"] == answer["pooled"]["lag_s"]  # the same arm, whatever plans assume of it
+    assert kept["lag_change_s"] == pytest.approx(0.005, abs=5e-4)
+    assert (other["pooled"], other["runs"]) == (None, [])  # another tool: another arm

@@ -1,4 +1,4 @@
-"""Plans and executions in a few lines of text, for the terminal."""
+"""Plans, executions and profiles in a few lines of text, for the terminal."""
 
 from __future__ import annotations
 
@@ -83,3 +83,52 @@ def _landed_text(surface: str | None) -> str:
 def _length(value_m: float) -> str:
     """Returns a length in millimetres, with a decimal below a centimetre."""
     return f"{1000 * value_m:.{1 if value_m < 0.01 else 0}f} mm"
+
+
+def numbers_text(row: dict[str, Any]) -> str:
+    """Returns lag, delay and jitter of a profile in a line."""
+    lag = "" if row["lag_std_s"] is None else f" ± {1e3 * row['lag_std_s']:.1f}"
+    return (
+        f"lag {1e3 * row['lag_s']:.1f}{lag} ms, delay {1e3 * row['delay_s']:.1f} ± {1e3 * row['delay_std_s']:.1f} ms, "
+        f"jitter {1e3 * row['jitter_s']:.1f} ± {1e3 * row['jitter_std_s']:.1f} ms"
+    )
+
+
+def profile_text(row: dict[str, Any]) -> str:
+    """Returns a profile in a few lines, beside what the cell file says."""
+    file, offset = row["cell_file"], row["landing_offset_m"]
+    spread = row["landing_offset_std_m"]
+    seen = {name: len(ids) for name, ids in row["evidence"].items()}
+    lines = [
+        f"profile {row['id']} of {row['cell']}, {row['created_at']} by {row['created_by']}"
+        + ("; in use" if row["adopted"] else ""),
+        f"  from {seen['throws']} throws with {seen['landings']} landings, {seen['timing']} runs that show the timing",
+        *(f"  not used: {row['execution_id']}: {row['reason']}" for row in row["evidence"].get("not_used", ())),
+        f"  {numbers_text(row)}",
+        f"  the cell file: lag {1e3 * file['lag_s']:.1f} ms, delay {1e3 * file['delay_s']:.1f} ms, "
+        f"jitter {1e3 * file['jitter_s']:.1f} ms",
+        f"  speed of the object over the tool's {row['speed_factor']:.3f} ± {row['speed_factor_std']:.3f}; "
+        f"{_drag_text(row)}",
+        f"  base {1e3 * offset[0]:.1f} ± {1e3 * spread[0]:.1f}, {1e3 * offset[1]:.1f} ± {1e3 * spread[1]:.1f} mm off, "
+        f"turned by {1e3 * row['base_turn_rad']:.1f} ± {1e3 * row['base_turn_std_rad']:.1f} mrad",
+    ]
+    return "\n".join([*lines, *_explained_text(row)])
+
+
+def _drag_text(row: dict[str, Any]) -> str:
+    """Returns the drag with its uncertainty where throws have shown it, else the cell file's, which has none."""
+    from learning import is_drag_learnt
+
+    text, std = f"drag coefficient {row['drag_coefficient']:.2f}", float(row["drag_coefficient_std"])
+    return f"{text} ± {std:.2f}" if is_drag_learnt(std) else f"{text}, the cell file's: throws do not show it"
+
+
+def _explained_text(row: dict[str, Any]) -> list[str]:
+    """Returns how far the observed landings were from the plans, and are from what the profile expects."""
+    before, after = row.get("landing_error_before_m"), row.get("landing_error_after_m")
+    if before is None or after is None:
+        return []
+    return [
+        f"  landings {1e3 * before:.0f} mm from where they were planned in the median, {1e3 * after:.0f} mm from where "
+        "this profile expects them"
+    ]

@@ -38,12 +38,22 @@ def read_profile(text: str, client: Any) -> dict[str, Any]:
 def truth_of_profile(profile: Mapping[str, Any]) -> dict[str, Any]:
     """Returns the truth, in the keys of a truth file, of a cell that is as its profile says.
 
-    The outputs change one lag after their command, as the planner assumes: lag and delay are the profile's lead.
+    The outputs change one lag after their command, as the planner assumes: lag and delay are the profile's lead. Only
+    their sum is learnt, so that the delay may be negative: then the outputs change that much sooner.
+
+    Raises:
+        KeyError: the profile lacks numbers.
+        ValueError: its object would leave before it is told to.
     """
     missing = [name for name in NEEDED if name not in profile]
     if missing:
         raise KeyError(", ".join(missing))
     timing, lag = profile.get("timing") or {}, float(profile["lag_s"])
+    delay = float(profile["delay_s"])
+    if lag + delay < 0.0:
+        raise ValueError(
+            f"lag_s and delay_s sum to {1e3 * (lag + delay):.1f} ms: the gripper opens before it is told to"
+        )
     first_order = [x or 0.0 for x in timing.get("first_order_s") or [0.0] * 6]
     x, y = profile["landing_offset_m"]
     return {
@@ -51,15 +61,15 @@ def truth_of_profile(profile: Mapping[str, Any]) -> dict[str, Any]:
             "lag_s": lag,
             "first_order_s": [min(max(float(value), 0.0), 0.5 * lag) for value in first_order],
             "gain": [1.0 if gain is None else float(gain) for gain in profile.get("gain") or [None] * 6],
-            "output_delay_s": lag,
+            "output_delay_s": lag + min(delay, 0.0),
         },
-        "gripper": {"delay_s": max(float(profile["delay_s"]), 0.0), "jitter_s": float(profile["jitter_s"])},
+        "gripper": {"delay_s": max(delay, 0.0), "jitter_s": float(profile["jitter_s"])},
         "release": {
             "speed_factor": float(profile["speed_factor"]),
             "cling_share": float(profile.get("cling_share") or 0.0),
             "cling_speed_factor": CLING_SPEED_FACTOR,
         },
-        "object": {"drag_coefficient": max(float(profile["drag_coefficient"]), 0.0)},
+        "object": {"drag_coefficient": float(profile["drag_coefficient"])},
         "arm": {
             "base_offset_m": [float(x), float(y), 0.0],
             "base_rotation_vector_rad": [0.0, 0.0, float(profile["base_turn_rad"])],

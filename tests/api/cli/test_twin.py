@@ -53,6 +53,17 @@ def test_a_twin_has_the_profiles_numbers(tmp_path: Path):
     assert truth.hidden
 
 
+def test_a_negative_delay_makes_the_outputs_sooner_and_a_negative_lead_is_refused(tmp_path: Path):
+    path = tmp_path / "twin.toml"
+    path.write_text(truth_text(truth_of_profile({**PROFILE, "delay_s": -0.004})))
+    truth = load_truth(path, benchmark_cell())
+    assert truth.timing.output_delay_s + truth.gripper.delay_s == pytest.approx(0.0264 - 0.004)
+    path.write_text(json.dumps({**PROFILE, "delay_s": -0.030}))
+    result = CliRunner().invoke(main, ["sim", "--cell", "ur5e-sim", "--profile", str(path)])
+    assert result.exit_code == 1
+    assert "lag_s and delay_s sum to -3.6 ms" in result.output
+
+
 def test_a_turned_and_shifted_base_means_the_same_to_estimator_and_simulator(tmp_path: Path):
     """The estimator turns and shifts landings; the simulator has a base that stands elsewhere."""
     arm = truth_of_profile(PROFILE)["arm"]

@@ -331,6 +331,8 @@ export interface paths {
         /**
          * Read the arm's timing
          * @description Reads lag, gain, first-order part and overshoot of every joint, run by run and pooled, with standard errors.
+         *
+         *     Runs under other versions of the cell file count, unless that version describes another arm.
          */
         get: operations["read_timing"];
         put?: never;
