@@ -18,7 +18,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
+from collections.abc import AsyncIterator, Callable, Coroutine, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
@@ -143,7 +143,7 @@ def _kind(response: httpx2.Response) -> str:
 
 
 @asynccontextmanager
-async def _health_reader() -> AsyncIterator[Callable[[int, float], Awaitable[list[float]]]]:
+async def _health_reader() -> AsyncIterator[Callable[[int, float], Coroutine[Any, Any, list[float]]]]:
     """Yields a function that returns how long each request for /healthz took [s], as a process of its own sees it."""
     loop, context = asyncio.get_running_loop(), multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, context) as pool:  # not behind fifty clients in one event loop: it would measure them
