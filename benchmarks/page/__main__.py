@@ -69,13 +69,20 @@ def _frames(rate: FrameRate) -> str:
     return f"{rate.frames_per_s:.1f} a second{level}, {rate.processor_ms:.0f} ms of processor time each"
 
 
+def _priority() -> str:
+    """Returns how this run was scheduled, where not as any other."""
+    if os.sched_getscheduler(0) == os.SCHED_OTHER:
+        return ""
+    return " at real-time priority (`chrt -r`), so that whatever else ran on the machine waited"
+
+
 def _text(about: dict[str, str], rows: list[str]) -> str:
     """Returns the page of the documentation."""
     table = "\n".join(["| quantity | goal | measured | load |", "| --- | --- | --- | --- |", *rows])
     return f"""# The page, without a graphics processor
 
-{about["date"]}, {about["processor"]}. One run of `python -m benchmarks.page`; service, planner and browser share the
-machine, and its load is that of the last minute when each figure was taken.
+{about["date"]}, {about["processor"]}. One run of `python -m benchmarks.page`{_priority()}; service, planner and browser
+share the machine, and its load is that of the last minute when each figure was taken.
 
 {table}
 

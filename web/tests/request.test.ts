@@ -31,7 +31,7 @@ describe("the request", () => {
   it("has every kind of release", () => {
     expect(requestOf({ ...FIRST_DRAFT, kind: "joint" }, "c").release).toMatchObject({ kind: "joint", velocities: [0.8, 0.6, -0.5, 0.3, 0, 0] });
     expect(requestOf({ ...FIRST_DRAFT, kind: "point" }, "c").release).toMatchObject({ kind: "point", velocity: [0.8, 0.3, 0.6] });
-    expect(requestOf({ ...FIRST_DRAFT, kind: "pose" }, "c").release).toMatchObject({ kind: "pose", pose: { rotation_vector: [0, 3.14, 0] } });
+    expect(requestOf({ ...FIRST_DRAFT, kind: "pose" }, "c").release).toMatchObject({ kind: "pose", pose: { rotation_vector: [0, 1.57, 0] } });
     expect(requestOf({ ...FIRST_DRAFT, bin: true }, "c").release).toMatchObject({ opening: { radius_m: 0.12, rim_height_m: 0.2 } });
   });
   it("takes one limit or six", () => {

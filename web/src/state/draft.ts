@@ -56,10 +56,10 @@ export const FIRST_DRAFT: Draft = {
   maxElevation: "",
   minDistance: "",
   releasePosition: NONE3,
-  position: ["0.5", "0.2", "0.6"],
+  position: ["0.4", "0.2", "0.5"],
   orientation: "rotation_vector",
-  rotationVector: ["0", "3.14", "0"],
-  quaternion: ["0", "1", "0", "0"],
+  rotationVector: ["0", "1.57", "0"], // the gripper forwards
+  quaternion: ["0", "0.70711", "0", "0.70711"],
   velocity: ["0.8", "0.3", "0.6"],
   angularVelocity: ["0", "0", "0"],
   jointPositions: ["0.4", "-1.4", "1.2", "-1.2", "-1.57", "0"],

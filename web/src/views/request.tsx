@@ -95,7 +95,7 @@ function FromHere({ onPositions }: { onPositions: (values: readonly string[]) =>
   const reported = cellState.value?.executor?.alive === true;
   const take = async (): Promise<void> => {
     const positions = await currentPositions();
-    if (positions) onPositions(positions.map((q) => q.toFixed(4)));
+    if (positions) onPositions(positions.map((q) => String(Number(q.toFixed(4)))));
   };
   return (
     <button type="button" class="link" disabled={!reported} onClick={() => void take()}>
