@@ -287,7 +287,9 @@ def _lag_text(found: dict[str, Any]) -> str:
     lines = [f"lag {_milliseconds(found)}; gain of each joint {gains}"]
     if found.get("ramp_rad_s2"):
         lines.append(f"speedj's acceleration of {found['ramp_rad_s2']:.1f} rad/s² held the arm back")
-    if "assumed_lag_s" in found:
+    if found.get("adopted"):
+        lines.append(f"profile {found['profile']} is in use: plans assume this lag")
+    elif "assumed_lag_s" in found:
         lines.append(found["advice"] or f"as plans assume it: {1e3 * found['assumed_lag_s']:.1f} ms")
     else:
         lines.append(f"for the cell file: timing.lag_s = {found['lag_s']:.4f}")

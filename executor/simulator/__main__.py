@@ -36,6 +36,8 @@ def main(arguments: list[str] | None = None) -> int:
     except (CellError, TruthError, OSError) as error:
         print(f"simulator: {error}", file=sys.stderr)
         return 1
+    if truth.gripper.cut_short:
+        print(f"simulator: warning: {truth.gripper.cut_short}", file=sys.stderr)
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: loop.quit())
     gc.collect()

@@ -36,6 +36,7 @@ DH_BOUNDS = {"a_m": OFFSET_MAX_M, "d_m": OFFSET_MAX_M, "alpha_rad": DH_ANGLE_MAX
 TURN_MAX_RAD = 3.2  # [rad] half a turn
 CAMERA_STD_MAX_M = 1.0  # [m]
 OUTLIER_STD_MAX_M = 10.0  # [m]
+CUT_STD = 3.0  # [-] standard deviations below the mean at which an opening would be before its output: 1 in 1,000
 
 SixNumbers = tuple[float, ...]
 NONE_OF_SIX: SixNumbers = (0.0,) * 6
@@ -78,6 +79,14 @@ class GripperOpening:
     jitter_s: float
     jitter_shape: str = "gaussian"
     drift_s_per_throw: float = 0.0
+
+    @property
+    def cut_short(self) -> str:
+        """Why some openings come at once, as none comes before its output; empty where none does."""
+        if self.delay_s >= CUT_STD * self.jitter_s:
+            return ""
+        times = f"delay_s of {1e3 * self.delay_s:g} ms is less than {CUT_STD:g} jitter_s of {1e3 * self.jitter_s:g} ms"
+        return f"gripper.{times}: openings before 0 are at 0"
 
 
 @dataclass(frozen=True)

@@ -47,16 +47,16 @@ def landing_text(execution: dict[str, Any], observed: Sequence[dict[str, Any]] =
         text += f"; joint velocity at the release within {100 * metrics['release_velocity_error_share']:.2f} %"
     point, error = metrics.get("landing_point"), metrics.get("landing_error_m")
     if point is None or error is None:
-        return f"{text}\n{_observed_text(observed)}"
+        return f"{text}\n{_observed_text(observed, execution.get('id', 'latest'))}"
     place = ", ".join(f"{value:.4f}" for value in point)
     return f"{text}\n{_landed_text(metrics.get('landed_on'))} at ({place}) m, {_length(error)} from where the plan said"
 
 
-def _observed_text(observed: Sequence[dict[str, Any]]) -> str:
+def _observed_text(observed: Sequence[dict[str, Any]], execution: str) -> str:
     """Returns where the object was last seen to land."""
     seen = [row for row in observed if row["position"] is not None]
     if not seen:
-        return "nobody has seen where it landed yet: fling landing latest X Y Z"
+        return f"nobody has seen where it landed yet: fling landing {execution} X Y Z"
     place = ", ".join(f"{value:.3f}" for value in seen[-1]["position"])
     return f"seen to land at ({place}) m, within {_length(seen[-1]['std_m'])}, by {seen[-1]['source']}"
 

@@ -10,7 +10,7 @@ import pytest
 from executor.simulator.control_operations import control_operations
 from executor.simulator.settings import SimulatorSettings
 from executor.simulator.simulation import Simulation
-from executor.simulator.truth import Truth, TruthError, load_truth, truth_of
+from executor.simulator.truth import GripperOpening, Truth, TruthError, load_truth, truth_of
 
 from .conftest import make_cell, unique_address
 
@@ -157,3 +157,8 @@ def test_a_hidden_truth_shows_what_a_controller_and_a_camera_tell(tmp_path: Path
     error = [a - b for a, b in zip(observation["position_m"], landing["position_m"], strict=True)]
     assert 0.0 < max(map(abs, error)) < 0.02
     assert error[2] == 0.0
+
+
+def test_a_jitter_that_reaches_below_no_delay_is_said():
+    assert GripperOpening(0.02, 0.006).cut_short == ""
+    assert "gripper.delay_s of 2 ms is less than 3 jitter_s of 5 ms" in GripperOpening(0.002, 0.005).cut_short
