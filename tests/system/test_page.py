@@ -93,23 +93,6 @@ def test_a_throw_is_shown_to_the_landing(guest: Visit) -> None:
     expect(execution.locator(".key-numbers dd").first).to_have_text(re.compile(r"^\d+(\.\d+)? mm$"))
     expect(guest.region("History").get_by_role("row")).not_to_have_count(1)
     expect(guest.region("History").locator("circle.dot")).not_to_have_count(0)
-    execution.get_by_text("Report the landing").click()
-    reports = execution.get_by_role("list", name="Reports of the landing")
-    guest.field("Landing x [m]").fill("1.23")
-    guest.field("Landing y [m]").fill("0.31")
-    guest.button("Report this place").click()
-    expect(reports).to_contain_text("At (1.23, 0.31) ± 20 mm (person)")
-    guest.button("Point at the floor").click()
-    x, y = guest.on_the_map()
-    guest.page.mouse.click(x, y)
-    expect(guest.button("Point at the floor")).to_be_visible()  # the click has ended it
-    guest.button("Edge").click()
-    expect(reports.get_by_role("listitem")).to_have_count(4)  # with the simulated camera's
-    expect(reports).to_contain_text("On the edge of the target’s 100 mm (person)")
-    expect(guest.region("History")).to_contain_text("on the edge of the target’s 100 mm")
-    guest.page.reload()
-    guest.region("History").get_by_role("button", name="Show the execution").first.click()
-    expect(reports).to_contain_text("On the edge")
 
 
 def test_a_reloaded_page_stops_the_throw(guest: Visit, stack: PageStack) -> None:
