@@ -70,7 +70,7 @@ bench: $(VENV)/bench.stamp $(VENV)/warm.stamp  ## writes docs/benchmarks, about 
 	$(BIN)/python -m benchmarks.conditions --count $(if $(SLOW),100,5) --out docs/benchmarks
 	$(BIN)/python -m benchmarks.maps $(if $(SLOW),,--resolution 0.3 --sample 30) --out docs/benchmarks
 	$(BIN)/python -m benchmarks.page
-	$(BIN)/python -m benchmarks.throwbench --count $(if $(SLOW),20,4)
+	$(BIN)/python -m benchmarks.throwbench --count $(if $(SLOW),20,4) --out docs/benchmarks/throwbench.md
 
 bench-batches: $(VENV)/ray.stamp $(VENV)/warm.stamp  ## batches through both engines, with kills: minutes; SLOW=1: 20,000 plans each, about two hours
 	$(BIN)/python -m benchmarks.batches --count $(if $(SLOW),20000,400) --costs $(if $(SLOW),1000,200) --out docs/benchmarks

@@ -11,7 +11,7 @@ import os
 import signal
 import sys
 
-from batch.jobs import NICENESS, end_with_starter
+from batch.jobs import end_with_starter
 from batch.pool import PoolBroken
 from batch.runs import BatchDriver, wait_and_claim
 from store import BatchDriven, BatchLost, Store, StoreError, default_database_url
@@ -21,7 +21,6 @@ def main() -> int:
     """Drives one batch. Returns the exit status of the process."""
     arguments = _arguments()
     end_with_starter()
-    os.nice(NICENESS)
     try:
         store = Store.open(os.environ.get("FLING_DATABASE_URL") or default_database_url())
         row = wait_and_claim(store, arguments.id, arguments.driver)

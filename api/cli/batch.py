@@ -29,8 +29,8 @@ RAY_HELP = "Plan in the Ray cluster at this address; FLING_RAY_ADDRESS."
 
 @click.command()
 @click.argument("file", required=False, type=click.Path(exists=True, dir_okay=False, allow_dash=True, path_type=Path))
-@click.option("--resume", metavar="ID", help="Go on with a batch that was stopped, or whose driver died.")
-@click.option("--cancel", metavar="ID", help="End a batch; its results so far stay.")
+@click.option("--resume", metavar="ID", help="Go on with a batch that was stopped, or whose driver died; or latest.")
+@click.option("--cancel", metavar="ID", help="End a batch, or latest; its results so far stay.")
 @click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help=OUT_HELP)
 @click.option("--workers", type=click.IntRange(min=1), help="Planner processes; FLING_BATCH_WORKERS, or one a core.")
 @click.option("--ray", metavar="ADDRESS", help=RAY_HELP)
@@ -75,9 +75,9 @@ def batch(
     store = Store.open(settings.database_url)
     try:
         if cancel is not None:
-            _report(_document(store.cancel_batch(cancel)), as_json)
+            _report(_document(store.cancel_batch(_chosen(store, cancel) or cancel)), as_json)
             return
-        id = resume or _queue(store, settings, _read(file))
+        id = _chosen(store, resume) or _queue(store, settings, _read(file))
         row = store.batch(id)
         if row is None or row.state != "finished":
             row = _drive(store, settings, id, as_json)
@@ -87,6 +87,12 @@ def batch(
         _require_completed(_document(row))
     finally:
         store.close()
+
+
+def _chosen(store: Store, id: str | None) -> str | None:
+    """Returns the id that is meant, `latest` being the newest batch."""
+    newest, _ = store.batches(1) if id == "latest" else ([], None)
+    return newest[0].id if newest else id
 
 
 def _read(file: Path | None) -> BatchRequest:
@@ -124,6 +130,8 @@ def _drive(store: Store, settings: Any, id: str, as_json: bool) -> BatchRow:
     from batch.runs import BatchDriver, wait_and_claim
 
     claimed = wait_and_claim(store, id, f"fling batch {os.getpid()}")
+    if not as_json:
+        click.echo(f"batch {id}; whatever ends it, go on with: fling batch --resume {id}", err=True)
     with _ProgressBar(claimed.total, claimed.done, as_json) as advance:
         workers = settings.batch_workers or None  # 0 is of a service
         driver = BatchDriver(store, claimed, workers, settings.ray_address, lambda row: advance(row.done))

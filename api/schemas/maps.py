@@ -47,7 +47,8 @@ class MapHead(BaseModel):
     origin: list[float] = Field(description="Centre of landing cell 0, 0: x, y [m].")
     shape: list[int] = Field(description="Landing cells along y, along x.")
     state: str = Field(
-        description="running; finished; cancelled: nobody works on it, the same POST goes on; void: see `void_because`."
+        description="running; waiting: its runner starts or has died, and the service or the same POST goes on; "
+        "cancelled: somebody asked for it, the same POST goes on; finished; void: see `void_because`."
     )
     void_because: str | None = Field(description="Why the map does not hold any more; null where it does.")
     level_m: float | None = Field(description="Distance of the points of the finest completed level [m].")

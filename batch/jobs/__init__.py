@@ -2,10 +2,9 @@
 
 from batch.jobs.lifetime import end_with_parent, end_with_starter
 from batch.jobs.refusals import refusal_of
-from batch.jobs.work import NICENESS, Planned, PlanningJob, has_compiled_solvers, initialise, load, solve, warm_up_job
+from batch.jobs.work import Planned, PlanningJob, has_compiled_solvers, initialise, load, solve, warm_up_job
 
 __all__ = [
-    "NICENESS",
     "Planned",
     "PlanningJob",
     "end_with_parent",

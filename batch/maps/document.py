@@ -65,11 +65,11 @@ def map_document(table: MapTable, void: str | None = None, plane: int = 0) -> di
 
 
 def state_word(table: MapTable, void: str | None) -> str:
-    """Returns what is the matter with a map: void, running, finished, or cancelled: nobody works on it."""
+    """Returns what is the matter with a map: void, running, waiting for someone to work on it, finished, cancelled."""
     if void is not None:
         return "void"
     if table.row.state == "running" and not table.row.is_worked_on:
-        return "cancelled"
+        return "waiting"
     return table.row.state
 
 

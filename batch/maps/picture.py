@@ -95,7 +95,7 @@ def title_lines(table: MapTable, void: str | None) -> tuple[str, str]:
     where = f"z = {low:g} m" if low == high else f"z = {low:g} to {high:g} m"
     kind = "robust" if definition.robust else "soonest"
     profile = "the cell file's own numbers" if definition.profile is None else f"profile {definition.profile[:8]}"
-    level = "" if table.level_m == definition.resolution_m else f" (so far {table.level_m or math.inf:g} m)"
+    level = "" if table.level_m in (None, definition.resolution_m) else f" (so far {table.level_m:g} m)"
     first = f"Where {row.cell} can throw, {where}: {kind} plans, {state_word(table, void)}"
     planned = f"{table.count_of(LandingState.YES)} of {definition.count} landing cells"
     second = f"cell version {row.cell_version}, {profile}, Fling {definition.planner_version}"

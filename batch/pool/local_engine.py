@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
@@ -11,6 +12,7 @@ from batch.jobs import PlanningJob, end_with_parent
 from batch.pool.planning_pool import Report
 from batch.pool.results import Chunk, Work, answer
 
+LOWER = 10  # [-] niceness beyond that of planning for a person: a batch can wait for them
 CONTEXT = get_context("spawn")  # never fork: this process may have threads
 
 
@@ -79,6 +81,7 @@ class LocalEngine:
 def _do_chunks(pipe: Connection, warm_up: PlanningJob | None, work: Work) -> None:
     """Does chunks until the pool is gone; None says that this worker is ready for one."""
     end_with_parent()
+    os.nice(LOWER)
     work.load(warm_up)
     try:
         while True:

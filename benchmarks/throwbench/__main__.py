@@ -23,6 +23,7 @@ from benchmarks.throwbench.table import write_table
 
 ROOT = Path(__file__).parents[2]
 TIME_LIMIT_S = 120.0
+DEFAULT_PAGE = Path("build") / "benchmarks" / "throwbench.md"
 
 
 def parse(argv: Sequence[str]) -> argparse.Namespace:
@@ -38,9 +39,9 @@ def parse(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument("--count", type=_positive, help="problems per set, spread over it (default: all)")
     parser.add_argument("--seed", type=int, default=0, help="of the hidden cells")
     parser.add_argument("--time-limit", type=float, default=TIME_LIMIT_S, metavar="S", help="for one answer [s]")
-    parser.add_argument("--out", type=Path, default=ROOT / "docs" / "benchmarks" / "throwbench.md", help="the page")
-    parser.add_argument("--rows", type=Path, default=ROOT / "build" / "benchmarks" / "throwbench.jsonl")
-    parser.add_argument("--resume", action="store_true", help="keep the rows of an interrupted run")
+    parser.add_argument("--out", type=_page, default=DEFAULT_PAGE, help="the page, a .md; default: %(default)s")
+    parser.add_argument("--rows", type=Path, help="file of one line an answer; default: beside the page, .jsonl")
+    parser.add_argument("--resume", action="store_true", help="keep the judged answers of an interrupted run")
     parser.add_argument("--export", type=Path, metavar="FOLDER", help="write the problems there instead")
     return parser.parse_args(argv)
 
@@ -58,7 +59,7 @@ def main(argv: Sequence[str]) -> int:
         count=given.count,
         seed=given.seed,
         time_limit_s=given.time_limit,
-        rows=given.rows,
+        rows=given.rows or given.out.with_suffix(".jsonl"),
         resume=given.resume,
     )
     about = machine() | {"command": " ".join(["python -m benchmarks.throwbench", *argv])}
@@ -68,9 +69,16 @@ def main(argv: Sequence[str]) -> int:
     except EntryMissing as error:
         print(error, file=sys.stderr)
         return 2
+    given.out.parent.mkdir(parents=True, exist_ok=True)
     write_table(given.out, about, rows, problems, missing)
     print(f"written: {given.out}", file=sys.stderr)
     return 0
+
+
+def _page(text: str) -> Path:
+    if not text.endswith(".md"):
+        raise argparse.ArgumentTypeError(f"{text} does not end in .md; its numbers are written beside it, as .json")
+    return Path(text)
 
 
 def _positive(text: str) -> int:

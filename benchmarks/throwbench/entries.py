@@ -183,7 +183,11 @@ class HttpEntry:
         self._fling, self._client = fling, httpx2.Client()
 
     def ask(self, problem: Problem, time_limit_s: float) -> Reply:
-        """Returns the reply to a problem."""
+        """Returns the reply to a problem.
+
+        Raises:
+            EntryMissing: Nobody listens at the address.
+        """
         try:
             request = self._request(problem)
         except ValueError as error:
@@ -193,6 +197,8 @@ class HttpEntry:
             response = self._client.post(self._address, json=request, timeout=time_limit_s)
             wall_s = time.perf_counter() - begun
             return self._read(response, wall_s)
+        except httpx2.ConnectError as error:
+            raise EntryMissing(f"nobody answers at {self._address}: {error}") from error
         except httpx2.TimeoutException:
             return Reply("timed out", wall_s=time.perf_counter() - begun)
         except (httpx2.HTTPError, ValueError) as error:

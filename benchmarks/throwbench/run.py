@@ -7,10 +7,12 @@ import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from benchmarks.throwbench.entries import EntryMissing, Reply, ThrowEntry, entry_of
+from benchmarks.throwbench.entries import BUILT_IN, EntryMissing, Reply, ThrowEntry, entry_of
 from benchmarks.throwbench.judge import Verdict, verify
 from benchmarks.throwbench.problem_document import Problem
 from benchmarks.throwbench.sets import HIDDEN, HIDDEN_COUNT, hidden_name, hidden_problems, load_set, spread
+
+WORDS_MAX = 200  # [-] of a reason that are shown
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,11 @@ def chosen_problems(options: ThrowBenchOptions) -> dict[str, list[Problem]]:
 def run_entries(
     options: ThrowBenchOptions, problems: dict[str, list[Problem]]
 ) -> tuple[list[ThrowRow], dict[str, str]]:
-    """Returns the rows of a run on `chosen_problems`, and why entries that could not be loaded are missing, by name."""
+    """Returns the rows of a run on `chosen_problems`, and why built-in entries are missing, by name.
+
+    Raises:
+        EntryMissing: Another entry cannot be loaded.
+    """
     options.rows.parent.mkdir(parents=True, exist_ok=True)
     if not options.resume:
         options.rows.unlink(missing_ok=True)
@@ -97,6 +103,8 @@ def run_entries(
             for group in problems.values():
                 _run_set(entry, [p for p in group if p["name"] not in done], options, rows)
         except EntryMissing as error:
+            if entry.name not in BUILT_IN:
+                raise
             missing[entry.name] = str(error)
             _log(f"{entry.name}: left out: {error}")
         finally:
@@ -117,8 +125,7 @@ def _run_set(entry: ThrowEntry, problems: list[Problem], options: ThrowBenchOpti
         rows.append(row)
         with options.rows.open("a", encoding="utf-8") as file:
             file.write(json.dumps(asdict(row)) + "\n")
-        broken = ", ".join(dict.fromkeys(fault.rule for fault in verdict.faults))
-        _log(f"{entry.name:14} {problem['name']:28} {verdict.outcome:10} {reply.wall_s:7.2f} s  {broken}")
+        _log(f"{entry.name:14} {problem['name']:28} {verdict.outcome:10} {reply.wall_s:7.2f} s  {_why(verdict)}")
 
 
 def verdict_on(problem: Problem, reply: Reply) -> Verdict:
@@ -128,9 +135,17 @@ def verdict_on(problem: Problem, reply: Reply) -> Verdict:
     return verify(problem, reply.answer)
 
 
+def _why(verdict: Verdict) -> str:
+    """Returns the reason of a verdict, or the first fault of each broken rule."""
+    first = {fault.rule: str(fault) for fault in reversed(verdict.faults)}
+    return verdict.reason.strip()[-WORDS_MAX:] or "; ".join(first.values())
+
+
 def _read(file: Path) -> list[ThrowRow]:
+    """Returns the rows of an interrupted run that count: crashes and lapsed time limits are asked again."""
     lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
-    return [ThrowRow(**json.loads(line)) for line in lines]
+    rows = [ThrowRow(**json.loads(line)) for line in lines]
+    return [row for row in rows if row.outcome not in ("crashed", "timed out")]
 
 
 def _log(line: str) -> None:

@@ -248,8 +248,11 @@ def test_a_peer_imports_nothing_else_of_fling(tmp_path, problem):
     assert rest == "[]"
 
 
-def test_the_code_of_the_page_works(root, problem):
-    """Its kinematics agree with Pinocchio's; its smallest entry refuses."""
+def test_the_code_of_the_page_works(root, problem, tmp_path, monkeypatch, capsys):
+    """Its kinematics agree with Pinocchio's; its smallest entry refuses, and is judged."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "problems").mkdir()
+    (tmp_path / "problems" / "random-1.json").write_text(json.dumps({"problems": [problem]}))
     page = (root / "docs" / "throwbench.md").read_text()
     code: dict[str, Any] = {}
     exec("\n".join(re.findall(r"```python\n(.*?)```", page, flags=re.S)), code)
@@ -257,7 +260,7 @@ def test_the_code_of_the_page_works(root, problem):
     model = arm_model(here, True)
     poses, _ = poses_and_velocity(here, model, model.createData(), q, q)
     np.testing.assert_allclose(code["tool"](problem, q), poses[6].act(here.tool.X_FT[:3, 3]), atol=1e-7)
-    assert verify(problem, code["plan"](problem)).outcome == "refused"
+    assert capsys.readouterr().out.startswith("refused\nthe target is")
 
 
 @pytest.mark.parametrize("rule", [*SPOILT, "flight_clearance"])
@@ -313,6 +316,33 @@ def test_an_entry_whose_package_is_missing_is_left_out(tmp_path, monkeypatch):
     assert "Left out: `drake` (no_such_package is not installed)." in page.read_text()
 
 
+def test_a_named_entry_that_cannot_be_loaded_ends_the_run(tmp_path, capsys):
+    for entry in ("nowhere.py:plan", f"mine=http://{ADDRESS}:9/plan"):
+        page = tmp_path / "page.md"
+        assert main(["--entries", entry, "--sets", "random-1", "--count", "1", "--out", str(page)]) == 2
+        assert entry.split("=")[-1] in capsys.readouterr().err and not page.exists()
+
+
+def test_crashes_are_asked_again_and_the_rest_is_kept(tmp_path, module, capsys):
+    page = tmp_path / "page.md"
+    arguments = ["--entries", f"mine={module}:answer", "--sets", "random-1", "--count", "2", "--out", str(page)]
+    assert main(arguments) == 0
+    rows = [json.loads(line) for line in (tmp_path / "page.jsonl").read_text().splitlines()]
+    rows[0]["verdict"]["outcome"] = "crashed"
+    (tmp_path / "page.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    capsys.readouterr()
+    assert main([*arguments, "--resume"]) == 0
+    asked = capsys.readouterr().err
+    assert rows[0]["problem"] in asked and rows[1]["problem"] not in asked
+    assert json.loads(page.with_suffix(".json").read_text())["rows"][-1]["verdict"]["outcome"] == "refused"
+
+
+def test_a_page_without_its_ending_is_refused(capsys):
+    with pytest.raises(SystemExit):
+        main(["--out", "table.json"])
+    assert "does not end in .md" in capsys.readouterr().err
+
+
 class Handler(BaseHTTPRequestHandler):
     def do_POST(self):
         problem = json.loads(self.rfile.read(int(self.headers["Content-Length"])))
@@ -360,7 +390,7 @@ def test_flings_service_gets_the_same_problem():
 
 
 def test_one_command_writes_page_and_json(tmp_path, module):
-    page = tmp_path / "page"
+    page = tmp_path / "page.md"
     arguments = ["--entries", f"mine={module}:answer", "--sets", "random-1", "--count", "2", "--out", str(page)]
     assert main([*arguments, "--rows", str(tmp_path / "rows.jsonl")]) == 0
     assert "| mine | 0 % | 0 % | 100 % | 0 % |" in page.read_text()

@@ -43,9 +43,9 @@ def test_a_batch_without_a_service(environment: dict[str, str], tmp_path: Path):
     assert again.exit_code == 0
     assert "completed; 2 of 2: 2 planned" in again.stdout
     assert (tmp_path / "again.csv").read_text() == out.read_text()
-    cancelled = run(environment, "--cancel", waiting)
+    cancelled = run(environment, "--cancel", "latest")
     assert cancelled.exit_code == 0
-    assert "cancelled" in cancelled.stdout
+    assert waiting in cancelled.stdout and "cancelled" in cancelled.stdout
 
 
 @pytest.mark.parametrize(

@@ -157,5 +157,5 @@ def test_nobody_works_on_a_running_map_that_was_not_heard_of_for_a_minute(store)
     row = begun(store, OF)
     assert map_document(map_table(row, []))["state"] == "running"
     old = replace(row, beat_at=row.beat_at - 61.0)
-    assert map_document(map_table(old, []))["state"] == "cancelled"
+    assert map_document(map_table(old, []))["state"] == "waiting"
     assert map_document(map_table(row, []), "changed")["state"] == "void"

@@ -359,9 +359,12 @@ def answered(query: Callable[[], list[float]]) -> list[float]:
 
 
 def flange_pose_and_pose_trans(c: ContractClient) -> None:
-    flange, offset = answered(c.control.getActualToolFlangePose), answered(c.control.getTCPOffset)
-    tool = c.control.poseTrans(flange, offset)
-    assert math.dist(tool[:3], c.receive.getActualTCPPose()[:3]) < POSE_TOLERANCE_M
+    offset = answered(c.control.getTCPOffset)
+
+    def tool() -> list[float]:
+        return c.control.poseTrans(answered(c.control.getActualToolFlangePose), offset)
+
+    assert c.wait(lambda: math.dist(tool()[:3], c.receive.getActualTCPPose()[:3]) < POSE_TOLERANCE_M)
 
 
 def safety_limits_and_steadiness(c: ContractClient) -> None:

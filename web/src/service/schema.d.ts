@@ -2282,7 +2282,7 @@ export interface components {
             shape: number[];
             /**
              * State
-             * @description running; finished; cancelled: nobody works on it, the same POST goes on; void: see `void_because`.
+             * @description running; waiting: its runner starts or has died, and the service or the same POST goes on; cancelled: somebody asked for it, the same POST goes on; finished; void: see `void_because`.
              */
             state: string;
             values: components["schemas"]["MapValues"];
@@ -2399,7 +2399,7 @@ export interface components {
             shape: number[];
             /**
              * State
-             * @description running; finished; cancelled: nobody works on it, the same POST goes on; void: see `void_because`.
+             * @description running; waiting: its runner starts or has died, and the service or the same POST goes on; cancelled: somebody asked for it, the same POST goes on; finished; void: see `void_because`.
              */
             state: string;
             /**

@@ -64,12 +64,14 @@ function MapView({ map, picture }: { map: ThrowMap | null; picture: MapPicture |
 
 /** Begins a map; one that was ended goes on, where it is as fine as the one that is asked for. */
 function Make({ map }: { map: ThrowMap | null }): JSX.Element {
-  const width = useSignal<Width>("0.1");
+  const own = WIDTHS.find(([value]) => Number(value) === map?.resolution_m)?.[0];
+  const width = useSignal<Width>(own ?? "0.1");
+  const isOwn = Number(width.value) === map?.resolution_m;
   return (
     <div class="numbers of-2">
       <SelectField label="Landing cells" options={WIDTHS} value={width.value} onChoose={(chosen) => (width.value = chosen)} />
       <button type="button" class="quiet small" onClick={() => void makeMap(Number(width.value))}>
-        {map === null || map.state === "finished" ? "Make a map" : map.state === "void" ? "Make it anew" : "Go on"}
+        {map === null || map.state === "finished" || !isOwn ? "Make a map" : map.state === "void" ? "Make it anew" : "Go on"}
       </button>
     </div>
   );
@@ -81,6 +83,7 @@ function stateWords(map: ThrowMap | null): string {
   const level = map.level_m === null ? "" : `, ${figure(map.level_m * 100, 3)} cm fine so far`;
   if (map.state === "running") return `${done} of ${total} landing cells${level}.`;
   if (map.state === "void") return `This map does not hold any more: ${map.void_because ?? "the cell has changed"}.`;
+  if (map.state === "waiting") return `${done} of ${total} landing cells${level}; nobody works on it just now.`;
   if (map.state === "cancelled") return `Ended after ${done} of ${total} landing cells${level}.`;
   const states = map.values.state.flat();
   const [hit, proven] = [YES, PROVEN].map((wanted) => states.filter((state) => state === wanted).length);
