@@ -30,6 +30,7 @@ export class ThrownObject {
     });
     this.spot = new Mesh(new CircleGeometry(1, 24), material);
     this.root.add(this.ball, this.spot);
+    this.root.visible = false; // until there is a cell, and a hand to hold it
   }
 
   set colour(colour: Color) {

@@ -13,6 +13,7 @@ import {
 } from "./store";
 
 const ROBOT_MS = 400; // state of the chosen cell
+const MODEL_AGAIN_MS = 3000; // after a model could not be read
 const CELLS_MS = 2500; // the list, the other cells and the past
 const MAP_MS = 2000; // the map, while it is shown
 const HISTORY = 40; // executions that are listed
@@ -119,6 +120,7 @@ async function loadModel(cell: string | null): Promise<void> {
     if (state.value.cell === cell) model.value = answer;
   } catch (error) {
     failed(error);
+    setTimeout(() => state.value.cell === cell && model.value === null && void loadModel(cell), MODEL_AGAIN_MS);
   }
 }
 
