@@ -8,7 +8,7 @@ import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, BrowserContext, ConsoleMessage, Locator, Page, Playwright, Request
@@ -141,10 +141,15 @@ class Visit:
 
     def barriers(self) -> list[str]:
         """Returns what axe-core finds serious or worse for people with disabilities, light and dark."""
-        self.page.emulate_media(color_scheme="light")
+        self._choose("light")
         found = self._violations(LIGHT)
-        self.page.emulate_media(color_scheme="dark")
+        self._choose("dark")
         return [*found, *self._violations(DARK)]
+
+    def _choose(self, scheme: Literal["light", "dark"]) -> None:
+        """Chooses light or dark; pages hear of it with the next frame, and draw with the one after."""
+        self.page.emulate_media(color_scheme=scheme)
+        self.page.evaluate("new Promise((drawn) => requestAnimationFrame(() => requestAnimationFrame(drawn)))")
 
     def _violations(self, options: Mapping[str, Any]) -> list[str]:
         found = AXE.run(self.page, options=dict(options)).response["violations"]
