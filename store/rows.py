@@ -22,8 +22,12 @@ MAP_FRESH_S = 60.0  # [s] answers of a map are stored every second; a landing ce
 
 
 def new_id() -> str:
-    """Returns a fresh UUID of version 7, whose text sorts by creation time."""
-    return _uuid7(time.time_ns() // 1_000_000, secrets.randbits(74))
+    """Returns a fresh UUID of version 7, whose text sorts by creation time, within a millisecond too.
+
+    The first twelve of its random bits are the fraction of the millisecond. Source: RFC 9562, section 6.2, method 3.
+    """
+    milliseconds, rest_ns = divmod(time.time_ns(), 1_000_000)
+    return _uuid7(milliseconds, (rest_ns * 4096 // 1_000_000) << 62 | secrets.randbits(62))
 
 
 def derived_id(owner: str, part: str) -> str:
