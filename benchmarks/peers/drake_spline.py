@@ -5,6 +5,9 @@ fixed duration puts the release on a tick. Torques, tool speed and distances are
 Ruckig's.
 """
 
+# Drake's stubs ask for arrays whose shape they do not name.
+# pyright: reportArgumentType=false, reportCallIssue=false
+
 from __future__ import annotations
 
 import math
