@@ -75,9 +75,9 @@ def batch(
     store = Store.open(settings.database_url)
     try:
         if cancel is not None:
-            _report(_document(store.cancel_batch(_chosen(store, cancel) or cancel)), as_json)
+            _report(_document(store.cancel_batch(_chosen(store, cancel))), as_json)
             return
-        id = _chosen(store, resume) or _queue(store, settings, _read(file))
+        id = _queue(store, settings, _read(file)) if resume is None else _chosen(store, resume)
         row = store.batch(id)
         if row is None or row.state != "finished":
             row = _drive(store, settings, id, as_json)
@@ -89,7 +89,7 @@ def batch(
         store.close()
 
 
-def _chosen(store: Store, id: str | None) -> str | None:
+def _chosen(store: Store, id: str) -> str:
     """Returns the id that is meant, `latest` being the newest batch."""
     newest, _ = store.batches(1) if id == "latest" else ([], None)
     return newest[0].id if newest else id

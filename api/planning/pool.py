@@ -163,7 +163,6 @@ class PlannerPool:
             executor = await self._ready()  # loading takes its time, which is none of the job's
             try:
                 future = asyncio.wrap_future(executor.submit(self._functions.solve, job))
-                self._watch(executor)
                 return await asyncio.wait_for(future, timeout_s)
             except BrokenProcessPool:
                 self._discard(executor)

@@ -148,8 +148,9 @@ def _find(
     if not rows:
         raise ProblemDetails("not-found", f"no such map of cell {name!r}; POST /cells/{name}/map makes one")
     source = service.cells.source(name)
-    row = next((row for row in rows if why_void(service.store, row, source) is None), rows[0])
-    return row, why_void(service.store, row, source)
+    judged = ((row, why_void(service.store, row, source)) for row in rows)
+    newest = next(judged)
+    return newest if newest[1] is None else next((pair for pair in judged if pair[1] is None), newest)
 
 
 def _answer(

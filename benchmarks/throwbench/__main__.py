@@ -21,7 +21,6 @@ from benchmarks.throwbench.run import ThrowBenchOptions, chosen_problems, run_en
 from benchmarks.throwbench.sets import HASHES, HIDDEN, HIDDEN_COUNT, export
 from benchmarks.throwbench.table import write_table
 
-ROOT = Path(__file__).parents[2]
 TIME_LIMIT_S = 120.0
 DEFAULT_PAGE = Path("build") / "benchmarks" / "throwbench.md"
 

@@ -66,8 +66,8 @@ def release_verdict(
     A late gripper command counts by its effect on the landing: next to nothing within a release window, 10 mm a
     millisecond in a fast throw. A speed that was off while the position kept to the plan endangers nothing: the object
     lands elsewhere, and the warning says by how much the speed differed, unless the plan's profile expects that: then
-    the aim makes up for it. Only a simulated cell can report that no
-    object was seen to leave; the arm completed its motion then.
+    the aim makes up for it. Only a simulated cell can report that no object was seen to leave; the arm completed its
+    motion then.
     """
     late = numbers["gripper_command_late_s"] or 0.0
     shift = _landing_shift(problem, trajectory, late)

@@ -20,7 +20,7 @@ from planner.seeds import Candidate
 
 UNBOUNDED_RADIUS_M = 1.0e3  # [m] radius where there is no bin
 LEAST_SPEED_M_S = 0.05  # [m/s] a flight slower than this along an axis hardly crosses the planes across it
-DOWN = np.array([0.0, 0.0, -1.0])
+DOWN = (0.0, 0.0, -1.0)
 CUT_ROOM_M = 0.012  # [m] by which a cut keeps the object off the arm: the arm moves on in the next solution, too
 
 
@@ -101,7 +101,7 @@ def _ways_past(box: Box, arcs: Arcs, room_m: float) -> Iterator[tuple[float, lis
         for direction, bound in _sides(axis, lower, upper):
             room = min(float(arcs.at(np.asarray(t)) @ direction) for t in ends) - bound
             yield room, [_edge(axis, face, speed, direction, bound) for face in crossed]
-        edges = [_edge(axis, face, speed, DOWN, -float(lower[2])) for face in crossed]
+        edges = [_edge(axis, face, speed, np.array(DOWN), -float(lower[2])) for face in crossed]
         yield _way_below(arcs, float(lower[2]), ends, edges)
 
 
@@ -110,7 +110,7 @@ def _way_below(arcs: Arcs, height: float, ends: Vector, edges: list[FlightEdge])
     apex_s = float(arcs.v[2]) / arcs.gravity
     if not ends[0] < apex_s < ends[1]:
         return height - float(arcs.height_at(ends).max()), edges
-    return height - float(arcs.height_at(np.asarray(apex_s))), [FlightEdge.at_time(apex_s, (0.0, 0.0, -1.0), -height)]
+    return height - float(arcs.height_at(np.asarray(apex_s))), [FlightEdge.at_time(apex_s, DOWN, -height)]
 
 
 def _sides(axis: int, lower: Vector, upper: Vector) -> Iterator[tuple[Vector, float]]:
