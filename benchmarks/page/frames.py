@@ -14,44 +14,38 @@ from playwright.sync_api import Page
 
 WIDTH, HEIGHT = 1440, 582  # [px] the scene of the page in a window of 1440 by 900
 SECONDS = 6.0  # [s] of scrubbing for one figure
-SCRUB = """async ([seconds, level]) => {
-  const { scene, player } = report;
-  scene.pinDetail(level);
-  const run = (length) => new Promise((done) => {
-    const stamps = [];
-    const step = (now) => {
-      stamps.push(now);
-      scene.setTime(player.end * 0.5 * (1 + Math.sin((3 * (now - stamps[0])) / 1000)));
-      if (now - stamps[0] < 1000 * length) requestAnimationFrame(step);
-      else done(stamps);
-    };
-    requestAnimationFrame(step);
-  });
-  await run(level === null ? seconds : 0.5); // detail finds its level, pictures are taken
-  const stamps = await run(seconds);
-  const { detail } = scene.statistics;
-  return { frames: stamps.length - 1, seconds: (stamps.at(-1) - stamps[0]) / 1000, detail };
-}"""
+# Frames are counted while something swings to and fro from end to end, as a hand would move it.
+SWING = """const swing = (length, show) => new Promise((done) => {
+  const stamps = [];
+  const step = (now) => {
+    stamps.push(now);
+    show(0.5 * (1 + Math.sin((3 * (now - stamps[0])) / 1000)));
+    if (now - stamps[0] < 1000 * length) requestAnimationFrame(step);
+    else done({ frames: stamps.length - 1, seconds: (stamps.at(-1) - stamps[0]) / 1000 });
+  };
+  requestAnimationFrame(step);
+});"""
 
-# The page's slider, moved as a hand moves it.
-SLIDE = """async (seconds) => {
+SCRUB = f"""async ([seconds, level]) => {{ {SWING}
+  const {{ scene, player }} = report;
+  const show = (share) => scene.setTime(player.end * share);
+  scene.pinDetail(level);
+  await swing(level === null ? seconds : 0.5, show); // detail finds its level, pictures are taken
+  const found = await swing(seconds, show);
+  return {{ ...found, detail: scene.statistics.detail }};
+}}"""
+
+# The page's slider.
+SLIDE = f"""async (seconds) => {{ {SWING}
   const slider = document.querySelector(".transport input[type=range]");
   const value = Object.getOwnPropertyDescriptor(HTMLInputElement.prototype, "value");
-  const run = (length) => new Promise((done) => {
-    const stamps = [];
-    const step = (now) => {
-      stamps.push(now);
-      value.set.call(slider, slider.max * 0.5 * (1 + Math.sin((3 * (now - stamps[0])) / 1000)));
-      slider.dispatchEvent(new Event("input", { bubbles: true }));
-      if (now - stamps[0] < 1000 * length) requestAnimationFrame(step);
-      else done(stamps);
-    };
-    requestAnimationFrame(step);
-  });
-  await run(seconds);
-  const stamps = await run(seconds);
-  return { frames: stamps.length - 1, seconds: (stamps.at(-1) - stamps[0]) / 1000, detail: null };
-}"""
+  const show = (share) => {{
+    value.set.call(slider, slider.max * share);
+    slider.dispatchEvent(new Event("input", {{ bubbles: true }}));
+  }};
+  await swing(seconds, show);
+  return {{ ...(await swing(seconds, show)), detail: null }};
+}}"""
 
 
 @dataclass(frozen=True)
