@@ -29,7 +29,8 @@ MEASURED_ARM = '[arm]\ndisturbance = "ur5-measured"\n'  # truth file of the seco
 MEASURED_TOLERANCE_M = 0.1  # [m] for that arm: with the default of 2 cm the executor keeps what would land further off
 MEASURED_THROWS = 5  # on that arm: its landings scatter
 THROWS_MAX = 3  # a busy machine may miss ticks; after this many such throws it is unfit for a demo
-BUSY = ("late", "executor_lost")  # outcomes of a busy machine: ticks were missed, or the stream was silent
+# Outcomes of a machine that is too busy, without real-time priority: docs/executor.md; and of a stream that was silent.
+BUSY = ("late", "link_lost", "tracking", "executor_lost")
 
 
 class ThrowFailed(Exception):
