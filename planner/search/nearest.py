@@ -154,15 +154,19 @@ def _largest_share(
     """Returns the largest feasible share, by bisection; None if even the share 0 is infeasible."""
     if not feasibility.has_certified_motion(replace(problem, release=relaxation(0.0)), thorough):
         return None
-    feasible, infeasible = 0.0, 1.0
+    feasible, failed = 0.0, [1.0]
     for _ in range(BISECTIONS):
         if feasibility.exhausted:
             break
-        share = (feasible + infeasible) / 2.0
+        share = (feasible + failed[-1]) / 2.0
         if feasibility.has_certified_motion(replace(problem, release=relaxation(share)), False):
             feasible = share
         else:
-            infeasible = share
+            failed.append(share)
+    for share in reversed(failed):  # what few candidates could not do, more may
+        if not feasibility.has_certified_motion(replace(problem, release=relaxation(share)), True):
+            break
+        feasible = share
     return feasible
 
 

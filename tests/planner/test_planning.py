@@ -107,14 +107,17 @@ def test_the_nearest_place_is_at_the_edge_of_what_the_arm_reaches():
     assert np.dot(found["position"], asked) / np.linalg.norm(asked) > 0.7
 
 
-def test_the_nearest_target_is_in_the_direction_asked_for_and_far():
-    problem = joint_problem(release=TargetRelease(np.array([6.0, 6.0, 0.0])))
+# The arm throws about 2 m in any direction; what the first candidates reach depends on chance.
+@pytest.mark.parametrize("target", [[6.0, 6.0, 0.0], [2.07, -1.87, 0.0], [-3.33, 0.55, 0.4]], ids=str)
+def test_the_nearest_target_is_in_the_direction_asked_for_and_far(target):
+    problem = joint_problem(release=TargetRelease(np.array(target)))
     with pytest.raises(Infeasible) as refusal:
         plan(problem)
     assert refusal.value.nearest is not None
     x, y, z = refusal.value.nearest["release"]["position"]
-    assert (y, z) == (pytest.approx(x), 0.0)
-    assert np.hypot(x, y) > 1.4
+    assert z == target[2]
+    assert (y / x, np.sign(x)) == (pytest.approx(target[1] / target[0]), np.sign(target[0]))
+    assert np.hypot(x, y) > 1.75
 
 
 def test_a_pose_below_the_floor_names_the_floor():
