@@ -53,7 +53,7 @@ def test_acceleration_of_the_flange_agrees_with_pinocchio(name):
     for i in range(len(q)):
         pin.forwardKinematics(model, data, q[i], qd[i], qdd[i])
         expected = pin.getClassicalAcceleration(model, data, 6, pin.LOCAL_WORLD_ALIGNED).vector
-        np.testing.assert_allclose(acceleration[i], expected, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(acceleration[i], expected, rtol=0, atol=1e-8)
 
 
 def differences(function, q):
