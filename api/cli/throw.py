@@ -74,13 +74,13 @@ def throw(
     request |= {"landing_tolerance_m": tolerance} if tolerance is not None else {}
     request |= {"min_hit_probability": odds} if odds is not None else {}
     places = [position] if targets is None else read_targets(targets)
-    requests = [{**request, "release": _target(place, bin)} for place in places]
+    requests, step = [{**request, "release": _target(place, bin)} for place in places], load_step(load)
     with ServiceClient(service_url(url), token) as client:
         if targets is None and repeat is None:
             _one_throw(client, requests[0], mode, dry_run, as_json)
         else:
             settings = {"name": name, "repeat": repeat or 1, "load": load, "requests": requests, "mode": mode}
-            _series(client, load_step(load), settings, as_json)
+            _series(client, step, settings, as_json)
 
 
 def _one_throw(client: Any, request: dict[str, Any], mode: str, dry_run: bool, as_json: bool) -> None:

@@ -73,7 +73,7 @@ def running_cell(tmp_path_factory: pytest.TempPathFactory, request: pytest.Fixtu
         "FLING_DATABASE_URL": f"sqlite:///{folder / 'fling.db'}",
     }  # fmt: skip
     with (folder / "up.log").open("w") as log:
-        command = [str(Path(sys.executable).with_name("fling")), "up"]
+        command = [str(Path(sys.executable).with_name("fling")), "up", "--patience", str(READY_S)]
         process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
         try:
             found = RunningCell(f"http://{HOST}:{port}", tokens, folder)
