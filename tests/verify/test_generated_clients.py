@@ -29,6 +29,7 @@ import pytest
 from api.http import create_token
 from tests.verify.conftest import READY_S
 
+pytestmark = pytest.mark.slow
 HOST, CONTROLLER = "127.0.41.7", "127.0.41.8"
 TRIES = 3  # on an overloaded machine a throw may be `late`
 NO_ID = "00000000-0000-7000-8000-000000000000"  # of nothing
