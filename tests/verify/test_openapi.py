@@ -39,7 +39,7 @@ RUNS = [
 ]  # fmt: skip
 SHORT_RUNS = [FIRST, pytest.param(*SECOND, marks=pytest.mark.slow)]
 CELL = "ur5e-sim"
-PATIENCE_S = 150  # [s] speed is no matter of this test
+PATIENCE_S = 600  # [s] speed is no matter of this test
 
 
 @pytest.fixture
@@ -86,7 +86,7 @@ def furnish(service: ServiceProcess, headers: dict[str, str]) -> None:
             assert answer.is_success, (path, answer.text)
 
 
-@pytest.mark.timeout(900 + CASES)
+@pytest.mark.timeout(1800 + CASES)
 @pytest.mark.parametrize(("url", "guarded", "seed"), RUNS if CASES else SHORT_RUNS, indirect=["url"], ids=str)
 def test_every_answer_is_as_documented(url: str, guarded: bool, seed: int, tmp_path: Path):
     program = [sys.executable, "-m", "schemathesis.cli", "--config-file", str(FOLDER / "schemathesis.toml"), "run"]
