@@ -14,7 +14,7 @@ def main() -> int:
         settings = read_settings()
     except SettingsError as error:
         print(f"fling: {error}", file=sys.stderr)
-        return 2
+        return 1
     return serve(settings)
 
 

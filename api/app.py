@@ -121,7 +121,7 @@ def serve(settings: ServiceSettings) -> int:
         app = create_app(settings)
     except (ValueError, RuntimeError, StoreError) as error:
         print(f"fling: {error}", file=sys.stderr)
-        return 2
+        return 1
     if settings.tokens_file is not None:
         signal.signal(signal.SIGHUP, lambda *_: app.state.tokens.reload())
     configure_logs(settings.request_log)

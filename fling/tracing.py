@@ -1,7 +1,7 @@
 """Traces by OpenTelemetry, from a request through its plan to its execution: `pip install 'fling-robotics[otel]'`.
 
 Off unless the standard variables ask for it: OTEL_TRACES_EXPORTER (`otlp`, `console`) or OTEL_EXPORTER_OTLP_ENDPOINT.
-Sampler, resource, headers and the rest are OpenTelemetry's own OTEL_ variables. Where it is off, or not installed,
+Sampler, resource, headers and the rest are OpenTelemetry's own variables. Where it is off, or not installed,
 every function here does nothing. The context travels in W3C's `traceparent` (https://www.w3.org/TR/trace-context).
 """
 

@@ -18,7 +18,7 @@ from api.cli.support.options import json_option, service_options
 
 if TYPE_CHECKING:
     from api.schemas import BatchRequest
-    from batch.runs import BatchDriver
+    from batch.runs import BatchDriver, Parameters
     from store import BatchResultRow, BatchRow, Store
 
 POLL_S = 0.5  # [s] between two looks at the progress of a service's batch
@@ -82,7 +82,7 @@ def batch(
         if row is None or row.state != "finished":
             row = _drive(store, settings, id, as_json)
         if out is not None:
-            _write(out, store.all_batch_results(id))
+            _write(out, _results_of_store(store, id))
         _report(_document(row), as_json)
         _require_completed(_document(row))
     finally:
@@ -218,17 +218,30 @@ def _watch(client: Any, document: dict[str, Any], as_json: bool) -> dict[str, An
     return document
 
 
-def _results_of_service(client: Any, id: str) -> Iterator[BatchResultRow]:
+def _results_of_store(store: Store, id: str) -> Iterator[tuple[BatchResultRow, Parameters]]:
+    """Yields the results of a batch with what its grid gave each request."""
+    from batch.runs import BatchSpecification
+
+    whole = store.batch(id, whole=True)
+    assert whole is not None  # it was just finished
+    requests = BatchSpecification.unpack(whole.specification).requests
+    yield from ((row, requests.parameters(row.number)) for row in store.all_batch_results(id))
+
+
+def _results_of_service(client: Any, id: str) -> Iterator[tuple[BatchResultRow, Parameters]]:
+    """Yields the results of a service's batch with what its grid gave each request."""
     from store import BatchResultRow
 
     cursor = -1
     while cursor is not None:
         page = client.get(f"/batches/{id}/results?limit={PAGE}&cursor={cursor}")
-        yield from (BatchResultRow(batch_id=id, **result) for result in page["results"])
+        for result in page["results"]:
+            parameters = result.pop("parameters")
+            yield BatchResultRow(batch_id=id, **result), parameters
         cursor = page["next_cursor"]
 
 
-def _write(out: Path, results: Iterator[BatchResultRow]) -> None:
+def _write(out: Path, results: Iterator[tuple[BatchResultRow, Parameters]]) -> None:
     from batch.runs import ParquetMissing, write_table
 
     try:

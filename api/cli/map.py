@@ -169,13 +169,14 @@ def _check_outputs(out: Sequence[Path]) -> None:
     """Refuses what cannot be written, before hours of planning.
 
     Raises:
-        click.ClickException: a suffix is none of `KINDS`, or a library is missing.
+        click.UsageError: a suffix is none of `KINDS`.
+        click.ClickException: a library is missing.
     """
     from importlib.util import find_spec
 
     for path in _files(out):
         if path.suffix not in KINDS:
-            raise click.ClickException(f"{path}: a map is written as {', '.join(KINDS)}, or into a folder")
+            raise click.UsageError(f"--out {path}: a map is written as {', '.join(KINDS)}, or into a folder")
         library = "zarr" if path.suffix == ".zarr" else "PIL"
         if find_spec(library) is None:
             raise click.ClickException(f"{path}: {library} is not installed: pip install 'fling-robotics[maps]'")

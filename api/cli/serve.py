@@ -12,7 +12,7 @@ import click
 
 from api.cli.simulator import OTHER_HOST, truth_arguments, truth_options
 from api.cli.support.addresses import SIMULATOR_PORTS
-from api.cli.support.options import cell_option, service_url
+from api.cli.support.options import PORT, cell_option, service_url
 from api.cli.support.terminal import BAD, GOOD, say
 
 if TYPE_CHECKING:
@@ -24,19 +24,22 @@ COMPILING = (
     "first use: where there is a C compiler, the optimiser is compiled for this machine while nothing is executed. "
     "That takes a few minutes, once; plans are the same meanwhile, and take longer."
 )
+PATIENCE_HELP = "How long to wait for each process to be ready [s]; default: 300."
 
 
 @click.command()
 @cell_option()
-@click.option("--port", type=int, help="Port of the service; default: FLING_PORT, or 8000.")
+@click.option("--port", type=PORT, help="Port of the service; default: FLING_PORT, or 8000.")
+@click.option("--patience", type=click.FloatRange(min=0.0, min_open=True), metavar="S", help=PATIENCE_HELP)
 @truth_options
-def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> None:
+def up(cell: str | None, port: int | None, patience: float | None, truth: Path | None, reveal: bool) -> None:
     """Run simulated controller, executor, service, SQLite and web page on this machine until Ctrl-C.
 
     A process that ends by itself is started again, and named; one that ends again and again stops everything.
     """
     from api.cli.support.addresses import require_free
     from api.cli.support.processes import (
+        READY_S,
         ChildFailed,
         ChildProcesses,
         are_interpreted,
@@ -58,7 +61,8 @@ def up(cell: str | None, port: int | None, truth: Path | None, reveal: bool) -> 
     catch_signals()
     try:
         with ChildProcesses(_environment(settings, name, number)) as children:
-            start_all(children, settings.cells, name, url, simulated, truth_arguments(truth, reveal))
+            truth_flags = truth_arguments(truth, reveal)
+            start_all(children, settings.cells, name, url, simulated, truth_flags, patience or READY_S)
             if are_interpreted(url):
                 say(COMPILING, BAD)
             say(f"\nFling is up: {url}    (OpenAPI: {url}/docs)", GOOD)
@@ -91,14 +95,16 @@ def _keep_alive(children: ChildProcesses) -> None:
 
 @click.command()
 @click.option("--host", help="Address to listen on; default: FLING_HOST, or 127.0.0.1.")
-@click.option("--port", type=int, help="Port to listen on; default: FLING_PORT, or 8000.")
+@click.option("--port", type=PORT, help="Port to listen on; default: FLING_PORT, or 8000.")
 @click.option("--cells", type=click.Path(path_type=Path), help="Folder of cell files; default: FLING_CELLS.")
 @click.option("--cell", "default_cell", help="The default cell of requests; default: FLING_DEFAULT_CELL.")
 @click.option("--database-url", help="Database; default: FLING_DATABASE_URL, or SQLite in the user's data folder.")
 @click.option(
     "--tokens-file", type=click.Path(path_type=Path), help="File of the bearer tokens; default: FLING_TOKENS_FILE."
 )
-@click.option("--planner-workers", type=int, help="Planner processes; default: FLING_PLANNER_WORKERS.")
+@click.option(
+    "--planner-workers", type=click.IntRange(min=1), help="Planner processes; default: FLING_PLANNER_WORKERS."
+)
 def serve(**flags: object) -> None:
     """Run the service alone: HTTP on one address, with its planner processes."""
     from api.app import serve as run

@@ -20,6 +20,8 @@ from api.cli.support.terminal import say_step
 ODDS_HELP = "Least probability of a hit within --tolerance [-]; a later release where the soonest has less."
 BIN_HELP = "Throw into a round bin: its inner radius, and the height of its rim above X Y Z, the bottom's centre [m]."
 
+WITHOUT_FAULT = ("refused", "aborted", "held")  # outcomes after which the executor goes on; docs/executor.md
+
 
 @click.command(context_settings={"ignore_unknown_options": True})  # negative coordinates are not options
 @click.argument("position", nargs=-1, type=Coordinate(), metavar="X Y Z")
@@ -74,13 +76,13 @@ def throw(
     request |= {"landing_tolerance_m": tolerance} if tolerance is not None else {}
     request |= {"min_hit_probability": odds} if odds is not None else {}
     places = [position] if targets is None else read_targets(targets)
-    requests = [{**request, "release": _target(place, bin)} for place in places]
+    requests, step = [{**request, "release": _target(place, bin)} for place in places], load_step(load)
     with ServiceClient(service_url(url), token) as client:
         if targets is None and repeat is None:
             _one_throw(client, requests[0], mode, dry_run, as_json)
         else:
             settings = {"name": name, "repeat": repeat or 1, "load": load, "requests": requests, "mode": mode}
-            _series(client, load_step(load), settings, as_json)
+            _series(client, step, settings, as_json)
 
 
 def _one_throw(client: Any, request: dict[str, Any], mode: str, dry_run: bool, as_json: bool) -> None:
@@ -91,10 +93,17 @@ def _one_throw(client: Any, request: dict[str, Any], mode: str, dry_run: bool, a
     if as_json:
         click.echo(json.dumps(execution))
     if execution["outcome"] != "completed":
-        raise NotCompleted(f"{execution['outcome']}: {execution['reason'] or 'no reason was given'}")
+        raise NotCompleted(_ending_text(execution))
     if not as_json:
         observed = client.get(f"/executions/{execution['id']}/landing")["landings"]
         click.echo("\n".join(filter(None, [execution["reason"], landing_text(execution, observed)])))
+
+
+def _ending_text(execution: dict[str, Any]) -> str:
+    """Returns how a throw ended that was not completed, and what to do next."""
+    said = f"{execution['outcome']}: {execution['reason'] or 'no reason was given'}"
+    latched = execution["outcome"] not in WITHOUT_FAULT
+    return f"{said}; a fault is latched: check the robot, then 'fling acknowledge'" if latched else said
 
 
 def _odds_note(request: dict[str, Any]) -> str:

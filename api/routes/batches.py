@@ -30,7 +30,7 @@ from api.http import (
 )
 from api.routes.plans import POST_PROBLEMS, PageCursor, PageLimit
 from api.schemas import BATCH_EXAMPLES, BatchAnswer, BatchList, BatchRequest, BatchResultList
-from batch.runs import PARQUET, ParquetMissing, write_table
+from batch.runs import PARQUET, BatchRequests, BatchSpecification, ParquetMissing, write_table
 from store import BatchResultRow, BatchRow, KeyTaken, Store, StoreUnavailable
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["batches"])
@@ -149,7 +149,8 @@ def read_batch_results(
     if media in TABLES:
         return _table(service.store, row.id, media)
     results, following = service.store.batch_results(row.id, limit, cursor)
-    documents = [_result(result) for result in results]
+    requests = _requests(service.store, row.id)
+    documents = [_result(result, requests) for result in results]
     return JSONResponse({"results": documents, "next_cursor": following}, headers={"Vary": "Accept"})
 
 
@@ -189,8 +190,14 @@ async def _events(request: Request, store: Store, id: str, after: int) -> AsyncI
         await asyncio.sleep(POLL_S)
 
 
-def _result(row: BatchResultRow) -> dict[str, Any]:
-    document = dict(vars(row))
+def _requests(store: Store, id: str) -> BatchRequests:
+    whole = store.batch(id, whole=True)
+    assert whole is not None  # retention deletes no batch that was just found
+    return BatchSpecification.unpack(whole.specification).requests
+
+
+def _result(row: BatchResultRow, requests: BatchRequests) -> dict[str, Any]:
+    document = {**vars(row), "parameters": requests.parameters(row.number)}
     del document["batch_id"]
     return document
 
@@ -203,9 +210,9 @@ def _table(store: Store, id: str, media: str) -> FileResponse:
     """
     handle, name = tempfile.mkstemp(suffix=TABLES[media], prefix="fling-batch-")
     os.close(handle)
-    path = Path(name)
+    path, requests = Path(name), _requests(store, id)
     try:
-        write_table(path, store.all_batch_results(id))
+        write_table(path, ((row, requests.parameters(row.number)) for row in store.all_batch_results(id)))
     except ParquetMissing as error:
         path.unlink()
         raise invalid_field("accept", f"{media} {error}") from None

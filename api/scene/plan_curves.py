@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
 
 from planner.arrays import Array
 from planner.cell import Cell
@@ -56,4 +55,4 @@ def _series(series: Series) -> dict[str, Any]:
 
 def _numbers(values: Array) -> list[float | None]:
     """Returns values (k,) with nine digits; null where there is none."""
-    return [float(f"{x:.{DIGITS}g}") if np.isfinite(x) else None for x in values.tolist()]
+    return [float(f"{x:.{DIGITS}g}") if math.isfinite(x) else None for x in values.tolist()]

@@ -70,6 +70,10 @@ class BatchResult(BaseModel):
     """The result of one request: its plan, or the reason why there is none."""
 
     number: int = Field(description="Of the request, counted from 0 in the order of list or grid.")
+    parameters: dict[str, float | str] = Field(
+        description="Values of the grid's axes, by path; an axis with other values than numbers has texts: "
+        "strings as they are and the rest as JSON. Empty for a list."
+    )
     outcome: str = Field(description="`planned`, or the type of the problem: `infeasible`, `solver-failed`, …")
     plan_id: str | None = Field(description="Of its plan; the same for requests that ask for the same.")
     problem_sha256: str = Field(description="Hash of request, cell and profile.")

@@ -2,7 +2,7 @@
 
 from batch.runs.driver import BatchDriver, wait_and_claim
 from batch.runs.specification import BATCH_MAX, BatchRequests, BatchSpecification, CellUse
-from batch.runs.tables import PARQUET, ParquetMissing, parquet_of, rows_of, write_table, writes_to
+from batch.runs.tables import PARQUET, Parameters, ParquetMissing, write_table, writes_to
 from batch.runs.writer import GROUP
 
 __all__ = [
@@ -13,9 +13,8 @@ __all__ = [
     "BatchRequests",
     "BatchSpecification",
     "CellUse",
+    "Parameters",
     "ParquetMissing",
-    "parquet_of",
-    "rows_of",
     "wait_and_claim",
     "write_table",
     "writes_to",

@@ -57,11 +57,24 @@ def axes_of(grid: Mapping[str, Any], template: Mapping[str, Any]) -> tuple[Axis,
 
 def request_at(template: Mapping[str, Any], axes: Sequence[Axis], number: int) -> dict[str, Any]:
     """Returns the request of a grid with this number, counted from 0."""
-    request = dict(template)
+    request, values = dict(template), values_at(axes, number)
+    for axis in axes:
+        request = _with(request, axis.keys, values[axis.path])
+    return request
+
+
+def values_at(axes: Sequence[Axis], number: int) -> dict[str, Any]:
+    """Returns the values of the axes in the request with this number, by path; the first axis first."""
+    found: dict[str, Any] = {}
     for axis in reversed(axes):
         number, at = divmod(number, len(axis.values))
-        request = _with(request, axis.keys, axis.values[at])
-    return request
+        found[axis.path] = axis.values[at]
+    return {axis.path: found[axis.path] for axis in axes}
+
+
+def is_numeric(axis: Axis) -> bool:
+    """Returns whether every value of an axis is a number."""
+    return all(_is_number(value) for value in axis.values)
 
 
 def _keys(path: str) -> tuple[str | int, ...]:

@@ -15,7 +15,7 @@ from typing import Any
 
 import orjson
 
-from batch.runs.grids import axes_of, request_at
+from batch.runs.grids import axes_of, is_numeric, request_at, values_at
 from planner.errors import FieldError, InvalidProblem
 from store import derived_id
 
@@ -43,6 +43,7 @@ class BatchRequests:
     ) -> None:
         self.requests, self.template, self.grid = requests, template, grid
         self._axes = axes_of(grid or {}, template or {})
+        self._numeric = {axis.path for axis in self._axes if is_numeric(axis)}
         self._count = prod(len(axis.values) for axis in self._axes) if requests is None else len(requests)
         if not 1 <= self._count <= BATCH_MAX:
             field = "grid" if requests is None else "requests"
@@ -63,6 +64,16 @@ class BatchRequests:
         if self.requests is not None:
             return _without_null(self.requests[number])
         return _without_null(request_at(self.template or {}, self._axes, number))
+
+    def parameters(self, number: int) -> dict[str, float | str]:
+        """Returns what a table says of one request: the values of the grid's axes, by path; nothing of a list.
+
+        An axis that has other values than numbers has texts: a string as it is, anything else as JSON.
+        """
+        if self.requests is not None:
+            return {}
+        values = values_at(self._axes, number)
+        return {path: value if path in self._numeric else _text(value) for path, value in values.items()}
 
     def document(self) -> dict[str, Any]:
         """Returns the JSON document from which they are made."""
@@ -141,6 +152,10 @@ def _without_null(request: Mapping[str, Any]) -> dict[str, Any]:
         for key, value in request.items()
         if value is not None
     }
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else orjson.dumps(value).decode()
 
 
 def _with_floats(value: Any) -> Any:

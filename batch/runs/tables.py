@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Iterator
-from itertools import islice
+from collections.abc import Iterable, Mapping
+from itertools import chain, islice
 from pathlib import Path
 from typing import IO, Any
 
@@ -31,6 +31,7 @@ COLUMNS = {
     "proven": "bool",
     "detail": TEXT,
 }
+Parameters = Mapping[str, float | str]  # values of a grid's axes in one request, by path; columns after the number
 ROW_GROUP = 10_000  # rows of one group of Parquet: what is in memory at once
 
 
@@ -41,27 +42,26 @@ class ParquetMissing(Exception):
         super().__init__(ADVICE)
 
 
-def rows_of(results: Iterable[BatchResultRow]) -> Iterator[dict[str, Any]]:
-    """Yields a row of the table for each result, in the order of `COLUMNS`; None where something is not known."""
-    for result in results:
-        refusal = result.refusal or {}
-        violations = refusal.get("violations") or []
-        row = {name: getattr(result, name) for name in COLUMNS if hasattr(result, name)}
-        row["constraints"] = " ".join(one["constraint"] for one in violations) or None
-        row["proven"] = any(one["proven"] for one in violations) if result.refusal else None
-        row["detail"] = refusal.get("detail")
-        yield {name: row[name] for name in COLUMNS}
+def row_of(result: BatchResultRow, parameters: Parameters) -> dict[str, Any]:
+    """Returns the row of a result; None where something is not known.
 
-
-def parquet_of(results: Iterable[BatchResultRow]) -> bytes:
-    """Returns results as a Parquet file.
-
-    Raises:
-        ParquetMissing: Its library is not installed.
+    Args:
+        result: of one request.
+        parameters: what the grid gave this request.
     """
-    stream = io.BytesIO()
-    _write_parquet(rows_of(results), stream)
-    return stream.getvalue()
+    refusal = result.refusal or {}
+    violations = refusal.get("violations") or []
+    row = {name: getattr(result, name) for name in COLUMNS if hasattr(result, name)}
+    row["constraints"] = " ".join(one["constraint"] for one in violations) or None
+    row["proven"] = any(one["proven"] for one in violations) if result.refusal else None
+    row["detail"] = refusal.get("detail")
+    return row | parameters
+
+
+def _columns(parameters: Parameters) -> dict[str, str]:
+    """Returns the types of a table's columns, by name, in their order."""
+    axes = {path: TEXT if isinstance(value, str) else NUMBER for path, value in parameters.items()}
+    return {"number": COLUMNS["number"], **axes, **COLUMNS}
 
 
 def writes_to(path: Path) -> bool:
@@ -69,8 +69,12 @@ def writes_to(path: Path) -> bool:
     return path.suffix in WRITERS
 
 
-def write_table(path: Path, results: Iterable[BatchResultRow]) -> None:
+def write_table(path: Path, results: Iterable[tuple[BatchResultRow, Parameters]]) -> None:
     """Writes results to a file: Parquet, CSV or JSON lines, by its ending.
+
+    Args:
+        path: of the file.
+        results: each with what the grid gave its request; all have the same axes.
 
     Raises:
         ValueError: The ending is another one.
@@ -78,31 +82,35 @@ def write_table(path: Path, results: Iterable[BatchResultRow]) -> None:
     """
     if path.suffix not in WRITERS:
         raise ValueError(f"{path}: must end in {', '.join(WRITERS)}")
+    remaining = iter(results)
+    first = list(islice(remaining, 1))
+    columns = _columns(first[0][1] if first else {})
+    rows = (row_of(*pair) for pair in chain(first, remaining))
     with path.open("wb") as stream:
-        WRITERS[path.suffix](rows_of(results), stream)
+        WRITERS[path.suffix](columns, ({name: row[name] for name in columns} for row in rows), stream)
 
 
-def _write_csv(rows: Iterable[dict[str, Any]], stream: IO[bytes]) -> None:
+def _write_csv(columns: Mapping[str, str], rows: Iterable[dict[str, Any]], stream: IO[bytes]) -> None:
     text = io.TextIOWrapper(stream, encoding="utf-8", newline="")
-    writer = csv.DictWriter(text, list(COLUMNS), lineterminator="\n")
+    writer = csv.DictWriter(text, list(columns), lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     text.flush()
     text.detach()
 
 
-def _write_json_lines(rows: Iterable[dict[str, Any]], stream: IO[bytes]) -> None:
+def _write_json_lines(_columns: Mapping[str, str], rows: Iterable[dict[str, Any]], stream: IO[bytes]) -> None:
     for row in rows:
         stream.write(orjson.dumps(row) + b"\n")
 
 
-def _write_parquet(rows: Iterable[dict[str, Any]], stream: IO[bytes]) -> None:
+def _write_parquet(columns: Mapping[str, str], rows: Iterable[dict[str, Any]], stream: IO[bytes]) -> None:
     try:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
         raise ParquetMissing from None
-    schema = pyarrow.schema([(name, pyarrow.type_for_alias(kind)) for name, kind in COLUMNS.items()])
+    schema = pyarrow.schema([(name, pyarrow.type_for_alias(kind)) for name, kind in columns.items()])
     remaining = iter(rows)
     with pyarrow.parquet.ParquetWriter(stream, schema) as writer:
         while group := list(islice(remaining, ROW_GROUP)):

@@ -64,6 +64,7 @@ def test_every_request_has_a_result(service: RunningService, batch: dict[str, An
     assert results[0]["plan_id"] == results[2]["plan_id"] != results[1]["plan_id"]
     assert results[3]["refusal"]["name"] == results[3]["outcome"] == "infeasible"
     assert results[3]["refusal"]["violations"][0]["constraint"]
+    assert [result["parameters"] for result in results] == [{}] * 4  # of a list
 
 
 def test_plans_of_a_batch_are_plans(service: RunningService, batch: dict[str, Any]):

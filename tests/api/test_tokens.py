@@ -13,7 +13,7 @@ from api.app import create_app
 from api.cli import main
 from api.http import TokenRegistry, WrongTokens, create_token, find_token, read_tokens, revoke_token
 from api.settings import ServiceSettings
-from tests.api.conftest import NO_ID, REQUEST, RunningService, running
+from tests.api.conftest import NO_ID, REQUEST, ROOT, RunningService, running
 from tests.api.test_bad_input import problem_of
 
 
@@ -229,3 +229,26 @@ def test_a_wrong_setting_is_one_sentence(monkeypatch: pytest.MonkeyPatch, variab
     assert result.exit_code == 1
     assert f"fling: {sentence}" in result.output
     assert len(result.output.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "sentence"),
+    [
+        ("FLING_TOKENS_FILE", "empty.toml", "names no token"),
+        ("FLING_TOKENS_FILE", "absent.toml", "cannot be read"),
+        ("FLING_HOST", "0.0.0.0", "can be reached from other machines"),
+        ("FLING_DATABASE_URL", "nonsense", "Could not parse"),
+    ],
+)
+def test_a_service_that_cannot_start_says_why_in_one_sentence(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, variable: str, value: str, sentence: str
+):
+    (tmp_path / "empty.toml").write_text("")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("FLING_CELLS", str(ROOT / "cells"))
+    monkeypatch.setenv("FLING_DATABASE_URL", f"sqlite:///{tmp_path / 'fling.db'}")
+    monkeypatch.setenv("FLING_PORT", "0")
+    monkeypatch.setenv(variable, value)
+    result = CliRunner().invoke(main, ["serve"])
+    assert (result.exit_code, len(result.output.splitlines())) == (1, 1), result.output
+    assert sentence in result.output

@@ -142,14 +142,14 @@ def test_nothing_is_lost_and_nothing_twice_when_the_driver_is_killed(
 def test_tables_have_a_row_a_request(store: Store, tmp_path: Path):
     id = queue(store, [{"value": 1}, {"value": 2, "infeasible": True}])
     drive(store, id)
-    results = store.batch_results(id)[0]
+    results = [(row, {}) for row in store.batch_results(id)[0]]
     for name in ("t.csv", "t.jsonl"):
         write_table(tmp_path / name, results)
     planned, refused = csv.DictReader((tmp_path / "t.csv").read_text().splitlines())
     assert (planned["number"], planned["release_time_s"], planned["constraints"]) == ("0", "1.0", "")
     assert (refused["plan_id"], refused["constraints"], refused["proven"]) == ("", "floor", "True")
     lines = [orjson.loads(line) for line in (tmp_path / "t.jsonl").read_text().splitlines()]
-    assert [line["plan_id"] for line in lines] == [results[0].plan_id, None]
+    assert [line["plan_id"] for line in lines] == [results[0][0].plan_id, None]
     with pytest.raises(ValueError, match=r"must end in \.parquet, \.csv, \.jsonl"):
         write_table(tmp_path / "t.txt", results)
     pyarrow = pytest.importorskip("pyarrow.parquet")
@@ -157,3 +157,21 @@ def test_tables_have_a_row_a_request(store: Store, tmp_path: Path):
     table = pyarrow.read_table(tmp_path / "t.parquet").to_pylist()
     assert [row["release_time_s"] for row in table] == [1.0, None]
     assert [row["proven"] for row in table] == [None, True]
+
+
+def test_a_table_has_the_values_of_the_grids_axes(store: Store, tmp_path: Path):
+    id = queue(store, [{"value": 1}, {"value": 2}])
+    drive(store, id)
+    axes = [{"release.position[0]": 0.5, "backend": "ruckig"}, {"release.position[0]": 0.6, "backend": "null"}]
+    results = list(zip(store.batch_results(id)[0], axes, strict=True))
+    write_table(tmp_path / "t.csv", results)
+    lines = (tmp_path / "t.csv").read_text().splitlines()
+    assert lines[0].startswith("number,release.position[0],backend,outcome,")
+    assert [line.split(",")[:3] for line in lines[1:]] == [["0", "0.5", "ruckig"], ["1", "0.6", "null"]]
+    pyarrow = pytest.importorskip("pyarrow.parquet")
+    write_table(tmp_path / "t.parquet", results)
+    table = pyarrow.read_table(tmp_path / "t.parquet")
+    assert table.column("release.position[0]").to_pylist() == [0.5, 0.6]
+    assert table.column("backend").to_pylist() == ["ruckig", "null"]
+    write_table(tmp_path / "none.csv", [])
+    assert (tmp_path / "none.csv").read_text().startswith("number,outcome,")

@@ -31,6 +31,18 @@ def test_a_grid_is_the_product_of_its_axes():
     assert TEMPLATE["release"]["position"] == [1.0, 0.0, 0.0]
 
 
+def test_what_a_table_says_of_a_request_are_the_values_of_the_axes():
+    axes = {
+        "release.position[1]": [0, 1, 0.5],
+        "backend": {"values": ["auto", None]},
+        "limits.jerk": {"values": [9, [1]]},
+    }
+    requests = BatchRequests(template=TEMPLATE, grid=axes)
+    for number, values in enumerate(itertools.product([0.0, 0.5, 1.0], ["auto", "null"], ["9", "[1]"])):
+        assert list(requests.parameters(number).items()) == list(zip(axes, values, strict=True))
+    assert BatchRequests([TEMPLATE]).parameters(0) == {}
+
+
 def test_a_grid_sets_fields_that_the_template_lacks():
     requests = BatchRequests(template={"release": {"kind": "joint"}}, grid={"limits.jerk": [100, 300, 100]})
     assert [request["limits"]["jerk"] for request in requests] == [100.0, 200.0, 300.0]

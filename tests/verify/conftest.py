@@ -190,7 +190,8 @@ def environment(place: Path) -> Iterator[dict[str, str]]:
     }  # fmt: skip
     log = place / "up.log"
     with log.open("w") as output:
-        process = subprocess.Popen(["fling", "up"], cwd=place, env=found, stdout=output, stderr=output)
+        command = ["fling", "up", "--patience", str(READY_S)]
+        process = subprocess.Popen(command, cwd=place, env=found, stdout=output, stderr=output)
     try:
         deadline = time.monotonic() + READY_S
         while "Fling is up" not in log.read_text():

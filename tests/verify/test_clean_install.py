@@ -116,8 +116,8 @@ def up(installed: CleanInstall) -> Iterator[str]:
         port = free.getsockname()[1]
     log = installed.folder / "up.log"
     with log.open("w") as output:
-        process = subprocess.Popen([str(installed.bin / "fling"), "up", "--port", str(port)], cwd=installed.work,
-                                   env=installed.environment, stdout=output, stderr=output)  # fmt: skip
+        command = [str(installed.bin / "fling"), "up", "--port", str(port), "--patience", str(READY_S)]
+        process = subprocess.Popen(command, cwd=installed.work, env=installed.environment, stdout=output, stderr=output)
     try:
         deadline = time.monotonic() + READY_S
         while "Fling is up" not in log.read_text():

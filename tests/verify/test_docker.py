@@ -30,6 +30,7 @@ def own(services: dict[str, Any]) -> dict[str, Any]:
     return {name: entry for name, entry in services.items() if entry["image"].startswith("fling-")}
 
 
+@pytest.mark.slow  # these two come with the documentation's requirements
 @pytest.mark.parametrize(
     "command",
     [
@@ -104,6 +105,7 @@ def test_the_ursim_cell_is_good(root: Path):
     assert open_cell(root / "docker" / "cells" / "ursim.toml").link.kind == "ur"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", TARGETS)
 def test_health_checks(target: str, root: Path, place: Path, environment: dict[str, str]):
     """Beside running processes each is healthy; where nobody is at work each is not."""

@@ -29,6 +29,7 @@ import pytest
 from api.http import create_token
 from tests.verify.conftest import READY_S
 
+pytestmark = pytest.mark.slow
 HOST, CONTROLLER = "127.0.41.7", "127.0.41.8"
 TRIES = 3  # on an overloaded machine a throw may be `late`
 NO_ID = "00000000-0000-7000-8000-000000000000"  # of nothing
@@ -73,7 +74,7 @@ def running_cell(tmp_path_factory: pytest.TempPathFactory, request: pytest.Fixtu
         "FLING_DATABASE_URL": f"sqlite:///{folder / 'fling.db'}",
     }  # fmt: skip
     with (folder / "up.log").open("w") as log:
-        command = [str(Path(sys.executable).with_name("fling")), "up"]
+        command = [str(Path(sys.executable).with_name("fling")), "up", "--patience", str(READY_S)]
         process = subprocess.Popen(command, env=environment, stdout=log, stderr=log)
         try:
             found = RunningCell(f"http://{HOST}:{port}", tokens, folder)

@@ -18,7 +18,8 @@ from planner.cell import read_source
 from tests.batch.fake_planner import FAKE, fake_job
 
 pytest.importorskip("ray", reason="RAY IS NOT INSTALLED: batches on a cluster are not verified")
-pytestmark = [pytest.mark.timeout(900), pytest.mark.filterwarnings("default")]  # Ray's own warnings are its own
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+pytestmark += [pytest.mark.filterwarnings("default")]  # Ray's own warnings are its own
 
 
 @pytest.fixture(scope="module")

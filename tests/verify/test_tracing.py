@@ -33,9 +33,9 @@ def exporter() -> InMemorySpanExporter:
     return kept
 
 
-@pytest.fixture
-def service(tmp_path: Path, root: Path) -> Iterator[RunningService]:
-    url = f"sqlite:///{tmp_path / 'fling.db'}"
+@pytest.fixture(scope="module")
+def service(tmp_path_factory: pytest.TempPathFactory, root: Path) -> Iterator[RunningService]:
+    url = f"sqlite:///{tmp_path_factory.mktemp('data') / 'fling.db'}"
     with running(ServiceSettings(database_url=url, cells=root / "cells", planner_workers=1)) as found:
         wait_until_ready(found)
         yield found

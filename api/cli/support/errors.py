@@ -149,4 +149,6 @@ def _status(error: BaseException) -> int:
 
 def _names_a_missing_file(error: click.UsageError) -> bool:
     """Returns whether the command line is in order, and a file that it names is not there."""
+    if isinstance(error, click.MissingParameter):
+        return False
     return isinstance(error, click.BadParameter) and isinstance(getattr(error.param, "type", None), click.Path)

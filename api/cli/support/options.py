@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 JSON_FLAG = "--json"
+PORT = click.IntRange(0, 65535)
 DEFAULT_URL = "http://127.0.0.1:8000"
 DEFAULT_CELL_HELP = "Cell; default: FLING_DEFAULT_CELL."  # of commands on this machine
 SERVICE_CELL_HELP = "Cell; default: the service's."  # of commands that call a service

@@ -156,7 +156,13 @@ class ChildProcesses:
 
 
 def start_all(
-    children: ChildProcesses, cells: Path, cell: str, url: str, is_simulated: bool, truth: Sequence[str] = ()
+    children: ChildProcesses,
+    cells: Path,
+    cell: str,
+    url: str,
+    is_simulated: bool,
+    truth: Sequence[str] = (),
+    ready_s: float = READY_S,
 ) -> None:
     """Starts simulator, executor and service of a cell; waits until the service plans and sees the executor.
 
@@ -167,18 +173,19 @@ def start_all(
         url: URL of the service.
         is_simulated: Whether the cell's controller is simulated.
         truth: Arguments of the simulator for its truth file.
+        ready_s: Time for each of them to get ready [s].
 
     Raises:
         ChildFailed: One of them did not start.
     """
     if is_simulated:
         click.echo("starting the simulated controller …")
-        start_simulator(children, cells / f"{cell}.toml", truth)
+        start_simulator(children, cells / f"{cell}.toml", truth, ready_s)
     click.echo("starting the executor …")
-    children.start("executor", "executor", ["--cell", cell], READY_S)
+    children.start("executor", "executor", ["--cell", cell], ready_s)
     click.echo("starting the service …")
     children.start("service", "api")
-    _wait_until_ready(children, url, cell)
+    _wait_until_ready(children, url, cell, ready_s)
 
 
 def require_streaming_client() -> None:
@@ -191,13 +198,13 @@ def require_streaming_client() -> None:
         raise click.ClickException(NO_CLIENT)
 
 
-def start_simulator(children: ChildProcesses, cell: Path, truth: Sequence[str] = ()) -> None:
+def start_simulator(children: ChildProcesses, cell: Path, truth: Sequence[str] = (), ready_s: float = READY_S) -> None:
     """Starts the simulated controller of a cell file.
 
     Raises:
         ChildFailed: It did not start.
     """
-    children.start("simulator", "executor.simulator", ["--cell", str(cell), *truth], READY_S)
+    children.start("simulator", "executor.simulator", ["--cell", str(cell), *truth], ready_s)
 
 
 def are_interpreted(url: str) -> bool:
@@ -229,10 +236,10 @@ def _interrupt(_number: int, _frame: object) -> None:
     raise KeyboardInterrupt
 
 
-def _wait_until_ready(children: ChildProcesses, url: str, cell: str) -> None:
+def _wait_until_ready(children: ChildProcesses, url: str, cell: str, ready_s: float) -> None:
     begun, reason, said = time.monotonic(), "", 0
     with ServiceClient(url, os.environ.get("FLING_TOKEN")) as client:
-        while (waited := time.monotonic() - begun) < READY_S:
+        while (waited := time.monotonic() - begun) < ready_s:
             children.check()
             if waited // SAID_EVERY_S > said:
                 said += 1
@@ -244,7 +251,7 @@ def _wait_until_ready(children: ChildProcesses, url: str, cell: str) -> None:
             except ServiceError as error:
                 reason = error.message
             time.sleep(POLL_S)
-    raise ChildFailed(f"not ready within {READY_S:g} s: {reason}")
+    raise ChildFailed(f"not ready within {ready_s:g} s: {reason}")
 
 
 def _how_it_ended(status: int) -> str:

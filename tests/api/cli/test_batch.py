@@ -34,6 +34,7 @@ def test_a_batch_without_a_service(environment: dict[str, str], tmp_path: Path):
     batch = json.loads(done.stdout)
     assert (batch["outcome"], batch["counts"]) == ("completed", {"planned": 2})
     rows = list(csv.DictReader(out.read_text().splitlines()))
+    assert [float(row["release.positions[0]"]) for row in rows] == [0.3, 0.31]
     store = Store.open(environment["FLING_DATABASE_URL"])
     plans = [json.loads(store.plan(row["plan_id"]).summary) for row in rows]
     waiting = store.add_batch(b"", 1, driven_by="command").id

@@ -78,7 +78,6 @@ def test_a_finished_map_is_not_planned_again(fling):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--out", "map.pdf"], "a map is written as .zarr, .png, .html"),
         (["--cell", "nothing"], "no cell 'nothing'; there are"),
         (["--resolution", "7"], "resolution_m: 7 m is not between"),
         (["--plane", "9"], "out of the arm's range, proven"),

@@ -146,3 +146,9 @@ def test_the_table_has_a_line_a_target_and_one_for_all():
     lines = series_text({"targets": [{**whole, "target": [1.2, -0.3, 0.0]}], "statistics": whole}).splitlines()
     assert lines[1].split() == ["1.200", "-0.300", "0.000", "3", "2", "12.3", "50.0", "1.0,", "-2.5"]
     assert lines[2].split()[0] == "all"
+
+
+def test_a_throw_after_which_a_fault_is_latched_says_what_to_do(monkeypatch: pytest.MonkeyPatch):
+    for outcome, latched in (("link_lost", True), ("held", False), ("refused", False)):
+        result = fling(monkeypatch, ScriptedService(outcomes=(outcome,)), "1.2", "0.3", "0", "--json")
+        assert (result.exit_code, "'fling acknowledge'" in json.loads(result.stderr)["detail"]) == (4, latched)

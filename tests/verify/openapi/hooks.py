@@ -8,6 +8,7 @@ import schemathesis
 from pydantic import BaseModel, ValidationError
 
 from api.schemas import BatchRequest, ExecuteRequest, ExperimentRequest, LandingRequest, MapBody, PlanRequest
+from planner.problem import TIME_LIMIT_MAX_S
 
 PLAN_S = 0.5  # [s] of a search: this is about the interface, not the planner
 MODELS: dict[str, type[BaseModel]] = {
@@ -23,9 +24,12 @@ NOT_OF_THE_BODY = ("infeasible", "idempotency-conflict")  # refusals of bodies t
 
 @schemathesis.hook
 def before_call(context: Any, case: Any, kwargs: Any) -> None:
-    """Bounds the search of a plan that does not bound it itself."""
+    """Bounds the search of a plan; a time limit that is refused stays as it is."""
     if case.path == "/plan" and isinstance(case.body, dict):
-        case.body.setdefault("time_limit_s", PLAN_S)
+        given = case.body.setdefault("time_limit_s", PLAN_S)
+        is_number = isinstance(given, int | float) and not isinstance(given, bool)
+        if is_number and PLAN_S < given <= TIME_LIMIT_MAX_S:
+            case.body["time_limit_s"] = PLAN_S
 
 
 @schemathesis.hook

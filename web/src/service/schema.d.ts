@@ -965,6 +965,13 @@ export interface components {
              */
             outcome: string;
             /**
+             * Parameters
+             * @description Values of the grid's axes, by path; an axis with other values than numbers has texts: strings as they are and the rest as JSON. Empty for a list.
+             */
+            parameters: {
+                [key: string]: number | string;
+            };
+            /**
              * Plan Id
              * @description Of its plan; the same for requests that ask for the same.
              */
