@@ -51,7 +51,7 @@ function PlanSummary(): JSX.Element | null {
   const odds = current.hit_probability;
   return (
     <div class={`summary ${standing.value}`}>
-      {standing.value === "stale" ? <strong>The request has changed since this was planned.</strong> : null}
+      {standing.value === "stale" ? <strong>Planned before the last change: plan again.</strong> : null}
       <p>{planWords(current)}</p>
       <p class="soft">{timingWords(current)}</p>
       {odds ? (
