@@ -71,7 +71,7 @@ def page_of_a_throw(browser: Browser) -> bytes:
         page.goto(url)
         page.get_by_role("region", name="Robots").get_by_text("Ready").wait_for()
         page.get_by_role("button", name="Plan", exact=True).click()
-        page.get_by_role("button", name="Throw on").and_(page.locator(":enabled")).wait_for()
+        page.get_by_role("button", name="Throw on").and_(page.locator(":enabled:not([aria-disabled=true])")).wait_for()
         timeline = page.get_by_role("region", name="Timeline")
         timeline.get_by_role("button", name="Tool speed").wait_for()  # all its curves are there
         timeline.get_by_role("slider").fill(INSTANT_S)

@@ -32,6 +32,7 @@ FLAGS = [
 PLAN_MS = 30_000  # [ms] a busy machine plans slowly
 THROW_MS = 60_000
 SMALL = {"width": 1024, "height": 700}  # [px] drawn without a graphics processor
+TABS_MAX = 80  # controls on the page, and more
 STEP_PX = 12  # [px] a handle is taken within 14
 # Feels for it inside the page: a round trip for each of a thousand places takes minutes.
 FIND_POINTER = """(canvas, [step, pointer]) => {
@@ -117,7 +118,22 @@ class Visit:
     def planned(self) -> None:
         """Presses Plan and waits until the answer can be thrown."""
         self.button("Plan").click()
-        self.button("Throw on").and_(self.page.locator(":enabled")).wait_for(timeout=PLAN_MS)
+        self.armed().wait_for(timeout=PLAN_MS)
+
+    def armed(self) -> Locator:
+        """Returns the button that throws, where it can be pressed."""
+        return self.button("Throw on").and_(self.page.locator(":enabled:not([aria-disabled=true])"))
+
+    def tab_to(self, name: str) -> None:
+        """Presses Tab until a control has the focus whose accessible name begins so, as a person does."""
+        wanted = self.page.get_by_label(re.compile(f"^{re.escape(name)}")).or_(self.button(re.escape(name)))
+        summary = self.page.locator("summary", has_text=re.compile(f"^{re.escape(name)}"))
+        focused = wanted.or_(summary).and_(self.page.locator(":focus-visible"))
+        for _ in range(TABS_MAX):
+            self.page.keyboard.press("Tab")
+            if focused.count():
+                return
+        raise AssertionError(f"Tab does not come to {name}")
 
     def outcome(self, text: str, timeout: float = THROW_MS) -> None:
         """Waits until the execution's outcome is shown in these words."""

@@ -119,6 +119,49 @@ def test_a_throw_of_the_command_line_is_seen_and_stopped_by_key(guest: Visit, st
         assert thrower.wait(THROW_MS / 1000) == 4
 
 
+def test_the_keyboard_alone_throws_and_stops(guest: Visit) -> None:
+    """From the empty page to a throw to Stop; the focus is seen and kept."""
+    keyboard, focus = guest.page.keyboard, guest.page.locator(":focus-visible")
+    guest.tab_to("Options")
+    keyboard.press("Enter")
+    guest.tab_to("Start")
+    keyboard.type("joint")  # as its own list is chosen from
+    guest.tab_to("Start positions base [rad]")
+    keyboard.press("Control+A")
+    keyboard.type("-2.4")  # the way to it takes seconds
+    keyboard.press("Enter")
+    guest.armed().wait_for(timeout=PLAN_MS)
+    expect(focus).to_have_accessible_name("Start positions base [rad]")
+    guest.tab_to("Throw on")
+    keyboard.press("Enter")
+    guest.outcome("To the start")
+    expect(focus).to_have_accessible_name(re.compile("^Throw on"))
+    keyboard.press("Escape")
+    guest.outcome("Stopped on request")
+    expect(focus).to_have_accessible_name(re.compile("^Throw on"))
+
+
+def test_a_profile_is_adopted_and_the_plan_made_anew(guest: Visit, stack: PageStack) -> None:
+    guest.planned()
+    history = guest.region("History")
+    history.get_by_text("What was learnt of this cell").click()
+    try:
+        guest.button("Estimate a profile").click()
+        guest.page.get_by_text("A profile was estimated").wait_for(timeout=PLAN_MS)
+        expect(guest.button("Throw on")).to_be_enabled()  # it is not in use
+        guest.button("Adopt the newest").click()
+        expect(history).to_contain_text("In use: lag")
+        expect(guest.button("Throw on")).to_be_disabled()
+        guest.planned()
+        plan = stack.http.get("/plans/latest?trajectory=false").json()
+        assert plan["profile"] == stack.http.get("/cells/ur5e-sim/profiles").json()["adopted"]
+        guest.button("Revert").click()
+        expect(history).to_contain_text("In use: the cell file's numbers")
+        expect(guest.button("Throw on")).to_be_disabled()
+    finally:
+        stack.http.post("/cells/ur5e-sim/profiles/revert")
+
+
 def test_what_is_infeasible_is_said_and_the_nearest_taken(guest: Visit) -> None:
     guest.field("x [m]").fill("4.2")
     guest.button("Plan").click()
@@ -273,10 +316,25 @@ def test_a_map_lies_over_the_floor_and_a_click_plans_there(guest: Visit) -> None
     x, y = guest.on_the_map()
     guest.page.mouse.click(x, y)
     expect(guest.field("x [m]")).not_to_have_value("1.2")
-    answer = guest.button("Throw on").and_(guest.page.locator(":enabled")).or_(guest.button("Take nearest"))
+    answer = guest.armed().or_(guest.button("Take nearest"))
     answer.or_(guest.page.get_by_role("alert")).first.wait_for(timeout=PLAN_MS)
     guest.button("Hide map").click()
     expect(shown.get_by_label("Colour")).to_have_count(0)
+
+
+def test_a_map_of_another_extent_goes_on(guest: Visit, stack: PageStack) -> None:
+    """As `fling map` begins it, and its user ends it."""
+    wanted = {"extent_m": [0.2, 2.2, -1.1, 0.9], "plane_z_m": 0.1, "resolution_m": 0.5, "robust": True}
+    begun = stack.http.post("/cells/ur5e-sim/map", json=wanted).raise_for_status().json()
+    try:
+        stack.http.post(f"/cells/ur5e-sim/map/cancel?id={begun['id']}").raise_for_status()
+        guest.button("Show map").click()
+        guest.button("Go on").wait_for(timeout=MAP_MS)  # its runner has ended
+        with guest.page.expect_response(lambda answer: answer.request.method == "POST") as answer:
+            guest.button("Go on").click()
+        assert answer.value.json()["id"] == begun["id"]
+    finally:
+        stack.http.post(f"/cells/ur5e-sim/map/cancel?id={begun['id']}")
 
 
 def test_a_real_arm_asks_once_more(stack: PageStack, browser: Browser) -> None:

@@ -4,6 +4,7 @@ import { effect } from "@preact/signals";
 import { render } from "preact";
 
 import { App } from "./app";
+import { keepFocus } from "./focus";
 import { stop } from "./state/actions";
 import { follow } from "./state/follow";
 import { dark, endTime, isReal, playing, running, state, time } from "./state/store";
@@ -51,6 +52,7 @@ const root = document.getElementById("app");
 if (root) {
   followTheme();
   listenForStop();
+  keepFocus(root);
   play();
   effect(() => {
     document.documentElement.classList.toggle("real-arm", isReal.value);

@@ -1,11 +1,11 @@
 import { describe, expect, it } from "vitest";
-import { goodness, landingCellAt, pictureOfMap } from "../src/model/throw-map";
+import { goodness, landingCellAt, pictureOfMap, requestOfMap } from "../src/model/throw-map";
 import type { ThrowMap } from "../src/service/types";
 
 const NONE = [[null, null, null], [null, null, null]];
 // Two rows along y, three columns along x: hit soon, hit late, refused with proof / searched in vain, unknown, unknown.
 const MAP: ThrowMap = {
-  id: "m", cell: "c", plane_z_m: 0, resolution_m: 0.1, origin: [1, -0.5], shape: [2, 3],
+  id: "m", cell: "c", plane_z_m: 0, planes_z_m: [0], robust: false, resolution_m: 0.1, origin: [1, -0.5], shape: [2, 3],
   state: "running", void_because: null, level_m: null, progress: { done: 4, total: 6 },
   values: {
     state: [[1, 1, 2], [3, 0, 0]],
@@ -61,4 +61,17 @@ it("finds the landing cell about a point", () => {
   expect(near(1.16, -0.36)).toEqual([1.2, -0.4]);
   expect(near(1.26, -0.5)).toBeUndefined();
   expect(near(0.94, -0.5)).toBeUndefined();
+});
+
+describe("a map that goes on", () => {
+  const rounded = (values: readonly number[] | null | undefined): number[] | undefined => values?.map((value) => Number(value.toFixed(9)));
+  it("is of the same extent, plane and kind of plans", () => {
+    const { extent_m, ...rest } = requestOfMap({ ...MAP, plane_z_m: 0.7, planes_z_m: [0.7], robust: true });
+    expect(rounded(extent_m)).toEqual([0.95, 1.25, -0.55, -0.35]);
+    expect(rest).toEqual({ plane_z_m: 0.7, resolution_m: 0.1, robust: true });
+  });
+  it("is of the same volume", () => {
+    const { volume_m, plane_z_m } = requestOfMap({ ...MAP, planes_z_m: [0, 0.1, 0.2] });
+    expect([volume_m, plane_z_m]).toEqual([[0, 0.2], undefined]);
+  });
 });

@@ -1,6 +1,6 @@
 /** A throwability map as a picture of the floor: one pixel a landing cell, coarse points as blocks until finer ones are known. */
 
-import type { ThrowMap } from "../service/types";
+import type { MapRequest, ThrowMap } from "../service/types";
 
 export type MapQuantity = "release_time_s" | "landing_shift_10ms_m" | "hit_probability" | "reason";
 
@@ -41,6 +41,15 @@ export interface MapPicture {
   readonly pixels: Uint8Array; // RGBA, rows along y from the least
   readonly scale: readonly [number, number] | null; // values of the worst and the best colour
   readonly reasons: readonly ReasonEntry[];
+}
+
+/** Returns what is asked for to have a map once more: the service goes on with one that is the same. */
+export function requestOfMap(map: ThrowMap): MapRequest {
+  const { origin, shape, planes_z_m: planes, resolution_m, robust } = map;
+  const [x, y] = [origin[0] - resolution_m / 2, origin[1] - resolution_m / 2];
+  const extent_m = [x, x + shape[1] * resolution_m, y, y + shape[0] * resolution_m];
+  const heights = planes.length > 1 ? { volume_m: [planes[0]!, planes.at(-1)!] } : { plane_z_m: map.plane_z_m };
+  return { ...heights, extent_m, resolution_m, robust };
 }
 
 /** Returns the picture of a map's quantity. */

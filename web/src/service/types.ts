@@ -12,6 +12,7 @@ export type {
   LandingAnswer,
   LandingList,
   LandingRequest,
+  MapBody as MapRequest,
   PlanCurves as Curves,
   PlanRequest,
   ProfileList,
@@ -44,7 +45,7 @@ export interface ProblemDocument {
   readonly nearest?: Nearest | null;
 }
 
-type Read = "id" | "cell" | "plane_z_m" | "resolution_m" | "state" | "void_because" | "level_m" | "progress" | "values" | "reasons";
+type Read = "id" | "cell" | "plane_z_m" | "planes_z_m" | "robust" | "resolution_m" | "state" | "void_because" | "level_m" | "progress" | "values" | "reasons";
 
 /** One plane of a throwability map, as far as it is read here. */
 export interface ThrowMap extends Pick<MapAnswer, Read> {

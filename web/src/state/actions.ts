@@ -1,12 +1,12 @@
 // What a person does: edit, plan, drag, throw, stop, acknowledge, report a landing, adopt a profile.
 
 import { call, get, keepToken, post, ProblemError, token } from "../service/client";
-import type { CellState, Curves, Execution, LandingAnswer, LandingRequest, Plan, ProfileList, ThrowMap } from "../service/types";
+import type { CellState, Curves, Execution, LandingAnswer, LandingRequest, MapRequest, Plan, ProfileList, ThrowMap } from "../service/types";
 import { type Draft, InvalidDraft, previewOf, requestOf, withNearest } from "./draft";
 import { placeReport } from "./landing-report";
 import { isArmed } from "./machine";
 import {
-  access, cellStates, curves, dispatch, failed, landings, landingStd, notice, picking, playing, profiles, reached, state, throwMap, time,
+  access, cellStates, curves, dispatch, failed, landings, landingStd, notice, picking, playing, profiles, reached, shownId, state, throwMap, time,
 } from "./store";
 import { landingWords } from "./words";
 
@@ -29,7 +29,6 @@ export async function plan(): Promise<void> {
       time.value = 0;
       playing.value = 1;
     }
-    void loadCurves(answer);
   } catch (error) {
     refuse(revision, error);
   }
@@ -44,12 +43,14 @@ function refuse(revision: number, error: unknown): void {
   notice.value = { kind: "bad", text: error instanceof InvalidDraft ? `In the request, ${error.message}.` : failed(error) };
 }
 
-export async function loadCurves(of: Plan): Promise<void> {
-  if (curves.value?.planId === of.id) return;
+/** Loads the curves of a plan, which the page draws where that plan is on the screen. */
+export async function loadCurves(planId: string): Promise<void> {
+  if (curves.peek()?.planId === planId) return;
   try {
-    curves.value = { planId: of.id, value: await get<Curves>(`/plans/${of.id}/curves`, { patient: true }) };
+    const value = await get<Curves>(`/plans/${planId}/curves`, { patient: true });
+    if (shownId.peek() === planId) curves.value = { planId, value };
   } catch {
-    curves.value = null; // the curves of the trajectory are drawn without them
+    // the curves of the trajectory are drawn without them
   }
 }
 
@@ -201,12 +202,12 @@ export async function reportPointedAt(position: readonly number[]): Promise<void
   }
 }
 
-/** Begins a throwability map of the cell, or goes on with one that was ended; its landing cells are so wide [m]. */
-export async function makeMap(resolution_m: number): Promise<void> {
+/** Begins a throwability map of the cell, or goes on with the same one where that was ended. */
+export async function makeMap(request: MapRequest): Promise<void> {
   const { cell } = state.value;
   if (cell === null) return;
   try {
-    await post(`/cells/${cell}/map`, { resolution_m }, { patient: true });
+    await post(`/cells/${cell}/map`, request, { patient: true });
     await loadMap();
   } catch (error) {
     notice.value = { kind: "bad", text: failed(error) };
@@ -242,29 +243,35 @@ function isSameMap(a: ThrowMap | null, b: ThrowMap | null): boolean {
 }
 
 export async function learn(): Promise<void> {
-  await changeProfile(() => post(`/cells/${state.value.cell}/profiles`, undefined, { patient: true }), "A profile was estimated. It is not in use yet.");
+  await changeProfiles(() => post(`/cells/${state.value.cell}/profiles`, undefined, { patient: true }), "A profile was estimated. It is not in use yet.");
 }
 
 export async function adopt(id: string): Promise<void> {
-  await changeProfile(() => post(`/profiles/${id}/adopt`), "The cell uses this profile from now on.");
+  await use(() => post(`/profiles/${id}/adopt`), "The cell uses this profile from now on.");
 }
 
 export async function revert(): Promise<void> {
-  await changeProfile(() => post(`/cells/${state.value.cell}/profiles/revert`), "The cell uses its file's numbers again.");
+  await use(() => post(`/cells/${state.value.cell}/profiles/revert`), "The cell uses its file's numbers again.");
 }
 
-async function changeProfile(request: () => Promise<unknown>, text: string): Promise<void> {
+/** Changes what the cell uses. A plan of another profile is not executable: the request has to be planned again. */
+async function use(request: () => Promise<unknown>, text: string): Promise<void> {
+  if (await changeProfiles(request, text)) dispatch({ type: "edit", request: state.value.request });
+}
+
+/** Returns whether the request was carried out. */
+async function changeProfiles(request: () => Promise<unknown>, text: string): Promise<boolean> {
   const { cell } = state.value;
-  if (cell === null) return;
+  if (cell === null) return false;
   try {
     await request();
     profiles.value = await get<ProfileList>(`/cells/${cell}/profiles`);
-    // A plan of another profile is not executable: the request has to be planned again.
-    dispatch({ type: "edit", request: state.value.request });
-    notice.value = { kind: "good", text };
   } catch (error) {
     notice.value = { kind: "bad", text: failed(error) };
+    return false;
   }
+  notice.value = { kind: "good", text };
+  return true;
 }
 
 /** Keeps a token for this tab and tries it. */

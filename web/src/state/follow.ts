@@ -8,7 +8,7 @@ import type { CellList, CellModel, Execution, ExecutionList, LandingList, Plan, 
 import { loadCurves, loadMap, refreshCell } from "./actions";
 import { isRunning } from "./machine";
 import {
-  cellName, cells, dispatch, endTime, failed, history, landings, mapShown, model, playing, profiles, reached, running, runPlan, state,
+  cellName, cells, dispatch, endTime, failed, history, landings, mapShown, model, playing, profiles, reached, running, runPlan, shownId, state,
   targets, throwMap, time,
 } from "./store";
 
@@ -28,6 +28,9 @@ export function follow(): void {
   effect(() => {
     throwMap.value = null; // that of another cell
     void loadModel(cellName.value);
+  });
+  effect(() => {
+    if (shownId.value) void loadCurves(shownId.value);
   });
   followRuns();
 }
@@ -82,8 +85,9 @@ async function followHistory(): Promise<void> {
   if (JSON.stringify(page.executions) !== JSON.stringify(history.value)) history.value = page.executions;
   const own = page.executions.filter((run) => run.cell === cell && run.state === "finished");
   await inParallel(own.slice(0, HISTORY), loadPast);
-  if (cell !== null && (profiles.value === null || profiles.value.cell !== cell)) {
-    profiles.value = await get<ProfileList>(`/cells/${cell}/profiles`);
+  if (cell !== null) {
+    const list = await get<ProfileList>(`/cells/${cell}/profiles`);
+    if (JSON.stringify(list) !== JSON.stringify(profiles.value)) profiles.value = list;
   }
 }
 
@@ -147,7 +151,7 @@ function endFollowing(): void {
 }
 
 async function followRun(id: string, signal: AbortSignal): Promise<void> {
-  playing.value = 0;
+  playing.value = time.value = 0;
   void showExecution(id).catch(failed);
   for await (const { kind, data } of watchExecution(id, signal)) {
     dispatch({ type: "event", id, kind, data });
@@ -169,6 +173,5 @@ export async function showExecution(id: string): Promise<void> {
   const known = state.value.plan?.value;
   const plan = known?.id === execution.plan_id ? known : await get<Plan>(`/plans/${execution.plan_id}`);
   runPlan.value = plan;
-  await loadCurves(plan);
 }
 

@@ -77,6 +77,9 @@ export const shown = computed<Plan | null>(() => {
   return preview.value ?? answered.value;
 });
 
+/** Id of the plan that is shown; a preview has none. */
+export const shownId = computed(() => shown.value?.id ?? null);
+
 /** End of what the cursor runs over: the plan, or the flight where that takes longer [s]. */
 export const endTime = computed(() => (shown.value === null ? 0 : endOf(shown.value)));
 

@@ -8,23 +8,25 @@ import { access, connection, notice } from "../state/store";
 
 export function Banners(): JSX.Element {
   return (
-    <div class="banners">
-      {connection.value === "lost" ? (
-        <div class="banner bad" role="alert">
-          <b>Connection to the service lost.</b> What you see is the last that it reported; trying again. Stop cannot reach the robot
-          now: use the emergency stop.
-        </div>
-      ) : null}
+    <>
       {access.value === "open" ? null : <TokenCard />}
-      {notice.value ? (
-        <div class={`banner ${notice.value.kind}`} role={notice.value.kind === "bad" ? "alert" : "status"}>
-          <span>{notice.value.text}</span>
-          <button type="button" class="link" aria-label="Dismiss" onClick={() => (notice.value = null)}>
-            ✕
-          </button>
-        </div>
-      ) : null}
-    </div>
+      <div class="banners">
+        {connection.value === "lost" ? (
+          <div class="banner bad" role="alert">
+            <b>Connection to the service lost.</b> What you see is the last that it reported; trying again. Stop cannot reach the robot
+            now: use the emergency stop.
+          </div>
+        ) : null}
+        {notice.value ? (
+          <div class={`banner ${notice.value.kind}`} role={notice.value.kind === "bad" ? "alert" : "status"}>
+            <span>{notice.value.text}</span>
+            <button type="button" class="link" aria-label="Dismiss" onClick={() => (notice.value = null)}>
+              ✕
+            </button>
+          </div>
+        ) : null}
+      </div>
+    </>
   );
 }
 

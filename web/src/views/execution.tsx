@@ -14,12 +14,12 @@ import { Icon } from "./icons";
 import { LandingReports } from "./landing";
 
 export function ExecutionSection(): JSX.Element {
-  const run = execution.value;
+  const [run, cell] = [execution.value, cellName.value];
   return (
     <section class="card execution" aria-labelledby="execution-title">
       <h2 id="execution-title">Execution</h2>
-      {run === null || (run.state !== "finished" && !PAST_PREFLIGHT.has(run.state)) ? <Preflight /> : null}
-      {run === null ? <p class="soft">Nothing is running on {cellName.value ?? "this cell"}.</p> : <RunView run={run} />}
+      {cell !== null && (run === null || (run.state !== "finished" && !PAST_PREFLIGHT.has(run.state))) ? <Preflight /> : null}
+      {run === null ? <p class="soft">{cell === null ? "Which cell this is about is not known yet." : `Nothing is running on ${cell}.`}</p> : <RunView run={run} />}
     </section>
   );
 }

@@ -16,7 +16,7 @@ export function Header(): JSX.Element {
       <h1>Fling</h1>
       <div class="cell-choice">
         <select aria-label="Cell" value={cellName.value ?? ""} onChange={(event) => dispatch({ type: "cell", name: event.currentTarget.value })}>
-          {list.length === 0 ? <option value="">no cell yet</option> : null}
+          {list.length === 0 ? <option value="">{cells.value === null ? "–" : "no cell"}</option> : null}
           {list.map((known) => (
             <option key={known.name} value={known.name} disabled={Boolean(known.error)}>
               {known.name}
@@ -27,6 +27,7 @@ export function Header(): JSX.Element {
       </div>
       {isReal.value ? <span class="badge real">Real arm</span> : chosen ? <span class="badge">Simulated</span> : null}
       {words ? <span class={`state ${lost ? "idle" : words.tone}`} role="status">{lost ? "Not known" : words.headline}</span> : null}
+      {cells.value === null && !lost ? <span class="state idle" role="status">Connecting …</span> : null}
       <nav aria-label="Documentation">
         <a href="/docs">API</a>
         <a href="/problems">Errors</a>

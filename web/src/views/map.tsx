@@ -3,8 +3,8 @@
 import { useSignal } from "@preact/signals";
 import type { JSX } from "preact";
 
-import { goodness, type MapPicture, type MapQuantity, PROVEN, type Rgb, YES } from "../model/throw-map";
-import type { ThrowMap } from "../service/types";
+import { goodness, type MapPicture, type MapQuantity, PROVEN, requestOfMap, type Rgb, YES } from "../model/throw-map";
+import type { MapRequest, ThrowMap } from "../service/types";
 import { cancelMap, loadMap, makeMap } from "../state/actions";
 import { cellName, failed, mapPicture, mapQuantity, mapShown, notice, throwMap } from "../state/store";
 import { constraintWords, figure } from "../state/words";
@@ -62,16 +62,17 @@ function MapView({ map, picture }: { map: ThrowMap | null; picture: MapPicture |
   );
 }
 
-/** Begins a map; one that was ended goes on, where it is as fine as the one that is asked for. */
+/** Begins a map of all that is in range; one that was ended goes on as it is, where it is as fine as asked for. */
 function Make({ map }: { map: ThrowMap | null }): JSX.Element {
   const own = WIDTHS.find(([value]) => Number(value) === map?.resolution_m)?.[0];
   const width = useSignal<Width>(own ?? "0.1");
-  const isOwn = Number(width.value) === map?.resolution_m;
+  const same = map !== null && map.state !== "finished" && Number(width.value) === map.resolution_m ? map : null;
+  const request: MapRequest = same === null ? { resolution_m: Number(width.value), robust: false } : requestOfMap(same);
   return (
     <div class="numbers of-2">
       <SelectField label="Landing cells" options={WIDTHS} value={width.value} onChoose={(chosen) => (width.value = chosen)} />
-      <button type="button" class="quiet small" onClick={() => void makeMap(Number(width.value))}>
-        {map === null || map.state === "finished" || !isOwn ? "Make a map" : map.state === "void" ? "Make it anew" : "Go on"}
+      <button type="button" class="quiet small" onClick={() => void makeMap(request)}>
+        {same === null ? "Make a map" : same.state === "void" ? "Make it anew" : "Go on"}
       </button>
     </div>
   );

@@ -12,7 +12,7 @@ export function RobotsSection(): JSX.Element {
   return (
     <section class="card robots" aria-labelledby="robots-title">
       <h2 id="robots-title">Robots</h2>
-      {list === null ? <p class="soft">Looking for cells …</p> : null}
+      {list === null ? <p class="soft">Asking the service for its cells …</p> : null}
       {list !== null && list.length === 0 ? <p>There are no cell files. “fling up” brings its own.</p> : null}
       <ul class="cells">{list?.map((known) => <CellRow key={known.name} known={known} />)}</ul>
     </section>

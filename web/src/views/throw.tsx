@@ -18,14 +18,14 @@ export function ThrowPanel(): JSX.Element {
       aria-label="Request"
       onSubmit={(event) => {
         event.preventDefault();
-        void plan();
+        if (!planning) void plan();
       }}
     >
       <RequestFields />
       <ProblemCard />
       <PlanSummary />
       <div class="actions">
-        <button type="submit" class={armed.value ? "quiet" : "primary"} disabled={planning || cellName.value === null}>
+        <button type="submit" class={armed.value ? "quiet" : "primary"} disabled={cellName.value === null} aria-disabled={planning}>
           {planning ? "Plan …" : "Plan"}
         </button>
         <span class="sr-only" role="status">{planning ? "Planning" : ""}</span>
@@ -51,7 +51,7 @@ function PlanSummary(): JSX.Element | null {
   const odds = current.hit_probability;
   return (
     <div class={`summary ${standing.value}`}>
-      {standing.value === "stale" ? <strong>The request has changed since this was planned.</strong> : null}
+      {standing.value === "stale" ? <strong>Planned before the last change: plan again.</strong> : null}
       <p>{planWords(current)}</p>
       <p class="soft">{timingWords(current)}</p>
       {odds ? (
@@ -109,17 +109,22 @@ function nearestWords(release: { kind: string; position?: number[] }): string {
   return "the closest that this cell can do";
 }
 
+/** While something runs it waits, and keeps the focus: a button that is disabled loses it. */
 function ThrowButton(): JSX.Element {
   const asking = useSignal(false);
   const current = answered.value;
   const real = isReal.value;
   const act = (): void => {
+    if (!armed.value) return;
     if (real && !dryRun.value) asking.value = true;
     else void execute(mode.value, dryRun.value);
   };
   return (
     <>
-      <button type="button" class={`throw ${real ? "real" : "primary"}`} disabled={!armed.value} onClick={act}>
+      <button
+        type="button" class={`throw ${real ? "real" : "primary"}`} disabled={!armed.value && !running.value}
+        aria-disabled={!armed.value} onClick={act}
+      >
         {throwLabel(current)}
       </button>
       {asking.value && armed.value && !running.value ? (
