@@ -7,6 +7,7 @@ import os
 import tempfile
 import time
 from collections.abc import AsyncIterator
+from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -30,7 +31,7 @@ from api.http import (
 )
 from api.routes.plans import POST_PROBLEMS, PageCursor, PageLimit
 from api.schemas import BATCH_EXAMPLES, BatchAnswer, BatchList, BatchRequest, BatchResultList
-from batch.runs import PARQUET, BatchRequests, BatchSpecification, ParquetMissing, write_table
+from batch.runs import PARQUET, BatchRequests, BatchSpecification, Parameters, ParquetMissing, write_table
 from store import BatchResultRow, BatchRow, KeyTaken, Store, StoreUnavailable
 
 router = APIRouter(route_class=StrictJsonRoute, tags=["batches"])
@@ -40,6 +41,7 @@ POLL_S = 0.5  # [s] between two looks at the progress
 KEEP_ALIVE_S = 10.0  # [s] silence before a comment is sent, so that proxies keep the connection
 BatchId = Annotated[str, id_in_path("batch")]
 BatchBody = Annotated[BatchRequest, Body(openapi_examples=BATCH_EXAMPLES)]  # type: ignore[arg-type]
+GRIDS_KEPT = 16  # so that not every page of results reads its batch again
 ResultCursor = Annotated[int, Query(ge=-1, le=2**31 - 1, description="`next_cursor` of the page before.")]
 TABLES = {"text/csv": ".csv", PARQUET: ".parquet"}
 RESULTS_ANSWER = {
@@ -149,8 +151,8 @@ def read_batch_results(
     if media in TABLES:
         return _table(service.store, row.id, media)
     results, following = service.store.batch_results(row.id, limit, cursor)
-    requests = _requests(service.store, row.id)
-    documents = [_result(result, requests) for result in results]
+    grid = _grid(service.store, row.id)
+    documents = [_result(result, _parameters(grid, result.number)) for result in results]
     return JSONResponse({"results": documents, "next_cursor": following}, headers={"Vary": "Accept"})
 
 
@@ -190,14 +192,21 @@ async def _events(request: Request, store: Store, id: str, after: int) -> AsyncI
         await asyncio.sleep(POLL_S)
 
 
-def _requests(store: Store, id: str) -> BatchRequests:
+@lru_cache(GRIDS_KEPT)
+def _grid(store: Store, id: str) -> BatchRequests | None:
+    """Returns the grid of a batch, which never changes; None for a list, which may have a million requests."""
     whole = store.batch(id, whole=True)
     assert whole is not None  # retention deletes no batch that was just found
-    return BatchSpecification.unpack(whole.specification).requests
+    requests = BatchSpecification.unpack(whole.specification).requests
+    return requests if requests.requests is None else None
 
 
-def _result(row: BatchResultRow, requests: BatchRequests) -> dict[str, Any]:
-    document = {**vars(row), "parameters": requests.parameters(row.number)}
+def _parameters(grid: BatchRequests | None, number: int) -> Parameters:
+    return {} if grid is None else grid.parameters(number)
+
+
+def _result(row: BatchResultRow, parameters: Parameters) -> dict[str, Any]:
+    document = {**vars(row), "parameters": parameters}
     del document["batch_id"]
     return document
 
@@ -210,9 +219,9 @@ def _table(store: Store, id: str, media: str) -> FileResponse:
     """
     handle, name = tempfile.mkstemp(suffix=TABLES[media], prefix="fling-batch-")
     os.close(handle)
-    path, requests = Path(name), _requests(store, id)
+    path, grid = Path(name), _grid(store, id)
     try:
-        write_table(path, ((row, requests.parameters(row.number)) for row in store.all_batch_results(id)))
+        write_table(path, ((row, _parameters(grid, row.number)) for row in store.all_batch_results(id)))
     except ParquetMissing as error:
         path.unlink()
         raise invalid_field("accept", f"{media} {error}") from None
