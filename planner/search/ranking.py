@@ -20,7 +20,7 @@ from planner.seeds import Candidate, Seed, aspects, first_rows, least_times_to_a
 
 RANKED_MAX = 24  # candidates of least lower bound that are considered; a pose's others are full turns away
 TIMED_MAX = 8  # of these are ranked by Ruckig's launch time
-UNDERCUT = 0.6  # [-] of the lower bound of an aspect's soonest candidate: 86 of 92 throws release later than that
+UNDERCUT = 0.6  # [-] of the lower bound of an aspect's soonest candidate: 79 of 85 throws release later than that
 SLOW = 0.7  # [-] release time over the candidate's lower bound; throws stuck in a local minimum release after it
 SLOW_ROBUST = 0.85  # [-] the same with a release window
 SEEDS_AN_ASPECT = 2  # [-] the optimiser fails from one seed and not from another, but rarely finds another motion
