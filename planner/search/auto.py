@@ -12,7 +12,7 @@ from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import FlightEdge, SolveOptions
 from planner.certificate import Check, flight_obstruction
 from planner.errors import SolverFailed
-from planner.problem import JointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.problem import TargetRelease, ThrowProblem
 from planner.search.incumbent import CertifiedSolution, PlanningSearch, certified
 from planner.search.policy import POLICY, Stage, release_state_given
 from planner.search.ranking import RankedCandidate, Ranking
@@ -59,7 +59,8 @@ def _walk(search: PlanningSearch, stage: Stage, ranking: Ranking) -> Iterator[Ra
     """Yields the candidates of a stage while its condition holds."""
     if not _goes_on(search, stage, ranking):
         return
-    candidates = ranking.by_arrival() if stage.order == "arrival" else ranking
+    orders = {"rank": lambda: ranking, "arrival": ranking.by_arrival, "aspect": ranking.by_aspect}
+    candidates = orders[stage.order]()
     for ranked in islice(candidates, stage.candidates.start, stage.candidates.stop):
         yield ranked
         if not _goes_on(search, stage, ranking):
@@ -144,24 +145,40 @@ def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
     """Optimises from the candidates of a stage."""
     begun, end = time.perf_counter(), search.iterations + stage.iterations
     tried, solved, valid, failure = 0, 0, 0, ""
-    bound_holds = isinstance(search.problem.release, JointRelease | PoseRelease)
+    solver = "ipopt" if stage.with_ipopt else "fatrop"
     for ranked in _walk(search, stage, ranking):
         if search.iterations >= end:
             break
-        bounded = bound_holds and ranked.candidate.bound_s >= search.release_time_s
-        if bounded or not ranked.first_try("ipopt" if stage.with_ipopt else "fatrop"):
+        if not ranking.may_be_sooner(ranked, search.release_time_s) or not ranked.first_try(solver):
             continue
         begun += load_optimiser(search)
         tried += 1
         try:
-            was_valid = _optimise_from(search, ranked, end, stage.with_ipopt)
-            valid, solved = valid + was_valid, solved + 1
-            search.given_up += not was_valid
+            valid += _try_seed(search, ranking, ranked, end, stage.with_ipopt)
+            solved += 1
         except casadi_nlp.SeedFailed as error:
             failure = f"; {error}"
-            search.given_up += not error.is_late
     if tried:
         search.log_attempt("casadi", f"{stage.purpose}: {valid} of {solved} motions certified{failure}", begun)
+
+
+def _try_seed(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate, end: int, with_ipopt: bool) -> bool:
+    """Returns whether a motion from a candidate was certified; notes what that says about its aspect and the search.
+
+    A seed that is given up leaves doubt only as long as no other has led to a motion.
+    """
+    is_first = not search.has_certified("casadi")
+    try:
+        was_valid = _optimise_from(search, ranked, end, with_ipopt)
+    except casadi_nlp.SeedFailed as error:
+        if error.is_late:
+            ranking.settle(ranked, math.inf)
+        search.given_up += is_first and not error.is_late
+        raise
+    if was_valid:
+        ranking.settle(ranked, search.certified[-1].solution.trajectory.release_time_s)
+    search.given_up += is_first and not was_valid
+    return was_valid
 
 
 def load_optimiser(search: PlanningSearch) -> float:

@@ -25,10 +25,9 @@ from planner.backends import ruckig_otg
 from planner.problem import JointRelease, PoseRelease, TargetRelease
 from planner.search.incumbent import PlanningSearch
 from planner.search.ranking import RANKED_MAX, Ranking
+from planner.seeds import ASPECTS
 
 SEEDS_MAX = 5  # candidates that are optimised at most
-SLOW = 0.7  # [-] release time over the candidates' least lower bound; those stuck in a local minimum release after it
-SLOW_ROBUST = 0.85  # [-] the same with a release window
 
 Condition = Callable[[PlanningSearch, Ranking], bool]
 
@@ -58,19 +57,18 @@ def none_optimised(search: PlanningSearch, ranking: Ranking) -> bool:
     return not search.has_certified("casadi")
 
 
-def nothing_certified(search: PlanningSearch, ranking: Ranking) -> bool:
-    """Returns whether the search has certified no motion itself."""
-    return not search.certified
+def none_optimised_itself(search: PlanningSearch, ranking: Ranking) -> bool:
+    """Returns whether the search has certified no optimised motion itself."""
+    return all(motion.backend != "casadi" for motion in search.certified)
 
 
-def throw_is_slow(search: PlanningSearch, ranking: Ranking) -> bool:
-    """Returns whether an optimised throw hardly improves on the candidates: it is stuck in a poor local minimum."""
-    release = search.problem.release
-    if none_optimised(search, ranking) or not isinstance(release, TargetRelease):
-        return False
-    share = SLOW_ROBUST if search.problem.is_robust else SLOW
-    least_s = min(ranked.candidate.bound_s for ranked in ranking[:SEEDS_MAX])
-    return release.release_position is None and search.release_time_s > share * least_s
+def further_seeds_pay(search: PlanningSearch, ranking: Ranking) -> bool:
+    """Returns whether further seeds may pay: no optimised motion is certified, or a throw to a target, or one in doubt.
+
+    Of 25 points none was released sooner from an aspect that is not the soonest by Ruckig, and it took twice as long.
+    """
+    of_target = isinstance(search.problem.release, TargetRelease)
+    return none_optimised(search, ranking) or of_target or search.given_up > 0
 
 
 @dataclass(frozen=True)
@@ -86,7 +84,8 @@ class Stage:
         with_ipopt: whether IPOPT solves where fatrop gives up ("casadi").
         then_in_hand: whether Ruckig's motions are taken in hand after it, also past the deadline ("casadi").
         variants: launch variants that are tried ("ruckig").
-        order: of the ranking; "arrival" takes the `TIMED_MAX` of least bound by the slowest joint's own time.
+        order: of the ranking; "arrival" takes the `TIMED_MAX` of least bound by the slowest joint's own time, "aspect"
+            the first of every aspect.
     """
 
     backend: Literal["casadi", "ruckig"]
@@ -97,27 +96,27 @@ class Stage:
     with_ipopt: bool = False
     then_in_hand: bool = False
     variants: Sequence[ruckig_otg.LaunchVariant] = ruckig_otg.VARIANTS
-    order: Literal["rank", "arrival"] = "rank"
+    order: Literal["rank", "arrival", "aspect"] = "rank"
 
 
 # An iteration takes 2 to 4 ms. Of 1000 random requests, larger budgets answer one more, and take longer to refuse.
 POLICY: tuple[Stage, ...] = (
     Stage("ruckig", "soonest arrivals", slice(0, 2), release_state_given, variants=("free",), order="arrival"),
-    Stage("casadi", "soonest seeds", slice(0, 2), none_optimised, iterations=300, then_in_hand=True),
-    Stage("casadi", "further seeds for a slow throw", slice(0, SEEDS_MAX), throw_is_slow, iterations=300),
+    Stage("casadi", "soonest seeds", slice(0, 2), none_optimised, iterations=300, then_in_hand=True, order="aspect"),
+    Stage("casadi", "other aspects", slice(0, 2 * ASPECTS), further_seeds_pay, iterations=300, order="aspect"),
     Stage("ruckig", "sooner motions", slice(0, 6), always),
-    Stage("casadi", "one more seed", slice(2, 3), none_optimised, iterations=200),
-    Stage("casadi", "last seeds", slice(3, SEEDS_MAX), no_incumbent, iterations=100),
+    Stage("casadi", "one more seed", slice(0, 3), further_seeds_pay, iterations=200),
+    Stage("casadi", "last seeds", slice(0, SEEDS_MAX), none_optimised, iterations=100),
     Stage("ruckig", "further motions", slice(6, 11), always),
     Stage("ruckig", "sooner motions", slice(11, RANKED_MAX), has_incumbent),
 )
 # Under tighter limits, for motions sooner than what was found under the request's own.
 TIGHTER_POLICY: tuple[Stage, ...] = (
     Stage("ruckig", "soonest arrivals", slice(0, 2), release_state_given, variants=("free",), order="arrival"),
-    Stage("casadi", "soonest seeds", slice(0, 2), nothing_certified, iterations=300, then_in_hand=True),
-    Stage("casadi", "last seeds", slice(2, SEEDS_MAX), no_incumbent, iterations=200),
+    Stage("casadi", "soonest seeds", slice(0, 2), none_optimised_itself, iterations=300, then_in_hand=True),
+    Stage("casadi", "last seeds", slice(2, SEEDS_MAX), none_optimised, iterations=200),
     Stage("ruckig", "sooner motions", slice(0, 6), always),
 )
 LAST_POLICY: tuple[Stage, ...] = (
-    Stage("casadi", "second solver", slice(0, 1), no_incumbent, iterations=200, with_ipopt=True),
+    Stage("casadi", "second solver", slice(0, 1), none_optimised, iterations=200, with_ipopt=True),
 )

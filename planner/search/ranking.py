@@ -10,15 +10,20 @@ from typing import overload
 
 import numpy as np
 
+from planner.arrays import Array, Index
 from planner.backends import ruckig_otg
 from planner.flight import path
 from planner.geometry import Arcs, body_model, segment_segment_distance
-from planner.problem import PointRelease, ThrowProblem
+from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.search.incumbent import CertifiedSolution
-from planner.seeds import Candidate, Seed
+from planner.seeds import Candidate, Seed, aspects, first_rows, least_times_to_aspects
 
 RANKED_MAX = 24  # candidates of least lower bound that are considered; a pose's others are full turns away
 TIMED_MAX = 8  # of these are ranked by Ruckig's launch time
+UNDERCUT = 0.6  # [-] of the lower bound of an aspect's soonest candidate: 79 of 85 throws release later than that
+SLOW = 0.7  # [-] release time over the candidate's lower bound; throws stuck in a local minimum release after it
+SLOW_ROBUST = 0.85  # [-] the same with a release window
+SEEDS_AN_ASPECT = 2  # [-] the optimiser fails from one seed and not from another, but rarely finds another motion
 PATH_SHARES = np.linspace(0.15, 0.9, 6)  # [-] of the straight joint path to a candidate, checked for obstacles
 FLIGHT_STEP_S = 0.02  # [s] between the instants at which a flight is compared with the arm
 FLANGE = 6  # frame of the flange: the object starts within the tool's shapes
@@ -72,7 +77,9 @@ class Ranking(Sequence[RankedCandidate]):
 
     def __init__(self, problem: ThrowProblem, candidates: list[Candidate]) -> None:
         """Takes candidates by ascending lower bound on the launch time."""
-        self._by_bound = [RankedCandidate(problem, candidate) for candidate in candidates[:RANKED_MAX]]
+        self._problem, ranked = problem, [RankedCandidate(problem, candidate) for candidate in candidates]
+        self.settled: set[int] = set()
+        self._by_bound, self._others = ranked[:RANKED_MAX], ranked[RANKED_MAX:]
 
     @cached_property
     def _ordered(self) -> list[RankedCandidate]:
@@ -94,6 +101,66 @@ class Ranking(Sequence[RankedCandidate]):
 
     def __getitem__(self, index: int | slice) -> RankedCandidate | list[RankedCandidate]:
         return self._ordered[index]
+
+    def by_aspect(self) -> Iterator[RankedCandidate]:
+        """Yields the first candidate of every aspect, then the second of those that are not settled by then."""
+        ranked = [*self._ordered, *self._others]
+        aspect = self._aspects(ranked)
+        for _ in range(SEEDS_AN_ASPECT):
+            first = first_rows(aspect)
+            yield from (ranked[row] for row in first if aspect[row] not in self.settled)
+            ranked, aspect = [each for i, each in enumerate(ranked) if i not in first], np.delete(aspect, first)
+
+    def _is_settled(self, ranked: RankedCandidate) -> bool:
+        """Returns whether a candidate's aspect is settled, and the release state is not given."""
+        given = isinstance(self._problem.release, JointRelease | PoseRelease)
+        return not given and int(self._aspects([ranked])[0]) in self.settled
+
+    def settle(self, ranked: RankedCandidate, release_s: float) -> None:
+        """Notes that the optimiser came from a candidate to a release at `release_s` [s], infinite for too late.
+
+        That settles its aspect, unless a throw hardly improves on the candidate: it is stuck in a poor local minimum.
+        """
+        aspect = int(self._aspects([ranked])[0])
+        slow_s = (SLOW_ROBUST if self._problem.is_robust else SLOW) * self._least_bounds[aspect]
+        if not isinstance(self._problem.release, TargetRelease) or not slow_s < release_s < float("inf"):
+            self.settled.add(aspect)
+
+    def least_time(self, ranked: RankedCandidate) -> float:
+        """Returns a lower bound [s] on the release time of what the optimiser makes of a candidate.
+
+        It keeps the release state, where that is given, and the aspect.
+        """
+        if isinstance(self._problem.release, JointRelease | PoseRelease):
+            return ranked.candidate.bound_s
+        return float(self._least_by_aspect[self._aspects([ranked])[0]])
+
+    def may_be_sooner(self, ranked: RankedCandidate, release_s: float) -> bool:
+        """Returns whether the optimiser may come from a candidate to a release before `release_s` [s].
+
+        Not where its aspect is settled.
+        Proven is the least time alone. In other aspects than the start's a throw to a target rarely undercuts its
+        candidate's bound by more than `UNDERCUT`.
+        """
+        least_s = self.least_time(ranked)
+        if self._is_settled(ranked):
+            return False
+        if least_s > 0.0 and isinstance(self._problem.release, TargetRelease):
+            least_s = max(least_s, UNDERCUT * ranked.candidate.bound_s)
+        return least_s < release_s
+
+    @cached_property
+    def _least_bounds(self) -> dict[int, float]:
+        """The least lower bound of the candidates of every aspect that there are [s]."""
+        ranked = sorted([*self._by_bound, *self._others], key=lambda each: -each.candidate.bound_s)
+        return {int(a): each.candidate.bound_s for a, each in zip(self._aspects(ranked), ranked, strict=True)}
+
+    @cached_property
+    def _least_by_aspect(self) -> Array:
+        return least_times_to_aspects(self._problem)
+
+    def _aspects(self, ranked: Sequence[RankedCandidate]) -> Index:
+        return aspects(self._problem.cell.robot, np.array([each.candidate.q for each in ranked]))
 
     def by_arrival(self) -> Iterator[RankedCandidate]:
         """Yields the `TIMED_MAX` of least bound by the slowest joint's own time, and times no more than it has to.

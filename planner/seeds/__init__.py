@@ -1,5 +1,6 @@
 """Release states that the search starts from, ranked by a lower bound on their launch time."""
 
+from planner.seeds.aspects import ASPECTS, aspects, first_rows, least_times_to_aspects
 from planner.seeds.candidates import POSITION_SLACK, Candidate, InitialGuess, Seed, candidates
 from planner.seeds.neighbours import ReleaseState, neighbour_candidates
 from planner.seeds.quasi_random import SPREAD_RAD
@@ -8,6 +9,7 @@ from planner.seeds.soonest_states import least_time
 from planner.seeds.velocity_allocation import allocate_velocity
 
 __all__ = [
+    "ASPECTS",
     "POSITION_SLACK",
     "SPREAD_RAD",
     "Candidate",
@@ -15,9 +17,12 @@ __all__ = [
     "ReleaseState",
     "Seed",
     "allocate_velocity",
+    "aspects",
     "candidates",
     "farthest_reach",
+    "first_rows",
     "least_time",
+    "least_times_to_aspects",
     "neighbour_candidates",
     "tool_jacobian",
 ]

@@ -27,6 +27,7 @@ from planner.kinematics import (
 )
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose
+from planner.seeds.aspects import aspects, first_rows
 from planner.seeds.flight_filter import has_flight_obstacles
 from planner.seeds.sampling import point_states, target_states
 from planner.seeds.soonest_states import least_time
@@ -200,7 +201,10 @@ def _usable(problem: ThrowProblem, states: _States) -> list[Candidate]:
 
 
 def _clear(problem: ThrowProblem, states: _States, bound: Array) -> list[Candidate]:
-    """Returns the sorted states in which the arm is clear of everything; see `BATCHES`."""
+    """Returns the sorted states in which the arm is clear of everything; see `BATCHES`.
+
+    Of states that are all distinct, the soonest of every aspect are looked at too.
+    """
     kind, good, least = problem.release.__class__.__name__, [], np.empty(0)
     body = body_model(problem.cell_with_bin)
     for rows, enough in BATCHES:
@@ -209,6 +213,10 @@ def _clear(problem: ThrowProblem, states: _States, bound: Array) -> list[Candida
         free = states.at(rows).of_postures(lambda q: body.clearances(q).least)
         good += (np.flatnonzero(free >= 0.0) + rows.start).tolist()
         least = np.concatenate([least, free])
+    if states.posture is None and len(least) < len(bound):
+        first = first_rows(aspects(problem.cell.robot, states.q))
+        first = first[first >= len(least)]
+        good += first[body.clearances(states.q[first]).least >= 0.0].tolist()
     if good:
         return [Candidate(states.q[i], states.qd[i], float(bound[i]), f"{kind} {i}") for i in good]
     best = states.q[[int(least.argmax())]]

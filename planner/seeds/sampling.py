@@ -19,6 +19,7 @@ from planner.geometry import body_model, tool_pose
 from planner.kinematics import inverse_branches, jacobian, singularity_distances
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose, quaternion_to_matrix
+from planner.seeds.aspects import ASPECTS, aspects
 from planner.seeds.flight_filter import (
     clear_flights,
     flight_times,
@@ -45,17 +46,39 @@ def point_states(problem: ThrowProblem, release: PointRelease) -> tuple[Array, A
     """
     q = _postures(problem, release.p_WT)
     qd = _with_velocity(problem, q, release.v_WT)
-    leaves = leave_through_opening(problem, q, qd)
-    some_leave = bool(leaves.any())  # otherwise the optimiser's accelerations may turn the tool's way out
-    if some_leave:
-        q, qd = q[leaves], qd[leaves]
+    leaving = _Leaving.of(problem, q, qd)
+    kept = leaving.keeps(q, qd)
 
     def states_near(q: Array) -> tuple[Array, Array]:
         q = _at_point(problem, release.p_WT, q)
         qd = _with_velocity(problem, q, release.v_WT, reduced=False)
-        return q, np.where(leave_through_opening(problem, q, qd)[:, None], qd, np.nan) if some_leave else qd
+        return q, np.where(leaving.keeps(q, qd)[:, None], qd, np.nan)
 
-    return soonest_nearby(problem, q, qd, states_near)
+    return soonest_nearby(problem, q[kept], qd[kept], states_near)
+
+
+@dataclass(frozen=True, eq=False)
+class _Leaving:
+    """Which states are kept because the object leaves through what the gripper opens, at constant velocity.
+
+    Attributes:
+        problem: the problem.
+        asked: for every aspect (8,) whether that is asked of its states: some fulfil it. Elsewhere the optimiser's
+            accelerations may turn the tool's way out.
+    """
+
+    problem: ThrowProblem
+    asked: Mask
+
+    @staticmethod
+    def of(problem: ThrowProblem, q: Array, qd: Array) -> _Leaving:
+        """Returns what is asked where these states q, qd (n, 6) are all there are."""
+        leaves = leave_through_opening(problem, q, qd)
+        return _Leaving(problem, np.isin(np.arange(ASPECTS), aspects(problem.cell.robot, q[leaves])))
+
+    def keeps(self, q: Array, qd: Array) -> Mask:
+        """Returns which of the states q, qd (n, 6) are kept."""
+        return leave_through_opening(self.problem, q, qd) | ~self.asked[aspects(self.problem.cell.robot, q)]
 
 
 def _with_velocity(problem: ThrowProblem, q: Array, v_WT: Array, reduced: bool = True) -> Array:
@@ -123,9 +146,8 @@ def target_states(
     q, qd = _thrown(problem, release, thorough, wide)
     if thorough:
         q, qd = _clear_of_obstacles(problem, q, qd)
-    leaves = leave_through_opening(problem, q, qd)
-    if leaves.any():  # otherwise the optimiser's accelerations may turn the tool's way out
-        q, qd = q[leaves], qd[leaves]
+    kept = _Leaving.of(problem, q, qd).keeps(q, qd)
+    q, qd = q[kept], qd[kept]
     if wide:
         q, qd = soonest_nearby(problem, q, qd, partial(_throws_near, problem, release))
     else:

@@ -12,6 +12,7 @@ from planner.cell import Limits
 from planner.geometry import body_model
 from planner.kernel import Kernel, twin_of
 from planner.problem import ThrowProblem
+from planner.seeds.aspects import aspects, first_rows
 from planner.seeds.quasi_random import joint_offsets
 from planner.seeds.velocity_allocation import largest_share
 
@@ -55,6 +56,8 @@ def _least_time(distance: Array, qd: Array, v_max: Array, a_max: Array) -> Array
 def soonest_nearby(problem: ThrowProblem, q: Array, qd: Array, states_near: StatesNear) -> tuple[Array, Array]:
     """Returns the soonest distinct states (n, 6), the first `MOVED` of them moved to sooner ones near them.
 
+    So is the soonest of every aspect.
+
     Args:
         problem: the problem.
         q: positions of the states (m, 6) [rad].
@@ -71,7 +74,9 @@ def soonest(problem: ThrowProblem, q: Array, qd: Array) -> tuple[Array, Array]:
 
 
 def _moved_nearby(problem: ThrowProblem, q: Array, qd: Array, states_near: StatesNear) -> tuple[Array, Array]:
-    """Returns the states q, qd (n, 6) with the first `MOVED` moved to sooner ones near them in which the arm is clear.
+    """Returns the states q, qd (n, 6), the first moved to sooner ones near them in which the arm is clear.
+
+    Those are the first `MOVED`, and the first of every aspect.
 
     Args:
         problem: the problem.
@@ -80,16 +85,16 @@ def _moved_nearby(problem: ThrowProblem, q: Array, qd: Array, states_near: State
         states_near: returns states q, qd (m, 6) next to postures (m, 6); NaN where there is none.
     """
     q, qd, body = q.copy(), qd.copy(), body_model(problem.cell_with_bin)
-    k = min(MOVED, len(q))
-    bound = penalised_bound(problem, q[:k], qd[:k])
+    rows = np.union1d(np.arange(min(MOVED, len(q))), first_rows(aspects(problem.cell.robot, q)))
+    bound = penalised_bound(problem, q[rows], qd[rows])
     for offsets in _nearby_offsets():
-        near_q, near_qd = states_near((q[:k, None] + offsets[:k]).reshape(-1, 6))
-        near = penalised_bound(problem, near_q, near_qd).reshape(k, NEARBY)
+        near_q, near_qd = states_near((q[rows, None] + offsets[np.arange(len(rows)) % MOVED]).reshape(-1, 6))
+        near = penalised_bound(problem, near_q, near_qd).reshape(len(rows), NEARBY)
         moved = np.flatnonzero(near.min(axis=1) < bound)
         best = moved * NEARBY + near[moved].argmin(axis=1)
         clear = body.clearances(near_q[best]).least >= 0.0
         moved, best = moved[clear], best[clear]
-        q[moved], qd[moved], bound[moved] = near_q[best], near_qd[best], near.ravel()[best]
+        q[rows[moved]], qd[rows[moved]], bound[moved] = near_q[best], near_qd[best], near.ravel()[best]
     return q, qd
 
 
@@ -119,11 +124,18 @@ def _penalised(q: Array, qd: Array, start: Array, v_max: Array, a_max: Array) ->
 
 
 def _soonest(problem: ThrowProblem, q: Array, qd: Array) -> Index:
-    """Returns the rows of up to `STATES_MAX` distinct states of least lower bound; if all are too fast, the slowest."""
+    """Returns the rows of up to `STATES_MAX` distinct states of least lower bound, and of the soonest of every aspect.
+
+    If all states are too fast, the slowest.
+    """
     bound = penalised_bound(problem, q, qd)
     order = np.argsort(bound, kind="stable")
     usable = order[bound[order] < TOO_FAST_S]
-    return usable[_apart(q[usable])] if len(usable) else order[:STATES_MAX]
+    if len(usable) == 0:
+        return order[:STATES_MAX]
+    first = first_rows(aspects(problem.cell.robot, q[usable]))
+    others = _apart(q[usable])
+    return usable[np.concatenate([others, first[~np.isin(first, others)]])]
 
 
 def _compiled_rows(kernel: Kernel, q: Array) -> Index:

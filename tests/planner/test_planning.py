@@ -56,7 +56,7 @@ def test_a_slow_throw_is_sought_from_further_seeds(window_s, tolerance_m):
         first, Ranking(problem, candidates(problem)), [stage for stage in POLICY if stage.purpose == "soonest seeds"]
     )
     answer = plan(problem)
-    assert any("slow" in attempt.result for attempt in answer.attempts)
+    assert any("other aspects" in attempt.result for attempt in answer.attempts)
     assert answer.trajectory.release_time_s <= first.release_time_s
 
 

@@ -7,11 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planner.backends import casadi_nlp
+from planner.backends import casadi_nlp, ruckig_otg
+from planner.certificate import Certificate
 from planner.errors import Infeasible, SolverFailed
 from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease
-from planner.search import LAST_POLICY, NOT_COMPILED, POLICY, PlanningSearch, Ranking, search_optimised
+from planner.search import (
+    LAST_POLICY,
+    NOT_COMPILED,
+    POLICY,
+    CertifiedSolution,
+    PlanningSearch,
+    Ranking,
+    search_optimised,
+)
+from planner.search.policy import TIGHTER_POLICY
 from planner.seeds import candidates
 from tests.planner.problems import joint_problem
 
@@ -127,3 +137,16 @@ def test_no_candidate_is_left_out_between_two_stages():
         for row in rows:
             assert row.start <= tried
             tried = max(tried, row.stop)
+
+
+def test_no_motion_by_ruckig_keeps_the_optimiser_from_a_seed():
+    """So `auto` walks every stage that `casadi` alone does, and is never later for having Ruckig's motions."""
+    problem = target_problem()
+    ranking = Ranking(problem, candidates(problem))
+    without, with_ruckig = (PlanningSearch(problem, time.perf_counter() + 60.0) for _ in range(2))
+    made = ruckig_otg.solve(problem, ranking[0].candidate, "synchronised")
+    with_ruckig.consider(CertifiedSolution("ruckig", made, Certificate(())))
+    assert with_ruckig.incumbent is not None
+    for stage in (*POLICY, *TIGHTER_POLICY, *LAST_POLICY):
+        if stage.backend == "casadi":
+            assert stage.condition(without, ranking) == stage.condition(with_ruckig, ranking)

@@ -6,9 +6,10 @@ import numpy as np
 
 from planner.errors import Infeasible
 from planner.geometry import arm_capsules, capsule_endpoints
+from planner.problem import TargetRelease
 from planner.search.ranking import TIMED_MAX, Ranking
-from planner.seeds import candidates
-from tests.planner.problems import cell, point_problem, random_state
+from planner.seeds import aspects, candidates
+from tests.planner.problems import cell, joint_problem, point_problem, random_state
 
 
 def depth(problem, q: np.ndarray) -> float:
@@ -40,3 +41,30 @@ def test_a_points_postures_out_of_the_flights_way_come_first() -> None:
             assert min(depths) > -0.005
         moved += min(depths) < -0.005 and max(depths) > 0.01
     assert moved >= 3
+
+
+def test_the_first_of_every_aspect_come_first_and_settled_ones_not_again() -> None:
+    problem = joint_problem(release=TargetRelease(np.array([1.0, 0.3, 0.0])))
+    ranking = Ranking(problem, candidates(problem))
+    tried = []
+    for ranked in ranking.by_aspect():
+        aspect = int(aspects(problem.cell.robot, ranked.candidate.q[None])[0])
+        tried.append(aspect)
+        if len(tried) == 1:
+            assert ranked is ranking[0]
+            ranking.settle(ranked, np.inf)
+            assert not ranking.may_be_sooner(ranked, 10.0)
+    first = tried[: len(set(tried))]
+    assert len(first) == len(set(first))
+    assert tried.count(first[0]) == 1
+    assert all(tried.count(aspect) <= 2 for aspect in tried)
+
+
+def test_a_throw_that_hardly_improves_on_its_candidate_settles_nothing() -> None:
+    problem = joint_problem(release=TargetRelease(np.array([1.0, 0.3, 0.0])))
+    ranking = Ranking(problem, candidates(problem))
+    first = ranking[0]
+    ranking.settle(first, 0.95 * first.candidate.bound_s)
+    assert ranking.may_be_sooner(first, 0.95 * first.candidate.bound_s)
+    ranking.settle(first, 0.5 * first.candidate.bound_s)
+    assert not ranking.may_be_sooner(first, 0.5 * first.candidate.bound_s)
