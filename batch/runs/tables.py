@@ -55,7 +55,7 @@ def row_of(result: BatchResultRow, parameters: Parameters) -> dict[str, Any]:
     row["constraints"] = " ".join(one["constraint"] for one in violations) or None
     row["proven"] = any(one["proven"] for one in violations) if result.refusal else None
     row["detail"] = refusal.get("detail")
-    return row | parameters
+    return {**row, **parameters}
 
 
 def _columns(parameters: Parameters) -> dict[str, str]:
