@@ -60,7 +60,8 @@ def _measured(browser: Browser) -> Iterator[Row]:
             f"{trips.p50_ms:.0f} ms (p90 {trips.p90_ms:.0f} ms); {parts}",
         )
         page.get_by_role("button", name="Plan", exact=True).click()
-        page.get_by_role("button", name="Tool speed").wait_for(timeout=PLAN_MS)  # the curves are there
+        curves = page.get_by_role("region", name="Timeline").get_by_role("button", name="Tool speed")
+        curves.wait_for(timeout=PLAN_MS)
         yield "scrubbing a throw on the page with its curves", "30 a second", _frames(measured_on_page(page))
 
 

@@ -1,5 +1,6 @@
 import { describe, expect, it } from "vitest";
 import { goodness, landingCellAt, pictureOfMap, requestOfMap } from "../src/model/throw-map";
+import { tilesOf } from "../src/scene/floor-map";
 import type { ThrowMap } from "../src/service/types";
 
 const NONE = [[null, null, null], [null, null, null]];
@@ -74,4 +75,15 @@ describe("a map that goes on", () => {
     const { volume_m, plane_z_m } = requestOfMap({ ...MAP, planes_z_m: [0, 0.1, 0.2] });
     expect([volume_m, plane_z_m]).toEqual([[0, 0.2], undefined]);
   });
+});
+
+it("is drawn for a paper as areas of equal landing cells", () => {
+  const pixels = Uint8Array.from([[9, 8, 7, 255], [9, 8, 7, 255], [1, 2, 3, 51], [0, 0, 0, 0], [1, 2, 3, 51], [0, 0, 0, 0]].flat());
+  const tiles = tilesOf({ lower: [1, -1], upper: [4, 1], z: 0.5, width: 3, height: 2, pixels });
+  expect(tiles.map(({ corners }) => corners.map(([x, y]) => [x, y]))).toEqual([
+    [[1, -1], [3, -1], [3, 0], [1, 0]],
+    [[3, -1], [4, -1], [4, 0], [3, 0]],
+    [[2, 0], [3, 0], [3, 1], [2, 1]],
+  ]);
+  expect(tiles.map(({ colour, opacity }) => [colour.getHexString(), opacity])).toEqual([["090807", 1], ["010203", 0.2], ["010203", 0.2]]);
 });

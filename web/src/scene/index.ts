@@ -191,9 +191,9 @@ class ThrowScene implements face.Scene {
 
   svg(): string {
     if (!this.cell || !this.geometry) throw new Error("there is nothing to draw yet");
-    const { motion, target, landings, ellipse, time } = this;
+    const { motion, target, landings, ellipse, map, time } = this;
     const object = motion?.flies && time >= motion.releaseTime ? motion.objectAt(time) : null;
-    const drawn = { cell: this.cell, parts: this.geometry.parts, q: this.posture(), object, motion, target, landings, ellipse };
+    const drawn = { cell: this.cell, parts: this.geometry.parts, q: this.posture(), object, motion, target, landings, ellipse, map };
     const { clientWidth, clientHeight } = this.stage.canvas;
     return this.uncovered(() => {
       this.stage.drawNow();

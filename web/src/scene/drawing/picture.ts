@@ -5,7 +5,8 @@ import type { CellGeometry } from "../../model/cell";
 import { linkPoses, toolPose } from "../../model/chain";
 import { plus, positionOf, type Vector } from "../../model/poses";
 import type { Turned } from "../arm/turned";
-import type { Ellipse, Landing, Target } from "../interface";
+import { tilesOf } from "../floor-map";
+import type { Ellipse, FloorMap, Landing, Target } from "../interface";
 import type { Palette } from "../palette";
 import type { PlanMotion } from "../plan";
 import { ellipsePoints } from "../shapes";
@@ -25,6 +26,7 @@ export interface Drawn {
   readonly target: Target | null;
   readonly landings: readonly Landing[];
   readonly ellipse: Ellipse | null;
+  readonly map: FloorMap | null;
 }
 
 /** Returns a drawing as SVG text. */
@@ -32,6 +34,7 @@ export function drawing(drawn: Drawn, camera: PerspectiveCamera, width: number, 
   const pen = new Pen(new Projection(camera, width, height));
   const body = [
     ...floorLines(drawn, pen, palette),
+    ...mapAreas(drawn, pen),
     ...boxLines(drawn.cell, pen, palette),
     ...markLines(drawn, pen, palette),
     ...ghostLines(drawn, pen, palette),
@@ -84,6 +87,11 @@ function floorLines({ cell, motion }: Drawn, pen: Pen, palette: Palette): string
     pen.line([[cx + step, cy - reach, cell.floorZ], [cx + step, cy + reach, cell.floorZ]], palette.gridFine, 0.7),
     pen.line([[cx - reach, cy + step, cell.floorZ], [cx + reach, cy + step, cell.floorZ]], palette.gridFine, 0.7),
   ]);
+}
+
+function mapAreas({ map }: Drawn, pen: Pen): string[] {
+  const seen = map === null ? [] : tilesOf(map).filter(({ corners }) => corners.every((corner) => pen.view.faces(corner)));
+  return seen.map(({ corners, colour, opacity }) => pen.area(corners, colour, Number(opacity.toFixed(2))));
 }
 
 function boxLines(cell: CellGeometry, pen: Pen, palette: Palette): string[] {

@@ -1,0 +1,77 @@
+"""Every example of the OpenAPI page runs, as a reader presses its button, beside a running `fling up`."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Locator, sync_playwright
+
+from tests.system.browser import CHROMIUM, MISSING, Visit, launch, visit
+
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
+
+ANSWER_MS = 180_000  # [ms] a plan on a busy machine
+BUSY_S = 180.0  # [s] until what an example before began has ended: a throw keeps its robot busy
+AGAIN_MS = 500
+EXAMPLES_MIN = 45  # of 40 calls; fewer: the page has lost some
+
+
+@pytest.fixture
+def reader(environment: dict[str, str]) -> Iterator[Visit]:
+    """Somebody who reads the page."""
+    with sync_playwright() as playwright:
+        browser = launch(playwright)
+        with visit(browser, f"{environment['FLING_URL']}/docs") as opened:
+            opened.page.set_default_timeout(ANSWER_MS)
+            yield opened
+        browser.close()
+
+
+def test_every_example_runs(reader: Visit):
+    calls = reader.page.locator("details.call")
+    calls.first.wait_for()
+    answers = [answer for call in sorted(calls.all(), key=when) for answer in answered(call)]
+    assert [answer for answer in answers if not is_success(answer)] == []
+    assert len(answers) >= EXAMPLES_MIN
+
+
+def when(call: Locator) -> int:
+    """Returns when a call has its turn: what makes something, what ends it, what reads it."""
+    summary = call.locator("summary").first.inner_text()
+    return 2 if summary.startswith("GET") else 1 if "/abort" in summary else 0
+
+
+def answered(call: Locator) -> list[str]:
+    """Returns the answers to all examples of a call, each after what it is called."""
+    name = call.locator("summary").first.inner_text()
+    call.locator("summary").first.click()
+    call.get_by_role("button", name="Run").wait_for()
+    choice = call.get_by_role("combobox", name="Example")
+    count = max(1, choice.locator("option").count())
+    found = []
+    for number in range(count):
+        if count > 1:
+            choice.select_option(index=number)
+        found.append(f"{name} {number}: {answer_of(call)}")
+    call.locator("summary").first.click()
+    return found
+
+
+def answer_of(call: Locator) -> str:
+    """Returns the answer to an example; while it is refused because of one before, it is tried again."""
+    deadline = time.monotonic() + BUSY_S
+    while True:
+        call.get_by_role("button", name="Run").click()
+        shown = call.get_by_label("Answer", exact=True).filter(has_text=re.compile(r"^\d{3} "))
+        shown.wait_for()
+        answer = shown.inner_text()
+        if not answer.startswith(("404", "409")) or time.monotonic() > deadline:
+            return answer
+        call.page.wait_for_timeout(AGAIN_MS)
+
+
+def is_success(answer: str) -> bool:
+    return re.search(r"\d: 2\d\d ", answer) is not None
