@@ -165,19 +165,19 @@ def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
 def _try_seed(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate, end: int, with_ipopt: bool) -> bool:
     """Returns whether a motion from a candidate was certified; notes what that says about its aspect and the search.
 
-    A seed that is given up leaves doubt only as long as no other has led to a motion.
+    A seed that is given up leaves doubt; where the release is given, or a point, not after one that led to a motion.
     """
-    is_first = not search.has_certified("casadi")
+    leaves_doubt = isinstance(search.problem.release, TargetRelease) or not search.has_certified("casadi")
     try:
         was_valid = _optimise_from(search, ranked, end, with_ipopt)
     except casadi_nlp.SeedFailed as error:
         if error.is_late:
             ranking.settle(ranked, math.inf)
-        search.given_up += is_first and not error.is_late
+        search.given_up += leaves_doubt and not error.is_late
         raise
     if was_valid:
         ranking.settle(ranked, search.certified[-1].solution.trajectory.release_time_s)
-    search.given_up += is_first and not was_valid
+    search.given_up += leaves_doubt and not was_valid
     return was_valid
 
 

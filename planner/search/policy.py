@@ -118,5 +118,5 @@ TIGHTER_POLICY: tuple[Stage, ...] = (
     Stage("ruckig", "sooner motions", slice(0, 6), always),
 )
 LAST_POLICY: tuple[Stage, ...] = (
-    Stage("casadi", "second solver", slice(0, 1), none_optimised, iterations=200, with_ipopt=True),
+    Stage("casadi", "second solver", slice(0, 1), no_incumbent, iterations=200, with_ipopt=True),
 )

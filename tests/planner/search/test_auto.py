@@ -147,6 +147,6 @@ def test_no_motion_by_ruckig_keeps_the_optimiser_from_a_seed():
     made = ruckig_otg.solve(problem, ranking[0].candidate, "synchronised")
     with_ruckig.consider(CertifiedSolution("ruckig", made, Certificate(())))
     assert with_ruckig.incumbent is not None
-    for stage in (*POLICY, *TIGHTER_POLICY, *LAST_POLICY):
+    for stage in (*POLICY, *TIGHTER_POLICY):
         if stage.backend == "casadi":
             assert stage.condition(without, ranking) == stage.condition(with_ruckig, ranking)

@@ -60,7 +60,8 @@ class ThrowScene implements face.Scene {
     this.real = options.realArm ?? false;
     this.stage = new Stage(canvas);
     this.camera = new CameraMove(this.stage.camera, this.stage.lookedAt);
-    this.stage.setActors({ step: (now) => this.camera.step(now) });
+    const drawn = (): void => [...Object.values(this.layers), this.handles.layer].forEach((layer) => layer.sweep());
+    this.stage.setActors({ step: (now) => this.camera.step(now), drawn });
     this.stage.controls.addEventListener("start", () => this.camera.stop());
     this.stage.still.add(...Object.values(this.layers).map((layer) => layer.root));
     this.stage.moving.add(this.thrown.root);

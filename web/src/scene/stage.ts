@@ -22,6 +22,8 @@ const REST_MS = 700; // [ms] without motion, after which the picture is drawn in
 interface Actors {
   /** Moves what moves by itself; returns whether it goes on. */
   step(now: number): boolean;
+  /** What is to be done once a frame is drawn. */
+  drawn(): void;
 }
 
 export class Stage {
@@ -37,7 +39,7 @@ export class Stage {
   insets: Insets = NO_INSETS;
   private readonly detail: DetailControl;
   private readonly background = new Color();
-  private actors: Actors = { step: () => false };
+  private actors: Actors = { step: () => false, drawn: () => undefined };
   private requested = 0;
   private rest = 0;
   private shadowDue = true;
@@ -166,6 +168,7 @@ export class Stage {
     this.camera.updateMatrixWorld();
     if (whole || !this.isSeenAsBefore() || !(this.software || level > 0)) this.drawWhole();
     else this.drawMoving();
+    this.actors.drawn();
     this.frameMs = performance.now() - began;
   }
 
