@@ -22,7 +22,8 @@ TIMES_S = np.linspace(0.0, 2.0, 201)  # [s] times at which it is asked which sid
 
 def aspects(robot: Robot, q: Array) -> Index:
     """Returns the numbers (n,) of the aspects in which joint positions `q` (n, 6) lie, 0 to `ASPECTS` - 1."""
-    return (signed_singularity_distances(robot, q) > 0.0) @ BITS
+    positive = signed_singularity_distances(robot, q) > 0.0
+    return np.asarray(positive.astype(np.intp) @ BITS)
 
 
 def first_rows(aspect: Index) -> Index:
