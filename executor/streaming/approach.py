@@ -78,7 +78,9 @@ def _follow(connection: RtdeConnection, requests: StopRequests) -> tuple[str, st
     standing = 0
     while standing < STANDS_TICKS:
         _tick(connection, clock)
-        standing = standing + 1 if has_arrived(connection, job.start) else 0
+        # A slow move has arrived before it ends, and the controller ends a program that commands two at a time.
+        ended = has_arrived(connection, job.start) and not any(connection.target_qd)
+        standing = standing + 1 if ended else 0
         if (early := requests.pending()) is not None:
             return early
         if clock.tick * job.dt > 2.0 * nominal_s + SLACK_S:

@@ -57,7 +57,7 @@ class PageStack(Up):
 
     def __init__(self, folder: Path) -> None:
         shutil.copy(ROOT / "cells" / "example-real.toml", folder)
-        os.environ["FLING_APPROACH_PACE"] = "0.5"
+        os.environ["FLING_APPROACH_PACE"] = "0.25"  # so that a busy browser sees it, too
         try:
             super().__init__(folder)
         finally:
@@ -72,12 +72,17 @@ class PageStack(Up):
         """Injects a fault into the simulated controller."""
         simulator_client.request(self.host, "fault", name=name, **parameters)
 
-    def plan_far_away(self, turn: float = 1.2) -> str:
-        """Plans a move that starts and ends far from home, at `turn` [rad], seconds away. Returns its id."""
+    def plan_far_away(self) -> str:
+        """Plans a move that starts and ends seconds away from where the arm is now. Returns its id."""
+        turn = -1.2 if self.robot()["positions"][0] > 0.0 else 1.2
         far = [turn, -1.57, 1.57, -1.57, -1.57, 0.0]
         release = {"kind": "joint", "positions": [turn + 0.03, *far[1:]], "velocities": [0.0] * 6}
         request = {"start": {"positions": far}, "release": release, "backend": "ruckig"}
         return self.http.post("/plan", json=request).raise_for_status().json()["id"]
+
+    def robot(self) -> dict[str, Any]:
+        """Returns the live state of the robot."""
+        return self.http.get("/cells/ur5e-sim/state").raise_for_status().json()["robot"]
 
     def execute(self, plan_id: str) -> str:
         """Queues an execution, as another client does; returns its id."""

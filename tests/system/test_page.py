@@ -192,7 +192,7 @@ def test_the_target_is_dragged(guest: Visit) -> None:
 
 
 def test_a_protective_stop_and_the_way_out_of_it(guest: Visit, stack: PageStack) -> None:
-    stack.execute(stack.plan_far_away(turn=-1.2))  # wherever the tests before have left the arm
+    stack.execute(stack.plan_far_away())
     guest.outcome("To the start")
     stack.fault("protective_stop")
     guest.outcome("Protective stop")
