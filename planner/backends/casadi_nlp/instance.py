@@ -51,6 +51,7 @@ LARGEST_SLOPE_RAD = 1.57  # [rad] elevations beyond have no finite tangent; they
 USUAL_WINDOW_STAGES, WINDOW_STAGE_S = 4, 0.005  # at most, and least duration [s]
 MOST_WINDOW_STAGES, LONG_WINDOW_STAGE_S = 8, 0.00625  # in longer windows; shorter stages converge less often
 ROUNDING = 1e-9  # [-] of a number of stages
+DECIMALS = 9  # of arguments in units of one: finer than what a solver heeds, coarser than floating point differs
 
 
 def stage_layout(problem: ThrowProblem, resolution: str = "coarse", is_cut: bool = False) -> StageLayout:
@@ -196,10 +197,14 @@ class Instance:
 
     @cached_property
     def arguments(self) -> Arguments:
-        """Initial guess, parameters and bounds, by the names of a solver's arguments."""
+        """Initial guess, parameters and bounds, by the names of a solver's arguments; rounded to `DECIMALS`.
+
+        What they are computed from differs in its last bits between machines, and between the C kernel and numpy. Where
+        a solve is ill-conditioned, that would decide whether it succeeds.
+        """
         bounds, n = self._bounds(), self.transcription.row_index.variables
         lower, upper = (bounds.x / self.scales).reshape(2, -1)[:, :n]
-        return {
+        exact = {
             "x0": (self.initial / self.scales).ravel()[:n],
             "p": np.concatenate([*self.shared_parameters.values(), self._costs()]),
             "lbx": lower,
@@ -207,6 +212,7 @@ class Instance:
             "lbg": bounds.g[0],
             "ubg": bounds.g[1],
         }
+        return {name: np.round(value, DECIMALS) for name, value in exact.items()}
 
     def _bounds(self) -> Bounds:
         problem, margins, bounds = self.problem, self.margins, Bounds(self.transcription.row_index, self.scales[QD])
