@@ -5,8 +5,8 @@ couples the joints; the certificate decides. The optimiser takes a hundred times
 the release where the request leaves it free. So:
 
 1. A given release state is tried with Ruckig's soonest motions. If nothing couples the joints, no motion is sooner.
-2. The optimiser starts from the two candidates that Ruckig reaches soonest, until one motion is certified. A throw that
-   hardly improves on its candidates is optimised from further ones.
+2. The optimiser starts from the first candidates of two aspects, until one motion is certified. A throw to a target is
+   then optimised from every other aspect that may allow a sooner one.
 3. Ruckig's motions that would release before the incumbent are certified, too.
 4. While that has given no answer, further candidates are tried by both.
 5. A doubtful search is repeated under tighter limits (`tighter`), and the slower second solver is tried at last.
@@ -24,10 +24,11 @@ from typing import Literal
 from planner.backends import ruckig_otg
 from planner.problem import JointRelease, PoseRelease, TargetRelease
 from planner.search.incumbent import PlanningSearch
-from planner.search.ranking import RANKED_MAX, Ranking
+from planner.search.ranking import RANKED_MAX, SEEDS_AN_ASPECT, Ranking
 from planner.seeds import ASPECTS
 
-SEEDS_MAX = 5  # candidates that are optimised at most
+ASPECT_SEEDS = SEEDS_AN_ASPECT * ASPECTS  # candidates that there are in the order of the aspects
+SEEDS_MAX = 5  # candidates that the last seeds are of, in the order of the ranking
 
 Condition = Callable[[PlanningSearch, Ranking], bool]
 
@@ -103,7 +104,7 @@ class Stage:
 POLICY: tuple[Stage, ...] = (
     Stage("ruckig", "soonest arrivals", slice(0, 2), release_state_given, variants=("free",), order="arrival"),
     Stage("casadi", "soonest seeds", slice(0, 2), none_optimised, iterations=300, then_in_hand=True, order="aspect"),
-    Stage("casadi", "other aspects", slice(0, 2 * ASPECTS), further_seeds_pay, iterations=300, order="aspect"),
+    Stage("casadi", "other aspects", slice(0, ASPECT_SEEDS), further_seeds_pay, iterations=300, order="aspect"),
     Stage("ruckig", "sooner motions", slice(0, 6), always),
     Stage("casadi", "one more seed", slice(0, 3), further_seeds_pay, iterations=200),
     Stage("casadi", "last seeds", slice(0, SEEDS_MAX), none_optimised, iterations=100),

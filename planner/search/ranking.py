@@ -138,13 +138,12 @@ class Ranking(Sequence[RankedCandidate]):
     def may_be_sooner(self, ranked: RankedCandidate, release_s: float) -> bool:
         """Returns whether the optimiser may come from a candidate to a release before `release_s` [s].
 
-        Not where its aspect is settled.
-        Proven is the least time alone. In other aspects than the start's a throw to a target rarely undercuts its
-        candidate's bound by more than `UNDERCUT`.
+        Not where its aspect is settled. Proven is the least time alone: in other aspects than the start's, a throw to a
+        target rarely releases before `UNDERCUT` of its candidate's bound.
         """
-        least_s = self.least_time(ranked)
         if self._is_settled(ranked):
             return False
+        least_s = self.least_time(ranked)
         if least_s > 0.0 and isinstance(self._problem.release, TargetRelease):
             least_s = max(least_s, UNDERCUT * ranked.candidate.bound_s)
         return least_s < release_s
