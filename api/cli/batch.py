@@ -222,9 +222,7 @@ def _results_of_store(store: Store, id: str) -> Iterator[tuple[BatchResultRow, P
     """Yields the results of a batch with what its grid gave each request."""
     from batch.runs import BatchSpecification
 
-    whole = store.batch(id, whole=True)
-    assert whole is not None  # it was just finished
-    requests = BatchSpecification.unpack(whole.specification).requests
+    requests = BatchSpecification.stored(store, id).requests
     yield from ((row, requests.parameters(row.number)) for row in store.all_batch_results(id))
 
 

@@ -195,9 +195,7 @@ async def _events(request: Request, store: Store, id: str, after: int) -> AsyncI
 @lru_cache(GRIDS_KEPT)
 def _grid(store: Store, id: str) -> BatchRequests | None:
     """Returns the grid of a batch, which never changes; None for a list, which may have a million requests."""
-    whole = store.batch(id, whole=True)
-    assert whole is not None  # retention deletes no batch that was just found
-    requests = BatchSpecification.unpack(whole.specification).requests
+    requests = BatchSpecification.stored(store, id).requests
     return requests if requests.requests is None else None
 
 

@@ -66,10 +66,9 @@ class BatchDriver:
         on_progress: Callable[[BatchRow], None] = lambda _: None,
         work: Work = PLANNING,
     ) -> None:
-        whole = store.batch(row.id, whole=True)
-        assert whole is not None and row.driver_id is not None  # it has just been claimed
+        assert row.driver_id is not None  # it has just been claimed
         self._store, self._row = store, row
-        self._specification = BatchSpecification.unpack(whole.specification)
+        self._specification = BatchSpecification.stored(store, row.id)
         self._sources = {name: self._source(name, use) for name, use in self._specification.cells.items()}
         self._profiles = {name: self._profile(use) for name, use in self._specification.cells.items()}
         self._workers, self._ray_address, self._work = workers, ray_address, work

@@ -17,7 +17,7 @@ import orjson
 
 from batch.runs.grids import axes_of, is_numeric, request_at, values_at
 from planner.errors import FieldError, InvalidProblem
-from store import derived_id
+from store import Store, derived_id
 
 BATCH_MAX = 1_000_000  # requests of one batch: a day of some hundred cores
 LEVEL = 6  # of compression: requests of a batch are much alike
@@ -117,6 +117,18 @@ class BatchSpecification:
         cells = {name: vars(use) for name, use in self.cells.items()}
         document = {**self.requests.document(), "default_cell": self.default_cell, "cells": cells}
         return zlib.compress(orjson.dumps(document), LEVEL)
+
+    @classmethod
+    def stored(cls, store: Store, id: str) -> BatchSpecification:
+        """Returns what a batch in the store asks for.
+
+        Raises:
+            LookupError: there is no such batch.
+        """
+        row = store.batch(id, whole=True)
+        if row is None:
+            raise LookupError(f"there is no batch {id}")
+        return cls.unpack(row.specification)
 
     @classmethod
     def unpack(cls, data: bytes) -> BatchSpecification:
