@@ -59,8 +59,8 @@ def _walk(search: PlanningSearch, stage: Stage, ranking: Ranking) -> Iterator[Ra
     """Yields the candidates of a stage while its condition holds."""
     if not _goes_on(search, stage, ranking):
         return
-    orders = {"rank": lambda: ranking, "arrival": ranking.by_arrival, "aspect": ranking.by_aspect}
-    candidates = orders[stage.order]()
+    orders = {"arrival": ranking.by_arrival, "aspect": ranking.by_aspect, "way out": ranking.by_way_out}
+    candidates = orders.get(stage.order, lambda: ranking)()
     for ranked in islice(candidates, stage.candidates.start, stage.candidates.stop):
         yield ranked
         if not _goes_on(search, stage, ranking):
@@ -145,16 +145,16 @@ def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
     """Optimises from the candidates of a stage."""
     begun, end = time.perf_counter(), search.iterations + stage.iterations
     tried, solved, valid, failure = 0, 0, 0, ""
-    solver = "ipopt" if stage.with_ipopt else "fatrop"
+    solver, follows = "ipopt" if stage.with_ipopt else "fatrop", stage.order == "way out"
     for ranked in _walk(search, stage, ranking):
         if search.iterations >= end:
             break
-        if not ranking.may_be_sooner(ranked, search.release_time_s) or not ranked.first_try(solver):
+        if not _may_gain(search, stage, ranking, ranked) or not ranked.first_try(stage.order if follows else solver):
             continue
         begun += load_optimiser(search)
         tried += 1
         try:
-            valid += _try_seed(search, ranking, ranked, end, stage.with_ipopt)
+            valid += _try_seed(search, ranking, ranked, end, stage)
             solved += 1
         except casadi_nlp.SeedFailed as error:
             failure = f"; {error}"
@@ -162,14 +162,25 @@ def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
         search.log_attempt("casadi", f"{stage.purpose}: {valid} of {solved} motions certified{failure}", begun)
 
 
-def _try_seed(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate, end: int, with_ipopt: bool) -> bool:
+def _may_gain(search: PlanningSearch, stage: Stage, ranking: Ranking, ranked: RankedCandidate) -> bool:
+    """Returns whether the optimiser may come to a sooner motion from a candidate.
+
+    With its way out followed, no object leaves sooner than one whose way out was not looked at.
+    """
+    if stage.order == "way out":
+        return ranking.beside_opening[ranked].release_time_s + search.problem.dt < search.release_time_s
+    return ranking.may_be_sooner(ranked, search.release_time_s)
+
+
+def _try_seed(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate, end: int, stage: Stage) -> bool:
     """Returns whether a motion from a candidate was certified; notes what that says about its aspect and the search.
 
     A seed that is given up leaves doubt; where the release is given, or a point, not after one that led to a motion.
     """
     leaves_doubt = isinstance(search.problem.release, TargetRelease) or not search.has_certified("casadi")
+    leaves_doubt &= stage.order != "way out"
     try:
-        was_valid = _optimise_from(search, ranked, end, with_ipopt)
+        was_valid = _optimise_from(search, ranking, ranked, end, stage)
     except casadi_nlp.SeedFailed as error:
         if error.is_late:
             ranking.settle(ranked, math.inf)
@@ -195,7 +206,7 @@ def load_optimiser(search: PlanningSearch) -> float:
     return taken
 
 
-def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, with_ipopt: bool) -> bool:
+def _optimise_from(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate, end: int, stage: Stage) -> bool:
     """Optimises from one candidate until `search.iterations` reach `end`; returns whether a motion was certified.
 
     After failed checks it solves again from that motion, with wider margins; where the checks failed between coarse
@@ -203,16 +214,20 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, wi
     """
     # Only a motion sooner by a tick is an improvement; before there is an optimised one, any is.
     latest_s = search.release_time_s - search.problem.dt if search.has_certified("casadi") else math.inf
-    margins = replace(casadi_nlp.DEFAULT_MARGINS, held=search.held)
-    first = SolveOptions(margins, deadline_s=search.deadline_s, with_ipopt=with_ipopt, latest_s=latest_s)
-    seed, options = ranked.seed, first
+    follows = stage.order == "way out"
+    margins = replace(casadi_nlp.DEFAULT_MARGINS, held=search.held, leaves=follows)
+    first = SolveOptions(margins, deadline_s=search.deadline_s, with_ipopt=stage.with_ipopt, latest_s=latest_s)
+    begun = Seed(ranked.candidate, ranking.beside_opening[ranked]) if follows else ranked.seed
+    seed, options = begun, first
     for _ in range(ROUNDS_MAX):
         solution = _solve(search, seed, replace(options, iteration_budget=end - search.iterations))
         certificate = search.certify("casadi", solution)
         if certificate.valid:
             return True
+        if _leaves_beside_opening(certificate.failures):
+            ranking.beside_opening.setdefault(ranked, solution.trajectory)
         if _needs_finer_stages(search.problem, options, certificate.failures):
-            seed, options = ranked.seed, replace(first, resolution="fine")
+            seed, options = begun, replace(first, resolution="fine")
             continue
         if _flight_is_given(search.problem, certificate.failures):
             return False
@@ -222,6 +237,10 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, wi
             return False
         seed, options = Seed(ranked.candidate, solution.trajectory), replace(options, margins=wider)
     return False
+
+
+def _leaves_beside_opening(failures: Iterable[Check]) -> bool:
+    return any(check.name == "opening_direction" for check in failures)
 
 
 def _flight_is_given(problem: ThrowProblem, failures: Iterable[Check]) -> bool:

@@ -6,7 +6,8 @@ the release where the request leaves it free. So:
 
 1. A given release state is tried with Ruckig's soonest motions. If nothing couples the joints, no motion is sooner.
 2. The optimiser starts from the first candidates of two aspects, until one motion is certified. A throw to a target is
-   then optimised from every other aspect that may allow a sooner one.
+   then optimised from every other aspect that may allow a sooner one. Where an object left the gripper beside its
+   opening, a narrower opening is the first remedy; rows that follow its way out are the second, and the sooner counts.
 3. Ruckig's motions that would release before the incumbent are certified, too.
 4. While that has given no answer, further candidates are tried by both.
 5. A doubtful search is repeated under tighter limits (`tighter`), and the slower second solver is tried at last.
@@ -29,6 +30,8 @@ from planner.seeds import ASPECTS
 
 ASPECT_SEEDS = SEEDS_AN_ASPECT * ASPECTS  # candidates that there are in the order of the aspects
 SEEDS_MAX = 5  # candidates that the last seeds are of, in the order of the ranking
+
+WAYS_OUT_MAX = 6  # motions beside the gripper's opening whose ways out are followed, where they are the soonest
 
 Condition = Callable[[PlanningSearch, Ranking], bool]
 
@@ -86,7 +89,8 @@ class Stage:
         then_in_hand: whether Ruckig's motions are taken in hand after it, also past the deadline ("casadi").
         variants: launch variants that are tried ("ruckig").
         order: of the ranking; "arrival" takes the `TIMED_MAX` of least bound by the slowest joint's own time, "aspect"
-            the first of every aspect.
+            the first of every aspect, "way out" those from which an object left the gripper beside its opening, to
+            follow its way out ("casadi").
     """
 
     backend: Literal["casadi", "ruckig"]
@@ -97,14 +101,16 @@ class Stage:
     with_ipopt: bool = False
     then_in_hand: bool = False
     variants: Sequence[ruckig_otg.LaunchVariant] = ruckig_otg.VARIANTS
-    order: Literal["rank", "arrival", "aspect"] = "rank"
+    order: Literal["rank", "arrival", "aspect", "way out"] = "rank"
 
 
 # An iteration takes 2 to 4 ms. Of 1000 random requests, larger budgets answer one more, and take longer to refuse.
 POLICY: tuple[Stage, ...] = (
     Stage("ruckig", "soonest arrivals", slice(0, 2), release_state_given, variants=("free",), order="arrival"),
     Stage("casadi", "soonest seeds", slice(0, 2), none_optimised, iterations=300, then_in_hand=True, order="aspect"),
+    Stage("casadi", "ways out", slice(0, 2), none_optimised, iterations=200, order="way out"),
     Stage("casadi", "other aspects", slice(0, ASPECT_SEEDS), further_seeds_pay, iterations=300, order="aspect"),
+    Stage("casadi", "ways out", slice(0, WAYS_OUT_MAX), always, iterations=300, order="way out"),
     Stage("ruckig", "sooner motions", slice(0, 6), always),
     Stage("casadi", "one more seed", slice(0, 3), further_seeds_pay, iterations=200),
     Stage("casadi", "last seeds", slice(0, SEEDS_MAX), none_optimised, iterations=100),
@@ -116,6 +122,7 @@ TIGHTER_POLICY: tuple[Stage, ...] = (
     Stage("ruckig", "soonest arrivals", slice(0, 2), release_state_given, variants=("free",), order="arrival"),
     Stage("casadi", "soonest seeds", slice(0, 2), none_optimised_itself, iterations=300, then_in_hand=True),
     Stage("casadi", "last seeds", slice(2, SEEDS_MAX), none_optimised, iterations=200),
+    Stage("casadi", "ways out", slice(0, WAYS_OUT_MAX), always, iterations=200, order="way out"),
     Stage("ruckig", "sooner motions", slice(0, 6), always),
 )
 LAST_POLICY: tuple[Stage, ...] = (

@@ -17,6 +17,7 @@ from planner.geometry import Arcs, body_model, segment_segment_distance
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.search.incumbent import CertifiedSolution
 from planner.seeds import Candidate, Seed, aspects, first_rows, least_times_to_aspects
+from planner.trajectory import Trajectory
 
 RANKED_MAX = 24  # candidates of least lower bound that are considered; a pose's others are full turns away
 TIMED_MAX = 8  # of these are ranked by Ruckig's launch time
@@ -79,6 +80,7 @@ class Ranking(Sequence[RankedCandidate]):
         """Takes candidates by ascending lower bound on the launch time."""
         self._problem, ranked = problem, [RankedCandidate(problem, candidate) for candidate in candidates]
         self.settled: set[int] = set()
+        self.beside_opening: dict[RankedCandidate, Trajectory] = {}
         self._by_bound, self._others = ranked[:RANKED_MAX], ranked[RANKED_MAX:]
 
     @cached_property
@@ -110,6 +112,13 @@ class Ranking(Sequence[RankedCandidate]):
             first = first_rows(aspect)
             yield from (ranked[row] for row in first if aspect[row] not in self.settled)
             ranked, aspect = [each for i, each in enumerate(ranked) if i not in first], np.delete(aspect, first)
+
+    def by_way_out(self) -> Iterator[RankedCandidate]:
+        """Yields the candidates from which an object left the gripper beside its opening, the soonest motion first.
+
+        These motions are noted in `beside_opening`.
+        """
+        yield from sorted(self.beside_opening, key=lambda ranked: self.beside_opening[ranked].release_time_s)
 
     def _is_settled(self, ranked: RankedCandidate) -> bool:
         """Returns whether a candidate's aspect is settled, and the release state is not given."""

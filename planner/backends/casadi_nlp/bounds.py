@@ -8,7 +8,7 @@ import numpy as np
 
 from planner.backends.casadi_nlp.layout import JERK, NX, NZ, QD, QDD, STEP, TIME, Q, Vector
 from planner.backends.casadi_nlp.margins import LOCAL_CHECKS, LocalMargin
-from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, RELEASE_ROWS
+from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, LEAVING_ROWS, RELEASE_ROWS
 from planner.backends.casadi_nlp.transcription import WATCHED_STAGES, Indices, RowIndex
 from planner.cell import Limits
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
@@ -16,6 +16,7 @@ from planner.seeds import Candidate
 
 STEP_SHARES = (0.15, 2.5)  # [-] of the initial step: a step may not collapse, nor crowd out its neighbours
 WATCHED_S = 0.052  # [s] least duration of the watched stages before the release: the certificate checks the last 0.05 s
+LEAVING_S = 0.2  # [s] that the stage in which the object leaves the grip may take in any case
 LOCAL_STAGES = 1.0  # [-] stages on either side of a local margin's time to which it applies
 TOUCHING = 1e-3  # [-] of a velocity limit: bounds that leave less room than this between them are an equality
 THIN_RAD = 1e-3  # [rad] a narrower range of elevations is an equality: it has no interior to solve in
@@ -120,6 +121,14 @@ class Bounds:
         """Bounds each step around its initial length (N,) [s]."""
         least, most = (share * steps for share in STEP_SHARES)
         self.x[0, :-1, STEP], self.x[1, :-1, STEP] = least, most
+
+    def let_object_leave(self) -> None:
+        """Bounds block "leaving": in the stage that begins at the last release, the object gets out of the grip."""
+        last = self.launch + self.index.stages.window
+        for k in self.index.knots["leaving"]:
+            if k < last:  # stages within the window are shorter
+                self._free(self.index.rows["leaving", k][LEAVING_ROWS.slices["is_out"]])
+        self.x[1, last, STEP] = max(self.x[1, last, STEP], LEAVING_S)
 
     def watch_long_enough(self, window_s: float) -> None:
         """Lengthens the watched stages to what the certificate watches; the window, of `window_s`, is part of that.

@@ -21,7 +21,7 @@ from planner.backends.casadi_nlp.parameters import (
     scale_parameters,
     variable_scales,
 )
-from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, FORMULAS
+from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, FORMULAS, LEAVING_ROWS
 from planner.backends.casadi_nlp.transcription import LAZY_GROUPS, StageLayout, Transcription, transcription
 from planner.cell import Cell, Limits
 from planner.flight import fly
@@ -54,15 +54,15 @@ ROUNDING = 1e-9  # [-] of a number of stages
 DECIMALS = 9  # of arguments in units of one: finer than what a solver heeds, coarser than floating point differs
 
 
-def stage_layout(problem: ThrowProblem, resolution: str = "coarse", is_cut: bool = False) -> StageLayout:
+def stage_layout(problem: ThrowProblem, margins: Margins, resolution: str = "coarse") -> StageLayout:
     """Returns the stages that a problem needs, with every lazy group of rows that applies to it.
 
     Args:
         problem: the problem.
+        margins: on every limit; they decide which groups there are.
         resolution: key of `STAGES`.
-        is_cut: whether the flight is kept off the arm by cuts.
     """
-    groups = _applicable_groups(problem, is_cut)
+    groups = _applicable_groups(problem, margins)
     launch, brake = STAGES[resolution]
     if problem.ends_at_rest:
         return StageLayout(launch, 0, 0, groups)
@@ -70,11 +70,13 @@ def stage_layout(problem: ThrowProblem, resolution: str = "coarse", is_cut: bool
     return StageLayout(launch + window, brake + window, window, groups)
 
 
-def _applicable_groups(problem: ThrowProblem, is_cut: bool) -> tuple[str, ...]:
+def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ...]:
+    opens = problem.cell.gripper.opening_direction is not None and not problem.ends_at_rest
     applies = {
         "keep_out": bool(problem.cell_with_bin.surroundings.keep_out),
         "grip": problem.cell.gripper.hold_acceleration_m_s2 is not None and not problem.ends_at_rest,
-        "flight": is_cut or constrains_flight(problem),
+        "flight": bool(margins.cuts) or constrains_flight(problem),
+        "leaving": margins.leaves and opens,
     }
     return tuple(group for group in LAZY_GROUPS if applies.get(group, True))
 
@@ -142,7 +144,7 @@ class Instance:
         """Returns the instance of a seed."""
         candidate = seed.candidate
         guess = seed.initial_guess or CubicGuess(problem, candidate)
-        stages = stage_layout(problem, resolution, bool(margins.cuts))
+        stages = stage_layout(problem, margins, resolution)
         limits, aim = grid_limits(problem.reachable, problem.dt), _initial_aim(problem, candidate)
         initial, steps = _variables_along(guess, stages, problem.release_window_s)
         return Instance(problem, candidate, margins, stages, limits, aim, initial, steps)
@@ -173,7 +175,7 @@ class Instance:
     def shared_parameters(self) -> dict[str, Vector]:
         """The parameter vectors of `layout.SHARED`."""
         return {
-            "scales": scale_parameters(self.limits),
+            "scales": scale_parameters(self.limits, float(self.steps.max())),
             "arm": self._arm(),
             "release": release_parameters(self.problem, self.aim),
             "boxes": box_parameters(self.problem.cell_with_bin, self.margins.box_m),
@@ -223,6 +225,8 @@ class Instance:
         bounds.add_local_margins(margins.local, self.steps)
         bounds.fix_ends(problem.start)
         bounds.limit_steps(self.steps)
+        if "leaving" in self.stages.groups:
+            bounds.let_object_leave()
         if margins.watched:
             bounds.watch_long_enough(problem.release_window_s if self.stages.window else 0.0)
         if not problem.ends_at_rest and self.limits.singularity_distance_min > 0.0:  # 0 does not limit: sides are free
@@ -252,6 +256,8 @@ class Instance:
             limits["grip"] = np.append(-axes, -inf), np.append(axes, margins.grip**2)
         if "flight" in self.stages.groups:
             limits["flight"] = np.zeros(FLIGHT_ROWS.size), np.full(FLIGHT_ROWS.size, inf)
+        if "leaving" in self.stages.groups:
+            limits["leaving"] = np.zeros(LEAVING_ROWS.size), np.full(LEAVING_ROWS.size, inf)
         for group, room in ROOM.items():
             if group in self.stages.groups:
                 limits[group] = self._least_clearances(group, room), np.full(len(room), inf)

@@ -23,6 +23,7 @@ MOST_M = 0.1  # [m] the same for a clearance
 MOST_EVERYWHERE_M = 0.01  # [m] the same for a clearance margin along the whole motion
 MOST_RAD = 0.2  # [rad] the same for a joint position
 OPENING_FACTOR = 2.5  # [-] rows hold at the release; the angle falls by less than half of that until the object is out
+FOLLOWED_FACTOR = 1.2  # [-] the same where the whole way out is followed: the rest is missing between its instants
 MOST_OPENING_RAD = 0.6  # [rad] missing angle beyond which a margin is no remedy
 TOO_COARSE_M = 0.005  # [m] clearance missing between knots and midpoints that calls for more stages
 DIAGONAL = math.sqrt(2.0)  # the optimiser bounds a landing error in x and y, the certificate its norm
@@ -117,6 +118,7 @@ class Margins:
         flight_m: room between the object's flight and the boxes that it passes.
         mouth_m: the same at the rim of a bin.
         opening_rad: by which the gripper's opening cone is narrowed [rad].
+        leaves: whether the object's way out of the grip is followed along every step, instead of by one row.
         cuts: half-spaces that keep the flight clear of the arm; see `flight_rows.arm_cuts`.
         window: usable share of the landing tolerance in the release window, in x and in y [-].
         local: margins around a time.
@@ -136,6 +138,7 @@ class Margins:
     flight_m: float = 0.015
     mouth_m: float = 0.002
     opening_rad: float = 0.03
+    leaves: bool = False
     cuts: tuple[FlightEdge, ...] = ()
     window: float = 0.62
     local: tuple[LocalMargin, ...] = ()
@@ -178,7 +181,8 @@ class Margins:
     def _widened_for_flight(self, check: str, missing: float, is_cut: bool) -> Margins | None:
         held = replace(self, held=self.held | {"flight"})
         if check == "opening_direction":
-            narrower = self.opening_rad + OPENING_FACTOR * missing + SPARE_RAD
+            factor = FOLLOWED_FACTOR if self.leaves else OPENING_FACTOR
+            narrower = self.opening_rad + factor * missing + SPARE_RAD
             return replace(held, opening_rad=narrower) if missing < MOST_OPENING_RAD else None
         if is_cut:
             return held

@@ -52,6 +52,15 @@ FLIGHT_ROWS = VectorLayout(
 )
 
 
+LEAVING_ROWS = VectorLayout(
+    {
+        "half_way": 1,  # the row "out" for the object's way in the first half of the step alone [-]
+        "way": 1,  # the same in the whole step
+        "is_out": 1,  # by what that way exceeds the way out of the grip, over it [-]
+    }
+)
+
+
 @dataclass(frozen=True)
 class StageRows:
     """Rows of a block.
@@ -203,22 +212,33 @@ def flight(z: SX, p: SX) -> StageRows:
     mouth, rim = _through_mouth(f["mouth"], position, velocity, r)
     leaving = -(R_WS @ tool.acceleration) - ca.vertcat(0, 0, r["gravity_z"])
     opening = _in_cone(leaving, _opening(a, s, f["opening"]), f["opening"])
-    out = _out(z, scales, a, f["opening"], ca.sumsqr(leaving), r["gravity_z"])
+    out_s = ca.sqrt(2 * f["opening"][4] / ca.sqrt(ca.sumsqr(leaving) + r["gravity_z"] ** 2))
+    out = _in_cone(*_way(z, scales, a, out_s, r["gravity_z"], f["opening"]), f["opening"])
     return StageRows(ca.vertcat(*passed, mouth, rim, opening, out), FrozenTerms())
 
 
-def _out(z: SX, scales: SX, a: dict[str, SX], opening: SX, felt_squared: SX, gravity: SX) -> SX:
-    """Returns `_in_cone` for the object's way from the release until it is out of the grip.
+def leaving(z: SX, p: SX) -> StageRows:
+    """The rows of `LEAVING_ROWS`, all positive for an object that leaves the grip in its opening within the step."""
+    scales, p = p[: SCALES.size], p[SCALES.size :]
+    size = ARM.size + RELEASE.size
+    a, r, f = ARM.split(p[: ARM.size]), RELEASE.split(p[ARM.size : size]), FLIGHT.split(p[size:])
+    step = z[layout.STEP] * SCALES.split(scales)["time"]
+    ways = [_way(z, scales, a, share * step, r["gravity_z"], f["opening"]) for share in (0.5, 1.0)]
+    cosines = [_in_cone(way, direction, f["opening"]) for way, direction in ways]
+    is_out = ca.sqrt(ca.sumsqr(ways[1][0]) + STEADY) * step**2 / (2 * f["opening"][4]) - 1
+    return StageRows(ca.vertcat(*cosines, is_out), FrozenTerms())
+
+
+def _way(z: SX, scales: SX, a: dict[str, SX], time: SX, gravity: SX, opening: SX) -> tuple[SX, SX]:
+    """Returns the mean acceleration (3,) of the object against the tool in a time after the release, and the opening.
 
     In a time s it moves by the mean of g - a over s, weighted with 2 (1 - u / s), times s^2 / 2 (`certificate.exits`):
-    for an acceleration that changes evenly, that at s / 3.
+    for an acceleration that changes evenly, that at s / 3. The opening's direction (3,) is that after s.
     """
-    time = ca.sqrt(2 * opening[4] / ca.sqrt(felt_squared + gravity**2))
     third, end = _state_at(z, scales, time / 3), _state_at(z, scales, time)
     R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm_symbols.turn(third.q[0])
     tool = arm_symbols.tool_motion(a["dh"], a["tcp"], third.q, third.qd, third.qdd)
-    leaving = -(R_WS @ tool.acceleration) - ca.vertcat(0, 0, gravity)
-    return _in_cone(leaving, _opening(a, end, opening), opening)
+    return -(R_WS @ tool.acceleration) - ca.vertcat(0, 0, gravity), _opening(a, end, opening)
 
 
 def _opening(a: dict[str, SX], s: StageState, opening: SX) -> SX:
@@ -312,4 +332,5 @@ FORMULAS: dict[str, BlockFormula] = {
     "singularity_middle": _in_middle(singularity, "arm"),
     "release": _at_knot(release, "arm", "release"),
     "flight": BlockFormula(flight, ("scales", "arm", "release", "flight")),
+    "leaving": BlockFormula(leaving, ("scales", "arm", "release", "flight")),
 }

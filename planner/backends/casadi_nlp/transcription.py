@@ -26,8 +26,8 @@ Indices = NDArray[np.intp]
 
 WATCHED_STAGES = 3  # stages before the release (or its window) on which singularities are avoided, as on all after it
 LEAVING_STAGES = 1  # stages after the release (or its window), 20 to 40 ms, in which the object leaves the open grip
-# Groups of rows left out until a solution violates them, at knots and (but for the last two) at middles.
-LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight")
+# Groups of rows left out until a solution violates them, at knots and (but for the last three) at middles.
+LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight", "leaving")
 # Parameters p: these, then the costs of every stage.
 ALL_SHARED = layout.VectorLayout({name: piece.size for name, piece in layout.SHARED.items()})
 
@@ -68,6 +68,7 @@ class StageLayout:
             "singularity_middle": range(first_watched, self.stages),
             "release": range(self.launch - self.window, released + 1),
             "flight": range(self.launch - self.window, min(released + LEAVING_STAGES, self.stages) + 1),
+            "leaving": range(self.launch - self.window, released + 1),
             "grip": range(1, released + 1),
         }
         everywhere = range(self.stages) if block.endswith("_middle") else range(1, self.stages + 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planner.backends.casadi_nlp import DEFAULT_MARGINS, FlightEdge, too_coarse
+from planner.backends.casadi_nlp import DEFAULT_MARGINS, FlightEdge, Margins, too_coarse
 from planner.certificate import Check
 from planner.certificate.certificate import at_least, at_most
 from planner.solution import Solution
@@ -97,3 +97,12 @@ def test_an_object_that_leaves_into_the_palm_narrows_the_cone() -> None:
     wide = DEFAULT_MARGINS.widened([at_most("opening_direction", 1.3, 1.2, "rad", 0.1)], SOLUTION)
     assert wide is not None
     assert 0.2 < wide.opening_rad - DEFAULT_MARGINS.opening_rad < 0.3
+
+
+def test_a_way_out_that_is_followed_narrows_the_cone_by_less() -> None:
+    failure = at_most("opening_direction", 1.3, 1.2, "rad", 0.1)
+    narrower = [margins.widened([failure], SOLUTION) for margins in (DEFAULT_MARGINS, Margins(leaves=True))]
+    assert narrower[0] is not None
+    assert narrower[1] is not None
+    assert DEFAULT_MARGINS.opening_rad + 0.1 < narrower[1].opening_rad < narrower[0].opening_rad - 0.1
+    assert narrower[1].leaves

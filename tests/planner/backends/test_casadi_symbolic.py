@@ -12,7 +12,7 @@ from planner import flight
 from planner.backends.casadi_nlp import Margins, codegen, functions, layout, transcription
 from planner.backends.casadi_nlp.instance import arm_parameters
 from planner.backends.casadi_nlp.parameters import box_parameters, scale_parameters, variable_scales
-from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, RELEASE_ROWS
+from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, LEAVING_ROWS, RELEASE_ROWS
 from planner.cell import Cell, load_cell
 from planner.dynamics import Payload, joint_torques
 from planner.geometry import (
@@ -27,7 +27,7 @@ from planner.robots import ROBOT_NAMES, robot
 
 CELLS = Path(__file__).parents[3] / "cells"
 NO_MARGINS = Margins(torque=1.0, tcp_speed=1.0, floor_m=0.0, self_m=0.0, keep_in_m=0.0, box_m=0.0, singularity=1.0)
-SCALES = scale_parameters(load_cell(CELLS / "ur10e-sim.toml").limits)  # differ from joint to joint
+SCALES = scale_parameters(load_cell(CELLS / "ur10e-sim.toml").limits, 0.02)  # differ from joint to joint
 EXPECTED_SPEED = 1.5  # [m/s] across an edge's plane
 TURNED = np.array([[0.0, -0.6, 0.8, 0.3], [1.0, 0.0, 0.0, -0.2], [0.0, 0.8, 0.6, 0.5], [0.0, 0.0, 0.0, 1.0]])
 
@@ -207,6 +207,37 @@ def test_the_way_out_of_the_grip(cell: Cell) -> None:
     opening = (arm[1, :3, :3] @ cell.tool.X_FT[:3, :3].T)[:, 1]
     assert np.linalg.norm(moved) == pytest.approx(0.015, abs=0.005)
     assert row == pytest.approx(moved @ opening / np.linalg.norm(moved) - 0.3, abs=0.02)
+
+
+@pytest.mark.parametrize(("piece", "share"), [("half_way", 0.5), ("way", 1.0)])
+def test_the_way_out_within_a_step(cell: Cell, piece: str, share: float) -> None:
+    """The object's place against the tool after a share of the step, by the motion of both, not by accelerations."""
+    q, qd, qdd, z = _state(6)
+    step, jerk = 0.03, np.array([60.0, -40.0, 30.0, 50.0, -20.0, 10.0])
+    c = layout.SCALES.split(SCALES)
+    z[layout.JERK], z[layout.STEP] = jerk / c["jerk"], step / c["time"][0]
+    release = layout.RELEASE.pack({"target": [1.0, 0.5, -3.0], "gravity_z": 9.81, "tan_elevation": 0.0})
+    p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), release, _flight_parameters()])
+    rows = LEAVING_ROWS.split(_rows("leaving", z, p))
+    s = share * step
+    arm = cell.X_WB @ forward(
+        cell.robot, np.stack([q, q + s * (qd + s * (qdd / 2.0 + s * jerk / 6.0))]), cell.tool.X_FT
+    )
+    v = cell.X_WB[:3, :3] @ (jacobian(cell.robot, q, cell.tool.X_FT) @ qd)[:3]
+    moved = arm[0, :3, 3] + s * v - s**2 / 2.0 * np.array([0.0, 0.0, 9.81]) - arm[1, :3, 3]
+    opening = (arm[1, :3, :3] @ cell.tool.X_FT[:3, :3].T)[:, 1]
+    assert rows[piece] == pytest.approx(moved @ opening / np.linalg.norm(moved) - 0.3, abs=0.03)
+    if share == 1.0:
+        assert rows["is_out"] == pytest.approx(np.linalg.norm(moved) / 0.02 - 1.0, abs=0.03)
+
+
+def test_a_jerk_moves_a_joint_less_than_once_around_in_the_longest_step() -> None:
+    limits = replace(load_cell(CELLS / "ur5-sim.toml").limits, jerk_max=np.full(6, 8e3))
+    for step in (0.01, 0.1, 0.6):
+        scale = layout.SCALES.split(scale_parameters(limits, step))["jerk"]
+        assert np.all(scale <= limits.jerk_max)
+        assert np.all(scale * step <= 2.0 * limits.qdd_max * (1.0 + 1e-12))
+    assert layout.SCALES.split(scale_parameters(limits, 1e-3))["jerk"] == pytest.approx(limits.jerk_max)
 
 
 def test_grip_rows(cell: Cell) -> None:

@@ -150,3 +150,17 @@ def test_no_motion_by_ruckig_keeps_the_optimiser_from_a_seed():
     for stage in (*POLICY, *TIGHTER_POLICY):
         if stage.backend == "casadi":
             assert stage.condition(without, ranking) == stage.condition(with_ruckig, ranking)
+
+
+def test_an_object_that_would_leave_beside_the_opening_is_followed_out_of_the_grip():
+    """A narrower opening alone takes half as long again; nothing is followed where it costs no time."""
+    problem = target_problem(start=np.array([-1.15, -1.16, 0.3, -2.14, -0.28, -0.13]), time_limit_s=60.0)
+    problem = replace(problem, release=TargetRelease(np.array([0.36, -0.63, 0.0])))
+    release_s = {}
+    for follows in (False, True):
+        search = PlanningSearch(problem, time.perf_counter() + 60.0)
+        policy = [stage for stage in POLICY if follows or stage.order != "way out"]
+        search_optimised(search, Ranking(problem, candidates(problem)), policy)
+        release_s[follows] = search.release_time_s
+        assert follows == any("ways out" in attempt.result for attempt in search.attempts)
+    assert release_s[True] < 0.8 * release_s[False] < np.inf
