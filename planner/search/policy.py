@@ -125,6 +125,8 @@ TIGHTER_POLICY: tuple[Stage, ...] = (
     Stage("casadi", "ways out", slice(0, WAYS_OUT_MAX), always, iterations=200, order="way out"),
     Stage("ruckig", "sooner motions", slice(0, 6), always),
 )
+# Under limits so tight that only Ruckig's motions are made: they take other ways past what stands around.
+SLOWER_POLICY: tuple[Stage, ...] = (POLICY[0],)
 LAST_POLICY: tuple[Stage, ...] = (
     Stage("casadi", "second solver", slice(0, 1), no_incumbent, iterations=200, with_ipopt=True),
 )

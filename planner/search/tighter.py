@@ -8,20 +8,22 @@ answered wherever one with half of its limits is, and about as soon.
 
 from __future__ import annotations
 
+import itertools
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from planner.cell import Limits
 from planner.errors import Infeasible
 from planner.search.auto import search_optimised
 from planner.search.incumbent import PlanningSearch, certified
-from planner.search.policy import LAST_POLICY, TIGHTER_POLICY
+from planner.search.policy import LAST_POLICY, SLOWER_POLICY, TIGHTER_POLICY, Stage, release_state_given
 from planner.search.ranking import Ranking
 from planner.seeds import Candidate, candidates
 
 HALF = 0.5  # [-] of a limit
 LEVELS = 2  # [-] times that the jerk is halved, the second time where the first gave nothing
+SLOWER_JERK, SLOWER_ACCELERATION = 5, 2  # [-] times that each is halved, for Ruckig's motions to a given state
 
 
 def search_thoroughly(search: PlanningSearch, found: list[Candidate]) -> None:
@@ -33,6 +35,8 @@ def search_thoroughly(search: PlanningSearch, found: list[Candidate]) -> None:
     """
     ranking = Ranking(search.problem, found)
     search_optimised(search, ranking)
+    if search.problem.backend == "auto" and release_state_given(search, ranking):
+        search_slower(search, found)
     if is_doubtful(search):
         search_tighter(search, found)
     search_optimised(search, ranking, LAST_POLICY)
@@ -57,25 +61,53 @@ def search_tighter(search: PlanningSearch, found: list[Candidate]) -> None:
     search.log_attempt("casadi", f"half the jerk, half the acceleration: {result}", begun_s)
 
 
+def search_slower(search: PlanningSearch, found: list[Candidate]) -> None:
+    """Takes the soonest of Ruckig's motions to a given release state under tighter limits, where it is an improvement.
+
+    They are other curves between the same states, so one of them may be clear of what the soonest one meets. Each limit
+    is halved so often that a request with four times the jerk, or twice the acceleration, tries this one's, too.
+
+    Args:
+        search: updated in place.
+        found: candidates of its problem.
+    """
+    begun_s, limits = time.perf_counter(), search.problem.limits
+    shares = itertools.product(range(SLOWER_ACCELERATION + 1), range(SLOWER_JERK + 1))
+    slower = (
+        replace(limits, qdd_max=HALF**i * limits.qdd_max, jerk_max=HALF**k * limits.jerk_max)
+        for i, k in shares
+        if i + k > 0
+    )
+    gained = [_gains(search, found, each, SLOWER_POLICY) for each in slower]
+    if any(gained):
+        search.log_attempt("ruckig", "slower arrivals: a sooner motion", begun_s)
+
+
 def _with_less_jerk(limits: Limits) -> Iterator[Limits]:
     for level in range(1, LEVELS + 1):
         yield replace(limits, jerk_max=HALF**level * limits.jerk_max)
 
 
-def _gains(search: PlanningSearch, found: list[Candidate] | None, limits: Limits) -> bool:
+def _gains(
+    search: PlanningSearch,
+    found: list[Candidate] | None,
+    limits: Limits,
+    policy: Sequence[Stage] = TIGHTER_POLICY,
+) -> bool:
     """Returns whether a motion within tighter limits is sooner than the incumbent, and takes it.
 
     Args:
         search: updated in place.
         found: candidates within these limits; None to look for them.
         limits: the tighter ones.
+        policy: what is tried.
     """
     if search.out_of_time or search.is_optimal:
         return False
     problem = replace(search.problem, limits=limits)
     inner, before_s = search.continued(problem), search.release_time_s
     try:
-        search_optimised(inner, Ranking(problem, candidates(problem) if found is None else found), TIGHTER_POLICY)
+        search_optimised(inner, Ranking(problem, candidates(problem) if found is None else found), policy)
     except Infeasible:
         return False
     search.iterations += inner.iterations

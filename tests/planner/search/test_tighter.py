@@ -9,6 +9,7 @@ from planner.backends import casadi_nlp
 from planner.backends.casadi_nlp import SeedFailed
 from planner.planning import plan
 from planner.problem import TargetRelease
+from planner.search import auto
 from tests.planner.problems import joint_problem
 
 TARGET = joint_problem(release=TargetRelease(np.array([1.3, 0.2, 0.0])))
@@ -49,3 +50,22 @@ def test_the_answer_is_no_later_than_with_half_the_limits(jerks):
 def test_a_search_without_doubt_is_not_repeated():
     answer = plan(TARGET)
     assert not any("half the jerk" in attempt.result for attempt in answer.attempts)
+
+
+def test_a_slower_arrival_is_an_answer_where_the_soonest_is_none(jerks, monkeypatch):
+    """As past a post that the soonest motion to the same state meets: stood for by a certificate of another problem."""
+    problem, certified = joint_problem(), auto.certified
+    elsewhere = replace(problem, start=problem.start + 0.1)
+
+    def rejecting(backend, asked, solution):
+        own = asked.limits.jerk_max[0] == JERK[0] and asked.limits.qdd_max[0] == problem.limits.qdd_max[0]
+        return certified(backend, elsewhere if own else asked, solution)
+
+    soonest = plan(problem)
+    monkeypatch.setattr(auto, "certified", rejecting)
+    answer = plan(problem)
+    assert any("slower arrivals" in attempt.result for attempt in answer.attempts)
+    assert answer.backend == "ruckig"
+    assert answer.certificate.valid
+    assert soonest.trajectory.release_time_s < answer.trajectory.release_time_s
+    assert jerks
