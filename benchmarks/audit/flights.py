@@ -197,6 +197,8 @@ def _bin(problem: ThrowProblem, x: Vector, slack: float) -> list[AuditFault]:
         share = (x[last - 1, 2] - rim) / (x[last - 1, 2] - x[last, 2])
         entry = np.linalg.norm((x[last - 1] + share * (x[last] - x[last - 1]))[:2] - release.p_W[:2])
         found += over("bin_mouth", "enters the bin beside its axis", float(entry), inner - radius, slack, "m")
+    elif release.opening.rim_height_m < radius:  # it lies on the bottom with its centre above the rim
+        found += over("bin_mouth", "comes to the bottom beside the bin's axis", float(off[-1]), inner, slack, "m")
     elif x[-1, 2] - rim > x[-2, 2] - x[-1, 2]:  # the path ends where the sphere touches the plane, within a step
         found.append(
             AuditFault("bin_mouth", "never passes the bin's mouth, ends at a height", float(x[-1, 2]), rim, "m")

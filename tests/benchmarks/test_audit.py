@@ -145,6 +145,17 @@ def test_what_is_in_the_way_of_the_flight_is_named(good, fault):
     assert any(name in str(found) for found in flight_faults(problem, motion) for name in named)
 
 
+@pytest.mark.parametrize(("beside_m", "named"), [(0.0, False), (0.3, True)])
+def test_an_object_thicker_than_its_bin_is_deep_comes_to_lie_in_it(good, beside_m, named):
+    """Its centre never passes the mouth: that alone is no fault."""
+    problem, motion = good
+    release = replace(problem.release, p_W=np.add(problem.release.p_W, [beside_m, 0, 0]), opening=Opening(0.2, 0.03))
+    thick = replace(problem, cell=replace(problem.cell, object=replace(problem.cell.object, radius_m=0.05)))
+    found = [str(fault) for fault in flight_faults(replace(thick, release=release), motion)]
+    assert any("comes to the bottom beside" in fault for fault in found) == named
+    assert not any("never passes" in fault for fault in found)
+
+
 def test_certified_plans_are_right(good):
     assert find_faults(*good) == []
 
