@@ -165,7 +165,7 @@ def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
 def _may_gain(search: PlanningSearch, stage: Stage, ranking: Ranking, ranked: RankedCandidate) -> bool:
     """Returns whether the optimiser may come to a sooner motion from a candidate.
 
-    With its way out followed, no object leaves sooner than one whose way out was not looked at.
+    With its way out followed, an object hardly ever leaves sooner than where its way out was not looked at.
     """
     if stage.order == "way out":
         return ranking.beside_opening[ranked].release_time_s + search.problem.dt < search.release_time_s
@@ -182,7 +182,7 @@ def _try_seed(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate,
     try:
         was_valid = _optimise_from(search, ranking, ranked, end, stage)
     except casadi_nlp.SeedFailed as error:
-        if error.is_late:
+        if error.is_late and stage.order != "way out":
             ranking.settle(ranked, math.inf)
         search.given_up += leaves_doubt and not error.is_late
         raise

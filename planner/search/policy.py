@@ -10,7 +10,8 @@ the release where the request leaves it free. So:
    opening, a narrower opening is the first remedy; rows that follow its way out are the second, and the sooner counts.
 3. Ruckig's motions that would release before the incumbent are certified, too.
 4. While that has given no answer, further candidates are tried by both.
-5. A doubtful search is repeated under tighter limits (`tighter`), and the slower second solver is tried at last.
+5. Where the release state is given, Ruckig's slower motions to it are tried (`tighter`).
+6. A doubtful search is repeated under tighter limits (`tighter`), and the slower second solver is tried at last.
 
 Counts alone decide what is tried, so that the answer does not depend on the load of the machine. The only clock is the
 request's own deadline.
@@ -104,9 +105,12 @@ class Stage:
     order: Literal["rank", "arrival", "aspect", "way out"] = "rank"
 
 
+SOONEST_ARRIVALS = Stage(
+    "ruckig", "soonest arrivals", slice(0, 2), release_state_given, variants=("free",), order="arrival"
+)
 # An iteration takes 2 to 4 ms. Of 1000 random requests, larger budgets answer one more, and take longer to refuse.
 POLICY: tuple[Stage, ...] = (
-    Stage("ruckig", "soonest arrivals", slice(0, 2), release_state_given, variants=("free",), order="arrival"),
+    SOONEST_ARRIVALS,
     Stage("casadi", "soonest seeds", slice(0, 2), none_optimised, iterations=300, then_in_hand=True, order="aspect"),
     Stage("casadi", "ways out", slice(0, 2), none_optimised, iterations=200, order="way out"),
     Stage("casadi", "other aspects", slice(0, ASPECT_SEEDS), further_seeds_pay, iterations=300, order="aspect"),
@@ -114,19 +118,20 @@ POLICY: tuple[Stage, ...] = (
     Stage("ruckig", "sooner motions", slice(0, 6), always),
     Stage("casadi", "one more seed", slice(0, 3), further_seeds_pay, iterations=200),
     Stage("casadi", "last seeds", slice(0, SEEDS_MAX), none_optimised, iterations=100),
+    Stage("casadi", "ways out", slice(0, WAYS_OUT_MAX), none_optimised, iterations=100, order="way out"),
     Stage("ruckig", "further motions", slice(6, 11), always),
     Stage("ruckig", "sooner motions", slice(11, RANKED_MAX), has_incumbent),
 )
 # Under tighter limits, for motions sooner than what was found under the request's own.
 TIGHTER_POLICY: tuple[Stage, ...] = (
-    Stage("ruckig", "soonest arrivals", slice(0, 2), release_state_given, variants=("free",), order="arrival"),
+    SOONEST_ARRIVALS,
     Stage("casadi", "soonest seeds", slice(0, 2), none_optimised_itself, iterations=300, then_in_hand=True),
     Stage("casadi", "last seeds", slice(2, SEEDS_MAX), none_optimised, iterations=200),
     Stage("casadi", "ways out", slice(0, WAYS_OUT_MAX), always, iterations=200, order="way out"),
     Stage("ruckig", "sooner motions", slice(0, 6), always),
 )
-# Under limits so tight that only Ruckig's motions are made: they take other ways past what stands around.
-SLOWER_POLICY: tuple[Stage, ...] = (POLICY[0],)
+# Under several pairs of tighter limits, by Ruckig alone: other curves, past what stands around.
+SLOWER_POLICY: tuple[Stage, ...] = (SOONEST_ARRIVALS,)
 LAST_POLICY: tuple[Stage, ...] = (
     Stage("casadi", "second solver", slice(0, 1), no_incumbent, iterations=200, with_ipopt=True),
 )

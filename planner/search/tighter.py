@@ -3,7 +3,8 @@
 A search that had to give up a seed may have missed what it would find with less: the optimiser starts from Ruckig's
 motions, and these change with the limits, and so does the local minimum next to them. So a doubtful search is repeated
 with half of the jerk and half of the acceleration, and what it finds sooner is an answer, too. A request is thereby
-answered wherever one with half of its limits is, and about as soon.
+answered wherever one with half of its limits is, and about as soon. To a given release state, Ruckig's motions under
+several pairs of tighter limits are tried in any case.
 """
 
 from __future__ import annotations
@@ -64,8 +65,8 @@ def search_tighter(search: PlanningSearch, found: list[Candidate]) -> None:
 def search_slower(search: PlanningSearch, found: list[Candidate]) -> None:
     """Takes the soonest of Ruckig's motions to a given release state under tighter limits, where it is an improvement.
 
-    They are other curves between the same states, so one of them may be clear of what the soonest one meets. Each limit
-    is halved so often that a request with four times the jerk, or twice the acceleration, tries this one's, too.
+    They are other curves between the same states, so one of them may be clear of what the soonest one meets. A request
+    with four times the jerk, or twice the acceleration, tries most of this one's, too.
 
     Args:
         search: updated in place.
@@ -98,7 +99,7 @@ def _gains(
 
     Args:
         search: updated in place.
-        found: candidates within these limits; None to look for them.
+        found: candidates within these limits, or the looser ones of the request; None to look for them.
         limits: the tighter ones.
         policy: what is tried.
     """

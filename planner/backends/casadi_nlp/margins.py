@@ -22,8 +22,8 @@ MOST_SHARE = 0.4  # [-] of a limit; beyond it a margin is no remedy
 MOST_M = 0.1  # [m] the same for a clearance
 MOST_EVERYWHERE_M = 0.01  # [m] the same for a clearance margin along the whole motion
 MOST_RAD = 0.2  # [rad] the same for a joint position
-OPENING_FACTOR = 2.5  # [-] rows hold at the release; the angle falls by less than half of that until the object is out
-FOLLOWED_FACTOR = 1.2  # [-] the same where the whole way out is followed: the rest is missing between its instants
+OPENING_FACTOR = 2.5  # [-] of the missing angle: less than half of what is gained at the release is left at the end
+FOLLOWED_FACTOR = 1.2  # [-] of the missing angle where the way out is followed: it is missing between the rows
 MOST_OPENING_RAD = 0.6  # [rad] missing angle beyond which a margin is no remedy
 TOO_COARSE_M = 0.005  # [m] clearance missing between knots and midpoints that calls for more stages
 DIAGONAL = math.sqrt(2.0)  # the optimiser bounds a landing error in x and y, the certificate its norm
@@ -118,7 +118,8 @@ class Margins:
         flight_m: room between the object's flight and the boxes that it passes.
         mouth_m: the same at the rim of a bin.
         opening_rad: by which the gripper's opening cone is narrowed [rad].
-        leaves: whether the object's way out of the grip is followed along every step, instead of by one row.
+        leaves: whether block "leaving" holds the object's way out in the stages from the window's beginning to the last
+            release, beside the row "out".
         cuts: half-spaces that keep the flight clear of the arm; see `flight_rows.arm_cuts`.
         window: usable share of the landing tolerance in the release window, in x and in y [-].
         local: margins around a time.

@@ -20,18 +20,19 @@ PLACE_WEIGHT, VELOCITY_WEIGHT, JACOBIAN_WEIGHT, CHANGE_WEIGHT = 30.0, 30.0, 0.3,
 TIME_SHARE = 0.4  # [-] of the slowest joint's time to full speed: about 0.1 s, the length of two or three stages
 
 
-def scale_parameters(limits: Limits, step_s: float) -> Vector:
-    """Returns the `SCALES` vector: the limits themselves, so that the bounds of every problem are about one.
+def scale_parameters(limits: Limits, longest_initial_step_s: float) -> Vector:
+    """Returns the `SCALES` vector: mostly the limits themselves, so that the bounds of every problem are about one.
 
     A jerk cannot last longer than the acceleration takes from one limit to the other. In a step longer than that, a
     jerk of one, if scaled by its limit, would turn the arm several times: over a few such steps rounding spoils the
-    solver's factorisation, and fatrop 1.1.8 raises its regularisation without end.
+    solver's factorisation, and fatrop 1.1.8 raises its regularisation without end. So it is scaled by what the longest
+    step of the initial guess leaves of it, and may be more than one.
 
     Args:
         limits: of the joints.
-        step_s: the longest step [s].
+        longest_initial_step_s: the longest step of the initial guess [s].
     """
-    jerk = np.minimum(limits.jerk_max, 2.0 * limits.qdd_max / step_s)
+    jerk = np.minimum(limits.jerk_max, 2.0 * limits.qdd_max / longest_initial_step_s)
     to_full_speed_s = limits.qd_max / limits.qdd_max + limits.qdd_max / limits.jerk_max
     return layout.SCALES.pack(
         {

@@ -210,35 +210,35 @@ def flight(z: SX, p: SX) -> StageRows:
     edges = ca.reshape(f["edges"], 8, layout.FLIGHT_EDGES)
     passed = [_beyond(edges[:, i], position, velocity, r["gravity_z"]) for i in range(layout.FLIGHT_EDGES)]
     mouth, rim = _through_mouth(f["mouth"], position, velocity, r)
-    leaving = -(R_WS @ tool.acceleration) - ca.vertcat(0, 0, r["gravity_z"])
+    leaving = -(R_WS @ tool.acceleration + R_WB @ a["gravity"])  # at the tool's own speed, unlike the flights
     opening = _in_cone(leaving, _opening(a, s, f["opening"]), f["opening"])
-    out_s = ca.sqrt(2 * f["opening"][4] / ca.sqrt(ca.sumsqr(leaving) + r["gravity_z"] ** 2))
-    out = _in_cone(*_way(z, scales, a, out_s, r["gravity_z"], f["opening"]), f["opening"])
+    out_s = ca.sqrt(2 * f["opening"][4] / ca.sqrt(ca.sumsqr(leaving) + ca.sumsqr(a["gravity"])))
+    out = _in_cone(*_way(z, scales, a, out_s, f["opening"]), f["opening"])
     return StageRows(ca.vertcat(*passed, mouth, rim, opening, out), FrozenTerms())
 
 
 def leaving(z: SX, p: SX) -> StageRows:
     """The rows of `LEAVING_ROWS`, all positive for an object that leaves the grip in its opening within the step."""
     scales, p = p[: SCALES.size], p[SCALES.size :]
-    size = ARM.size + RELEASE.size
-    a, r, f = ARM.split(p[: ARM.size]), RELEASE.split(p[ARM.size : size]), FLIGHT.split(p[size:])
+    a, f = ARM.split(p[: ARM.size]), FLIGHT.split(p[ARM.size :])
     step = z[layout.STEP] * SCALES.split(scales)["time"]
-    ways = [_way(z, scales, a, share * step, r["gravity_z"], f["opening"]) for share in (0.5, 1.0)]
+    ways = [_way(z, scales, a, share * step, f["opening"]) for share in (0.5, 1.0)]
     cosines = [_in_cone(way, direction, f["opening"]) for way, direction in ways]
     is_out = ca.sqrt(ca.sumsqr(ways[1][0]) + STEADY) * step**2 / (2 * f["opening"][4]) - 1
     return StageRows(ca.vertcat(*cosines, is_out), FrozenTerms())
 
 
-def _way(z: SX, scales: SX, a: dict[str, SX], time: SX, gravity: SX, opening: SX) -> tuple[SX, SX]:
+def _way(z: SX, scales: SX, a: dict[str, SX], time: SX, opening: SX) -> tuple[SX, SX]:
     """Returns the mean acceleration (3,) of the object against the tool in a time after the release, and the opening.
 
     In a time s it moves by the mean of g - a over s, weighted with 2 (1 - u / s), times s^2 / 2 (`certificate.exits`):
     for an acceleration that changes evenly, that at s / 3. The opening's direction (3,) is that after s.
     """
     third, end = _state_at(z, scales, time / 3), _state_at(z, scales, time)
-    R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm_symbols.turn(third.q[0])
+    R_WB = ca.reshape(a["base"][:9], 3, 3)
     tool = arm_symbols.tool_motion(a["dh"], a["tcp"], third.q, third.qd, third.qdd)
-    return -(R_WS @ tool.acceleration) - ca.vertcat(0, 0, gravity), _opening(a, end, opening)
+    felt = R_WB @ (arm_symbols.turn(third.q[0]) @ tool.acceleration + a["gravity"])
+    return -felt, _opening(a, end, opening)
 
 
 def _opening(a: dict[str, SX], s: StageState, opening: SX) -> SX:
@@ -332,5 +332,5 @@ FORMULAS: dict[str, BlockFormula] = {
     "singularity_middle": _in_middle(singularity, "arm"),
     "release": _at_knot(release, "arm", "release"),
     "flight": BlockFormula(flight, ("scales", "arm", "release", "flight")),
-    "leaving": BlockFormula(leaving, ("scales", "arm", "release", "flight")),
+    "leaving": BlockFormula(leaving, ("scales", "arm", "flight")),
 }

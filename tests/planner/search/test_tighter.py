@@ -68,4 +68,4 @@ def test_a_slower_arrival_is_an_answer_where_the_soonest_is_none(jerks, monkeypa
     assert answer.backend == "ruckig"
     assert answer.certificate.valid
     assert soonest.trajectory.release_time_s < answer.trajectory.release_time_s
-    assert jerks
+    assert 1.0 in jerks
