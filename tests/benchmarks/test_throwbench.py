@@ -112,7 +112,7 @@ SPOILT = {
     "landing_window": ({"target__release_window_s": 0.024}, {}),
     "release_elevation": ({"target__min_elevation_rad": 1.5}, {}),
     "release_distance": ({"target__min_horizontal_distance_m": 2.0}, {}),
-    "bin_mouth": ({"target__bin": {"radius_m": 0.021, "rim_height_m": 0.01}}, {}),
+    "bin_mouth": ({"target__bin": {"radius_m": 0.021, "rim_height_m": 0.05}}, {}),
     "format": ({}, {"velocities": lambda v: v[:-1]}),
 }
 
