@@ -145,11 +145,11 @@ def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
     """Optimises from the candidates of a stage."""
     begun, end = time.perf_counter(), search.iterations + stage.iterations
     tried, solved, valid, failure = 0, 0, 0, ""
-    solver, follows = "ipopt" if stage.with_ipopt else "fatrop", stage.order == "way out"
+    what = stage.order if stage.follows else "ipopt" if stage.with_ipopt else "fatrop"
     for ranked in _walk(search, stage, ranking):
         if search.iterations >= end:
             break
-        if not _may_gain(search, stage, ranking, ranked) or not ranked.first_try(stage.order if follows else solver):
+        if not _may_gain(search, stage, ranking, ranked) or not ranked.first_try(what):
             continue
         begun += load_optimiser(search)
         tried += 1
@@ -167,7 +167,7 @@ def _may_gain(search: PlanningSearch, stage: Stage, ranking: Ranking, ranked: Ra
 
     With its way out followed, an object hardly ever leaves sooner than where its way out was not looked at.
     """
-    if stage.order == "way out":
+    if stage.follows:
         return ranking.beside_opening[ranked].release_time_s + search.problem.dt < search.release_time_s
     return ranking.may_be_sooner(ranked, search.release_time_s)
 
@@ -178,11 +178,11 @@ def _try_seed(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate,
     A seed that is given up leaves doubt; where the release is given, or a point, not after one that led to a motion.
     """
     leaves_doubt = isinstance(search.problem.release, TargetRelease) or not search.has_certified("casadi")
-    leaves_doubt &= stage.order != "way out"
+    leaves_doubt &= not stage.follows
     try:
         was_valid = _optimise_from(search, ranking, ranked, end, stage)
     except casadi_nlp.SeedFailed as error:
-        if error.is_late and stage.order != "way out":
+        if error.is_late and not stage.follows:
             ranking.settle(ranked, math.inf)
         search.given_up += leaves_doubt and not error.is_late
         raise
@@ -214,10 +214,9 @@ def _optimise_from(search: PlanningSearch, ranking: Ranking, ranked: RankedCandi
     """
     # Only a motion sooner by a tick is an improvement; before there is an optimised one, any is.
     latest_s = search.release_time_s - search.problem.dt if search.has_certified("casadi") else math.inf
-    follows = stage.order == "way out"
-    margins = replace(casadi_nlp.DEFAULT_MARGINS, held=search.held, leaves=follows)
+    margins = replace(casadi_nlp.DEFAULT_MARGINS, held=search.held, leaves=stage.follows)
     first = SolveOptions(margins, deadline_s=search.deadline_s, with_ipopt=stage.with_ipopt, latest_s=latest_s)
-    begun = Seed(ranked.candidate, ranking.beside_opening[ranked]) if follows else ranked.seed
+    begun = Seed(ranked.candidate, ranking.beside_opening[ranked]) if stage.follows else ranked.seed
     seed, options = begun, first
     for _ in range(ROUNDS_MAX):
         solution = _solve(search, seed, replace(options, iteration_budget=end - search.iterations))

@@ -31,7 +31,6 @@ from planner.seeds import ASPECTS
 
 ASPECT_SEEDS = SEEDS_AN_ASPECT * ASPECTS  # candidates that there are in the order of the aspects
 SEEDS_MAX = 5  # candidates that the last seeds are of, in the order of the ranking
-
 WAYS_OUT_MAX = 6  # motions beside the gripper's opening whose ways out are followed, where they are the soonest
 
 Condition = Callable[[PlanningSearch, Ranking], bool]
@@ -103,6 +102,11 @@ class Stage:
     then_in_hand: bool = False
     variants: Sequence[ruckig_otg.LaunchVariant] = ruckig_otg.VARIANTS
     order: Literal["rank", "arrival", "aspect", "way out"] = "rank"
+
+    @property
+    def follows(self) -> bool:
+        """Whether the object's way out of the grip is followed."""
+        return self.order == "way out"
 
 
 SOONEST_ARRIVALS = Stage(

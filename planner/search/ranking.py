@@ -113,12 +113,12 @@ class Ranking(Sequence[RankedCandidate]):
             yield from (ranked[row] for row in first if aspect[row] not in self.settled)
             ranked, aspect = [each for i, each in enumerate(ranked) if i not in first], np.delete(aspect, first)
 
-    def by_way_out(self) -> Iterator[RankedCandidate]:
-        """Yields the candidates from which an object left the gripper beside its opening, the soonest motion first.
+    def by_way_out(self) -> list[RankedCandidate]:
+        """Returns the candidates from which an object left the gripper beside its opening, the soonest motion first.
 
         These motions are noted in `beside_opening`.
         """
-        yield from sorted(self.beside_opening, key=lambda ranked: self.beside_opening[ranked].release_time_s)
+        return sorted(self.beside_opening, key=lambda ranked: self.beside_opening[ranked].release_time_s)
 
     def _is_settled(self, ranked: RankedCandidate) -> bool:
         """Returns whether a candidate's aspect is settled, and the release state is not given."""

@@ -71,12 +71,11 @@ def stage_layout(problem: ThrowProblem, margins: Margins, resolution: str = "coa
 
 
 def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ...]:
-    opens = problem.cell.gripper.opening_direction is not None and not problem.ends_at_rest
     applies = {
         "keep_out": bool(problem.cell_with_bin.surroundings.keep_out),
         "grip": problem.cell.gripper.hold_acceleration_m_s2 is not None and not problem.ends_at_rest,
         "flight": bool(margins.cuts) or constrains_flight(problem),
-        "leaving": margins.leaves and opens,
+        "leaving": margins.leaves,
     }
     return tuple(group for group in LAZY_GROUPS if applies.get(group, True))
 
@@ -254,10 +253,9 @@ class Instance:
         if "grip" in self.stages.groups:
             axes = np.full(3, margins.grip)
             limits["grip"] = np.append(-axes, -inf), np.append(axes, margins.grip**2)
-        if "flight" in self.stages.groups:
-            limits["flight"] = np.zeros(FLIGHT_ROWS.size), np.full(FLIGHT_ROWS.size, inf)
-        if "leaving" in self.stages.groups:
-            limits["leaving"] = np.zeros(LEAVING_ROWS.size), np.full(LEAVING_ROWS.size, inf)
+        for group, rows in (("flight", FLIGHT_ROWS), ("leaving", LEAVING_ROWS)):
+            if group in self.stages.groups:
+                limits[group] = np.zeros(rows.size), np.full(rows.size, inf)
         for group, room in ROOM.items():
             if group in self.stages.groups:
                 limits[group] = self._least_clearances(group, room), np.full(len(room), inf)
