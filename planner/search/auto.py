@@ -59,7 +59,12 @@ def _walk(search: PlanningSearch, stage: Stage, ranking: Ranking) -> Iterator[Ra
     """Yields the candidates of a stage while its condition holds."""
     if not _goes_on(search, stage, ranking):
         return
-    orders = {"arrival": ranking.by_arrival, "aspect": ranking.by_aspect, "way out": ranking.by_way_out}
+    orders = {
+        "arrival": ranking.by_arrival,
+        "aspect": ranking.by_aspect,
+        "bound": ranking.by_bound,
+        "way out": ranking.by_way_out,
+    }
     candidates = orders.get(stage.order, lambda: ranking)()
     for ranked in islice(candidates, stage.candidates.start, stage.candidates.stop):
         yield ranked
@@ -177,11 +182,12 @@ def _try_seed(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate,
 
     A seed that is given up leaves doubt; where the release is given, or a point, not after one that led to a motion.
     """
-    leaves_doubt = isinstance(search.problem.release, TargetRelease) or not search.has_certified("casadi")
+    leaves_doubt = isinstance(search.problem.release, TargetRelease) or not search.has_optimised
     leaves_doubt &= not stage.follows
     try:
         was_valid = _optimise_from(search, ranking, ranked, end, stage)
     except casadi_nlp.SeedFailed as error:
+        search.has_optimised |= error.is_late
         if error.is_late and not stage.follows:
             ranking.settle(ranked, math.inf)
         search.given_up += leaves_doubt and not error.is_late
@@ -212,10 +218,10 @@ def _optimise_from(search: PlanningSearch, ranking: Ranking, ranked: RankedCandi
     After failed checks it solves again from that motion, with wider margins; where the checks failed between coarse
     stages, from the start on finer stages.
     """
-    # Only a motion sooner by a tick is an improvement; before there is an optimised one, any is.
-    latest_s = search.release_time_s - search.problem.dt if search.has_certified("casadi") else math.inf
     margins = replace(casadi_nlp.DEFAULT_MARGINS, held=search.held, leaves=stage.follows)
-    first = SolveOptions(margins, deadline_s=search.deadline_s, with_ipopt=stage.with_ipopt, latest_s=latest_s)
+    first = SolveOptions(
+        margins, deadline_s=search.deadline_s, with_ipopt=stage.with_ipopt, latest_s=search.latest_useful_s
+    )
     begun = Seed(ranked.candidate, ranking.beside_opening[ranked]) if stage.follows else ranked.seed
     seed, options = begun, first
     for _ in range(ROUNDS_MAX):

@@ -48,6 +48,8 @@ class PlanningSearch:
         loading_s: spent on loading solvers [s]; the deadline is later by as much.
         held: groups of rows with which a seed failed: further seeds start with them.
         given_up: seeds from which the optimiser came to no certified motion, for another reason than its lateness.
+        has_optimised: whether the optimiser came to a motion: certified, or no sooner than one that is.
+        needs_sooner: whether the incumbent was brought along as an optimised motion: none is of use that is no sooner.
     """
 
     problem: ThrowProblem
@@ -63,7 +65,8 @@ class PlanningSearch:
     loading_s: float = 0.0
     held: frozenset[str] = frozenset()
     given_up: int = 0
-    _certified_backends: set[str] = field(default_factory=set)
+    has_optimised: bool = False
+    needs_sooner: bool = False
 
     @property
     def out_of_time(self) -> bool:
@@ -80,9 +83,10 @@ class PlanningSearch:
         """Whether the incumbent is known to be the soonest: it reaches the lower bound."""
         return self.release_time_s <= self.lower_bound_s
 
-    def has_certified(self, backend: str) -> bool:
-        """Returns whether a motion of the back end was valid."""
-        return backend in self._certified_backends
+    @property
+    def latest_useful_s(self) -> float:
+        """Latest release time of an optimised motion that is of use [s]: a tick before that of another one."""
+        return self.release_time_s - self.problem.dt if self.has_optimised or self.needs_sooner else float("inf")
 
     @property
     def answer(self) -> CertifiedSolution | None:
@@ -91,9 +95,8 @@ class PlanningSearch:
 
     def continued(self, problem: ThrowProblem) -> PlanningSearch:
         """Returns a search for motions that solve another problem and are sooner than this one's incumbent."""
-        inner = PlanningSearch(problem, self.deadline_s, self.incumbent)
-        inner._certified_backends = set(self._certified_backends)
-        return inner
+        needs_sooner = self.has_optimised or self.needs_sooner
+        return PlanningSearch(problem, self.deadline_s, self.incumbent, needs_sooner=needs_sooner)
 
     def certify(self, backend: str, solution: Solution) -> Certificate:
         """Returns the certificate of a motion, which is considered as an answer."""
@@ -106,7 +109,7 @@ class PlanningSearch:
         if not found.certificate.valid:
             self.note_rejected(found)
             return
-        self._certified_backends.add(found.backend)
+        self.has_optimised |= found.backend == "casadi"
         self.certified.append(found)
         if _sooner(found, self.incumbent):
             self.incumbent = found

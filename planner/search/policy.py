@@ -5,13 +5,14 @@ couples the joints; the certificate decides. The optimiser takes a hundred times
 the release where the request leaves it free. So:
 
 1. A given release state is tried with Ruckig's soonest motions. If nothing couples the joints, no motion is sooner.
+   Where none of them is certified, slower motions to it are tried (`tighter`).
 2. The optimiser starts from the first candidates of two aspects, until one motion is certified. A throw to a target is
    then optimised from every other aspect that may allow a sooner one. Where an object left the gripper beside its
    opening, a narrower opening is the first remedy; rows that follow its way out are the second, and the sooner counts.
 3. Ruckig's motions that would release before the incumbent are certified, too.
-4. While that has given no answer, further candidates are tried by both.
-5. Where the release state is given, Ruckig's slower motions to it are tried (`tighter`).
-6. A doubtful search is repeated under tighter limits (`tighter`), and the slower second solver is tried at last.
+4. While that has given no answer, further candidates are tried by both; of a given release state those of least lower
+   bound in any case, however blocked the straight way there.
+5. A doubtful search is repeated under tighter limits (`tighter`), and the slower second solver is tried at last.
 
 Counts alone decide what is tried, so that the answer does not depend on the load of the machine. The only clock is the
 request's own deadline.
@@ -57,13 +58,8 @@ def has_incumbent(search: PlanningSearch, ranking: Ranking) -> bool:
 
 
 def none_optimised(search: PlanningSearch, ranking: Ranking) -> bool:
-    """Returns whether no optimised motion is certified yet."""
-    return not search.has_certified("casadi")
-
-
-def none_optimised_itself(search: PlanningSearch, ranking: Ranking) -> bool:
-    """Returns whether the search has certified no optimised motion itself."""
-    return all(motion.backend != "casadi" for motion in search.certified)
+    """Returns whether the optimiser came to no motion yet that is certified, or no sooner than one that is."""
+    return not search.has_optimised
 
 
 def further_seeds_pay(search: PlanningSearch, ranking: Ranking) -> bool:
@@ -89,8 +85,8 @@ class Stage:
         then_in_hand: whether Ruckig's motions are taken in hand after it, also past the deadline ("casadi").
         variants: launch variants that are tried ("ruckig").
         order: of the ranking; "arrival" takes the `TIMED_MAX` of least bound by the slowest joint's own time, "aspect"
-            the first of every aspect, "way out" those from which an object left the gripper beside its opening, to
-            follow its way out ("casadi").
+            the first of every aspect, "bound" those of least lower bound, however blocked the way there, "way out"
+            those from which an object left the gripper beside its opening, to follow its way out ("casadi").
     """
 
     backend: Literal["casadi", "ruckig"]
@@ -101,7 +97,7 @@ class Stage:
     with_ipopt: bool = False
     then_in_hand: bool = False
     variants: Sequence[ruckig_otg.LaunchVariant] = ruckig_otg.VARIANTS
-    order: Literal["rank", "arrival", "aspect", "way out"] = "rank"
+    order: Literal["rank", "arrival", "aspect", "bound", "way out"] = "rank"
 
     @property
     def follows(self) -> bool:
@@ -121,19 +117,14 @@ POLICY: tuple[Stage, ...] = (
     Stage("casadi", "ways out", slice(0, WAYS_OUT_MAX), always, iterations=300, order="way out"),
     Stage("ruckig", "sooner motions", slice(0, 6), always),
     Stage("casadi", "one more seed", slice(0, 3), further_seeds_pay, iterations=200),
+    Stage("casadi", "least bounds", slice(0, 2), release_state_given, iterations=200, order="bound"),
     Stage("casadi", "last seeds", slice(0, SEEDS_MAX), none_optimised, iterations=100),
     Stage("casadi", "ways out", slice(0, WAYS_OUT_MAX), none_optimised, iterations=100, order="way out"),
     Stage("ruckig", "further motions", slice(6, 11), always),
     Stage("ruckig", "sooner motions", slice(11, RANKED_MAX), has_incumbent),
 )
-# Under tighter limits, for motions sooner than what was found under the request's own.
-TIGHTER_POLICY: tuple[Stage, ...] = (
-    SOONEST_ARRIVALS,
-    Stage("casadi", "soonest seeds", slice(0, 2), none_optimised_itself, iterations=300, then_in_hand=True),
-    Stage("casadi", "last seeds", slice(2, SEEDS_MAX), none_optimised, iterations=200),
-    Stage("casadi", "ways out", slice(0, WAYS_OUT_MAX), always, iterations=200, order="way out"),
-    Stage("ruckig", "sooner motions", slice(0, 6), always),
-)
+# Under tighter limits: the search of a request with these limits, for what is sooner.
+TIGHTER_POLICY: tuple[Stage, ...] = tuple(stage for stage in POLICY if stage.purpose != "further motions")
 # Under several pairs of tighter limits, by Ruckig alone: other curves, past what stands around.
 SLOWER_POLICY: tuple[Stage, ...] = (SOONEST_ARRIVALS,)
 LAST_POLICY: tuple[Stage, ...] = (

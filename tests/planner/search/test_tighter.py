@@ -9,10 +9,13 @@ from planner.backends import casadi_nlp
 from planner.backends.casadi_nlp import SeedFailed
 from planner.planning import plan
 from planner.problem import TargetRelease
-from planner.search import auto
+from planner.search import auto, tighter
 from tests.planner.problems import joint_problem
 
 TARGET = joint_problem(release=TargetRelease(np.array([1.3, 0.2, 0.0])))
+NEAR = joint_problem(
+    release=TargetRelease(np.array([0.8, 0.3, 0.0]))
+)  # released well before the bounds of its candidates
 JERK = TARGET.limits.jerk_max
 
 
@@ -47,9 +50,29 @@ def test_the_answer_is_no_later_than_with_half_the_limits(jerks):
     assert half.trajectory.release_time_s > 0.0
 
 
-def test_a_search_without_doubt_is_not_repeated():
-    answer = plan(TARGET)
-    assert not any("half the jerk" in attempt.result for attempt in answer.attempts)
+@pytest.mark.parametrize(("problem", "is_repeated"), [(NEAR, False), (TARGET, True)])
+def test_a_search_is_repeated_where_its_answer_is_slow_beside_the_bounds(problem, is_repeated):
+    answer = plan(problem)
+    assert any("half the jerk" in attempt.result for attempt in answer.attempts) is is_repeated
+
+
+def test_a_request_with_twice_the_jerk_is_searched_as_this_one_too(monkeypatch):
+    """Of a doubtful search the one under half the jerk has the same candidates and stages as a request's own."""
+    searched, search = [], tighter.search_optimised
+
+    def noted(inner, ranking, *policy):
+        searched.append((inner.problem, [each.candidate.bound_s for each in ranking]))
+        return search(inner, ranking, *policy)
+
+    monkeypatch.setattr(tighter, "search_optimised", noted)
+    plan(TARGET)
+    (own, bounds), *_ = searched
+    searched.clear()
+    plan(replace(TARGET, limits=replace(TARGET.limits, jerk_max=2.0 * JERK)))
+    assert any(
+        np.array_equal(problem.limits.jerk_max, own.limits.jerk_max) and found == bounds
+        for problem, found in searched[1:]
+    )
 
 
 def test_a_slower_arrival_is_an_answer_where_the_soonest_is_none(jerks, monkeypatch):
