@@ -93,10 +93,15 @@ class PlanningSearch:
         """The soonest valid motion: the incumbent, or else the one in hand."""
         return self.incumbent or self.in_hand
 
-    def continued(self, problem: ThrowProblem) -> PlanningSearch:
-        """Returns a search for motions that solve another problem and are sooner than this one's incumbent."""
+    def continued(self, problem: ThrowProblem, held: frozenset[str] = frozenset()) -> PlanningSearch:
+        """Returns a search for motions that solve another problem and are sooner than this one's incumbent.
+
+        Args:
+            problem: whose motions solve this search's own.
+            held: groups of rows with which seeds start.
+        """
         needs_sooner = self.has_optimised or self.needs_sooner
-        return PlanningSearch(problem, self.deadline_s, self.incumbent, needs_sooner=needs_sooner)
+        return PlanningSearch(problem, self.deadline_s, self.incumbent, held=held, needs_sooner=needs_sooner)
 
     def certify(self, backend: str, solution: Solution) -> Certificate:
         """Returns the certificate of a motion, which is considered as an answer."""

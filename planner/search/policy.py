@@ -12,7 +12,8 @@ the release where the request leaves it free. So:
 3. Ruckig's motions that would release before the incumbent are certified, too.
 4. While that has given no answer, further candidates are tried by both; of a given release state those of least lower
    bound in any case, however blocked the straight way there.
-5. A doubtful search is repeated under tighter limits (`tighter`), and the slower second solver is tried at last.
+5. A doubtful search is repeated with torque held from the beginning and under tighter limits (`tighter`), and the
+   slower second solver is tried at last.
 
 Counts alone decide what is tried, so that the answer does not depend on the load of the machine. The only clock is the
 request's own deadline.
@@ -123,8 +124,8 @@ POLICY: tuple[Stage, ...] = (
     Stage("ruckig", "further motions", slice(6, 11), always),
     Stage("ruckig", "sooner motions", slice(11, RANKED_MAX), has_incumbent),
 )
-# Under tighter limits: the search of a request with these limits, for what is sooner.
-TIGHTER_POLICY: tuple[Stage, ...] = tuple(stage for stage in POLICY if stage.purpose != "further motions")
+# Of a doubtful search once more, with other limits or rows, for what is sooner.
+AGAIN_POLICY: tuple[Stage, ...] = tuple(stage for stage in POLICY if stage.purpose != "further motions")
 # Under several pairs of tighter limits, by Ruckig alone: other curves, past what stands around.
 SLOWER_POLICY: tuple[Stage, ...] = (SOONEST_ARRIVALS,)
 LAST_POLICY: tuple[Stage, ...] = (

@@ -1,10 +1,12 @@
-"""Answers under tighter limits: whatever keeps half of a limit keeps the limit.
+"""Answers of other searches: with torque held from the first solve, and under tighter limits.
 
 The optimiser starts from Ruckig's motions, and these change with the limits, and so does the local minimum next to
-them. So a doubtful search is repeated as for requests with half of the jerk, a quarter of it, half of the acceleration,
-and half of both; what is found sooner is an answer, too. A request is thereby answered wherever one with half of its
-limits is, and about as soon. To a given release state, Ruckig's motions under several pairs of tighter limits are tried
-in any case, before the optimiser: they are soon made, and none is sooner where one of them reaches the lower bound.
+them. So a doubtful search is repeated: first with the rows of torque and tool speed included from the beginning instead
+of when a solution breaks them, then as for requests with half of the jerk, a quarter of it, half of the acceleration,
+and half of both. Whatever keeps half of a limit keeps the limit, so what is found sooner is an answer, too. A request
+is thereby answered wherever one with half of its limits is, and about as soon. To a given release state, Ruckig's
+motions under several pairs of tighter limits are tried in any case, before the optimiser: they are soon made, and none
+is sooner where one of them reaches the lower bound.
 """
 
 from __future__ import annotations
@@ -16,10 +18,10 @@ from dataclasses import replace
 
 from planner.cell import Limits
 from planner.errors import Infeasible
-from planner.problem import TargetRelease
+from planner.problem import JointRelease, PoseRelease, TargetRelease
 from planner.search.auto import search_optimised
 from planner.search.incumbent import PlanningSearch, certified
-from planner.search.policy import LAST_POLICY, SLOWER_POLICY, TIGHTER_POLICY, Stage, release_state_given
+from planner.search.policy import AGAIN_POLICY, LAST_POLICY, SLOWER_POLICY, Stage, release_state_given
 from planner.search.ranking import Ranking
 from planner.seeds import Candidate, candidates
 
@@ -27,11 +29,12 @@ from planner.seeds import Candidate, candidates
 # of the jerk gave something sooner in 14, a quarter in three, half of both in two; half of the acceleration in none: it
 # is there for requests with twice of it.
 HALVED: tuple[tuple[int, int], ...] = ((1, 0), (2, 0), (0, 1), (1, 1))
+TORQUE = frozenset({"effort"})  # rows without which a throw's first solution is often far from any that has them
 SLOWER_JERK, SLOWER_ACCELERATION = 5, 2  # [-] times at most, for Ruckig's motions to a given state
 
 
 def search_thoroughly(search: PlanningSearch, found: list[Candidate]) -> None:
-    """Searches under the request's own limits, where that is doubtful under tighter ones, and by the second solver.
+    """Searches under the request's own limits, where that is doubtful once more, and by the second solver.
 
     Args:
         search: updated in place.
@@ -43,7 +46,7 @@ def search_thoroughly(search: PlanningSearch, found: list[Candidate]) -> None:
         search_slower(search, found)
     search_optimised(search, ranking)
     if is_doubtful(search, ranking):
-        search_tighter(search, ranking)
+        search_again(search)
     search_optimised(search, ranking, LAST_POLICY)
 
 
@@ -58,20 +61,25 @@ def is_doubtful(search: PlanningSearch, ranking: Ranking) -> bool:
     return search.incumbent is None or ranking.is_slow(search.release_time_s) or (search.given_up > 0 and not of_target)
 
 
-def search_tighter(search: PlanningSearch, ranking: Ranking) -> None:
-    """Repeats a search with tighter limits; what is sooner becomes the incumbent.
+def search_again(search: PlanningSearch) -> None:
+    """Repeats a search with torque held from the beginning, unless the release state is given, and with tighter limits.
+
+    What is sooner becomes the incumbent.
 
     Args:
         search: updated in place.
-        ranking: of its problem's candidates.
     """
-    begun_s, limits = time.perf_counter(), search.problem.limits
-    gained = False
-    for times in HALVED:
-        if is_doubtful(search, ranking):
-            gained |= _gains(search, None, _halved(limits, *times))
-    result = "a sooner motion" if gained else "nothing sooner"
-    search.log_attempt("casadi", f"half the jerk, half the acceleration: {result}", begun_s)
+    begun_s, problem = time.perf_counter(), search.problem
+    gained: list[str] = []
+    if not isinstance(problem.release, JointRelease | PoseRelease) and _gains(
+        search, None, problem.limits, held=TORQUE
+    ):
+        gained.append("torque held from the beginning")
+    for jerk, acceleration in HALVED:
+        if _gains(search, None, _halved(problem.limits, jerk, acceleration)):
+            gained.append(f"jerk / {2**jerk}, acceleration / {2**acceleration}")
+    result = "; ".join(gained) or "nothing sooner"
+    search.log_attempt("casadi", f"torque held, jerk and acceleration halved: {result}", begun_s)
 
 
 def search_slower(search: PlanningSearch, found: list[Candidate]) -> None:
@@ -101,20 +109,22 @@ def _gains(
     search: PlanningSearch,
     found: list[Candidate] | None,
     limits: Limits,
-    policy: Sequence[Stage] = TIGHTER_POLICY,
+    policy: Sequence[Stage] = AGAIN_POLICY,
+    held: frozenset[str] = frozenset(),
 ) -> bool:
-    """Returns whether a motion within tighter limits is sooner than the incumbent, and takes it.
+    """Returns whether a motion of another search is sooner than the incumbent, and takes it.
 
     Args:
         search: updated in place.
         found: candidates within the looser limits of the request; None to look for those within these.
-        limits: the tighter ones.
+        limits: the tighter ones, or the request's own.
         policy: what is tried.
+        held: groups of rows that the optimiser's first solves include.
     """
     if search.out_of_time or search.is_optimal:
         return False
     problem = replace(search.problem, limits=limits)
-    inner, before_s = search.continued(problem), search.release_time_s
+    inner, before_s = search.continued(problem, held), search.release_time_s
     try:
         search_optimised(inner, Ranking(problem, candidates(problem) if found is None else found), policy)
     except Infeasible:

@@ -21,7 +21,7 @@ from planner.search import (
     Ranking,
     search_optimised,
 )
-from planner.search.policy import TIGHTER_POLICY
+from planner.search.policy import AGAIN_POLICY
 from planner.seeds import candidates
 from tests.planner.problems import joint_problem
 
@@ -147,7 +147,7 @@ def test_no_motion_by_ruckig_keeps_the_optimiser_from_a_seed():
     made = ruckig_otg.solve(problem, ranking[0].candidate, "synchronised")
     with_ruckig.consider(CertifiedSolution("ruckig", made, Certificate(())))
     assert with_ruckig.incumbent is not None
-    for stage in (*POLICY, *TIGHTER_POLICY):
+    for stage in (*POLICY, *AGAIN_POLICY):
         if stage.backend == "casadi":
             assert stage.condition(without, ranking) == stage.condition(with_ruckig, ranking)
 
