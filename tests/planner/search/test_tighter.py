@@ -92,3 +92,11 @@ def test_a_slower_arrival_is_an_answer_where_the_soonest_is_none(jerks, monkeypa
     assert answer.certificate.valid
     assert soonest.trajectory.release_time_s < answer.trajectory.release_time_s
     assert 1.0 in jerks
+
+
+@pytest.mark.parametrize(("jerk", "count"), [(0.5, 2), (1.0, 2), (2.0, 3), (4.0, 4)])
+def test_jerk_is_halved_to_the_same_limit_however_much_of_it_a_request_allows(jerk, count):
+    limits = replace(TARGET.limits, jerk_max=jerk * JERK)  # 500 rad/s^3 times `jerk`, with 15 rad/s^2: 30 ms / `jerk`
+    halvings = tighter._halvings(limits)
+    assert [k for k, acceleration in halvings if acceleration == 0] == list(range(1, count + 1))
+    assert [k for k, acceleration in halvings if acceleration == 1] == list(range(count))
