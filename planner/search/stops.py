@@ -11,6 +11,8 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from planner.approach import find_approach
 from planner.arrays import Array
 from planner.errors import Infeasible, InvalidProblem
@@ -64,8 +66,9 @@ def _launches(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tu
     if problem.ends_at_rest:
         yield from ((candidate.q, None) for candidate in found[:CANDIDATES_MAX])
         return
-    if (throw := _from(search, problem.cell.home, None, POLICY)) is not None:
-        yield problem.cell.home, throw
+    home = problem.cell.home
+    if not np.array_equal(home, problem.start) and (throw := _from(search, home, None, POLICY)) is not None:
+        yield home, throw
     for candidate in found[:RUN_UP_CANDIDATES_MAX]:
         for run_up_s in RUN_UPS_S:
             stop = candidate.q - 0.5 * run_up_s * candidate.qd
