@@ -3,19 +3,20 @@
 The optimiser starts from Ruckig's motions, and these change with the limits, and so does the local minimum next to
 them. So a doubtful search is repeated: first with the rows of torque and tool speed included from the beginning instead
 of when a solution breaks them, then as for requests with half of the jerk, a quarter of it and so on, and with half of
-the acceleration. Whatever keeps half of a limit keeps the limit, so what is found sooner is an answer, too. A request
-is thereby answered wherever one with half of its limits is, and about as soon. To a given release state, Ruckig's
-motions under several pairs of tighter limits are tried in any case, before the optimiser: they are soon made, and none
-is sooner where one of them reaches the lower bound.
+the acceleration. Whatever keeps half of a limit keeps the limit, so what is found sooner is an answer, too. Thereby a
+request is answered almost wherever one with half of its limits is, and about as soon. To a given release state,
+Ruckig's motions under several pairs of tighter limits are tried in any case, before the optimiser: they are soon made,
+and none is sooner where one of them reaches the lower bound.
 """
 
 from __future__ import annotations
 
 import itertools
-import math
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from planner.cell import Limits
 from planner.errors import Infeasible
@@ -28,7 +29,8 @@ from planner.seeds import Candidate, candidates
 
 # [s] The jerk is halved until an acceleration takes as long to its limit; requests that are looser come to that, too.
 RAMP_S = 0.1
-HALVINGS_MIN = 2  # [-] times that it is halved at least
+HALVINGS_MIN, HALVINGS_MAX = 2, 5  # [-] times that it is halved; each is a search or two
+TINY_S = 1e-9  # [s] stands for the ramp of an infinite jerk
 TORQUE = frozenset({"effort"})  # rows without which a throw's first solution is often far from any that has them
 SLOWER_JERK, SLOWER_ACCELERATION = 5, 2  # [-] times at most, for Ruckig's motions to a given state
 
@@ -71,15 +73,14 @@ def search_again(search: PlanningSearch) -> None:
     """
     begun_s, problem = time.perf_counter(), search.problem
     gained: list[str] = []
-    if not isinstance(problem.release, JointRelease | PoseRelease) and _gains(
-        search, None, problem.limits, held=TORQUE
-    ):
-        gained.append("torque held from the beginning")
+    leaves_release = not isinstance(problem.release, JointRelease | PoseRelease)
+    if leaves_release and _gains(search, None, problem.limits, held=TORQUE):
+        gained.append("with torque held")
     for jerk, acceleration in _halvings(problem.limits):
         if _gains(search, None, _halved(problem.limits, jerk, acceleration)):
-            gained.append(f"jerk / {2**jerk}, acceleration / {2**acceleration}")
-    result = "; ".join(gained) or "nothing sooner"
-    search.log_attempt("casadi", f"torque held, jerk and acceleration halved: {result}", begun_s)
+            gained.append(f"with jerk / {2**jerk}, acceleration / {2**acceleration}")
+    result = f"sooner {', then '.join(gained)}" if gained else "nothing sooner"
+    search.log_attempt("casadi", f"once more, jerk and acceleration halved: {result}", begun_s)
 
 
 def search_slower(search: PlanningSearch, found: list[Candidate]) -> None:
@@ -106,8 +107,8 @@ def _halvings(limits: Limits) -> list[tuple[int, int]]:
     Of 129 repeated searches half of the jerk gave something sooner in 14, a quarter in three, half of both in two. Half
     of the acceleration gave nothing: it is there for requests with twice of it.
     """
-    shortest_s = float((limits.qdd_max / limits.jerk_max).min())
-    count = max(HALVINGS_MIN, math.ceil(math.log2(RAMP_S / shortest_s)))
+    longest_s = float((limits.qdd_max / limits.jerk_max).max())  # of one slow joint, say: it decides the launch
+    count = int(np.clip(np.ceil(np.log2(RAMP_S / max(longest_s, TINY_S))), HALVINGS_MIN, HALVINGS_MAX))
     return [*((jerk, 0) for jerk in range(1, count + 1)), *((jerk, 1) for jerk in range(count))]
 
 

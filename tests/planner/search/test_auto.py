@@ -140,7 +140,7 @@ def test_no_candidate_is_left_out_between_two_stages():
 
 
 def test_no_motion_by_ruckig_keeps_the_optimiser_from_a_seed():
-    """So `auto` walks every stage that `casadi` alone does, and is never later for having Ruckig's motions."""
+    """So `auto` walks every stage of the first search that `casadi` alone does."""
     problem = target_problem()
     ranking = Ranking(problem, candidates(problem))
     without, with_ruckig = (PlanningSearch(problem, time.perf_counter() + 60.0) for _ in range(2))

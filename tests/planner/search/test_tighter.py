@@ -9,7 +9,8 @@ from planner.backends import casadi_nlp
 from planner.backends.casadi_nlp import SeedFailed
 from planner.planning import plan
 from planner.problem import TargetRelease
-from planner.search import auto, tighter
+from planner.search import Ranking, auto, tighter
+from planner.seeds import candidates
 from tests.planner.problems import joint_problem
 
 TARGET = joint_problem(release=TargetRelease(np.array([1.3, 0.2, 0.0])))
@@ -57,7 +58,7 @@ def test_a_search_is_repeated_where_its_answer_is_slow_beside_the_bounds(problem
 
 
 def test_a_request_with_twice_the_jerk_is_searched_as_this_one_too(monkeypatch):
-    """Of a doubtful search the one under half the jerk has the same candidates and stages as a request's own."""
+    """Of a doubtful search the one under half the jerk has the same candidates as a request's own."""
     searched, search = [], tighter.search_optimised
 
     def noted(inner, ranking, *policy):
@@ -94,9 +95,42 @@ def test_a_slower_arrival_is_an_answer_where_the_soonest_is_none(jerks, monkeypa
     assert 1.0 in jerks
 
 
-@pytest.mark.parametrize(("jerk", "count"), [(0.5, 2), (1.0, 2), (2.0, 3), (4.0, 4)])
-def test_jerk_is_halved_to_the_same_limit_however_much_of_it_a_request_allows(jerk, count):
+@pytest.mark.parametrize(("jerk", "count"), [(0.5, 2), (1.0, 2), (2.0, 3), (4.0, 4), (1000.0, 5), (np.inf, 5)])
+def test_the_more_jerk_a_request_allows_the_more_often_it_is_halved(jerk, count):
     limits = replace(TARGET.limits, jerk_max=jerk * JERK)  # 500 rad/s^3 times `jerk`, with 15 rad/s^2: 30 ms / `jerk`
     halvings = tighter._halvings(limits)
     assert [k for k, acceleration in halvings if acceleration == 0] == list(range(1, count + 1))
     assert [k for k, acceleration in halvings if acceleration == 1] == list(range(count))
+
+
+def test_one_joint_of_little_acceleration_does_not_multiply_the_searches():
+    qdd_max = np.append(TARGET.limits.qdd_max[:5], 1e-6)
+    assert tighter._halvings(replace(TARGET.limits, qdd_max=qdd_max)) == tighter._halvings(TARGET.limits)
+
+
+def test_a_slow_throw_is_searched_with_torque_held_and_a_given_state_is_not(monkeypatch):
+    held, search = [], tighter.search_optimised
+
+    def noted(inner, ranking, *policy):
+        held.append(inner.held)
+        return search(inner, ranking, *policy)
+
+    monkeypatch.setattr(tighter, "search_optimised", noted)
+    plan(TARGET)
+    assert held.count(tighter.TORQUE) == 1
+    held.clear()
+    monkeypatch.setattr(tighter, "is_doubtful", lambda *_: True)
+    plan(joint_problem())
+    assert tighter.TORQUE not in held
+
+
+@pytest.mark.parametrize(
+    ("release", "window_s", "share"),
+    [(TARGET.release, 0.0, 0.65), (TARGET.release, 0.005, 0.75), (joint_problem().release, 0.0, 1.05)],
+)
+def test_an_answer_is_slow_beyond_a_share_of_the_least_bound(release, window_s, share):
+    problem = replace(TARGET, release=release, release_window_s=window_s, landing_tolerance_m=0.02 if window_s else 0.0)
+    found = candidates(problem)
+    ranking, least_s = Ranking(problem, found), min(candidate.bound_s for candidate in found)
+    assert not ranking.is_slow(0.999 * share * least_s)
+    assert ranking.is_slow(1.001 * share * least_s)
