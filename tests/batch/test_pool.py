@@ -61,7 +61,7 @@ def test_jobs_are_read_as_they_are_needed(pool: PlanningPool):
 
 def test_what_a_dead_worker_had_in_hand_is_given_out_again(pool: PlanningPool, tmp_path: Path):
     jobs = [fake_job(value, sleep_s=0.002) for value in range(100)]
-    jobs[30] = fake_job(30, dies_once=str(tmp_path / "died"))
+    jobs[90] = fake_job(90, dies_once=str(tmp_path / "died"))  # not in hand of the worker that is ended before it
     numbers = Counter()
     for result in pool.plan_all(jobs):
         assert result.planned.samples == str(result.number**2).encode()
