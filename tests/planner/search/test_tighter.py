@@ -14,9 +14,7 @@ from planner.seeds import candidates
 from tests.planner.problems import joint_problem
 
 TARGET = joint_problem(release=TargetRelease(np.array([1.3, 0.2, 0.0])))
-NEAR = joint_problem(
-    release=TargetRelease(np.array([0.8, 0.3, 0.0]))
-)  # released well before the bounds of its candidates
+NEAR = joint_problem(release=TargetRelease(np.array([0.8, 0.3, 0.0])))  # releases well before its candidates' bounds
 JERK = TARGET.limits.jerk_max
 
 
@@ -33,6 +31,19 @@ def jerks(monkeypatch):
 
     monkeypatch.setattr(casadi_nlp, "solve", failing)
     return shares
+
+
+@pytest.fixture
+def searched(monkeypatch):
+    """Every search that is made: its problem, the bounds of its candidates, and the rows that it begins with."""
+    made, search = [], tighter.search_optimised
+
+    def noted(inner, ranking, *policy):
+        made.append((inner.problem, [each.candidate.bound_s for each in ranking], inner.held))
+        return search(inner, ranking, *policy)
+
+    monkeypatch.setattr(tighter, "search_optimised", noted)
+    return made
 
 
 def test_a_throw_that_is_found_with_half_the_jerk_alone_is_an_answer(jerks):
@@ -57,22 +68,15 @@ def test_a_search_is_repeated_where_its_answer_is_slow_beside_the_bounds(problem
     assert any("jerk and acceleration halved" in attempt.result for attempt in answer.attempts) is is_repeated
 
 
-def test_a_request_with_twice_the_jerk_is_searched_as_this_one_too(monkeypatch):
+def test_a_request_with_twice_the_jerk_is_searched_as_this_one_too(searched):
     """Of a doubtful search the one under half the jerk has the same candidates as a request's own."""
-    searched, search = [], tighter.search_optimised
-
-    def noted(inner, ranking, *policy):
-        searched.append((inner.problem, [each.candidate.bound_s for each in ranking]))
-        return search(inner, ranking, *policy)
-
-    monkeypatch.setattr(tighter, "search_optimised", noted)
     plan(TARGET)
-    (own, bounds), *_ = searched
+    (own, bounds, _), *_ = searched
     searched.clear()
     plan(replace(TARGET, limits=replace(TARGET.limits, jerk_max=2.0 * JERK)))
     assert any(
         np.array_equal(problem.limits.jerk_max, own.limits.jerk_max) and found == bounds
-        for problem, found in searched[1:]
+        for problem, found, _ in searched[1:]
     )
 
 
@@ -108,20 +112,13 @@ def test_one_joint_of_little_acceleration_does_not_multiply_the_searches():
     assert tighter._halvings(replace(TARGET.limits, qdd_max=qdd_max)) == tighter._halvings(TARGET.limits)
 
 
-def test_a_slow_throw_is_searched_with_torque_held_and_a_given_state_is_not(monkeypatch):
-    held, search = [], tighter.search_optimised
-
-    def noted(inner, ranking, *policy):
-        held.append(inner.held)
-        return search(inner, ranking, *policy)
-
-    monkeypatch.setattr(tighter, "search_optimised", noted)
+def test_a_slow_throw_is_searched_with_torque_held_and_a_given_state_is_not(searched, monkeypatch):
     plan(TARGET)
-    assert held.count(tighter.TORQUE) == 1
-    held.clear()
+    assert [held for _, _, held in searched].count(tighter.TORQUE) == 1
+    searched.clear()
     monkeypatch.setattr(tighter, "is_doubtful", lambda *_: True)
     plan(joint_problem())
-    assert tighter.TORQUE not in held
+    assert tighter.TORQUE not in [held for _, _, held in searched]
 
 
 @pytest.mark.parametrize(
