@@ -60,7 +60,7 @@ def _without_obstacles(problem: ThrowProblem) -> ThrowProblem:
 def _feasible(kind: str, here: Cell, rng: np.random.Generator) -> Iterator[tuple[ThrowProblem, JointRelease]]:
     while True:
         problem = _drawn(kind, here, rng)
-        if body_model(problem.cell).clearances(here.home[None]).least[0] < 0.0:
+        if body_model(problem.cell_with_bin).clearances(here.home[None]).least[0] < 0.0:
             continue
         lob = _lob(problem, rng)
         if lob is not None:

@@ -55,12 +55,10 @@ def way_clear(cell: Cell, q: Array, with_object: bool = True) -> Array | None:
 
 def jog_advice(cell: Cell, q: Array, with_object: bool = True) -> str:
     """Returns what is too close at a posture (6,) and how to jog the arm by hand; "" where nothing is too close."""
-    still = rest_to_rest_motion(np.array([q, q]), cell.limits, 1.0 / cell.robot.sample_rate_hz)
     try:
-        problem = ThrowProblem(cell, q, JointRelease(q, np.zeros(6)), cell.limits, holds_object=with_object)
+        close = too_close(cell, q, with_object)
     except InvalidProblem as error:
         return f"jog the arm by hand: {error}"
-    close = [check for check in certify(problem, still).failures if check.unit == "m"]
     if not close:
         return ""
     slope = _slopes(cell, q, with_object)
@@ -70,6 +68,17 @@ def jog_advice(cell: Cell, q: Array, with_object: bool = True) -> str:
         f"the arm stands too close ({obstacle_words(close)}): jog it by hand; "
         f"{cell.robot.joint_names[joint]} in the {direction} direction increases the distance most"
     )
+
+
+def too_close(cell: Cell, q: Array, with_object: bool = True) -> list[Check]:
+    """Returns the failed checks of the clearance of an arm at rest at a posture (6,) [rad].
+
+    Raises:
+        InvalidProblem: the posture is beyond the cell's limits.
+    """
+    still = rest_to_rest_motion(np.array([q, q]), cell.limits, 1.0 / cell.robot.sample_rate_hz)
+    problem = ThrowProblem(cell, q, JointRelease(q, np.zeros(6)), cell.limits, holds_object=with_object)
+    return [check for check in certify(problem, still).failures if check.unit == "m"]
 
 
 def obstacle_words(checks: Sequence[Check]) -> str:

@@ -9,9 +9,11 @@ from planner.certificate.certificate import Certificate, Check, NotChecked
 from planner.certificate.checks import certify
 from planner.certificate.curves import Curve, Series, motion_curves
 from planner.certificate.flight import FlightObstruction, flight_obstruction
+from planner.certificate.joints import START_TOLERANCE
 from planner.certificate.release import landing_errors, release_flight, window_landing_points
 
 __all__ = [
+    "START_TOLERANCE",
     "Certificate",
     "Check",
     "Curve",

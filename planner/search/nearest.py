@@ -22,9 +22,11 @@ from planner.errors import Infeasible, SolverFailed, Violation
 from planner.geometry import tool_pose
 from planner.problem import JointRelease, PointRelease, PoseRelease, Release, TargetRelease, ThrowProblem
 from planner.rotations import matrix_to_rotation_vector, pose, rotation_vector_to_matrix
+from planner.search.blocked_postures import blocked_postures
 from planner.search.feasible_releases import PlacedRelease, feasible_releases, moved, position
 from planner.search.incumbent import CertifiedSolution, PlanningSearch, certified
 from planner.search.sequential import VARIANTS_BY_BACKEND, Solve
+from planner.search.way_home import find_way_home
 from planner.seeds import Candidate, candidates, farthest_reach
 
 Relaxation = Callable[[float], Release]  # of a share s: 0 fully relaxed, 1 as requested or as close as possible
@@ -39,6 +41,7 @@ COMFORTABLE_REACH = 0.6  # [-] of the arm's reach: positions there have many pos
 STEPS_OUT, NEAREST_OUT = 24, 8  # distances tried from the base to there; those from a third of it on are targets
 BESIDE_M = 0.05  # [m] between the object and a box that an easy target is in front of
 MOTIONS_MAX, LATE_MOTIONS_MAX = 30, 20  # motions certified, about 5 ms each; after the request's deadline
+SHARES_MAX = 3  # [-] largest shares whose motion's end is searched for a way home; in vain that takes some seconds
 CANDIDATES_MAX, FEW_CANDIDATES = 6, 2  # tried for one release, thoroughly or not
 
 
@@ -48,13 +51,11 @@ class Feasibility:
     Attributes:
         deadline_s: of the request, on the clock of `time.perf_counter`.
         motions: certified so far.
-        latest: the last one that was valid.
     """
 
     def __init__(self, deadline_s: float) -> None:
         self.deadline_s = deadline_s
         self.motions = 0
-        self.latest: CertifiedSolution | None = None
 
     @property
     def exhausted(self) -> bool:
@@ -62,30 +63,34 @@ class Feasibility:
         late = time.perf_counter() > self.deadline_s
         return self.motions >= (LATE_MOTIONS_MAX if late else MOTIONS_MAX)
 
-    def has_certified_motion(self, problem: ThrowProblem, thorough: bool) -> bool:
-        """Returns whether a certified motion was found; a thorough search tries more candidates and variants."""
+    def motion(self, problem: ThrowProblem, thorough: bool) -> CertifiedSolution | None:
+        """Returns a certified motion, None where none was found; a thorough search tries more candidates and variants.
+
+        Where the start or the cell's home is blocked, there is none.
+        """
+        if blocked_postures(problem):
+            return None
         variants = VARIANTS_BY_BACKEND.get(problem.backend, VARIANTS_BY_BACKEND["ruckig"])[::-1]  # the gentlest first
         try:
             found = candidates(problem, wide=thorough)[: CANDIDATES_MAX if thorough else FEW_CANDIDATES]
         except Infeasible:
-            return False
+            return None
         for solve, candidate in product(variants if thorough else variants[:1], found):
             if self.exhausted:
-                return False
-            if self._certified(problem, solve, candidate):
-                return True
-        return False
+                return None
+            motion = self._certified(problem, solve, candidate)
+            if motion is not None:
+                return motion
+        return None
 
-    def _certified(self, problem: ThrowProblem, solve: Solve, candidate: Candidate) -> bool:
-        """Returns whether a back end's motion to a candidate is certified."""
+    def _certified(self, problem: ThrowProblem, solve: Solve, candidate: Candidate) -> CertifiedSolution | None:
+        """Returns a back end's motion to a candidate, None where it is not certified."""
         self.motions += 1
         try:
             found = certified(problem.backend, problem, solve(problem, candidate))
         except SolverFailed:
-            return False
-        if found.certificate.valid:
-            self.latest = found
-        return found.certificate.valid
+            return None
+        return found if found.certificate.valid else None
 
 
 def nearest_problem(search: PlanningSearch, violations: Iterable[Violation]) -> ThrowProblem | None:
@@ -103,9 +108,10 @@ def nearest_problem(search: PlanningSearch, violations: Iterable[Violation]) -> 
     feasibility = Feasibility(search.deadline_s)
     nominal = replace(problem, release_window_s=0.0) if problem.is_robust else problem
     for relaxation, thorough in _relaxations(problem, broken):
-        share = _largest_share(nominal, relaxation, feasibility, thorough)
-        if share is not None and feasibility.latest is not None:
-            return _with_own_window(replace(problem, release=relaxation(share)), feasibility.latest)
+        for share, motion in _feasible_shares(nominal, relaxation, feasibility, thorough)[:SHARES_MAX]:
+            found = replace(nominal, release=relaxation(share))
+            if find_way_home(found, motion)[0] is not None:
+                return _with_own_window(replace(problem, release=found.release), motion)
         if feasibility.exhausted:
             break
     return None
@@ -148,26 +154,29 @@ def _relaxations(problem: ThrowProblem, broken: set[str]) -> Iterator[tuple[Rela
     yield partial(_towards_start, problem, release), True
 
 
-def _largest_share(
+def _feasible_shares(
     problem: ThrowProblem, relaxation: Relaxation, feasibility: Feasibility, thorough: bool
-) -> float | None:
-    """Returns the largest feasible share, by bisection; None if even the share 0 is infeasible."""
-    if not feasibility.has_certified_motion(replace(problem, release=relaxation(0.0)), thorough):
-        return None
-    feasible, failed = 0.0, [1.0]
+) -> list[tuple[float, CertifiedSolution]]:
+    """Returns feasible shares, each with a motion, the largest first; found by bisection, unless 0 is infeasible."""
+    first = feasibility.motion(replace(problem, release=relaxation(0.0)), thorough)
+    if first is None:
+        return []
+    feasible, failed = [(0.0, first)], [1.0]
     for _ in range(BISECTIONS):
         if feasibility.exhausted:
             break
-        share = (feasible + failed[-1]) / 2.0
-        if feasibility.has_certified_motion(replace(problem, release=relaxation(share)), False):
-            feasible = share
+        share = (feasible[-1][0] + failed[-1]) / 2.0
+        motion = feasibility.motion(replace(problem, release=relaxation(share)), False)
+        if motion is not None:
+            feasible.append((share, motion))
         else:
             failed.append(share)
     for share in reversed(failed):  # what few candidates could not do, more may
-        if not feasibility.has_certified_motion(replace(problem, release=relaxation(share)), True):
+        motion = feasibility.motion(replace(problem, release=relaxation(share)), True)
+        if motion is None:
             break
-        feasible = share
-    return feasible
+        feasible.append((share, motion))
+    return feasible[::-1]
 
 
 def _slower(release: Release, share: float) -> Release:

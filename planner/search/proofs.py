@@ -14,6 +14,7 @@ from planner.errors import Infeasible, Violation
 from planner.flight import least_speed
 from planner.geometry import body_model, tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.search.blocked_postures import blocked_postures
 from planner.search.released_flight import released_flight_blocked
 from planner.search.throw_range import SLACK, farthest_reach_from_shoulder, out_of_range, shoulder_position
 
@@ -43,8 +44,8 @@ def proven_violations(problem: ThrowProblem) -> list[Violation]:
         case TargetRelease(release_position=p) as release:
             assert p is not None
             found = _place(problem, p) or _range(problem, release, p)
-    blocked = released_flight_blocked(problem)
-    return [replace(violation, proven=True) for violation in [*found, *filter(None, [blocked])]]
+    found += [*filter(None, [released_flight_blocked(problem)]), *blocked_postures(problem)]
+    return [replace(violation, proven=True) for violation in found]
 
 
 def farthest_target_m(problem: ThrowProblem) -> float | None:

@@ -11,6 +11,7 @@ import time
 from planner.approach import Approach, find_approach, obstacle_words
 from planner.certificate import Check
 from planner.errors import Infeasible, Violation
+from planner.problem import ThrowProblem
 from planner.search.incumbent import CertifiedSolution, PlanningSearch
 
 MOTIONS_MAX = 3  # [-] best motions whose ends are tried: a search for a path takes some seconds where there is none
@@ -24,7 +25,7 @@ def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Appro
     """
     begun_s, blocked = time.perf_counter(), []
     for motion in search.by_rank()[:MOTIONS_MAX]:
-        way, failures = find_way_home(search, motion)
+        way, failures = find_way_home(search.problem, motion)
         if way is not None:
             if blocked:
                 search.log_attempt("approach", f"way home: none from {len(blocked)} sooner motions", begun_s)
@@ -36,10 +37,13 @@ def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Appro
     raise Infeasible([_violation(blocked[0], len(blocked))], attempts=[attempt.__dict__ for attempt in search.attempts])
 
 
-def find_way_home(search: PlanningSearch, motion: CertifiedSolution) -> tuple[Approach | None, tuple[Check, ...]]:
-    """Returns the way home from the end of a motion: without the object after a throw, with it after a move to rest."""
-    cell, end = search.problem.cell_with_bin, motion.solution.trajectory.q[-1]
-    return find_approach(cell, end, cell.home, with_object=search.problem.ends_at_rest)
+def find_way_home(problem: ThrowProblem, motion: CertifiedSolution) -> tuple[Approach | None, tuple[Check, ...]]:
+    """Returns the way home from the end of a motion: without the object after a throw, with it after a move to rest.
+
+    Without one, the checks that a straight move home fails.
+    """
+    cell, end = problem.cell_with_bin, motion.solution.trajectory.q[-1]
+    return find_approach(cell, end, cell.home, with_object=problem.ends_at_rest)
 
 
 def _violation(failures: tuple[Check, ...], tried: int) -> Violation:

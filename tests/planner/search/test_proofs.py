@@ -6,12 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from planner.cell import Box
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed
-from planner.geometry import tool_state
+from planner.geometry import body_model, tool_pose, tool_state
 from planner.planning import plan
-from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease
+from planner.problem import JointRelease, Opening, PointRelease, PoseRelease, TargetRelease
 from planner.request import problem_from_request
 from planner.search import POLICY, PlanningSearch, Ranking, search_optimised
+from planner.search.blocked_postures import blocked_postures
 from planner.search.proofs import (
     farthest_from_shoulder,
     fastest_tool,
@@ -85,6 +87,48 @@ def test_an_impossible_release_is_refused_with_proof_and_something_nearest(case)
     assert all(violation.proven for violation in refusal.value.violations)
     assert refusal.value.nearest is not None
     assert plan(problem_from_request(refusal.value.nearest, problem.cell)).certificate.valid
+
+
+TURNED_AWAY = cell().home + 1.2 * np.eye(6)[0]  # [rad] from what is below the home
+
+
+def with_box(lower, upper):
+    """The shipped cell with one keep-out box."""
+    here = cell()
+    return replace(here, surroundings=replace(here.surroundings, keep_out=(Box(np.array(lower), np.array(upper)),)))
+
+
+def test_a_start_that_is_blocked_is_refused_with_proof_and_without_a_search():
+    start = TURNED_AWAY
+    tool = tool_pose(cell(), start)[:3, 3]
+    here = with_box(tool - [0.1, 0.1, 0.3], tool - [0.0, 0.0, -0.01])
+    with pytest.raises(Infeasible) as refusal:
+        plan(joint_problem(cell=here, start=start, release=TargetRelease(np.array([1.3, 0.2, 0.0]))))
+    (violation,) = refusal.value.violations
+    assert (violation.constraint, violation.limit, violation.proven) == ("keep_out", 0.02, True)
+    assert violation.value < 0.0
+    assert violation.detail.endswith("at the start")
+    assert not refusal.value.attempts
+
+
+def test_a_bin_around_the_home_is_refused_with_proof_and_offered_farther_away():
+    below = tool_pose(cell(), cell().home)[:3, 3] * [1.0, 1.0, 0.0]
+    problem = joint_problem(start=TURNED_AWAY, release=TargetRelease(below, opening=Opening(0.1, 0.6)))
+    with pytest.raises(Infeasible) as refusal:
+        plan(problem)
+    (violation,) = refusal.value.violations
+    assert (violation.constraint, violation.proven) == ("way_home", True)
+    assert "cell's home" in violation.detail
+    assert "bin" in violation.detail
+    assert plan(problem_from_request(refusal.value.nearest, problem.cell)).certificate.valid
+
+
+def test_a_start_as_close_as_the_rule_allows_is_no_proof():
+    room = float(body_model(cell()).clearances(cell().home[None]).floor[0])
+    for raised, names in ((room - 1e-4, []), (room + 1e-4, ["floor"]), (room + 1e-2, ["floor", "way_home"])):
+        floor = replace(cell().surroundings, floor_z_m=cell().surroundings.floor_z_m + raised)
+        problem = joint_problem(cell=replace(cell(), surroundings=floor))
+        assert [violation.constraint for violation in blocked_postures(problem)] == names
 
 
 def test_a_search_in_vain_proves_nothing_and_says_what_it_tried():

@@ -1,0 +1,43 @@
+"""Refusal where the request's start is blocked, or the cell's home: plans begin at one and leave a way to the other.
+
+Both postures are given, so that no search is needed to tell.
+"""
+
+from __future__ import annotations
+
+from planner.approach import NEAR_RAD, obstacle_words, too_close
+from planner.arrays import Array
+from planner.certificate import START_TOLERANCE, Check
+from planner.errors import Violation
+from planner.geometry import body_model
+from planner.problem import ThrowProblem
+
+
+def blocked_postures(problem: ThrowProblem) -> list[Violation]:
+    """Returns the bounds on the clearance that the start breaks, and that the cell's home does, whatever the motion."""
+    found = [
+        Violation(check.name, check.value, check.limit, check.unit, 0.0, f"{check.detail}, at the start", proven=True)
+        for check in _broken(problem, problem.start, problem.holds_object, START_TOLERANCE)
+    ]
+    at_home = _broken(problem, problem.cell.home, problem.ends_at_rest, NEAR_RAD)
+    if at_home:
+        worst, words = min(at_home, key=lambda check: check.margin), obstacle_words(at_home)
+        detail = f"the arm cannot stand at the cell's home, to which every plan must have a way: {words}"
+        found.append(Violation("way_home", worst.value, worst.limit, worst.unit, detail=detail, proven=True))
+    return found
+
+
+def _broken(problem: ThrowProblem, q: Array, with_object: bool, tolerance_rad: float) -> list[Check]:
+    """Returns the checks that fail at a posture, and at all that count as the same.
+
+    Args:
+        problem: of which the surroundings count, with a bin.
+        q: the posture (6,) [rad].
+        with_object: whether the object is in the tool there.
+        tolerance_rad: largest difference of a joint to a posture that counts as the same [rad].
+    """
+    body = body_model(problem.cell_with_bin)
+    moved_m = tolerance_rad * float(body.levers.sum(axis=1).max())  # the farthest that a point of the arm moves by that
+    if body.clearances(q[None], with_object).least[0] >= -moved_m:
+        return []
+    return [check for check in too_close(problem.cell_with_bin, q, with_object) if check.margin < -moved_m]
