@@ -40,7 +40,7 @@ class PlanningSearch:
         incumbent: best valid motion so far.
         certified: every valid motion, in the order in which they were found.
         in_hand: a valid motion by Ruckig, given where the search finds no better one.
-        nominal: the soonest motion that fails for its release window alone.
+        nominal: the soonest motion that lacks nothing but the release window.
         best_rejected: the rejected motion closest to a valid one, for the refusal.
         attempts: log of what was tried.
         iterations: spent by the optimiser so far.

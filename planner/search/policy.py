@@ -130,6 +130,10 @@ FURTHER = {"one more seed", "last seeds", "further motions"}
 AGAIN_POLICY: tuple[Stage, ...] = tuple(stage for stage in POLICY if stage.purpose not in FURTHER)
 # Under several pairs of tighter limits, by Ruckig alone: other curves, past what stands around.
 SLOWER_POLICY: tuple[Stage, ...] = (SOONEST_ARRIVALS,)
+# From the motions without a release window, where the search found none with it.
+FROM_NOMINAL_POLICY: tuple[Stage, ...] = (
+    Stage("casadi", "from motions without the window", slice(0, 3), no_incumbent, iterations=300, order="bound"),
+)
 LAST_POLICY: tuple[Stage, ...] = (
     Stage("casadi", "second solver", slice(0, 1), no_incumbent, iterations=200, with_ipopt=True),
 )

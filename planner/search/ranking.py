@@ -6,6 +6,7 @@ from bisect import insort
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import zip_longest
 from typing import overload
 
 import numpy as np
@@ -37,10 +38,19 @@ OBSTACLE_DEPTH_M = 0.02  # [m] penetration on that path which the optimiser stil
 
 @dataclass(frozen=True, eq=False)
 class RankedCandidate:
-    """A candidate with Ruckig's times to it, and a note of what was tried from it and what was made in advance."""
+    """A candidate with Ruckig's times to it, and a note of what was tried from it and what was made in advance.
+
+    Attributes:
+        problem: that it is a release state for.
+        candidate: the state.
+        given: motion through it that the optimiser starts from; None for Ruckig's.
+        tried: what was tried from it.
+        made: Ruckig's motions to it.
+    """
 
     problem: ThrowProblem
     candidate: Candidate
+    given: Trajectory | None = None
     tried: set[str] = field(default_factory=set)
     made: dict[ruckig_otg.LaunchVariant, CertifiedSolution] = field(default_factory=dict)
 
@@ -57,7 +67,9 @@ class RankedCandidate:
 
     @cached_property
     def seed(self) -> Seed:
-        """The optimiser's seed: Ruckig's motion to the candidate, if there is one."""
+        """The optimiser's seed: the motion that is given, or else Ruckig's to the candidate, if there is one."""
+        if self.given is not None:
+            return Seed(self.candidate, self.given)
         refused = self.launch_s == float("inf")
         return Seed(self.candidate, None if refused else ruckig_otg.initial_guess(self.problem, self.candidate))
 
@@ -80,9 +92,12 @@ class Ranking(Sequence[RankedCandidate]):
     when it is first asked for: a release state whose soonest arrival is certified needs no launch times.
     """
 
-    def __init__(self, problem: ThrowProblem, candidates: list[Candidate]) -> None:
-        """Takes candidates by ascending lower bound on the launch time."""
-        self._problem, ranked = problem, [RankedCandidate(problem, candidate) for candidate in candidates]
+    def __init__(
+        self, problem: ThrowProblem, candidates: Sequence[Candidate], motions: Sequence[Trajectory] = ()
+    ) -> None:
+        """Takes candidates by ascending lower bound on the launch time, and motions through the first of them."""
+        pairs = zip_longest(candidates, motions)
+        self._problem, ranked = problem, [RankedCandidate(problem, candidate, given) for candidate, given in pairs]
         self.settled: set[int] = set()
         self.beside_opening: dict[RankedCandidate, Trajectory] = {}
         self._by_bound, self._others = ranked[:RANKED_MAX], ranked[RANKED_MAX:]
