@@ -171,6 +171,11 @@ class ThrowProblem:
         return False
 
     @property
+    def fixes_joints(self) -> bool:
+        """Whether the joint states at the release are given: one, or of a pose one for each branch."""
+        return isinstance(self.release, JointRelease | PoseRelease)
+
+    @property
     def plane_z(self) -> float:
         """Height of the landing plane [m]: the target's, or the floor's for a release without a target."""
         if isinstance(self.release, TargetRelease):

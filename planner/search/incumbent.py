@@ -86,7 +86,12 @@ class PlanningSearch:
     @property
     def latest_useful_s(self) -> float:
         """Latest release time of an optimised motion that is of use [s]: a tick before that of another one."""
-        return self.release_time_s - self.problem.dt if self.has_optimised or self.needs_sooner else float("inf")
+        return self.release_time_s - self.problem.dt if self._has_answer_to_beat else float("inf")
+
+    @property
+    def _has_answer_to_beat(self) -> bool:
+        """Whether an optimised motion is known: another one is of use only where it is sooner."""
+        return self.has_optimised or self.needs_sooner
 
     @property
     def answer(self) -> CertifiedSolution | None:
@@ -100,8 +105,9 @@ class PlanningSearch:
             problem: whose motions solve this search's own.
             held: groups of rows with which seeds start.
         """
-        needs_sooner = self.has_optimised or self.needs_sooner
-        return PlanningSearch(problem, self.deadline_s, self.incumbent, held=held, needs_sooner=needs_sooner)
+        return PlanningSearch(
+            problem, self.deadline_s, self.incumbent, held=held, needs_sooner=self._has_answer_to_beat
+        )
 
     def certify(self, backend: str, solution: Solution) -> Certificate:
         """Returns the certificate of a motion, which is considered as an answer."""

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from planner.backends import ruckig_otg
-from planner.problem import JointRelease, PoseRelease, TargetRelease
+from planner.problem import TargetRelease
 from planner.search.incumbent import PlanningSearch
 from planner.search.ranking import RANKED_MAX, SEEDS_AN_ASPECT, Ranking
 from planner.seeds import ASPECTS
@@ -45,7 +45,7 @@ def always(search: PlanningSearch, ranking: Ranking) -> bool:
 
 def release_state_given(search: PlanningSearch, ranking: Ranking) -> bool:
     """Returns whether the joint states at the release are given, for one instant alone."""
-    return isinstance(search.problem.release, JointRelease | PoseRelease) and not search.problem.is_robust
+    return search.problem.fixes_joints and not search.problem.is_robust
 
 
 def no_incumbent(search: PlanningSearch, ranking: Ranking) -> bool:

@@ -15,7 +15,7 @@ from planner.arrays import Array, Index
 from planner.backends import ruckig_otg
 from planner.flight import path
 from planner.geometry import Arcs, body_model, segment_segment_distance
-from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.search.incumbent import CertifiedSolution
 from planner.seeds import Candidate, Seed, aspects, first_rows, least_times_to_aspects
 from planner.trajectory import Trajectory
@@ -145,8 +145,7 @@ class Ranking(Sequence[RankedCandidate]):
 
     def _is_settled(self, ranked: RankedCandidate) -> bool:
         """Returns whether a candidate's aspect is settled, and the release state is not given."""
-        given = isinstance(self._problem.release, JointRelease | PoseRelease)
-        return not given and int(self._aspects([ranked])[0]) in self.settled
+        return not self._problem.fixes_joints and int(self._aspects([ranked])[0]) in self.settled
 
     def settle(self, ranked: RankedCandidate, release_s: float) -> None:
         """Notes that the optimiser came from a candidate to a release at `release_s` [s], infinite for too late.
@@ -171,7 +170,7 @@ class Ranking(Sequence[RankedCandidate]):
 
         It keeps the release state, where that is given, and the aspect.
         """
-        if isinstance(self._problem.release, JointRelease | PoseRelease):
+        if self._problem.fixes_joints:
             return ranked.candidate.bound_s
         return float(self._least_by_aspect[self._aspects([ranked])[0]])
 

@@ -21,7 +21,7 @@ import numpy as np
 
 from planner.cell import Limits
 from planner.errors import Infeasible
-from planner.problem import JointRelease, PoseRelease, TargetRelease
+from planner.problem import TargetRelease
 from planner.search.auto import search_optimised
 from planner.search.incumbent import PlanningSearch, certified
 from planner.search.policy import (
@@ -115,8 +115,7 @@ def search_again(search: PlanningSearch) -> None:
     """
     begun_s, problem = time.perf_counter(), search.problem
     gained: list[str] = []
-    leaves_release = not isinstance(problem.release, JointRelease | PoseRelease)
-    if leaves_release and _gains(search, None, problem.limits, held=TORQUE):
+    if not problem.fixes_joints and _gains(search, None, problem.limits, held=TORQUE):
         gained.append("with torque held")
     for jerk, acceleration in _halvings(problem.limits):
         if _gains(search, None, _halved(problem.limits, jerk, acceleration)):

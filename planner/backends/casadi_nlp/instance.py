@@ -27,7 +27,7 @@ from planner.cell import Cell, Limits
 from planner.flight import fly
 from planner.geometry import tool_state
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
-from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.seeds import Candidate, InitialGuess, Seed
 from planner.timing import CubicProfile, grid_limits
 
@@ -274,8 +274,7 @@ class Instance:
 
     def _given(self) -> list[Vector]:
         """Returns the joint positions (6,) that the problem fixes [rad]."""
-        fixed = isinstance(self.problem.release, JointRelease | PoseRelease)
-        return [self.problem.start, self.candidate.q] if fixed else [self.problem.start]
+        return [self.problem.start, self.candidate.q] if self.problem.fixes_joints else [self.problem.start]
 
     def _costs(self) -> Vector:
         """Returns the `COST` parameters of every stage; with fixed times only jerk and steps have a cost."""

@@ -18,7 +18,7 @@ from planner.backends.casadi_nlp.symbols import FORMULAS, RELEASE_ROWS
 from planner.errors import SolverFailed
 from planner.flight import landing_points
 from planner.geometry import tool_state
-from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
+from planner.problem import PointRelease, TargetRelease, ThrowProblem
 
 REFINEMENT_ROUNDS = 6  # Newton iterations on the release state
 # [-] of a calibrated arm, whose Jacobian is known to a hundredth: each leaves a hundredth of the error or less
@@ -51,7 +51,7 @@ def with_room(problem: ThrowProblem) -> ThrowProblem:
 
 def is_free_release_of_measured_arm(problem: ThrowProblem) -> bool:
     """Returns whether a release state has to be found for a calibrated arm, and is not given."""
-    return problem.cell.robot.fixed is not None and not isinstance(problem.release, JointRelease | PoseRelease)
+    return problem.cell.robot.fixed is not None and not problem.fixes_joints
 
 
 def only_lands(problem: ThrowProblem) -> bool:
@@ -105,7 +105,7 @@ def refined_release(instance: Instance, state: tuple[Vector, Vector], aim: Vecto
         SolverFailed: the state is too far off.
     """
     problem = instance.problem
-    if isinstance(problem.release, JointRelease | PoseRelease):
+    if problem.fixes_joints:
         return instance.candidate.q, instance.candidate.qd
     z, is_measured = _stage(instance, state), problem.cell.robot.fixed is not None
     for _ in range(CALIBRATED_ROUNDS if is_measured else REFINEMENT_ROUNDS):
