@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.consistency.loosened import LOOSENED, TIME_LIMIT_S, Pair, pairs_of, release_time
+from benchmarks.consistency.loosened import LOOSENED, TICK_SLACK, TIME_LIMIT_S, Pair, pairs_of, release_time
 from benchmarks.consistency.many_seeds import SEEDS, soonest_release
 from benchmarks.problem_sets import ANYWHERE, Task, boxed_tasks, build
 from benchmarks.results import machine
@@ -42,7 +42,8 @@ def consistency_report(problems: int, searched: int, seed: int = 0) -> str:
         lines += [
             "",
             f"The answer's release time over the best known: the answer's own, or that from {SEEDS} random release "
-            f"states. At the 90th percentile it may be {LATE}.",
+            f"states. At the 90th percentile it may be {LATE}. Release times are rounded up to ticks, of which one is "
+            "more than 1 % of a launch under 0.2 s: the last column leaves out those that are late by one tick alone.",
             "",
             *_seed_table([(name, build(name, searched, seed)) for name in SETS], seed),
         ]
@@ -62,17 +63,21 @@ def _pair_table(pairs: Sequence[Pair]) -> list[str]:
 
 
 def _seed_table(groups: Sequence[tuple[str, list[Task]]], seed: int) -> list[str]:
-    rows = ["| set | answers | p50 | p90 | largest | over 1 % late |", "| --- | --- | --- | --- | --- | --- |"]
+    head = "| set | answers | p50 | p90 | largest | over 1 % late | and by more than a tick |"
+    rows = [head, "| --- | --- | --- | --- | --- | --- | --- |"]
     for name, tasks in groups:
-        ratios = np.array([ratio for task in tasks if (ratio := _over_best(task, seed)) is not None])
+        found = np.array([times for task in tasks if (times := _own_and_best(task, seed)) is not None])
+        own_s, best_s, tick_s = found.T
+        ratios = own_s / best_s
         p50, p90 = np.quantile(ratios, (0.5, 0.9))
-        late = int((ratios > LATE).sum())
-        rows.append(f"| {name} | {len(ratios)} | {p50:.3f} | {p90:.3f} | {ratios.max():.3f} | {late} |")
+        late, by_ticks = ratios > LATE, own_s - best_s > (1.0 + TICK_SLACK) * tick_s
+        counts = f"{late.sum()} | {(late & by_ticks).sum()}"
+        rows.append(f"| {name} | {len(ratios)} | {p50:.3f} | {p90:.3f} | {ratios.max():.3f} | {counts} |")
     return rows
 
 
-def _over_best(task: Task, seed: int) -> float | None:
-    """Returns the answer's release time over the best known; None where it is refused."""
+def _own_and_best(task: Task, seed: int) -> tuple[float, float, float] | None:
+    """Returns the answer's release time, the best known and one tick [s]; None where the task is refused."""
     problem = replace(task.problem, time_limit_s=TIME_LIMIT_S)
     own_s = release_time(problem)
-    return None if own_s is None else own_s / min(own_s, soonest_release(problem, seed))
+    return None if own_s is None else (own_s, min(own_s, soonest_release(problem, seed)), problem.dt)
