@@ -66,9 +66,9 @@ def sim(context: click.Context, cell: str | None, host: str | None, **given: Any
     settings = parse_settings()
     path = cell_path(settings.cells, cell or settings.default_cell)
     if context.invoked_subcommand is None:
+        arguments = ["--cell", str(path), *(["--host", host] if host else []), *_behaviour(**given)]
         advice = f"or choose another loopback address: --host 127.0.0.2, and {OTHER_HOST}"
         require_free(host or _host(path), SIMULATOR_PORTS, "the simulated controller", advice)
-        arguments = ["--cell", str(path), *(["--host", host] if host else []), *_behaviour(**given)]
         os.execv(sys.executable, [sys.executable, "-P", "-m", "executor.simulator", *arguments])
     context.obj = lambda: host or _host(path)
 

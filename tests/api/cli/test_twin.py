@@ -14,6 +14,7 @@ import pytest
 from click.testing import CliRunner
 
 from api.cli import main
+from api.cli.simulator import CONTROL_PORT
 from api.cli.support.twin import truth_of_profile, truth_text
 from benchmarks.learning.plans import benchmark_cell, planned_throws
 from executor.simulator.truth import load_truth
@@ -100,7 +101,9 @@ def test_the_simulated_controller_takes_a_profile(file: Path, root: Path):
 def test_a_file_that_is_no_profile_is_refused(tmp_path: Path, content: str, word: str):
     file = tmp_path / "other.json"
     file.write_text(content)
-    result = CliRunner().invoke(main, ["sim", "--cell", "ur5e-sim", "--profile", str(file)])
+    with socket.create_server(("127.0.40.8", CONTROL_PORT)):  # another simulator runs: the file is refused all the same
+        arguments = ["--cell", "ur5e-sim", "--host", "127.0.40.8", "--profile", str(file)]
+        result = CliRunner().invoke(main, ["sim", *arguments])
     assert result.exit_code == 1
     assert word in result.output
 
