@@ -65,4 +65,14 @@ def _nearest_text(nearest: dict[str, Any]) -> str:
     release = nearest["release"]
     if release["kind"] != "target":
         return f"the nearest feasible release: {json.dumps(release)}"
-    return f"the nearest feasible target: {' '.join(f'{x:.6g}' for x in release['position'])}"
+    return f"the nearest feasible target: {' '.join(f'{x:.6g}' for x in release['position'])}{_window_text(nearest)}"
+
+
+def _window_text(nearest: dict[str, Any]) -> str:
+    """Returns the release window that goes with a nearest target, with the option of `fling throw` that asks for it."""
+    window_s = nearest.get("release_window_s")
+    if window_s is None:
+        return ""
+    if window_s == 0.0:
+        return ", without a release window (--soonest)"
+    return f", with a release window of {1e3 * window_s:.3g} ms (--window {window_s:.9g})"
