@@ -5,6 +5,8 @@ Both postures are given, so that no search is needed to tell.
 
 from __future__ import annotations
 
+import numpy as np
+
 from planner.approach import NEAR_RAD, obstacle_words, too_close
 from planner.arrays import Array
 from planner.certificate import START_TOLERANCE, Check
@@ -14,11 +16,16 @@ from planner.problem import ThrowProblem
 
 
 def blocked_postures(problem: ThrowProblem) -> list[Violation]:
-    """Returns the bounds on the clearance that the start breaks, and that the cell's home does, whatever the motion."""
+    """Returns the bounds on the clearance that the start breaks, and that the cell's home does, whatever the motion.
+
+    Where the arm starts at home, what stands in its way is said once.
+    """
     found = [
         Violation(check.name, check.value, check.limit, check.unit, 0.0, f"{check.detail}, at the start", proven=True)
         for check in _broken(problem, problem.start, problem.holds_object, START_TOLERANCE)
     ]
+    if found and np.abs(problem.start - problem.cell.home).max() < NEAR_RAD:
+        return found
     at_home = _broken(problem, problem.cell.home, problem.ends_at_rest, NEAR_RAD)
     if at_home:
         worst, words = min(at_home, key=lambda check: check.margin), obstacle_words(at_home)

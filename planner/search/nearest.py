@@ -127,6 +127,8 @@ def _with_own_window(problem: ThrowProblem, nominal: CertifiedSolution) -> Throw
     motion, found = nominal.solution.trajectory, replace(problem, release_window_s=0.0)
     if "casadi" in (problem.backend, nominal.backend):
         return found
+    if certify(problem, motion).valid:
+        return problem
     kept, failed = 0.0, problem.release_window_s
     for _ in range(BISECTIONS):
         window_s = (kept + failed) / 2.0
