@@ -177,7 +177,7 @@ class Client:
     def _lost(self, execution_id: str) -> Exception:
         detail = (
             f"the one at {self._http.base_url} has been away for {RETURN_S:g} s. Execution {execution_id} goes on "
-            f"without it: GET /executions/{execution_id} once it is back"
+            f"without it, unless its executor was ended, too: GET /executions/{execution_id} once it is back"
         )
         document = {"title": "no service", "detail": detail, "status": UNREACHABLE, "execution_id": execution_id}
         return self.refusal(document)
