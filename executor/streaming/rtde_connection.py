@@ -1,15 +1,14 @@
 """The connection to the controller: the only module that uses ur_rtde.
 
 Every call is checked: an exception, a False, or a call over 5 ms ends the run for good. After a lost connection the
-library returns True for ever, reconnects by itself and resumes (measured with ur_rtde 1.6.5). A long call counts only
-if the library slept in it, as it does to reconnect; otherwise the machine stalled.
+library returns True for ever, reconnects by itself and resumes (measured with ur_rtde 1.6.5); a new socket in the place
+of one of the first shows it. A long call counts only if the library slept in it, as it does to reconnect; otherwise the
+machine stalled.
 """
 
 from __future__ import annotations
 
 import math
-import os
-import socket
 from collections.abc import Callable
 from time import monotonic, sleep
 from typing import Any
@@ -22,6 +21,7 @@ from executor.realtime import RunDelay, sleep_count
 from executor.shared_memory import IN_CALL, REALTIME, SharedMemory
 from executor.stream_job import StreamJob
 from executor.streaming import state_checks
+from executor.streaming.library_sockets import LibrarySockets
 from executor.streaming.state_checks import StreamFault
 
 CALL_MAX_S = 0.005  # [s] a real-time call takes 30 us, one that reconnects takes 160 ms (ur_rtde 1.6.5)
@@ -82,7 +82,7 @@ class RtdeConnection:
             self.io = None if job.dry_run else RTDEIOInterface(job.host)
         except (RuntimeError, ValueError) as error:
             raise StreamFault("refused", f"connecting: {error}") from error
-        set_no_delay()
+        self._sockets = LibrarySockets()
         self.send_output = (
             None
             if self.io is None
@@ -109,6 +109,8 @@ class RtdeConnection:
         receive = self.receive
         if not receive.isConnected() or (self.control is not None and not self.control.isConnected()):
             raise StreamFault("link_lost", "the connection to the controller is gone")
+        if self._sockets.were_replaced():
+            raise StreamFault("link_lost", "the connection to the controller was lost, and the library made another")
         while True:  # a package may arrive between two getters: read again, at most once in practice
             self.stamp = receive.getTimestamp()
             self.q, self.qd, self.current = receive.getActualQ(), receive.getActualQd(), receive.getActualCurrent()
@@ -215,22 +217,3 @@ class RtdeConnection:
     def _without_delay(self, spent: float) -> float:
         """Returns a duration that ends now, less the time this thread waited for a processor [s]."""
         return spent - (self._run_delay.total_s() - self._delay_s)
-
-
-def set_no_delay() -> int:
-    """Sets TCP_NODELAY on every TCP socket of this process; returns their number.
-
-    ur_rtde 1.6.5 sets it on a socket that its connect then closes and reopens. Without it, the last of four outputs
-    arrived up to 43 ms late.
-    """
-    count = 0
-    for name in os.listdir("/proc/self/fd"):
-        try:
-            copy = socket.socket(fileno=os.dup(int(name)))
-        except OSError:
-            continue  # not a socket, or the directory's own descriptor
-        with copy:
-            if copy.family in (socket.AF_INET, socket.AF_INET6) and copy.type == socket.SOCK_STREAM:
-                copy.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                count += 1
-    return count

@@ -1,0 +1,54 @@
+"""The sockets that ur_rtde opens in this process: their options, and whether they are still those of the beginning."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Iterator
+
+RTDE_PORT = 30004  # source: Universal Robots, RTDE guide
+
+
+class LibrarySockets:
+    """The RTDE sockets of this process at the time of construction, which sets TCP_NODELAY on every TCP socket.
+
+    ur_rtde 1.6.5 sets that option on a socket that its connect then closes and reopens. Without it, the last of four
+    outputs arrived up to 43 ms late.
+    """
+
+    def __init__(self) -> None:
+        self._inodes: dict[int, int] = {}
+        for descriptor, connection in _tcp_sockets():
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            if _peer_port(connection) == RTDE_PORT:
+                self._inodes[descriptor] = os.fstat(descriptor).st_ino
+
+    def were_replaced(self) -> bool:
+        """Whether an RTDE socket has been closed since, or another one opened in its place; takes microseconds.
+
+        The library reconnects by itself, on a quiet machine within 7 ms, and goes on commanding (measured with ur_rtde
+        1.6.5): nothing else shows it then.
+        """
+        try:
+            return any(os.fstat(descriptor).st_ino != inode for descriptor, inode in self._inodes.items())
+        except OSError:
+            return True
+
+
+def _tcp_sockets() -> Iterator[tuple[int, socket.socket]]:
+    """Yields the descriptor of every TCP socket of this process, with a copy to read and set its options."""
+    for name in os.listdir("/proc/self/fd"):
+        try:
+            copy = socket.socket(fileno=os.dup(int(name)))
+        except OSError:
+            continue  # not a socket, or the directory's own descriptor
+        with copy:
+            if copy.family in (socket.AF_INET, socket.AF_INET6) and copy.type == socket.SOCK_STREAM:
+                yield int(name), copy
+
+
+def _peer_port(connection: socket.socket) -> int | None:
+    try:
+        return connection.getpeername()[1]
+    except OSError:
+        return None  # not connected, or no longer
