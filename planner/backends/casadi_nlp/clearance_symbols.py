@@ -7,34 +7,20 @@ movement in second order only: they are frozen while the derivatives are taken.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
 
 from planner.backends.casadi_nlp.arm_symbols import ArmFrames
 from planner.backends.casadi_nlp.layout import CAPSULE_FRAMES, KEEP_OUT_BOXES, PAIRS
+from planner.backends.casadi_nlp.terms import Terms
 
 SX = Any
 
 WIDTH = 0.002  # [m] width of the soft minimum: for two equal distances it is 1.4 mm smaller
 PROJECTIONS = 4  # [-] alternating projections between segment and box; an inexact nearest point is a second-order error
 TINY = 1e-9  # [m^2] keeps the length of a segment and a distance away from zero
-
-
-@dataclass
-class FrozenTerms:
-    """Terms that derivatives take as constants: symbols, and the expressions they stand for."""
-
-    symbols: list[SX] = field(default_factory=list)
-    values: list[SX] = field(default_factory=list)
-
-    def freeze(self, value: SX) -> SX:
-        """Returns a symbol for `value`."""
-        symbol = ca.SX.sym(f"frozen{len(self.symbols)}", *value.shape)
-        self.symbols.append(symbol)
-        self.values.append(value)
-        return symbol
 
 
 @dataclass(frozen=True)
@@ -57,26 +43,26 @@ def capsules_in_s(arm: ArmFrames, capsules: SX) -> CapsuleSlots:
     )
 
 
-def self_distance(body: CapsuleSlots, added: SX, frozen: FrozenTerms) -> SX:
+def self_distance(body: CapsuleSlots, added: SX, terms: Terms) -> SX:
     """Returns the soft minimum of the distances [m] between the surfaces of `PAIRS`, each increased by its `added`."""
     gaps = [
-        segment_distance(body.starts[i], body.ends[i], body.starts[j], body.ends[j], frozen)
+        segment_distance(body.starts[i], body.ends[i], body.starts[j], body.ends[j], terms)
         - body.radii[i]
         - body.radii[j]
         + added[k]
         for k, (i, j) in enumerate(PAIRS)
     ]
-    return soft_minimum(gaps, frozen)
+    return soft_minimum(gaps, terms)
 
 
-def segment_distance(p1: SX, p2: SX, q1: SX, q2: SX, frozen: FrozenTerms) -> SX:
+def segment_distance(p1: SX, p2: SX, q1: SX, q2: SX, terms: Terms) -> SX:
     """Returns the distance [m] between two segments. source: Ericson, Real-Time Collision Detection, 5.1.9."""
     u, v, w = p2 - p1, q2 - q1, p1 - q1
     a, b, e = ca.dot(u, u) + TINY, ca.dot(u, v), ca.dot(v, v) + TINY
     c, f = ca.dot(u, w), ca.dot(v, w)
     s = _unit((b * f - c * e) / (a * e - b * b + TINY))
     t = _unit((b * s + f) / e)
-    s, t = frozen.freeze(_unit((b * t - c) / a)), frozen.freeze(t)
+    s, t = terms.freeze(_unit((b * t - c) / a)), terms.freeze(t)
     gap = w + s * u - t * v
     return ca.sqrt(ca.dot(gap, gap) + TINY)
 
@@ -101,23 +87,23 @@ def lowest_heights(body: CapsuleSlots, up_S: SX, base_height: SX, first: int) ->
     ]
 
 
-def box_distances(body: CapsuleSlots, boxes: SX, frozen: FrozenTerms) -> list[SX]:
+def box_distances(body: CapsuleSlots, boxes: SX, terms: Terms) -> list[SX]:
     """Returns a lower bound on the distance [m] of each capsule from each box, capsule 0 (the base) excepted.
 
     Args:
         body: the capsules, in the frame of the boxes.
         boxes: lower (3) and upper (3) corner of each.
-        frozen: collects the terms that derivatives take as constants.
+        terms: collects the terms that derivatives take as constants.
     """
     corners = [(boxes[6 * k : 6 * k + 3], boxes[6 * k + 3 : 6 * k + 6]) for k in range(KEEP_OUT_BOXES)]
     return [
-        _beyond_faces(_nearest(body.starts[i], body.ends[i], *box, frozen), *box, frozen) - body.radii[i]
+        _beyond_faces(_nearest(body.starts[i], body.ends[i], *box, terms), *box, terms) - body.radii[i]
         for box in corners
         for i in range(1, len(CAPSULE_FRAMES))
     ]
 
 
-def _nearest(start: SX, end: SX, lower: SX, upper: SX, frozen: FrozenTerms) -> SX:
+def _nearest(start: SX, end: SX, lower: SX, upper: SX, terms: Terms) -> SX:
     """Returns the point of a segment nearest to a box, by alternating projections. source: von Neumann 1950."""
     along = end - start
     square = ca.dot(along, along) + TINY
@@ -125,16 +111,16 @@ def _nearest(start: SX, end: SX, lower: SX, upper: SX, frozen: FrozenTerms) -> S
     for _ in range(PROJECTIONS):
         inside = ca.fmax(lower, ca.fmin(upper, start + s * along))
         s = _unit(ca.dot(inside - start, along) / square)
-    return start + frozen.freeze(s) * along
+    return start + terms.freeze(s) * along
 
 
-def _beyond_faces(point: SX, lower: SX, upper: SX, frozen: FrozenTerms) -> SX:
+def _beyond_faces(point: SX, lower: SX, upper: SX, terms: Terms) -> SX:
     """Returns the soft maximum of a point's distances [m] beyond the planes of a box's faces."""
-    return -soft_minimum(ca.vertsplit(ca.vertcat(point - lower, upper - point)), frozen)
+    return -soft_minimum(ca.vertsplit(ca.vertcat(point - lower, upper - point)), terms)
 
 
-def soft_minimum(distances: list[SX], frozen: FrozenTerms) -> SX:
+def soft_minimum(distances: list[SX], terms: Terms) -> SX:
     """Returns -w log sum exp(-d / w) [m] for w = `WIDTH`."""
     row = ca.vertcat(*distances)
-    least = frozen.freeze(ca.mmin(row))
+    least = terms.freeze(ca.mmin(row))
     return least - WIDTH * ca.log(ca.sum1(ca.exp((least - row) / WIDTH)))

@@ -24,7 +24,7 @@ from planner.kernel import SHARED, compile_once, library_path
 # -O2 takes twice the compile time without a faster solve. Fused operations would round otherwise than the interpreter.
 FLAGS = ("-O1", "-fno-math-errno", "-ffp-contract=off", *SHARED)
 SHIPPED_C = Path(__file__).with_name("blocks.c")  # in wheels alone: setup.py writes it
-FORMULA_MODULES = ("arm_symbols", "clearance_symbols", "functions", "layout", "symbols")  # sources of the C
+FORMULA_MODULES = ("arm_symbols", "clearance_symbols", "functions", "layout", "symbols", "terms")  # sources of the C
 
 
 def c_source() -> str:

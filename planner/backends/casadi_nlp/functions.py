@@ -11,9 +11,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.backends.casadi_nlp.clearance_symbols import FrozenTerms
 from planner.backends.casadi_nlp.layout import COST, NZ, SHARED
 from planner.backends.casadi_nlp.symbols import FORMULAS, BlockFormula
+from planner.backends.casadi_nlp.terms import Terms
 
 SX = Any
 Vector = NDArray[np.float64]
@@ -68,30 +68,21 @@ def interpreted_blocks() -> dict[str, Block]:
 def build_block(name: str, formula: BlockFormula) -> Block:
     """Returns the block of a formula, by symbolic differentiation."""
     size = COST.size if name == "cost" else sum(SHARED[piece].size for piece in formula.parameters)
-    z, p = ca.SX.sym("z", NZ), ca.SX.sym("p", size)
-    made = formula.rows(z, p)
-    lam = ca.SX.sym("lam", made.rows.size1())
-    jacobian = ca.jacobian(made.rows, z)
-    gradient = ca.jtimes(made.rows, z, lam, True)
-    curved = ca.dot(lam[made.uncurved :], made.rows[made.uncurved :])
-    hessian = ca.hessian(curved, z)[0]
+    z, p, terms = ca.SX.sym("z", NZ), ca.SX.sym("p", size), Terms()
+    rows = formula.rows(z, p, terms)
+    lam = ca.SX.sym("lam", rows.size1())
+    jacobian, gradient = terms.jacobian(rows, z), terms.jacobian(ca.dot(lam, rows), z).T
+    hessian = terms.hessian(ca.dot(lam, rows), z) if formula.curved else ca.SX(NZ, NZ)
 
     def function(kind: str, inputs: list[SX], outputs: list[SX]) -> Any:
-        return ca.Function(f"{name}_{kind}", inputs, _thawed(made.frozen, outputs), {"cse": True})
+        return ca.Function(f"{name}_{kind}", inputs, terms.restored(outputs), {"cse": True})
 
     return Block(
         name,
-        function("value", [z, p], [ca.densify(made.rows)]),
-        function("slope", [z, p], [ca.densify(made.rows), jacobian]),
+        function("value", [z, p], [ca.densify(rows)]),
+        function("slope", [z, p], [ca.densify(rows), jacobian]),
         function("curve", [z, p, lam], [ca.densify(gradient), hessian]),
     )
-
-
-def _thawed(frozen: FrozenTerms, outputs: list[SX]) -> list[SX]:
-    """Puts frozen terms back, the last first: later ones may depend on earlier ones."""
-    for symbol, value in reversed(list(zip(frozen.symbols, frozen.values, strict=True))):
-        outputs = list(ca.substitute(outputs, [symbol], [value]))  # pyright: ignore[reportAssignmentType]
-    return outputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +103,7 @@ def _signature(function: Any) -> _Signature:
         names=tuple(function.name_in(i) for i in inputs),
         sizes=tuple(function.numel_in(i) for i in inputs),
         shapes=tuple(function.size_out(i) for i in outputs),
-        nonzeros=tuple((np.array(rows), np.array(columns)) for rows, columns in triplets),
+        nonzeros=tuple((np.array(rows, np.intp), np.array(columns, np.intp)) for rows, columns in triplets),
     )
 
 

@@ -13,8 +13,8 @@ from typing import Any
 import casadi as ca
 
 from planner.backends.casadi_nlp import arm_symbols, clearance_symbols, layout
-from planner.backends.casadi_nlp.clearance_symbols import FrozenTerms
 from planner.backends.casadi_nlp.layout import ARM, BOXES, COST, FLIGHT, RELEASE, SCALES, VectorLayout
+from planner.backends.casadi_nlp.terms import Terms
 
 SX = Any
 
@@ -62,21 +62,6 @@ LEAVING_ROWS = VectorLayout(
 
 
 @dataclass(frozen=True)
-class StageRows:
-    """Rows of a block.
-
-    Attributes:
-        rows: expressions (n,).
-        frozen: terms taken as constant while differentiating.
-        uncurved: number of leading rows that the Hessian leaves out.
-    """
-
-    rows: SX
-    frozen: FrozenTerms
-    uncurved: int = 0
-
-
-@dataclass(frozen=True)
 class StageState:
     """Joint state in SI units, each (6,)."""
 
@@ -103,34 +88,45 @@ def _state_at(z: SX, scales: SX, h: SX) -> StageState:
     return StageState(q, s.qd + h * (s.qdd + h * j / 2), s.qdd + h * j)
 
 
-def motion(z: SX, p: SX) -> StageRows:
+def _through(s: StageState, terms: Terms) -> StageState:
+    """Returns symbols for a state."""
+    return StageState(*ca.vertsplit(terms.through(ca.vertcat(s.q, s.qd, s.qdd)), layout.LINKS))
+
+
+def _tool_motion(a: dict[str, SX], s: StageState, terms: Terms) -> arm_symbols.ToolMotion:
+    """Returns symbols for the tool's motion in S."""
+    tool = arm_symbols.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd)
+    motion = terms.through(ca.vertcat(tool.position, tool.velocity, tool.acceleration))
+    return arm_symbols.ToolMotion(*ca.vertsplit(motion, 3))
+
+
+def motion(z: SX, p: SX, terms: Terms) -> SX:
     """Next state (NX), the velocity's middle control point (6), the position in the middle of the step (6); scaled."""
     end, s, c = state_after(z, p, 1.0), state(z, p), SCALES.split(p)
     step = z[layout.STEP] * c["time"]
     middle_velocity = (s.qd + s.qdd * step / 2) / c["qd"]
     following = ca.vertcat(end.q, end.qd / c["qd"], end.qdd / c["qdd"], z[layout.TIME] + z[layout.STEP])
-    return StageRows(ca.vertcat(following, middle_velocity, state_after(z, p, 0.5).q), FrozenTerms())
+    return ca.vertcat(following, middle_velocity, state_after(z, p, 0.5).q)
 
 
-def cost(z: SX, p: SX) -> StageRows:
+def cost(z: SX, p: SX, terms: Terms) -> SX:
     """One row: weighted time, squared jerk, and the step's relative deviation from its initial guess."""
     c = COST.split(p)
     step = z[layout.STEP]
-    row = c["time"] * step + c["jerk"] * ca.sumsqr(z[layout.JERK]) + c["step"] * (step / c["initial_step"] - 1) ** 2
-    return StageRows(row, FrozenTerms())
+    return c["time"] * step + c["jerk"] * ca.sumsqr(z[layout.JERK]) + c["step"] * (step / c["initial_step"] - 1) ** 2
 
 
-def effort(s: StageState, p: SX) -> StageRows:
+def effort(s: StageState, p: SX, terms: Terms) -> SX:
     """Joint torques over their limits (6), and the square of the tool speed over its limit (1)."""
     a = ARM.split(p)
     tau = arm_symbols.torques(a["dh"], a["links"], a["gravity"], s.q, s.qd, s.qdd) / a["torque"]
-    v = arm_symbols.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd).velocity
-    return StageRows(ca.vertcat(tau, ca.sumsqr(v) / a["speed"] ** 2), FrozenTerms())
+    v = _tool_motion(a, s, terms).velocity
+    return ca.vertcat(tau, ca.sumsqr(v) / a["speed"] ** 2)
 
 
-def clearance(s: StageState, p: SX) -> StageRows:
+def clearance(s: StageState, p: SX, terms: Terms) -> SX:
     """Self-collision, floor and keep-in distances beyond those required (3) [m]."""
-    a, frozen = ARM.split(p), FrozenTerms()
+    a = ARM.split(p)
     body = arm_symbols.frames(a["dh"], s.q)
     capsules = clearance_symbols.capsules_in_s(body, a["capsules"])
     R_WB, p_WB = ca.reshape(a["base"][:9], 3, 3), a["base"][9:]
@@ -138,44 +134,42 @@ def clearance(s: StageState, p: SX) -> StageRows:
     heights = clearance_symbols.lowest_heights(capsules, R_WS[2, :].T, p_WB[2], FIRST_MOVING_CAPSULE)
     p_WT = R_WS @ body.point(6, a["tcp"]) + p_WB
     inside = ca.vertsplit(ca.vertcat(p_WT - a["keep_in"][:3], a["keep_in"][3:] - p_WT))
-    rows = ca.vertcat(
-        clearance_symbols.self_distance(capsules, a["pairs"], frozen) - a["self_clearance"],
-        clearance_symbols.soft_minimum(heights, frozen) - a["floor"],
-        clearance_symbols.soft_minimum(inside, frozen),
+    return ca.vertcat(
+        clearance_symbols.self_distance(capsules, a["pairs"], terms) - a["self_clearance"],
+        clearance_symbols.soft_minimum(heights, terms) - a["floor"],
+        clearance_symbols.soft_minimum(inside, terms),
     )
-    return StageRows(rows, frozen)
 
 
-def keep_out(s: StageState, p: SX) -> StageRows:
+def keep_out(s: StageState, p: SX, terms: Terms) -> SX:
     """Distance of arm, tool and object from the keep-out boxes, beyond the one required (1) [m]."""
-    a, b, frozen = ARM.split(p[: ARM.size]), BOXES.split(p[ARM.size :]), FrozenTerms()
+    a, b = ARM.split(p[: ARM.size]), BOXES.split(p[ARM.size :])
     body = clearance_symbols.capsules_in_s(arm_symbols.frames(a["dh"], s.q), a["capsules"])
     R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm_symbols.turn(s.q[0])
     starts, ends = ([R_WS @ point + a["base"][9:] for point in points] for points in (body.starts, body.ends))
     in_world = clearance_symbols.CapsuleSlots(starts, ends, body.radii)
-    gaps = clearance_symbols.box_distances(in_world, b["boxes"], frozen)
-    return StageRows(clearance_symbols.soft_minimum(gaps, frozen) - b["box_clearance"], frozen, uncurved=1)
+    gaps = clearance_symbols.box_distances(in_world, b["boxes"], terms)
+    return clearance_symbols.soft_minimum(gaps, terms) - b["box_clearance"]
 
 
-def singularity(s: StageState, p: SX) -> StageRows:
+def singularity(s: StageState, p: SX, terms: Terms) -> SX:
     """Signed distances from the elbow, wrist and shoulder singularities (3) [-]."""
     a = ARM.split(p)
-    rows = ca.vertcat(ca.sin(s.q[2]), ca.sin(s.q[4]), arm_symbols.shoulder_distance(a["dh"], s.q))
-    return StageRows(rows, FrozenTerms())
+    return ca.vertcat(ca.sin(s.q[2]), ca.sin(s.q[4]), arm_symbols.shoulder_distance(a["dh"], s.q))
 
 
-def release(s: StageState, p: SX) -> StageRows:
+def release(s: StageState, p: SX, terms: Terms) -> SX:
     """The rows of `RELEASE_ROWS`."""
     a, r = ARM.split(p[: ARM.size]), RELEASE.split(p[ARM.size :])
     R_WB, p_WB = ca.reshape(a["base"][:9], 3, 3), a["base"][9:]
     R_WS = R_WB @ arm_symbols.turn(s.q[0])
-    tool = arm_symbols.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd)
+    tool = _tool_motion(a, s, terms)
     position, velocity, acceleration = R_WS @ tool.position + p_WB, R_WS @ tool.velocity, R_WS @ tool.acceleration
     landing, falls = _landing(position, velocity, r)
     drift = _drift(velocity, acceleration, position, r)
     horizontal_speed = ca.sqrt(velocity[0] ** 2 + velocity[1] ** 2 + TINY)
     offset = position[:2] - r["target"][:2]
-    rows = ca.vertcat(
+    return ca.vertcat(
         position,
         velocity,
         landing - r["target"][:2],
@@ -185,66 +179,66 @@ def release(s: StageState, p: SX) -> StageRows:
         ca.sumsqr(velocity),
         ca.sumsqr(offset),
     )
-    return StageRows(rows, FrozenTerms())
 
 
-def grip(s: StageState, p: SX) -> StageRows:
+def grip(s: StageState, p: SX, terms: Terms) -> SX:
     """What the grip holds against free fall, over what it withstands: along the tool axes (3), squared norm (1)."""
     a = ARM.split(p)
-    tool = arm_symbols.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd)
+    tool = _tool_motion(a, s, terms)
     R_SF = arm_symbols.frames(a["dh"], s.q).rotations[6]
     up_S = arm_symbols.turn(s.q[0]).T @ a["gravity"]
     held = ca.reshape(a["tool_rotation"], 3, 3).T @ (R_SF.T @ (tool.acceleration + up_S))
-    return StageRows(ca.vertcat(held / a["grip"][:3], ca.sumsqr(held) / a["grip"][3] ** 2), FrozenTerms())
+    return ca.vertcat(held / a["grip"][:3], ca.sumsqr(held) / a["grip"][3] ** 2)
 
 
-def flight(z: SX, p: SX) -> StageRows:
+def flight(z: SX, p: SX, terms: Terms) -> SX:
     """The rows of `FLIGHT_ROWS`, all positive for a flight that is clear."""
     scales, p = p[: SCALES.size], p[SCALES.size :]
     size, s = ARM.size + RELEASE.size, state(z, scales)
     a, r, f = ARM.split(p[: ARM.size]), RELEASE.split(p[ARM.size : size]), FLIGHT.split(p[size:])
     R_WB = ca.reshape(a["base"][:9], 3, 3)
     R_WS = R_WB @ arm_symbols.turn(s.q[0])
-    tool = arm_symbols.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd)
+    tool = _tool_motion(a, s, terms)
     position, velocity = R_WS @ tool.position + a["base"][9:], R_WS @ tool.velocity
     edges = ca.reshape(f["edges"], 8, layout.FLIGHT_EDGES)
     passed = [_beyond(edges[:, i], position, velocity, r["gravity_z"]) for i in range(layout.FLIGHT_EDGES)]
     mouth, rim = _through_mouth(f["mouth"], position, velocity, r)
     leaving = -(R_WS @ tool.acceleration + R_WB @ a["gravity"])  # at the tool's own speed, unlike the flights
-    opening = _in_cone(leaving, _opening(a, s, f["opening"]), f["opening"])
+    opening = _in_cone(leaving, _opening(a, s, f["opening"], terms), f["opening"])
     out_s = ca.sqrt(2 * f["opening"][4] / ca.sqrt(ca.sumsqr(leaving) + ca.sumsqr(a["gravity"])))
-    out = _in_cone(*_way(z, scales, a, out_s, f["opening"]), f["opening"])
-    return StageRows(ca.vertcat(*passed, mouth, rim, opening, out), FrozenTerms())
+    out = _in_cone(*_way(z, scales, a, out_s, f["opening"], terms), f["opening"])
+    return ca.vertcat(*passed, mouth, rim, opening, out)
 
 
-def leaving(z: SX, p: SX) -> StageRows:
+def leaving(z: SX, p: SX, terms: Terms) -> SX:
     """The rows of `LEAVING_ROWS`, all positive for an object that leaves the grip in its opening within the step."""
     scales, p = p[: SCALES.size], p[SCALES.size :]
     a, f = ARM.split(p[: ARM.size]), FLIGHT.split(p[ARM.size :])
     step = z[layout.STEP] * SCALES.split(scales)["time"]
-    ways = [_way(z, scales, a, share * step, f["opening"]) for share in (0.5, 1.0)]
+    ways = [_way(z, scales, a, share * step, f["opening"], terms) for share in (0.5, 1.0)]
     cosines = [_in_cone(way, direction, f["opening"]) for way, direction in ways]
     is_out = ca.sqrt(ca.sumsqr(ways[1][0]) + STEADY) * step**2 / (2 * f["opening"][4]) - 1
-    return StageRows(ca.vertcat(*cosines, is_out), FrozenTerms())
+    return ca.vertcat(*cosines, is_out)
 
 
-def _way(z: SX, scales: SX, a: dict[str, SX], time: SX, opening: SX) -> tuple[SX, SX]:
+def _way(z: SX, scales: SX, a: dict[str, SX], time: SX, opening: SX, terms: Terms) -> tuple[SX, SX]:
     """Returns the mean acceleration (3,) of the object against the tool in a time after the release, and the opening.
 
     In a time s it moves by the mean of g - a over s, weighted with 2 (1 - u / s), times s^2 / 2 (`certificate.exits`):
     for an acceleration that changes evenly, that at s / 3. The opening's direction (3,) is that after s.
     """
-    third, end = _state_at(z, scales, time / 3), _state_at(z, scales, time)
+    time = terms.through(time)
+    third, end = (_through(_state_at(z, scales, at), terms) for at in (time / 3, time))
     R_WB = ca.reshape(a["base"][:9], 3, 3)
-    tool = arm_symbols.tool_motion(a["dh"], a["tcp"], third.q, third.qd, third.qdd)
+    tool = _tool_motion(a, third, terms)
     felt = R_WB @ (arm_symbols.turn(third.q[0]) @ tool.acceleration + a["gravity"])
-    return -felt, _opening(a, end, opening)
+    return -felt, _opening(a, end, opening, terms)
 
 
-def _opening(a: dict[str, SX], s: StageState, opening: SX) -> SX:
+def _opening(a: dict[str, SX], s: StageState, opening: SX, terms: Terms) -> SX:
     """Returns the direction (3,) in the world in which the gripper opens."""
     R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm_symbols.turn(s.q[0])
-    return R_WS @ arm_symbols.frames(a["dh"], s.q).rotations[6] @ opening[:3]
+    return terms.through(R_WS @ arm_symbols.frames(a["dh"], s.q).rotations[6] @ opening[:3])
 
 
 def _in_cone(leaving: SX, direction: SX, opening: SX) -> SX:
@@ -296,25 +290,36 @@ def _drift(velocity: SX, acceleration: SX, position: SX, r: dict[str, SX]) -> SX
 
 @dataclass(frozen=True)
 class BlockFormula:
-    """A block's rows(z, p), and the names in `layout.SHARED` of the parameters p, in order."""
+    """The formula of a block.
 
-    rows: Callable[[SX, SX], StageRows]
+    Attributes:
+        rows: (z, p, terms) -> rows (n,), and their intermediate terms.
+        parameters: names in `layout.SHARED` of the parameters p, in order.
+        curved: whether the Hessian has a part of these rows.
+    """
+
+    rows: Callable[[SX, SX, Terms], SX]
     parameters: tuple[str, ...]
+    curved: bool = True
 
 
-StateFormula = Callable[[StageState, SX], StageRows]
+StateFormula = Callable[[StageState, SX, Terms], SX]
 
 
-def _at_knot(rows: StateFormula, *parameters: str) -> BlockFormula:
+def _at_knot(rows: StateFormula, *parameters: str, curved: bool = True) -> BlockFormula:
     """Evaluates rows of a state at the beginning of the stage."""
     n = SCALES.size
-    return BlockFormula(lambda z, p: rows(state(z, p[:n]), p[n:]), ("scales", *parameters))
+    return BlockFormula(lambda z, p, terms: rows(state(z, p[:n]), p[n:], terms), ("scales", *parameters), curved)
 
 
-def _in_middle(rows: StateFormula, *parameters: str) -> BlockFormula:
+def _in_middle(rows: StateFormula, *parameters: str, curved: bool = True) -> BlockFormula:
     """Evaluates rows of a state in the middle of the step."""
     n = SCALES.size
-    return BlockFormula(lambda z, p: rows(state_after(z, p[:n], 0.5), p[n:]), ("scales", *parameters))
+
+    def in_middle(z: SX, p: SX, terms: Terms) -> SX:
+        return rows(_through(state_after(z, p[:n], 0.5), terms), p[n:], terms)
+
+    return BlockFormula(in_middle, ("scales", *parameters), curved)
 
 
 # Every block of rows. The order is that of the rows within a stage.
@@ -325,8 +330,8 @@ FORMULAS: dict[str, BlockFormula] = {
     "effort_middle": _in_middle(effort, "arm"),
     "clearance": _at_knot(clearance, "arm"),
     "clearance_middle": _in_middle(clearance, "arm"),
-    "keep_out": _at_knot(keep_out, "arm", "boxes"),
-    "keep_out_middle": _in_middle(keep_out, "arm", "boxes"),
+    "keep_out": _at_knot(keep_out, "arm", "boxes", curved=False),
+    "keep_out_middle": _in_middle(keep_out, "arm", "boxes", curved=False),
     "grip": _at_knot(grip, "arm"),
     "singularity": _at_knot(singularity, "arm"),
     "singularity_middle": _in_middle(singularity, "arm"),

@@ -7,7 +7,7 @@ positions by constant sparse matrices, so another number of stages or another se
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -168,13 +168,14 @@ def assemble(index: RowIndex) -> dict[str, Any]:
     """Returns the functions f, g and their derivatives of (x, p)."""
     x, p = ca.MX.sym("x", index.variables), ca.MX.sym("p", ALL_SHARED.size + COST.size * index.stages.stages)
     lam_f, lam_g = ca.MX.sym("lam_f"), ca.MX.sym("lam_g", index.size)
-    f, g, jacobian = _objective(index, x, p), _constraints(index, x, p), _jacobian(index, x, p)
+    f, g = _objective(index, x, p), _constraints(index, x, _on_stages(index, "value", x, p))
+    slopes = _on_stages(index, "slope", x, p)
     gradient, hessian = _lagrangian(index, x, p, lam_f, lam_g)
     outputs = {
         "f": ([x, p], [f]),
         "g": ([x, p], [g]),
         "grad_f": ([x, p], [_objective_gradient(index, x, p)]),
-        "jac_g": ([x, p], [g, jacobian]),
+        "jac_g": ([x, p], [_constraints(index, x, slopes), _jacobian(index, slopes)]),
         "hess_l": ([x, p, lam_f, lam_g], [gradient, hessian]),
     }
     return {name: ca.Function(name, *both) for name, both in outputs.items()}
@@ -196,8 +197,9 @@ def _mapped(index: RowIndex, name: str, kind: str, x: MX, p: MX, *more: MX) -> l
     return mapped.call([columns[:, knots.start : knots.stop], _parameters(index, name, p), *more])
 
 
-def _constraint_blocks(index: RowIndex) -> list[str]:
-    return [name for name in index.blocks if name != "cost"]
+def _on_stages(index: RowIndex, kind: str, x: MX, p: MX) -> dict[str, list[MX]]:
+    """Returns the outputs of every block of constraints by name."""
+    return {name: _mapped(index, name, kind, x, p) for name in index.blocks if name != "cost"}
 
 
 def _objective(index: RowIndex, x: MX, p: MX) -> MX:
@@ -211,10 +213,11 @@ def _objective_gradient(index: RowIndex, x: MX, p: MX) -> MX:
     return ca.densify(_scatter(positions, 1.0, index.variables) @ nonzeros)  # the solvers need a dense gradient
 
 
-def _constraints(index: RowIndex, x: MX, p: MX) -> MX:
+def _constraints(index: RowIndex, x: MX, outputs: Mapping[str, Sequence[MX]]) -> MX:
+    """Returns the rows: the first output of every block's function."""
     g = _next_states(index) @ x
-    for name in _constraint_blocks(index):
-        g += _into_rows(index, name) @ ca.vec(_mapped(index, name, "value", x, p)[0])
+    for name, (rows, *_) in outputs.items():
+        g += _into_rows(index, name) @ ca.vec(rows)
     return g
 
 
@@ -237,18 +240,26 @@ def _next_states(index: RowIndex) -> Any:
     return ca.DM(ca.Sparsity.triplet(index.size, index.variables, rows.tolist(), columns.tolist()), 1.0)
 
 
-def _jacobian(index: RowIndex, x: MX, p: MX) -> MX:
-    rows, columns, signs, entries = [], [], [], []
-    for name in _constraint_blocks(index):
-        entries.append(ca.vec(_mapped(index, name, "slope", x, p)[1].nz[:]))
+def _jacobian(index: RowIndex, outputs: Mapping[str, Sequence[MX]]) -> MX:
+    """Returns the Jacobian. No two blocks share an entry: it is copied together."""
+    following = _next_states(index).sparsity()
+    rows, columns = ([np.array(i)] for i in following.get_triplet())
+    entries = [ca.MX.ones(following.nnz())]
+    for name, (_, slope) in outputs.items():
         row, column = (np.array(i) for i in index.blocks[name].jacobian.get_triplet())
+        slopes = ca.vec(slope.nz[:])
+        entries.append(slopes * np.tile(index.signs(name)[row], len(index.knots[name])) if name == "motion" else slopes)
         for k in index.knots[name]:
             rows.append(index.rows[name, k][row])
             columns.append(k * NZ + column)
-            signs.append(index.signs(name)[row])
-    positions = (np.concatenate(rows), np.concatenate(columns))
-    own = _matrix(positions, np.concatenate(signs), ca.vertcat(*entries), index.size, index.variables)
-    return _next_states(index) + own
+    positions = np.concatenate(columns) * index.size + np.concatenate(rows)
+    order = np.argsort(positions)
+    order = order[positions[order] < index.variables * index.size]  # no control on the last stage
+    kept = positions[order]
+    sparsity = ca.Sparsity.triplet(
+        index.size, index.variables, (kept % index.size).tolist(), (kept // index.size).tolist()
+    )
+    return ca.MX(sparsity, ca.vertcat(*entries)[order.tolist()])
 
 
 def _matrix(positions: tuple[Indices, Indices], signs: np.ndarray, entries: MX, rows: int, columns: int) -> MX:
