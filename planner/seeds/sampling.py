@@ -264,11 +264,21 @@ def _best_flights(
     Where `reduced`, the largest share of a joint's speed limit is reduced: half of the time.
     """
     v, ok = _launches(problem, release, p, thorough)
-    ok &= clear_flights(problem, release, p, v)
+    ok[ok] = clear_flights(problem, release, np.broadcast_to(p, v.shape)[ok], v[ok])
+    found = np.full(q.shape, np.nan)
+    rows = np.flatnonzero(ok.any(axis=0))
+    if len(rows) == 0:
+        return found
+    q, v, ok = q[rows], v[:, rows], ok[:, rows]
+    of = np.nonzero(ok)[1]  # posture of every flight
     J, R_BW = tool_jacobian(problem, q), problem.cell.X_WB[:3, :3].T
-    qd = allocate_velocity(J, v @ R_BW.T, problem.limits.qd_max, ok & reduced)
-    best, rows = np.where(ok, penalised_bound(problem, q, qd), np.inf).argmin(axis=0), np.arange(len(q))
-    return np.where(ok[best, rows, None], qd[best, rows], np.nan)
+    wanted = np.full(len(of), reduced)
+    qd = allocate_velocity(J[of], v[ok] @ R_BW.T, problem.limits.qd_max, wanted)
+    bound, flight = np.full(ok.shape, np.inf), np.zeros(ok.shape, dtype=np.intp)
+    bound[ok], flight[ok] = penalised_bound(problem, q[of], qd), np.arange(len(of))
+    soonest = np.where(ok, bound, np.inf).argmin(axis=0), np.arange(len(q))
+    found[rows] = np.where(ok[soonest][:, None], qd[flight[soonest]], np.nan)
+    return found
 
 
 def _launches(problem: ThrowProblem, release: TargetRelease, p: Array, thorough: bool) -> tuple[Array, Mask]:
