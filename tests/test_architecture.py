@@ -33,6 +33,10 @@ PLANTED = {
     "backends-apart": ("planner/backends/ruckig_otg/__init__.py", "planner.backends.profiles"),
     "backends-uncertified": ("planner/backends/profiles.py", "planner.certificate"),
     "planner-casadi-levels": ("planner/backends/casadi_nlp/layout.py", "planner.backends.casadi_nlp.answer"),
+    "planner-casadi-symbols-levels": (
+        "planner/backends/casadi_nlp/symbols/terms.py",
+        "planner.backends.casadi_nlp.symbols.rows",
+    ),
     "planner-ruckig-levels": ("planner/backends/ruckig_otg/library.py", "planner.backends.ruckig_otg.motions"),
     "planner-toppra-levels": ("planner/backends/toppra_path/paths.py", "planner.backends.toppra_path.motions"),
     "planner-approach-levels": ("planner/approach/rrt_connect.py", "planner.approach.approach"),

@@ -18,13 +18,14 @@ from pathlib import Path
 import casadi as ca
 
 from planner.backends.casadi_nlp.functions import KINDS, Block, interpreted_blocks
-from planner.backends.casadi_nlp.symbols import FORMULAS
+from planner.backends.casadi_nlp.symbols import ALL_FORMULAS
 from planner.kernel import SHARED, compile_once, library_path
 
 # -O2 takes twice the compile time without a faster solve. Fused operations would round otherwise than the interpreter.
 FLAGS = ("-O1", "-fno-math-errno", "-ffp-contract=off", *SHARED)
 SHIPPED_C = Path(__file__).with_name("blocks.c")  # in wheels alone: setup.py writes it
-FORMULA_MODULES = ("arm_symbols", "clearance_symbols", "functions", "layout", "symbols", "terms")  # sources of the C
+SYMBOLS = ("__init__", "arm", "distances", "rows", "terms")
+FORMULA_MODULES = ("functions", "layout", *(f"symbols/{name}" for name in SYMBOLS))  # sources of the C
 
 
 def c_source() -> str:
@@ -45,7 +46,7 @@ def _origin() -> str:
 
 
 def _formulas() -> Iterator[bytes]:
-    return (Path(__file__).with_name(f"{module}.py").read_bytes() for module in FORMULA_MODULES)
+    return (Path(__file__).parent.joinpath(f"{module}.py").read_bytes() for module in FORMULA_MODULES)
 
 
 def _written_c() -> str:
@@ -92,7 +93,7 @@ def compiled_blocks() -> dict[str, Block] | None:
     if not library().exists():
         return None
     path = str(library())
-    return {name: Block(name, *(ca.external(f"{name}_{kind}", path) for kind in KINDS)) for name in FORMULAS}
+    return {name: Block(name, *(ca.external(f"{name}_{kind}", path) for kind in KINDS)) for name in ALL_FORMULAS}
 
 
 if __name__ == "__main__":

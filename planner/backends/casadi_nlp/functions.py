@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp.layout import COST, NZ, SHARED
-from planner.backends.casadi_nlp.symbols import FORMULAS, BlockFormula
-from planner.backends.casadi_nlp.terms import Terms
+from planner.backends.casadi_nlp.symbols import ALL_FORMULAS, BlockFormula, Terms
 
 SX = Any
 Vector = NDArray[np.float64]
@@ -27,7 +26,7 @@ class Block:
     """The functions of one stage's rows, and the sparsity of their derivatives.
 
     Attributes:
-        name: key of `symbols.FORMULAS`.
+        name: key of `symbols.ALL_FORMULAS`.
         value: (z, p) -> rows (n,).
         slope: (z, p) -> rows (n,), Jacobian (n, NZ).
         curve: (z, p, multipliers) -> gradient (NZ,) and Hessian (NZ, NZ) of multipliers @ rows.
@@ -62,7 +61,7 @@ class Block:
 @cache
 def interpreted_blocks() -> dict[str, Block]:
     """Returns every block with functions that casadi interprets."""
-    return {name: build_block(name, formula) for name, formula in FORMULAS.items()}
+    return {name: build_block(name, formula) for name, formula in ALL_FORMULAS.items()}
 
 
 def build_block(name: str, formula: BlockFormula) -> Block:

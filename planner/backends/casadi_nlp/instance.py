@@ -12,7 +12,18 @@ import numpy as np
 from planner.backends.casadi_nlp.bounds import Bounds
 from planner.backends.casadi_nlp.flight_rows import constrains_flight, flight_parameters
 from planner.backends.casadi_nlp.functions import evaluate
-from planner.backends.casadi_nlp.layout import ARM, COST, NZ, QD, RELEASE, STEP, TIME, Vector
+from planner.backends.casadi_nlp.layout import (
+    ARM,
+    BOX_SLOTS,
+    COST,
+    KEEP_OUT_BOXES,
+    NZ,
+    QD,
+    RELEASE,
+    STEP,
+    TIME,
+    Vector,
+)
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins
 from planner.backends.casadi_nlp.parameters import (
     box_parameters,
@@ -62,22 +73,27 @@ def stage_layout(problem: ThrowProblem, margins: Margins, resolution: str = "coa
         margins: on every limit; they decide which groups there are.
         resolution: key of `STAGES`.
     """
-    groups = _applicable_groups(problem, margins)
+    groups, boxes = _applicable_groups(problem, margins), _box_slots(problem)
     launch, brake = STAGES[resolution]
     if problem.ends_at_rest:
-        return StageLayout(launch, 0, 0, groups)
+        return StageLayout(launch, 0, 0, groups, boxes)
     window = window_stages(problem)
-    return StageLayout(launch + window, brake + window, window, groups)
+    return StageLayout(launch + window, brake + window, window, groups, boxes)
 
 
 def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ...]:
     applies = {
-        "keep_out": bool(problem.cell_with_bin.surroundings.keep_out),
+        "keep_out": _box_slots(problem) > 0,
         "grip": problem.cell.gripper.hold_acceleration_m_s2 is not None and not problem.ends_at_rest,
         "flight": bool(margins.cuts) or constrains_flight(problem),
         "leaving": margins.leaves,
     }
     return tuple(group for group in LAZY_GROUPS if applies.get(group, True))
+
+
+def _box_slots(problem: ThrowProblem) -> int:
+    boxes = len(problem.cell_with_bin.surroundings.keep_out)
+    return min((slots for slots in BOX_SLOTS if slots >= boxes), default=KEEP_OUT_BOXES) if boxes else 0
 
 
 def window_stages(problem: ThrowProblem) -> int:

@@ -17,7 +17,8 @@ Vector = NDArray[np.float64]
 
 LINKS = 6
 TOOL_CAPSULES = 2  # [-] slots for a tool's capsules; a tool with more has the last ones wrapped into one
-KEEP_OUT_BOXES = 4  # [-] slots for keep-out boxes; further boxes are left to the certificate
+BOX_SLOTS = (1, 2, 4)  # [-] slots for keep-out boxes in the rows for few and for more
+KEEP_OUT_BOXES = BOX_SLOTS[-1]  # [-] further boxes are left to the certificate
 FLIGHT_EDGES = 8  # [-] slots for edges that the object's flight passes: two for each of four boxes
 # DH frame of each capsule slot: `geometry.arm_capsules` without the foot, which the floor covers; the tool; the object.
 ARM_CAPSULE_FRAMES = (0, 1, 2, 2, 3, 3, 4, 5)  # base, shoulder, upper arm, elbow, forearm, wrists 1, 2, 3

@@ -126,7 +126,7 @@ class Solver:
 
     def _without_other_groups(self, instance: Instance, arguments: Arguments) -> Vector | None:
         whole = instance.stages
-        part = StageLayout(whole.launch, whole.brake, whole.window, tuple(g for g in whole.groups if g in self.groups))
+        part = whole.with_groups(self.groups)
         reduced = dict(arguments)
         if POSITIONS not in self.groups:
             _free_positions(whole, reduced)

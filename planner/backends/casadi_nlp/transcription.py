@@ -7,8 +7,8 @@ positions by constant sparse matrices, so another number of stages or another se
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from planner.backends.casadi_nlp import codegen, layout
 from planner.backends.casadi_nlp.functions import Block
 from planner.backends.casadi_nlp.layout import COST, NX, NZ
-from planner.backends.casadi_nlp.symbols import FORMULAS
+from planner.backends.casadi_nlp.symbols import FORMULAS, WITH_FEWER_BOXES
 
 MX = Any
 Indices = NDArray[np.intp]
@@ -41,17 +41,29 @@ class StageLayout:
         brake: stages after it.
         window: stages on either side of the release that make up the release window.
         groups: those of `LAZY_GROUPS` that are included.
+        boxes: slots for keep-out boxes, one of `layout.BOX_SLOTS`; 0 without group "keep_out".
     """
 
     launch: int = 8
     brake: int = 4
     window: int = 0
     groups: tuple[str, ...] = ()
+    boxes: int = 0
 
     @property
     def stages(self) -> int:
         """Number of steps."""
         return self.launch + self.brake
+
+    def with_groups(self, groups: Collection[str]) -> StageLayout:
+        """Returns the layout with those of its groups alone."""
+        kept = tuple(group for group in self.groups if group in groups)
+        return replace(self, groups=kept, boxes=self.boxes if "keep_out" in kept else 0)
+
+    def function(self, block: str) -> str:
+        """Returns the name of a block's functions, which have fewer slots for fewer boxes."""
+        fewer = f"{block}_{self.boxes}"
+        return fewer if fewer in WITH_FEWER_BOXES else block
 
     def includes(self, block: str) -> bool:
         """Returns whether a block is part of the problem."""
@@ -92,7 +104,7 @@ class RowIndex:
 
     def __init__(self, stages: StageLayout, blocks: Mapping[str, Block]) -> None:
         self.stages = stages
-        self.blocks = {name: block for name, block in blocks.items() if stages.includes(name)}
+        self.blocks = {name: blocks[stages.function(name)] for name in FORMULAS if stages.includes(name)}
         self.knots = {name: stages.knots(name) for name in self.blocks}
         self.rows: dict[tuple[str, int], Indices] = {}
         self.dynamics: list[Indices] = []

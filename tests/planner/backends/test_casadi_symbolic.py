@@ -13,7 +13,7 @@ from planner.backends.casadi_nlp import Margins, codegen, functions, layout, tra
 from planner.backends.casadi_nlp.instance import arm_parameters
 from planner.backends.casadi_nlp.parameters import box_parameters, scale_parameters, variable_scales
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, LEAVING_ROWS, RELEASE_ROWS
-from planner.cell import Cell, load_cell
+from planner.cell import Box, Cell, load_cell
 from planner.dynamics import Payload, joint_torques
 from planner.geometry import (
     SELF_CLEARANCE_M,
@@ -124,7 +124,8 @@ def test_release_rows(cell: Cell) -> None:
 
 LAYOUTS = (
     transcription.StageLayout(),
-    transcription.StageLayout(9, 5, window=1, groups=transcription.LAZY_GROUPS),
+    transcription.StageLayout(9, 5, window=1, groups=transcription.LAZY_GROUPS, boxes=4),
+    transcription.StageLayout(8, 3, groups=("keep_out",), boxes=1),
     transcription.StageLayout(8, 0, groups=("effort",)),
 )
 
@@ -254,6 +255,18 @@ def test_grip_rows(cell: Cell) -> None:
     every_way = replace(cell, gripper=replace(cell.gripper, hold_acceleration_m_s2=np.array([40.0])))
     rows = _rows("grip", z, arm_parameters(every_way, held.limits, NO_MARGINS))
     assert rows[3] * 40.0**2 == pytest.approx(expected @ expected)
+
+
+@pytest.mark.parametrize("boxes", layout.BOX_SLOTS)
+def test_fewer_slots_for_boxes_give_the_same_distance(boxes: int) -> None:
+    plain = load_cell(CELLS / "ur5e-sim.toml")
+    placed = tuple(Box(np.array([0.3, -0.2 + k, 0.1]), np.array([0.5, 0.3 + k, 0.6])) for k in range(boxes))
+    cell = replace(plain, surroundings=replace(plain.surroundings, keep_out=placed))
+    p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), box_parameters(cell)])
+    name = transcription.StageLayout(groups=("keep_out",), boxes=boxes).function("keep_out")
+    for seed in range(5):
+        *_, z = _state(seed)
+        assert _rows(name, z, p) == pytest.approx(_rows("keep_out", z, p), abs=1e-12)
 
 
 def _smooth_multipliers(index: transcription.RowIndex, rng: np.random.Generator) -> np.ndarray:

@@ -8,7 +8,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from planner.backends.casadi_nlp.terms import Terms
+from planner.backends.casadi_nlp.symbols import Terms
 
 N = 5
 AT = np.random.default_rng(3).uniform(0.2, 1.0, N)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planner.backends.casadi_nlp import arm_symbols
 from planner.backends.casadi_nlp.parameters import cell_parameters, closest_arm
+from planner.backends.casadi_nlp.symbols import arm as arm_symbols
 from planner.geometry import tool_state
 from planner.planning import plan
 from planner.request import problem_from_request

@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import casadi as ca
 
-from planner.backends.casadi_nlp import arm_symbols, clearance_symbols, layout
+from planner.backends.casadi_nlp import layout
 from planner.backends.casadi_nlp.layout import ARM, BOXES, COST, FLIGHT, RELEASE, SCALES, VectorLayout
-from planner.backends.casadi_nlp.terms import Terms
+from planner.backends.casadi_nlp.symbols import arm, distances
+from planner.backends.casadi_nlp.symbols.terms import Terms
 
 SX = Any
 
@@ -93,11 +95,11 @@ def _through(s: StageState, terms: Terms) -> StageState:
     return StageState(*ca.vertsplit(terms.through(ca.vertcat(s.q, s.qd, s.qdd)), layout.LINKS))
 
 
-def _tool_motion(a: dict[str, SX], s: StageState, terms: Terms) -> arm_symbols.ToolMotion:
+def _tool_motion(a: dict[str, SX], s: StageState, terms: Terms) -> arm.ToolMotion:
     """Returns symbols for the tool's motion in S."""
-    tool = arm_symbols.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd)
+    tool = arm.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd)
     motion = terms.through(ca.vertcat(tool.position, tool.velocity, tool.acceleration))
-    return arm_symbols.ToolMotion(*ca.vertsplit(motion, 3))
+    return arm.ToolMotion(*ca.vertsplit(motion, 3))
 
 
 def motion(z: SX, p: SX, terms: Terms) -> SX:
@@ -119,7 +121,7 @@ def cost(z: SX, p: SX, terms: Terms) -> SX:
 def effort(s: StageState, p: SX, terms: Terms) -> SX:
     """Joint torques over their limits (6), and the square of the tool speed over its limit (1)."""
     a = ARM.split(p)
-    tau = arm_symbols.torques(a["dh"], a["links"], a["gravity"], s.q, s.qd, s.qdd) / a["torque"]
+    tau = arm.torques(a["dh"], a["links"], a["gravity"], s.q, s.qd, s.qdd) / a["torque"]
     v = _tool_motion(a, s, terms).velocity
     return ca.vertcat(tau, ca.sumsqr(v) / a["speed"] ** 2)
 
@@ -127,42 +129,42 @@ def effort(s: StageState, p: SX, terms: Terms) -> SX:
 def clearance(s: StageState, p: SX, terms: Terms) -> SX:
     """Self-collision, floor and keep-in distances beyond those required (3) [m]."""
     a = ARM.split(p)
-    body = arm_symbols.frames(a["dh"], s.q)
-    capsules = clearance_symbols.capsules_in_s(body, a["capsules"])
+    body = arm.frames(a["dh"], s.q)
+    capsules = distances.capsules_in_s(body, a["capsules"])
     R_WB, p_WB = ca.reshape(a["base"][:9], 3, 3), a["base"][9:]
-    R_WS = R_WB @ arm_symbols.turn(s.q[0])
-    heights = clearance_symbols.lowest_heights(capsules, R_WS[2, :].T, p_WB[2], FIRST_MOVING_CAPSULE)
+    R_WS = R_WB @ arm.turn(s.q[0])
+    heights = distances.lowest_heights(capsules, R_WS[2, :].T, p_WB[2], FIRST_MOVING_CAPSULE)
     p_WT = R_WS @ body.point(6, a["tcp"]) + p_WB
     inside = ca.vertsplit(ca.vertcat(p_WT - a["keep_in"][:3], a["keep_in"][3:] - p_WT))
     return ca.vertcat(
-        clearance_symbols.self_distance(capsules, a["pairs"], terms) - a["self_clearance"],
-        clearance_symbols.soft_minimum(heights, terms) - a["floor"],
-        clearance_symbols.soft_minimum(inside, terms),
+        distances.self_distance(capsules, a["pairs"], terms) - a["self_clearance"],
+        distances.soft_minimum(heights, terms) - a["floor"],
+        distances.soft_minimum(inside, terms),
     )
 
 
-def keep_out(s: StageState, p: SX, terms: Terms) -> SX:
-    """Distance of arm, tool and object from the keep-out boxes, beyond the one required (1) [m]."""
+def keep_out(s: StageState, p: SX, terms: Terms, slots: int = layout.KEEP_OUT_BOXES) -> SX:
+    """Distance of arm, tool and object from the first keep-out boxes, beyond the one required (1) [m]."""
     a, b = ARM.split(p[: ARM.size]), BOXES.split(p[ARM.size :])
-    body = clearance_symbols.capsules_in_s(arm_symbols.frames(a["dh"], s.q), a["capsules"])
-    R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm_symbols.turn(s.q[0])
+    body = distances.capsules_in_s(arm.frames(a["dh"], s.q), a["capsules"])
+    R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
     starts, ends = ([R_WS @ point + a["base"][9:] for point in points] for points in (body.starts, body.ends))
-    in_world = clearance_symbols.CapsuleSlots(starts, ends, body.radii)
-    gaps = clearance_symbols.box_distances(in_world, b["boxes"], terms)
-    return clearance_symbols.soft_minimum(gaps, terms) - b["box_clearance"]
+    in_world = distances.CapsuleSlots(starts, ends, body.radii)
+    gaps = distances.box_distances(in_world, b["boxes"][: 6 * slots], terms)
+    return distances.soft_minimum(gaps, terms) - b["box_clearance"]
 
 
 def singularity(s: StageState, p: SX, terms: Terms) -> SX:
     """Signed distances from the elbow, wrist and shoulder singularities (3) [-]."""
     a = ARM.split(p)
-    return ca.vertcat(ca.sin(s.q[2]), ca.sin(s.q[4]), arm_symbols.shoulder_distance(a["dh"], s.q))
+    return ca.vertcat(ca.sin(s.q[2]), ca.sin(s.q[4]), arm.shoulder_distance(a["dh"], s.q))
 
 
 def release(s: StageState, p: SX, terms: Terms) -> SX:
     """The rows of `RELEASE_ROWS`."""
     a, r = ARM.split(p[: ARM.size]), RELEASE.split(p[ARM.size :])
     R_WB, p_WB = ca.reshape(a["base"][:9], 3, 3), a["base"][9:]
-    R_WS = R_WB @ arm_symbols.turn(s.q[0])
+    R_WS = R_WB @ arm.turn(s.q[0])
     tool = _tool_motion(a, s, terms)
     position, velocity, acceleration = R_WS @ tool.position + p_WB, R_WS @ tool.velocity, R_WS @ tool.acceleration
     landing, falls = _landing(position, velocity, r)
@@ -185,8 +187,8 @@ def grip(s: StageState, p: SX, terms: Terms) -> SX:
     """What the grip holds against free fall, over what it withstands: along the tool axes (3), squared norm (1)."""
     a = ARM.split(p)
     tool = _tool_motion(a, s, terms)
-    R_SF = arm_symbols.frames(a["dh"], s.q).rotations[6]
-    up_S = arm_symbols.turn(s.q[0]).T @ a["gravity"]
+    R_SF = arm.frames(a["dh"], s.q).rotations[6]
+    up_S = arm.turn(s.q[0]).T @ a["gravity"]
     held = ca.reshape(a["tool_rotation"], 3, 3).T @ (R_SF.T @ (tool.acceleration + up_S))
     return ca.vertcat(held / a["grip"][:3], ca.sumsqr(held) / a["grip"][3] ** 2)
 
@@ -197,7 +199,7 @@ def flight(z: SX, p: SX, terms: Terms) -> SX:
     size, s = ARM.size + RELEASE.size, state(z, scales)
     a, r, f = ARM.split(p[: ARM.size]), RELEASE.split(p[ARM.size : size]), FLIGHT.split(p[size:])
     R_WB = ca.reshape(a["base"][:9], 3, 3)
-    R_WS = R_WB @ arm_symbols.turn(s.q[0])
+    R_WS = R_WB @ arm.turn(s.q[0])
     tool = _tool_motion(a, s, terms)
     position, velocity = R_WS @ tool.position + a["base"][9:], R_WS @ tool.velocity
     edges = ca.reshape(f["edges"], 8, layout.FLIGHT_EDGES)
@@ -231,14 +233,14 @@ def _way(z: SX, scales: SX, a: dict[str, SX], time: SX, opening: SX, terms: Term
     third, end = (_through(_state_at(z, scales, at), terms) for at in (time / 3, time))
     R_WB = ca.reshape(a["base"][:9], 3, 3)
     tool = _tool_motion(a, third, terms)
-    felt = R_WB @ (arm_symbols.turn(third.q[0]) @ tool.acceleration + a["gravity"])
+    felt = R_WB @ (arm.turn(third.q[0]) @ tool.acceleration + a["gravity"])
     return -felt, _opening(a, end, opening, terms)
 
 
 def _opening(a: dict[str, SX], s: StageState, opening: SX, terms: Terms) -> SX:
     """Returns the direction (3,) in the world in which the gripper opens."""
-    R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm_symbols.turn(s.q[0])
-    return terms.through(R_WS @ arm_symbols.frames(a["dh"], s.q).rotations[6] @ opening[:3])
+    R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
+    return terms.through(R_WS @ arm.frames(a["dh"], s.q).rotations[6] @ opening[:3])
 
 
 def _in_cone(leaving: SX, direction: SX, opening: SX) -> SX:
@@ -339,3 +341,10 @@ FORMULAS: dict[str, BlockFormula] = {
     "flight": BlockFormula(flight, ("scales", "arm", "release", "flight")),
     "leaving": BlockFormula(leaving, ("scales", "arm", "flight")),
 }
+# The same rows with fewer slots for boxes, each of which takes its time.
+WITH_FEWER_BOXES = {
+    f"{name}_{slots}": at(partial(keep_out, slots=slots), "arm", "boxes", curved=False)
+    for name, at in (("keep_out", _at_knot), ("keep_out_middle", _in_middle))
+    for slots in layout.BOX_SLOTS[:-1]
+}
+ALL_FORMULAS = FORMULAS | WITH_FEWER_BOXES  # every one that there are functions of

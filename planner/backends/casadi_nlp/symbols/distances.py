@@ -12,9 +12,9 @@ from typing import Any
 
 import casadi as ca
 
-from planner.backends.casadi_nlp.arm_symbols import ArmFrames
-from planner.backends.casadi_nlp.layout import CAPSULE_FRAMES, KEEP_OUT_BOXES, PAIRS
-from planner.backends.casadi_nlp.terms import Terms
+from planner.backends.casadi_nlp.layout import CAPSULE_FRAMES, PAIRS
+from planner.backends.casadi_nlp.symbols.arm import ArmFrames
+from planner.backends.casadi_nlp.symbols.terms import Terms
 
 SX = Any
 
@@ -92,10 +92,10 @@ def box_distances(body: CapsuleSlots, boxes: SX, terms: Terms) -> list[SX]:
 
     Args:
         body: the capsules, in the frame of the boxes.
-        boxes: lower (3) and upper (3) corner of each.
+        boxes: lower (3) and upper (3) corner of each, in one vector.
         terms: collects the terms that derivatives take as constants.
     """
-    corners = [(boxes[6 * k : 6 * k + 3], boxes[6 * k + 3 : 6 * k + 6]) for k in range(KEEP_OUT_BOXES)]
+    corners = [(boxes[6 * k : 6 * k + 3], boxes[6 * k + 3 : 6 * k + 6]) for k in range(boxes.size1() // 6)]
     return [
         _beyond_faces(_nearest(body.starts[i], body.ends[i], *box, terms), *box, terms) - body.radii[i]
         for box in corners
