@@ -52,7 +52,7 @@ def _violation_text(violation: dict[str, Any]) -> str:
     detail = f" ({violation['detail']})" if violation.get("detail") else ""
     proven = "; proven: no motion avoids it" if violation.get("proven") else ""
     unit = "" if violation["unit"] in ("-", "1") else f" {violation['unit']}"
-    return f"{violation['constraint']}: {value}{unit} against a limit of {limit}{detail}{proven}"
+    return f"{violation['constraint']}: {value}{unit} against a limit of {limit}{unit}{detail}{proven}"
 
 
 def _figure(value: Any) -> str:

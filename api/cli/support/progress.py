@@ -33,8 +33,11 @@ def execute_plan(
     request |= {"experiment_id": experiment_id} if experiment_id else {}
     execution = client.post("/execute", request)
 
+    said: set[str] = set()  # the stream of states begins anew after an interruption
+
     def follow(kind: str, data: dict[str, Any]) -> None:
-        if kind == "state" and progress:
+        if kind == "state" and progress and data["state"] not in said:
+            said.add(data["state"])
             say_step(f"  {data['state']}")
 
     try:

@@ -73,8 +73,8 @@ def test_a_refusal_says_each_constraint_once_and_what_to_try():
     text = describe({"title": "The arm cannot do this", "detail": "long", "violations": rows, "nearest": nearest})
     assert text.splitlines() == [
         "The arm cannot do this:",
-        "  tcp_speed: 5.134 m/s against a limit of 4; proven: no motion avoids it",
-        "  keep_out: -0.01 m against a limit of 0.02 (forearm and keep_out[0])",
+        "  tcp_speed: 5.134 m/s against a limit of 4 m/s; proven: no motion avoids it",
+        "  keep_out: -0.01 m against a limit of 0.02 m (forearm and keep_out[0])",
         "  the nearest feasible target: 0.88938 0 -0.1",
     ]
     for window_s, said in (
@@ -117,7 +117,9 @@ def test_an_interrupted_throw_is_braked_and_waited_for(capsys: pytest.CaptureFix
     service = InterruptedThrow()
     assert execute_plan(service, {"id": "p"})["outcome"] == "aborted"
     assert service.calls == ["/execute", "/executions/x/abort"]
-    assert "asked to brake" in capsys.readouterr().err
+    said = capsys.readouterr()
+    assert "asked to brake" in said.err
+    assert said.out.count("approaching") == 1
 
 
 def test_a_dry_run_says_that_nothing_moved():
