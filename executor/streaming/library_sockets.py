@@ -21,7 +21,7 @@ class LibrarySockets:
         for descriptor, connection in _tcp_sockets():
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             if _peer_port(connection) == RTDE_PORT:
-                self._inodes[descriptor] = os.fstat(descriptor).st_ino
+                self._inodes[descriptor] = os.fstat(connection.fileno()).st_ino
 
     def were_replaced(self) -> bool:
         """Whether an RTDE socket has been closed since, or another one opened in its place; takes microseconds.
