@@ -20,6 +20,7 @@ from api.settings import ServiceSettings
 from store import Store
 from tests.api.conftest import JOINT, NO_ID, REQUEST, RunningService, running
 from tests.api.test_bad_input import problem_of
+from tests.processes import children_with
 
 OTHER = {**JOINT, "positions": [0.5, *JOINT["positions"][1:]]}
 UNREACHABLE = {"kind": "point", "position": [9.0, 0.0, 0.5], "velocity": [1.0, 0.0, 0.0]}
@@ -166,7 +167,7 @@ def test_a_wrong_batch_is_refused_before_anything_is_stored(
 
 
 def drivers_of(id: str) -> list[psutil.Process]:
-    return [child for child in psutil.Process().children() if id in child.cmdline()]
+    return children_with(id)
 
 
 def test_a_driver_that_is_killed_is_begun_again(service: RunningService):

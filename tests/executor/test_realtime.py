@@ -13,13 +13,14 @@ import pytest
 
 from executor import realtime
 from tests.executor.simulator.fault_client import wait
+from tests.processes import children_with
 
 CORE = max(os.sched_getaffinity(0))
 
 
 def wakers() -> list[psutil.Process]:
     """Returns the processes of this one that keep a processor awake."""
-    return [c for c in psutil.Process().children() if any("realtime.py" in word for word in c.cmdline())]
+    return children_with("realtime.py")
 
 
 @pytest.fixture

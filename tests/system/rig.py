@@ -23,6 +23,7 @@ from planner.plan_document import plan_document
 from planner.planning import plan
 from planner.request import problem_from_request
 from store import ExecutionRow, Store, new_id, split_plan
+from tests.processes import children_with
 
 ROOT = Path(__file__).parents[2]
 NUMBERS = count()
@@ -116,8 +117,7 @@ class Rig:
     def streamer(self) -> psutil.Process:
         """Returns the streaming process."""
         assert self.executor is not None
-        children = psutil.Process(self.executor.pid).children()
-        return next(c for c in children if "executor.streaming" in c.cmdline())
+        return children_with("executor.streaming", self.executor.pid)[0]
 
     # executions
 

@@ -25,6 +25,7 @@ import psycopg
 import pytest
 
 from store import Store
+from tests.processes import children_with
 from tests.verify.conftest import ServiceProcess, server_program
 
 pytestmark = pytest.mark.slow
@@ -142,7 +143,7 @@ def test_a_killed_planner_process_costs_no_answer(service: ServiceProcess, sqlit
     with Load(service) as load:
         time.sleep(LOAD_S / 2)
         before = len(load.planned)
-        workers = [p for p in psutil.Process(service.process.pid).children() if "spawn_main" in " ".join(p.cmdline())]
+        workers = children_with("spawn_main", service.process.pid)
         workers[0].kill()
         service.until(lambda: len(load.planned) > before + 5)
     assert (load.strange, load.cut) == ([], 0)
