@@ -357,9 +357,16 @@ class Handler(BaseHTTPRequestHandler):
         pass
 
 
+class Server(ThreadingHTTPServer):
+    daemon_threads = False  # none outlives its test
+
+    def handle_error(self, *_):
+        """Says nothing of a client that did not wait: the words would be another test's output."""
+
+
 @pytest.fixture(scope="module")
 def address() -> Iterator[str]:
-    server = ThreadingHTTPServer((ADDRESS, 0), Handler)
+    server = Server((ADDRESS, 0), Handler)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
     yield f"http://{ADDRESS}:{server.server_port}/plan"
