@@ -65,9 +65,9 @@ def plan_document(plan: Plan, request: Mapping[str, Any] | None = None) -> dict[
 
 
 def warm() -> bool:
-    """Compiles the optimiser's functions for this machine, once; takes minutes. Returns whether they are compiled.
+    """Compiles the optimiser's functions for this machine, once, and returns whether they are compiled.
 
-    Without a C compiler, or without this call, plans are the same and take longer.
+    It takes about a minute. Without a C compiler, or without this call, plans are the same and take longer.
     """
     from planner.backends.casadi_nlp import warm as build
 

@@ -1,7 +1,7 @@
 """Compiles the solvers beside the service: when it starts, while nothing is executed.
 
-Compiling takes minutes of one processor, which a streaming arm must not share: it is ended where an execution begins,
-and begun again after it. Requests are answered meanwhile, with the interpreted functions.
+Compiling takes about a minute of one processor, which a streaming arm must not share: it is ended where an execution
+begins, and begun again after it. Requests are answered meanwhile, with the interpreted functions.
 """
 
 from __future__ import annotations

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
+import stat
 from collections.abc import Iterator
 
 RTDE_PORT = 30004  # source: Universal Robots, RTDE guide
@@ -14,6 +15,9 @@ class LibrarySockets:
 
     ur_rtde 1.6.5 sets that option on a socket that its connect then closes and reopens. Without it, the last of four
     outputs arrived up to 43 ms late.
+
+    Attributes:
+        count: number of connected RTDE sockets found; fewer than there are interfaces if one is lost already.
     """
 
     def __init__(self) -> None:
@@ -22,6 +26,7 @@ class LibrarySockets:
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             if _peer_port(connection) == RTDE_PORT:
                 self._inodes[descriptor] = os.fstat(connection.fileno()).st_ino
+        self.count = len(self._inodes)
 
     def were_replaced(self) -> bool:
         """Whether an RTDE socket has been closed since, or another one opened in its place; takes microseconds.
@@ -39,9 +44,11 @@ def _tcp_sockets() -> Iterator[tuple[int, socket.socket]]:
     """Yields the descriptor of every TCP socket of this process, with a copy to read and set its options."""
     for name in os.listdir("/proc/self/fd"):
         try:
+            if not stat.S_ISSOCK(os.fstat(int(name)).st_mode):
+                continue
             copy = socket.socket(fileno=os.dup(int(name)))
         except OSError:
-            continue  # not a socket, or the directory's own descriptor
+            continue  # closed meanwhile, as the directory's own descriptor is
         with copy:
             if copy.family in (socket.AF_INET, socket.AF_INET6) and copy.type == socket.SOCK_STREAM:
                 yield int(name), copy

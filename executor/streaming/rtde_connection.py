@@ -24,7 +24,8 @@ from executor.streaming import state_checks
 from executor.streaming.library_sockets import LibrarySockets
 from executor.streaming.state_checks import StreamFault
 
-CALL_MAX_S = 0.005  # [s] a real-time call takes 30 us, one that reconnects takes 160 ms (ur_rtde 1.6.5)
+CALL_MAX_S = 0.005  # [s] a real-time call takes 30 us, one that reconnects itself takes 160 ms (ur_rtde 1.6.5)
+INTERFACES, DRY_RUN_INTERFACES = 3, 1  # [-] of the library, each with an RTDE connection of its own; receiving alone
 WATCHDOG_HZ = 40.0  # [Hz] 25 ms, just above the 20 ms after which the loop itself gives up as late
 WATCHDOG_ORDINARY_HZ = 20.0  # [Hz] 50 ms, just above the 40 ms accepted without real-time scheduling
 VARIABLES = [
@@ -83,6 +84,10 @@ class RtdeConnection:
         except (RuntimeError, ValueError) as error:
             raise StreamFault("refused", f"connecting: {error}") from error
         self._sockets = LibrarySockets()
+        interfaces = DRY_RUN_INTERFACES if job.dry_run else INTERFACES
+        if self._sockets.count < interfaces:
+            reason = f"{self._sockets.count} of {interfaces} RTDE connections are open right after connecting"
+            raise StreamFault("refused", reason)
         self.send_output = (
             None
             if self.io is None
@@ -110,7 +115,7 @@ class RtdeConnection:
         if not receive.isConnected() or (self.control is not None and not self.control.isConnected()):
             raise StreamFault("link_lost", "the connection to the controller is gone")
         if self._sockets.were_replaced():
-            raise StreamFault("link_lost", "the connection to the controller was lost, and the library made another")
+            raise StreamFault("link_lost", "a connection to the controller was closed, or replaced by the library")
         while True:  # a package may arrive between two getters: read again, at most once in practice
             self.stamp = receive.getTimestamp()
             self.q, self.qd, self.current = receive.getActualQ(), receive.getActualQd(), receive.getActualCurrent()

@@ -41,7 +41,7 @@ MATRIX = [
     Fault("R7", "speed_slider", ("aborted",), {"fraction": 0.5}),
     Fault("R8 control", "close_connection", ("link_lost",), {"role": "control", "reset": True}),
     Fault("R8 receive", "close_connection", ("link_lost",), {"role": "receive", "reset": True}),
-    Fault("R9", "close_connection", ("link_lost", "aborted"), {"role": "control"}),  # the library stops the program
+    Fault("R9", "close_connection", ("link_lost", "aborted"), {"role": "control"}),  # the library reconnects
     Fault("R10 control", "stall_connection", ("link_lost", "aborted"), {"role": "control"}),
     Fault("R10 receive", "stall_connection", ("link_lost",), {"role": "receive"}),
     Fault("R10 frozen", "freeze", ("link_lost",), {"duration_s": 0.5}),

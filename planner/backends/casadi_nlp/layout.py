@@ -17,7 +17,7 @@ Vector = NDArray[np.float64]
 
 LINKS = 6
 TOOL_CAPSULES = 2  # [-] slots for a tool's capsules; a tool with more has the last ones wrapped into one
-BOX_SLOTS = (1, 2, 4)  # [-] slots for keep-out boxes in the rows for few and for more
+BOX_SLOTS = (1, 2, 4)  # [-] numbers of keep-out boxes that there are functions for
 KEEP_OUT_BOXES = BOX_SLOTS[-1]  # [-] further boxes are left to the certificate
 FLIGHT_EDGES = 8  # [-] slots for edges that the object's flight passes: two for each of four boxes
 # DH frame of each capsule slot: `geometry.arm_capsules` without the foot, which the floor covers; the tool; the object.

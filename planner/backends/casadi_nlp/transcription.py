@@ -1,8 +1,8 @@
 """Transcription: which blocks of rows apply on which stages, and the functions of the whole problem.
 
 Variables: z_0 … z_N, each state then control, the last without a control. Rows, stage by stage: x_{k+1} - F(x_k, u_k),
-then the rows of the blocks that apply there. All derivatives are the blocks', mapped over the stages and moved to their
-positions by constant sparse matrices, so another number of stages or another set of blocks needs no compiling.
+then the rows of the blocks that apply there. All derivatives are the blocks', mapped over the stages and put in their
+places, so another number of stages or another set of blocks needs no compiling.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class StageLayout:
         return self.launch + self.brake
 
     def with_groups(self, groups: Collection[str]) -> StageLayout:
-        """Returns the layout with those of its groups alone."""
+        """Returns the layout with only those of its groups that are in `groups`."""
         kept = tuple(group for group in self.groups if group in groups)
         return replace(self, groups=kept, boxes=self.boxes if "keep_out" in kept else 0)
 
@@ -253,7 +253,7 @@ def _next_states(index: RowIndex) -> Any:
 
 
 def _jacobian(index: RowIndex, outputs: Mapping[str, Sequence[MX]]) -> MX:
-    """Returns the Jacobian. No two blocks share an entry: it is copied together."""
+    """Returns the Jacobian. Every entry comes from one block, so the nonzeros are only put in order."""
     following = _next_states(index).sparsity()
     rows, columns = ([np.array(i)] for i in following.get_triplet())
     entries = [ca.MX.ones(following.nnz())]

@@ -5,11 +5,16 @@ from __future__ import annotations
 import os
 import socket
 from collections.abc import Iterator
+from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
+from executor.realtime import RunDelay
 from executor.streaming import library_sockets
 from executor.streaming.library_sockets import LibrarySockets
+from executor.streaming.rtde_connection import RtdeConnection
+from executor.streaming.state_checks import StreamFault
 
 
 @pytest.fixture
@@ -27,7 +32,32 @@ def connected(listener: socket.socket) -> socket.socket:
 def test_the_same_socket_was_not_replaced(listener: socket.socket) -> None:
     with connected(listener):
         sockets = LibrarySockets()
+        assert sockets.count == 1
         assert not sockets.were_replaced()
+
+
+def test_a_socket_without_a_connection_does_not_count(listener: socket.socket) -> None:
+    with socket.socket():
+        assert LibrarySockets().count == 0
+
+
+def test_no_descriptor_is_left_open(listener: socket.socket) -> None:
+    with connected(listener):
+        before = len(os.listdir("/proc/self/fd"))
+        LibrarySockets()
+        assert len(os.listdir("/proc/self/fd")) == before
+
+
+def test_a_replaced_socket_ends_a_run(listener: socket.socket) -> None:
+    connection = RtdeConnection.__new__(RtdeConnection)  # without a controller
+    interface = SimpleNamespace(isConnected=lambda: True)
+    connection.receive = connection.control = cast(Any, interface)
+    connection._run_delay, connection._delay_s = RunDelay(), 0.0
+    with connected(listener):
+        connection._sockets = LibrarySockets()
+    with pytest.raises(StreamFault, match="replaced") as fault:
+        connection.read()
+    assert fault.value.outcome == "link_lost"
 
 
 def test_a_socket_closed_by_the_other_side_alone_was_not_replaced(listener: socket.socket) -> None:
@@ -60,7 +90,6 @@ def test_another_ports_socket_may_go(listener: socket.socket) -> None:
 
 
 def test_no_delay_is_set_on_every_tcp_socket(listener: socket.socket) -> None:
-    with connected(listener) as own, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as udp:
+    with connected(listener) as own, socket.socket(socket.AF_INET, socket.SOCK_DGRAM):  # the other kind has no delay
         LibrarySockets()
         assert own.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY) == 1
-        assert udp.fileno() >= 0  # left alone

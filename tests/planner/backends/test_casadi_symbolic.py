@@ -10,7 +10,7 @@ import pytest
 
 from planner import flight
 from planner.backends.casadi_nlp import Margins, codegen, functions, layout, transcription
-from planner.backends.casadi_nlp.instance import arm_parameters
+from planner.backends.casadi_nlp.instance import arm_parameters, stage_layout
 from planner.backends.casadi_nlp.parameters import box_parameters, scale_parameters, variable_scales
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, LEAVING_ROWS, RELEASE_ROWS
 from planner.cell import Box, Cell, load_cell
@@ -23,6 +23,7 @@ from planner.geometry import (
     self_collision_pairs,
 )
 from planner.kinematics import forward, jacobian, tcp_acceleration
+from planner.request import problem_from_request
 from planner.robots import ROBOT_NAMES, robot
 
 CELLS = Path(__file__).parents[3] / "cells"
@@ -260,19 +261,32 @@ def test_grip_rows(cell: Cell) -> None:
 @pytest.mark.parametrize("boxes", layout.BOX_SLOTS)
 def test_fewer_slots_for_boxes_give_the_same_distance(boxes: int) -> None:
     plain = load_cell(CELLS / "ur5e-sim.toml")
-    placed = tuple(Box(np.array([0.3, -0.2 + k, 0.1]), np.array([0.5, 0.3 + k, 0.6])) for k in range(boxes))
+    near = [Box(np.array([0.3, -0.2 + k, 0.1]), np.array([0.5, 0.3 + k, 0.6])) for k in range(boxes)]
+    placed = tuple(reversed(near))  # the nearest takes the last slot
     cell = replace(plain, surroundings=replace(plain.surroundings, keep_out=placed))
     p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), box_parameters(cell)])
     name = transcription.StageLayout(groups=("keep_out",), boxes=boxes).function("keep_out")
+    assert name == ("keep_out" if boxes == layout.KEEP_OUT_BOXES else f"keep_out_{boxes}")
     for seed in range(5):
         *_, z = _state(seed)
         assert _rows(name, z, p) == pytest.approx(_rows("keep_out", z, p), abs=1e-12)
+
+
+@pytest.mark.parametrize(("boxes", "slots"), [(0, 0), (1, 1), (2, 2), (3, 4), (4, 4), (5, 4)])
+def test_a_room_has_slots_for_its_boxes(boxes: int, slots: int) -> None:
+    plain = load_cell(CELLS / "ur5e-sim.toml")
+    placed = tuple(Box(np.array([1.0 + k, 1.0, 0.0]), np.array([1.5 + k, 2.0, 0.5])) for k in range(boxes))
+    cell = replace(plain, surroundings=replace(plain.surroundings, keep_out=placed))
+    request = {"cell": "ur5e-sim", "release": {"kind": "target", "position": [1.2, 0.3, 0.0]}, "release_window_s": 0.0}
+    stages = stage_layout(problem_from_request(request, cell), Margins())
+    assert (stages.boxes, "keep_out" in stages.groups) == (slots, slots > 0)
+    assert stages.with_groups({"effort"}).boxes == 0
 
 
 def _smooth_multipliers(index: transcription.RowIndex, rng: np.random.Generator) -> np.ndarray:
     """Multipliers that leave out the rows whose curvature is left out."""
     lam = rng.normal(size=index.size)
     for (name, _), rows in index.rows.items():
-        if name.removesuffix("_middle") in ("effort", "clearance", "keep_out") or name == "singularity_middle":
+        if name.removesuffix("_middle") in ("clearance", "keep_out"):
             lam[rows] = 0.0
     return lam

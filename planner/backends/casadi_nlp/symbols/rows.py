@@ -144,7 +144,7 @@ def clearance(s: StageState, p: SX, terms: Terms) -> SX:
 
 
 def keep_out(s: StageState, p: SX, terms: Terms, slots: int = layout.KEEP_OUT_BOXES) -> SX:
-    """Distance of arm, tool and object from the first keep-out boxes, beyond the one required (1) [m]."""
+    """Distance of arm, tool and object from the first `slots` keep-out boxes, beyond the one required (1) [m]."""
     a, b = ARM.split(p[: ARM.size]), BOXES.split(p[ARM.size :])
     body = distances.capsules_in_s(arm.frames(a["dh"], s.q), a["capsules"])
     R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
@@ -295,9 +295,9 @@ class BlockFormula:
     """The formula of a block.
 
     Attributes:
-        rows: (z, p, terms) -> rows (n,), and their intermediate terms.
+        rows: (z, p, terms) -> rows (n,); adds its intermediate terms to `terms`.
         parameters: names in `layout.SHARED` of the parameters p, in order.
-        curved: whether the Hessian has a part of these rows.
+        curved: whether the rows contribute to the Hessian.
     """
 
     rows: Callable[[SX, SX, Terms], SX]
@@ -347,4 +347,4 @@ WITH_FEWER_BOXES = {
     for name, at in (("keep_out", _at_knot), ("keep_out_middle", _in_middle))
     for slots in layout.BOX_SLOTS[:-1]
 }
-ALL_FORMULAS = FORMULAS | WITH_FEWER_BOXES  # every one that there are functions of
+ALL_FORMULAS = FORMULAS | WITH_FEWER_BOXES  # every formula that functions are built from

@@ -26,7 +26,10 @@ class _Term:
 
 
 class Terms:
-    """Terms that a formula names by symbols while it is differentiated, each of those before it."""
+    """Intermediate terms of one formula, in order: each may depend on earlier ones.
+
+    While the formula is differentiated, a symbol stands for each.
+    """
 
     def __init__(self) -> None:
         self._terms: list[_Term] = []
