@@ -276,8 +276,8 @@ def _best_flights(
     qd = allocate_velocity(J[of], v[ok] @ R_BW.T, problem.limits.qd_max, wanted)
     bound, flight = np.full(ok.shape, np.inf), np.zeros(ok.shape, dtype=np.intp)
     bound[ok], flight[ok] = penalised_bound(problem, q[of], qd), np.arange(len(of))
-    soonest = bound.argmin(axis=0), np.arange(len(q))
-    found[rows] = np.where(ok[soonest][:, None], qd[flight[soonest]], np.nan)
+    least = bound.argmin(axis=0), np.arange(len(q))
+    found[rows] = np.where(ok[least][:, None], qd[flight[least]], np.nan)
     return found
 
 

@@ -92,8 +92,9 @@ def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ..
 
 
 def _box_slots(problem: ThrowProblem) -> int:
+    """Returns the least number of slots that hold the keep-out boxes, a bin among them; the most if none does."""
     boxes = len(problem.cell_with_bin.surroundings.keep_out)
-    return min((slots for slots in BOX_SLOTS if slots >= boxes), default=KEEP_OUT_BOXES) if boxes else 0
+    return next((slots for slots in (0, *BOX_SLOTS) if slots >= boxes), KEEP_OUT_BOXES)
 
 
 def window_stages(problem: ThrowProblem) -> int:

@@ -259,8 +259,8 @@ def _jacobian(index: RowIndex, outputs: Mapping[str, Sequence[MX]]) -> MX:
     entries = [ca.MX.ones(following.nnz())]
     for name, (_, slope) in outputs.items():
         row, column = (np.array(i) for i in index.blocks[name].jacobian.get_triplet())
-        slopes = ca.vec(slope.nz[:])
-        entries.append(slopes * np.tile(index.signs(name)[row], len(index.knots[name])) if name == "motion" else slopes)
+        signs, slopes = index.signs(name)[row], ca.vec(slope.nz[:])
+        entries.append(slopes if (signs == 1.0).all() else slopes * np.tile(signs, len(index.knots[name])))
         for k in index.knots[name]:
             rows.append(index.rows[name, k][row])
             columns.append(k * NZ + column)
@@ -274,15 +274,13 @@ def _jacobian(index: RowIndex, outputs: Mapping[str, Sequence[MX]]) -> MX:
     return ca.MX(sparsity, ca.vertcat(*entries)[order.tolist()])
 
 
-def _matrix(positions: tuple[Indices, Indices], signs: np.ndarray, entries: MX, rows: int, columns: int) -> MX:
-    """Returns the sparse matrix with `entries` times `signs` at `positions`; several at one position add up."""
+def _matrix(positions: tuple[Indices, Indices], entries: MX, rows: int, columns: int) -> MX:
+    """Returns the sparse matrix with `entries` at `positions`; several at one position add up."""
     inside = positions[1] < columns
     key = positions[1] * rows + positions[0]
     unique, which = np.unique(key[inside], return_inverse=True)
     sparsity = ca.Sparsity.triplet(rows, columns, (unique % rows).tolist(), (unique // rows).tolist())
-    gather = ca.DM(
-        ca.Sparsity.triplet(len(unique), len(key), which.tolist(), np.flatnonzero(inside).tolist()), signs[inside]
-    )
+    gather = ca.DM(ca.Sparsity.triplet(len(unique), len(key), which.tolist(), np.flatnonzero(inside).tolist()), 1.0)
     return ca.MX(sparsity, gather @ entries)
 
 
@@ -306,5 +304,5 @@ def _lagrangian(index: RowIndex, x: MX, p: MX, lam_f: MX, lam_g: MX) -> tuple[MX
         entries.append(ca.vec(nonzeros.nz[:]))
     stacked = ca.vertcat(*entries)
     positions = (np.concatenate(rows), np.concatenate(columns))
-    matrix = _matrix(positions, np.ones(stacked.shape[0]), stacked, index.variables, index.variables)
+    matrix = _matrix(positions, stacked, index.variables, index.variables)
     return ca.densify(gradient), matrix
