@@ -13,6 +13,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 COMPILERS = ("cc", "gcc", "clang")
@@ -40,13 +41,16 @@ def library_path(name: str, flags: Sequence[str], sources: Iterable[bytes], writ
     return cache_folder() / f"{name}-{digest.hexdigest()[:24]}.so"
 
 
-def compile_once(target: Path, flags: Sequence[str], source: Callable[[], str]) -> Path | None:
+def compile_once(
+    target: Path, flags: Sequence[str], units: Callable[[], Sequence[str]], linked: Sequence[str] = ()
+) -> Path | None:
     """Compiles C into `target` unless it exists, and returns it; None without a compiler.
 
     Args:
         target: a `library_path`.
         flags: of the compiler, `SHARED` among them.
-        source: returns the C; called only where it is compiled.
+        units: returns the C in parts, which are compiled side by side; called only where they are.
+        linked: arguments of the linker.
 
     Raises:
         OSError: the cache folder cannot be written.
@@ -57,9 +61,20 @@ def compile_once(target: Path, flags: Sequence[str], source: Callable[[], str]) 
         return target if target.exists() else None
     target.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=target.parent) as folder:
-        c_file, made = Path(folder) / f"{target.stem}.c", Path(folder) / target.name
-        c_file.write_text(source())
-        command = [compiler, *flags, "-o", str(made), str(c_file), "-lm"]
-        subprocess.run(command, check=True, capture_output=True)
+
+        def run(*arguments: str) -> None:
+            subprocess.run([compiler, *flags, *arguments], check=True, capture_output=True)
+
+        def compile_unit(c_file: Path) -> None:
+            run("-c", "-o", str(c_file.with_suffix(".o")), str(c_file))
+
+        files = []
+        for i, text in enumerate(units()):
+            files.append(Path(folder) / f"{target.stem}-{i}.c")
+            files[i].write_text(text)
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(compile_unit, files))
+        made = Path(folder) / target.name
+        run("-o", str(made), *(str(c_file.with_suffix(".o")) for c_file in files), *linked, "-lm")
         made.replace(target)
     return target

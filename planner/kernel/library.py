@@ -65,7 +65,7 @@ def compile_kernel() -> bool:
         OSError: the cache folder cannot be written.
         subprocess.CalledProcessError: the compiler rejects the C.
     """
-    compile_once(path(), FLAGS, lambda: "\n".join(source.read_text() for source in SOURCES))
+    compile_once(path(), FLAGS, lambda: ["\n".join(source.read_text() for source in SOURCES)])
     loaded.cache_clear()
     return loaded() is not None
 

@@ -15,6 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from planner.backends.casadi_nlp.fatrop import compiled_launch
 from planner.backends.casadi_nlp.functions import evaluate, first_result
 from planner.backends.casadi_nlp.instance import Arguments, Instance
 from planner.backends.casadi_nlp.layout import NU, NX, NZ, TIME, Q, Vector
@@ -24,7 +25,7 @@ from planner.errors import SolverFailed
 # What falls below the LU tolerance is dropped where equalities are eliminated. With a smaller one fatrop 1.1.8 raises
 # its regularisation without end on one `point` of sixty. In a stage of 5 ms, however, a jerk moves the landing by 2 to
 # 3 mm, which 1e-2 drops: 44 of 52 problems with a window did not converge.
-FATROP = {"tolerance": 1e-4, "mu_init": 1e-3, "max_iter": 70, "linsol_lu_fact_tol": 1e-2}
+FATROP = {"print_level": 0, "tolerance": 1e-4, "mu_init": 1e-3, "max_iter": 70, "linsol_lu_fact_tol": 1e-2}
 FATROP_FIXED_TIMES = {"mu_init": 1e-4, "max_iter": 40}  # starts close to its optimum
 FATROP_SHORT_STAGES = {"linsol_lu_fact_tol": 1e-3}
 IPOPT = {"tol": 1e-5, "mu_init": 1e-3, "max_iter": 80}
@@ -78,7 +79,7 @@ class Solver:
         """
         z = self.try_solve(instance)
         if z is None and self.with_ipopt and not self.is_late and not self._is_spent():
-            scaled = self._call("ipopt", _ipopt(instance.stages), instance.arguments)
+            scaled = self._call_of_casadi("ipopt", _ipopt(instance.stages), instance.arguments)
             z = None if scaled is None else scaled * instance.scales
         if z is None:
             raise SolverFailed(self.status, self.iterations)
@@ -132,13 +133,19 @@ class Solver:
             _free_positions(whole, reduced)
         kept = _rows_kept(part, whole)
         reduced["lbg"], reduced["ubg"] = reduced["lbg"][kept], reduced["ubg"][kept]
-        return self._call("fatrop", _fatrop(part, _pattern(reduced), instance.fixed_times is not None), reduced)
+        fixed_times, launch = instance.fixed_times is not None, compiled_launch(part)
+        if launch is None:
+            return self._call_of_casadi("fatrop", _fatrop(part, _pattern(reduced), fixed_times), reduced)
+        return self._result("fatrop", *launch.solve(reduced, _fatrop_options(part, fixed_times)))
 
-    def _call(self, name: str, solver: Any, arguments: Arguments) -> Vector | None:
+    def _call_of_casadi(self, name: str, solver: Any, arguments: Arguments) -> Vector | None:
         x, stats = first_result(solver, arguments)
-        self.iterations += int(stats["iter_count"])
-        solved = bool(stats["success"]) and bool(np.isfinite(x).all())
-        self.status = f"{name}: {'solved' if solved else 'gave up'} in {stats['iter_count']} iterations"
+        return self._result(name, x, int(stats["iter_count"]), bool(stats["success"]))
+
+    def _result(self, name: str, x: Vector, iterations: int, is_solved: bool) -> Vector | None:
+        self.iterations += iterations
+        solved = is_solved and bool(np.isfinite(x).all())
+        self.status = f"{name}: {'solved' if solved else 'gave up'} in {iterations} iterations"
         return _stagewise(x) if solved else None
 
 
@@ -151,7 +158,11 @@ def _violated_groups(instance: Instance, z: Vector) -> set[str]:
     """Returns the groups of which some row is beyond its bound."""
     arguments = instance.arguments
     x = z.ravel()[: len(arguments["x0"])]
-    g = evaluate(instance.transcription.functions["g"], x, arguments["p"])[0].ravel()
+    launch = compiled_launch(instance.stages)
+    if launch is None:
+        g = evaluate(instance.transcription.functions["g"], x, arguments["p"])[0].ravel()
+    else:
+        g = launch.rows(x, arguments["p"])
     beyond = np.maximum(arguments["lbg"] - g, g - arguments["ubg"]) > VIOLATED
     violated = {group for group, rows in _rows_by_group(instance.stages).items() if beyond[rows].any()}
     outside = _stagewise(np.maximum(arguments["lbx"] - x, x - arguments["ubx"]))[:, Q]
@@ -190,6 +201,11 @@ def _pattern(arguments: Arguments) -> bytes:
     return (bounded.astype(np.int8) + (lower == upper)).astype(np.int8).tobytes()
 
 
+def _fatrop_options(stages: StageLayout, fixed_times: bool) -> dict[str, float]:
+    for_times, for_stages = FATROP_FIXED_TIMES if fixed_times else {}, FATROP_SHORT_STAGES if stages.window > 1 else {}
+    return FATROP | for_times | for_stages
+
+
 @lru_cache(maxsize=PATTERNS_KEPT)
 def _fatrop(stages: StageLayout, pattern: bytes, fixed_times: bool) -> Any:
     """Returns the solver for one pattern of fixed, bounded and free variables and rows.
@@ -200,10 +216,10 @@ def _fatrop(stages: StageLayout, pattern: bytes, fixed_times: bool) -> Any:
     made = transcription(stages)
     index, functions = made.row_index, made.functions
     n = index.stages.stages
-    options = FATROP | (FATROP_FIXED_TIMES if fixed_times else {}) | (FATROP_SHORT_STAGES if stages.window > 1 else {})
+    options = _fatrop_options(stages, fixed_times)
     roles = {"nlp_grad_f": ("grad_f", ["grad:f:x"]), "nlp_hess_l": ("hess_l", ["grad:gamma:x", "hess:gamma:x:x"])}
     structure = {"structure_detection": "manual", "N": n, "nx": [NX] * (n + 1), "nu": [NU] * n + [0]}
-    settings = {**structure, "ng": index.per_stage, "fatrop": {"print_level": 0, **options}}
+    settings = {**structure, "ng": index.per_stage, "fatrop": options}
     return _nlpsol("fatrop", functions, roles, settings)
 
 

@@ -98,4 +98,4 @@ def test_compiled_functions_give_the_numbers_of_the_interpreted_ones(kind: str) 
             functions.evaluate(function, *arguments), functions.evaluate(interpreted, *arguments), strict=True
         ):
             assert np.isfinite(b).all()
-            np.testing.assert_allclose(a, b, rtol=1e-12, atol=1e-12)  # the same bits where no operation is fused
+            np.testing.assert_array_equal(a, b)

@@ -163,12 +163,15 @@ def test_125_hz() -> None:
 def test_without_a_compiler_there_is_no_library(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     monkeypatch.setattr(compilation, "COMPILERS", ())
-    codegen.library.cache_clear()
+    caches = codegen._flags, codegen._blocks_path, codegen._launch_path
     try:
+        for cached in caches:
+            cached.cache_clear()
         assert codegen.compile_blocks() is None
         assert codegen.compiled_blocks() is None
     finally:
-        codegen.library.cache_clear()
+        for cached in caches:
+            cached.cache_clear()
 
 
 def test_many_tool_capsules_are_wrapped(cell: Cell) -> None:

@@ -1,0 +1,410 @@
+/* A launch and brake as fatrop's C interface takes it: rows, derivatives and bounds, stage by stage.
+
+   Follows lanes.h. What casadi's interface to fatrop does by way of sparse matrices of the whole problem is done stage
+   by stage here, several stages at once, with every sum in the same order, so that both find the same numbers to the
+   last bit. Variables in Python's order: z_0 .. z_N, each state then control, the last without one; fatrop takes each
+   control before its state. */
+
+#include <stdlib.h>
+#include <string.h>
+
+#include <fatrop/ocp/OCPCInterface.h>
+
+#define STATES 19
+#define CONTROLS 7
+#define VARIABLES (STATES + CONTROLS)
+#define ROWS_MAX 64                          /* of a block */
+#define ENTRIES_MAX (ROWS_MAX * VARIABLES)   /* of its derivatives */
+#define FREE 0x7fffffff                      /* column of a row without bounds */
+
+typedef struct blasfeo_dmat matrix;
+typedef struct FatropOcpCDims dims;
+
+/* Rows of one kind on a range of stages. */
+struct block {
+    void (*value)(const lanes *z, const void *p, lanes *rows);
+    void (*slope)(const lanes *z, const void *p, lanes *rows, lanes *jacobian);
+    void (*curve)(const lanes *z, const void *p, const lanes *multipliers, lanes *gradient, lanes *hessian);
+    const long long *jacobian, *hessian; /* sparsity: rows, columns, first entry of each column, row of each entry */
+    const int *position;                 /* of each row on each of its stages in the whole problem */
+    int rows, following;                 /* the first `following` rows are the next stage's state */
+    int first, last;                     /* stages first .. last - 1 */
+    int parameters, each;                /* where its parameters begin, and how many each stage has of its own */
+};
+
+/* `own`: where the rows of each stage begin, beside the next state, and how many there are; `block[cost]` is the
+   objective's. */
+struct problem {
+    const struct block *block;
+    const int *own, *owned;
+    int blocks, cost, stages, rows;
+};
+
+/* One call of the solver. `columns`: of each row, then of each variable, in the matrix of its stage: of equalities
+   from -1 down, of inequalities from 0 up. `bounded`: rows and variables by stage, inequalities then equalities,
+   rows before variables, in fatrop's order. */
+struct call {
+    const struct problem *of;
+    const double *lower, *upper, *guess, *p; /* bounds of variables, then of rows */
+    double *z, *g, *multipliers, *gradient;
+    int *columns, *inequality, *equality, *inequalities, *equalities; /* lists, and where each stage's begin */
+};
+
+static int variables(const struct problem *of) { return of->stages * VARIABLES + STATES; }
+static int controls(const struct problem *of, int stage) { return stage < of->stages ? CONTROLS : 0; }
+
+/* Position of variable i of a stage, states first, among fatrop's. */
+static int placed(int i, int controls) { return i < STATES ? i + controls : i - STATES; }
+
+static void read_variables(const struct call *call, const double *primal, const dims *s) {
+    for (int k = 0; k <= call->of->stages; k++) {
+        const int n = controls(call->of, k);
+        memcpy(call->z + VARIABLES * k, primal + s->ux_offs[k] + n, STATES * sizeof(double));
+        memcpy(call->z + VARIABLES * k + STATES, primal + s->ux_offs[k], (size_t)n * sizeof(double));
+    }
+}
+
+/* The variables of stages k, k + 1 ..; of the last one again beyond it. */
+static void gather(const struct call *call, const struct block *b, int k, lanes *z) {
+    for (int lane = 0; lane < LANES; lane++) {
+        const double *from = call->z + VARIABLES * (k + lane < b->last ? k + lane : b->last - 1);
+        for (int i = 0; i < VARIABLES; i++) z[i][lane] = from[i];
+    }
+}
+
+/* The parameters of a block, or those of stages k, k + 1 .. side by side. */
+static const void *parameters(const struct call *call, const struct block *b, int k, lanes *apart) {
+    const double *p = call->p + b->parameters;
+    if (!b->each) return p;
+    for (int lane = 0; lane < LANES; lane++)
+        for (int i = 0; i < b->each; i++)
+            apart[i][lane] = p[b->each * ((k + lane < b->last ? k + lane : b->last - 1) - b->first) + i];
+    return apart;
+}
+
+#define FOR_LANES(b, k, lane) for (int lane = 0; lane < LANES && k + lane < (b)->last; lane++)
+
+static const int *positions(const struct block *b, int k) { return b->position + b->rows * (k - b->first); }
+
+static void set_rows(const struct call *call, const struct block *b, int k, const lanes *rows) {
+    FOR_LANES(b, k, lane) {
+        const int *at = positions(b, k + lane);
+        const double *next = call->z + VARIABLES * (k + lane + 1);
+        for (int row = 0; row < b->following; row++) call->g[at[row]] = next[row] - rows[row][lane];
+        for (int row = b->following; row < b->rows; row++) call->g[at[row]] = 0.0 + rows[row][lane];
+    }
+}
+
+static void rows_of_all(const struct call *call) {
+    const struct problem *of = call->of;
+    lanes z[VARIABLES], apart[ROWS_MAX], rows[ROWS_MAX];
+    for (int i = 0; i < of->blocks; i++) {
+        const struct block *b = of->block + i;
+        if (i == of->cost) continue;
+        for (int k = b->first; k < b->last; k += LANES) {
+            gather(call, b, k, z);
+            b->value(z, parameters(call, b, k, apart), rows);
+            set_rows(call, b, k, rows);
+        }
+    }
+}
+
+/* By how much each bounded row or variable is above its lower bound: an equality's residual. */
+static double residual(const struct call *call, int which, int is_equality) {
+    const int n = variables(call->of);
+    const double value = which < n ? call->z[which] : call->g[which - n];
+    return is_equality ? value - call->lower[which] : value;
+}
+
+static int violations(const double *primal, const double *stage_p, const double *global_p, double *out, const dims *s,
+                      void *data) {
+    const struct call *call = data;
+    (void)stage_p, (void)global_p;
+    read_variables(call, primal, s);
+    rows_of_all(call);
+    for (int k = 0; k < s->K; k++) {
+        for (int i = call->inequalities[k], column = 0; i < call->inequalities[k + 1]; i++, column++)
+            out[s->g_ineq_offs[k] + column] = residual(call, call->inequality[i], 0);
+        for (int i = call->equalities[k], column = 0; i < call->equalities[k + 1]; i++, column++)
+            out[s->g_offs[k] + column] = residual(call, call->equality[i], 1);
+    }
+    const struct block *motion = call->of->block;
+    for (int k = 0; k < call->of->stages; k++)
+        for (int row = 0; row < STATES; row++) out[s->dyn_eq_offs[k] + row] = 0.0 - call->g[positions(motion, k)[row]];
+    LEAVE_LANES();
+    return 1;
+}
+
+static void clear(matrix *A, int m, int n) {
+    for (int row = 0; row < m; row += 4) memset(A->pA + row * A->cn, 0, sizeof(double) * 4 * (size_t)n);
+}
+
+/* The bounded variables of a stage, and the values of its bounded rows in the matrix's last row. */
+static void set_bounded(const struct call *call, matrix *A, int k, int first, int last, const int *list,
+                        int is_equality) {
+    const int n = variables(call->of), free = controls(call->of, k);
+    for (int i = first, column = 0; i < last; i++, column++) {
+        if (list[i] < n) BLASFEO_DMATEL(A, placed(list[i] - VARIABLES * k, free), column) = 1.0;
+        BLASFEO_DMATEL(A, STATES + free, column) = residual(call, list[i], is_equality);
+    }
+}
+
+static int jacobian(const double *primal, const double *stage_p, const double *global_p, matrix *dynamics,
+                    matrix *equal, matrix *unequal, const dims *s, void *data) {
+    const struct call *call = data;
+    const struct problem *of = call->of;
+    const int n = variables(of);
+    lanes z[VARIABLES], apart[ROWS_MAX], rows[ROWS_MAX], entries[ENTRIES_MAX];
+    (void)stage_p, (void)global_p;
+    read_variables(call, primal, s);
+    for (int k = 0; k <= of->stages; k++) {
+        const int height = STATES + controls(of, k) + 1;
+        if (k < of->stages) clear(dynamics + k, height, STATES);
+        clear(equal + k, height, s->ng[k]);
+        clear(unequal + k, height, s->ng_ineq[k]);
+    }
+    for (int i = 0; i < of->blocks; i++) {
+        const struct block *b = of->block + i;
+        const long long *first = b->jacobian + 2, *row = first + VARIABLES + 1;
+        if (i == of->cost) continue;
+        for (int k = b->first; k < b->last; k += LANES) {
+            gather(call, b, k, z);
+            b->slope(z, parameters(call, b, k, apart), rows, entries);
+            set_rows(call, b, k, rows);
+            FOR_LANES(b, k, lane) {
+                const int *at = positions(b, k + lane), free = controls(of, k + lane);
+                for (int j = 0; j < STATES + free; j++)
+                    for (long long e = first[j]; e < first[j + 1]; e++) {
+                        const int column = row[e] < b->following ? (int)row[e] : call->columns[n + at[row[e]]];
+                        matrix *A = (row[e] < b->following ? dynamics : column < 0 ? equal : unequal) + k + lane;
+                        if (column != FREE)
+                            BLASFEO_DMATEL(A, placed(j, free), column < 0 ? -1 - column : column) = entries[e][lane];
+                    }
+            }
+        }
+    }
+    for (int k = 0; k <= of->stages; k++) {
+        set_bounded(call, equal + k, k, call->equalities[k], call->equalities[k + 1], call->equality, 1);
+        set_bounded(call, unequal + k, k, call->inequalities[k], call->inequalities[k + 1], call->inequality, 0);
+        for (int row = 0; k < of->stages && row < STATES; row++)
+            BLASFEO_DMATEL(dynamics + k, VARIABLES, row) = 0.0 - call->g[positions(of->block, k)[row]];
+    }
+    LEAVE_LANES();
+    return 1;
+}
+
+/* The multipliers of all rows, as those of x_{k+1} - F, from fatrop's, which are those of F - x_{k+1}. */
+static void read_multipliers(const struct call *call, const double *given, const dims *s) {
+    const int n = variables(call->of);
+    for (int k = 0; k < s->K; k++) {
+        for (int i = call->inequalities[k], column = 0; i < call->inequalities[k + 1]; i++, column++)
+            call->multipliers[call->inequality[i]] = given[s->g_ineq_offs[k] + column];
+        for (int i = call->equalities[k], column = 0; i < call->equalities[k + 1]; i++, column++)
+            call->multipliers[call->equality[i]] = given[s->g_offs[k] + column];
+    }
+    for (int k = 0; k < call->of->stages; k++)
+        for (int row = 0; row < STATES; row++)
+            call->multipliers[n + positions(call->of->block, k)[row]] = -given[s->dyn_eq_offs[k] + row];
+}
+
+static int hessian(double scale, const double *primal, const double *given, const double *stage_p,
+                   const double *global_p, matrix *out, const dims *s, void *data) {
+    const struct call *call = data;
+    const struct problem *of = call->of;
+    const int n = variables(of);
+    double *slope = call->gradient;
+    lanes z[VARIABLES], apart[ROWS_MAX], weights[ROWS_MAX], gradient[VARIABLES], entries[VARIABLES * VARIABLES];
+    (void)stage_p, (void)global_p;
+    read_variables(call, primal, s);
+    read_multipliers(call, given, s);
+    memset(slope, 0, VARIABLES * (size_t)(of->stages + 1) * sizeof(double));
+    for (int k = 0; k <= of->stages; k++) {
+        clear(out + k, STATES + controls(of, k) + 1, STATES + controls(of, k));
+        for (int row = 0; k > 0 && row < STATES; row++)
+            slope[VARIABLES * k + row] = 0.0 - given[s->dyn_eq_offs[k - 1] + row];
+    }
+    for (int i = 0; i < of->blocks; i++) {
+        const struct block *b = of->block + i;
+        const long long *first = b->hessian + 2, *row = first + VARIABLES + 1;
+        for (int k = b->first; k < b->last; k += LANES) {
+            gather(call, b, k, z);
+            for (int lane = 0; lane < LANES; lane++) {
+                const int *at = i == of->cost ? 0 : positions(b, k + lane < b->last ? k + lane : b->last - 1);
+                for (int r = 0; r < b->rows; r++) {
+                    const double weight = at ? call->multipliers[n + at[r]] : scale;
+                    weights[r][lane] = r < b->following ? -weight : weight;
+                }
+            }
+            b->curve(z, parameters(call, b, k, apart), weights, gradient, entries);
+            FOR_LANES(b, k, lane) {
+                const int free = controls(of, k + lane);
+                for (int j = 0; j < STATES + free; j++) {
+                    slope[VARIABLES * (k + lane) + j] += gradient[j][lane];
+                    for (long long e = first[j]; e < first[j + 1]; e++)
+                        if (row[e] < STATES + free)
+                            BLASFEO_DMATEL(out + k + lane, placed((int)row[e], free), placed(j, free)) +=
+                                entries[e][lane];
+                }
+            }
+        }
+    }
+    for (int k = 1; k <= of->stages; k++)
+        for (int row = 0; row < STATES; row++) slope[VARIABLES * k + row] += given[s->dyn_eq_offs[k - 1] + row];
+    for (int k = 0; k <= of->stages; k++) {
+        const int free = controls(of, k);
+        for (int i = call->inequalities[k], column = 0; i < call->inequalities[k + 1]; i++, column++)
+            if (call->inequality[i] < n) slope[call->inequality[i]] += given[s->g_ineq_offs[k] + column];
+        for (int i = call->equalities[k], column = 0; i < call->equalities[k + 1]; i++, column++)
+            if (call->equality[i] < n) slope[call->equality[i]] += given[s->g_offs[k] + column];
+        for (int j = 0; j < STATES + free; j++)
+            BLASFEO_DMATEL(out + k, STATES + free, placed(j, free)) = slope[VARIABLES * k + j];
+    }
+    LEAVE_LANES();
+    return 1;
+}
+
+static int objective_gradient(double scale, const double *primal, const double *stage_p, const double *global_p,
+                              double *out, const dims *s, void *data) {
+    const struct call *call = data;
+    const struct block *b = call->of->block + call->of->cost;
+    const long long *first = b->jacobian + 2;
+    lanes z[VARIABLES], apart[ROWS_MAX], row[ROWS_MAX], entries[VARIABLES];
+    (void)stage_p, (void)global_p;
+    read_variables(call, primal, s);
+    memset(out, 0, (size_t)variables(call->of) * sizeof(double));
+    for (int k = b->first; k < b->last; k += LANES) {
+        gather(call, b, k, z);
+        b->slope(z, parameters(call, b, k, apart), row, entries);
+        FOR_LANES(b, k, lane)
+            for (int j = 0; j < VARIABLES; j++)
+                for (long long e = first[j]; e < first[j + 1]; e++)
+                    out[s->ux_offs[k + lane] + placed(j, CONTROLS)] = scale * entries[e][lane];
+    }
+    LEAVE_LANES();
+    return 1;
+}
+
+static int objective(double scale, const double *primal, const double *stage_p, const double *global_p, double *out,
+                     const dims *s, void *data) {
+    const struct call *call = data;
+    const struct block *b = call->of->block + call->of->cost;
+    lanes z[VARIABLES], apart[ROWS_MAX], row[ROWS_MAX];
+    double sum = 0.0;
+    (void)stage_p, (void)global_p;
+    read_variables(call, primal, s);
+    for (int k = b->first; k < b->last; k += LANES) {
+        gather(call, b, k, z);
+        b->value(z, parameters(call, b, k, apart), row);
+        FOR_LANES(b, k, lane) sum += row[0][lane];
+    }
+    *out = scale * sum;
+    LEAVE_LANES();
+    return 1;
+}
+
+static int states_of(int k, void *data) { (void)k, (void)data; return STATES; }
+static int controls_of(int k, void *data) { return controls(((struct call *)data)->of, k); }
+static int horizon(void *data) { return ((struct call *)data)->of->stages + 1; }
+
+static int equalities_of(int k, void *data) {
+    const struct call *call = data;
+    return call->equalities[k + 1] - call->equalities[k];
+}
+
+static int inequalities_of(int k, void *data) {
+    const struct call *call = data;
+    return call->inequalities[k + 1] - call->inequalities[k];
+}
+
+static int bounds_of(double *lower, double *upper, int k, void *data) {
+    const struct call *call = data;
+    for (int i = call->inequalities[k]; i < call->inequalities[k + 1]; i++) {
+        *lower++ = call->lower[call->inequality[i]];
+        *upper++ = call->upper[call->inequality[i]];
+    }
+    return 0;
+}
+
+static int guessed_state(double *x, int k, void *data) {
+    memcpy(x, ((struct call *)data)->guess + VARIABLES * k, STATES * sizeof(double));
+    return 0;
+}
+
+static int guessed_control(double *u, int k, void *data) {
+    const struct call *call = data;
+    memcpy(u, call->guess + VARIABLES * k + STATES, (size_t)controls(call->of, k) * sizeof(double));
+    return 0;
+}
+
+/* Sorts a range of rows or variables into equalities, inequalities and those without bounds. */
+static void sort(struct call *call, int k, int first, int last) {
+    for (int i = first; i < last; i++) {
+        call->columns[i] = FREE;
+        if (call->lower[i] == call->upper[i]) {
+            call->columns[i] = -1 - (call->equalities[k + 1] - call->equalities[k]);
+            call->equality[call->equalities[k + 1]++] = i;
+        } else if (call->lower[i] > -INFINITY || call->upper[i] < INFINITY) {
+            call->columns[i] = call->inequalities[k + 1] - call->inequalities[k];
+            call->inequality[call->inequalities[k + 1]++] = i;
+        }
+    }
+}
+
+static void ignore(const char *text, int length) { (void)text, (void)length; }
+
+/* Solves a launch; sets the variables and the number of iterations. Returns fatrop's status: 0 for solved.
+
+   `lower`, `upper`: of the variables, then of the rows; `p`: every block's parameters, then the costs'; `names` and
+   `values` of fatrop's options. */
+int solve_launch(const struct problem *of, const double *lower, const double *upper, const double *guess,
+                 const double *p, int options, const char *const *names, const double *values, double *out,
+                 int *iterations) {
+    const int n = variables(of), padded = VARIABLES * (of->stages + 1), all = n + of->rows;
+    double *numbers = calloc((size_t)(2 * padded + of->rows + all), sizeof(double));
+    int *counts = calloc((size_t)(3 * all + 2 * (of->stages + 2)), sizeof(int));
+    struct call call = {.of = of, .lower = lower, .upper = upper, .guess = guess, .p = p};
+    int status = -1;
+    if (!numbers || !counts) goto end;
+    call.z = numbers, call.gradient = call.z + padded, call.g = call.gradient + padded, call.multipliers = call.g + of->rows;
+    call.columns = counts, call.inequality = call.columns + all, call.equality = call.inequality + all;
+    call.inequalities = call.equality + all, call.equalities = call.inequalities + of->stages + 2;
+    for (int k = 0; k <= of->stages; k++) {
+        call.inequalities[k + 1] = call.inequalities[k], call.equalities[k + 1] = call.equalities[k];
+        sort(&call, k, n + of->own[k], n + of->own[k] + of->owned[k]);
+        sort(&call, k, VARIABLES * k, VARIABLES * k + STATES + controls(of, k));
+    }
+    struct FatropOcpCInterface interface = {
+        .get_nx = states_of, .get_nu = controls_of, .get_ng = equalities_of, .get_ng_ineq = inequalities_of,
+        .get_horizon_length = horizon, .get_bounds = bounds_of,
+        .get_initial_xk = guessed_state, .get_initial_uk = guessed_control,
+        .full_eval_lag_hess = hessian, .full_eval_constr_jac = jacobian, .full_eval_contr_viol = violations,
+        .full_eval_obj_grad = objective_gradient, .full_eval_obj = objective,
+        .user_data = &call,
+    };
+    struct FatropOcpCSolver *solver = fatrop_ocp_c_create(&interface, ignore, 0);
+    for (int i = 0; i < options; i++)
+        if (fatrop_ocp_c_option_type(names[i]) == 1)
+            fatrop_ocp_c_set_option_int(solver, names[i], (int)values[i]);
+        else
+            fatrop_ocp_c_set_option_double(solver, names[i], values[i]);
+    status = fatrop_ocp_c_solve(solver);
+    *iterations = fatrop_ocp_c_get_stats(solver)->iterations_count;
+    read_variables(&call, fatrop_ocp_c_get_primal(solver)->pa, fatrop_ocp_c_get_dims(solver));
+    memcpy(out, call.z, (size_t)n * sizeof(double));
+    fatrop_ocp_c_destroy(solver);
+end:
+    free(numbers);
+    free(counts);
+    return status;
+}
+
+/* Sets the rows (rows,) at variables `x`. */
+void launch_rows(const struct problem *of, const double *x, const double *p, double *rows) {
+    double *z = calloc((size_t)(VARIABLES * (of->stages + 1)), sizeof(double));
+    const struct call call = {.of = of, .p = p, .z = z, .g = rows};
+    if (!z) return;
+    memcpy(z, x, (size_t)variables(of) * sizeof(double));
+    rows_of_all(&call);
+    LEAVE_LANES();
+    free(z);
+}

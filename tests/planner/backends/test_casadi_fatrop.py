@@ -1,0 +1,181 @@
+"""The compiled launch against casadi's interface to fatrop, and its matrix products against BLASFEO's own."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+import pytest
+
+from planner.backends import ruckig_otg
+from planner.backends.casadi_nlp import DEFAULT_MARGINS, codegen, emission, fatrop, functions, layout, solver
+from planner.backends.casadi_nlp.instance import Instance
+from planner.cell import Box, Cell, load_cell
+from planner.kernel import compile_once
+from planner.problem import TargetRelease, ThrowProblem
+from planner.seeds import Seed, candidates
+
+CELL = load_cell(Path(__file__).parents[3] / "cells" / "ur5e-sim.toml")
+WALL = Box(np.array([0.55, -0.8, 0.0]), np.array([0.6, 0.2, 0.3]), "wall")
+RNG = np.random.default_rng(12)
+
+needs_launch = pytest.mark.skipif(fatrop._libraries() is None, reason="nothing is compiled")
+
+
+def _instance(cell: Cell, window_s: float) -> Instance:
+    robust = {"release_window_s": window_s, "landing_tolerance_m": 0.03} if window_s else {}
+    problem = ThrowProblem(cell, cell.home, TargetRelease(np.array([0.9, -0.5, 0.0])), cell.limits, **robust)
+    candidate = candidates(problem)[0]
+    return Instance.of(problem, Seed(candidate, ruckig_otg.solve(problem, candidate).trajectory), DEFAULT_MARGINS)
+
+
+# With every group of rows; with release windows of several stages; and beside a keep-out box.
+INSTANCES = {
+    "open": (CELL, 0.0),
+    "window": (CELL, 0.02),
+    "wall": (replace(CELL, surroundings=replace(CELL.surroundings, keep_out=(WALL,))), 0.0),
+}
+
+
+@pytest.fixture(scope="module", params=list(INSTANCES))
+def instance(request: pytest.FixtureRequest) -> Instance:
+    return _instance(*INSTANCES[request.param])
+
+
+@needs_launch
+@pytest.mark.parametrize("with_groups", [False, True])
+def test_variables_and_iterations_are_those_of_casadi_s_interface(
+    instance: Instance, with_groups: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    groups = frozenset((*instance.stages.groups, solver.POSITIONS)) if with_groups else frozenset[str]()
+    found = []
+    for launch in (fatrop.compiled_launch, lambda _stages: None):
+        monkeypatch.setattr(solver, "compiled_launch", launch)
+        calls = solver.Solver(1000, None, groups, with_ipopt=False)
+        z = calls._without_other_groups(instance, instance.arguments)
+        found.append((calls.status, None if z is None else z.tobytes()))
+    assert found[0] == found[1]
+    assert int(found[0][0].split()[-2]) > 5
+
+
+@needs_launch
+def test_rows_are_those_of_casadi_s_functions(instance: Instance) -> None:
+    launch, arguments = fatrop.compiled_launch(instance.stages), instance.arguments
+    assert launch is not None
+    x = arguments["x0"] + RNG.uniform(-0.1, 0.1, len(arguments["x0"]))
+    expected = functions.evaluate(instance.transcription.functions["g"], x, arguments["p"])[0].ravel()
+    np.testing.assert_array_equal(launch.rows(x, arguments["p"]), expected)
+    assert np.abs(expected).max() > 0.1
+
+
+@needs_launch
+def test_arrays_of_another_problem_are_refused(instance: Instance) -> None:
+    launch, arguments = fatrop.compiled_launch(instance.stages), instance.arguments
+    assert launch is not None
+    with pytest.raises(ValueError, match=r"bounds and \d+ variables do not fit"):
+        launch.solve({**arguments, "lbg": arguments["lbg"][1:]}, {})
+    with pytest.raises(ValueError, match="variables do not fit"):
+        launch.rows(arguments["x0"][1:], arguments["p"])
+
+
+@needs_launch
+def test_another_launch_from_the_same_arguments_gives_the_same(instance: Instance) -> None:
+    launch = fatrop.compiled_launch(instance.stages)
+    assert launch is not None
+    first, second = (launch.solve(instance.arguments, solver.FATROP) for _ in range(2))
+    assert first[0].tobytes() == second[0].tobytes()
+    assert first[1:] == second[1:]
+
+
+def test_options_reach_fatrop(instance: Instance) -> None:
+    launch = fatrop.compiled_launch(instance.stages)
+    if launch is None:
+        pytest.skip("nothing is compiled")
+    _, iterations, is_solved = launch.solve(instance.arguments, {**solver.FATROP, "max_iter": 3})
+    assert not is_solved
+    assert iterations == 3 + 1  # of which fatrop counts the last
+
+
+# --- matrix products ---
+
+
+def _launch_compiled(folder: Path, *more: str) -> ctypes.CDLL:
+    flags = (*codegen.LAUNCH_FLAGS, "-mavx2", f"-I{codegen.CASADI / 'include'}", *more)
+    text = "\n".join(file.read_text() for file in codegen.LAUNCH_C)
+    made = compile_once(folder / "launch.so", flags, lambda: [text], codegen._linked())
+    assert made is not None
+    return ctypes.CDLL(str(made))
+
+
+needs_avx2 = pytest.mark.skipif(
+    codegen._processor_flags() != codegen.AVX2 or shutil.which("cc") is None, reason="no compiler, or no AVX2"
+)
+
+
+@needs_avx2
+def test_matrix_products_are_blasfeo_s_to_the_last_bit(tmp_path: Path) -> None:
+    assert _launch_compiled(tmp_path).linear_algebra_agrees() == 1
+
+
+@needs_avx2
+def test_products_that_round_otherwise_are_not_used(tmp_path: Path) -> None:
+    fused = _launch_compiled(tmp_path, "-mfma", "-ffp-contract=fast")
+    assert fused.linear_algebra_agrees() == 0
+
+
+# --- the C of functions ---
+
+
+def test_what_follows_from_parameters_alone_is_computed_once() -> None:
+    x, p = ca.SX.sym("x", 2), ca.SX.sym("p", 2)
+    text = emission.written([(ca.Function("f", [x, p], [ca.sin(p[0]) * p[1] + x]), (True, False))])
+    body = text[text.index("void f_lanes") : text.index("static const long long f_in_0")]
+    assert "double" in body
+    assert "= sin(a" in body
+    assert "sin_lanes" not in body
+
+
+def test_an_operation_without_c_is_named() -> None:
+    x = ca.SX.sym("x")
+    with pytest.raises(ValueError, match="f: operation"):
+        emission.written([(ca.Function("f", [x], [ca.tanh(x)]), (True,))])
+
+
+def test_compiled_units_are_one_library(tmp_path: Path) -> None:
+    if shutil.which("cc") is None:
+        pytest.skip("no compiler")
+    units = ["int one(void) { return 1; }", "int one(void); int two(void) { return one() + one(); }"]
+    made = compile_once(tmp_path / "two.so", ("-shared", "-fPIC"), lambda: units)
+    assert ctypes.CDLL(str(made)).two() == 2
+
+
+def test_without_libraries_for_this_processor_those_for_any_are_used(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(codegen, "_processor_flags", lambda: codegen.AVX2)
+    caches = codegen._flags, codegen._blocks_path, codegen._launch_path
+    try:
+        for cached in caches:
+            cached.cache_clear()
+        assert codegen._flags() == codegen.AVX2  # nothing is compiled: for this processor
+        made = codegen._blocks_path(codegen.ANY_PROCESSOR)
+        made.parent.mkdir(parents=True)
+        made.touch()
+        codegen._flags.cache_clear()
+        assert codegen.library() == made
+        assert codegen.launch_library() == codegen._launch_path(codegen.ANY_PROCESSOR)
+    finally:
+        for cached in caches:
+            cached.cache_clear()
+
+
+def test_the_launch_takes_the_sizes_that_python_does() -> None:
+    source = (codegen.LAUNCH_C[-1]).read_text()
+    for name, value in (("STATES", layout.NX), ("CONTROLS", layout.NU)):
+        assert f"#define {name} {value}\n" in source
+    assert f"#define ROWS_MAX {fatrop.ROWS_MAX} " in source
