@@ -18,6 +18,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="folder of the report; default: standard output")
     given = parser.parse_args()
+    if given.out is not None:
+        given.out.mkdir(parents=True, exist_ok=True)
     warm()
     text = consistency_report(given.problems, given.searched, given.seed)
     if given.out is None:

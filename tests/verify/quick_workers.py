@@ -35,6 +35,7 @@ class QuickWorker:
         self._thread = threading.Thread(target=self._go_on)
 
     def __enter__(self) -> None:
+        self._work()  # a cell has an executor from the first heartbeat on
         self._thread.start()
 
     def __exit__(self, *_: object) -> None:
