@@ -23,7 +23,7 @@ from planner.search import (
 )
 from planner.search.policy import AGAIN_POLICY
 from planner.seeds import candidates
-from tests.planner.problems import joint_problem
+from tests.planner.problems import cell, joint_problem, point_problem, random_state
 
 CALL_ITERATIONS = 80  # no single call of a solver takes more
 
@@ -150,6 +150,18 @@ def test_no_motion_by_ruckig_keeps_the_optimiser_from_a_seed():
     for stage in (*POLICY, *AGAIN_POLICY):
         if stage.backend == "casadi":
             assert stage.condition(without, ranking) == stage.condition(with_ruckig, ranking)
+
+
+def test_a_point_is_thrown_from_another_aspect_where_that_is_sooner():
+    here, rng = cell(), np.random.default_rng(1)
+    problem = [point_problem(here, *random_state(here, rng)) for _ in range(21)][-1]
+    released = []
+    for purposes in ({"soonest seeds"}, {"soonest seeds", "other aspects"}):
+        search = PlanningSearch(problem, time.perf_counter() + 60.0)
+        stages = [stage for stage in POLICY if stage.purpose in purposes]
+        search_optimised(search, Ranking(problem, candidates(problem)), stages)
+        released.append(search.release_time_s)
+    assert released[1] < 0.9 * released[0] < np.inf
 
 
 def test_an_object_that_would_leave_beside_the_opening_is_followed_out_of_the_grip():
