@@ -91,6 +91,41 @@ def test_another_launch_from_the_same_arguments_gives_the_same(instance: Instanc
     assert first[1:] == second[1:]
 
 
+@needs_launch
+def test_a_start_that_is_not_finite_is_not_solved(instance: Instance) -> None:
+    launch, arguments = fatrop.compiled_launch(instance.stages), instance.arguments
+    assert launch is not None
+    for name in ("x0", "p"):
+        spoilt = arguments[name].copy()
+        spoilt[5] = np.nan
+        assert launch.solve({**arguments, name: spoilt}, solver.FATROP)[1:] == (0, False)
+
+
+@needs_launch
+@pytest.mark.parametrize("calls", [0, 20])
+def test_derivatives_that_are_not_finite_end_a_solve(instance: Instance, calls: int) -> None:
+    """From such fatrop does not return."""
+    libraries = fatrop._libraries()
+    assert libraries is not None
+    launch = fatrop.CompiledLaunch(instance.transcription.row_index, *libraries)
+    motion, made = launch._problem.block[0], []
+    signature = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4)
+    slope = signature(motion.slope)
+
+    def spoilt(z: int, p: int, rows: int, jacobian: int) -> None:
+        slope(z, p, rows, jacobian)
+        made.append(jacobian)
+        if len(made) > calls:
+            ctypes.cast(jacobian, ctypes.POINTER(ctypes.c_double))[0] = np.nan
+
+    kept = signature(spoilt)
+    motion.slope = ctypes.cast(kept, ctypes.c_void_p)
+    _, iterations, is_solved = launch.solve(instance.arguments, solver.FATROP)
+    assert not is_solved
+    assert iterations <= solver.FATROP["max_iter"] + 1
+    assert len(made) > calls
+
+
 def test_options_reach_fatrop(instance: Instance) -> None:
     launch = fatrop.compiled_launch(instance.stages)
     if launch is None:

@@ -48,6 +48,7 @@ struct call {
     const double *lower, *upper, *guess, *p; /* bounds of variables, then of rows */
     double *z, *g, *multipliers, *gradient;
     int *columns, *inequality, *equality, *inequalities, *equalities; /* lists, and where each stage's begin */
+    int broken; /* whether some derivative was not finite */
 };
 
 static int variables(const struct problem *of) { return of->stages * VARIABLES + STATES; }
@@ -116,6 +117,20 @@ static double residual(const struct call *call, int which, int is_equality) {
     return is_equality ? value - call->lower[which] : value;
 }
 
+/* Takes numbers of which some are not finite as zeros, and the call as broken: from such derivatives fatrop does not
+   return, since it adds to their diagonal until they can be factored. */
+static void require_finite(struct call *call, lanes *x, long long n) {
+    const lane_bits exponent = (lane_bits)spread(INFINITY);
+    lane_bits beyond = {0};
+    for (long long i = 0; i < n; i++) beyond |= ((lane_bits)x[i] & exponent) == exponent;
+    for (int lane = 0; lane < LANES; lane++)
+        if (beyond[lane]) {
+            memset(x, 0, (size_t)n * sizeof *x);
+            call->broken = 1;
+            return;
+        }
+}
+
 static int violations(const double *primal, const double *stage_p, const double *global_p, double *out, const dims *s,
                       void *data) {
     const struct call *call = data;
@@ -151,7 +166,7 @@ static void set_bounded(const struct call *call, matrix *A, int k, int first, in
 
 static int jacobian(const double *primal, const double *stage_p, const double *global_p, matrix *dynamics,
                     matrix *equal, matrix *unequal, const dims *s, void *data) {
-    const struct call *call = data;
+    struct call *call = data;
     const struct problem *of = call->of;
     const int n = variables(of);
     lanes z[VARIABLES], apart[ROWS_MAX], rows[ROWS_MAX], entries[ENTRIES_MAX];
@@ -170,6 +185,8 @@ static int jacobian(const double *primal, const double *stage_p, const double *g
         for (int k = b->first; k < b->last; k += LANES) {
             gather(call, b, k, z);
             b->slope(z, parameters(call, b, k, apart), rows, entries);
+            require_finite(call, rows, b->rows);
+            require_finite(call, entries, first[VARIABLES]);
             set_rows(call, b, k, rows);
             FOR_LANES(b, k, lane) {
                 const int *at = positions(b, k + lane), free = controls(of, k + lane);
@@ -209,7 +226,7 @@ static void read_multipliers(const struct call *call, const double *given, const
 
 static int hessian(double scale, const double *primal, const double *given, const double *stage_p,
                    const double *global_p, matrix *out, const dims *s, void *data) {
-    const struct call *call = data;
+    struct call *call = data;
     const struct problem *of = call->of;
     const int n = variables(of);
     double *slope = call->gradient;
@@ -236,6 +253,8 @@ static int hessian(double scale, const double *primal, const double *given, cons
                 }
             }
             b->curve(z, parameters(call, b, k, apart), weights, gradient, entries);
+            require_finite(call, gradient, VARIABLES);
+            require_finite(call, entries, first[VARIABLES]);
             FOR_LANES(b, k, lane) {
                 const int free = controls(of, k + lane);
                 for (int j = 0; j < STATES + free; j++) {
@@ -265,7 +284,7 @@ static int hessian(double scale, const double *primal, const double *given, cons
 
 static int objective_gradient(double scale, const double *primal, const double *stage_p, const double *global_p,
                               double *out, const dims *s, void *data) {
-    const struct call *call = data;
+    struct call *call = data;
     const struct block *b = call->of->block + call->of->cost;
     const long long *first = b->jacobian + 2;
     lanes z[VARIABLES], apart[ROWS_MAX], row[ROWS_MAX], entries[VARIABLES];
@@ -275,6 +294,7 @@ static int objective_gradient(double scale, const double *primal, const double *
     for (int k = b->first; k < b->last; k += LANES) {
         gather(call, b, k, z);
         b->slope(z, parameters(call, b, k, apart), row, entries);
+        require_finite(call, entries, first[VARIABLES]);
         FOR_LANES(b, k, lane)
             for (int j = 0; j < VARIABLES; j++)
                 for (long long e = first[j]; e < first[j + 1]; e++)
@@ -352,7 +372,20 @@ static void sort(struct call *call, int k, int first, int last) {
 
 static void ignore(const char *text, int length) { (void)text, (void)length; }
 
-/* Solves a launch; sets the variables and the number of iterations. Returns fatrop's status: 0 for solved.
+/* Whether all rows are finite at the guess. */
+static int begins_finite(struct call *call) {
+    const int n = variables(call->of);
+    int all = 1;
+    memcpy(call->z, call->guess, (size_t)n * sizeof(double));
+    rows_of_all(call);
+    LEAVE_LANES();
+    for (int i = 0; i < n; i++) all &= isfinite(call->z[i]);
+    for (int i = 0; i < call->of->rows; i++) all &= isfinite(call->g[i]);
+    return all;
+}
+
+/* Solves a launch; sets the variables and the number of iterations. Returns fatrop's status: 0 for solved;
+   -1 where it cannot begin, or some derivative was not finite.
 
    `lower`, `upper`: of the variables, then of the rows; `p`: every block's parameters, then the costs'; `names` and
    `values` of fatrop's options. */
@@ -373,6 +406,7 @@ int solve_launch(const struct problem *of, const double *lower, const double *up
         sort(&call, k, n + of->own[k], n + of->own[k] + of->owned[k]);
         sort(&call, k, VARIABLES * k, VARIABLES * k + STATES + controls(of, k));
     }
+    if (!begins_finite(&call)) goto end;
     struct FatropOcpCInterface interface = {
         .get_nx = states_of, .get_nu = controls_of, .get_ng = equalities_of, .get_ng_ineq = inequalities_of,
         .get_horizon_length = horizon, .get_bounds = bounds_of,
@@ -388,6 +422,7 @@ int solve_launch(const struct problem *of, const double *lower, const double *up
         else
             fatrop_ocp_c_set_option_double(solver, names[i], values[i]);
     status = fatrop_ocp_c_solve(solver);
+    if (call.broken) status = -1;
     *iterations = fatrop_ocp_c_get_stats(solver)->iterations_count;
     read_variables(&call, fatrop_ocp_c_get_primal(solver)->pa, fatrop_ocp_c_get_dims(solver));
     memcpy(out, call.z, (size_t)n * sizeof(double));
