@@ -109,10 +109,10 @@ def _place(problem: ThrowProblem, p_WT: Array) -> list[Violation]:
         inside = float(np.minimum(p_WT - box.lower, box.upper - p_WT).min())
         if inside < -SLACK:
             found.append(Violation("keep_in", inside, 0.0, "m", detail="tool centre point at the release"))
-    for box in around.keep_out:
+    for box, name in zip(around.keep_out, around.keep_out_names, strict=True):
         gap = float(np.linalg.norm(np.maximum(np.maximum(box.lower - p_WT, p_WT - box.upper), 0.0)))
         if gap - cell.object.radius_m < around.clearance_m - SLACK:
-            detail = "object at the release"
+            detail = f"object, {name}, at the release"
             found.append(Violation("keep_out", gap - cell.object.radius_m, around.clearance_m, "m", detail=detail))
     return found
 

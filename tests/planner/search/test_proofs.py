@@ -111,6 +111,17 @@ def test_a_start_that_is_blocked_is_refused_with_proof_and_without_a_search():
     assert not refusal.value.attempts
 
 
+def test_a_place_in_a_keep_out_box_is_refused_with_the_box_s_name():
+    place = np.array([0.6, 0.2, 0.5])
+    here = with_box(place - 0.1, place + 0.1)
+    with pytest.raises(Infeasible) as refusal:
+        plan(joint_problem(cell=here, release=PointRelease(place, np.array([1.0, 0.0, 0.5]))))
+    (violation,) = (each for each in refusal.value.violations if each.constraint == "keep_out")
+    assert violation.detail == "object, box 0, at the release"
+    assert violation.value == pytest.approx(-here.object.radius_m)
+    assert violation.proven
+
+
 def test_a_bin_around_the_home_is_refused_with_proof_and_offered_farther_away():
     below = tool_pose(cell(), cell().home)[:3, 3] * [1.0, 1.0, 0.0]
     problem = joint_problem(start=TURNED_AWAY, release=TargetRelease(below, opening=Opening(0.1, 0.6)))
