@@ -31,7 +31,7 @@ import httpx2
 import numpy as np
 
 from benchmarks.problem_sets import build
-from benchmarks.results import machine
+from benchmarks.results import machine, write_report
 from planner.request import request_document
 
 Request = dict[str, Any]
@@ -333,11 +333,7 @@ def main(argv: Sequence[str]) -> int:
             for way in given.ways or ANSWERS_BY_WAY:
                 made.append(compare(condition, way, asked, reference, ANSWERS_BY_WAY[way](asked, environment)))
                 print(made[-1].row(), *made[-1].differences, sep="\n", file=sys.stderr, flush=True)
-    text = report(asked, reference, made)
-    if given.out:
-        (given.out / "same-answers.md").write_text(text)
-    else:
-        print(text)
+    write_report(report(asked, reference, made), given.out, "same-answers.md")
     return 0 if all(comparison.ok for comparison in made) else 1
 
 

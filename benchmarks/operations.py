@@ -28,6 +28,7 @@ import httpx2
 import numpy as np
 
 from batch.jobs import PlanningJob, initialise, solve
+from benchmarks.results import write_report
 from planner.cell import read_source
 from store import Store
 
@@ -54,7 +55,7 @@ def main(argv: Sequence[str]) -> int:
         planning = asyncio.run(clients(port, given.seconds))
         listening = asyncio.run(listeners(port, url, given.seconds))
     text = page(given.seconds, alone, planning, listening)
-    (given.out / "operations.md").write_text(text, encoding="utf-8")
+    write_report(text, given.out, "operations.md")
     print(text)
     return 0
 

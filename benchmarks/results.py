@@ -7,6 +7,7 @@ import math
 import os
 import platform
 import subprocess
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
@@ -110,6 +111,15 @@ def machine_words(about: Mapping[str, str]) -> str:
         f"{about['date']}, {about['processor']}, {about['system']}; load {about['load']}; commit {about['commit']};\n"
         f"{about['versions']}."
     )
+
+
+def write_report(text: str, folder: Path | None, name: str) -> None:
+    """Writes a report as a file of that name into a folder, which is made; to standard output without a folder."""
+    if folder is None:
+        sys.stdout.write(text)
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / name).write_text(text, encoding="utf-8")
 
 
 def _processor() -> str:

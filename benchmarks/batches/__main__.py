@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 from benchmarks.batches.report import batches_report
+from benchmarks.results import write_report
 
 
 def main() -> None:
@@ -24,10 +25,7 @@ def main() -> None:
     if not with_ray:
         print("RAY IS NOT INSTALLED AND NOT MEASURED: pip install -r requirements/ray.txt", file=sys.stderr)
     text = batches_report(given.count, given.costs, with_ray)
-    if given.out is None:
-        sys.stdout.write(text)
-    else:
-        (given.out / "batches.md").write_text(text, encoding="utf-8")
+    write_report(text, given.out, "batches.md")
 
 
 if __name__ == "__main__":

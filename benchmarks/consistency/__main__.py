@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 
 from benchmarks.consistency.report import consistency_report
+from benchmarks.results import write_report
 from planner.backends.casadi_nlp import warm
 
 
@@ -18,14 +18,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, help="folder of the report; default: standard output")
     given = parser.parse_args()
-    if given.out is not None:
-        given.out.mkdir(parents=True, exist_ok=True)
     warm()
     text = consistency_report(given.problems, given.searched, given.seed)
-    if given.out is None:
-        sys.stdout.write(text)
-    else:
-        (given.out / "consistency.md").write_text(text, encoding="utf-8")
+    write_report(text, given.out, "consistency.md")
 
 
 main()

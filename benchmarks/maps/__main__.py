@@ -11,6 +11,7 @@ from pathlib import Path
 
 from batch.maps import MapRequest
 from benchmarks.maps.report import MapTask, maps_report
+from benchmarks.results import write_report
 from planner.cell import read_source
 
 ROOT = Path(__file__).parents[2]
@@ -35,10 +36,7 @@ def main() -> None:
     folder = given.out or Path.cwd()
     picture = (folder.parent / "img" if given.out else folder) / f"map-{given.cell}.png"
     text = maps_report(task, picture)
-    if given.out is None:
-        sys.stdout.write(text)
-    else:
-        (given.out / "maps.md").write_text(text, encoding="utf-8")
+    write_report(text, given.out, "maps.md")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from benchmarks.page.loading import LOADS, first_paint
 from benchmarks.page.loading import WIDTH as PAGE_WIDTH
 from benchmarks.page.report_browser import ROOT, report_of_a_throw, scene_page, software_browser
 from benchmarks.page.service import service
-from benchmarks.results import machine
+from benchmarks.results import machine, write_report
 
 PLAN_MS = 60_000  # [ms] on a busy machine
 Row = tuple[str, str, str]  # quantity, goal, what was measured
@@ -37,7 +37,7 @@ def main(out: Path) -> None:
             click.echo(" | ".join((*row, f"load {load}")), err=True)
             rows.append(f"| {' | '.join((*row, load))} |")
     text = _text(about, rows)
-    (out / "page.md").write_text(text, encoding="utf-8")
+    write_report(text, out, "page.md")
     click.echo(text)
 
 
