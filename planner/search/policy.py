@@ -6,7 +6,7 @@ the release where the request leaves it free. So:
 
 1. A given release state is tried with Ruckig's soonest motions. If nothing couples the joints, no motion is sooner.
    Where none of them is certified, slower motions to it are tried (`tighter`).
-2. The optimiser starts from the first candidates of two aspects, until one motion is certified. A throw to a target is
+2. The optimiser starts from the first candidates of two aspects, until one motion is certified. A target or a point is
    then optimised from every other aspect that may allow a sooner one. Where an object left the gripper beside its
    opening, a narrower opening is the first remedy; rows that follow its way out are the second, and the sooner counts.
 3. Ruckig's motions that would release before the incumbent are certified, too.
