@@ -15,17 +15,19 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from planner.cell import Limits
 from planner.errors import Infeasible
-from planner.problem import TargetRelease
+from planner.problem import TargetRelease, ThrowProblem
 from planner.search.auto import search_optimised
 from planner.search.incumbent import PlanningSearch, certified
 from planner.search.policy import (
     AGAIN_POLICY,
+    FIRST_AGAIN_POLICY,
     FROM_NOMINAL_POLICY,
     LAST_POLICY,
     SLOWER_POLICY,
@@ -59,7 +61,7 @@ def search_thoroughly(search: PlanningSearch, found: list[Candidate]) -> None:
     if search.incumbent is None and search.problem.is_robust:
         search_from_nominal(search)
     if is_doubtful(search, ranking):
-        search_again(search)
+        search_again(search, ranking)
     search_optimised(search, ranking, LAST_POLICY)
 
 
@@ -106,21 +108,26 @@ def is_doubtful(search: PlanningSearch, ranking: Ranking) -> bool:
     return search.incumbent is None or ranking.is_slow(search.release_time_s) or (search.given_up > 0 and not of_target)
 
 
-def search_again(search: PlanningSearch) -> None:
+def search_again(search: PlanningSearch, ranking: Ranking) -> None:
     """Repeats a search with torque held from the beginning, unless the release state is given, and with tighter limits.
 
-    What is sooner becomes the incumbent.
+    What is sooner becomes the incumbent. Each of these ways begins with its first seeds; further ones follow while the
+    answer is slow.
 
     Args:
         search: updated in place.
+        ranking: of its problem's candidates.
     """
     begun_s, problem = time.perf_counter(), search.problem
-    gained: list[str] = []
-    if not problem.fixes_joints and _gains(search, None, problem.limits, held=TORQUE):
-        gained.append("with torque held")
+    ways = [] if problem.fixes_joints else [_Way("with torque held", problem, TORQUE)]
     for jerk, acceleration in _halvings(problem.limits):
-        if _gains(search, None, _halved(problem.limits, jerk, acceleration)):
-            gained.append(f"with jerk / {2**jerk}, acceleration / {2**acceleration}")
+        tighter = replace(problem, limits=_halved(problem.limits, jerk, acceleration))
+        ways.append(_Way(f"with jerk / {2**jerk}, acceleration / {2**acceleration}", tighter))
+    gained: list[str] = []
+    for policy in (FIRST_AGAIN_POLICY, AGAIN_POLICY):
+        gained += [way.name for way in ways if _gains(search, way.problem, way.ranking, policy, way.held)]
+        if search.incumbent is not None and not ranking.is_slow(search.release_time_s):
+            break
     result = f"sooner {', then '.join(gained)}" if gained else "nothing sooner"
     search.log_attempt("casadi", f"once more, jerk and acceleration halved: {result}", begun_s)
 
@@ -138,7 +145,8 @@ def search_slower(search: PlanningSearch, found: list[Candidate]) -> None:
     begun_s, limits = time.perf_counter(), search.problem.limits
     times = itertools.product(range(SLOWER_ACCELERATION + 1), range(SLOWER_JERK + 1))
     slower = (_halved(limits, jerk, acceleration) for acceleration, jerk in times if acceleration + jerk > 0)
-    gained = [_gains(search, found, each, SLOWER_POLICY) for each in slower]
+    problems = [replace(search.problem, limits=each) for each in slower]
+    gained = [_gains(search, each, Ranking(each, found), SLOWER_POLICY) for each in problems]
     if any(gained):
         search.log_attempt("ruckig", "slower arrivals: a sooner motion", begun_s)
 
@@ -159,30 +167,49 @@ def _halved(limits: Limits, jerk: int, acceleration: int) -> Limits:
     return replace(limits, jerk_max=0.5**jerk * limits.jerk_max, qdd_max=0.5**acceleration * limits.qdd_max)
 
 
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """A way in which a search is repeated.
+
+    Attributes:
+        name: for the attempt log.
+        problem: with the limits of this way.
+        held: groups of rows that the optimiser's first solves include.
+    """
+
+    name: str
+    problem: ThrowProblem
+    held: frozenset[str] = frozenset()
+
+    @cached_property
+    def ranking(self) -> Ranking | None:
+        """The candidates within the limits of this way, None without any; it notes what was tried."""
+        try:
+            return Ranking(self.problem, candidates(self.problem))
+        except Infeasible:
+            return None
+
+
 def _gains(
     search: PlanningSearch,
-    found: list[Candidate] | None,
-    limits: Limits,
-    policy: Sequence[Stage] = AGAIN_POLICY,
+    problem: ThrowProblem,
+    ranking: Ranking | None,
+    policy: Sequence[Stage],
     held: frozenset[str] = frozenset(),
 ) -> bool:
     """Returns whether a motion of another search is sooner than the incumbent, and takes it.
 
     Args:
         search: updated in place.
-        found: candidates within the looser limits of the request; None to look for those within these.
-        limits: the tighter ones, or the request's own.
+        problem: the search's own with tighter limits, or the same.
+        ranking: of candidates, None for none.
         policy: what is tried.
         held: groups of rows that the optimiser's first solves include.
     """
-    if search.out_of_time or search.is_optimal:
+    if ranking is None or search.out_of_time or search.is_optimal:
         return False
-    problem = replace(search.problem, limits=limits)
     inner, before_s = search.continued(problem, held), search.release_time_s
-    try:
-        search_optimised(inner, Ranking(problem, candidates(problem) if found is None else found), policy)
-    except Infeasible:
-        return False
+    search_optimised(inner, ranking, policy)
     search.iterations += inner.iterations
     search.extend_deadline(inner.loading_s)
     for motion in inner.certified:

@@ -4,9 +4,9 @@ from planner.seeds.aspects import ASPECTS, aspects, first_rows, least_times_to_a
 from planner.seeds.candidates import POSITION_SLACK, Candidate, InitialGuess, Seed, candidates
 from planner.seeds.neighbours import ReleaseState, neighbour_candidates
 from planner.seeds.quasi_random import SPREAD_RAD
-from planner.seeds.sampling import farthest_reach, tool_jacobian
+from planner.seeds.sampling import farthest_reach
 from planner.seeds.soonest_states import least_time
-from planner.seeds.velocity_allocation import allocate_velocity
+from planner.seeds.velocity_allocation import allocate_velocity, tool_jacobian
 
 __all__ = [
     "ASPECTS",

@@ -11,7 +11,7 @@ from planner.flight import fly
 from planner.geometry import tool_state
 from planner.problem import TargetRelease, ThrowProblem
 from planner.seeds.candidates import Candidate, usable_candidates
-from planner.seeds.sampling import tool_jacobian
+from planner.seeds.velocity_allocation import tool_jacobian
 
 ReleaseState = tuple[Sequence[float], Sequence[float]]  # q (6) [rad], qd (6) [rad/s]
 

@@ -16,7 +16,7 @@ from planner.cell import Cell, Limits
 from planner.errors import Infeasible, Violation
 from planner.flight import launch_velocity, least_speed, slowest_time, time_of_flight
 from planner.geometry import body_model, tool_pose
-from planner.kinematics import inverse_branches, jacobian, singularity_distances
+from planner.kinematics import inverse_branches, singularity_distances
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose, quaternion_to_matrix
 from planner.seeds.aspects import ASPECTS, aspects
@@ -26,8 +26,9 @@ from planner.seeds.flight_filter import (
     leave_through_opening,
 )
 from planner.seeds.quasi_random import joint_offsets, quaternions
+from planner.seeds.run_ups import run_ups
 from planner.seeds.soonest_states import penalised_bound, soonest, soonest_nearby
-from planner.seeds.velocity_allocation import allocate_velocity
+from planner.seeds.velocity_allocation import allocate_velocity, balanced_velocity, tool_jacobian
 
 ORIENTATIONS = 96  # tool orientations tried at a point
 MORE_ORIENTATIONS, FEW_POSTURES = 1024, 24  # tried instead where those give fewer postures: narrow joint limits
@@ -149,7 +150,9 @@ def target_states(
     kept = _Leaving.of(problem, q, qd).keeps(q, qd)
     q, qd = q[kept], qd[kept]
     if wide:
-        q, qd = soonest_nearby(problem, q, qd, partial(_throws_near, problem, release))
+        q, qd = soonest_nearby(problem, q, qd, partial(_throws_near, problem, release), towards_run_ups=True)
+        if release.release_position is None:
+            q, qd = soonest(problem, *_with_run_ups(problem, release, q, qd))
     else:
         q, qd = soonest(problem, q, qd)
     return (q, qd) if problem.drag <= 0.0 else _with_drag(problem, release, q, qd)
@@ -159,12 +162,23 @@ def _throws_near(problem: ThrowProblem, release: TargetRelease, q: Array) -> tup
     """Returns throws q, qd (n, 6) from postures (n, 6), brought within the joint range; NaN where there is none."""
     if release.release_position is not None:
         q, p = _at_point(problem, release.release_position, q), np.broadcast_to(release.release_position, (len(q), 3))
-        return q, _best_flights(problem, release, q, p, reduced=False)
+        return q, _best_flights(problem, release, q, p, balanced=True)
     limits = problem.reachable
     q = np.clip(q, limits.q_lower, limits.q_upper)
     p = tool_pose(problem.cell, q)[:, :3, 3]
     allowed = _far_enough(release, p) & _throwing(problem.cell, q, p, limits.singularity_distance_min)
-    return q, np.where(allowed[:, None], _best_flights(problem, release, q, p, reduced=False), np.nan)
+    return q, np.where(allowed[:, None], _best_flights(problem, release, q, p, balanced=True), np.nan)
+
+
+def _with_run_ups(problem: ThrowProblem, release: TargetRelease, q: Array, qd: Array) -> tuple[Array, Array]:
+    """Returns the states q, qd (n, 6) and before them the run-ups whose flights keep the requested bounds."""
+    run_q, run_qd = run_ups(problem, release)
+    p = tool_pose(problem.cell, run_q)[:, :3, 3]
+    v = (tool_jacobian(problem, run_q) @ run_qd[..., None])[..., 0] @ problem.cell.X_WB[:3, :3].T
+    kept = _far_enough(release, p) & _throwing(problem.cell, run_q, p, problem.limits.singularity_distance_min)
+    kept &= _allowed_velocity(problem, release, v)
+    kept[kept] = clear_flights(problem, release, p[kept], v[kept])
+    return np.concatenate([run_q[kept], q]), np.concatenate([run_qd[kept], qd])
 
 
 def _far_enough(release: TargetRelease, p: Array) -> Mask:
@@ -257,11 +271,11 @@ def _flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array, 
 
 
 def _best_flights(
-    problem: ThrowProblem, release: TargetRelease, q: Array, p: Array, thorough: bool = False, reduced: bool = True
+    problem: ThrowProblem, release: TargetRelease, q: Array, p: Array, thorough: bool = False, balanced: bool = False
 ) -> Array:
     """Returns the joint velocities (n, 6) of every posture's soonest drag-free flight, tool at p (n, 3); NaN: none.
 
-    Where `reduced`, the largest share of a joint's speed limit is reduced: half of the time.
+    Where `balanced`, the largest share of a joint's speed limit is reduced even if it keeps the limit.
     """
     v, ok = _launches(problem, release, p, thorough)
     ok[ok] = clear_flights(problem, release, np.broadcast_to(p, v.shape)[ok], v[ok])
@@ -272,8 +286,8 @@ def _best_flights(
     q, v, ok = q[rows], v[:, rows], ok[:, rows]
     of = np.nonzero(ok)[1]  # posture of every flight
     J, R_BW = tool_jacobian(problem, q), problem.cell.X_WB[:3, :3].T
-    wanted = np.full(len(of), reduced)
-    qd = allocate_velocity(J[of], v[ok] @ R_BW.T, problem.limits.qd_max, wanted)
+    allocate = balanced_velocity if balanced else allocate_velocity
+    qd = allocate(J[of], v[ok] @ R_BW.T, problem.limits.qd_max)
     bound, flight = np.full(ok.shape, np.inf), np.zeros(ok.shape, dtype=np.intp)
     bound[ok], flight[ok] = penalised_bound(problem, q[of], qd), np.arange(len(of))
     least = bound.argmin(axis=0), np.arange(len(q))
@@ -305,11 +319,6 @@ def _with_drag(problem: ThrowProblem, release: TargetRelease, q: Array, qd: Arra
     v = launch_velocity(p, release.p_W, t, problem.gravity_at_tool_speed, problem.drag)
     hits = np.isfinite(v).all(axis=1) & _allowed_velocity(problem, release, v)
     return q[hits], allocate_velocity(J[hits], v[hits] @ R_WB, problem.limits.qd_max)
-
-
-def tool_jacobian(problem: ThrowProblem, q: Array) -> Array:
-    """Returns the linear Jacobian (n, 3, 6) [m/rad] of the tool centre, in the base frame."""
-    return jacobian(problem.cell.robot, q, problem.cell.tool.X_FT)[:, :3, :]
 
 
 def _allowed_velocity(problem: ThrowProblem, release: TargetRelease, v: Array) -> Mask:

@@ -20,10 +20,14 @@ STATES_MAX = 48  # states kept, those of the least lower bound that are apart fr
 APART_RAD = 0.35  # [rad] least difference of two kept states in some joint
 BATCH = 64  # states compared with one another at once
 TOO_FAST_S = 1e3  # [s] penalty per multiple of a speed limit: every state that is too fast comes after all others
-# [-] of `joint_offsets`: distances from the soonest states at which sooner ones are looked for, in turn. Six dimensions
-# are too many to fill: this brings a target's least lower bound down by a third, twice as many postures by a tenth.
-NEARBY_SHARES = (0.4, 0.15)
-MOVED, NEARBY = 12, 12  # soonest states that this is done for, and postures tried near each
+MOVED = 12  # soonest states that are moved
+# [-] of `joint_offsets`: distances from the soonest states at which sooner ones are looked for, in turn, and how many
+# postures are tried near each. Six dimensions are too many to fill: this brings a point's least lower bound down by a
+# third, twice as many postures by a tenth.
+NEARBY_SHARES, NEARBY = (0.4, 0.15), 12
+# The same where postures on the way to the states' run-ups are tried, too: a target's comes down to a half.
+NEARBY_RUN_UPS_SHARES, NEARBY_RUN_UPS = (0.3, 0.2, 0.1, 0.05), 4
+RUN_UP_SHARES = np.array([0.3, 0.6, 1.0])  # [-] of that way
 
 StatesNear = Callable[[Array], tuple[Array, Array]]
 
@@ -53,7 +57,9 @@ def _least_time(distance: Array, qd: Array, v_max: Array, a_max: Array) -> Array
     return np.where(peak <= v_max, direct, cruising).max(axis=-1)
 
 
-def soonest_nearby(problem: ThrowProblem, q: Array, qd: Array, states_near: StatesNear) -> tuple[Array, Array]:
+def soonest_nearby(
+    problem: ThrowProblem, q: Array, qd: Array, states_near: StatesNear, towards_run_ups: bool = False
+) -> tuple[Array, Array]:
     """Returns the soonest distinct states (n, 6), the first `MOVED` of them moved to sooner ones near them.
 
     So is the soonest of every aspect.
@@ -63,8 +69,9 @@ def soonest_nearby(problem: ThrowProblem, q: Array, qd: Array, states_near: Stat
         q: positions of the states (m, 6) [rad].
         qd: their velocities (m, 6) [rad/s].
         states_near: returns states q, qd (k, 6) next to postures (k, 6); NaN where there is none.
+        towards_run_ups: whether postures on the way to the states' own run-ups are tried, too.
     """
-    return soonest(problem, *_moved_nearby(problem, *soonest(problem, q, qd), states_near))
+    return soonest(problem, *_moved_nearby(problem, *soonest(problem, q, qd), states_near, towards_run_ups))
 
 
 def soonest(problem: ThrowProblem, q: Array, qd: Array) -> tuple[Array, Array]:
@@ -73,7 +80,9 @@ def soonest(problem: ThrowProblem, q: Array, qd: Array) -> tuple[Array, Array]:
     return q[rows], qd[rows]
 
 
-def _moved_nearby(problem: ThrowProblem, q: Array, qd: Array, states_near: StatesNear) -> tuple[Array, Array]:
+def _moved_nearby(
+    problem: ThrowProblem, q: Array, qd: Array, states_near: StatesNear, towards_run_ups: bool
+) -> tuple[Array, Array]:
     """Returns the states q, qd (n, 6), the first moved to sooner ones near them in which the arm is clear.
 
     Those are the first `MOVED`, and the first of every aspect.
@@ -83,19 +92,36 @@ def _moved_nearby(problem: ThrowProblem, q: Array, qd: Array, states_near: State
         q: postures (n, 6), the soonest first.
         qd: their joint velocities (n, 6).
         states_near: returns states q, qd (m, 6) next to postures (m, 6); NaN where there is none.
+        towards_run_ups: whether postures on the way to the states' own run-ups are tried, too.
     """
     q, qd, body = q.copy(), qd.copy(), body_model(problem.cell_with_bin)
     rows = np.union1d(np.arange(min(MOVED, len(q))), first_rows(aspects(problem.cell.robot, q)))
-    bound = penalised_bound(problem, q[rows], qd[rows])
-    for offsets in _nearby_offsets():
-        near_q, near_qd = states_near((q[rows, None] + offsets[np.arange(len(rows)) % MOVED]).reshape(-1, 6))
-        near = penalised_bound(problem, near_q, near_qd).reshape(len(rows), NEARBY)
+    bound, aspect = penalised_bound(problem, q[rows], qd[rows]), aspects(problem.cell.robot, q[rows])
+    for offsets in _nearby_offsets(towards_run_ups):
+        tried = q[rows, None] + offsets[np.arange(len(rows)) % MOVED]
+        if towards_run_ups:
+            tried = np.concatenate([tried, _towards_run_ups(problem, q[rows], qd[rows], bound)], axis=1)
+        near_q, near_qd = states_near(tried.reshape(-1, 6))
+        near = penalised_bound(problem, near_q, near_qd).reshape(tried.shape[:2])
+        if towards_run_ups:
+            near = np.where(aspects(problem.cell.robot, near_q).reshape(near.shape) == aspect[:, None], near, np.inf)
         moved = np.flatnonzero(near.min(axis=1) < bound)
-        best = moved * NEARBY + near[moved].argmin(axis=1)
+        best = moved * tried.shape[1] + near[moved].argmin(axis=1)
         clear = body.clearances(near_q[best]).least >= 0.0
         moved, best = moved[clear], best[clear]
         q[rows[moved]], qd[rows[moved]], bound[moved] = near_q[best], near_qd[best], near.ravel()[best]
     return q, qd
+
+
+def _towards_run_ups(problem: ThrowProblem, q: Array, qd: Array, bound: Array) -> Array:
+    """Returns postures (n, 6, 6) on the way from postures q (n, 6) to their run-ups.
+
+    From those a constant acceleration leads to the velocities qd (n, 6): in the time `bound` (n,) [s], or each joint's
+    largest one in as short a time as it takes.
+    """
+    ways = (bound[:, None] / 2.0, np.abs(qd) / (2.0 * problem.limits.qdd_max))
+    steps = np.stack([problem.start + qd * way - q for way in ways], axis=1)
+    return (q[:, None, None] + RUN_UP_SHARES[:, None] * steps[:, :, None]).reshape(len(q), -1, q.shape[1])
 
 
 def penalised_bound(problem: ThrowProblem, q: Array, qd: Array) -> Array:
@@ -165,7 +191,8 @@ def _differ(a: Array, b: Array) -> Mask:
 
 
 @cache
-def _nearby_offsets() -> tuple[Array, ...]:
-    """Returns joint offsets (MOVED, NEARBY, 6) [rad] for each of `NEARBY_SHARES`."""
-    offsets = joint_offsets(len(NEARBY_SHARES) * MOVED * NEARBY).reshape(len(NEARBY_SHARES), MOVED, NEARBY, 6)
-    return tuple(read_only(share * each) for share, each in zip(NEARBY_SHARES, offsets, strict=True))
+def _nearby_offsets(towards_run_ups: bool) -> tuple[Array, ...]:
+    """Returns joint offsets (MOVED, k, 6) [rad] for each of the shares."""
+    shares, count = (NEARBY_RUN_UPS_SHARES, NEARBY_RUN_UPS) if towards_run_ups else (NEARBY_SHARES, NEARBY)
+    offsets = joint_offsets(len(shares) * MOVED * count).reshape(len(shares), MOVED, count, 6)
+    return tuple(read_only(share * each) for share, each in zip(shares, offsets, strict=True))

@@ -1,7 +1,7 @@
 """Allocation of a tool velocity to the joints, within their speed limits.
 
 The linear velocity fixes three of six degrees of freedom. The solution is the least-norm one, weighted by the joints'
-speed limits; where that exceeds a limit, one with a smaller maximum share of the limits.
+speed limits; where that exceeds a limit, or a balanced one is asked for, one with a smaller maximum share of them.
 """
 
 from __future__ import annotations
@@ -10,6 +10,8 @@ import numpy as np
 
 from planner.arrays import Array, Mask, read_only
 from planner.kernel import Kernel, twin_of
+from planner.kinematics import jacobian
+from planner.problem import ThrowProblem
 
 REDUCIBLE_EXCESS = 1.5  # [-] times a limit; the maximum norm seldom reduces the largest share by a greater factor
 REDUCED_MAX = 300  # states whose largest share is reduced
@@ -44,6 +46,27 @@ def allocate_velocity(J: Array, v: Array, qd_max: Array, wanted: Mask | None = N
     rows = np.unravel_index(rows[np.argsort(excess.ravel()[rows], kind="stable")][:REDUCED_MAX], excess.shape)
     qd[rows] = _towards_maximum_norm(J[rows[-1]], v[rows], qd[rows], qd_max)
     return qd
+
+
+def balanced_velocity(J: Array, v: Array, qd_max: Array) -> Array:
+    """Returns joint velocities (n, 6) [rad/s] for tool velocities `v` (n, 3) [m/s] of about the least largest share.
+
+    All joints that the tool's velocity needs take about the same share of `qd_max`: so they are up to speed soonest.
+
+    Args:
+        J: linear Jacobians (n, 3, 6) in the frame of `v` [m/rad].
+        v: tool velocities.
+        qd_max: what the shares are of (6,), speed limits for one [rad/s].
+    """
+    qd = _least_norm(J, v, qd_max)
+    rows = np.flatnonzero(np.isfinite(qd).all(axis=1))
+    qd[rows] = _towards_maximum_norm(J[rows], v[rows], qd[rows], qd_max)
+    return qd
+
+
+def tool_jacobian(problem: ThrowProblem, q: Array) -> Array:
+    """Returns the linear Jacobian (n, 3, 6) [m/rad] of the tool centre, in the base frame."""
+    return jacobian(problem.cell.robot, q, problem.cell.tool.X_FT)[:, :3, :]
 
 
 def _compiled_share(kernel: Kernel, qd: Array, qd_max: Array) -> Array:

@@ -137,7 +137,7 @@ CASES = {
     "flight_clearance": Case(target(1.3, 0.2), 0.05, wall_before_the_target),
     "singularity_distance (shoulder)": Case(
         target(0.8, -0.8, start=HOME + np.array([0.0, -0.2, -1.0, 0.0, 0.0, 0.0])),
-        0.03,
+        0.04,
         away_from_singularities,
         "shoulder",
     ),

@@ -61,11 +61,12 @@ def test_a_throw_below_a_ceiling(window: dict[str, float]) -> None:
     ceiling = Box(np.array([-3.0, -3.0, apex]), np.array([3.0, 3.0, apex + 0.1]))
     made = plan(problem(ceiling, **window))
     assert max(float(x[:, 2].max()) for x in flights(made)) <= apex - 0.02
-    assert made.backend == "casadi" and made.trajectory.release_time_s < 1.2 * free.trajectory.release_time_s
+    assert made.trajectory.release_time_s < 1.2 * free.trajectory.release_time_s
 
 
 def test_a_throw_below_a_beam_that_only_part_of_the_flight_passes() -> None:
-    (free,) = flights(plan(problem()))
+    unobstructed = plan(problem())
+    (free,), free_s = flights(unobstructed), unobstructed.trajectory.release_time_s
     rises = free[: int(free[:, 2].argmax())]
     over = rises[int(0.7 * len(rises))]  # where the free flight still rises
     x, top = float(over[0]), float(over[2])
@@ -73,4 +74,4 @@ def test_a_throw_below_a_beam_that_only_part_of_the_flight_passes() -> None:
     made = plan(problem(beam))
     (arc,) = flights(made)
     assert np.linalg.norm(arc - np.clip(arc, beam.lower, beam.upper), axis=1).min() >= 0.02
-    assert made.backend == "casadi"
+    assert made.trajectory.release_time_s < 1.5 * free_s

@@ -63,8 +63,9 @@ def test_the_first_of_every_aspect_come_first_and_settled_ones_not_again() -> No
 def test_a_throw_that_hardly_improves_on_its_candidate_settles_nothing() -> None:
     problem = joint_problem(release=TargetRelease(np.array([1.0, 0.3, 0.0])))
     ranking = Ranking(problem, candidates(problem))
-    first = ranking[0]
-    ranking.settle(first, 0.95 * first.candidate.bound_s)
-    assert ranking.may_be_sooner(first, 0.95 * first.candidate.bound_s)
-    ranking.settle(first, 0.5 * first.candidate.bound_s)
-    assert not ranking.may_be_sooner(first, 0.5 * first.candidate.bound_s)
+    first = ranking.by_bound()[0]
+    bound_s, ramp_s = first.candidate.bound_s, float((problem.limits.qdd_max / problem.limits.jerk_max).max())
+    ranking.settle(first, 1.1 * bound_s + ramp_s)
+    assert ranking.may_be_sooner(first, 1.1 * bound_s + ramp_s)
+    ranking.settle(first, bound_s + ramp_s)
+    assert not ranking.may_be_sooner(first, bound_s + ramp_s)

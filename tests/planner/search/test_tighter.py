@@ -15,7 +15,7 @@ from planner.search import PlanningSearch, Ranking, auto, nearest_problem, tight
 from planner.seeds import candidates
 from tests.planner.problems import cell, joint_problem
 
-TARGET = joint_problem(release=TargetRelease(np.array([1.3, 0.2, 0.0])))
+TARGET = joint_problem(release=TargetRelease(np.array([1.6, 0.1, 0.0])))
 NEAR = joint_problem(release=TargetRelease(np.array([0.8, 0.3, 0.0])))  # releases well before its candidates' bounds
 JERK = TARGET.limits.jerk_max
 
@@ -116,7 +116,7 @@ def test_one_joint_of_little_acceleration_does_not_multiply_the_searches():
 
 def test_a_slow_throw_is_searched_with_torque_held_and_a_given_state_is_not(searched, monkeypatch):
     plan(TARGET)
-    assert [held for _, _, held in searched].count(tighter.TORQUE) == 1
+    assert tighter.TORQUE in [held for _, _, held in searched]
     searched.clear()
     monkeypatch.setattr(tighter, "is_doubtful", lambda *_: True)
     plan(joint_problem())
@@ -124,19 +124,21 @@ def test_a_slow_throw_is_searched_with_torque_held_and_a_given_state_is_not(sear
 
 
 @pytest.mark.parametrize(
-    ("release", "window_s", "share"),
-    [(TARGET.release, 0.0, 0.65), (TARGET.release, 0.005, 0.75), (joint_problem().release, 0.0, 1.05)],
+    ("release", "window_s", "share", "ramp_s"),
+    [(TARGET.release, 0.0, 1.05, 0.03), (TARGET.release, 0.005, 1.4, 0.03), (joint_problem().release, 0.0, 1.05, 0.0)],
 )
-def test_an_answer_is_slow_beyond_a_share_of_the_least_bound(release, window_s, share):
+def test_an_answer_is_slow_beyond_a_share_of_the_least_bound(release, window_s, share, ramp_s):
+    """A throw to a target may take as long in addition as its acceleration takes to the limit: 15 at 500 rad/s^3."""
     problem = replace(TARGET, release=release, release_window_s=window_s, landing_tolerance_m=0.02 if window_s else 0.0)
     found = candidates(problem)
     ranking, least_s = Ranking(problem, found), min(candidate.bound_s for candidate in found)
-    assert not ranking.is_slow(0.999 * share * least_s)
-    assert ranking.is_slow(1.001 * share * least_s)
+    assert not ranking.is_slow(0.999 * share * least_s + ramp_s)
+    assert ranking.is_slow(1.001 * share * least_s + ramp_s)
+    assert ranking.is_slow(np.inf)
 
 
-# The optimiser fails from every motion of Ruckig's, with the window and without. Without, it comes to an answer under a
-# quarter of the jerk, and from there to one with the window. Found by `benchmarks.walls_and_bins --seed 9`.
+# Before there were run-ups the optimiser failed from every motion of Ruckig's, with the window and without. Without, it
+# came to an answer under a quarter of the jerk, and from there to one with the window. Found by `walls_and_bins`.
 BIN = TargetRelease(np.array([-1.38243632, 0.16769024, 0.05536662]), opening=Opening(0.12194, 0.35658))
 WALL = Box(np.array([-0.73686, -0.27345, 0.0]), np.array([-0.62197, 0.82058, 0.38351]))
 
@@ -145,9 +147,11 @@ def test_a_window_is_kept_from_the_motion_without_it():
     here = cell()
     walled = replace(here, surroundings=replace(here.surroundings, keep_out=(WALL,)))
     problem = joint_problem(cell=walled, release=BIN, release_window_s=0.005, landing_tolerance_m=0.10194)
-    answer = plan(problem)
-    assert answer.certificate.valid
-    assert any("from motions without the window: 1 of 1" in attempt.result for attempt in answer.attempts)
+    search = PlanningSearch(problem, time.perf_counter() + 60.0)
+    tighter.search_from_nominal(search)
+    assert search.incumbent is not None
+    assert search.incumbent.certificate.valid
+    assert any("from motions without the window: 1 of 1" in attempt.result for attempt in search.attempts)
 
 
 def test_where_no_motion_keeps_the_window_the_one_without_it_is_nearest():
@@ -160,3 +164,16 @@ def test_where_no_motion_keeps_the_window_the_one_without_it_is_nearest():
     assert nearest.release is problem.release
     assert nearest.release_window_s < 0.2
     assert plan(nearest).certificate.valid
+
+
+def test_further_seeds_of_a_repeated_search_come_after_the_first_of_every_way(searched, monkeypatch):
+    """And only while the answer is slow: of a slow one all ways are searched twice, else once."""
+    for is_slow, times in ((True, 2), (False, 1)):
+        monkeypatch.setattr(tighter, "is_doubtful", lambda *_: True)
+        monkeypatch.setattr(Ranking, "is_slow", lambda *_, slow=is_slow: slow)
+        searched.clear()
+        plan(NEAR)
+        ways = [(tuple(problem.limits.jerk_max), tuple(problem.limits.qdd_max), held) for problem, _, held in searched]
+        repeats = ways[1 : 1 + 4 * times]  # torque held, half of the jerk, a quarter, half of the acceleration
+        assert len(set(repeats[:4])) == 4
+        assert repeats[4:] == repeats[:4] * (times - 1)
