@@ -134,6 +134,8 @@ def _execute(client: ServiceClient, plan: dict[str, Any], progress: bool = True)
 def _exchange_arm(children: ChildProcesses, client: ServiceClient, folder: Path, cell: str) -> None:
     """Replaces the ideal arm by one as measured, and waits until the executor is connected to it.
 
+    The executor has to miss the first arm before: what it last said of that one would pass for the second.
+
     Raises:
         ThrowFailed: It does not connect.
     """
@@ -143,11 +145,21 @@ def _exchange_arm(children: ChildProcesses, client: ServiceClient, folder: Path,
     truth = folder / "measured-arm.truth"
     truth.write_text(MEASURED_ARM)
     children.end("simulator")
+    _wait_until_ready(client, cell, False, "the executor did not miss the first arm")
     start_simulator(children, folder / f"{cell}.toml", ["--truth", str(truth), "--reveal"])
+    _wait_until_ready(client, cell, True, "the executor did not connect to the second arm")
+
+
+def _wait_until_ready(client: ServiceClient, cell: str, is_ready: bool, failure: str) -> None:
+    """Waits until a cell's robot may move, or until it may not.
+
+    Raises:
+        ThrowFailed: With `failure`, after `CONNECT_TIMEOUT_S`.
+    """
     deadline = time.monotonic() + CONNECT_TIMEOUT_S
-    while (client.get(f"/cells/{cell}/state")["robot"] or {}).get("refusals") != []:
+    while ((client.get(f"/cells/{cell}/state")["robot"] or {}).get("refusals") == []) is not is_ready:
         if time.monotonic() > deadline:
-            raise ThrowFailed("the executor did not connect to the second arm")
+            raise ThrowFailed(failure)
         time.sleep(0.1)
 
 
