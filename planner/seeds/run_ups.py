@@ -18,6 +18,7 @@ from planner.seeds.soonest_states import TOO_FAST_S, penalised_bound
 from planner.seeds.velocity_allocation import allocate_velocity, balanced_velocity, tool_jacobian
 
 FLIGHT_SHARES = read_only([0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.12, 1.25, 1.4, 1.6])  # [-] of the slowest throw's time
+SHORTEST_FLIGHT_S = 1e-3  # [s] of the slowest throw to a target that is where the tool is
 STEPS = 12  # of the iteration; most throws change by less than a tick after eight
 FIRST_S = 0.2  # [s] duration at first
 SHORTEST_S, LONGEST_S = 0.02, 1.2  # [s] durations considered
@@ -44,7 +45,7 @@ def run_ups(problem: ThrowProblem, release: TargetRelease) -> tuple[Array, Array
     for step in range(STEPS):
         q = np.clip(problem.start + w * (T / 2.0)[:, None], reachable.q_lower, reachable.q_upper)
         p, J = tool_pose(problem.cell, q)[:, :3, 3], tool_jacobian(problem, q)
-        t = FLIGHT_SHARES * slowest_time(p, release.p_W, gravity)
+        t = FLIGHT_SHARES * np.maximum(slowest_time(p, release.p_W, gravity), SHORTEST_FLIGHT_S)
         v = launch_velocity(p, release.p_W, t, gravity) @ R_WB
         if step > 0:
             qd = w + allocate_velocity(J, v - _tool_velocity(J, w), limits.qd_max)

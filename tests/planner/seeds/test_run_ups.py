@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from planner.flight import fly
-from planner.geometry import tool_state
+from planner.geometry import tool_pose, tool_state
 from planner.problem import TargetRelease, ThrowProblem
 from planner.seeds import least_time, run_ups, sampling
 from planner.seeds.run_ups import FLIGHT_SHARES
@@ -57,3 +57,10 @@ def test_a_target_beyond_every_speed_has_none():
     problem = problem_of((30.0, 0.0, 0.0))
     q, qd = run_ups.run_ups(problem, problem.release)
     assert q.shape == qd.shape == (0, 6)
+
+
+def test_a_target_where_the_tool_is_has_a_short_flight():
+    problem = problem_of(tool_pose(cell(), cell().home[None])[0, :3, 3])
+    q, qd = run_ups.run_ups(problem, problem.release)
+    assert len(q) > 0
+    assert np.isfinite(q).all() and np.isfinite(qd).all()
