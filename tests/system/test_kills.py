@@ -17,7 +17,7 @@ import httpx2
 import psutil
 import pytest
 
-from tests.system.rig import FAST_RAD_S, LOB, NUDGE, ROOT, Rig
+from tests.system.rig import FAST_RAD_S, LONG_LOB, NUDGE, ROOT, Rig
 
 REST_S = 0.150  # [s] of the controller's time from the kill to rest: rows H1 and H2 of docs/executor.md
 LANDED_S = 1.5  # [s] after the arm has come to rest: the object has landed, and the result exists
@@ -69,7 +69,7 @@ def test_an_object_is_held_by_the_daemon_where_the_stream_cannot(tmp_path: Path)
     try:
         rig.start()
         for number in (signal.SIGSTOP, signal.SIGKILL):
-            id = rig.queue_when_ready(LOB)
+            id = rig.queue_when_ready(LONG_LOB)
             rig.until(lambda: rig.state()["gripper_open"], period=0.001)
             rig.streamer().send_signal(number)
             assert rig.end(id).outcome == "executor_lost", rig.row(id).reason
@@ -182,7 +182,7 @@ def test_an_abort_brakes_and_keeps_the_object(rig: Rig, speed: float) -> None:
 def test_a_service_that_freezes_or_dies(rig: Rig) -> None:
     """The run goes on to its end, and the next service finds its result."""
     service = _Service(rig)
-    plan = rig.plan(LOB)
+    plan = rig.plan(LONG_LOB)
     frozen = service.execute(plan)
     rig.in_launch(frozen, FAST_RAD_S)
     service.process.send_signal(signal.SIGSTOP)
