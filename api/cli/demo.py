@@ -145,9 +145,9 @@ def _exchange_arm(children: ChildProcesses, client: ServiceClient, folder: Path,
     truth = folder / "measured-arm.truth"
     truth.write_text(MEASURED_ARM)
     children.end("simulator")
-    _wait_until_ready(client, cell, False, "the executor did not miss the first arm")
+    _wait_until_ready(client, cell, is_ready=False, failure="the executor did not miss the first arm")
     start_simulator(children, folder / f"{cell}.toml", ["--truth", str(truth), "--reveal"])
-    _wait_until_ready(client, cell, True, "the executor did not connect to the second arm")
+    _wait_until_ready(client, cell, is_ready=True, failure="the executor did not connect to the second arm")
 
 
 def _wait_until_ready(client: ServiceClient, cell: str, is_ready: bool, failure: str) -> None:

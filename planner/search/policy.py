@@ -133,7 +133,7 @@ POLICY: tuple[Stage, ...] = (
 # aspects 38 late answers were as soon, and a search in vain took two thirds of the time.
 FURTHER = {"one more seed", "last seeds", "further motions"}
 AGAIN_POLICY: tuple[Stage, ...] = tuple(stage for stage in POLICY if stage.purpose not in FURTHER)
-# Before that in each of those ways: two thirds of what is found sooner comes from the first seeds, in a third of the
+# Before that in each of those ways: two thirds of what is found sooner comes from the first seeds, in two fifths of the
 # time.
 FIRST_AGAIN_POLICY: tuple[Stage, ...] = (
     SOONEST_ARRIVALS,

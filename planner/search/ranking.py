@@ -22,12 +22,12 @@ from planner.trajectory import Trajectory
 
 RANKED_MAX = 24  # candidates of least lower bound that are considered; a pose's others are full turns away
 TIMED_MAX = 8  # of these are ranked by Ruckig's launch time
-UNDERCUT = 0.75  # [-] of the lower bound of an aspect's soonest candidate: hardly any throw releases before that
+UNDERCUT = 0.75  # [-] of the lower bound of an aspect's soonest candidate: 29 of 32 throws release later than that
 # [-] The same for a point: of 299 candidates in other aspects it leaves 50, 10 of the 15 that led to a sooner throw.
 UNDERCUT_OF_POINT = 0.9
 # [-] Release time, less the time that an acceleration takes to its limit, over the lower bound of a target's soonest
-# candidate: later throws are stuck in a local minimum. Of 239 targets the 30 slowest by this hold 10 of the 13 answers
-# that are more than a tenth late, and with a release window the 20 slowest all 11 (by the bound alone, 5 and 7).
+# candidate: later throws are stuck in a local minimum. Of 239 targets the 40 slowest by this hold 9 of the 14 answers
+# that are more than a tenth late, and with a release window the 20 slowest 12 of 16 (by the bound alone, 7 and 9).
 SLOW, SLOW_ROBUST = 1.05, 1.4
 SLOW_GIVEN = 1.05  # [-] release time over the least bound, where a release state or velocity is given
 SEEDS_AN_ASPECT = 2  # [-] the optimiser fails from one seed and not from another, but rarely finds another motion
@@ -98,7 +98,7 @@ class Ranking(Sequence[RankedCandidate]):
     ) -> None:
         """Takes candidates by ascending lower bound on the launch time, and motions through the first of them."""
         pairs = zip_longest(candidates, motions)
-        self._problem, ranked = problem, [RankedCandidate(problem, candidate, given) for candidate, given in pairs]
+        self.problem, ranked = problem, [RankedCandidate(problem, candidate, given) for candidate, given in pairs]
         self.settled: set[int] = set()
         self.beside_opening: dict[RankedCandidate, Trajectory] = {}
         self._by_bound, self._others = ranked[:RANKED_MAX], ranked[RANKED_MAX:]
@@ -146,7 +146,7 @@ class Ranking(Sequence[RankedCandidate]):
 
     def _is_settled(self, ranked: RankedCandidate) -> bool:
         """Returns whether a candidate's aspect is settled, and the release state is not given."""
-        return not self._problem.fixes_joints and int(self._aspects([ranked])[0]) in self.settled
+        return not self.problem.fixes_joints and int(self._aspects([ranked])[0]) in self.settled
 
     def settle(self, ranked: RankedCandidate, release_s: float) -> None:
         """Notes that the optimiser came from a candidate to a release at `release_s` [s], infinite for too late.
@@ -155,20 +155,20 @@ class Ranking(Sequence[RankedCandidate]):
         """
         aspect = int(self._aspects([ranked])[0])
         is_slow = self._is_slow_throw(release_s, self._least_bounds[aspect])
-        if not isinstance(self._problem.release, TargetRelease) or not is_slow or release_s == float("inf"):
+        if not isinstance(self.problem.release, TargetRelease) or not is_slow or release_s == float("inf"):
             self.settled.add(aspect)
 
     def is_slow(self, release_s: float) -> bool:
         """Returns whether an answer at `release_s` [s] is slow beside the least lower bound of all candidates."""
         bound_s = min(self._least_bounds.values(), default=0.0)
-        if isinstance(self._problem.release, TargetRelease):
+        if isinstance(self.problem.release, TargetRelease):
             return self._is_slow_throw(release_s, bound_s)
         # how much a window delays a release that is given is not known
-        return not self._problem.is_robust and release_s > SLOW_GIVEN * bound_s
+        return not self.problem.is_robust and release_s > SLOW_GIVEN * bound_s
 
     def _is_slow_throw(self, release_s: float, bound_s: float) -> bool:
         """Returns whether a throw to a target at `release_s` [s] is slow beside a bound that knows no jerk [s]."""
-        limits, share = self._problem.limits, SLOW_ROBUST if self._problem.is_robust else SLOW
+        limits, share = self.problem.limits, SLOW_ROBUST if self.problem.is_robust else SLOW
         return release_s > share * bound_s + float((limits.qdd_max / limits.jerk_max).max())
 
     def least_time(self, ranked: RankedCandidate) -> float:
@@ -176,7 +176,7 @@ class Ranking(Sequence[RankedCandidate]):
 
         It keeps the release state, where that is given, and the aspect.
         """
-        if self._problem.fixes_joints:
+        if self.problem.fixes_joints:
             return ranked.candidate.bound_s
         return float(self._least_by_aspect[self._aspects([ranked])[0]])
 
@@ -190,8 +190,8 @@ class Ranking(Sequence[RankedCandidate]):
         if self._is_settled(ranked):
             return False
         least_s = self.least_time(ranked)
-        if least_s > 0.0 and not self._problem.fixes_joints:
-            share = UNDERCUT if isinstance(self._problem.release, TargetRelease) else UNDERCUT_OF_POINT
+        if least_s > 0.0 and not self.problem.fixes_joints:
+            share = UNDERCUT if isinstance(self.problem.release, TargetRelease) else UNDERCUT_OF_POINT
             least_s = max(least_s, share * ranked.candidate.bound_s)
         return least_s < release_s
 
@@ -203,10 +203,10 @@ class Ranking(Sequence[RankedCandidate]):
 
     @cached_property
     def _least_by_aspect(self) -> Array:
-        return least_times_to_aspects(self._problem)
+        return least_times_to_aspects(self.problem)
 
     def _aspects(self, ranked: Sequence[RankedCandidate]) -> Index:
-        return aspects(self._problem.cell.robot, np.array([each.candidate.q for each in ranked]))
+        return aspects(self.problem.cell.robot, np.array([each.candidate.q for each in ranked]))
 
     def by_arrival(self) -> Iterator[RankedCandidate]:
         """Yields the `TIMED_MAX` of least bound by the slowest joint's own time, and times no more than it has to.

@@ -3,11 +3,11 @@
 The optimiser starts from Ruckig's motions, and these change with the limits, and so does the local minimum next to
 them. So a doubtful search is repeated: first with the rows of torque and tool speed included from the beginning instead
 of when a solution breaks them, then as for requests with half of the jerk, a quarter of it and so on, and with half of
-the acceleration. Whatever keeps half of a limit keeps the limit, so what is found sooner is an answer, too. Thereby a
-request is answered almost wherever one with half of its limits is, and about as soon. Where a release window leaves no
-answer, the motions without it are where the optimiser starts from. To a given release state,
-Ruckig's motions under several pairs of tighter limits are tried in any case, before the optimiser: they are soon made,
-and none is sooner where one of them reaches the lower bound.
+the acceleration; of all these the first seeds come first. Whatever keeps half of a limit keeps the limit, so what is
+found sooner is an answer, too. Thereby a request is answered almost wherever one with half of its limits is, and about
+as soon. Where a release window leaves no answer, the motions without it are where the optimiser starts from. To a given
+release state, Ruckig's motions under several pairs of tighter limits are tried in any case, before the optimiser: they
+are soon made, and none is sooner where one of them reaches the lower bound.
 """
 
 from __future__ import annotations
@@ -125,7 +125,7 @@ def search_again(search: PlanningSearch, ranking: Ranking) -> None:
         ways.append(_Way(f"with jerk / {2**jerk}, acceleration / {2**acceleration}", tighter))
     gained: list[str] = []
     for policy in (FIRST_AGAIN_POLICY, AGAIN_POLICY):
-        gained += [way.name for way in ways if _gains(search, way.problem, way.ranking, policy, way.held)]
+        gained += [way.name for way in ways if _gains(search, way.ranking, policy, way.held)]
         if search.incumbent is not None and not ranking.is_slow(search.release_time_s):
             break
     result = f"sooner {', then '.join(gained)}" if gained else "nothing sooner"
@@ -146,7 +146,7 @@ def search_slower(search: PlanningSearch, found: list[Candidate]) -> None:
     times = itertools.product(range(SLOWER_ACCELERATION + 1), range(SLOWER_JERK + 1))
     slower = (_halved(limits, jerk, acceleration) for acceleration, jerk in times if acceleration + jerk > 0)
     problems = [replace(search.problem, limits=each) for each in slower]
-    gained = [_gains(search, each, Ranking(each, found), SLOWER_POLICY) for each in problems]
+    gained = [_gains(search, Ranking(each, found), SLOWER_POLICY) for each in problems]
     if any(gained):
         search.log_attempt("ruckig", "slower arrivals: a sooner motion", begun_s)
 
@@ -192,7 +192,6 @@ class _Way:
 
 def _gains(
     search: PlanningSearch,
-    problem: ThrowProblem,
     ranking: Ranking | None,
     policy: Sequence[Stage],
     held: frozenset[str] = frozenset(),
@@ -201,14 +200,13 @@ def _gains(
 
     Args:
         search: updated in place.
-        problem: the search's own with tighter limits, or the same.
-        ranking: of candidates, None for none.
+        ranking: of candidates for the search's own problem, or that with tighter limits; None for no candidates.
         policy: what is tried.
         held: groups of rows that the optimiser's first solves include.
     """
     if ranking is None or search.out_of_time or search.is_optimal:
         return False
-    inner, before_s = search.continued(problem, held), search.release_time_s
+    inner, before_s = search.continued(ranking.problem, held), search.release_time_s
     search_optimised(inner, ranking, policy)
     search.iterations += inner.iterations
     search.extend_deadline(inner.loading_s)

@@ -28,7 +28,7 @@ from planner.seeds.flight_filter import (
 from planner.seeds.quasi_random import joint_offsets, quaternions
 from planner.seeds.run_ups import run_ups
 from planner.seeds.soonest_states import penalised_bound, soonest, soonest_nearby
-from planner.seeds.velocity_allocation import allocate_velocity, balanced_velocity, tool_jacobian
+from planner.seeds.velocity_allocation import allocate_velocity, balanced_velocity, tool_jacobian, tool_velocity
 
 ORIENTATIONS = 96  # tool orientations tried at a point
 MORE_ORIENTATIONS, FEW_POSTURES = 1024, 24  # tried instead where those give fewer postures: narrow joint limits
@@ -174,7 +174,7 @@ def _with_run_ups(problem: ThrowProblem, release: TargetRelease, q: Array, qd: A
     """Returns the states q, qd (n, 6) and before them the run-ups whose flights keep the requested bounds."""
     run_q, run_qd = run_ups(problem, release)
     p = tool_pose(problem.cell, run_q)[:, :3, 3]
-    v = (tool_jacobian(problem, run_q) @ run_qd[..., None])[..., 0] @ problem.cell.X_WB[:3, :3].T
+    v = tool_velocity(tool_jacobian(problem, run_q), run_qd) @ problem.cell.X_WB[:3, :3].T
     kept = _far_enough(release, p) & _throwing(problem.cell, run_q, p, problem.limits.singularity_distance_min)
     kept &= _allowed_velocity(problem, release, v)
     kept[kept] = clear_flights(problem, release, p[kept], v[kept])
@@ -314,7 +314,7 @@ def _with_drag(problem: ThrowProblem, release: TargetRelease, q: Array, qd: Arra
     """Returns the states (n, 6) whose flights with drag hit the target in the same time, as far as there are any."""
     p, J = tool_pose(problem.cell, q)[:, :3, 3], tool_jacobian(problem, q)
     R_WB = problem.cell.X_WB[:3, :3]
-    v = (J @ qd[..., None])[..., 0] @ R_WB.T
+    v = tool_velocity(J, qd) @ R_WB.T
     t = time_of_flight(p[:, 2] - release.p_W[2], v[:, 2], problem.gravity_at_tool_speed)
     v = launch_velocity(p, release.p_W, t, problem.gravity_at_tool_speed, problem.drag)
     hits = np.isfinite(v).all(axis=1) & _allowed_velocity(problem, release, v)

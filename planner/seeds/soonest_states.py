@@ -95,8 +95,9 @@ def _moved_nearby(
         towards_run_ups: whether postures on the way to the states' own run-ups are tried, too.
     """
     q, qd, body = q.copy(), qd.copy(), body_model(problem.cell_with_bin)
-    rows = np.union1d(np.arange(min(MOVED, len(q))), first_rows(aspects(problem.cell.robot, q)))
-    bound, aspect = penalised_bound(problem, q[rows], qd[rows]), aspects(problem.cell.robot, q[rows])
+    aspect = aspects(problem.cell.robot, q)
+    rows = np.union1d(np.arange(min(MOVED, len(q))), first_rows(aspect))
+    bound = penalised_bound(problem, q[rows], qd[rows])
     for offsets in _nearby_offsets(towards_run_ups):
         tried = q[rows, None] + offsets[np.arange(len(rows)) % MOVED]
         if towards_run_ups:
@@ -104,7 +105,8 @@ def _moved_nearby(
         near_q, near_qd = states_near(tried.reshape(-1, 6))
         near = penalised_bound(problem, near_q, near_qd).reshape(tried.shape[:2])
         if towards_run_ups:
-            near = np.where(aspects(problem.cell.robot, near_q).reshape(near.shape) == aspect[:, None], near, np.inf)
+            stays = aspects(problem.cell.robot, near_q).reshape(near.shape) == aspect[rows, None]
+            near = np.where(stays, near, np.inf)
         moved = np.flatnonzero(near.min(axis=1) < bound)
         best = moved * tried.shape[1] + near[moved].argmin(axis=1)
         clear = body.clearances(near_q[best]).least >= 0.0

@@ -69,6 +69,11 @@ def tool_jacobian(problem: ThrowProblem, q: Array) -> Array:
     return jacobian(problem.cell.robot, q, problem.cell.tool.X_FT)[:, :3, :]
 
 
+def tool_velocity(J: Array, qd: Array) -> Array:
+    """Returns the tool velocities (n, 3) [m/s] of joint velocities `qd` (n, 6), in the frame of `J` (n, 3, 6)."""
+    return np.asarray((J @ qd[..., None])[..., 0])
+
+
 def _compiled_share(kernel: Kernel, qd: Array, qd_max: Array) -> Array:
     return kernel.largest_shares(qd.reshape(-1, 6), qd_max).reshape(qd.shape[:-1])
 

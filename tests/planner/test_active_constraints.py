@@ -136,8 +136,8 @@ CASES = {
     "opening_direction": Case(target(1.3, 0.2), 0.3, narrower_opening),
     "flight_clearance": Case(target(1.3, 0.2), 0.05, wall_before_the_target),
     "singularity_distance (shoulder)": Case(
-        target(0.8, -0.8, start=HOME + np.array([0.0, -0.2, -1.0, 0.0, 0.0, 0.0])),
-        0.04,
+        target(0.7, -0.8, start=HOME + np.array([0.0, -0.2, -1.0, 0.0, 0.0, 0.0])),
+        0.03,
         away_from_singularities,
         "shoulder",
     ),
