@@ -184,7 +184,8 @@ def keep_awake(core: int) -> Iterator[None]:
 
     An idle processor wakes up late: by the exit latency of its sleep state, or, in a virtual machine, by what the host
     does meanwhile. A physical machine is asked through the kernel's PM QoS interface. In a virtual machine the process
-    keeps the processor busy at SCHED_IDLE, where it yields to every other process.
+    keeps the processor busy at SCHED_IDLE, if the stream may take real-time priority: at ordinary priority it would
+    yield to the stream, but not to a busy process of another session or container, with which the two then share.
     """
     process = _start_waker(core)
     try:
@@ -196,7 +197,7 @@ def keep_awake(core: int) -> Iterator[None]:
 
 
 def _start_waker(core: int) -> subprocess.Popen[bytes] | None:
-    if core == ANY_CORE or (has_quota() if is_virtual() else not may_set_latency()):
+    if core == ANY_CORE or not (may_keep_busy() if is_virtual() else may_set_latency()):
         return None
     command = [sys.executable, "-I", "-S", __file__, str(core), str(os.getpid())]
     null = subprocess.DEVNULL
@@ -217,6 +218,11 @@ def is_virtual() -> bool:
 def may_set_latency() -> bool:
     """Whether this process may request a wake-up latency from the kernel."""
     return os.access(LATENCY, os.W_OK)
+
+
+def may_keep_busy() -> bool:
+    """Whether a busy process at SCHED_IDLE would cost this process's streams nothing."""
+    return is_permitted() and not has_quota()
 
 
 def has_quota() -> bool:

@@ -25,10 +25,11 @@ def wakers() -> list[psutil.Process]:
 
 @pytest.fixture
 def virtual(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """A virtual machine without a quota, whatever this one is."""
+    """A virtual machine without a quota, where real-time priority is permitted, whatever this one is."""
     (tmp_path / "cpuinfo").write_text("flags\t: fpu hypervisor lahf_lm\n")
     monkeypatch.setattr(realtime, "PROCESSORS", tmp_path / "cpuinfo")
     monkeypatch.setattr(realtime, "QUOTA", tmp_path / "none")
+    monkeypatch.setattr(realtime, "is_permitted", lambda: True)
 
 
 @pytest.mark.usefixtures("virtual")
@@ -56,7 +57,7 @@ def test_an_exception_ends_it_too():
 
 
 def test_it_ends_when_its_parent_was_killed():
-    code = ("from executor import realtime; realtime.is_virtual = lambda: True; realtime.has_quota = lambda: False\n"
+    code = ("from executor import realtime; realtime.is_virtual = realtime.may_keep_busy = lambda: True\n"
             f"with realtime.keep_awake({CORE}):\n  print(flush=True); import time; time.sleep(60)")  # fmt: skip
     parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE)
     assert parent.stdout is not None
@@ -74,6 +75,13 @@ def test_nothing_is_done_without_a_processor_or_with_a_quota(monkeypatch: pytest
         assert not wakers()
     (tmp_path / "cpu.max").write_text("50000 100000\n")
     monkeypatch.setattr(realtime, "QUOTA", tmp_path / "cpu.max")
+    with realtime.keep_awake(CORE):
+        assert not wakers()
+
+
+@pytest.mark.usefixtures("virtual")
+def test_no_processor_is_kept_busy_beside_a_stream_at_ordinary_priority(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(realtime, "is_permitted", lambda: False)
     with realtime.keep_awake(CORE):
         assert not wakers()
 
