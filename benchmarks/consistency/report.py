@@ -67,6 +67,9 @@ def _seed_table(groups: Sequence[tuple[str, list[Task]]], seed: int) -> list[str
     rows = [head, "| --- | --- | --- | --- | --- | --- | --- |"]
     for name, tasks in groups:
         found = np.array([times for task in tasks if (times := _own_and_best(task, seed)) is not None])
+        if not len(found):
+            rows.append(f"| {name} | 0 | | | | |")
+            continue
         own_s, best_s, tick_s = found.T
         ratios = own_s / best_s
         p50, p90 = np.quantile(ratios, (0.5, 0.9))
