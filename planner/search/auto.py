@@ -234,9 +234,9 @@ def _optimise_from(search: PlanningSearch, ranking: Ranking, ranked: RankedCandi
         if _needs_finer_stages(search.problem, options, certificate.failures):
             seed, options = begun, replace(first, resolution="fine")
             continue
-        if _flight_is_given(search.problem, certificate.failures):
+        if not _has_remedy(search.problem, certificate.failures):
             return False
-        cuts = _flight_cuts(search.problem, certificate.failures, solution.trajectory)
+        cuts = _flight_cuts(search.problem, certificate.failures, solution.trajectory, options.margins)
         wider = options.margins.widened(certificate.failures, solution, cuts)
         if wider is None:
             return False
@@ -248,17 +248,24 @@ def _leaves_beside_opening(failures: Iterable[Check]) -> bool:
     return any(check.name == "opening_direction" for check in failures)
 
 
-def _flight_is_given(problem: ThrowProblem, failures: Iterable[Check]) -> bool:
-    """Returns whether nothing failed but a flight that the release fixes: no margin moves it off the arm."""
-    return not isinstance(problem.release, TargetRelease) and {check.name for check in failures} == {"flight_clearance"}
+def _has_remedy(problem: ThrowProblem, failures: Iterable[Check]) -> bool:
+    """Returns whether something failed but a flight that the release fixes, past what no other brake moves."""
+    return isinstance(problem.release, TargetRelease) or any(
+        check.name != "flight_clearance" or casadi_nlp.meets_arm(check) for check in failures
+    )
 
 
-def _flight_cuts(problem: ThrowProblem, failures: Iterable[Check], made: Trajectory) -> tuple[FlightEdge, ...]:
+def _flight_cuts(
+    problem: ThrowProblem, failures: Iterable[Check], made: Trajectory, margins: casadi_nlp.Margins
+) -> tuple[FlightEdge, ...]:
     """Returns the cuts that keep a throw like a failed one off the arm and the tool, which move with the throw.
 
-    Boxes and a bin's rim have rows of their own. Where the release fixes the flight, cuts would leave no solution.
+    First the braking arm is to keep off the flight with more room. Boxes and a bin's rim have rows of their own. Where
+    the release fixes the flight, cuts would leave no solution.
     """
     if not isinstance(problem.release, TargetRelease) or all(check.name != "flight_clearance" for check in failures):
+        return ()
+    if any(map(casadi_nlp.meets_arm, failures)) and margins.passing_m == casadi_nlp.DEFAULT_MARGINS.passing_m:
         return ()
     met = flight_obstruction(problem, made)
     if met is None or met.obstacle == "rim" or met.obstacle.startswith("box"):

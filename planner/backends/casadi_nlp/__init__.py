@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal
 
 from planner.backends.casadi_nlp.flight_rows import flight_cuts, starts_with_flight
 from planner.backends.casadi_nlp.layout import FlightEdge
-from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins, too_coarse
+from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins, meets_arm, too_coarse
 from planner.errors import BackendUnavailable, SolverFailed
 from planner.kernel import compile_kernel
 from planner.problem import ThrowProblem
@@ -33,6 +33,7 @@ __all__ = [
     "build_solvers",
     "flight_cuts",
     "load",
+    "meets_arm",
     "solve",
     "too_coarse",
     "warm",

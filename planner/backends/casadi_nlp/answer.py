@@ -63,7 +63,7 @@ class KnotStates:
     @staticmethod
     def of(z: Vector, launch: int) -> KnotStates:
         """Returns the states of the variables (N + 1, NZ), in SI units."""
-        return KnotStates(z[:, TIME], z[:, Q], z[:, QD], z[:, QDD], launch)
+        return KnotStates(z[:, TIME] - z[0, TIME], z[:, Q], z[:, QD], z[:, QDD], launch)
 
     @property
     def release_time_s(self) -> float:

@@ -110,10 +110,11 @@ class Bounds:
                 self.g[1, rows] = np.where(positive, np.inf, -distance)
 
     def fix_ends(self, start: Vector) -> None:
-        """Fixes the start at rest in `start` (6,) [rad], and the end at rest."""
+        """Fixes the start at rest in `start` (6,) [rad], the end at rest, and the time of the release, which is 0."""
         x = self.x
         x[:, 0, Q] = start
-        x[:, 0, QD] = x[:, 0, QDD] = x[:, 0, TIME] = 0.0
+        x[:, 0, QD] = x[:, 0, QDD] = 0.0
+        x[:, self.launch, TIME] = 0.0
         x[:, -1, QD] = x[:, -1, QDD] = 0.0
         x[0, -1, NX:], x[1, -1, NX:] = -np.inf, np.inf
 
@@ -142,8 +143,8 @@ class Bounds:
         least[:] = np.minimum(np.maximum(least, required), 0.5 * most)
 
     def fix_times(self, release_s: float, end_s: float) -> None:
-        """Fixes the times of the release and of the end."""
-        self.x[:, self.launch, TIME], self.x[:, -1, TIME] = release_s, end_s
+        """Fixes the times of the release and of the end, both after the start."""
+        self.x[:, 0, TIME], self.x[:, -1, TIME] = -release_s, end_s - release_s
 
     def set_release(self, problem: ThrowProblem, candidate: Candidate) -> None:
         """Bounds the release as requested."""

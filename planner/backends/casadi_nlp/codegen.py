@@ -30,7 +30,7 @@ COMMON_FLAGS = ("-fno-math-errno", "-ffp-contract=off", "-Wno-psabi", *SHARED)
 BLOCKS_FLAGS = ("-O1", *COMMON_FLAGS)  # -O2 takes longer to compile without a faster solve
 LAUNCH_FLAGS = ("-O2", "-D_GNU_SOURCE", *COMMON_FLAGS)
 SHIPPED_C = Path(__file__).with_name("blocks.c")  # in wheels alone: setup.py writes it
-SYMBOLS = ("__init__", "arm", "distances", "rows", "terms")
+SYMBOLS = ("__init__", "arm", "distances", "passing", "rows", "stage", "terms")
 FORMULA_MODULES = ("emission", "functions", "layout", *(f"symbols/{name}" for name in SYMBOLS))  # sources of the C
 LAUNCH_C = tuple(emission.HEADER.with_name(name) for name in ("lanes.h", "linear_algebra.c", "launch.c"))
 CASADI = Path(ca.__file__).parent

@@ -33,6 +33,7 @@ CALLS = {
     ca.OP_FABS: "fabs",
     ca.OP_FMIN: "fmin",
     ca.OP_FMAX: "fmax",
+    ca.OP_LT: "less",
 }
 # What casadi asks of a function from outside: see "Using CasADi's external functions" in its manual.
 FOR_CASADI = """

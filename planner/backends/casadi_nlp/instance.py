@@ -18,6 +18,7 @@ from planner.backends.casadi_nlp.layout import (
     COST,
     KEEP_OUT_BOXES,
     NZ,
+    OBJECT_PATH,
     QD,
     RELEASE,
     STEP,
@@ -25,6 +26,7 @@ from planner.backends.casadi_nlp.layout import (
     Vector,
 )
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins
+from planner.backends.casadi_nlp.object_path import initial_aim, path_parameters
 from planner.backends.casadi_nlp.parameters import (
     box_parameters,
     cell_parameters,
@@ -35,10 +37,8 @@ from planner.backends.casadi_nlp.parameters import (
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, FORMULAS, LEAVING_ROWS
 from planner.backends.casadi_nlp.transcription import LAZY_GROUPS, StageLayout, Transcription, transcription
 from planner.cell import Cell, Limits
-from planner.flight import fly
-from planner.geometry import tool_state
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
-from planner.problem import PointRelease, TargetRelease, ThrowProblem
+from planner.problem import TargetRelease, ThrowProblem
 from planner.seeds import Candidate, InitialGuess, Seed
 from planner.timing import CubicProfile, grid_limits
 
@@ -87,6 +87,7 @@ def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ..
         "grip": problem.cell.gripper.hold_acceleration_m_s2 is not None and not problem.ends_at_rest,
         "flight": bool(margins.cuts) or constrains_flight(problem),
         "leaving": margins.leaves,
+        "passing": not problem.ends_at_rest,
     }
     return tuple(group for group in LAZY_GROUPS if applies.get(group, True))
 
@@ -161,7 +162,7 @@ class Instance:
         candidate = seed.candidate
         guess = seed.initial_guess or CubicGuess(problem, candidate)
         stages = stage_layout(problem, margins, resolution)
-        limits, aim = grid_limits(problem.reachable, problem.dt), _initial_aim(problem, candidate)
+        limits, aim = grid_limits(problem.reachable, problem.dt), initial_aim(problem, candidate)
         initial, steps = _variables_along(guess, stages, problem.release_window_s)
         return Instance(problem, candidate, margins, stages, limits, aim, initial, steps)
 
@@ -178,7 +179,7 @@ class Instance:
     def on_times(self, solution: Vector, release_s: float, end_s: float) -> Instance:
         """Returns this instance with the solution (N + 1, NZ), in SI units, as initial guess and its times fixed."""
         initial = solution.copy()
-        initial[-1, TIME] = end_s
+        initial[0, TIME], initial[-1, TIME] = -release_s, end_s - release_s
         steps = solution[:-1, STEP]
         return replace(self, initial=initial, steps=steps, fixed_times=(release_s, end_s))
 
@@ -196,7 +197,14 @@ class Instance:
             "release": release_parameters(self.problem, self.aim),
             "boxes": box_parameters(self.problem.cell_with_bin, self.margins.box_m),
             "flight": flight_parameters(self.problem, self.candidate, self.margins, self.aim),
+            "object_path": self.object_path(self.candidate.q, self.candidate.qd),
         }
+
+    def object_path(self, q: Vector, qd: Vector) -> Vector:
+        """Returns the `OBJECT_PATH` vector for a release state, each (6,); of a move that ends at rest, zeros."""
+        if self.problem.ends_at_rest:
+            return np.zeros(OBJECT_PATH.size)
+        return np.round(path_parameters(self.problem, q, qd, self.margins.passing_m), DECIMALS)
 
     def _arm(self) -> Vector:
         """Returns the `ARM` vector; for a calibrated arm, of the closest arm that the formulas know."""
@@ -273,6 +281,8 @@ class Instance:
         for group, rows in (("flight", FLIGHT_ROWS), ("leaving", LEAVING_ROWS)):
             if group in self.stages.groups:
                 limits[group] = np.zeros(rows.size), np.full(rows.size, inf)
+        if "passing" in self.stages.groups:
+            limits["passing"] = np.zeros(1), np.full(1, inf)
         for group, room in ROOM.items():
             if group in self.stages.groups:
                 limits[group] = self._least_clearances(group, room), np.full(len(room), inf)
@@ -328,38 +338,6 @@ def release_parameters(problem: ThrowProblem, aim: Vector) -> Vector:
     return RELEASE.pack({"target": aim, "gravity_z": problem.gravity_at_tool_speed, "tan_elevation": slopes})
 
 
-def _initial_aim(problem: ThrowProblem, candidate: Candidate) -> Vector:
-    """Returns the landing point of the drag-free flight (3,) [m]; for a target, as from the candidate."""
-    release = problem.release
-    if isinstance(release, PointRelease):
-        p, v = release.p_WT, release.v_WT
-    else:
-        tool = tool_state(problem.cell, candidate.q, candidate.qd)
-        p, v = tool.p_WT, tool.v_WT
-    if isinstance(release, TargetRelease):
-        return drag_free_aim(problem, release.p_W, p, v)
-    flight = None if problem.ends_at_rest else fly(p, v, problem.plane_z, problem.gravity_at_tool_speed)
-    return np.array([p[0], p[1], problem.plane_z]) if flight is None else flight.landing_point
-
-
-def drag_free_aim(problem: ThrowProblem, goal: Vector, p: Vector, v: Vector) -> Vector:
-    """Returns the landing point of the drag-free flight whose real counterpart, with drag, lands on `goal` (3,) [m].
-
-    Args:
-        problem: its drag and gravity.
-        goal: landing point (3,) [m].
-        p: release position (3,) [m].
-        v: release velocity (3,) [m/s].
-    """
-    if problem.drag <= 0.0:
-        return goal
-    ideal = fly(p, v, float(goal[2]), problem.gravity_at_tool_speed)
-    real = fly(p, v, float(goal[2]), problem.gravity_at_tool_speed, problem.drag)
-    if ideal is None or real is None:
-        return goal
-    return goal + ideal.landing_point - real.landing_point
-
-
 def _variables_along(guess: InitialGuess, stages: StageLayout, window_s: float) -> tuple[Vector, Vector]:
     """Returns variables (N + 1, NZ) and steps (N,) [s] along a motion, with knots at the ends of the window."""
     release, end, n = guess.release_time_s, guess.duration_s, stages.window
@@ -370,7 +348,7 @@ def _variables_along(guess: InitialGuess, stages: StageLayout, window_s: float) 
     q, qd, qdd = guess.at(t)
     steps = np.diff(t)
     controls = np.column_stack([np.diff(qdd, axis=0) / steps[:, None], steps])
-    return np.column_stack([q, qd, qdd, t, np.pad(controls, ((0, 1), (0, 0)))]), steps
+    return np.column_stack([q, qd, qdd, t - release, np.pad(controls, ((0, 1), (0, 0)))]), steps
 
 
 class CubicGuess:

@@ -24,6 +24,9 @@ FLIGHT_EDGES = 8  # [-] slots for edges that the object's flight passes: two for
 ARM_CAPSULE_FRAMES = (0, 1, 2, 2, 3, 3, 4, 5)  # base, shoulder, upper arm, elbow, forearm, wrists 1, 2, 3
 CAPSULE_FRAMES = ARM_CAPSULE_FRAMES + (6,) * (TOOL_CAPSULES + 1)
 FIRST_TOOL, OBJECT = len(ARM_CAPSULE_FRAMES), len(CAPSULE_FRAMES) - 1
+BASE = 0  # the slot that no joint moves
+PATH_TERMS = 5  # [-] of the polynomial that the object's path is; exact without drag, where the last two are zero
+CHORDS = 10  # [-] that the path past the resting arm is taken for
 # Pairs of slots that can collide on some arm with some tool; `ARM`'s "pairs" rules out those that cannot on this one.
 PAIRS = (
     *((i, j) for i in (0, 1) for j in (4, 5, 6, 7)),
@@ -103,12 +106,22 @@ FLIGHT = VectorLayout(
         "opening": 5,
     }
 )
+OBJECT_PATH = VectorLayout(
+    {
+        # of the object's centre in the world, s after its release: coefficients of 1, s, s^2 ... (3 each) [m, m/s ...]
+        "path": 3 * PATH_TERMS,
+        "landing": 1,  # when its flight ends, after the release [s]
+        "fall": 1,  # acceleration with which the path bends, at most [m/s^2]
+        "reach": 1,  # distance that its centre keeps from the surface of a link [m]
+    }
+)
 SHARED = {
     "scales": SCALES,
     "arm": ARM,
     "release": RELEASE,
     "boxes": BOXES,
     "flight": FLIGHT,
+    "object_path": OBJECT_PATH,
 }  # parameters shared by all stages, in this order
 COST = VectorLayout({"time": 1, "jerk": 1, "step": 1, "initial_step": 1})  # parameters of each stage's cost
 ABSENT_RADIUS = -1.0e3  # [m] radius of an absent capsule: never near anything

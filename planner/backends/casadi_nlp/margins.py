@@ -26,6 +26,7 @@ OPENING_FACTOR = 2.5  # [-] of the missing angle: less than half of what is gain
 FOLLOWED_FACTOR = 1.2  # [-] of the missing angle where the way out is followed: it is missing between the rows
 MOST_OPENING_RAD = 0.6  # [rad] missing angle beyond which a margin is no remedy
 TOO_COARSE_M = 0.005  # [m] clearance missing between knots and midpoints that calls for more stages
+LINKS = {"shoulder", "upper_arm", "elbow", "forearm", "wrist_1", "wrist_2", "wrist_3"}  # of block "passing"
 DIAGONAL = math.sqrt(2.0)  # the optimiser bounds a landing error in x and y, the certificate its norm
 
 
@@ -84,6 +85,11 @@ class FailedCheck(Protocol):
         """Time of the worst value [s]."""
         ...
 
+    @property
+    def detail(self) -> str:
+        """What the value is of, such as the name of a link."""
+        ...
+
 
 @dataclass(frozen=True)
 class LocalMargin:
@@ -120,6 +126,7 @@ class Margins:
         opening_rad: by which the gripper's opening cone is narrowed [rad].
         leaves: whether block "leaving" holds the object's way out in the stages from the window's beginning to the last
             release, beside the row "out".
+        passing_m: room between the object in flight and the braking arm.
         cuts: half-spaces that keep the flight clear of the arm; see `flight_rows.arm_cuts`.
         window: usable share of the landing tolerance in the release window, in x and in y [-].
         local: margins around a time.
@@ -140,6 +147,7 @@ class Margins:
     mouth_m: float = 0.002
     opening_rad: float = 0.03
     leaves: bool = False
+    passing_m: float = 0.002
     cuts: tuple[FlightEdge, ...] = ()
     window: float = 0.62
     local: tuple[LocalMargin, ...] = ()
@@ -176,18 +184,21 @@ class Margins:
             left = self.window - missing / check.limit / DIAGONAL - SPARE_SHARE
             return replace(self, window=left) if left > 0.0 else None
         if check.name in ("flight_clearance", "opening_direction"):
-            return self._widened_for_flight(check.name, missing, is_cut)
+            return self._widened_for_flight(check, missing, is_cut)
         return self._widened_locally(check, missing, failed)
 
-    def _widened_for_flight(self, check: str, missing: float, is_cut: bool) -> Margins | None:
+    def _widened_for_flight(self, check: FailedCheck, missing: float, is_cut: bool) -> Margins | None:
         held = replace(self, held=self.held | {"flight"})
-        if check == "opening_direction":
+        if check.name == "opening_direction":
             factor = FOLLOWED_FACTOR if self.leaves else OPENING_FACTOR
             narrower = self.opening_rad + factor * missing + SPARE_RAD
             return replace(held, opening_rad=narrower) if missing < MOST_OPENING_RAD else None
         if is_cut:
             return held
         more = BETWEEN_KNOTS_FACTOR * missing + SPARE_M
+        if meets_arm(check):
+            wider = replace(self, held=self.held | {"passing"}, passing_m=self.passing_m + more)
+            return wider if wider.passing_m < MOST_M else None
         wider = replace(held, flight_m=self.flight_m + more, mouth_m=self.mouth_m + more)
         return wider if wider.flight_m < MOST_M else None
 
@@ -212,6 +223,11 @@ def _phase(t: float, motion: Trajectory) -> float:
 
 
 DEFAULT_MARGINS = Margins()
+
+
+def meets_arm(check: FailedCheck) -> bool:
+    """Returns whether a failed check is of a flight that meets a link, which can brake another way."""
+    return check.name == "flight_clearance" and check.detail in LINKS
 
 
 def too_coarse(failures: Iterable[FailedCheck]) -> bool:

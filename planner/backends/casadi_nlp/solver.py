@@ -18,8 +18,8 @@ import numpy as np
 from planner.backends.casadi_nlp.fatrop import compiled_launch
 from planner.backends.casadi_nlp.functions import evaluate, first_result
 from planner.backends.casadi_nlp.instance import Arguments, Instance
-from planner.backends.casadi_nlp.layout import NU, NX, NZ, TIME, Q, Vector
-from planner.backends.casadi_nlp.transcription import Indices, StageLayout, transcription
+from planner.backends.casadi_nlp.layout import NU, NX, NZ, QD, TIME, Q, Vector
+from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, StageLayout, transcription
 from planner.errors import SolverFailed
 
 # What falls below the LU tolerance is dropped where equalities are eliminated. With a smaller one fatrop 1.1.8 raises
@@ -31,6 +31,7 @@ FATROP_SHORT_STAGES = {"linsol_lu_fact_tol": 1e-3}
 IPOPT = {"tol": 1e-5, "mu_init": 1e-3, "max_iter": 80}
 PATTERNS_KEPT = 64  # solvers cached: a few for each kind of release
 VIOLATED = 1e-3  # [-, m, rad] a row left out is included when it is this far beyond its bound; ten times the tolerance
+PATHS_MAX = 2  # [-] further solutions for a path of the object that has moved with the one before
 POSITIONS = "positions"  # group of the joints' position limits: bounds of variables, and rows of block "motion"
 
 # The blocks have all derivatives; casadi must not differentiate again.
@@ -56,6 +57,7 @@ class Solver:
         iterations: spent so far.
         status: outcome of the last call.
         is_late: whether a solution released too late: with more rows, or a window, it would release later still.
+        object_path: the `OBJECT_PATH` vector of the last solution; None before the first, for the candidate's.
     """
 
     def __init__(
@@ -70,6 +72,7 @@ class Solver:
         self.with_ipopt, self.latest_s, self.is_late = with_ipopt, latest_s, False
         self.iterations = 0
         self.status = ""
+        self.object_path: Vector | None = None
 
     def solve(self, instance: Instance) -> Vector:
         """Returns the variables (N + 1, NZ) of the solution, in SI units.
@@ -97,24 +100,40 @@ class Solver:
 
         Groups of rows are included as they are violated.
         """
-        arguments, first = instance.arguments, instance.arguments
+        arguments, first, moved = instance.arguments, instance.arguments, 0
         while not self._is_spent():
-            z = self._without_other_groups(instance, arguments)
+            z = self._without_other_groups(instance, self._beside_object(arguments))
             if z is None and arguments is not first:
                 arguments = first  # the solution with fewer rows was too far from one with more
                 continue
             if z is None:
                 return None
-            release_s = float(z[instance.stages.launch, TIME] * instance.scales[TIME])
+            release_s = float(-z[0, TIME] * instance.scales[TIME])
             if release_s > self.latest_s:
                 self.is_late, self.status = True, f"releases after {release_s:.3f} s, no sooner than another"
                 return None
-            violated = _violated_groups(instance, z) - self.groups
-            if not violated:
+            self._follow_object(instance, z)
+            violated = _violated_groups(instance, z, self._beside_object(arguments)["p"])
+            if violated <= self.groups and ("passing" not in violated or moved == PATHS_MAX):
                 return z * instance.scales
+            moved += violated <= self.groups
             self.groups |= violated
             arguments = {**arguments, "x0": z.ravel()[: len(arguments["x0"])]}
         return None
+
+    def _follow_object(self, instance: Instance, z: Vector) -> None:
+        """Takes the object's path from a solution, for the rows that keep the arm off it."""
+        if "passing" in instance.stages.groups:
+            release = z[instance.stages.launch] * instance.scales
+            self.object_path = instance.object_path(release[Q], release[QD])
+
+    def _beside_object(self, arguments: Arguments) -> Arguments:
+        """Returns arguments with the object's path of the last solution, if there is one."""
+        if self.object_path is None:
+            return arguments
+        p = arguments["p"].copy()
+        p[ALL_SHARED.slices["object_path"]] = self.object_path
+        return {**arguments, "p": p}
 
     def _is_spent(self) -> bool:
         if self.iterations >= self.iteration_budget:
@@ -154,15 +173,15 @@ def _stagewise(x: Vector) -> Vector:
     return np.append(x, np.zeros(NZ - NX)).reshape(-1, NZ)
 
 
-def _violated_groups(instance: Instance, z: Vector) -> set[str]:
-    """Returns the groups of which some row is beyond its bound."""
+def _violated_groups(instance: Instance, z: Vector, p: Vector) -> set[str]:
+    """Returns the groups of which some row is beyond its bound, with parameters `p`."""
     arguments = instance.arguments
     x = z.ravel()[: len(arguments["x0"])]
     launch = compiled_launch(instance.stages)
     if launch is None:
-        g = evaluate(instance.transcription.functions["g"], x, arguments["p"])[0].ravel()
+        g = evaluate(instance.transcription.functions["g"], x, p)[0].ravel()
     else:
-        g = launch.rows(x, arguments["p"])
+        g = launch.rows(x, p)
     beyond = np.maximum(arguments["lbg"] - g, g - arguments["ubg"]) > VIOLATED
     violated = {group for group, rows in _rows_by_group(instance.stages).items() if beyond[rows].any()}
     outside = _stagewise(np.maximum(arguments["lbx"] - x, x - arguments["ubx"]))[:, Q]

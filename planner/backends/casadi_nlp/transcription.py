@@ -26,8 +26,8 @@ Indices = NDArray[np.intp]
 
 WATCHED_STAGES = 3  # stages before the release (or its window) on which singularities are avoided, as on all after it
 LEAVING_STAGES = 1  # stages after the release (or its window), 20 to 40 ms, in which the object leaves the open grip
-# Groups of rows left out until a solution violates them, at knots and (but for the last three) at middles.
-LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight", "leaving")
+# Groups of rows left out until a solution violates them, at knots and (but for three from "grip" on) at middles.
+LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight", "leaving", "passing")
 # Parameters p: these, then the costs of every stage.
 ALL_SHARED = layout.VectorLayout({name: piece.size for name, piece in layout.SHARED.items()})
 
@@ -67,7 +67,7 @@ class StageLayout:
 
     def includes(self, block: str) -> bool:
         """Returns whether a block is part of the problem."""
-        group = block.removesuffix("_middle")
+        group = group_of(block)
         return group not in LAZY_GROUPS or group in self.groups
 
     def knots(self, block: str) -> range:
@@ -82,9 +82,17 @@ class StageLayout:
             "flight": range(self.launch - self.window, min(released + LEAVING_STAGES, self.stages) + 1),
             "leaving": range(self.launch - self.window, released + 1),
             "grip": range(1, released + 1),
+            "passing": range(released + 1, self.stages),
+            "passing_middle": range(released, self.stages),
+            "passing_at_rest": range(self.stages, self.stages + 1),
         }
         everywhere = range(self.stages) if block.endswith("_middle") else range(1, self.stages + 1)
         return special.get(block, everywhere)
+
+
+def group_of(block: str) -> str:
+    """Returns the group of a block, which is named after it."""
+    return block.removesuffix("_middle").removesuffix("_at_rest")
 
 
 class RowIndex:
@@ -131,7 +139,7 @@ class RowIndex:
 
     def rows_of_group(self, group: str) -> Indices:
         """Returns the rows of a lazy group, at knots and midpoints."""
-        return np.concatenate([rows for name, rows in self.rows_of.items() if name.removesuffix("_middle") == group])
+        return np.concatenate([rows for name, rows in self.rows_of.items() if group_of(name) == group])
 
     def _all_rows(self, block: str) -> Indices:
         return np.concatenate([np.zeros(0, np.intp), *(rows for (name, _), rows in self.rows.items() if name == block)])

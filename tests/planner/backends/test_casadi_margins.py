@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planner.backends.casadi_nlp import DEFAULT_MARGINS, FlightEdge, Margins, too_coarse
+from planner.backends.casadi_nlp import DEFAULT_MARGINS, FlightEdge, Margins, meets_arm, too_coarse
 from planner.certificate import Check
 from planner.certificate.certificate import at_least, at_most
 from planner.solution import Solution
@@ -91,6 +91,17 @@ def test_a_flight_that_meets_the_arm_is_cut() -> None:
     twice = once.widened([failure], SOLUTION, (cut,))
     assert twice is not None
     assert len(twice.cuts) == 2
+
+
+def test_a_flight_that_meets_a_link_is_passed_by_the_braking_arm_with_more_room() -> None:
+    beside_link = at_least("flight_clearance", -0.01, 0.0, "m", 0.2, "forearm")
+    assert meets_arm(beside_link)
+    wide = DEFAULT_MARGINS.widened([beside_link], SOLUTION)
+    assert wide is not None
+    assert wide.passing_m > DEFAULT_MARGINS.passing_m + 0.01
+    assert wide.flight_m == DEFAULT_MARGINS.flight_m
+    assert "passing" in wide.held
+    assert not any(meets_arm(at_least("flight_clearance", -0.01, 0.0, "m", 0.2, what)) for what in ("box 0", "foot"))
 
 
 def test_an_object_that_leaves_into_the_palm_narrows_the_cone() -> None:

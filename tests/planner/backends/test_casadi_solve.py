@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from planner.backends import casadi_nlp, ruckig_otg
-from planner.backends.casadi_nlp import SolveOptions, codegen, instance, parameters
+from planner.backends.casadi_nlp import SolveOptions, codegen, object_path, parameters
 from planner.cell import Box, Cell, ToolCapsule, load_cell
 from planner.certificate import certify
 from planner.errors import SolverFailed
@@ -187,7 +187,7 @@ def test_many_tool_capsules_are_wrapped(cell: Cell) -> None:
 def test_the_aim_is_moved_against_drag(cell: Cell) -> None:
     light = replace(cell, object=replace(cell.object, drag_coefficient=0.47, radius_m=0.03, mass_kg=0.02))
     p, v = np.array([0.0, 0.0, 0.5]), np.array([2.0, 0.0, 1.0])
-    aim = instance.drag_free_aim(_problem(light, TARGET), np.array([1.0, 0.0, 0.0]), p, v)
+    aim = object_path.drag_free_aim(_problem(light, TARGET), np.array([1.0, 0.0, 0.0]), p, v)
     assert aim[0] > 1.0
 
 

@@ -11,6 +11,7 @@ import pytest
 from planner import flight
 from planner.backends.casadi_nlp import Margins, codegen, functions, layout, transcription
 from planner.backends.casadi_nlp.instance import arm_parameters, stage_layout
+from planner.backends.casadi_nlp.margins import LINKS
 from planner.backends.casadi_nlp.parameters import box_parameters, scale_parameters, variable_scales
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, LEAVING_ROWS, RELEASE_ROWS
 from planner.cell import Box, Cell, load_cell
@@ -143,7 +144,7 @@ def test_derivatives_of_the_whole_problem(stages: transcription.StageLayout) -> 
     release = layout.RELEASE.pack({"target": [1, 0, -2], "gravity_z": 9.81, "tan_elevation": [0.1, 1.0]})
     costs = np.tile([1.0, 1e-3, 1e-2, 0.4], stages.stages)
     arm = arm_parameters(cell, cell.limits, NO_MARGINS)
-    p = np.concatenate([SCALES, arm, release, box_parameters(cell), _flight_parameters(), costs])
+    p = np.concatenate([SCALES, arm, release, box_parameters(cell), _flight_parameters(), _object_path()[1], costs])
     along, step = rng.normal(size=x.size), 1e-6
 
     def difference(name: str) -> np.ndarray:
@@ -193,6 +194,42 @@ def test_flight_rows(cell: Cell) -> None:
     assert rows["mouth"] == pytest.approx(0.1 - thick - off, abs=1e-4)
     leaving = -a - [0.0, 0.0, 9.81]
     assert rows["opening"] == pytest.approx(leaving @ X_WF[:3, 1] / np.linalg.norm(leaving) - 0.3, abs=0.01)
+
+
+def _object_path() -> tuple[np.ndarray, np.ndarray]:
+    """A flight past the arm, as release position and velocity (2, 3), and as parameters."""
+    p, v = np.array([0.2, 0.1, 0.4]), np.array([-0.8, 0.3, 2.0])
+    path = [*p, *v, 0.0, 0.0, -9.81 / 2.0, *np.zeros(6)]
+    return np.stack([p, v]), layout.OBJECT_PATH.pack({"path": path, "landing": 0.6, "fall": 9.81, "reach": 0.05})
+
+
+def _distance_from_links(cell: Cell, q: np.ndarray, x: np.ndarray) -> float:
+    """Least distance [m] of points (n, 3) in the world from the links that joints move."""
+    capsules = body_capsules(cell.robot, cell.tool.capsules)
+    ends = cell.X_WB[:3, :3] @ capsule_endpoints(cell.robot, capsules, q)[..., None] + cell.X_WB[:3, 3:]
+    moving = slice(2, 2 + len(LINKS))
+    assert {c.name for c in capsules[moving]} == LINKS
+    pairs = zip(ends[moving, ..., 0], capsules[moving], strict=True)
+    return min(
+        float(segment_segment_distance(at, at, start, end)) - capsule.radius_m
+        for (start, end), capsule in pairs
+        for at in x
+    )
+
+
+@pytest.mark.parametrize(("block", "share"), [("passing", 0.0), ("passing_middle", 0.5), ("passing_at_rest", 0.0)])
+def test_room_between_a_flight_and_the_braking_arm(cell: Cell, block: str, share: float) -> None:
+    (p, v), parameters = _object_path()
+    c, step, since_release = layout.SCALES.split(SCALES), 0.004, 0.15
+    for seed in range(8):
+        q, qd, qdd, z = _state(seed)
+        z[layout.TIME], z[layout.STEP] = since_release / c["time"][0], step / c["time"][0]
+        h = share * step
+        times = np.array([since_release + h]) if block != "passing_at_rest" else np.arange(since_release, 0.6, 0.004)
+        flown = flight.path(p, v, times, 9.81)
+        expected = _distance_from_links(cell, q + h * qd + h**2 / 2.0 * qdd, flown) - 0.05
+        row = _rows(block, z, np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), parameters]))
+        assert expected - 0.008 < row < expected + 0.004
 
 
 @pytest.mark.parametrize("factor", [1.0, 0.8])
@@ -286,7 +323,8 @@ def test_a_room_has_slots_for_its_boxes(boxes: int, slots: int) -> None:
 def _smooth_multipliers(index: transcription.RowIndex, rng: np.random.Generator) -> np.ndarray:
     """Multipliers that leave out the rows whose curvature is left out."""
     lam = rng.normal(size=index.size)
+    without = ("clearance", "clearance_middle", "keep_out", "keep_out_middle", "passing_at_rest")
     for (name, _), rows in index.rows.items():
-        if name.removesuffix("_middle") in ("clearance", "keep_out"):
+        if index.blocks[name].name in without:
             lam[rows] = 0.0
     return lam

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from planner.backends import casadi_nlp, ruckig_otg
+from planner.backends.casadi_nlp import instance
 from planner.certificate import Certificate
 from planner.errors import Infeasible, SolverFailed
 from planner.planning import plan
@@ -180,3 +181,31 @@ def test_an_object_that_would_leave_beside_the_opening_is_followed_out_of_the_gr
         release_s[follows] = search.release_time_s
         assert follows == any("ways out" in attempt.result for attempt in search.attempts)
     assert release_s[True] < 0.8 * release_s[False] < np.inf
+
+
+BACK_OVER_THE_ARM = {
+    "target": (TargetRelease(np.array([-0.121, -0.163, 0.0])), "ur5-sim", [-0.69, -1.0, 0.26, -2.3, -2.5, 1.32]),
+    "point": (
+        PointRelease(np.array([0.0194, -0.3121, 0.3061]), np.array([0.791, 1.284, 0.472])),
+        "ur5e-sim",
+        [0.17, -1.54, 1.4, -0.49, -2.13, -0.03],
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", BACK_OVER_THE_ARM)
+def test_an_arm_brakes_out_of_the_way_of_a_throw_back_over_it(monkeypatch, kind):
+    """Where the brake is the shortest, the object meets the arm at rest. Another release is later by half, or more."""
+    release, name, start = BACK_OVER_THE_ARM[kind]
+    problem = joint_problem(name, release=release, start=np.array(start), time_limit_s=60.0)
+    groups_of = instance._applicable_groups
+    stages = [stage for stage in POLICY if stage.purpose in {"soonest seeds", "other aspects"}]
+
+    def soonest(groups):
+        monkeypatch.setattr(instance, "_applicable_groups", groups)
+        search = PlanningSearch(problem, time.perf_counter() + 60.0)
+        search_optimised(search, Ranking(problem, candidates(problem)), stages)
+        return search.release_time_s
+
+    stays = soonest(lambda *of: tuple(group for group in groups_of(*of) if group != "passing"))
+    assert soonest(groups_of) < 0.7 * stays

@@ -57,3 +57,6 @@ static inline lanes chosen(lane_bits where, lanes x, lanes y) {
 /* As fmin and fmax: the other number where one is none. */
 static inline lanes fmin_lanes(lanes x, lanes y) { return chosen((x < y) | (y != y), x, y); }
 static inline lanes fmax_lanes(lanes x, lanes y) { return chosen((x > y) | (y != y), x, y); }
+
+static inline double less(double x, double y) { return x < y; }
+static inline lanes less_lanes(lanes x, lanes y) { return chosen(x < y, spread(1.0), spread(0.0)); }

@@ -2,12 +2,14 @@
 
 The minimum of many distances has kinks; -w log sum exp(-d / w) has none and is never larger than the minimum, so a
 bound on it bounds them all. The closest points of two segments move with the arm, but the distance depends on that
-movement in second order only: they are frozen while the derivatives are taken.
+movement in second order only. Of two links they are frozen while the derivatives are taken; beside a flight and a box,
+where that keeps solves from converging, their movement is part of the derivatives.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import casadi as ca
@@ -20,6 +22,7 @@ SX = Any
 
 WIDTH = 0.002  # [m] width of the soft minimum: for two equal distances it is 1.4 mm smaller
 PROJECTIONS = 4  # [-] alternating projections between segment and box; an inexact nearest point is a second-order error
+STIFF = 1e-6  # [m^2] keeps the closest points of parallel segments from moving without bound
 TINY = 1e-9  # [m^2] keeps the length of a segment and a distance away from zero
 
 
@@ -46,7 +49,7 @@ def capsules_in_s(arm: ArmFrames, capsules: SX) -> CapsuleSlots:
 def self_distance(body: CapsuleSlots, added: SX, terms: Terms) -> SX:
     """Returns the soft minimum of the distances [m] between the surfaces of `PAIRS`, each increased by its `added`."""
     gaps = [
-        segment_distance(body.starts[i], body.ends[i], body.starts[j], body.ends[j], terms)
+        segment_distance_at_fixed_points(body.starts[i], body.ends[i], body.starts[j], body.ends[j], terms)
         - body.radii[i]
         - body.radii[j]
         + added[k]
@@ -55,16 +58,72 @@ def self_distance(body: CapsuleSlots, added: SX, terms: Terms) -> SX:
     return soft_minimum(gaps, terms)
 
 
-def segment_distance(p1: SX, p2: SX, q1: SX, q2: SX, terms: Terms) -> SX:
-    """Returns the distance [m] between two segments. source: Ericson, Real-Time Collision Detection, 5.1.9."""
-    u, v, w = p2 - p1, q2 - q1, p1 - q1
+def segment_distance_at_fixed_points(p1: SX, p2: SX, q1: SX, q2: SX, terms: Terms) -> SX:
+    """Returns the distance [m] between two segments, whose closest points are constant while derivatives are taken.
+
+    source: Ericson, Real-Time Collision Detection, 5.1.9.
+    """
+    u, v = p2 - p1, q2 - q1
+    s, t = (terms.freeze(share) for share in _closest(p1, u, q1, v))
+    return _length(p1 - q1 + s * u - t * v)
+
+
+def segment_distance_at_moving_points(p1: SX, p2: SX, q1: SX, q2: SX, terms: Terms) -> SX:
+    """Returns the same distance [m] with exact second derivatives: its closest points move."""
+    u, v = p2 - p1, q2 - q1
+    s, t = (terms.freeze(share) for share in _closest(p1, u, q1, v))
+    gap = p1 - q1 + s * u - t * v
+    ds, dt = _moved(gap, u, v, s, t, terms)
+    return _length(gap + ds * u - dt * v)
+
+
+def chords_distance(p1: SX, p2: SX, points: list[SX], terms: Terms) -> SX:
+    """Returns the soft minimum of a segment's distances [m] from the chords between `points`.
+
+    Its first derivatives are exact; of the second ones, those are left out by which directions of distances turn.
+    """
+    apart, lengths = [], []
+    for q1, q2 in pairwise(points):
+        u, v = p2 - p1, q2 - q1
+        s, t = (terms.freeze(share) for share in _closest(p1, u, q1, v))
+        apart.append(p1 - q1 + s * u - t * v)
+        lengths.append(_length(apart[-1]))
+    row = ca.vertcat(*lengths)
+    nearness = ca.exp((ca.mmin(row) - row) / WIDTH)
+    least = ca.mmin(row) - WIDTH * ca.log(ca.sum1(nearness))
+    pull = terms.freeze(ca.horzcat(*apart) @ ca.diag(nearness / ca.sum1(nearness) / row))
+    moved = sum(ca.dot(pull[:, i], gap) for i, gap in enumerate(apart))
+    return terms.freeze(least - moved) + moved
+
+
+def _closest(p: SX, u: SX, q: SX, v: SX) -> tuple[SX, SX]:
+    """Returns the shares [-] of u and v at which the segments from p along u and from q along v are closest."""
+    w = p - q
     a, b, e = ca.dot(u, u) + TINY, ca.dot(u, v), ca.dot(v, v) + TINY
     c, f = ca.dot(u, w), ca.dot(v, w)
     s = _unit((b * f - c * e) / (a * e - b * b + TINY))
     t = _unit((b * s + f) / e)
-    s, t = terms.freeze(_unit((b * t - c) / a)), terms.freeze(t)
-    gap = w + s * u - t * v
-    return ca.sqrt(ca.dot(gap, gap) + TINY)
+    return _unit((b * t - c) / a), t
+
+
+def _moved(gap: SX, u: SX, v: SX, s: SX, t: SX, terms: Terms) -> tuple[SX, SX]:
+    """Returns what the closest points' shares lack, with its derivatives: a step of Newton's iteration for them.
+
+    It is 0 and 0 up to rounding. By the implicit function theorem its derivatives are those of the shares.
+    """
+    s_moves, t_moves = terms.freeze(_is_within(s)), terms.freeze(_is_within(t))
+    a, b, e = ca.dot(u, u) + STIFF, ca.dot(u, v) * s_moves * t_moves, ca.dot(v, v) + STIFF
+    det, along_u, along_v = a * e - b * b, ca.dot(u, gap), -ca.dot(v, gap)
+    return -s_moves * (e * along_u + b * along_v) / det, -t_moves * (b * along_u + a * along_v) / det
+
+
+def _length(vector: SX) -> SX:
+    return ca.sqrt(ca.dot(vector, vector) + TINY)
+
+
+def _is_within(share: SX) -> SX:
+    """Returns 1 where a point is within its segment and moves along it, 0 where it is an end."""
+    return (share > 0) * (share < 1)
 
 
 def _unit(x: SX) -> SX:
@@ -104,14 +163,22 @@ def box_distances(body: CapsuleSlots, boxes: SX, terms: Terms) -> list[SX]:
 
 
 def _nearest(start: SX, end: SX, lower: SX, upper: SX, terms: Terms) -> SX:
-    """Returns the point of a segment nearest to a box, by alternating projections. source: von Neumann 1950."""
+    """Returns the point of a segment nearest to a box, by alternating projections. source: von Neumann 1950.
+
+    A step of Newton's iteration follows, for what they lack, and for the derivatives of the point's movement.
+    """
     along = end - start
     square = ca.dot(along, along) + TINY
     s = ca.SX(0.5)
     for _ in range(PROJECTIONS):
         inside = ca.fmax(lower, ca.fmin(upper, start + s * along))
         s = _unit(ca.dot(inside - start, along) / square)
-    return start + terms.freeze(s) * along
+    s = terms.freeze(s)
+    point, moves = start + s * along, terms.freeze(_is_within(s))
+    below, above = terms.freeze(point < lower), terms.freeze(upper < point)
+    apart = below * (point - lower) + above * (point - upper)
+    stiff = ca.dot(along * (below + above), along) + STIFF
+    return point - moves * ca.dot(along, apart) / stiff * along
 
 
 def _beyond_faces(point: SX, lower: SX, upper: SX, terms: Terms) -> SX:

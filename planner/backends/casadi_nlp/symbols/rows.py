@@ -16,6 +16,8 @@ import casadi as ca
 from planner.backends.casadi_nlp import layout
 from planner.backends.casadi_nlp.layout import ARM, BOXES, COST, FLIGHT, RELEASE, SCALES, VectorLayout
 from planner.backends.casadi_nlp.symbols import arm, distances
+from planner.backends.casadi_nlp.symbols.passing import passing, passing_at_rest, passing_middle
+from planner.backends.casadi_nlp.symbols.stage import StageState, state, state_after, state_at, through
 from planner.backends.casadi_nlp.symbols.terms import Terms
 
 SX = Any
@@ -61,38 +63,6 @@ LEAVING_ROWS = VectorLayout(
         "is_out": 1,  # by what that way exceeds the way out of the grip, over it [-]
     }
 )
-
-
-@dataclass(frozen=True)
-class StageState:
-    """Joint state in SI units, each (6,)."""
-
-    q: SX
-    qd: SX
-    qdd: SX
-
-
-def state(z: SX, scales: SX) -> StageState:
-    """Returns the state at the beginning of a stage."""
-    c = SCALES.split(scales)
-    return StageState(z[layout.Q], z[layout.QD] * c["qd"], z[layout.QDD] * c["qdd"])
-
-
-def state_after(z: SX, scales: SX, share: float) -> StageState:
-    """Returns the exact state after a share of the stage's step."""
-    return _state_at(z, scales, share * z[layout.STEP] * SCALES.split(scales)["time"])
-
-
-def _state_at(z: SX, scales: SX, h: SX) -> StageState:
-    """Returns the state at a time after the stage's beginning [s], exact within its step."""
-    s, j = state(z, scales), z[layout.JERK] * SCALES.split(scales)["jerk"]
-    q = s.q + h * (s.qd + h * (s.qdd / 2 + h * j / 6))
-    return StageState(q, s.qd + h * (s.qdd + h * j / 2), s.qdd + h * j)
-
-
-def _through(s: StageState, terms: Terms) -> StageState:
-    """Returns symbols for a state."""
-    return StageState(*ca.vertsplit(terms.through(ca.vertcat(s.q, s.qd, s.qdd)), layout.LINKS))
 
 
 def _tool_motion(a: dict[str, SX], s: StageState, terms: Terms) -> arm.ToolMotion:
@@ -230,7 +200,7 @@ def _way(z: SX, scales: SX, a: dict[str, SX], time: SX, opening: SX, terms: Term
     for an acceleration that changes evenly, that at s / 3. The opening's direction (3,) is that after s.
     """
     time = terms.through(time)
-    third, end = (_through(_state_at(z, scales, at), terms) for at in (time / 3, time))
+    third, end = (through(state_at(z, scales, at), terms) for at in (time / 3, time))
     R_WB = ca.reshape(a["base"][:9], 3, 3)
     tool = _tool_motion(a, third, terms)
     felt = R_WB @ (arm.turn(third.q[0]) @ tool.acceleration + a["gravity"])
@@ -319,7 +289,7 @@ def _in_middle(rows: StateFormula, *parameters: str, curved: bool = True) -> Blo
     n = SCALES.size
 
     def in_middle(z: SX, p: SX, terms: Terms) -> SX:
-        return rows(_through(state_after(z, p[:n], 0.5), terms), p[n:], terms)
+        return rows(through(state_after(z, p[:n], 0.5), terms), p[n:], terms)
 
     return BlockFormula(in_middle, ("scales", *parameters), curved)
 
@@ -332,6 +302,7 @@ FORMULAS: dict[str, BlockFormula] = {
     "effort_middle": _in_middle(effort, "arm"),
     "clearance": _at_knot(clearance, "arm"),
     "clearance_middle": _in_middle(clearance, "arm"),
+    # Without second derivatives, which take three quarters of a minute to compile, each.
     "keep_out": _at_knot(keep_out, "arm", "boxes", curved=False),
     "keep_out_middle": _in_middle(keep_out, "arm", "boxes", curved=False),
     "grip": _at_knot(grip, "arm"),
@@ -340,10 +311,13 @@ FORMULAS: dict[str, BlockFormula] = {
     "release": _at_knot(release, "arm", "release"),
     "flight": BlockFormula(flight, ("scales", "arm", "release", "flight")),
     "leaving": BlockFormula(leaving, ("scales", "arm", "flight")),
+    "passing": BlockFormula(passing, ("scales", "arm", "object_path")),
+    "passing_middle": BlockFormula(passing_middle, ("scales", "arm", "object_path")),
+    "passing_at_rest": BlockFormula(passing_at_rest, ("scales", "arm", "object_path")),
 }
 # The same rows with fewer slots for boxes, each of which takes its time.
 WITH_FEWER_BOXES = {
-    f"{name}_{slots}": at(partial(keep_out, slots=slots), "arm", "boxes", curved=False)
+    f"{name}_{slots}": at(partial(keep_out, slots=slots), "arm", "boxes")
     for name, at in (("keep_out", _at_knot), ("keep_out_middle", _in_middle))
     for slots in layout.BOX_SLOTS[:-1]
 }

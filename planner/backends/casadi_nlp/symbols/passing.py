@@ -1,0 +1,84 @@
+"""Rows of block "passing": the links of the braking arm keep off the object in flight.
+
+The object's path is a parameter; the time of the problem is 0 at the release.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import casadi as ca
+
+from planner.backends.casadi_nlp import layout
+from planner.backends.casadi_nlp.layout import ARM, OBJECT_PATH, SCALES
+from planner.backends.casadi_nlp.symbols import arm, distances
+from planner.backends.casadi_nlp.symbols.stage import StageState, state, state_after, through
+from planner.backends.casadi_nlp.symbols.terms import Terms
+
+SX = Any
+
+LANDING = 0.005  # [s] roundness of the end of a flight: the object stays where it lands
+
+
+def passing(z: SX, p: SX, terms: Terms) -> SX:
+    """Room between the object in flight and the braking arm at a knot (1) [m]."""
+    scales, p = p[: SCALES.size], p[SCALES.size :]
+    return _beside_path(state(z, scales), z, scales, p, 0.0, terms)
+
+
+def passing_middle(z: SX, p: SX, terms: Terms) -> SX:
+    """The same in the middle of the step."""
+    scales, p = p[: SCALES.size], p[SCALES.size :]
+    return _beside_path(through(state_after(z, scales, 0.5), terms), z, scales, p, 0.5, terms)
+
+
+def _beside_path(s: StageState, z: SX, scales: SX, p: SX, share: SX, terms: Terms) -> SX:
+    """Returns the room between the arm after a share of the step and the object's path a quarter of it around [m]."""
+    a, f = ARM.split(p[: ARM.size]), OBJECT_PATH.split(p[ARM.size :])
+    c = SCALES.split(scales)
+    step = z[layout.STEP] * c["time"]
+    now = z[layout.TIME] * c["time"] + share * step
+    around = (_sooner(now + quarter * step, f["landing"]) for quarter in (-0.25, 0.25))
+    times = terms.through(ca.vertcat(*around))
+    first, last = (_path(f["path"], times[i]) for i in range(2))
+    gaps = [
+        distances.segment_distance_at_moving_points(*ends, first, last, terms) - radius
+        for ends, radius in _links_in_world(a, s)
+    ]
+    return distances.soft_minimum(gaps, terms) - f["reach"] - f["fall"] * step**2 / 32
+
+
+def passing_at_rest(z: SX, p: SX, terms: Terms) -> SX:
+    """Room between the object's flight from now on and the arm as it is, the tool excepted (1) [m]."""
+    scales, p = p[: SCALES.size], p[SCALES.size :]
+    a, f = ARM.split(p[: ARM.size]), OBJECT_PATH.split(p[ARM.size :])
+    now = z[layout.TIME] * SCALES.split(scales)["time"]
+    begin = terms.through(_sooner(now, f["landing"]))
+    step = (f["landing"] - begin) / layout.CHORDS
+    points = [_path(f["path"], begin + i * step) for i in range(layout.CHORDS + 1)]
+    links = _links_in_world(a, state(z, scales))
+    gaps = [distances.chords_distance(*ends, points, terms) - radius for ends, radius in links]
+    return distances.soft_minimum(gaps, terms) - f["reach"] - f["fall"] * step**2 / 8
+
+
+def _sooner(time: SX, landing: SX) -> SX:
+    """Returns the smooth minimum of two times [s]."""
+    return (time + landing - ca.sqrt((time - landing) ** 2 + LANDING**2)) / 2
+
+
+def _path(coefficients: SX, s: SX) -> SX:
+    """Returns the object's place in the world (3,) [m] s after its release [s]."""
+    terms = ca.reshape(coefficients, 3, layout.PATH_TERMS)
+    place = terms[:, layout.PATH_TERMS - 1]
+    for i in reversed(range(layout.PATH_TERMS - 1)):
+        place = terms[:, i] + s * place
+    return place
+
+
+def _links_in_world(a: dict[str, SX], s: StageState) -> list[tuple[tuple[SX, SX], SX]]:
+    """Returns the ends (3,) in the world and the radius [m] of each link's capsule, the base's excepted."""
+    body = distances.capsules_in_s(arm.frames(a["dh"], s.q), a["capsules"])
+    R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
+    in_world = [[R_WS @ point + a["base"][9:] for point in points] for points in (body.starts, body.ends)]
+    links = list(zip(zip(*in_world, strict=True), body.radii, strict=True))
+    return links[layout.BASE + 1 : layout.FIRST_TOOL]
