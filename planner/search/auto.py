@@ -249,7 +249,7 @@ def _leaves_beside_opening(failures: Iterable[Check]) -> bool:
 
 
 def _has_remedy(problem: ThrowProblem, failures: Iterable[Check]) -> bool:
-    """Returns whether something failed but a flight that the release fixes, past what no other brake moves."""
+    """Returns whether another motion may do better: not where a flight that is given meets something but a link."""
     return isinstance(problem.release, TargetRelease) or any(
         check.name != "flight_clearance" or casadi_nlp.meets_arm(check) for check in failures
     )

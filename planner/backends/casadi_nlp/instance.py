@@ -54,7 +54,8 @@ ROOM = {  # [m] added to the clearances at given joint positions: the margins of
     "clearance": [DEFAULT_MARGINS.self_m, DEFAULT_MARGINS.floor_m, DEFAULT_MARGINS.keep_in_m],
     "keep_out": [DEFAULT_MARGINS.box_m],
 }
-USUAL_GROUPS = ("effort", "clearance", "grip", "flight")  # of `LAZY_GROUPS`: without boxes, with a known gripper
+AT_REST_GROUPS = ("effort", "clearance")  # of `LAZY_GROUPS`: without boxes, of a move that ends at rest
+USUAL_GROUPS = (*AT_REST_GROUPS, "grip", "flight", "passing")  # the same of a throw, with a known gripper
 LARGEST_SLOPE_RAD = 1.57  # [rad] elevations beyond have no finite tangent; they are no limits
 
 # Stages in half a release window. One alone releases 2 to 3 % later than four; more than four gain nothing, but in a
@@ -116,13 +117,19 @@ def window_stages(problem: ThrowProblem) -> int:
 
 def common_layouts() -> list[StageLayout]:
     """Returns the layouts whose solvers are built ahead of requests; those with keep-out boxes take a few 10 ms."""
-    groups = USUAL_GROUPS
-    subsets = [subset for size in range(len(groups) + 1) for subset in combinations(groups, size)]
     (launch, brake), (fine_launch, fine_brake), n = STAGES["coarse"], STAGES["fine"], USUAL_WINDOW_STAGES
-    coarse = ((launch, brake, 0), (launch + n, brake + n, n), (launch, 0, 0))
-    fine = ((fine_launch, fine_brake), (fine_launch, 0))
-    layouts = [StageLayout(*stages, groups=subset) for stages in coarse for subset in subsets]
-    return layouts + [StageLayout(*stages, groups=whole) for stages in fine for whole in (groups[:2], groups)]
+    throws = ((launch, brake, 0), (launch + n, brake + n, n))
+    layouts = [StageLayout(*stages, groups=groups) for stages in throws for groups in _subsets(USUAL_GROUPS)]
+    layouts += [StageLayout(launch, 0, groups=groups) for groups in _subsets(AT_REST_GROUPS)]
+    return [
+        *layouts,
+        StageLayout(fine_launch, fine_brake, groups=USUAL_GROUPS),
+        StageLayout(fine_launch, 0, groups=AT_REST_GROUPS),
+    ]
+
+
+def _subsets(groups: tuple[str, ...]) -> list[tuple[str, ...]]:
+    return [subset for size in range(len(groups) + 1) for subset in combinations(groups, size)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,11 +204,12 @@ class Instance:
             "release": release_parameters(self.problem, self.aim),
             "boxes": box_parameters(self.problem.cell_with_bin, self.margins.box_m),
             "flight": flight_parameters(self.problem, self.candidate, self.margins, self.aim),
+            # Also where the initial guess is a failed motion: beside its own path fewer solves succeed.
             "object_path": self.object_path(self.candidate.q, self.candidate.qd),
         }
 
     def object_path(self, q: Vector, qd: Vector) -> Vector:
-        """Returns the `OBJECT_PATH` vector for a release state, each (6,); of a move that ends at rest, zeros."""
+        """Returns the `OBJECT_PATH` vector for joint positions and velocities (6,) at the release; zeros at rest."""
         if self.problem.ends_at_rest:
             return np.zeros(OBJECT_PATH.size)
         return np.round(path_parameters(self.problem, q, qd, self.margins.passing_m), DECIMALS)

@@ -197,8 +197,8 @@ class Margins:
             return held
         more = BETWEEN_KNOTS_FACTOR * missing + SPARE_M
         if meets_arm(check):
-            wider = replace(self, held=self.held | {"passing"}, passing_m=self.passing_m + more)
-            return wider if wider.passing_m < MOST_M else None
+            wider = replace(self, held=self.held | {"passing"}, passing_m=min(self.passing_m + more, MOST_M))
+            return wider if self.passing_m < MOST_M else None
         wider = replace(held, flight_m=self.flight_m + more, mouth_m=self.mouth_m + more)
         return wider if wider.flight_m < MOST_M else None
 

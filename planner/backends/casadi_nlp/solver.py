@@ -57,7 +57,6 @@ class Solver:
         iterations: spent so far.
         status: outcome of the last call.
         is_late: whether a solution released too late: with more rows, or a window, it would release later still.
-        object_path: the `OBJECT_PATH` vector of the last solution; None before the first, for the candidate's.
     """
 
     def __init__(
@@ -72,7 +71,6 @@ class Solver:
         self.with_ipopt, self.latest_s, self.is_late = with_ipopt, latest_s, False
         self.iterations = 0
         self.status = ""
-        self.object_path: Vector | None = None
 
     def solve(self, instance: Instance) -> Vector:
         """Returns the variables (N + 1, NZ) of the solution, in SI units.
@@ -98,42 +96,30 @@ class Solver:
     def try_solve(self, instance: Instance) -> Vector | None:
         """Returns the solution, in SI units, None where the solver gives up.
 
-        Groups of rows are included as they are violated.
+        Groups of rows are included as they are violated; the object's path follows each solution.
         """
-        arguments, first, moved = instance.arguments, instance.arguments, 0
+        first = instance.arguments
+        arguments, kept, moved = first, None, 0
         while not self._is_spent():
-            z = self._without_other_groups(instance, self._beside_object(arguments))
-            if z is None and arguments is not first:
-                arguments = first  # the solution with fewer rows was too far from one with more
+            z = self._without_other_groups(instance, arguments)
+            if z is None and arguments["x0"] is not first["x0"]:
+                arguments = {**arguments, "x0": first["x0"]}  # what was solved before was too far off
                 continue
             if z is None:
-                return None
+                break
             release_s = float(-z[0, TIME] * instance.scales[TIME])
             if release_s > self.latest_s:
                 self.is_late, self.status = True, f"releases after {release_s:.3f} s, no sooner than another"
                 return None
-            self._follow_object(instance, z)
-            violated = _violated_groups(instance, z, self._beside_object(arguments)["p"])
-            if violated <= self.groups and ("passing" not in violated or moved == PATHS_MAX):
-                return z * instance.scales
-            moved += violated <= self.groups
+            arguments = {**arguments, "x0": z.ravel()[: len(first["x0"])], "p": _with_path_of(instance, z)}
+            violated = _violated_groups(instance, z, arguments["p"])
+            if violated <= self.groups:
+                kept = z * instance.scales  # clear of the path of the solution before, at least
+                if "passing" not in violated or moved == PATHS_MAX:
+                    break
+                moved += 1
             self.groups |= violated
-            arguments = {**arguments, "x0": z.ravel()[: len(arguments["x0"])]}
-        return None
-
-    def _follow_object(self, instance: Instance, z: Vector) -> None:
-        """Takes the object's path from a solution, for the rows that keep the arm off it."""
-        if "passing" in instance.stages.groups:
-            release = z[instance.stages.launch] * instance.scales
-            self.object_path = instance.object_path(release[Q], release[QD])
-
-    def _beside_object(self, arguments: Arguments) -> Arguments:
-        """Returns arguments with the object's path of the last solution, if there is one."""
-        if self.object_path is None:
-            return arguments
-        p = arguments["p"].copy()
-        p[ALL_SHARED.slices["object_path"]] = self.object_path
-        return {**arguments, "p": p}
+        return kept
 
     def _is_spent(self) -> bool:
         if self.iterations >= self.iteration_budget:
@@ -166,6 +152,13 @@ class Solver:
         solved = is_solved and bool(np.isfinite(x).all())
         self.status = f"{name}: {'solved' if solved else 'gave up'} in {iterations} iterations"
         return _stagewise(x) if solved else None
+
+
+def _with_path_of(instance: Instance, z: Vector) -> Vector:
+    """Returns the parameters with the path of the object that a solution throws."""
+    p, release = instance.arguments["p"].copy(), z[instance.stages.launch] * instance.scales
+    p[ALL_SHARED.slices["object_path"]] = instance.object_path(release[Q], release[QD])
+    return p
 
 
 def _stagewise(x: Vector) -> Vector:

@@ -20,6 +20,7 @@ from planner.geometry import (
     SELF_CLEARANCE_M,
     body_capsules,
     capsule_endpoints,
+    segment_box_distance,
     segment_segment_distance,
     self_collision_pairs,
 )
@@ -307,6 +308,39 @@ def test_fewer_slots_for_boxes_give_the_same_distance(boxes: int) -> None:
     for seed in range(5):
         *_, z = _state(seed)
         assert _rows(name, z, p) == pytest.approx(_rows("keep_out", z, p), abs=1e-12)
+
+
+NEAR_BOXES = {
+    "table": Box(np.array([-1.0, -1.0, -0.5]), np.array([1.0, 1.0, 0.02])),
+    "wall": Box(np.array([0.35, -1.0, 0.0]), np.array([0.45, 1.0, 0.8])),
+    "post": Box(np.array([0.3, 0.1, 0.0]), np.array([0.34, 0.14, 0.6])),
+}
+
+
+@pytest.mark.parametrize("name", NEAR_BOXES)
+def test_the_room_beside_a_box_is_never_more_than_there_is(name: str) -> None:
+    """Where links are nearly parallel to its faces, too: their nearest points are hard to find."""
+    plain, box = load_cell(CELLS / "ur5e-sim.toml"), NEAR_BOXES[name]
+    cell = replace(plain, surroundings=replace(plain.surroundings, keep_out=(box,), clearance_m=0.0))
+    p = np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), box_parameters(cell)])
+    rng, near = np.random.default_rng(1), 0
+    while near < 60:
+        q = rng.uniform(-3.0, 3.0, 6)
+        q[[1, 3]] = rng.choice([-np.pi, -np.pi / 2, 0.0, np.pi / 2], 2) + rng.normal(0.0, 0.03, 2)
+        room = _distance_from_box(cell, q, box)
+        if 0.0 < room < 0.1:
+            near += 1
+            assert _rows("keep_out_1", np.concatenate([q, np.zeros(layout.NZ - 6)]), p) < room + 5e-4
+
+
+def _distance_from_box(cell: Cell, q: np.ndarray, box: Box) -> float:
+    """Least distance [m] of arm, tool and object from a box in the base frame, the foot and the base excepted."""
+    capsules = body_capsules(cell.robot, cell.tool.capsules)[2:]
+    ends = capsule_endpoints(cell.robot, capsules, q)
+    held = (forward(cell.robot, q) @ cell.tool.X_FT)[:3, 3]
+    segments = [*((*pair, c.radius_m) for pair, c in zip(ends, capsules, strict=True))]
+    segments.append((held, held, cell.object.radius_m))
+    return min(float(segment_box_distance(a, b, box.lower, box.upper)) - radius for a, b, radius in segments)
 
 
 @pytest.mark.parametrize(("boxes", "slots"), [(0, 0), (1, 1), (2, 2), (3, 4), (4, 4), (5, 4)])

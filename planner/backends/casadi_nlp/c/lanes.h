@@ -43,10 +43,9 @@ CALLED(sin)
 CALLED(cos)
 CALLED(exp)
 CALLED(log)
-#define ARGUMENT(lane) FUNCTION(x[lane])
-#define FUNCTION sqrt
-static inline lanes sqrt_lanes(lanes x) { return (lanes)OF_EACH(ARGUMENT); }
-#undef FUNCTION
+
+#define ROOT(lane) sqrt(x[lane])
+static inline lanes sqrt_lanes(lanes x) { return (lanes)OF_EACH(ROOT); }
 
 static inline lanes fabs_lanes(lanes x) { return (lanes)((lane_bits)x & 0x7fffffffffffffffLL); }
 

@@ -21,7 +21,7 @@ from planner.backends.casadi_nlp.symbols.terms import Terms
 SX = Any
 
 WIDTH = 0.002  # [m] width of the soft minimum: for two equal distances it is 1.4 mm smaller
-PROJECTIONS = 4  # [-] alternating projections between segment and box; an inexact nearest point is a second-order error
+PROJECTIONS, NEWTON_STEPS = 2, 2  # [-] for the point of a segment nearest to a box: within 0.1 mm
 STIFF = 1e-6  # [m^2] keeps the closest points of parallel segments from moving without bound
 TINY = 1e-9  # [m^2] keeps the length of a segment and a distance away from zero
 
@@ -44,6 +44,12 @@ def capsules_in_s(arm: ArmFrames, capsules: SX) -> CapsuleSlots:
         [arm.point(frame, row[3:6]) for frame, row in slots],
         [row[6] for row in rows],
     )
+
+
+def capsules_in_world(body: CapsuleSlots, R_WS: SX, p_WS: SX) -> CapsuleSlots:
+    """Returns capsules in S as capsules in the world, for the pose of S."""
+    starts, ends = ([R_WS @ point + p_WS for point in points] for points in (body.starts, body.ends))
+    return CapsuleSlots(starts, ends, body.radii)
 
 
 def self_distance(body: CapsuleSlots, added: SX, terms: Terms) -> SX:
@@ -80,7 +86,8 @@ def segment_distance_at_moving_points(p1: SX, p2: SX, q1: SX, q2: SX, terms: Ter
 def chords_distance(p1: SX, p2: SX, points: list[SX], terms: Terms) -> SX:
     """Returns the soft minimum of a segment's distances [m] from the chords between `points`.
 
-    Its first derivatives are exact; of the second ones, those are left out by which directions of distances turn.
+    Its first derivatives are exact. The second ones have the links' movement alone: not how directions turn, closest
+    points move and the soft minimum changes from chord to chord.
     """
     apart, lengths = [], []
     for q1, q2 in pairwise(points):
@@ -163,9 +170,10 @@ def box_distances(body: CapsuleSlots, boxes: SX, terms: Terms) -> list[SX]:
 
 
 def _nearest(start: SX, end: SX, lower: SX, upper: SX, terms: Terms) -> SX:
-    """Returns the point of a segment nearest to a box, by alternating projections. source: von Neumann 1950.
+    """Returns the point of a segment nearest to a box.
 
-    A step of Newton's iteration follows, for what they lack, and for the derivatives of the point's movement.
+    By alternating projections (source: von Neumann 1950), which are slow where a segment is nearly parallel to a face,
+    and steps of Newton's iteration from there. One more step, whose value is 0, has the derivatives of its movement.
     """
     along = end - start
     square = ca.dot(along, along) + TINY
@@ -173,12 +181,24 @@ def _nearest(start: SX, end: SX, lower: SX, upper: SX, terms: Terms) -> SX:
     for _ in range(PROJECTIONS):
         inside = ca.fmax(lower, ca.fmin(upper, start + s * along))
         s = _unit(ca.dot(inside - start, along) / square)
+    for _ in range(NEWTON_STEPS):
+        point = start + s * along
+        s = _unit(s - _excess(point, along, *_sides(point, lower, upper), lower, upper))
     s = terms.freeze(s)
-    point, moves = start + s * along, terms.freeze(_is_within(s))
-    below, above = terms.freeze(point < lower), terms.freeze(upper < point)
+    point = start + s * along
+    sides = [terms.freeze(side) for side in _sides(point, lower, upper)]
+    return point - terms.freeze(_is_within(s)) * _excess(point, along, *sides, lower, upper) * along
+
+
+def _sides(point: SX, lower: SX, upper: SX) -> tuple[SX, SX]:
+    """Returns in which coordinates a point is below and above a box (3,), as 1 or 0."""
+    return point < lower, upper < point
+
+
+def _excess(point: SX, along: SX, below: SX, above: SX, lower: SX, upper: SX) -> SX:
+    """Returns the share of `along` by which a point on it is beyond the one nearest to a box [-]."""
     apart = below * (point - lower) + above * (point - upper)
-    stiff = ca.dot(along * (below + above), along) + STIFF
-    return point - moves * ca.dot(along, apart) / stiff * along
+    return ca.dot(along, apart) / (ca.dot(along * (below + above), along) + STIFF)
 
 
 def _beyond_faces(point: SX, lower: SX, upper: SX, terms: Terms) -> SX:

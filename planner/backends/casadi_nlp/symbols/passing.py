@@ -32,7 +32,7 @@ def passing_middle(z: SX, p: SX, terms: Terms) -> SX:
     return _beside_path(through(state_after(z, scales, 0.5), terms), z, scales, p, 0.5, terms)
 
 
-def _beside_path(s: StageState, z: SX, scales: SX, p: SX, share: SX, terms: Terms) -> SX:
+def _beside_path(s: StageState, z: SX, scales: SX, p: SX, share: float, terms: Terms) -> SX:
     """Returns the room between the arm after a share of the step and the object's path a quarter of it around [m]."""
     a, f = ARM.split(p[: ARM.size]), OBJECT_PATH.split(p[ARM.size :])
     c = SCALES.split(scales)
@@ -49,7 +49,10 @@ def _beside_path(s: StageState, z: SX, scales: SX, p: SX, share: SX, terms: Term
 
 
 def passing_at_rest(z: SX, p: SX, terms: Terms) -> SX:
-    """Room between the object's flight from now on and the arm as it is, the tool excepted (1) [m]."""
+    """Room between the object's flight from now on and the arm as it is, the tool excepted (1) [m].
+
+    Less what the path bends within a chord: 12 mm where the object flies on for a second.
+    """
     scales, p = p[: SCALES.size], p[SCALES.size :]
     a, f = ARM.split(p[: ARM.size]), OBJECT_PATH.split(p[ARM.size :])
     now = z[layout.TIME] * SCALES.split(scales)["time"]
@@ -68,10 +71,10 @@ def _sooner(time: SX, landing: SX) -> SX:
 
 def _path(coefficients: SX, s: SX) -> SX:
     """Returns the object's place in the world (3,) [m] s after its release [s]."""
-    terms = ca.reshape(coefficients, 3, layout.PATH_TERMS)
-    place = terms[:, layout.PATH_TERMS - 1]
+    of_powers = ca.reshape(coefficients, 3, layout.PATH_TERMS)
+    place = of_powers[:, layout.PATH_TERMS - 1]
     for i in reversed(range(layout.PATH_TERMS - 1)):
-        place = terms[:, i] + s * place
+        place = of_powers[:, i] + s * place
     return place
 
 
@@ -79,6 +82,6 @@ def _links_in_world(a: dict[str, SX], s: StageState) -> list[tuple[tuple[SX, SX]
     """Returns the ends (3,) in the world and the radius [m] of each link's capsule, the base's excepted."""
     body = distances.capsules_in_s(arm.frames(a["dh"], s.q), a["capsules"])
     R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
-    in_world = [[R_WS @ point + a["base"][9:] for point in points] for points in (body.starts, body.ends)]
-    links = list(zip(zip(*in_world, strict=True), body.radii, strict=True))
+    world = distances.capsules_in_world(body, R_WS, a["base"][9:])
+    links = list(zip(zip(world.starts, world.ends, strict=True), world.radii, strict=True))
     return links[layout.BASE + 1 : layout.FIRST_TOOL]

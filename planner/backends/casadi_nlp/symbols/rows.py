@@ -118,8 +118,7 @@ def keep_out(s: StageState, p: SX, terms: Terms, slots: int = layout.KEEP_OUT_BO
     a, b = ARM.split(p[: ARM.size]), BOXES.split(p[ARM.size :])
     body = distances.capsules_in_s(arm.frames(a["dh"], s.q), a["capsules"])
     R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
-    starts, ends = ([R_WS @ point + a["base"][9:] for point in points] for points in (body.starts, body.ends))
-    in_world = distances.CapsuleSlots(starts, ends, body.radii)
+    in_world = distances.capsules_in_world(body, R_WS, a["base"][9:])
     gaps = distances.box_distances(in_world, b["boxes"][: 6 * slots], terms)
     return distances.soft_minimum(gaps, terms) - b["box_clearance"]
 
