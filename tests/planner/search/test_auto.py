@@ -184,7 +184,7 @@ def test_an_object_that_would_leave_beside_the_opening_is_followed_out_of_the_gr
 
 
 BACK_OVER_THE_ARM = {
-    "target": (TargetRelease(np.array([-0.121, -0.163, 0.0])), "ur5-sim", [-0.69, -1.0, 0.26, -2.3, -2.5, 1.32]),
+    "target": (TargetRelease(np.array([0.761, -0.095, 0.0])), "ur5-sim", [0.21, -2.79, 0.51, -0.47, -2.42, 0.21]),
     "point": (
         PointRelease(np.array([0.0194, -0.3121, 0.3061]), np.array([0.791, 1.284, 0.472])),
         "ur5e-sim",

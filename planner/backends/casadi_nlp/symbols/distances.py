@@ -186,8 +186,8 @@ def _nearest(start: SX, end: SX, lower: SX, upper: SX, terms: Terms) -> SX:
         s = _unit(s - _excess(point, along, *_sides(point, lower, upper), lower, upper))
     s = terms.freeze(s)
     point = start + s * along
-    sides = [terms.freeze(side) for side in _sides(point, lower, upper)]
-    return point - terms.freeze(_is_within(s)) * _excess(point, along, *sides, lower, upper) * along
+    below, above = (terms.freeze(side) for side in _sides(point, lower, upper))
+    return point - terms.freeze(_is_within(s)) * _excess(point, along, below, above, lower, upper) * along
 
 
 def _sides(point: SX, lower: SX, upper: SX) -> tuple[SX, SX]:
