@@ -143,6 +143,19 @@ def fly(p: ArrayLike, v: ArrayLike, plane_z: float, gravity: float, drag: float 
     return Flight(landing, velocity, t, height + max(upward, 0.0) ** 2 / (2.0 * gravity), speed)
 
 
+def touchdown_s(
+    p: ArrayLike, v: ArrayLike, plane_z: float, radius_m: float, gravity: float, drag: float
+) -> float | None:
+    """Returns when a sphere touches a plane, or else its centre passes it, after its release [s]; None for never.
+
+    Args:
+        p, v, plane_z, gravity, drag: as of `fly`.
+        radius_m: of the sphere [m].
+    """
+    flights = (fly(p, v, height, gravity, drag) for height in (plane_z + radius_m, plane_z))
+    return next((flight.time_of_flight_s for flight in flights if flight is not None), None)
+
+
 def path(p: ArrayLike, v: ArrayLike, times: ArrayLike, gravity: float, drag: float = 0.0) -> Array:
     """Returns the object's positions (n, 3) [m] at increasing `times` (n,) [s] after the release."""
     p, v = np.asarray(p, float), np.asarray(v, float)

@@ -10,7 +10,7 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.errors import Violation
-from planner.flight import fly, path
+from planner.flight import path, touchdown_s
 from planner.geometry import body_model, segment_box_distance, segment_segment_distance, tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 
@@ -52,11 +52,9 @@ def _release(problem: ThrowProblem) -> tuple[Array, Array]:
 
 def _times(problem: ThrowProblem, p: Array, v: Array) -> Array:
     """Returns times (n,) [s] from the release until the sphere touches the landing plane; none if it never does."""
-    for height in (problem.plane_z + problem.cell.object.radius_m, problem.plane_z):
-        flight = fly(p, v, height, problem.gravity, problem.drag)
-        if flight is not None:
-            return np.arange(0.0, flight.time_of_flight_s, STEP_S)
-    return np.zeros(0)
+    radius = problem.cell.object.radius_m
+    end_s = touchdown_s(p, v, problem.plane_z, radius, problem.gravity, problem.drag)
+    return np.zeros(0) if end_s is None else np.arange(0.0, end_s, STEP_S)
 
 
 def _is_far(problem: ThrowProblem, p: Array, v: Array, t: Array) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from planner.backends.casadi_nlp.layout import OBJECT_PATH, PATH_TERMS, Vector
-from planner.flight import fly, path
+from planner.flight import fly, path, touchdown_s
 from planner.geometry import tool_state
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.seeds import Candidate
@@ -28,21 +28,13 @@ def path_parameters(problem: ThrowProblem, q: Vector, qd: Vector, room_m: float)
     """
     tool, radius = tool_state(problem.cell, q, qd), problem.cell.object.radius_m
     p, v = tool.p_WT, problem.release_speed_factor * tool.v_WT
-    until_s = max(_until_s(problem, p, v), SHORTEST_S)
+    landing_s = touchdown_s(p, v, problem.plane_z, radius, problem.gravity, problem.drag)
+    until_s = max(landing_s or 0.0, SHORTEST_S)
     places = path(p, v, until_s * NODES, problem.gravity, problem.drag)
     coefficients = np.linalg.solve(np.vander(NODES, increasing=True), places)
     coefficients /= until_s ** np.arange(PATH_TERMS)[:, None]
     fall = problem.gravity + problem.drag * float(v @ v)
     return OBJECT_PATH.pack({"path": coefficients, "landing": until_s, "fall": fall, "reach": radius + room_m})
-
-
-def _until_s(problem: ThrowProblem, p: Vector, v: Vector) -> float:
-    """Returns when the sphere touches the landing plane, or its centre passes it; 0 where it does neither [s]."""
-    for height in (problem.plane_z + problem.cell.object.radius_m, problem.plane_z):
-        flight = fly(p, v, height, problem.gravity, problem.drag)
-        if flight is not None:
-            return flight.time_of_flight_s
-    return 0.0
 
 
 def initial_aim(problem: ThrowProblem, candidate: Candidate) -> Vector:
