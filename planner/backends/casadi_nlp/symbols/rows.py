@@ -30,7 +30,7 @@ PASSING = (
 )
 SLOWEST_FALL = 0.01  # [m^2/s^2] keeps the squared speed of fall into a bin away from zero
 CENTRED = 1e-6  # [m^2] keeps the distance from a bin's axis away from zero
-STEADY = 1.0  # [m^2/s^4] keeps the relative acceleration away from zero
+STEADY = 0.1  # [m^2/s^4] keeps the relative acceleration away from zero
 
 RELEASE_ROWS = VectorLayout(
     {
