@@ -6,7 +6,7 @@ by bisection with proven bounds on the deviation in between. The executor certif
 
 from planner.certificate.bounds import Rates, curvature_bound, point_bound, slope_bound
 from planner.certificate.certificate import Certificate, Check, NotChecked
-from planner.certificate.checks import certify
+from planner.certificate.checks import Examination, certify
 from planner.certificate.curves import Curve, Series, motion_curves
 from planner.certificate.flight import FlightObstruction, flight_obstruction
 from planner.certificate.joints import START_TOLERANCE
@@ -17,6 +17,7 @@ __all__ = [
     "Certificate",
     "Check",
     "Curve",
+    "Examination",
     "FlightObstruction",
     "NotChecked",
     "Rates",

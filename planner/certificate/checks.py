@@ -8,6 +8,7 @@ limit for it, or that the model cannot tell.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 
 from planner.certificate import clearance, grip, joints, release, safety_limits, stopping, tool, torque
 from planner.certificate.certificate import Certificate, Check, NotChecked
@@ -53,17 +54,73 @@ MOTION_CHECKS: tuple[CheckFunction, ...] = (
 )
 
 
+# Of the checks that rest on a continuous motion, what motions fail most for the time that it takes. The release window
+# comes last of all: what fails nothing else is a throw at its nominal instant.
+MOST_TELLING: tuple[CheckFunction, ...] = (
+    clearance.self_collision,
+    clearance.floor,
+    grip.opening_direction,
+    tool.tcp_speed,
+    torque.joint_torque,
+    flight_clearance,
+)
+LAST_CHECK: CheckFunction = release.landing_window
+
+
+class Examination:
+    """The checks of a trajectory, each made when it is first asked for.
+
+    A search rejects most of what it tries: there the first failed check says enough.
+    """
+
+    def __init__(self, problem: ThrowProblem, trajectory: Trajectory) -> None:
+        """Takes a trajectory, and the problem that it is to solve."""
+        self._motion = MotionSamples(problem, trajectory)
+        self._found: dict[CheckFunction, Check | NotChecked | None] = {}
+
+    @cached_property
+    def certificate(self) -> Certificate:
+        """Every check that applies, with its margin.
+
+        If the samples are not one continuous motion at the controller's sample rate, it has the joint checks only: the
+        bounds of the others rest on that.
+        """
+        found = [self._result(check) for check in self._applicable]
+        return Certificate(
+            tuple(check for check in found if isinstance(check, Check)),
+            tuple(check.name for check in found if isinstance(check, NotChecked)),
+        )
+
+    @cached_property
+    def first_failure(self) -> Check | None:
+        """The first failed check, None for a valid certificate; the release window's only where no other fails."""
+        order = sorted(self._applicable, key=_turn)
+        results = (self._result(check) for check in order)
+        return next((result for result in results if isinstance(result, Check) and not result.ok), None)
+
+    @property
+    def _applicable(self) -> tuple[CheckFunction, ...]:
+        continuity = self._result(joints.continuity)
+        is_continuous = not isinstance(continuity, Check) or continuity.ok
+        return (*JOINT_CHECKS, *MOTION_CHECKS) if is_continuous else JOINT_CHECKS
+
+    def _result(self, check: CheckFunction) -> Check | NotChecked | None:
+        if check not in self._found:
+            self._found[check] = check(self._motion)
+        return self._found[check]
+
+
+def _turn(check: CheckFunction) -> int:
+    """Returns the sort key of a check in the search for one that fails; those of equal key keep their order."""
+    if check in MOST_TELLING:
+        return MOST_TELLING.index(check) - len(MOST_TELLING)
+    return int(check is LAST_CHECK)
+
+
 def certify(problem: ThrowProblem, trajectory: Trajectory) -> Certificate:
     """Returns the certificate of `trajectory` as a solution of `problem`: every check that applies, with its margin.
 
     If the samples are not one continuous motion at the controller's sample rate, the certificate has the joint checks
     only: the bounds of the others rest on that.
     """
-    motion = MotionSamples(problem, trajectory)
-    found = [check(motion) for check in JOINT_CHECKS]
-    if all(check.ok for check in found if isinstance(check, Check) and check.name == "continuity"):
-        found += [check(motion) for check in MOTION_CHECKS]
-    return Certificate(
-        tuple(check for check in found if isinstance(check, Check)),
-        tuple(check.name for check in found if isinstance(check, NotChecked)),
-    )
+    return Examination(problem, trajectory).certificate

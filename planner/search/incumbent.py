@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 
-from planner.certificate import Certificate, certify
+from planner.certificate import Certificate, Examination
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation
 from planner.problem import ThrowProblem
 from planner.solution import Solution
@@ -23,11 +23,33 @@ class Attempt:
 
 @dataclass(frozen=True, eq=False)
 class CertifiedSolution:
-    """A back end's motion with its certificate, valid or not."""
+    """A back end's motion with the checks of it, valid or not.
+
+    Attributes:
+        backend: that made it.
+        solution: the motion.
+        examination: its checks, made as they are asked for.
+    """
 
     backend: str
     solution: Solution
-    certificate: Certificate
+    examination: Examination
+
+    @property
+    def is_valid(self) -> bool:
+        """Whether every check holds."""
+        return self.examination.first_failure is None
+
+    @property
+    def lacks_window_alone(self) -> bool:
+        """Whether every check but that of the release window holds."""
+        failure = self.examination.first_failure
+        return failure is not None and failure.name == "landing_window"
+
+    @property
+    def certificate(self) -> Certificate:
+        """The certificate."""
+        return self.examination.certificate
 
 
 @dataclass(eq=False)
@@ -41,7 +63,7 @@ class PlanningSearch:
         certified: every valid motion, in the order in which they were found.
         in_hand: a valid motion by Ruckig, given where the search finds no better one.
         nominal: the soonest motion that lacks nothing but the release window.
-        best_rejected: the rejected motion closest to a valid one, for the refusal.
+        rejected: every motion that is not valid.
         attempts: log of what was tried.
         iterations: spent by the optimiser so far.
         lower_bound_s: no motion releases earlier [s], as far as is known.
@@ -58,7 +80,7 @@ class PlanningSearch:
     certified: list[CertifiedSolution] = field(default_factory=list)
     in_hand: CertifiedSolution | None = None
     nominal: CertifiedSolution | None = None
-    best_rejected: CertifiedSolution | None = None
+    rejected: list[CertifiedSolution] = field(default_factory=list)
     attempts: list[Attempt] = field(default_factory=list)
     iterations: int = 0
     lower_bound_s: float = 0.0
@@ -116,8 +138,8 @@ class PlanningSearch:
         return found.certificate
 
     def consider(self, found: CertifiedSolution) -> None:
-        """Keeps a motion if it is the best valid or the best rejected one."""
-        if not found.certificate.valid:
+        """Keeps a motion, as the incumbent if it is the best valid one."""
+        if not found.is_valid:
             self.note_rejected(found)
             return
         self.has_optimised |= found.backend == "casadi"
@@ -126,12 +148,10 @@ class PlanningSearch:
             self.incumbent = found
 
     def note_rejected(self, found: CertifiedSolution) -> None:
-        """Keeps a rejected motion if it is the closest to a valid one, or the soonest that lacks its window alone."""
-        failures = found.certificate.failures
-        if [check.name for check in failures] == ["landing_window"] and _sooner(found, self.nominal):
+        """Keeps a rejected motion for the refusal; the soonest that lacks its window alone also as such."""
+        self.rejected.append(found)
+        if found.lacks_window_alone and _sooner(found, self.nominal):
             self.nominal = found
-        if self.best_rejected is None or _excess(found.certificate) < _excess(self.best_rejected.certificate):
-            self.best_rejected = found
 
     def by_rank(self) -> list[CertifiedSolution]:
         """Returns the valid motions, the best first; the one in hand among them."""
@@ -157,17 +177,17 @@ class PlanningSearch:
         return Infeasible(violations, attempts=log)
 
     def violations(self) -> list[Violation]:
-        """Returns the failed checks of the best rejected motion; without one, that no motion was made, and why."""
-        if self.best_rejected is None:
+        """Returns the failed checks of the motion closest to a valid one; without any, that none was made, and why."""
+        if not self.rejected:
             said = "; ".join(f"{attempt.backend}: {attempt.result}" for attempt in self.attempts)
             return [Violation("motion", 0.0, 1.0, "1", detail=said or "none was tried")]
-        failures = self.best_rejected.certificate.failures
+        failures = min((each.certificate for each in self.rejected), key=_excess).failures
         return [Violation(c.name, c.value, c.limit, c.unit, c.at_s, c.detail) for c in failures]
 
 
 def certified(backend: str, problem: ThrowProblem, solution: Solution) -> CertifiedSolution:
-    """Returns a back end's motion with its certificate."""
-    return CertifiedSolution(backend, solution, certify(problem, solution.trajectory))
+    """Returns a back end's motion with the checks that it has to pass."""
+    return CertifiedSolution(backend, solution, Examination(problem, solution.trajectory))
 
 
 def _sooner(found: CertifiedSolution, other: CertifiedSolution | None) -> bool:

@@ -90,7 +90,7 @@ class Feasibility:
             found = certified(problem.backend, problem, solve(problem, candidate))
         except SolverFailed:
             return None
-        return found if found.certificate.valid else None
+        return found if found.is_valid else None
 
 
 def nearest_problem(search: PlanningSearch, violations: Iterable[Violation]) -> ThrowProblem | None:

@@ -7,7 +7,7 @@ import pytest
 
 from planner.backends import ruckig_otg
 from planner.cell import Box, Safety
-from planner.certificate import certify
+from planner.certificate import Examination, certify, checks
 from planner.certificate.bounds import joint_rates, point_bound
 from planner.geometry import levers, tool_state
 from planner.kinematics import forward
@@ -152,6 +152,41 @@ def test_each_spoilt_trajectory_is_caught(good, name):
     assert not certificate.valid
     assert not check.ok
     assert check.margin < 0.0
+
+
+@pytest.mark.parametrize("name", SPOILT)
+def test_the_first_failure_of_a_spoilt_trajectory_is_one_of_its_certificate(good, name):
+    problem, trajectory = good
+    spoilt = SPOILT[name](problem, trajectory)
+    examination, certificate = Examination(problem, spoilt), certify(problem, spoilt)
+    assert examination.first_failure in certificate.failures
+    assert repr(examination.certificate) == repr(certificate)  # some values are no numbers, which equal nothing
+
+
+def test_a_valid_trajectory_has_no_first_failure_and_a_rejected_one_few_checks(good, monkeypatch):
+    problem, trajectory = good
+    assert Examination(problem, trajectory).first_failure is None
+    made = []
+    counted = {check: (lambda m, c=check: made.append(c) or c(m)) for check in checks.MOTION_CHECKS}
+    for name in ("MOTION_CHECKS", "MOST_TELLING"):
+        monkeypatch.setattr(checks, name, tuple(counted[check] for check in getattr(checks, name)))
+    failure = Examination(problem, SPOILT["self_collision"](problem, trajectory)).first_failure
+    assert failure is not None
+    assert failure.name == "self_collision"
+    assert len(made) == 1
+
+
+def test_a_throw_that_lacks_its_window_alone_fails_that_last():
+    aimed = joint_problem(release=TargetRelease(np.array([1.3, 0.2, 0.0])))
+    windowed = replace(aimed, release_window_s=0.004, landing_tolerance_m=0.0001)
+    trajectory = plan(aimed).trajectory
+    failure = Examination(windowed, trajectory).first_failure
+    assert [check.name for check in certify(windowed, trajectory).failures] == ["landing_window"]
+    assert failure is not None
+    assert failure.name == "landing_window"
+    broken = Examination(windowed, shifted(trajectory, 0, 1e-4)).first_failure
+    assert broken is not None
+    assert broken.name != "landing_window"
 
 
 def test_the_list_spoils_every_check():
