@@ -27,7 +27,8 @@ from planner.errors import SolverFailed
 # 3 mm, which 1e-2 drops: 44 of 52 problems with a window did not converge.
 FATROP = {"print_level": 0, "tolerance": 1e-4, "mu_init": 1e-3, "max_iter": 70, "linsol_lu_fact_tol": 1e-2}
 FATROP_FIXED_TIMES = {"mu_init": 1e-4, "max_iter": 40}  # starts close to its optimum
-FATROP_SHORT_STAGES = {"linsol_lu_fact_tol": 1e-3}
+FATROP_SHORT_STAGES = {"linsol_lu_fact_tol": 1e-3, "max_iter": 120}
+FATROP_AFRESH = {"mu_init": 1.0}  # a larger barrier leads elsewhere
 IPOPT = {"tol": 1e-5, "mu_init": 1e-3, "max_iter": 80}
 PATTERNS_KEPT = 64  # solvers cached: a few for each kind of release
 VIOLATED = 1e-3  # [-, m, rad] a row left out is included when it is this far beyond its bound; ten times the tolerance
@@ -36,6 +37,7 @@ POSITIONS = "positions"  # group of the joints' position limits: bounds of varia
 
 # The blocks have all derivatives; casadi must not differentiate again.
 QUIET = {"print_time": False, "error_on_fail": False, "calc_lam_p": False, "calc_lam_x": False}
+Options = dict[str, float]
 Roles = dict[str, tuple[str, list[str]]]  # of functions, by the names that casadi gives to those it derives itself
 COMMON_ROLES: Roles = {
     "nlp_f": ("f", ["f"]),
@@ -80,7 +82,7 @@ class Solver:
         """
         z = self.try_solve(instance)
         if z is None and self.with_ipopt and not self.is_late and not self._is_spent():
-            scaled = self._call_of_casadi("ipopt", _ipopt(instance.stages), instance.arguments)
+            scaled = self._call_ipopt(instance)
             z = None if scaled is None else scaled * instance.scales
         if z is None:
             raise SolverFailed(self.status, self.iterations)
@@ -138,20 +140,67 @@ class Solver:
             _free_positions(whole, reduced)
         kept = _rows_kept(part, whole)
         reduced["lbg"], reduced["ubg"] = reduced["lbg"][kept], reduced["ubg"][kept]
-        fixed_times, launch = instance.fixed_times is not None, compiled_launch(part)
-        if launch is None:
-            return self._call_of_casadi("fatrop", _fatrop(part, _pattern(reduced), fixed_times), reduced)
-        return self._result("fatrop", *launch.solve(reduced, _fatrop_options(part, fixed_times)))
+        options = _fatrop_options(part, instance.fixed_times is not None)
+        x, iterations = self._call_fatrop(part, reduced, options)
+        if x is None and iterations >= options["max_iter"] and _may_start_afresh(instance):
+            x, _ = self._call_fatrop(part, reduced, options | FATROP_AFRESH)
+        return x
 
-    def _call_of_casadi(self, name: str, solver: Any, arguments: Arguments) -> Vector | None:
-        x, stats = first_result(solver, arguments)
-        return self._result(name, x, int(stats["iter_count"]), bool(stats["success"]))
+    def _call_fatrop(self, part: StageLayout, arguments: Arguments, options: Options) -> tuple[Vector | None, int]:
+        """Returns the solution, None where there is none, and the number of iterations.
+
+        What breaks no row where fatrop gives up is a solution, too, if not an optimal one: it often turns on the spot,
+        along what hardly changes the cost.
+        """
+        launch = compiled_launch(part)
+        if launch is None:
+            x, stats = first_result(_fatrop(part, _pattern(arguments), tuple(options.items())), arguments)
+            iterations, is_solved = int(stats["iter_count"]), bool(stats["success"])
+        else:
+            x, iterations, is_solved = launch.solve(arguments, options)
+        return self._result("fatrop", x, iterations, is_solved or _breaks_no_row(part, x, arguments)), iterations
+
+    def _call_ipopt(self, instance: Instance) -> Vector | None:
+        x, stats = first_result(_ipopt(instance.stages), instance.arguments)
+        return self._result("ipopt", x, int(stats["iter_count"]), bool(stats["success"]))
 
     def _result(self, name: str, x: Vector, iterations: int, is_solved: bool) -> Vector | None:
         self.iterations += iterations
+        self.last = iterations
         solved = is_solved and bool(np.isfinite(x).all())
         self.status = f"{name}: {'solved' if solved else 'gave up'} in {iterations} iterations"
         return _stagewise(x) if solved else None
+
+
+def _may_start_afresh(instance: Instance) -> bool:
+    """Returns whether fatrop is called once more, with a larger barrier, where its iterations did not suffice.
+
+    Where the release is free, that leads to a third to a half of the solutions that are missed; where it is given, most
+    of what is not solved has no solution. In a window, more iterations lead to more.
+    """
+    return not (instance.problem.fixes_joints or instance.stages.window or instance.fixed_times)
+
+
+def _breaks_no_row(part: StageLayout, x: Vector, arguments: Arguments) -> bool:
+    """Returns whether variables keep all their bounds, and those of the rows, up to what counts as violated."""
+    if not np.isfinite(x).all():
+        return False
+    g = _rows_at(part, x, arguments["p"])
+    beyond = _beyond(g, arguments["lbg"], arguments["ubg"]), _beyond(x, arguments["lbx"], arguments["ubx"])
+    return bool(max(excess.max() for excess in beyond) <= VIOLATED)
+
+
+def _rows_at(stages: StageLayout, x: Vector, p: Vector) -> Vector:
+    """Returns the rows at variables `x`, with parameters `p`."""
+    launch = compiled_launch(stages)
+    if launch is None:
+        return evaluate(transcription(stages).functions["g"], x, p)[0].ravel()
+    return launch.rows(x, p)
+
+
+def _beyond(values: Vector, lower: Vector, upper: Vector) -> Vector:
+    """Returns how far values are beyond their bounds; negative within."""
+    return np.maximum(lower - values, values - upper)
 
 
 def _with_path_of(instance: Instance, z: Vector) -> Vector:
@@ -170,14 +219,10 @@ def _violated_groups(instance: Instance, z: Vector, p: Vector) -> set[str]:
     """Returns the groups of which some row is beyond its bound, with parameters `p`."""
     arguments = instance.arguments
     x = z.ravel()[: len(arguments["x0"])]
-    launch = compiled_launch(instance.stages)
-    if launch is None:
-        g = evaluate(instance.transcription.functions["g"], x, p)[0].ravel()
-    else:
-        g = launch.rows(x, p)
-    beyond = np.maximum(arguments["lbg"] - g, g - arguments["ubg"]) > VIOLATED
+    g = _rows_at(instance.stages, x, p)
+    beyond = _beyond(g, arguments["lbg"], arguments["ubg"]) > VIOLATED
     violated = {group for group, rows in _rows_by_group(instance.stages).items() if beyond[rows].any()}
-    outside = _stagewise(np.maximum(arguments["lbx"] - x, x - arguments["ubx"]))[:, Q]
+    outside = _stagewise(_beyond(x, arguments["lbx"], arguments["ubx"]))[:, Q]
     return violated | ({POSITIONS} if (outside > VIOLATED).any() else set())
 
 
@@ -213,14 +258,14 @@ def _pattern(arguments: Arguments) -> bytes:
     return (bounded.astype(np.int8) + (lower == upper)).astype(np.int8).tobytes()
 
 
-def _fatrop_options(stages: StageLayout, fixed_times: bool) -> dict[str, float]:
+def _fatrop_options(stages: StageLayout, fixed_times: bool) -> Options:
     for_times, for_stages = FATROP_FIXED_TIMES if fixed_times else {}, FATROP_SHORT_STAGES if stages.window > 1 else {}
     return FATROP | for_times | for_stages
 
 
 @lru_cache(maxsize=PATTERNS_KEPT)
-def _fatrop(stages: StageLayout, pattern: bytes, fixed_times: bool) -> Any:
-    """Returns the solver for one pattern of fixed, bounded and free variables and rows.
+def _fatrop(stages: StageLayout, pattern: bytes, options: tuple[tuple[str, float], ...]) -> Any:
+    """Returns the solver for one pattern of fixed, bounded and free variables and rows, with fatrop's options.
 
     casadi 3.8.2 makes fatrop anew where the pattern differs from the call before, and then loses its options: each
     pattern has a solver of its own, built in 7 ms.
@@ -228,10 +273,9 @@ def _fatrop(stages: StageLayout, pattern: bytes, fixed_times: bool) -> Any:
     made = transcription(stages)
     index, functions = made.row_index, made.functions
     n = index.stages.stages
-    options = _fatrop_options(stages, fixed_times)
     roles = {"nlp_grad_f": ("grad_f", ["grad:f:x"]), "nlp_hess_l": ("hess_l", ["grad:gamma:x", "hess:gamma:x:x"])}
     structure = {"structure_detection": "manual", "N": n, "nx": [NX] * (n + 1), "nu": [NU] * n + [0]}
-    settings = {**structure, "ng": index.per_stage, "fatrop": options}
+    settings = {**structure, "ng": index.per_stage, "fatrop": dict(options)}
     return _nlpsol("fatrop", functions, roles, settings)
 
 

@@ -63,6 +63,63 @@ def test_variables_and_iterations_are_those_of_casadi_s_interface(
 
 
 @needs_launch
+def test_variables_and_iterations_of_a_solve_that_is_given_up_are_those_too(
+    instance: Instance, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that what counts as a solution does not depend on whether anything is compiled."""
+    found, options = [], solver._fatrop_options
+    monkeypatch.setattr(solver, "_fatrop_options", lambda *given: {**options(*given), "max_iter": 8})
+    monkeypatch.setattr(solver, "_breaks_no_row", lambda _part, x, _arguments: found[-1].append(x.tobytes()))
+    for launch in (fatrop.compiled_launch, lambda _stages: None):
+        found.append([])
+        monkeypatch.setattr(solver, "compiled_launch", launch)
+        calls = solver.Solver(1000, None, frozenset(), with_ipopt=False)
+        assert calls._without_other_groups(instance, instance.arguments) is None
+        found[-1].append(calls.iterations)
+    assert found[0] == found[1]
+    assert len(found[0]) == (2 if instance.stages.window else 3)  # without a window it starts afresh
+
+
+@needs_launch
+@pytest.mark.parametrize(("off", "is_solution"), [(0.0, True), (0.5, True), (2.0, False)])
+def test_where_fatrop_gives_up_what_breaks_no_row_is_a_solution(
+    instance: Instance, off: float, is_solution: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls, solve = solver.Solver(1000, None, frozenset(), with_ipopt=False), fatrop.CompiledLaunch.solve
+    expected = calls._without_other_groups(instance, instance.arguments)
+    assert expected is not None
+
+    def given_up(launch: fatrop.CompiledLaunch, *given: object) -> tuple[np.ndarray, int, bool]:
+        x, iterations, _ = solve(launch, *given)  # pyright: ignore[reportArgumentType]
+        x[layout.NZ] += off * solver.VIOLATED  # a joint position after the first stage
+        return x, iterations, False
+
+    monkeypatch.setattr(fatrop.CompiledLaunch, "solve", given_up)
+    found = calls._without_other_groups(instance, instance.arguments)
+    assert (found is not None) is is_solution
+    if off == 0.0:
+        np.testing.assert_array_equal(found, expected)
+
+
+@needs_launch
+def test_a_free_release_without_a_window_starts_afresh_where_the_iterations_do_not_suffice(
+    instance: Instance, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    barriers, solve = [], fatrop.CompiledLaunch.solve
+
+    def failing_first(launch: fatrop.CompiledLaunch, arguments: object, options: dict[str, float]) -> object:
+        barriers.append(options["mu_init"])
+        if len(barriers) == 1:
+            return np.full(launch.index.variables, np.nan), int(options["max_iter"]) + 1, False
+        return solve(launch, arguments, options)  # pyright: ignore[reportArgumentType]
+
+    monkeypatch.setattr(fatrop.CompiledLaunch, "solve", failing_first)
+    found = solver.Solver(1000, None, frozenset(), with_ipopt=False)._without_other_groups(instance, instance.arguments)
+    assert barriers == ([1e-3] if instance.stages.window else [1e-3, 1.0])
+    assert (found is None) is (instance.stages.window > 0)
+
+
+@needs_launch
 def test_rows_are_those_of_casadi_s_functions(instance: Instance) -> None:
     launch, arguments = fatrop.compiled_launch(instance.stages), instance.arguments
     assert launch is not None
