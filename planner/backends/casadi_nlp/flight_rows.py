@@ -26,17 +26,19 @@ CUT_ROOM_M = 0.012  # [m] by which a cut keeps the object off the arm: the arm m
 
 def constrains_flight(problem: ThrowProblem) -> bool:
     """Returns whether block "flight" says anything about a problem: an edge, a mouth or an opening direction."""
-    return not problem.ends_at_rest and (
-        starts_with_flight(problem) or problem.cell.gripper.opening_direction is not None
-    )
+    if problem.ends_at_rest:
+        return False
+    release, boxes = problem.release, problem.cell.surroundings.keep_out
+    is_passed = isinstance(release, TargetRelease) and (bool(boxes) or release.opening is not None)
+    return is_passed or problem.cell.gripper.opening_direction is not None
 
 
 def starts_with_flight(problem: ThrowProblem) -> bool:
-    """Returns whether the flight is constrained from the first solve: a solution without would be far from one with."""
-    release = problem.release
-    if not isinstance(release, TargetRelease):
-        return False
-    return bool(problem.cell.surroundings.keep_out) or release.opening is not None
+    """Returns whether the flight is constrained from the first solve: where it is free, that of a throw to a target.
+
+    A solution without would be far from one with, and with a box taken away the search is to begin as before.
+    """
+    return isinstance(problem.release, TargetRelease) and constrains_flight(problem)
 
 
 def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Margins, aim: Vector) -> Vector:
