@@ -86,7 +86,7 @@ class Stage:
         purpose: what the stage is for, in the attempt log.
         candidates: rows of the ranking; what was tried from one of them before is not tried again.
         condition: checked before every candidate.
-        iterations: solver iterations after which the stage ends ("casadi").
+        iterations: solver iterations after which the stage ends ("casadi"), without a release window.
         with_ipopt: whether IPOPT solves where fatrop gives up ("casadi").
         then_in_hand: whether Ruckig's motions are taken in hand after it, also past the deadline ("casadi").
         variants: launch variants that are tried ("ruckig").
@@ -142,6 +142,8 @@ FIRST_AGAIN_POLICY: tuple[Stage, ...] = (
 )
 # Under several pairs of tighter limits, by Ruckig alone: other curves, past what stands around.
 SLOWER_POLICY: tuple[Stage, ...] = (SOONEST_ARRIVALS,)
+# The same after the optimiser, by every variant.
+SOONER_POLICY: tuple[Stage, ...] = (Stage("ruckig", "sooner motions", slice(0, 2), has_incumbent),)
 # From the motions without a release window, where the search found none with it.
 FROM_NOMINAL_POLICY: tuple[Stage, ...] = (
     Stage("casadi", "from motions without the window", slice(0, 3), no_incumbent, iterations=300, order="bound"),

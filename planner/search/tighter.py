@@ -7,14 +7,14 @@ the acceleration; of all these the first seeds come first. Whatever keeps half o
 found sooner is an answer, too. Thereby a request is answered almost wherever one with half of its limits is, and about
 as soon. Where a release window leaves no answer, the motions without it are where the optimiser starts from. To a given
 release state, Ruckig's motions under several pairs of tighter limits are tried in any case, before the optimiser: they
-are soon made, and none is sooner where one of them reaches the lower bound.
+are soon made, and none is sooner where one of them reaches the lower bound. Others follow after it.
 """
 
 from __future__ import annotations
 
 import itertools
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -31,6 +31,7 @@ from planner.search.policy import (
     FROM_NOMINAL_POLICY,
     LAST_POLICY,
     SLOWER_POLICY,
+    SOONER_POLICY,
     Stage,
     release_state_given,
 )
@@ -44,6 +45,7 @@ HALVINGS_MIN, HALVINGS_MAX = 2, 5  # [-] times that it is halved; each is a sear
 TINY_S = 1e-9  # [s] stands for the ramp of an infinite jerk
 TORQUE = frozenset({"effort"})  # rows without which a throw's first solution is often far from any that has them
 SLOWER_JERK, SLOWER_ACCELERATION = 5, 2  # [-] times at most, for Ruckig's motions to a given state
+SOONER_HALVINGS = ((1, 0), (2, 0), (0, 1))  # [-] of jerk and acceleration, for all variants of these motions
 
 
 def search_thoroughly(search: PlanningSearch, found: list[Candidate]) -> None:
@@ -58,6 +60,8 @@ def search_thoroughly(search: PlanningSearch, found: list[Candidate]) -> None:
         search_optimised(search, ranking, SLOWER_POLICY)
         search_slower(search, found)
     search_optimised(search, ranking)
+    if search.problem.backend == "auto" and release_state_given(search, ranking) and search.incumbent is not None:
+        search_sooner(search, found)
     if search.incumbent is None and search.problem.is_robust:
         search_from_nominal(search)
     if is_doubtful(search, ranking):
@@ -98,38 +102,53 @@ def _released(motion: Trajectory) -> Candidate:
 
 
 def is_doubtful(search: PlanningSearch, ranking: Ranking) -> bool:
-    """Returns whether a search may have missed a sooner motion: it certified none, or a slow one, or gave up a seed.
-
-    Of a throw to a target a slow motion is a better sign than a seed that was given up.
-    """
+    """Returns whether a search may have missed a sooner motion: it certified none, or a slow one, or gave up a seed."""
     if search.is_optimal or search.out_of_time:
         return False
-    of_target = isinstance(search.problem.release, TargetRelease)
-    return search.incumbent is None or ranking.is_slow(search.release_time_s) or (search.given_up > 0 and not of_target)
+    return _is_slow(search, ranking) or search.given_up > 0
+
+
+def _is_slow(search: PlanningSearch, ranking: Ranking) -> bool:
+    """Returns whether a search certified no motion, or a slow one: a better sign than a seed that was given up."""
+    return search.incumbent is None or ranking.is_slow(search.release_time_s)
 
 
 def search_again(search: PlanningSearch, ranking: Ranking) -> None:
     """Repeats a search with torque held from the beginning, unless the release state is given, and with tighter limits.
 
-    What is sooner becomes the incumbent. Each of these ways begins with its first seeds; further ones follow while the
-    answer is slow.
+    What is sooner becomes the incumbent. Each of these ways begins with its first seeds; further ones follow where
+    there is no answer yet, and while that with a release window is slow. Without a window they gave something sooner in
+    10 of 877 cases.
 
     Args:
         search: updated in place.
         ranking: of its problem's candidates.
     """
     begun_s, problem = time.perf_counter(), search.problem
-    ways = [] if problem.fixes_joints else [_Way("with torque held", problem, TORQUE)]
-    for jerk, acceleration in _halvings(problem.limits):
-        tighter = replace(problem, limits=_halved(problem.limits, jerk, acceleration))
-        ways.append(_Way(f"with jerk / {2**jerk}, acceleration / {2**acceleration}", tighter))
-    gained: list[str] = []
-    for policy in (FIRST_AGAIN_POLICY, AGAIN_POLICY):
-        gained += [way.name for way in ways if _gains(search, way.ranking, policy, way.held)]
-        if search.incumbent is not None and not ranking.is_slow(search.release_time_s):
-            break
+    ways = _ways(problem, _is_slow(search, ranking))
+    gained = [way.name for way in ways if _gains(search, way.ranking, FIRST_AGAIN_POLICY, way.held)]
+    if search.incumbent is None or (problem.is_robust and _is_slow(search, ranking)):
+        gained += [way.name for way in ways if _gains(search, way.ranking, AGAIN_POLICY, way.held)]
     result = f"sooner {', then '.join(gained)}" if gained else "nothing sooner"
     search.log_attempt("casadi", f"once more, jerk and acceleration halved: {result}", begun_s)
+
+
+def _ways(problem: ThrowProblem, is_slow: bool) -> list[_Way]:
+    """Returns the ways in which a search is repeated, in their order.
+
+    Of a throw to a target that is not slow, half and a quarter of the jerk alone: where a seed was given up they gave
+    26 of 37 sooner motions, in two fifths of the time.
+    """
+    halvings = _halvings(problem.limits)
+    if isinstance(problem.release, TargetRelease) and not is_slow:
+        return [_tighter_way(problem, *times) for times in halvings[:HALVINGS_MIN]]
+    with_torque = [] if problem.fixes_joints else [_Way("with torque held", problem, TORQUE)]
+    return [*with_torque, *(_tighter_way(problem, *times) for times in halvings)]
+
+
+def _tighter_way(problem: ThrowProblem, jerk: int, acceleration: int) -> _Way:
+    tighter = replace(problem, limits=_halved(problem.limits, jerk, acceleration))
+    return _Way(f"with jerk / {2**jerk}, acceleration / {2**acceleration}", tighter)
 
 
 def search_slower(search: PlanningSearch, found: list[Candidate]) -> None:
@@ -142,13 +161,37 @@ def search_slower(search: PlanningSearch, found: list[Candidate]) -> None:
         search: updated in place.
         found: candidates of its problem.
     """
-    begun_s, limits = time.perf_counter(), search.problem.limits
     times = itertools.product(range(SLOWER_ACCELERATION + 1), range(SLOWER_JERK + 1))
-    slower = (_halved(limits, jerk, acceleration) for acceleration, jerk in times if acceleration + jerk > 0)
-    problems = [replace(search.problem, limits=each) for each in slower]
-    gained = [_gains(search, Ranking(each, found), SLOWER_POLICY) for each in problems]
+    slower = [(jerk, acceleration) for acceleration, jerk in times if acceleration + jerk > 0]
+    _take_slower(search, found, slower, SLOWER_POLICY, "slower arrivals")
+
+
+def search_sooner(search: PlanningSearch, found: list[Candidate]) -> None:
+    """Takes Ruckig's other motions to a given release state under tighter limits, where they are an improvement.
+
+    After the optimiser there are few that release before its motion.
+
+    Args:
+        search: with an incumbent; updated in place.
+        found: candidates of its problem.
+    """
+    _take_slower(search, found, SOONER_HALVINGS, SOONER_POLICY, "slower motions")
+
+
+def _take_slower(
+    search: PlanningSearch,
+    found: list[Candidate],
+    halvings: Iterable[tuple[int, int]],
+    policy: Sequence[Stage],
+    what: str,
+) -> None:
+    """Takes Ruckig's motions with jerk and acceleration halved so many times, where one is an improvement."""
+    limits = search.problem.limits
+    problems = [replace(search.problem, limits=_halved(limits, *times)) for times in halvings]
+    begun_s = time.perf_counter()
+    gained = [_gains(search, Ranking(each, found), policy) for each in problems]
     if any(gained):
-        search.log_attempt("ruckig", "slower arrivals: a sooner motion", begun_s)
+        search.log_attempt("ruckig", f"{what}: a sooner motion", begun_s)
 
 
 def _halvings(limits: Limits) -> list[tuple[int, int]]:

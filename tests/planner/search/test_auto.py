@@ -1,15 +1,16 @@
 """The search policy: budgets hold, clocks decide nothing but the deadline, and nothing beats a lower bound."""
 
 import itertools
+import math
 import time
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import instance
-from planner.certificate import Certificate
 from planner.errors import Infeasible, SolverFailed
 from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease
@@ -20,13 +21,14 @@ from planner.search import (
     CertifiedSolution,
     PlanningSearch,
     Ranking,
+    auto,
     search_optimised,
 )
 from planner.search.policy import AGAIN_POLICY
 from planner.seeds import candidates
 from tests.planner.problems import cell, joint_problem, point_problem, random_state
 
-CALL_ITERATIONS = 80  # no single call of a solver takes more
+CALL_ITERATIONS = 150  # no single call of a solver takes more, with the one that starts afresh
 
 
 def target_problem(**changes):
@@ -52,8 +54,9 @@ def test_a_stage_ends_when_its_iterations_are_spent(budgets, iterations):
     stages = [replace(stage, iterations=iterations) for stage in POLICY if stage.purpose == "soonest seeds"]
     search = PlanningSearch(problem, time.perf_counter() + 60.0)
     search_optimised(search, Ranking(problem, candidates(problem)), stages)
-    assert all(0 < budget <= iterations for budget in budgets)
-    assert search.iterations <= iterations + CALL_ITERATIONS
+    allowed = math.ceil(auto.WINDOW_BUDGET * iterations)
+    assert all(0 < budget <= allowed for budget in budgets)
+    assert search.iterations <= allowed + CALL_ITERATIONS
     assert any(attempt.result.startswith("soonest seeds") for attempt in search.attempts)
 
 
@@ -146,7 +149,7 @@ def test_no_motion_by_ruckig_keeps_the_optimiser_from_a_seed():
     ranking = Ranking(problem, candidates(problem))
     without, with_ruckig = (PlanningSearch(problem, time.perf_counter() + 60.0) for _ in range(2))
     made = ruckig_otg.solve(problem, ranking[0].candidate, "synchronised")
-    with_ruckig.consider(CertifiedSolution("ruckig", made, Certificate(())))
+    with_ruckig.consider(CertifiedSolution("ruckig", made, SimpleNamespace(first_failure=None)))
     assert with_ruckig.incumbent is not None
     for stage in (*POLICY, *AGAIN_POLICY):
         if stage.backend == "casadi":

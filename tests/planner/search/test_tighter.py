@@ -13,6 +13,7 @@ from planner.planning import plan
 from planner.problem import Opening, TargetRelease
 from planner.search import PlanningSearch, Ranking, auto, nearest_problem, tighter
 from planner.seeds import candidates
+from planner.solution import Solution
 from tests.planner.problems import cell, joint_problem
 
 TARGET = joint_problem(release=TargetRelease(np.array([1.6, 0.1, 0.0])))
@@ -116,7 +117,7 @@ def test_one_joint_of_little_acceleration_does_not_multiply_the_searches():
 
 def test_a_slow_throw_is_searched_with_torque_held_and_a_given_state_is_not(searched, monkeypatch):
     plan(TARGET)
-    assert [held for _, _, held in searched].count(tighter.TORQUE) == 2  # first seeds, further ones
+    assert [held for _, _, held in searched].count(tighter.TORQUE) == 1
     searched.clear()
     monkeypatch.setattr(tighter, "is_doubtful", lambda *_: True)
     plan(joint_problem())
@@ -164,14 +165,56 @@ def test_where_no_motion_keeps_the_window_the_one_without_it_is_nearest():
     assert plan(nearest).certificate.valid
 
 
-def test_further_seeds_of_a_repeated_search_come_after_the_first_of_every_way(searched, monkeypatch):
-    """And only while the answer is slow: of a slow one all ways are searched twice, else once."""
-    for is_slow, times in ((True, 2), (False, 1)):
-        monkeypatch.setattr(tighter, "is_doubtful", lambda *_: True)
-        monkeypatch.setattr(Ranking, "is_slow", lambda *_, slow=is_slow: slow)
-        searched.clear()
-        plan(NEAR)
-        ways = [(tuple(problem.limits.jerk_max), tuple(problem.limits.qdd_max), held) for problem, _, held in searched]
-        repeats = ways[1 : 1 + 4 * times]  # torque held, half of the jerk, a quarter, half of the acceleration
-        assert len(set(repeats[:4])) == 4
-        assert repeats[4:] == repeats[:4] * (times - 1)
+@pytest.mark.parametrize(("window_s", "times"), [(0.005, 2), (0.0, 1)])
+def test_further_seeds_of_a_repeated_search_come_after_the_first_of_every_way(searched, monkeypatch, window_s, times):
+    """And only where an answer with a release window is slow: then all ways are searched twice, else once."""
+    monkeypatch.setattr(Ranking, "is_slow", lambda *_: True)
+    plan(replace(NEAR, release_window_s=window_s, landing_tolerance_m=0.02 if window_s else 0.0))
+    repeats = _ways(searched)[1 : 1 + 4 * times]  # torque held, half of the jerk, a quarter, half of the acceleration
+    assert len(set(repeats[:4])) == 4
+    assert repeats[4:] == repeats[:4] * (times - 1)
+    assert len(_ways(searched)) == 2 + 4 * times  # and the request's own, and the second solver
+
+
+def test_of_a_throw_that_is_not_slow_but_in_doubt_the_jerk_alone_is_halved(searched, monkeypatch):
+    monkeypatch.setattr(tighter, "is_doubtful", lambda *_: True)
+    monkeypatch.setattr(Ranking, "is_slow", lambda *_: False)
+    plan(NEAR)
+    own, *repeats, last = _ways(searched)
+    assert own == last
+    assert [jerk[0] / own[0][0] for jerk, _, _ in repeats] == [0.5, 0.25]
+    assert {(acceleration, held) for _, acceleration, held in repeats} == {own[1:]}
+
+
+def test_a_throw_of_which_a_seed_was_given_up_is_in_doubt():
+    search = PlanningSearch(NEAR, time.perf_counter() + 60.0)
+    search.consider(auto.certified("casadi", NEAR, Solution(plan(NEAR).trajectory, "made before")))
+    ranking = Ranking(NEAR, candidates(NEAR))
+    assert not tighter.is_doubtful(search, ranking)
+    search.given_up = 1
+    assert tighter.is_doubtful(search, ranking)
+
+
+def test_a_slower_motion_is_an_answer_where_the_optimiser_alone_has_one(jerks, monkeypatch):
+    """Where the motions to a state with the request's own jerk are rejected, and soonest arrivals of all."""
+    problem, certified = joint_problem(), auto.certified
+    elsewhere = replace(problem, start=problem.start + 0.1)
+
+    def rejecting(backend, asked, solution):
+        own = asked.limits.jerk_max[0] == JERK[0] and backend == "ruckig"
+        return certified(backend, elsewhere if own else asked, solution)
+
+    late = Solution(plan(replace(problem, limits=tighter._halved(problem.limits, 4, 2))).trajectory, "late")
+    search = PlanningSearch(problem, time.perf_counter() + 60.0)
+    search.consider(certified("casadi", problem, late))
+    assert search.incumbent is not None
+    monkeypatch.setattr(auto, "certified", rejecting)
+    tighter.search_sooner(search, candidates(problem))
+    assert search.incumbent.backend == "ruckig"
+    assert search.release_time_s < late.trajectory.release_time_s
+    assert np.abs(search.incumbent.solution.trajectory.jerk).max() <= 0.5 * JERK.max() * (1.0 + 1e-6)
+
+
+def _ways(searched):
+    """Limits on jerk and acceleration of each search that was made, and the rows that it began with."""
+    return [(tuple(problem.limits.jerk_max), tuple(problem.limits.qdd_max), held) for problem, _, held in searched]
