@@ -30,7 +30,9 @@ PASSING = (
 )
 SLOWEST_FALL = 0.01  # [m^2/s^2] keeps the squared speed of fall into a bin away from zero
 CENTRED = 1e-6  # [m^2] keeps the distance from a bin's axis away from zero
-STEADY = 0.1  # [m^2/s^4] keeps the relative acceleration away from zero
+# [m^2/s^4] keeps the relative acceleration away from zero. Up to 0.3 m/s^2 may point anywhere for that: in the time
+# that the way out takes they move the object by the millimetre that counts in no direction.
+STEADY = 0.1
 
 RELEASE_ROWS = VectorLayout(
     {
