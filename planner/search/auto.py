@@ -232,9 +232,10 @@ def _optimise_from(search: PlanningSearch, ranking: Ranking, ranked: RankedCandi
     seed, options = begun, first
     for _ in range(ROUNDS_MAX):
         solution = _solve(search, seed, replace(options, iteration_budget=end - search.iterations))
-        certificate = search.certify("casadi", solution)
-        if certificate.valid:
+        found = search.certify("casadi", solution)
+        if found.is_valid:
             return True
+        certificate = found.certificate
         if _leaves_beside_opening(certificate.failures):
             ranking.beside_opening.setdefault(ranked, solution.trajectory)
         if _needs_finer_stages(search.problem, options, certificate.failures):

@@ -1,4 +1,4 @@
-"""State of one planning search: incumbent, best rejected motion, attempt log, work spent, deadline."""
+"""State of one planning search: incumbent, rejected motions, attempt log, work spent, deadline."""
 
 from __future__ import annotations
 
@@ -131,11 +131,11 @@ class PlanningSearch:
             problem, self.deadline_s, self.incumbent, held=held, needs_sooner=self._has_answer_to_beat
         )
 
-    def certify(self, backend: str, solution: Solution) -> Certificate:
-        """Returns the certificate of a motion, which is considered as an answer."""
+    def certify(self, backend: str, solution: Solution) -> CertifiedSolution:
+        """Returns a motion with its checks, considered as an answer."""
         found = certified(backend, self.problem, solution)
         self.consider(found)
-        return found.certificate
+        return found
 
     def consider(self, found: CertifiedSolution) -> None:
         """Keeps a motion, as the incumbent if it is the best valid one."""

@@ -12,8 +12,8 @@ the release where the request leaves it free. So:
 3. Ruckig's motions that would release before the incumbent are certified, too.
 4. While that has given no answer, further candidates are tried by both; of a given release state those of least lower
    bound in any case, however blocked the straight way there.
-5. A doubtful search is repeated with torque held from the beginning and under tighter limits (`tighter`), and the
-   slower second solver is tried at last.
+5. Ruckig's other motions to a given release state are tried under tighter limits, too. A doubtful search is repeated
+   under tighter limits, and with torque held from the beginning (`tighter`). The slower second solver is tried at last.
 
 Counts alone decide what is tried, so that the answer does not depend on the load of the machine. The only clock is the
 request's own deadline.
@@ -129,7 +129,8 @@ POLICY: tuple[Stage, ...] = (
     Stage("ruckig", "further motions", slice(6, 11), always),
     Stage("ruckig", "sooner motions", slice(11, RANKED_MAX), has_incumbent),
 )
-# Of a doubtful search once more, with other limits or rows, for what is sooner. Without further seeds of the same
+# Of a doubtful search once more, with other limits or rows, for what is sooner: where there is no answer yet, or a slow
+# one with a release window. Without further seeds of the same
 # aspects 38 late answers were as soon, and a search in vain took two thirds of the time.
 FURTHER = {"one more seed", "last seeds", "further motions"}
 AGAIN_POLICY: tuple[Stage, ...] = tuple(stage for stage in POLICY if stage.purpose not in FURTHER)

@@ -3,11 +3,13 @@
 The optimiser starts from Ruckig's motions, and these change with the limits, and so does the local minimum next to
 them. So a doubtful search is repeated: first with the rows of torque and tool speed included from the beginning instead
 of when a solution breaks them, then as for requests with half of the jerk, a quarter of it and so on, and with half of
-the acceleration; of all these the first seeds come first. Whatever keeps half of a limit keeps the limit, so what is
-found sooner is an answer, too. Thereby a request is answered almost wherever one with half of its limits is, and about
-as soon. Where a release window leaves no answer, the motions without it are where the optimiser starts from. To a given
-release state, Ruckig's motions under several pairs of tighter limits are tried in any case, before the optimiser: they
-are soon made, and none is sooner where one of them reaches the lower bound. Others follow after it.
+the acceleration (of a throw to a target that is not slow, with half and a quarter of the jerk alone). Of all these the
+first seeds come first, and further ones follow where there is no answer or a slow one with a release window. Whatever
+keeps half of a limit keeps the limit, so what is found sooner is an answer, too. Thereby a request is answered almost
+wherever one with half of its limits is, and about as soon. Where a release window leaves no answer, the motions without
+it are where the optimiser starts from. To a given release state, Ruckig's motions under several pairs of tighter limits
+are tried in any case, before the optimiser: they are soon made, and none is sooner where one of them reaches the lower
+bound. Others follow after it.
 """
 
 from __future__ import annotations
@@ -42,6 +44,7 @@ from planner.trajectory import Trajectory
 # [s] The jerk is halved until an acceleration takes as long to its limit; requests that are looser come to that, too.
 RAMP_S = 0.1
 HALVINGS_MIN, HALVINGS_MAX = 2, 5  # [-] times that it is halved; each is a search or two
+FEW_HALVINGS = 2  # [-] times for a throw that is not slow
 TINY_S = 1e-9  # [s] stands for the ramp of an infinite jerk
 TORQUE = frozenset({"effort"})  # rows without which a throw's first solution is often far from any that has them
 SLOWER_JERK, SLOWER_ACCELERATION = 5, 2  # [-] times at most, for Ruckig's motions to a given state
@@ -114,7 +117,7 @@ def _is_slow(search: PlanningSearch, ranking: Ranking) -> bool:
 
 
 def search_again(search: PlanningSearch, ranking: Ranking) -> None:
-    """Repeats a search with torque held from the beginning, unless the release state is given, and with tighter limits.
+    """Repeats a search with tighter limits and, unless the release state is given, with torque held from the beginning.
 
     What is sooner becomes the incumbent. Each of these ways begins with its first seeds; further ones follow where
     there is no answer yet, and while that with a release window is slow. Without a window they gave something sooner in
@@ -141,7 +144,7 @@ def _ways(problem: ThrowProblem, is_slow: bool) -> list[_Way]:
     """
     halvings = _halvings(problem.limits)
     if isinstance(problem.release, TargetRelease) and not is_slow:
-        return [_tighter_way(problem, *times) for times in halvings[:HALVINGS_MIN]]
+        return [_tighter_way(problem, *times) for times in halvings[:FEW_HALVINGS]]
     with_torque = [] if problem.fixes_joints else [_Way("with torque held", problem, TORQUE)]
     return [*with_torque, *(_tighter_way(problem, *times) for times in halvings)]
 

@@ -45,7 +45,7 @@ def test_the_same_request_has_the_same_plan():
 
 @pytest.mark.parametrize(("window_s", "tolerance_m"), [(0.0, 0.0), (0.02, 0.005)])
 def test_a_slow_throw_is_sought_from_further_seeds(window_s, tolerance_m):
-    release = TargetRelease(np.array([0.16, -0.17, 0.0]))  # nearer than the arm throws with ease
+    release = TargetRelease(np.array([0.12, -0.17, 0.0]))  # nearer than the arm throws with ease
     problem = joint_problem(
         "ur5-sim", release=release, release_window_s=window_s, landing_tolerance_m=tolerance_m, backend="casadi"
     )
@@ -57,7 +57,7 @@ def test_a_slow_throw_is_sought_from_further_seeds(window_s, tolerance_m):
     )
     answer = plan(problem)
     assert any("other aspects" in attempt.result for attempt in answer.attempts)
-    assert answer.trajectory.release_time_s <= first.release_time_s
+    assert answer.trajectory.release_time_s < first.release_time_s
 
 
 FAR_POSE = PoseRelease(np.eye(4) + 2.0 * np.eye(4, k=3), np.array([0.5, -0.6, 0.7, 0.0, 0.0, 0.0]))

@@ -64,6 +64,8 @@ class CompiledLaunch:
     def solve(self, arguments: Mapping[str, Array], options: Mapping[str, float]) -> tuple[Array, int, bool]:
         """Returns the variables (n,), the number of iterations, and whether the problem is solved.
 
+        The variables are those at which fatrop gave up, where it did; no numbers where not all numbers were finite.
+
         Args:
             arguments: as casadi's solvers take them: x0, p, lbx, ubx, lbg, ubg.
             options: of fatrop.
@@ -88,6 +90,8 @@ class CompiledLaunch:
             x.ctypes.data,
             ctypes.byref(iterations),
         )
+        if status < SOLVED:  # it could not begin, or some derivative was not finite
+            x[:] = np.nan
         return x, iterations.value, status == SOLVED
 
     def rows(self, x: Array, p: Array) -> Array:

@@ -31,7 +31,9 @@ FATROP_SHORT_STAGES = {"linsol_lu_fact_tol": 1e-3, "max_iter": 120}
 FATROP_AFRESH = {"mu_init": 1.0}  # a larger barrier leads elsewhere
 IPOPT = {"tol": 1e-5, "mu_init": 1e-3, "max_iter": 80}
 PATTERNS_KEPT = 64  # solvers cached: a few for each kind of release
-VIOLATED = 1e-3  # [-, m, rad] a row left out is included when it is this far beyond its bound; ten times the tolerance
+# [-, m, rad] A row left out is included when it is this far beyond its bound, and what fatrop gives up is a solution if
+# none is: ten times the tolerance.
+VIOLATED = 1e-3
 PATHS_MAX = 2  # [-] further solutions for a path of the object that has moved with the one before
 POSITIONS = "positions"  # group of the joints' position limits: bounds of variables, and rows of block "motion"
 
@@ -59,6 +61,7 @@ class Solver:
         iterations: spent so far.
         status: outcome of the last call.
         is_late: whether a solution released too late: with more rows, or a window, it would release later still.
+        has_converged: whether the last call ended at an optimum.
     """
 
     def __init__(
@@ -73,6 +76,7 @@ class Solver:
         self.with_ipopt, self.latest_s, self.is_late = with_ipopt, latest_s, False
         self.iterations = 0
         self.status = ""
+        self.has_converged = False
 
     def solve(self, instance: Instance) -> Vector:
         """Returns the variables (N + 1, NZ) of the solution, in SI units.
@@ -111,7 +115,8 @@ class Solver:
                 break
             release_s = float(-z[0, TIME] * instance.scales[TIME])
             if release_s > self.latest_s:
-                self.is_late, self.status = True, f"releases after {release_s:.3f} s, no sooner than another"
+                self.is_late = self.has_converged  # else more iterations might lead to a sooner one
+                self.status = f"releases after {release_s:.3f} s, no sooner than another"
                 return None
             arguments = {**arguments, "x0": z.ravel()[: len(first["x0"])], "p": _with_path_of(instance, z)}
             violated = _violated_groups(instance, z, arguments["p"])
@@ -142,7 +147,8 @@ class Solver:
         reduced["lbg"], reduced["ubg"] = reduced["lbg"][kept], reduced["ubg"][kept]
         options = _fatrop_options(part, instance.fixed_times is not None)
         x, iterations = self._call_fatrop(part, reduced, options)
-        if x is None and iterations >= options["max_iter"] and _may_start_afresh(instance):
+        ran_out = x is None and iterations >= options["max_iter"]
+        if ran_out and _may_start_afresh(instance) and not self._is_spent():
             x, _ = self._call_fatrop(part, reduced, options | FATROP_AFRESH)
         return x
 
@@ -158,6 +164,7 @@ class Solver:
             iterations, is_solved = int(stats["iter_count"]), bool(stats["success"])
         else:
             x, iterations, is_solved = launch.solve(arguments, options)
+        self.has_converged = is_solved
         return self._result("fatrop", x, iterations, is_solved or _breaks_no_row(part, x, arguments)), iterations
 
     def _call_ipopt(self, instance: Instance) -> Vector | None:
@@ -166,7 +173,6 @@ class Solver:
 
     def _result(self, name: str, x: Vector, iterations: int, is_solved: bool) -> Vector | None:
         self.iterations += iterations
-        self.last = iterations
         solved = is_solved and bool(np.isfinite(x).all())
         self.status = f"{name}: {'solved' if solved else 'gave up'} in {iterations} iterations"
         return _stagewise(x) if solved else None
@@ -176,7 +182,7 @@ def _may_start_afresh(instance: Instance) -> bool:
     """Returns whether fatrop is called once more, with a larger barrier, where its iterations did not suffice.
 
     Where the release is free, that leads to a third to a half of the solutions that are missed; where it is given, most
-    of what is not solved has no solution. In a window, more iterations lead to more.
+    of what is not solved has no solution. In a window of several stages, more iterations lead to more.
     """
     return not (instance.problem.fixes_joints or instance.stages.window or instance.fixed_times)
 
@@ -187,7 +193,7 @@ def _breaks_no_row(part: StageLayout, x: Vector, arguments: Arguments) -> bool:
         return False
     g = _rows_at(part, x, arguments["p"])
     beyond = _beyond(g, arguments["lbg"], arguments["ubg"]), _beyond(x, arguments["lbx"], arguments["ubx"])
-    return bool(max(excess.max() for excess in beyond) <= VIOLATED)
+    return all(bool(excess.max() <= VIOLATED) for excess in beyond)
 
 
 def _rows_at(stages: StageLayout, x: Vector, p: Vector) -> Vector:
@@ -260,7 +266,7 @@ def _pattern(arguments: Arguments) -> bytes:
 
 def _fatrop_options(stages: StageLayout, fixed_times: bool) -> Options:
     for_times, for_stages = FATROP_FIXED_TIMES if fixed_times else {}, FATROP_SHORT_STAGES if stages.window > 1 else {}
-    return FATROP | for_times | for_stages
+    return FATROP | for_stages | for_times
 
 
 @lru_cache(maxsize=PATTERNS_KEPT)

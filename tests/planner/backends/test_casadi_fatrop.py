@@ -13,22 +13,24 @@ import pytest
 
 from planner.backends import ruckig_otg
 from planner.backends.casadi_nlp import DEFAULT_MARGINS, codegen, emission, fatrop, functions, layout, solver
+from planner.backends.casadi_nlp.flight_rows import constrains_flight, starts_with_flight
 from planner.backends.casadi_nlp.instance import Instance
 from planner.cell import Box, Cell, load_cell
 from planner.kernel import compile_once
-from planner.problem import TargetRelease, ThrowProblem
+from planner.problem import JointRelease, TargetRelease, ThrowProblem
 from planner.seeds import Seed, candidates
 
 CELL = load_cell(Path(__file__).parents[3] / "cells" / "ur5e-sim.toml")
 WALL = Box(np.array([0.55, -0.8, 0.0]), np.array([0.6, 0.2, 0.3]), "wall")
 RNG = np.random.default_rng(12)
+TARGET = TargetRelease(np.array([0.9, -0.5, 0.0]))
 
 needs_launch = pytest.mark.skipif(fatrop._libraries() is None, reason="nothing is compiled")
 
 
 def _instance(cell: Cell, window_s: float) -> Instance:
     robust = {"release_window_s": window_s, "landing_tolerance_m": 0.03} if window_s else {}
-    problem = ThrowProblem(cell, cell.home, TargetRelease(np.array([0.9, -0.5, 0.0])), cell.limits, **robust)
+    problem = ThrowProblem(cell, cell.home, TARGET, cell.limits, **robust)
     candidate = candidates(problem)[0]
     return Instance.of(problem, Seed(candidate, ruckig_otg.solve(problem, candidate).trajectory), DEFAULT_MARGINS)
 
@@ -120,6 +122,32 @@ def test_a_free_release_without_a_window_starts_afresh_where_the_iterations_do_n
 
 
 @needs_launch
+@pytest.mark.parametrize(("has_converged", "is_late"), [(True, True), (False, False)])
+def test_only_an_optimum_says_that_a_release_is_too_late(
+    instance: Instance, has_converged: bool, is_late: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    solve = fatrop.CompiledLaunch.solve
+
+    def ended(launch: fatrop.CompiledLaunch, *given: object) -> tuple[np.ndarray, int, bool]:
+        x, iterations, _ = solve(launch, *given)  # pyright: ignore[reportArgumentType]
+        return x, iterations, has_converged
+
+    monkeypatch.setattr(fatrop.CompiledLaunch, "solve", ended)
+    calls = solver.Solver(1000, None, frozenset(), with_ipopt=False, latest_s=0.01)
+    assert calls.try_solve(instance) is None
+    assert calls.is_late is is_late
+
+
+def test_a_flight_that_is_free_is_constrained_from_the_first_solve_with_a_box_and_without() -> None:
+    given = JointRelease(CELL.home + 0.3, np.full(6, 0.1))
+    for cell in (CELL, INSTANCES["wall"][0]):
+        thrown, held = (ThrowProblem(cell, cell.home, release, cell.limits) for release in (TARGET, given))
+        assert starts_with_flight(thrown)
+        assert constrains_flight(held)
+        assert not starts_with_flight(held)
+
+
+@needs_launch
 def test_rows_are_those_of_casadi_s_functions(instance: Instance) -> None:
     launch, arguments = fatrop.compiled_launch(instance.stages), instance.arguments
     assert launch is not None
@@ -155,7 +183,9 @@ def test_a_start_that_is_not_finite_is_not_solved(instance: Instance) -> None:
     for name in ("x0", "p"):
         spoilt = arguments[name].copy()
         spoilt[5] = np.nan
-        assert launch.solve({**arguments, name: spoilt}, solver.FATROP)[1:] == (0, False)
+        x, *outcome = launch.solve({**arguments, name: spoilt}, solver.FATROP)
+        assert outcome == [0, False]
+        assert np.isnan(x).all()  # so that nothing takes it for a solution
 
 
 @needs_launch
@@ -177,8 +207,9 @@ def test_derivatives_that_are_not_finite_end_a_solve(instance: Instance, calls: 
 
     kept = signature(spoilt)
     motion.slope = ctypes.cast(kept, ctypes.c_void_p)
-    _, iterations, is_solved = launch.solve(instance.arguments, solver.FATROP)
+    x, iterations, is_solved = launch.solve(instance.arguments, solver.FATROP)
     assert not is_solved
+    assert np.isnan(x).all()
     assert iterations <= solver.FATROP["max_iter"] + 1
     assert len(made) > calls
 

@@ -21,7 +21,6 @@ from planner.search import (
     CertifiedSolution,
     PlanningSearch,
     Ranking,
-    auto,
     search_optimised,
 )
 from planner.search.policy import AGAIN_POLICY
@@ -48,13 +47,15 @@ def budgets(monkeypatch):
     return given
 
 
-@pytest.mark.parametrize("iterations", [1, 20, 300])
-def test_a_stage_ends_when_its_iterations_are_spent(budgets, iterations):
-    problem = target_problem(release_window_s=0.02, landing_tolerance_m=0.005)
+@pytest.mark.parametrize(("iterations", "window_s"), [(1, 0.02), (20, 0.02), (300, 0.02), (20, 0.0)])
+def test_a_stage_ends_when_its_iterations_are_spent(budgets, iterations, window_s):
+    """Half as many again with a release window."""
+    problem = target_problem(release_window_s=window_s, landing_tolerance_m=0.005 if window_s else 0.0)
     stages = [replace(stage, iterations=iterations) for stage in POLICY if stage.purpose == "soonest seeds"]
     search = PlanningSearch(problem, time.perf_counter() + 60.0)
     search_optimised(search, Ranking(problem, candidates(problem)), stages)
-    allowed = math.ceil(auto.WINDOW_BUDGET * iterations)
+    allowed = math.ceil(1.5 * iterations) if window_s else iterations
+    assert budgets[0] == allowed
     assert all(0 < budget <= allowed for budget in budgets)
     assert search.iterations <= allowed + CALL_ITERATIONS
     assert any(attempt.result.startswith("soonest seeds") for attempt in search.attempts)

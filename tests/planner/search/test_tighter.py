@@ -215,6 +215,17 @@ def test_a_slower_motion_is_an_answer_where_the_optimiser_alone_has_one(jerks, m
     assert np.abs(search.incumbent.solution.trajectory.jerk).max() <= 0.5 * JERK.max() * (1.0 + 1e-6)
 
 
+def test_they_are_tried_after_the_optimiser_where_a_state_is_given(searched, monkeypatch):
+    policies, search = [], tighter.search_optimised
+    monkeypatch.setattr(tighter, "search_optimised", lambda *given: policies.append(given[2:]) or search(*given))
+    monkeypatch.setattr(PlanningSearch, "is_optimal", False)
+    plan(joint_problem())
+    assert policies.count((tighter.SOONER_POLICY,)) == len(tighter.SOONER_HALVINGS)
+    policies.clear()
+    plan(NEAR)
+    assert (tighter.SOONER_POLICY,) not in policies
+
+
 def _ways(searched):
     """Limits on jerk and acceleration of each search that was made, and the rows that it began with."""
     return [(tuple(problem.limits.jerk_max), tuple(problem.limits.qdd_max), held) for problem, _, held in searched]

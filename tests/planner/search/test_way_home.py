@@ -52,7 +52,7 @@ def moves(*turns: float) -> PlanningSearch:
         end = here.home + turn * np.eye(6)[0]
         search.problem = ThrowProblem(here, here.home, JointRelease(end, np.zeros(6)), wide)
         motion = rest_to_rest_motion(np.array([here.home, end]), wide, search.problem.dt)
-        assert search.certify("test", Solution(motion, "a move")).valid
+        assert search.certify("test", Solution(motion, "a move")).is_valid
     return search
 
 
