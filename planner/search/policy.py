@@ -130,8 +130,8 @@ POLICY: tuple[Stage, ...] = (
     Stage("ruckig", "sooner motions", slice(11, RANKED_MAX), has_incumbent),
 )
 # Of a doubtful search once more, with other limits or rows, for what is sooner: where there is no answer yet, or a slow
-# one with a release window. Without further seeds of the same
-# aspects 38 late answers were as soon, and a search in vain took two thirds of the time.
+# one with a release window. Without further seeds of the same aspects 38 late answers were as soon, and a search in
+# vain took two thirds of the time.
 FURTHER = {"one more seed", "last seeds", "further motions"}
 AGAIN_POLICY: tuple[Stage, ...] = tuple(stage for stage in POLICY if stage.purpose not in FURTHER)
 # Before that in each of those ways: two thirds of what is found sooner comes from the first seeds, in two fifths of the

@@ -59,11 +59,12 @@ def search_thoroughly(search: PlanningSearch, found: list[Candidate]) -> None:
         found: candidates of its problem.
     """
     ranking = Ranking(search.problem, found)
-    if search.problem.backend == "auto" and release_state_given(search, ranking):
+    with_slower = search.problem.backend == "auto" and release_state_given(search, ranking)
+    if with_slower:
         search_optimised(search, ranking, SLOWER_POLICY)
         search_slower(search, found)
     search_optimised(search, ranking)
-    if search.problem.backend == "auto" and release_state_given(search, ranking) and search.incumbent is not None:
+    if with_slower and search.incumbent is not None:
         search_sooner(search, found)
     if search.incumbent is None and search.problem.is_robust:
         search_from_nominal(search)

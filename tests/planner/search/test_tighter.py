@@ -215,7 +215,7 @@ def test_a_slower_motion_is_an_answer_where_the_optimiser_alone_has_one(jerks, m
     assert np.abs(search.incumbent.solution.trajectory.jerk).max() <= 0.5 * JERK.max() * (1.0 + 1e-6)
 
 
-def test_they_are_tried_after_the_optimiser_where_a_state_is_given(searched, monkeypatch):
+def test_slower_motions_follow_the_optimiser_where_a_state_is_given(searched, monkeypatch):
     policies, search = [], tighter.search_optimised
     monkeypatch.setattr(tighter, "search_optimised", lambda *given: policies.append(given[2:]) or search(*given))
     monkeypatch.setattr(PlanningSearch, "is_optimal", False)
