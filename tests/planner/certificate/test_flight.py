@@ -42,11 +42,11 @@ def with_factor(here, factor):
     return replace(here, gripper=replace(here.gripper, release_speed_factor=factor))
 
 
-def random_throws(count, seed, window_s=0.0, drag=0.0, factor=1.0):
-    rng, found = np.random.default_rng(seed), 0
+def random_throws(count, seed, window_s=0.0, drag=0.0, factor=1.0, here=None):
+    rng, found, given = np.random.default_rng(seed), 0, here
     names = ("ur5e-sim", "ur3e-sim", "ur10e-sim", "ur5-sim")
     while found < count:
-        here, boxes = with_factor(cell(names[found % 4]), factor), []
+        here, boxes = with_factor(given or cell(names[found % 4]), factor), []
         here = replace(here, object=replace(here.object, drag_coefficient=drag))
         for _ in range(rng.integers(0, 4)):
             angle, distance, size = rng.uniform(-np.pi, np.pi), rng.uniform(0.5, 1.3), rng.uniform(0.02, 0.3, 3)
@@ -208,6 +208,41 @@ def test_arm_and_held_object_keep_clear_of_the_bin(rim_height_m):
     assert check.detail.endswith(", bin")
     assert check.value == pytest.approx(min(gaps), abs=0.01)
     assert check.ok == (min(gaps) >= here.surroundings.clearance_m)
+
+
+@pytest.mark.parametrize("window_s", [0.0, 0.009])
+def test_an_object_that_starts_clear_of_the_tool_may_not_be_hit_by_it(window_s):
+    hits, answers = 0, []
+    for problem, trajectory in random_throws(60, 5, window_s, here=gripped_at_a_distance(0.0003)):
+        check = certify(problem, trajectory).check("flight_clearance")
+        delays = np.linspace(-window_s, window_s, 7) if window_s else (0.0,)
+        least = min(tool_gaps(problem, trajectory, delay).min() for delay in delays)
+        if least < -1e-4:
+            assert not check.ok
+            hits += 1
+        answers.append(check.ok)
+    assert hits > 3
+    assert any(answers)
+
+
+def gripped_at_a_distance(gap_m):
+    """A cell whose object, a point, is held beside the tool's capsule, by a gripper that is open to all sides."""
+    here = cell()
+    tcp = here.tool.X_FT[:3, 3]
+    (capsule, *_), length = here.tool.capsules, np.linalg.norm(tcp)
+    capsule = replace(capsule, to_m=tcp * (1.0 - (capsule.radius_m + gap_m) / length))
+    gripper = replace(here.gripper, opening_direction=None)
+    return replace(
+        here, tool=replace(here.tool, capsules=(capsule,)), gripper=gripper, object=replace(here.object, radius_m=0.0)
+    )
+
+
+def tool_gaps(problem, trajectory, delay):
+    here = problem.cell
+    t, x, _ = flown(problem, trajectory, delay)
+    (index,) = (i for i, c in enumerate(body_capsules(here.robot, here.tool.capsules)) if c.frame == 6)
+    ends = capsule_endpoints(here.robot, body_capsules(here.robot, here.tool.capsules), trajectory.at(t)[0], here.X_WB)
+    return from_segment(x, ends[:, index, 0], ends[:, index, 1]) - here.tool.capsules[0].radius_m
 
 
 @pytest.mark.parametrize("window_s", [0.0, 0.009])
