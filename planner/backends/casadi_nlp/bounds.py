@@ -9,13 +9,13 @@ import numpy as np
 from planner.backends.casadi_nlp.layout import JERK, NX, NZ, QD, QDD, STEP, TIME, Q, Vector
 from planner.backends.casadi_nlp.margins import LOCAL_CHECKS, LocalMargin
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, LEAVING_ROWS, RELEASE_ROWS
-from planner.backends.casadi_nlp.transcription import WATCHED_STAGES, Indices, RowIndex
+from planner.backends.casadi_nlp.transcription import WATCHED_AFTER, WATCHED_BEFORE, Indices, RowIndex
 from planner.cell import Limits
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.seeds import Candidate
 
 STEP_SHARES = (0.15, 2.5)  # [-] of the initial step: a step may not collapse, nor crowd out its neighbours
-WATCHED_S = 0.052  # [s] least duration of the watched stages before the release: the certificate checks the last 0.05 s
+WATCHED_S = 0.052  # [s] least duration of the watched stages before and after the release: 0.05 s are checked
 LEAVING_S = 0.2  # [s] that the stage in which the object leaves the grip may take in any case
 LOCAL_STAGES = 1.0  # [-] stages on either side of a local margin's time to which it applies
 TOUCHING = 1e-3  # [-] of a velocity limit: bounds that leave less room than this between them are an equality
@@ -137,10 +137,11 @@ class Bounds:
         That is rarely needed, and the certificate finds the cases where it is; requiring it always delays throws that
         take little longer themselves by a fifth.
         """
-        first = self.launch - self.index.stages.window - WATCHED_STAGES
-        least, most = self.x[:, first : first + WATCHED_STAGES, STEP]
-        required = max(WATCHED_S - window_s, 0.0) / WATCHED_STAGES
-        least[:] = np.minimum(np.maximum(least, required), 0.5 * most)
+        n, required = self.index.stages.window, max(WATCHED_S - window_s, 0.0)
+        before, after = self.launch - n - WATCHED_BEFORE, self.launch + n
+        for first, count in ((before, WATCHED_BEFORE), (after, WATCHED_AFTER)):
+            least, most = self.x[:, first : first + count, STEP]
+            least[:] = np.minimum(np.maximum(least, required / count), 0.5 * most)
 
     def fix_times(self, release_s: float, end_s: float) -> None:
         """Fixes the times of the release and of the end, both after the start."""

@@ -24,7 +24,8 @@ from planner.backends.casadi_nlp.symbols import FORMULAS, WITH_FEWER_BOXES
 MX = Any
 Indices = NDArray[np.intp]
 
-WATCHED_STAGES = 3  # stages before the release (or its window) on which singularities are avoided, as on all after it
+# Stages before and after the release (or its window) on which singularities are avoided.
+WATCHED_BEFORE, WATCHED_AFTER = 3, 2
 LEAVING_STAGES = 1  # stages after the release (or its window), 20 to 40 ms, in which the object leaves the open grip
 # Groups of rows left out until a solution violates them, at knots and (but for three from "grip" on) at middles.
 LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight", "leaving", "passing")
@@ -72,12 +73,14 @@ class StageLayout:
 
     def knots(self, block: str) -> range:
         """Returns the stages on which a block applies."""
-        first_watched, released = self.launch - self.window - WATCHED_STAGES, self.launch + self.window
+        released = self.launch + self.window
+        first_watched = self.launch - self.window - WATCHED_BEFORE
+        last_watched = min(released + WATCHED_AFTER, self.stages)
         special = {
             "motion": range(self.stages),
             "cost": range(self.stages),
-            "singularity": range(first_watched, self.stages + 1),
-            "singularity_middle": range(first_watched, self.stages),
+            "singularity": range(first_watched, last_watched + 1),
+            "singularity_middle": range(first_watched, last_watched),
             "release": range(self.launch - self.window, released + 1),
             "flight": range(self.launch - self.window, min(released + LEAVING_STAGES, self.stages) + 1),
             "leaving": range(self.launch - self.window, released + 1),
