@@ -16,7 +16,7 @@ from planner.backends.casadi_nlp.layout import FlightEdge
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins, meets_arm, too_coarse
 from planner.errors import BackendUnavailable, SolverFailed
 from planner.kernel import compile_kernel
-from planner.problem import ThrowProblem
+from planner.problem import TargetRelease, ThrowProblem
 from planner.seeds import Seed
 from planner.solution import Solution
 
@@ -109,27 +109,41 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
 def _answer(instance: Instance, seed: Seed, options: SolveOptions, solver: Solver) -> Solution:
     """Returns the motion of `solve`.
 
+    With a release window there are two initial guesses, the seed's and the throw without the window, and now and then
+    only the other one leads to a solution. Where the release is given, the latter is the better one.
+
     Raises:
         SolverFailed: none was found.
     """
+    problem = instance.problem
+    if not (problem.is_robust and options.margins.are_default):  # with others, the seed's guess is a solution
+        return _from_seed(instance, seed, options, solver)
+    ways = (_from_seed, _without_window_first)
+    first, second = ways if isinstance(problem.release, TargetRelease) else reversed(ways)
+    try:
+        return first(instance, seed, options, solver)
+    except SolverFailed:
+        if solver.is_late:
+            raise
+    return second(instance, seed, options, solver)
+
+
+def _from_seed(instance: Instance, _seed: Seed, _options: SolveOptions, solver: Solver) -> Solution:
+    from planner.backends.casadi_nlp.answer import answer, solved
+
+    return answer(*solved(instance, solver), solver)
+
+
+def _without_window_first(instance: Instance, seed: Seed, options: SolveOptions, solver: Solver) -> Solution:
     from planner.backends.casadi_nlp.answer import KnotStates, answer, solved
     from planner.backends.casadi_nlp.instance import Instance
 
-    problem = instance.problem
-    if problem.is_robust and options.margins.are_default:  # with others, the initial guess is a solution
-        # The throw without a window is a better initial guess; now and then only the other one leads to a solution.
-        nominal = replace(problem, release_window_s=0.0, landing_tolerance_m=0.0)
-        without_window = Instance.of(nominal, seed, options.margins)
-        try:
-            without_window, z = solved(without_window, solver)
-            found = KnotStates.of(z, without_window.stages.launch)
-            close = instance.from_guess(found, landing_offsets=0.0)
-            close = replace(close, fitted_at=without_window.fitted_at, aim=without_window.aim)
-            return answer(*solved(close, solver), solver)
-        except SolverFailed:
-            if solver.is_late:
-                raise
-    return answer(*solved(instance, solver), solver)
+    nominal = replace(instance.problem, release_window_s=0.0, landing_tolerance_m=0.0)
+    without_window, z = solved(Instance.of(nominal, seed, options.margins), solver)
+    found = KnotStates.of(z, without_window.stages.launch)
+    close = instance.from_guess(found, landing_offsets=0.0)
+    close = replace(close, fitted_at=without_window.fitted_at, aim=without_window.aim)
+    return answer(*solved(close, solver), solver)
 
 
 def warm(progress: Callable[[str, float], None] = lambda _what, _share: None) -> bool:

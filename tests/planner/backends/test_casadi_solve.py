@@ -145,7 +145,8 @@ def test_another_process_gives_the_same_motion(cell: Cell) -> None:
 
 
 def test_a_spent_budget_ends_the_solve_and_is_reported(cell: Cell) -> None:
-    problem = _problem(cell, TARGET, release_window_s=0.02, landing_tolerance_m=0.01)
+    release = PointRelease(np.array([0.5, 0.3, 0.6]), np.array([0.8, 0.8, 0.8]))  # solved without the window first
+    problem = _problem(cell, release, release_window_s=0.02, landing_tolerance_m=0.01)
     candidate = candidates(problem)[0]
     seed = Seed(candidate, ruckig_otg.solve(problem, candidate).trajectory)
     with pytest.raises(SolverFailed, match="out of iterations: ") as failed:
