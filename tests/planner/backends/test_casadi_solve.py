@@ -224,7 +224,8 @@ def test_a_point_released_close_to_the_tool_speed_limit_is_solved_by_the_first_s
 
 
 def test_a_solve_ends_where_its_release_is_of_no_use(cell: Cell) -> None:
-    problem = _problem(cell, TARGET, release_window_s=0.01, landing_tolerance_m=0.01)
+    release = PointRelease(np.array([0.5, 0.3, 0.6]), np.array([0.8, 0.8, 0.8]))
+    problem = _problem(cell, release, release_window_s=0.01, landing_tolerance_m=0.01)
     candidate = candidates(problem)[0]
     seed = Seed(candidate, ruckig_otg.initial_guess(problem, candidate))
     made = casadi_nlp.solve(problem, seed)

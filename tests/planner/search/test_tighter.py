@@ -14,6 +14,7 @@ from planner.problem import Opening, TargetRelease
 from planner.search import PlanningSearch, Ranking, auto, nearest_problem, tighter
 from planner.seeds import candidates
 from planner.solution import Solution
+from planner.trajectory import Trajectory
 from tests.planner.problems import cell, joint_problem
 
 TARGET = joint_problem(release=TargetRelease(np.array([1.6, 0.1, 0.0])))
@@ -65,14 +66,16 @@ def test_the_answer_is_no_later_than_with_half_the_limits(jerks):
     assert half.trajectory.release_time_s > 0.0
 
 
-@pytest.mark.parametrize(("problem", "is_repeated"), [(NEAR, False), (TARGET, True)])
-def test_a_search_is_repeated_where_its_answer_is_slow_beside_the_bounds(problem, is_repeated):
-    answer = plan(problem)
-    assert any("jerk and acceleration halved" in attempt.result for attempt in answer.attempts) is is_repeated
+@pytest.mark.parametrize("is_slow", [False, True])
+def test_a_search_is_repeated_where_its_answer_is_slow_beside_the_bounds(monkeypatch, is_slow):
+    monkeypatch.setattr(Ranking, "is_slow", lambda *_: is_slow)
+    answer = plan(TARGET)
+    assert any("jerk and acceleration halved" in attempt.result for attempt in answer.attempts) is is_slow
 
 
-def test_a_request_with_twice_the_jerk_is_searched_as_this_one_too(searched):
+def test_a_request_with_twice_the_jerk_is_searched_as_this_one_too(searched, monkeypatch):
     """Of a doubtful search the one under half the jerk has the same candidates as a request's own."""
+    monkeypatch.setattr(Ranking, "is_slow", lambda *_: True)
     plan(TARGET)
     (own, bounds, _), *_ = searched
     searched.clear()
@@ -116,6 +119,7 @@ def test_one_joint_of_little_acceleration_does_not_multiply_the_searches():
 
 
 def test_a_slow_throw_is_searched_with_torque_held_and_a_given_state_is_not(searched, monkeypatch):
+    monkeypatch.setattr(Ranking, "is_slow", lambda *_: True)
     plan(TARGET)
     assert [held for _, _, held in searched].count(tighter.TORQUE) == 1
     searched.clear()
@@ -138,13 +142,20 @@ def test_an_answer_is_slow_beyond_a_share_of_the_least_bound(release, window_s, 
     assert ranking.is_slow(np.inf)
 
 
-# Before there were run-ups the optimiser failed from every motion of Ruckig's, with the window and without. Without, it
-# came to an answer under a quarter of the jerk, and from there to one with the window. Found by `walls_and_bins`.
 BIN = TargetRelease(np.array([-1.38243632, 0.16769024, 0.05536662]), opening=Opening(0.12194, 0.35658))
 WALL = Box(np.array([-0.73686, -0.27345, 0.0]), np.array([-0.62197, 0.82058, 0.38351]))
 
 
-def test_a_window_is_kept_from_the_motion_without_it():
+def test_a_window_is_kept_from_the_motion_without_it(monkeypatch):
+    """Where the optimiser fails from Ruckig's motions: of 600 targets behind walls and in bins none is such by now."""
+    solve = casadi_nlp.solve
+
+    def failing(problem, seed, options):
+        if problem.is_robust and not isinstance(seed.initial_guess, Trajectory):
+            raise SeedFailed("made to fail", 1, frozenset(), False)
+        return solve(problem, seed, options)
+
+    monkeypatch.setattr(casadi_nlp, "solve", failing)
     here = cell()
     walled = replace(here, surroundings=replace(here.surroundings, keep_out=(WALL,)))
     problem = joint_problem(cell=walled, release=BIN, release_window_s=0.005, landing_tolerance_m=0.10194)
