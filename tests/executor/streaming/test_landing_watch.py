@@ -122,7 +122,7 @@ def test_an_arm_that_is_off_its_speed_keeps_the_object(robust, gain):
     assert (done.outcome, done.arm.opened) == ("held", False)
     assert "beyond its tolerance of 20 mm" in done.reason
     assert predicted_m(done.reason) == pytest.approx(done.miss, rel=0.08, abs=0.008)
-    assert done.watch.gain_error[:5] == pytest.approx((np.ones(6) * gain - 1.0)[:5], abs=0.004)
+    assert done.watch.gain_error[:5] == pytest.approx((np.ones(6) * gain - 1.0)[:5], abs=0.005)
 
 
 @pytest.mark.parametrize("off_s", [0.003, 0.010, -0.006])
