@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from planner.backends import ruckig_otg
 from planner.backends.casadi_nlp import DEFAULT_MARGINS, codegen, emission, fatrop, functions, layout, solver
 from planner.backends.casadi_nlp.flight_rows import constrains_flight, starts_with_flight
 from planner.backends.casadi_nlp.instance import Instance
+from planner.backends.casadi_nlp.transcription import StageLayout
 from planner.cell import Box, Cell, load_cell
 from planner.kernel import compile_once
 from planner.problem import JointRelease, TargetRelease, ThrowProblem
@@ -302,3 +304,20 @@ def test_the_launch_takes_the_sizes_that_python_does() -> None:
     for name, value in (("STATES", layout.NX), ("CONTROLS", layout.NU)):
         assert f"#define {name} {value}\n" in source
     assert f"#define ROWS_MAX {fatrop.ROWS_MAX} " in source
+
+
+@needs_launch
+def test_a_solve_from_which_fatrop_does_not_return_is_left() -> None:
+    """Found by the audit: in the 56th iteration it added to the diagonal for ever, with finite derivatives."""
+    stored = json.loads(Path(__file__).with_name("unreturned_launch.json").read_text(encoding="utf-8"))
+    options = stored.pop("options")
+    arguments = {name: np.array(values, float) for name, values in stored.items()}
+    launch = fatrop.compiled_launch(StageLayout(launch=8, brake=3, groups=("clearance", "flight")))
+    assert launch is not None
+    for _ in range(3):
+        variables, iterations, is_solved = launch.solve(arguments, options)
+        assert not is_solved
+        assert 0 < iterations <= options["max_iter"] + 1
+    before, _, _ = launch.solve(arguments, {**options, "max_iter": 20})  # another call is as if nothing had been
+    assert np.isfinite(before).all()
+    assert len(variables) == len(before)

@@ -48,7 +48,8 @@ struct call {
     const double *lower, *upper, *guess, *p; /* bounds of variables, then of rows */
     double *z, *g, *multipliers, *gradient;
     int *columns, *inequality, *equality, *inequalities, *equalities; /* lists, and where each stage's begin */
-    int broken; /* whether some derivative was not finite */
+    int broken;     /* whether some derivative was not finite */
+    int iterations; /* begun, by the second derivatives evaluated */
 };
 
 static int variables(const struct problem *of) { return of->stages * VARIABLES + STATES; }
@@ -171,6 +172,7 @@ static int jacobian(const double *primal, const double *stage_p, const double *g
     const int n = variables(of);
     lanes z[VARIABLES], apart[ROWS_MAX], rows[ROWS_MAX], entries[ENTRIES_MAX];
     (void)stage_p, (void)global_p;
+    products = 0;
     read_variables(call, primal, s);
     for (int k = 0; k <= of->stages; k++) {
         const int height = STATES + controls(of, k) + 1;
@@ -232,6 +234,7 @@ static int hessian(double scale, const double *primal, const double *given, cons
     double *slope = call->gradient;
     lanes z[VARIABLES], apart[ROWS_MAX], weights[ROWS_MAX], gradient[VARIABLES], entries[VARIABLES * VARIABLES];
     (void)stage_p, (void)global_p;
+    products = 0, call->iterations++;
     read_variables(call, primal, s);
     read_multipliers(call, given, s);
     memset(slope, 0, VARIABLES * (size_t)(of->stages + 1) * sizeof(double));
@@ -385,7 +388,7 @@ static int begins_finite(struct call *call) {
 }
 
 /* Solves a launch; sets the variables and the number of iterations. Returns fatrop's status: 0 for solved;
-   -1 where it cannot begin, or some derivative was not finite.
+   -1 where it cannot begin, some derivative was not finite, or it does not return.
 
    `lower`, `upper`: of the variables, then of the rows; `p`: every block's parameters, then the costs'; `names` and
    `values` of fatrop's options. */
@@ -421,9 +424,17 @@ int solve_launch(const struct problem *of, const double *lower, const double *up
             fatrop_ocp_c_set_option_int(solver, names[i], (int)values[i]);
         else
             fatrop_ocp_c_set_option_double(solver, names[i], values[i]);
-    status = fatrop_ocp_c_solve(solver);
+    jmp_buf here;
+    if (setjmp(here) == 0) {
+        leave = &here, products = 0;
+        status = fatrop_ocp_c_solve(solver);
+        *iterations = fatrop_ocp_c_get_stats(solver)->iterations_count;
+    } else { /* what fatrop kept on the stack is lost, a few kilobytes at most */
+        call.broken = 1;
+        *iterations = call.iterations;
+    }
+    leave = NULL;
     if (call.broken) status = -1;
-    *iterations = fatrop_ocp_c_get_stats(solver)->iterations_count;
     read_variables(&call, fatrop_ocp_c_get_primal(solver)->pa, fatrop_ocp_c_get_dims(solver));
     memcpy(out, call.z, (size_t)n * sizeof(double));
     fatrop_ocp_c_destroy(solver);

@@ -7,6 +7,7 @@
    called. Matrices are panel-major: four rows at a time, column by column. Follows lanes.h. */
 
 #include <dlfcn.h>
+#include <setjmp.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -32,6 +33,16 @@ typedef void vector_product(int, int, double, matrix *, int, int, vector *, int,
 #endif
 
 static int trusted = 0;
+
+/* Where a number within it is not finite, fatrop 1.1.8 adds to the diagonal without end. It takes some hundred products
+   to factor a matrix, so that after so many without new derivatives it is at that, and its call is left. */
+#define PRODUCTS_MAX 50000
+static _Thread_local jmp_buf *leave; /* no call is left without */
+static _Thread_local int products;   /* since the last derivatives */
+
+static void count_product(void) {
+    if (leave && ++products > PRODUCTS_MAX) longjmp(*leave, 1);
+}
 
 static void *of_blasfeo(const char *name) {
     void *found = dlsym(RTLD_NEXT, name);
@@ -109,6 +120,7 @@ static void multiply(int m, int n, int depth, double alpha, matrix *A, int aj, m
 void blasfeo_dgemm_nt(int m, int n, int k, double alpha, matrix *A, int ai, int aj, matrix *B, int bi, int bj,
                       double beta, matrix *C, int ci, int cj, matrix *D, int di, int dj) {
     static product *original;
+    count_product();
     if (trusted && !(ai | bi | ci | di)) {
         if (m > 0 && n > 0) multiply(m, n, k, alpha, A, aj, B, bj, beta, C, cj, D, dj, 0);
         return;
@@ -120,6 +132,7 @@ void blasfeo_dgemm_nt(int m, int n, int k, double alpha, matrix *A, int ai, int 
 void blasfeo_dsyrk_ln_mn(int m, int n, int k, double alpha, matrix *A, int ai, int aj, matrix *B, int bi, int bj,
                          double beta, matrix *C, int ci, int cj, matrix *D, int di, int dj) {
     static product *original;
+    count_product();
     if (trusted && !(ai | bi | ci | di)) {
         if (m > 0 && n > 0) multiply(m, n, k, alpha, A, aj, B, bj, beta, C, cj, D, dj, 1);
         return;
