@@ -19,6 +19,8 @@ from planner.kinematics import dot
 from planner.problem import Opening, TargetRelease
 
 CONTACT_M = 1e-6  # [m] rounding: a box up to this much above the landing plane carries the target
+# [m] of an object in flight: of a point the distance from a wall without thickness, or within a box, is never below 0
+LEAST_RADIUS_M = 1e-5
 TINY_M = 1e-12  # [m] a distance below which there is no direction
 
 
@@ -32,6 +34,7 @@ class Flights:
         motion: the motion.
         window_s: largest deviation of the release time [s].
         released_s: time of the nominal release [s].
+        radius_m: of the object, at least `LEAST_RADIUS_M` [m].
         boxes: lower and upper corners of the b boxes (b, 3) [m].
         names: of the obstacles.
         thickness: distance of the object's centre from each obstacle's core at which the two touch [m].
@@ -42,7 +45,8 @@ class Flights:
         self.motion = motion
         self.window_s = problem.release_window_s if problem.is_robust else 0.0
         self.released_s = motion.trajectory.release_time_s
-        around, radius = problem.cell.surroundings.keep_out, problem.cell.object.radius_m
+        around, radius = problem.cell.surroundings.keep_out, max(problem.cell.object.radius_m, LEAST_RADIUS_M)
+        self.radius_m = radius
         self.boxes = tuple(np.array([getattr(b, side) for b in around]).reshape(-1, 3) for side in ("lower", "upper"))
         capsules = slice(0, body.object)
         self.names = (*(f"box {i}" for i in range(len(around))), *body.names[capsules], "rim")
@@ -74,7 +78,7 @@ class Flights:
     def end(self) -> tuple[float, float] | None:
         """Height of the centre at which the flights end [m], and time of the nominal end [s]; None: it never lands."""
         problem = self.motion.problem
-        for height in (problem.plane_z + problem.cell.object.radius_m, problem.plane_z):
+        for height in (problem.plane_z + self.radius_m, problem.plane_z):
             flight = fly(*self.nominal, height, problem.gravity, problem.drag)
             if flight is not None:
                 return height, self.released_s + flight.time_of_flight_s

@@ -157,6 +157,18 @@ def test_a_throw_through_a_wall_is_refused_with_the_way_past_it():
         assert np.linalg.norm(moved - np.clip(moved, box.lower, box.upper)) >= here.object.radius_m - 1e-6
 
 
+@pytest.mark.parametrize("radius_m", [0.02, 0.0])
+def test_an_object_of_any_size_meets_a_box(radius_m):
+    here = cell()
+    here = replace(here, object=replace(here.object, radius_m=radius_m))
+    problem, trajectory = throw(here, [1.3, 0.2, 0.0])
+    _, x, _ = flown(problem, trajectory, 0.0)
+    middle = x[2 * len(x) // 3]
+    wall = with_boxes(here, ([middle[0] - 0.1, -1.0, 0.0], [middle[0] + 0.1, 1.0, middle[2] + 0.3]))
+    assert certify(problem, trajectory).check("flight_clearance").ok
+    assert not certify(replace(problem, cell=wall), trajectory).check("flight_clearance").ok
+
+
 def test_a_target_may_stand_on_a_box_but_not_in_it_nor_against_its_side():
     here = cell()
     table = ([1.1, -0.1, 0.0], [1.5, 0.5, 0.3])
