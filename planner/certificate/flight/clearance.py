@@ -16,7 +16,7 @@ import numpy as np
 from planner.arrays import Array, Mask
 from planner.certificate.bounds import EVALUATIONS_MAX, ROUNDS
 from planner.certificate.certificate import Check, at_least
-from planner.certificate.flight.flights import CONTACT_M, Flights, flights_of, nearest_on_segments
+from planner.certificate.flight.flights import CONTACT_M, Flights, flights_of
 from planner.certificate.flight.patches import (
     PatchBounds,
     Patches,
@@ -27,7 +27,6 @@ from planner.certificate.flight.patches import (
 )
 from planner.certificate.samples import MotionSamples
 from planner.flight import time_of_flight
-from planner.kinematics import dot
 
 CLOSE_M = 0.03  # [m] a bound below it is refined until it is within `ACCURACY_M` of the least gap found there
 ACCURACY_M = 0.01  # [m]
@@ -204,37 +203,30 @@ def _decided(flights: Flights, grid: Grid, lower: Array) -> tuple[Mask, Mask]:
     """Returns which patches are judged, and which count in the value, both (items, m, n).
 
     For what the object is gripped by, the patches before the first one in or from which it is clear are not judged. If
-    it was not clear from the beginning, the others do not count in the value: the distance begins at 0.
+    it was not proven clear from the beginning, the others do not count in the value: the distance begins at 0.
     """
     in_flight, gripped = np.isfinite(lower), flights.gripped
     judged, counted = in_flight.copy(), np.ones(lower.shape, np.bool_)
     clear = np.logical_or.accumulate((lower[gripped] >= 0.0) & in_flight[gripped], axis=2)
-    held = in_flight[gripped] & ~clear
-    if held.any():
-        until = 1 + int(np.flatnonzero(held.any(axis=(0, 1)))[-1])
-        clear[..., :until] |= np.logical_or.accumulate(_starts_clear(flights, grid, until) & held[..., :until], axis=2)
-    judged[gripped] &= clear
     at_once = (clear | ~in_flight[gripped]).reshape(len(gripped), -1).all(axis=1)
     counted[gripped] = np.asarray(at_once)[:, None, None]
+    held = in_flight[gripped] & ~clear
+    judged[gripped] &= clear | np.logical_or.accumulate(_starts_clear(flights, grid, held), axis=2)
     return judged, counted
 
 
-def _starts_clear(flights: Flights, grid: Grid, until: int) -> Mask:
-    """Returns whether the object is clear of what it is gripped by where patches begin (items, m, until).
+def _starts_clear(flights: Flights, grid: Grid, held: Mask) -> Mask:
+    """Returns in which of the `held` patches (gripped, m, n) the object begins clear of what it is gripped by.
 
-    A bound on a whole patch can be too small to tell, by millimetres.
+    It begins where the patch does, or with its release; of both releases of an interval it has to be clear. A bound on
+    a whole patch can be too small to tell, by millimetres.
     """
-    body = flights.motion.body
-    capsules = flights.gripped - len(flights.boxes[0])
-    X = grid.X_WL[:until, body.frames[capsules]]
-    apart = grid.x[:, None, :, :until] - X[..., :3, 3].transpose(2, 1, 0)[:, :, None]
-    R = X[..., :3, :3].transpose(2, 3, 1, 0)
-    local = np.stack([dot(R[:, c, :, None], apart) for c in range(3)])
-    start, end = (body.ends[capsules, i].T[:, :, None, None] for i in (0, 1))
-    local -= nearest_on_segments(local, start, end)
-    gaps = np.sqrt(dot(local, local)) - flights.thickness[flights.gripped][:, None, None]
-    clear = gaps > CONTACT_M
-    return clear if clear.shape[1] == 1 else clear[:, :-1] & clear[:, 1:]
+    starts, (item, row, column) = np.zeros(held.shape, np.bool_), np.nonzero(held)
+    r = np.stack([grid.r0[row], grid.r1[row]])
+    t = np.maximum(r, grid.t[column])
+    gaps = flights.gaps(np.tile(flights.gripped[item], 2), r.ravel(), t.ravel())
+    starts[held] = (gaps.reshape(r.shape) > CONTACT_M).all(axis=0)
+    return starts
 
 
 def _patches(grid: Grid, chosen: Mask) -> Patches:

@@ -237,6 +237,48 @@ def test_an_object_that_starts_clear_of_the_tool_may_not_be_hit_by_it(window_s):
     assert any(answers)
 
 
+@pytest.mark.parametrize(("window_s", "gap_m"), [(0.0, 0.00002), (0.005, 0.00002), (0.005, 0.0001), (0.02, 0.00002)])
+def test_no_release_of_a_window_may_be_hit_where_the_arm_accelerates(window_s, gap_m):
+    """Object and tool are apart for milliseconds alone, at other times for each release."""
+    hits = 0
+    for problem, trajectory in accelerated_throws(gripped_at_a_distance(gap_m), 40, window_s):
+        delays = np.linspace(-window_s, window_s, 7) if window_s else (0.0,)
+        if min(tool_gaps(problem, trajectory, delay).min() for delay in delays) < -3e-4:
+            assert not certify(problem, trajectory).check("flight_clearance").ok
+            hits += 1
+    assert hits > 9
+
+
+def test_an_object_that_leaves_the_tool_it_overlaps_is_not_hit_by_it():
+    """In every release of the window it begins within the tool's capsule, and then it only gets farther away."""
+    left = 0
+    for problem, trajectory in accelerated_throws(gripped_at_a_distance(-0.0002), 60, 0.02):
+        gaps = [tool_gaps(problem, trajectory, delay) for delay in np.linspace(-0.02, 0.02, 9)]
+        if all((np.diff(each[:60]) > 0.0).all() and (each[60:] > 0.0).all() for each in gaps):
+            check = certify(problem, trajectory).check("flight_clearance")
+            assert check.ok or check.detail != "tool_0"
+            left += 1
+    assert left > 3
+
+
+def accelerated_throws(here, count, window_s):
+    """Throws to random targets by Ruckig with the soonest acceleration at the release, and their problems."""
+    rng, made = np.random.default_rng(3), 0
+    while made < count:
+        angle, distance = rng.uniform(-np.pi, np.pi), rng.uniform(0.25, 1.6)
+        release = TargetRelease(np.array([distance * np.cos(angle), distance * np.sin(angle), rng.uniform(0.0, 0.5)]))
+        tolerance_m = 5.0 if window_s else 0.0
+        problem = ThrowProblem(
+            here, here.home, release, here.limits, release_window_s=window_s, landing_tolerance_m=tolerance_m
+        )
+        try:
+            motions = [ruckig_otg.solve(problem, each, "free").trajectory for each in candidates(problem)[:4]]
+        except (Infeasible, SolverFailed):
+            continue
+        made += len(motions)
+        yield from ((problem, motion) for motion in motions)
+
+
 def gripped_at_a_distance(gap_m):
     """A cell whose object, a point, is held beside the tool's capsule, by a gripper that is open to all sides."""
     here = cell()
