@@ -115,35 +115,36 @@ def _answer(instance: Instance, seed: Seed, options: SolveOptions, solver: Solve
     Raises:
         SolverFailed: none was found.
     """
-    problem = instance.problem
-    if not (problem.is_robust and options.margins.are_default):  # with others, the seed's guess is a solution
-        return _from_seed(instance, seed, options, solver)
-    ways = (_from_seed, _without_window_first)
-    first, second = ways if isinstance(problem.release, TargetRelease) else reversed(ways)
-    try:
-        return first(instance, seed, options, solver)
-    except SolverFailed:
-        if solver.is_late:
-            raise
-    return second(instance, seed, options, solver)
-
-
-def _from_seed(instance: Instance, _seed: Seed, _options: SolveOptions, solver: Solver) -> Solution:
     from planner.backends.casadi_nlp.answer import answer, solved
 
-    return answer(*solved(instance, solver), solver)
+    guesses: list[Callable[[], Instance]] = [lambda: instance]
+    if instance.problem.is_robust and options.margins.are_default:  # with others, the seed's guess is a solution
+        guesses.append(lambda: _near_the_throw_without_window(instance, seed, options, solver))
+        if not isinstance(instance.problem.release, TargetRelease):
+            guesses.reverse()
+    *first, last = guesses
+    for guess in first:
+        try:
+            return answer(*solved(guess(), solver), solver)
+        except SolverFailed:
+            if solver.is_late:  # found, and no sooner than another
+                raise
+    return answer(*solved(last(), solver), solver)
 
 
-def _without_window_first(instance: Instance, seed: Seed, options: SolveOptions, solver: Solver) -> Solution:
-    from planner.backends.casadi_nlp.answer import KnotStates, answer, solved
+def _near_the_throw_without_window(instance: Instance, seed: Seed, options: SolveOptions, solver: Solver) -> Instance:
+    """Returns the instance with the throw without its release window as initial guess.
+
+    Raises:
+        SolverFailed: there is none.
+    """
+    from planner.backends.casadi_nlp.answer import KnotStates, solved
     from planner.backends.casadi_nlp.instance import Instance
 
     nominal = replace(instance.problem, release_window_s=0.0, landing_tolerance_m=0.0)
     without_window, z = solved(Instance.of(nominal, seed, options.margins), solver)
-    found = KnotStates.of(z, without_window.stages.launch)
-    close = instance.from_guess(found, landing_offsets=0.0)
-    close = replace(close, fitted_at=without_window.fitted_at, aim=without_window.aim)
-    return answer(*solved(close, solver), solver)
+    close = instance.from_guess(KnotStates.of(z, without_window.stages.launch), landing_offsets=0.0)
+    return replace(close, fitted_at=without_window.fitted_at, aim=without_window.aim)
 
 
 def warm(progress: Callable[[str, float], None] = lambda _what, _share: None) -> bool:

@@ -64,7 +64,8 @@ class CompiledLaunch:
     def solve(self, arguments: Mapping[str, Array], options: Mapping[str, float]) -> tuple[Array, int, bool]:
         """Returns the variables (n,), the number of iterations, and whether the problem is solved.
 
-        The variables are those at which fatrop gave up, where it did; no numbers where not all numbers were finite.
+        The variables are those at which fatrop gave up, where it did; no numbers where not all numbers were finite, or
+        fatrop did not return.
 
         Args:
             arguments: as casadi's solvers take them: x0, p, lbx, ubx, lbg, ubg.
@@ -90,7 +91,7 @@ class CompiledLaunch:
             x.ctypes.data,
             ctypes.byref(iterations),
         )
-        if status < SOLVED:  # it could not begin, or some derivative was not finite
+        if status < SOLVED:  # it could not begin, some derivative was not finite, or it did not return
             x[:] = np.nan
         return x, iterations.value, status == SOLVED
 

@@ -11,9 +11,12 @@ from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import answer, instance
 from planner.backends.casadi_nlp.bounds import Bounds
 from planner.backends.casadi_nlp.instance import Instance
+from planner.backends.casadi_nlp.layout import STEP
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, LocalMargin
+from planner.backends.casadi_nlp.solver import Solver
 from planner.backends.casadi_nlp.transcription import StageLayout, transcription
 from planner.certificate import certify, landing_errors
+from planner.errors import SolverFailed
 from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.seeds import Seed, candidates
@@ -117,3 +120,45 @@ def test_a_local_margin_applies_to_the_stages_at_its_time() -> None:
 
     assert raised(0.05) == [1]  # 10 ms: within the first of four stages
     assert raised(1.5) == [4, 5, 6]  # half-way through the brake
+
+
+@pytest.mark.parametrize(
+    ("release", "windows"),
+    [(TARGET, [4, 0, 4]), (PointRelease(np.array([0.5, 0.3, 0.6]), np.array([0.8, 0.8, 0.8])), [0, 1, 1])],
+)
+def test_both_guesses_are_tried_for_a_window_the_throw_without_it_first_where_the_release_is_given(
+    release: TargetRelease | PointRelease, windows: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Stages of the window in what is solved, where the first solve with a window is made to fail."""
+    solved, seen = answer.solved, []
+
+    def first_fails(asked: Instance, solver: Solver) -> object:
+        seen.append(asked.stages.window)
+        if asked.stages.window and not any(seen[:-1]):
+            raise SolverFailed("made to fail", 1)
+        return solved(asked, solver)
+
+    monkeypatch.setattr(answer, "solved", first_fails)
+    asked = problem(release=release)
+    first = candidates(asked)[0]
+    made = casadi_nlp.solve(asked, Seed(first, ruckig_otg.initial_guess(asked, first)))
+    assert seen == windows
+    assert made.trajectory.release_time_s > 0.0
+
+
+@pytest.mark.parametrize(("brake", "window", "last"), [(0, 0, 8), (3, 0, 10), (4, 0, 10), (7, 4, 18)])
+def test_singularities_are_avoided_on_three_stages_before_the_release_and_two_after_it(brake, window, last) -> None:
+    stages = StageLayout(8 + window, brake, window)
+    assert stages.knots("singularity") == range(5, last + 1)
+    assert stages.knots("singularity_middle") == range(5, last)
+
+
+def test_watched_stages_are_lengthened_on_both_sides_of_the_release() -> None:
+    bounds = Bounds(transcription(StageLayout(8, 3)).row_index, np.ones(6))
+    bounds.limit_steps(np.full(11, 0.02))
+    bounds.watch_long_enough(0.0)
+    least = bounds.x[0, :-1, STEP]
+    assert least[:5] == pytest.approx(0.15 * 0.02)
+    assert least[5:8] == pytest.approx(0.052 / 3)
+    assert least[8:10] == pytest.approx(0.025)  # half of the most
+    assert least[10] == pytest.approx(0.15 * 0.02)

@@ -48,8 +48,8 @@ struct call {
     const double *lower, *upper, *guess, *p; /* bounds of variables, then of rows */
     double *z, *g, *multipliers, *gradient;
     int *columns, *inequality, *equality, *inequalities, *equalities; /* lists, and where each stage's begin */
-    int broken;     /* whether some derivative was not finite */
-    int iterations; /* begun, by the second derivatives evaluated */
+    volatile int broken;     /* whether some derivative was not finite; volatile, as it is read after a `longjmp` */
+    volatile int iterations; /* begun, by the second derivatives evaluated */
 };
 
 static int variables(const struct problem *of) { return of->stages * VARIABLES + STATES; }
@@ -234,7 +234,8 @@ static int hessian(double scale, const double *primal, const double *given, cons
     double *slope = call->gradient;
     lanes z[VARIABLES], apart[ROWS_MAX], weights[ROWS_MAX], gradient[VARIABLES], entries[VARIABLES * VARIABLES];
     (void)stage_p, (void)global_p;
-    products = 0, call->iterations++;
+    products = 0;
+    call->iterations = call->iterations + 1;
     read_variables(call, primal, s);
     read_multipliers(call, given, s);
     memset(slope, 0, VARIABLES * (size_t)(of->stages + 1) * sizeof(double));
@@ -429,7 +430,8 @@ int solve_launch(const struct problem *of, const double *lower, const double *up
         leave = &here, products = 0;
         status = fatrop_ocp_c_solve(solver);
         *iterations = fatrop_ocp_c_get_stats(solver)->iterations_count;
-    } else { /* what fatrop kept on the stack is lost, a few kilobytes at most */
+    } else { /* past fatrop's destructors, deliberately: it cannot be asked to return, and what they would
+                have freed is lost */
         call.broken = 1;
         *iterations = call.iterations;
     }
