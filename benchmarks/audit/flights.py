@@ -12,6 +12,7 @@ from scipy.interpolate import CubicHermiteSpline
 from benchmarks.audit.distances import LENGTH_SLACK_M, shapes
 from benchmarks.audit.fault import AuditFault, over, under
 from benchmarks.audit.pinocchio_arm import arm_model, poses_and_velocity
+from planner.cell import Box
 from planner.problem import TargetRelease, ThrowProblem
 from planner.trajectory import Trajectory
 
@@ -146,13 +147,19 @@ def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: 
     x = paths.x[: paths.steps[i], i]
     gaps = [("the floor", float((x[:, 2] - radius).min()) - around.floor_z_m)]
     for k, box in enumerate(around.keep_out):
-        gaps.append((f"box {k}", float(np.linalg.norm(x - np.clip(x, box.lower, box.upper), axis=1).min()) - radius))
+        gaps.append((f"box {k}", float(_from_box(x, box).min()) - radius))
     for name, frame, apart in arm.gaps(x, delay):
         counted = _since_clear(apart - radius) if frame in GRIPPED_FRAMES else np.ones(len(apart), bool)
         gaps.append((name, float((apart[counted] - radius).min(initial=np.inf))))
     slack = LENGTH_SLACK_M
     found = [f for name, gap in gaps for f in under("flight_clearance", f"flight through {name}", gap, 0.0, slack, "m")]
     return found + _bin(problem, x, slack)
+
+
+def _from_box(x: Vector, box: Box) -> Vector:
+    """Returns the distances (n,) [m] of points (n, 3) from a box; within it the negative depth."""
+    apart = np.linalg.norm(x - np.clip(x, box.lower, box.upper), axis=1)
+    return apart - np.maximum(np.minimum(x - box.lower, box.upper - x).min(axis=1), 0.0)
 
 
 def _way_out(problem: ThrowProblem, arm: _Arm, delay: float, x: Vector) -> list[AuditFault]:
@@ -192,6 +199,9 @@ def _bin(problem: ThrowProblem, x: Vector, slack: float) -> list[AuditFault]:
     gap = np.hypot(off - inner, np.maximum(before[:, 2] - rim, 0.0))
     inside = (before[:, 2] < release.p_W[2]) & (off > inner)  # below the bottom's height, outside: no wall there
     gap = np.where(inside, np.inf, gap).min() - radius
+    beside = (before[:, 2] < rim) & (before[:, 2] >= release.p_W[2])  # at a height at which there is a wall
+    passed = np.diff(off > inner) & beside[:-1] & beside[1:]  # of a point the gap is 0 there
+    gap = (-np.abs(np.diff(off))[passed]).min(initial=gap)
     found = under("flight_clearance", "flight through the bin's wall", float(gap), 0.0, slack, "m")
     if len(falls):
         share = (x[last - 1, 2] - rim) / (x[last - 1, 2] - x[last, 2])

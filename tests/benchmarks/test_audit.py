@@ -145,6 +145,16 @@ def test_what_is_in_the_way_of_the_flight_is_named(good, fault):
     assert any(name in str(found) for found in flight_faults(problem, motion) for name in named)
 
 
+@pytest.mark.parametrize("fault", FLIGHT_SPOILT)
+def test_what_is_in_the_way_of_a_point_is_named(good, fault):
+    """Its distance from a box is 0 within it, and from a wall never below 0."""
+    problem, motion = good
+    point = replace(problem, cell=replace(problem.cell, object=replace(problem.cell.object, radius_m=0.0)))
+    assert flight_faults(point, motion) == []
+    spoilt, motion = FLIGHT_SPOILT[fault](point, motion)
+    assert any(fault in str(found) or "enters the bin" in str(found) for found in flight_faults(spoilt, motion))
+
+
 @pytest.mark.parametrize(("beside_m", "named"), [(0.0, False), (0.3, True)])
 def test_an_object_thicker_than_its_bin_is_deep_comes_to_lie_in_it(good, beside_m, named):
     """Its centre never passes the mouth: that alone is no fault."""
