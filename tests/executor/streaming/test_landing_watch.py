@@ -79,7 +79,8 @@ class OffArm:
 
 @pytest.fixture(scope="module", params=["ur5e-sim", "ur5-sim"])
 def robust(request: pytest.FixtureRequest) -> tuple[ThrowProblem, Trajectory]:
-    body = {"release": LOB, "release_window_s": 0.005, "landing_tolerance_m": TOLERANCE_M, "backend": "casadi"}
+    farther = {**LOB, "position": [1.4, 0.3, 0.0]}  # at 125 Hz the lob has too few ticks to tell the gains by
+    body = {"release": farther, "release_window_s": 0.005, "landing_tolerance_m": TOLERANCE_M, "backend": "casadi"}
     found = plan(problem_from_request(body, load_cell(CELLS / f"{request.param}.toml")))
     return found.problem, found.trajectory
 
@@ -122,7 +123,7 @@ def test_an_arm_that_is_off_its_speed_keeps_the_object(robust, gain):
     assert (done.outcome, done.arm.opened) == ("held", False)
     assert "beyond its tolerance of 20 mm" in done.reason
     assert predicted_m(done.reason) == pytest.approx(done.miss, rel=0.08, abs=0.008)
-    assert done.watch.gain_error[:5] == pytest.approx((np.ones(6) * gain - 1.0)[:5], abs=0.005)
+    assert done.watch.gain_error[:5] == pytest.approx((np.ones(6) * gain - 1.0)[:5], abs=0.004)
 
 
 @pytest.mark.parametrize("off_s", [0.003, 0.010, -0.006])
