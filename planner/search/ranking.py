@@ -23,7 +23,7 @@ from planner.trajectory import Trajectory
 RANKED_MAX = 24  # candidates of least lower bound that are considered; a pose's others are full turns away
 TIMED_MAX = 8  # of these are ranked by Ruckig's launch time
 UNDERCUT = 0.75  # [-] of the lower bound of an aspect's soonest candidate: 29 of 32 throws release later than that
-# [-] The same for a point. With 0.9 six of 240 throws released later, by up to a twentieth.
+# [-] The same for a point. With 0.9 six of 240 points release later than with 0.85, by up to a twentieth.
 UNDERCUT_OF_POINT = 0.85
 # [-] Release time, less the time that an acceleration takes to its limit, over the lower bound of a target's soonest
 # candidate: later throws are stuck in a local minimum. Of 239 targets the 40 slowest by this hold 9 of the 14 answers

@@ -67,7 +67,7 @@ def test_the_answer_is_no_later_than_with_half_the_limits(jerks):
 
 
 @pytest.mark.parametrize("is_slow", [False, True])
-def test_a_search_is_repeated_where_its_answer_is_slow_beside_the_bounds(monkeypatch, is_slow):
+def test_a_search_is_repeated_where_its_answer_is_slow(monkeypatch, is_slow):
     monkeypatch.setattr(Ranking, "is_slow", lambda *_: is_slow)
     answer = plan(TARGET)
     assert any("jerk and acceleration halved" in attempt.result for attempt in answer.attempts) is is_slow
