@@ -261,6 +261,22 @@ def test_an_object_that_leaves_the_tool_it_overlaps_is_not_hit_by_it():
     assert left > 3
 
 
+def test_no_release_of_a_window_may_be_hit_by_a_tool_that_leans_over_the_object():
+    """The object begins deep within the tool's capsule; releases milliseconds apart come out of it far apart."""
+    hits, window_s, steps = 0, 0.0067, 10
+    for aside_m in ([0.0410, -0.0200, 0.0594], [0.0271, 0.0028, 0.0699], [0.0448, -0.0378, 0.0497]):
+        for problem, trajectory in accelerated_throws(gripped_within(aside_m), 8, window_s):
+            least = 0.0
+            for delay in np.linspace(-window_s, window_s, 41):
+                gaps = tool_gaps(problem, trajectory, delay) - problem.cell.object.radius_m
+                was_clear = np.convolve(gaps > 0.0, np.ones(steps), "full")[: len(gaps)] >= steps
+                least = min(least, gaps[np.maximum.accumulate(was_clear)].min(initial=0.0))
+            if least < -1e-4:
+                assert not certify(problem, trajectory).check("flight_clearance").ok
+                hits += 1
+    assert hits > 2
+
+
 def accelerated_throws(here, count, window_s):
     """Throws to random targets by Ruckig with the soonest acceleration at the release, and their problems."""
     rng, made = np.random.default_rng(3), 0
@@ -288,6 +304,16 @@ def gripped_at_a_distance(gap_m):
     gripper = replace(here.gripper, opening_direction=None)
     return replace(
         here, tool=replace(here.tool, capsules=(capsule,)), gripper=gripper, object=replace(here.object, radius_m=0.0)
+    )
+
+
+def gripped_within(aside_m):
+    """A cell whose tool's capsule ends `aside_m` from the object, which has a gripper that is open to all sides."""
+    here = cell()
+    capsule = replace(here.tool.capsules[0], to_m=here.tool.X_FT[:3, 3] + aside_m, radius_m=0.03)
+    gripper = replace(here.gripper, opening_direction=None)
+    return replace(
+        here, tool=replace(here.tool, capsules=(capsule,)), gripper=gripper, object=replace(here.object, radius_m=0.025)
     )
 
 
