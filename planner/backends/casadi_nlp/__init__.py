@@ -196,13 +196,15 @@ def build_solvers(progress: Callable[[float], None] = lambda _share: None) -> No
         BackendUnavailable: casadi is not installed.
     """
     _require_casadi()
+    from planner.backends.casadi_nlp.fatrop import compiled_launch
     from planner.backends.casadi_nlp.instance import common_layouts
     from planner.backends.casadi_nlp.transcription import transcription
 
     layouts = common_layouts()
     for i, stages in enumerate(layouts):
         progress(i / len(layouts))
-        transcription(stages)
+        if compiled_launch(stages) is None:
+            _ = transcription(stages).functions
 
 
 def _require_casadi() -> None:

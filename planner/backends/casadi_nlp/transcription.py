@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 import casadi as ca
@@ -166,25 +166,27 @@ class RowIndex:
 
 @dataclass(frozen=True, eq=False)
 class Transcription:
-    """An assembled problem.
+    """The problem of a layout.
 
     Attributes:
         row_index: position of its rows.
         blocks: every block, those that it leaves out included.
-        functions: f, g, grad_f, jac_g and hess_l of (x, p).
     """
 
     row_index: RowIndex
     blocks: dict[str, Block]
-    functions: dict[str, Any]
+
+    @cached_property
+    def functions(self) -> dict[str, Any]:
+        """The functions f, g, grad_f, jac_g and hess_l of (x, p): 20 to 70 ms, and not needed by a compiled launch."""
+        return assemble(self.row_index)
 
 
 @cache
 def transcription(stages: StageLayout) -> Transcription:
-    """Returns the assembled problem of a layout, built once per process; with compiled functions if there are any."""
+    """Returns the problem of a layout, built once per process; with compiled functions if there are any."""
     blocks = codegen.loaded_blocks().blocks
-    index = RowIndex(stages, blocks)
-    return Transcription(index, blocks, assemble(index))
+    return Transcription(RowIndex(stages, blocks), blocks)
 
 
 def assemble(index: RowIndex) -> dict[str, Any]:
