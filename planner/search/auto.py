@@ -197,11 +197,21 @@ def _try_seed(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate,
         if error.is_late and not stage.follows:
             ranking.settle(ranked, math.inf)
         search.given_up += leaves_doubt and not error.is_late
+        _note_motion(search, ranked, error.is_late)
         raise
+    _note_motion(search, ranked, was_valid)
     if was_valid:
         ranking.settle(ranked, search.certified[-1].solution.trajectory.release_time_s)
     search.given_up += leaves_doubt and not was_valid
     return was_valid
+
+
+def _note_motion(search: PlanningSearch, ranked: RankedCandidate, found: bool) -> None:
+    """Notes whether the optimiser came to a motion from a candidate, by any of its seeds."""
+    if found:
+        search.in_vain.pop(ranked.candidate, None)
+    else:
+        search.in_vain[ranked.candidate] = None
 
 
 def load_optimiser(search: PlanningSearch) -> float:
@@ -237,6 +247,8 @@ def _optimise_from(search: PlanningSearch, ranking: Ranking, ranked: RankedCandi
             return True
         certificate = found.certificate
         if _leaves_beside_opening(certificate.failures):
+            if ranked in ranking.beside_opening and not stage.follows:
+                return False  # a narrower opening was no remedy; its way out may be followed
             ranking.beside_opening.setdefault(ranked, solution.trajectory)
         if _needs_finer_stages(search.problem, options, certificate.failures):
             seed, options = begun, replace(first, resolution="fine")

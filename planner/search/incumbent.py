@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from planner.certificate import Certificate, Examination
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation
 from planner.problem import ThrowProblem
+from planner.seeds import Candidate
 from planner.solution import Solution
 from planner.trajectory import Trajectory
 
@@ -69,6 +70,7 @@ class PlanningSearch:
         lower_bound_s: no motion releases earlier [s], as far as is known.
         loading_s: spent on loading solvers [s]; the deadline is later by as much.
         held: groups of rows with which a seed failed: further seeds start with them.
+        in_vain: candidates from which the optimiser came to no motion: none certified, and none that was too late.
         given_up: seeds from which the optimiser came to no certified motion, for another reason than its lateness.
         has_optimised: whether the optimiser came to a motion: certified, or no sooner than one that is.
         needs_sooner: whether the incumbent was brought along as an optimised motion: none is of use that is no sooner.
@@ -86,6 +88,7 @@ class PlanningSearch:
     lower_bound_s: float = 0.0
     loading_s: float = 0.0
     held: frozenset[str] = frozenset()
+    in_vain: dict[Candidate, None] = field(default_factory=dict)
     given_up: int = 0
     has_optimised: bool = False
     needs_sooner: bool = False

@@ -169,15 +169,20 @@ def test_a_point_is_thrown_from_another_aspect_where_that_is_sooner():
     assert released[1] < 0.9 * released[0] < np.inf
 
 
+BESIDE_THE_OPENING = joint_problem(
+    start=np.array([-1.15, -1.16, 0.3, -2.14, -0.28, -0.13]),
+    release=TargetRelease(np.array([0.36, -0.63, 0.0])),
+    time_limit_s=60.0,
+)
+
+
 def test_an_object_that_would_leave_beside_the_opening_is_followed_out_of_the_grip():
     """A narrower opening alone takes half as long again. A throw that leaves well is not followed."""
     plain = PlanningSearch(target_problem(), time.perf_counter() + 60.0)
     search_optimised(plain, Ranking(plain.problem, candidates(plain.problem)))
     assert plain.attempts
     assert not any("ways out" in attempt.result for attempt in plain.attempts)
-    problem = target_problem(start=np.array([-1.15, -1.16, 0.3, -2.14, -0.28, -0.13]), time_limit_s=60.0)
-    problem = replace(problem, release=TargetRelease(np.array([0.36, -0.63, 0.0])))
-    release_s = {}
+    problem, release_s = BESIDE_THE_OPENING, {}
     for follows in (False, True):
         search = PlanningSearch(problem, time.perf_counter() + 60.0)
         policy = [stage for stage in POLICY if follows or stage.order != "way out"]
@@ -185,6 +190,22 @@ def test_an_object_that_would_leave_beside_the_opening_is_followed_out_of_the_gr
         release_s[follows] = search.release_time_s
         assert follows == any("ways out" in attempt.result for attempt in search.attempts)
     assert release_s[True] < 0.8 * release_s[False] < np.inf
+
+
+def test_a_seed_ends_where_a_narrower_opening_is_no_remedy(monkeypatch):
+    """Before, it was narrowed further, three times; only the object's way out leads to a motion here."""
+    begun, solve = [], casadi_nlp.solve
+
+    def noted(problem, seed, options):
+        begun.append(seed.candidate)
+        return solve(problem, seed, options)
+
+    monkeypatch.setattr(casadi_nlp, "solve", noted)
+    search = PlanningSearch(BESIDE_THE_OPENING, time.perf_counter() + 60.0)
+    ranking = Ranking(search.problem, candidates(search.problem))
+    search_optimised(search, ranking, [stage for stage in POLICY if stage.purpose == "soonest seeds"])
+    beside = next(iter(ranking.beside_opening))
+    assert begun.count(beside.candidate) == 2
 
 
 BACK_OVER_THE_ARM = {

@@ -9,8 +9,9 @@ import pytest
 from planner.backends import casadi_nlp
 from planner.backends.casadi_nlp import SeedFailed
 from planner.cell import Box
-from planner.planning import plan
-from planner.problem import Opening, TargetRelease
+from planner.errors import Infeasible
+from planner.planning import SearchHints, plan
+from planner.problem import Opening, PointRelease, TargetRelease
 from planner.search import PlanningSearch, Ranking, auto, nearest_problem, tighter
 from planner.seeds import candidates
 from planner.solution import Solution
@@ -19,6 +20,7 @@ from tests.planner.problems import cell, joint_problem
 
 TARGET = joint_problem(release=TargetRelease(np.array([1.6, 0.1, 0.0])))
 NEAR = joint_problem(release=TargetRelease(np.array([0.8, 0.3, 0.0])))  # releases well before its candidates' bounds
+POINT = joint_problem(release=PointRelease(np.array([-0.4, -0.4, 0.6]), np.array([-1.0, -1.0, 0.5])))
 JERK = TARGET.limits.jerk_max
 
 
@@ -50,6 +52,12 @@ def searched(monkeypatch):
     return made
 
 
+@pytest.fixture
+def in_vain(monkeypatch):
+    """The optimiser's motions are answers, and yet all their candidates are noted as having led to none."""
+    monkeypatch.setattr(auto, "_note_motion", lambda search, ranked, _: search.in_vain.update({ranked.candidate: None}))
+
+
 def test_a_throw_that_is_found_with_half_the_jerk_alone_is_an_answer(jerks):
     answer = plan(TARGET)
     assert jerks[0] == 1.0
@@ -67,19 +75,26 @@ def test_the_answer_is_no_later_than_with_half_the_limits(jerks):
 
 
 @pytest.mark.parametrize("is_slow", [False, True])
-def test_a_search_is_repeated_where_its_answer_is_slow(monkeypatch, is_slow):
+def test_a_search_is_repeated_where_its_answer_is_slow(in_vain, monkeypatch, is_slow):
     monkeypatch.setattr(Ranking, "is_slow", lambda *_: is_slow)
     answer = plan(TARGET)
     assert any("jerk and acceleration halved" in attempt.result for attempt in answer.attempts) is is_slow
 
 
 def test_a_request_with_twice_the_jerk_is_searched_as_this_one_too(searched, monkeypatch):
-    """Of a doubtful search the one under half the jerk has the same candidates as a request's own."""
-    monkeypatch.setattr(Ranking, "is_slow", lambda *_: True)
-    plan(TARGET)
+    """Of a search without an answer the one under half the jerk has the same candidates as a request's own."""
+
+    def failing(*_):
+        raise SeedFailed("made to fail", 1, frozenset(), False)
+
+    monkeypatch.setattr(casadi_nlp, "solve", failing)
+    alone = replace(TARGET, backend="casadi")
+    with pytest.raises(Infeasible):
+        plan(alone, SearchHints(offers_nearest=False))
     (own, bounds, _), *_ = searched
     searched.clear()
-    plan(replace(TARGET, limits=replace(TARGET.limits, jerk_max=2.0 * JERK)))
+    with pytest.raises(Infeasible):
+        plan(replace(alone, limits=replace(TARGET.limits, jerk_max=2.0 * JERK)), SearchHints(offers_nearest=False))
     assert any(
         np.array_equal(problem.limits.jerk_max, own.limits.jerk_max) and found == bounds
         for problem, found, _ in searched[1:]
@@ -118,14 +133,50 @@ def test_one_joint_of_little_acceleration_does_not_multiply_the_searches():
     assert tighter._halvings(replace(TARGET.limits, qdd_max=qdd_max)) == tighter._halvings(TARGET.limits)
 
 
-def test_a_slow_throw_is_searched_with_torque_held_and_a_given_state_is_not(searched, monkeypatch):
+def test_a_slow_throw_from_a_point_is_searched_with_torque_held_and_others_are_not(in_vain, searched, monkeypatch):
+    """To a target only where there is no answer."""
+    monkeypatch.setattr(Ranking, "is_slow", lambda *_: True)
+    plan(POINT)
+    assert [held for _, _, held in searched].count(tighter.TORQUE) == 1
+    monkeypatch.setattr(tighter, "is_doubtful", lambda *_: True)
+    for other in (TARGET, joint_problem()):
+        searched.clear()
+        plan(other)
+        assert tighter.TORQUE not in [held for _, _, held in searched]
+
+
+def test_where_there_is_an_answer_a_search_is_repeated_from_what_led_to_none(searched, monkeypatch):
+    """Not where the release is given: then there are few candidates, and each may have another motion."""
+    monkeypatch.setattr(Ranking, "is_slow", lambda *_: True)
+    solve, failed = casadi_nlp.solve, []
+
+    def failing_first(problem, seed, options):
+        if not failed:
+            failed.append(seed.candidate)
+            raise SeedFailed("made to fail", 1, frozenset(), False)
+        return solve(problem, seed, options)
+
+    monkeypatch.setattr(casadi_nlp, "solve", failing_first)
+    assert plan(TARGET).certificate.valid
+    own, *repeats = [bounds for _, bounds, _ in searched][:3]
+    assert len(own) > 1
+    assert repeats == [[failed[0].bound_s]] * 2
+
+
+def test_nothing_is_repeated_where_every_candidate_led_to_a_motion(searched, monkeypatch):
     monkeypatch.setattr(Ranking, "is_slow", lambda *_: True)
     plan(TARGET)
-    assert [held for _, _, held in searched].count(tighter.TORQUE) == 1
-    searched.clear()
-    monkeypatch.setattr(tighter, "is_doubtful", lambda *_: True)
-    plan(joint_problem())
-    assert tighter.TORQUE not in [held for _, _, held in searched]
+    assert len(searched) == 2  # the request's own, and the second solver
+
+
+def test_a_candidate_whose_motion_is_found_by_another_seed_is_not_in_vain():
+    search, found = PlanningSearch(NEAR, time.perf_counter() + 60.0), candidates(NEAR)[:2]
+    first, second = Ranking(NEAR, found)
+    auto._note_motion(search, first, False)
+    auto._note_motion(search, second, True)
+    assert list(search.in_vain) == [first.candidate]
+    auto._note_motion(search, first, True)
+    assert not search.in_vain
 
 
 @pytest.mark.parametrize(
@@ -177,23 +228,26 @@ def test_where_no_motion_keeps_the_window_the_one_without_it_is_nearest():
 
 
 @pytest.mark.parametrize(("window_s", "times"), [(0.005, 2), (0.0, 1)])
-def test_further_seeds_of_a_repeated_search_come_after_the_first_of_every_way(searched, monkeypatch, window_s, times):
+def test_further_seeds_of_a_repeated_search_come_after_the_first_of_every_way(
+    in_vain, searched, monkeypatch, window_s, times
+):
     """And only where an answer with a release window is slow: then all ways are searched twice, else once."""
     monkeypatch.setattr(Ranking, "is_slow", lambda *_: True)
     plan(replace(NEAR, release_window_s=window_s, landing_tolerance_m=0.02 if window_s else 0.0))
-    repeats = _ways(searched)[1 : 1 + 4 * times]  # torque held, half of the jerk, a quarter, half of the acceleration
-    assert len(set(repeats[:4])) == 4
-    assert repeats[4:] == repeats[:4] * (times - 1)
-    assert len(_ways(searched)) == 2 + 4 * times  # and the request's own, and the second solver
+    repeats = _ways(searched)[1 : 1 + 2 * times]  # half of the jerk, a quarter
+    assert len(set(repeats[:2])) == 2
+    assert repeats[2:] == repeats[:2] * (times - 1)
+    assert len(_ways(searched)) == 2 + 2 * times  # and the request's own, and the second solver
 
 
-def test_of_a_throw_that_is_not_slow_but_in_doubt_the_jerk_alone_is_halved(searched, monkeypatch):
+@pytest.mark.parametrize(("is_slow", "shares"), [(False, [0.5, 0.25]), (True, [0.5, 0.25, 0.125])])
+def test_of_a_throw_with_an_answer_the_jerk_alone_is_halved(in_vain, searched, monkeypatch, is_slow, shares):
     monkeypatch.setattr(tighter, "is_doubtful", lambda *_: True)
-    monkeypatch.setattr(Ranking, "is_slow", lambda *_: False)
-    plan(NEAR)
+    monkeypatch.setattr(Ranking, "is_slow", lambda *_: is_slow)
+    plan(replace(NEAR, limits=replace(NEAR.limits, jerk_max=2.0 * JERK)))
     own, *repeats, last = _ways(searched)
     assert own == last
-    assert [jerk[0] / own[0][0] for jerk, _, _ in repeats] == [0.5, 0.25]
+    assert [jerk[0] / own[0][0] for jerk, _, _ in repeats] == shares
     assert {(acceleration, held) for _, acceleration, held in repeats} == {own[1:]}
 
 
@@ -203,6 +257,7 @@ def test_a_throw_of_which_a_seed_was_given_up_is_in_doubt():
     ranking = Ranking(NEAR, candidates(NEAR))
     assert not tighter.is_doubtful(search, ranking)
     search.given_up = 1
+    search.in_vain[ranking[0].candidate] = None
     assert tighter.is_doubtful(search, ranking)
 
 
