@@ -4,12 +4,13 @@ The optimiser starts from Ruckig's motions, and these change with the limits, an
 them. So a doubtful search is repeated: first with the rows of torque and tool speed included from the beginning instead
 of when a solution breaks them, then as for requests with half of the jerk, a quarter of it and so on, and with half of
 the acceleration. Where there is an answer, that is done with less jerk alone (for a given point with torque held, too),
-and, where the release is free, only from the candidates that led to no motion. Of all these the first seeds come first, and further ones follow where there is no answer or a slow one with a release window. Whatever
-keeps half of a limit keeps the limit, so what is found sooner is an answer, too. Thereby a request is answered almost
-wherever one with half of its limits is, and about as soon. Where a release window leaves no answer, the motions without
-it are where the optimiser starts from. To a given release state, Ruckig's motions under several pairs of tighter limits
-are tried in any case, before the optimiser: they are soon made, and none is sooner where one of them reaches the lower
-bound. Others follow after it.
+and, where the release is free, only from the candidates that led to no motion. Of all these the first seeds come first,
+and further ones follow where there is no answer or a slow one with a release window. Whatever keeps half of a limit
+keeps the limit, so what is found sooner is an answer, too. Thereby a request is answered almost wherever one with half
+of its limits is, and about as soon. Where a release window leaves no answer, the motions without it are where the
+optimiser starts from. To a given release state, Ruckig's motions under several pairs of tighter limits are tried in any
+case, before the optimiser: they are soon made, and none is sooner where one of them reaches the lower bound. Others
+follow after it.
 """
 
 from __future__ import annotations
