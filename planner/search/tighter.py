@@ -15,7 +15,6 @@ follow after it.
 
 from __future__ import annotations
 
-import itertools
 import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -48,7 +47,10 @@ HALVINGS_MIN, HALVINGS_MAX = 2, 5  # [-] times that it is halved; each is a sear
 FEW_HALVINGS = 2  # [-] times for a throw that is not slow
 TINY_S = 1e-9  # [s] stands for the ramp of an infinite jerk
 TORQUE = frozenset({"effort"})  # rows without which a throw's first solution is often far from any that has them
-SLOWER_JERK, SLOWER_ACCELERATION = 5, 2  # [-] times at most, for Ruckig's motions to a given state
+# [-] of jerk and acceleration, for Ruckig's motions to a given state. Of 701 poses 173 have a sooner arrival by one of
+# the first seven, and three by another combination, all of which the optimiser undercuts; the last three are those that
+# a request with half of the acceleration comes to.
+SLOWER_HALVINGS = (*((times, 0) for times in range(1, 6)), (0, 1), (0, 2), *((times, 1) for times in range(1, 4)))
 SOONER_HALVINGS = ((1, 0),)  # [-] of jerk and acceleration, for all variants of these motions
 
 
@@ -180,9 +182,7 @@ def search_slower(search: PlanningSearch, found: list[Candidate]) -> None:
         search: updated in place.
         found: candidates of its problem.
     """
-    times = itertools.product(range(SLOWER_ACCELERATION + 1), range(SLOWER_JERK + 1))
-    slower = [(jerk, acceleration) for acceleration, jerk in times if acceleration + jerk > 0]
-    _take_slower(search, found, slower, SLOWER_POLICY, "slower arrivals")
+    _take_slower(search, found, SLOWER_HALVINGS, SLOWER_POLICY, "slower arrivals")
 
 
 def search_sooner(search: PlanningSearch, found: list[Candidate]) -> None:

@@ -108,7 +108,7 @@ class Solver:
         arguments, kept, moved = first, None, 0
         while not self._is_spent():
             z = self._without_other_groups(instance, arguments)
-            if z is None and arguments["x0"] is not first["x0"]:
+            if z is None and arguments["x0"] is not first["x0"] and not instance.problem.fixes_joints:
                 arguments = {**arguments, "x0": first["x0"]}  # what was solved before was too far off
                 continue
             if z is None:

@@ -123,6 +123,30 @@ def test_a_free_release_without_a_window_starts_afresh_where_the_iterations_do_n
     assert (found is None) is (instance.stages.window > 0)
 
 
+@pytest.mark.parametrize("gives_release", [False, True])
+def test_further_rows_are_solved_from_the_initial_guess_too_unless_the_release_is_given(
+    gives_release: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A second solve that fails from the first solution: to a given release 120 of 128 fail from the guess, too."""
+    state = JointRelease(CELL.home + 0.3, np.full(6, 0.4))
+    problem = ThrowProblem(CELL, CELL.home, state if gives_release else TARGET, CELL.limits)
+    candidate = candidates(problem)[0]
+    seed = Seed(candidate, ruckig_otg.solve(problem, candidate).trajectory)
+    instance = Instance.of(problem, seed, DEFAULT_MARGINS)
+    begun: list[np.ndarray] = []
+    solve = solver.Solver._without_other_groups
+
+    def failing_after_the_first(calls: solver.Solver, asked: Instance, arguments: dict[str, np.ndarray]) -> object:
+        begun.append(arguments["x0"])
+        return solve(calls, asked, arguments) if len(begun) == 1 else None
+
+    monkeypatch.setattr(solver.Solver, "_without_other_groups", failing_after_the_first)
+    monkeypatch.setattr(solver, "_violated_groups", lambda *_: {"effort"})
+    assert solver.Solver(1000, None, frozenset(), with_ipopt=False).try_solve(instance) is None
+    guess = instance.arguments["x0"]
+    assert [x0 is guess for x0 in begun] == ([True, False] if gives_release else [True, False, True])
+
+
 @needs_launch
 @pytest.mark.parametrize(("has_converged", "is_late"), [(True, True), (False, False)])
 def test_only_an_optimum_says_that_a_release_is_too_late(
