@@ -3,13 +3,14 @@
 The tool, and links beside which the object is gripped, count from the first instant of the grid below at which the
 object is clear of them: it usually starts within their capsules, so that these cannot judge how it leaves
 (`opening_direction` does). Releases that follow each other closely are clear of them one soon after the other; where
-they are not, one of them strikes, or grazes, what the object has just left. A box that ends at the landing plane may
-carry the target: the flight ends when the sphere touches the plane.
+they are not, one between them comes out, and meets or grazes what it has just left. A box that ends at the landing
+plane may carry the target: the flight ends when the sphere touches the plane.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,8 +33,10 @@ from planner.flight import time_of_flight
 CLOSE_M = 0.03  # [m] a bound below it is refined until it is within `ACCURACY_M` of the least gap found there
 ACCURACY_M = 0.01  # [m]
 RESTING_S = 0.02  # [s] step of the grid when the arm rests: then the path alone bends, by 0.5 mm
-RELEASES_S = (0.005, 0.001)  # [s] step of the grid in the release window, and where that is too coarse for the way out
-STRIP = 1  # [-] patches between those from which the two releases of an interval are clear, at most
+RELEASES_S = 0.005  # [s] step of the grid in the release window
+# [s] Two releases of an interval are clear of the tool so soon after each other, or in neighbouring patches: their
+# instants are 8 to 16 ms apart, 20 ms at rest, and a tick beside the release.
+TOGETHER_S = 0.016
 BEYOND_S = (0.02, 0.1, 0.5)  # [s] by which the grid passes the end of the latest flight known, until all have ended
 
 
@@ -94,14 +97,16 @@ class LeastGap:
 
 def _least_gap(flights: Flights) -> LeastGap:
     """Returns the least gap of the flights."""
-    for step_s in RELEASES_S:
-        grid = next((grid for beyond in BEYOND_S if _covers(grid := _grid(flights, beyond, step_s))), None)
+    closely: list[tuple[float, float]] = []
+    for _ in range(2):
+        grid = next((grid for beyond in BEYOND_S if _covers(grid := _grid(flights, beyond, closely))), None)
         if grid is None:
             return LeastGap(math.nan, flights.released_s, "never lands", False)
         lower = _lower_bounds(flights, grid)
         judged, counted, apart = _decided(flights, grid, lower)
-        if not apart:
+        if not apart.any():
             break
+        closely = list(zip(grid.r0[apart], grid.r1[apart], strict=True))
     undecided = judged & (lower < np.where(_is_gripped(flights, len(lower)), -CONTACT_M, CLOSE_M)[:, None, None])
     counted &= judged & ~undecided
     least = np.where(counted, lower, np.inf)
@@ -110,13 +115,12 @@ def _least_gap(flights: Flights) -> LeastGap:
     return _refined(found, flights, grid.bounds, _patches(grid, undecided)) if undecided.any() else found
 
 
-def _grid(flights: Flights, beyond_s: float, step_s: float) -> Grid:
+def _grid(flights: Flights, beyond_s: float, closely: Sequence[tuple[float, float]]) -> Grid:
     """Returns the grid on which a proof starts; it ends `beyond_s` after the latest flight known [s].
 
-    Its releases are `step_s` apart, and no closer than those that are known [s]. Its instants are the motion's knots,
-    then others while the arm rests.
+    Its instants are the motion's knots, then others while the arm rests. Its releases are those of `_releases`.
     """
-    motion, end, (r, p, v) = flights.motion, flights.end, _releases(flights, step_s)
+    motion, end, (r, p, v) = flights.motion, flights.end, _releases(flights, closely)
     assert end is not None
     first = int(np.searchsorted(motion.at_knots.t, motion.gone_from_s - CONTACT_M))
     t, last = motion.at_knots.t[first:], _latest_end(flights, r, p, v) + beyond_s
@@ -141,14 +145,21 @@ def _grid(flights: Flights, beyond_s: float, step_s: float) -> Grid:
     )
 
 
-def _releases(flights: Flights, step_s: float) -> tuple[Array, Array, Array]:
-    """Returns times (m,) [s], positions and velocities (3, m) of the releases of the grid, `step_s` apart [s]."""
+def _releases(flights: Flights, closely: Sequence[tuple[float, float]]) -> tuple[Array, Array, Array]:
+    """Returns times (m,) [s], positions and velocities (3, m) of the releases of the grid.
+
+    Args:
+        flights: the flights.
+        closely: intervals in which all releases belong to it that the other checks have evaluated, a millisecond apart.
+    """
     if flights.window_s == 0.0:
         p, v = flights.nominal
         return np.array([flights.released_s]), p[:, None], v[:, None]
     arm = flights.motion.in_window
-    count = 1 + math.ceil(2.0 * flights.window_s / step_s)
-    rows = np.unique(np.linspace(0, len(arm.t) - 1, count).round().astype(int))
+    count = 1 + math.ceil(2.0 * flights.window_s / RELEASES_S)
+    rows = np.linspace(0, len(arm.t) - 1, count).round().astype(int)
+    within = [np.flatnonzero((arm.t > begin) & (arm.t < end)) for begin, end in closely]
+    rows = np.unique(np.concatenate([rows, *within]))
     return arm.t[rows], arm.p_WT[:, rows], flights.leaving(arm.v_WT[:, rows])
 
 
@@ -205,12 +216,12 @@ def _capsule_distances(flights: Flights, grid: Grid, s: Array, h: Array) -> Arra
     return capsule_bounds((grid.x, grid.X_WL, h), capsules, grid.rates, bounds.reach, moving)
 
 
-def _decided(flights: Flights, grid: Grid, lower: Array) -> tuple[Mask, Mask, bool]:
-    """Returns which patches are judged, which count in the value (items, m, n), and whether the grid is too coarse.
+def _decided(flights: Flights, grid: Grid, lower: Array) -> tuple[Mask, Mask, Mask]:
+    """Returns which patches are judged and which count in the value (items, m, n), and which intervals are apart (m,).
 
     For what the object is gripped by, the patches before the first one in or from which it is clear are not judged. If
     it was not proven clear from the beginning, the others do not count in the value: the distance begins at 0. Where
-    the releases of an interval are clear far apart, the first one decides, and the grid is too coarse to tell more.
+    the two releases of an interval are clear of it far apart, the first one decides.
     """
     in_flight, gripped = np.isfinite(lower), flights.gripped
     judged, counted = in_flight.copy(), np.ones(lower.shape, np.bool_)
@@ -220,9 +231,10 @@ def _decided(flights: Flights, grid: Grid, lower: Array) -> tuple[Mask, Mask, bo
     held = in_flight[gripped] & ~clear
     starts = _starts_clear(flights, grid, held)
     both, either = (np.logical_or.accumulate(each, axis=2) for each in (starts.all(axis=0), starts.any(axis=0)))
-    apart = (either & held & ~both).sum(axis=2) > STRIP
+    between = either & held & ~both
+    apart = (between.sum(axis=2) > 1) & ((between * np.diff(grid.t)).sum(axis=2) > TOGETHER_S)
     judged[gripped] &= clear | np.where(apart[:, :, None], either, both)
-    return judged, counted, bool(apart.any())
+    return judged, counted, apart.any(axis=0)
 
 
 def _starts_clear(flights: Flights, grid: Grid, held: Mask) -> Mask:
