@@ -197,21 +197,19 @@ def _try_seed(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate,
         if error.is_late and not stage.follows:
             ranking.settle(ranked, math.inf)
         search.given_up += leaves_doubt and not error.is_late
-        _note_motion(search, ranked, error.is_late)
+        _note_outcome(search, ranked, error.is_late)
         raise
-    _note_motion(search, ranked, was_valid)
+    _note_outcome(search, ranked, was_valid)
     if was_valid:
         ranking.settle(ranked, search.certified[-1].solution.trajectory.release_time_s)
     search.given_up += leaves_doubt and not was_valid
     return was_valid
 
 
-def _note_motion(search: PlanningSearch, ranked: RankedCandidate, found: bool) -> None:
-    """Notes whether the optimiser came to a motion from a candidate, by any of its seeds."""
-    if found:
-        search.in_vain.pop(ranked.candidate, None)
-    else:
-        search.in_vain[ranked.candidate] = None
+def _note_outcome(search: PlanningSearch, ranked: RankedCandidate, found_motion: bool) -> None:
+    """Notes whether the optimiser came to a motion from a candidate by any of its seeds, unless a motion was given."""
+    if ranked.given is None:
+        search.led_to_motion[ranked.candidate] = found_motion or search.led_to_motion.get(ranked.candidate, False)
 
 
 def load_optimiser(search: PlanningSearch) -> float:
@@ -247,7 +245,7 @@ def _optimise_from(search: PlanningSearch, ranking: Ranking, ranked: RankedCandi
             return True
         certificate = found.certificate
         if _leaves_beside_opening(certificate.failures):
-            if ranked in ranking.beside_opening and not stage.follows:
+            if options.margins.opening_rad > first.margins.opening_rad and not stage.follows:
                 return False  # a narrower opening was no remedy; its way out may be followed
             ranking.beside_opening.setdefault(ranked, solution.trajectory)
         if _needs_finer_stages(search.problem, options, certificate.failures):

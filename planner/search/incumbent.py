@@ -70,7 +70,7 @@ class PlanningSearch:
         lower_bound_s: no motion releases earlier [s], as far as is known.
         loading_s: spent on loading solvers [s]; the deadline is later by as much.
         held: groups of rows with which a seed failed: further seeds start with them.
-        in_vain: candidates from which the optimiser came to no motion: none certified, and none that was too late.
+        led_to_motion: whether the optimiser came to a motion from a candidate that it tried: certified, or too late.
         given_up: seeds from which the optimiser came to no certified motion, for another reason than its lateness.
         has_optimised: whether the optimiser came to a motion: certified, or no sooner than one that is.
         needs_sooner: whether the incumbent was brought along as an optimised motion: none is of use that is no sooner.
@@ -88,7 +88,7 @@ class PlanningSearch:
     lower_bound_s: float = 0.0
     loading_s: float = 0.0
     held: frozenset[str] = frozenset()
-    in_vain: dict[Candidate, None] = field(default_factory=dict)
+    led_to_motion: dict[Candidate, bool] = field(default_factory=dict)
     given_up: int = 0
     has_optimised: bool = False
     needs_sooner: bool = False
@@ -117,6 +117,12 @@ class PlanningSearch:
     def _has_answer_to_beat(self) -> bool:
         """Whether an optimised motion is known: another one is of use only where it is sooner."""
         return self.has_optimised or self.needs_sooner
+
+    @property
+    def in_vain(self) -> list[Candidate]:
+        """The candidates from which the optimiser came to no motion, by ascending lower bound."""
+        found = [candidate for candidate, led in self.led_to_motion.items() if not led]
+        return sorted(found, key=lambda candidate: candidate.bound_s)
 
     @property
     def answer(self) -> CertifiedSolution | None:

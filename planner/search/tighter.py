@@ -3,13 +3,13 @@
 The optimiser starts from Ruckig's motions, and these change with the limits, and so does the local minimum next to
 them. So a doubtful search is repeated: first with the rows of torque and tool speed included from the beginning instead
 of when a solution breaks them, then as for requests with half of the jerk, a quarter of it and so on, and with half of
-the acceleration. Where there is an answer, that is done with less jerk alone (for a given point with torque held, too),
-and, where the release is free, only from the candidates that led to no motion. Of all these the first seeds come first,
-and further ones follow where there is no answer or a slow one with a release window. Whatever keeps half of a limit
-keeps the limit, so what is found sooner is an answer, too. Thereby a request is answered almost wherever one with half
-of its limits is, and about as soon. Where a release window leaves no answer, the motions without it are where the
-optimiser starts from. To a given release state, Ruckig's motions under several pairs of tighter limits are tried in any
-case, before the optimiser: they are soon made, and none is sooner where one of them reaches the lower bound. Others
+the acceleration. Where there is an optimised answer, that is done with less jerk alone (of a given point with torque
+held, too), and, where the release is free, only from the candidates that led to no motion. Of all these the first seeds
+come first, and further ones follow where there is no answer or a slow one with a release window. Whatever keeps half of
+a limit keeps the limit, so what is found sooner is an answer, too. Thereby a request is answered almost wherever one
+with half of its limits is, and about as soon. Where a release window leaves no answer, the motions without it are where
+the optimiser starts from. To a given release state, Ruckig's motions under several pairs of tighter limits are tried in
+any case, before the optimiser: they are soon made, and none is sooner where one of them reaches the lower bound. Others
 follow after it.
 """
 
@@ -48,8 +48,8 @@ FEW_HALVINGS = 2  # [-] times for a throw that is not slow
 TINY_S = 1e-9  # [s] stands for the ramp of an infinite jerk
 TORQUE = frozenset({"effort"})  # rows without which a throw's first solution is often far from any that has them
 # [-] of jerk and acceleration, for Ruckig's motions to a given state. Of 701 poses 173 have a sooner arrival by one of
-# the first seven, and three by another combination, all of which the optimiser undercuts; the last three are those that
-# a request with half of the acceleration comes to.
+# the first seven, and four by both halved, all of which the optimiser undercuts; the last three are there for requests
+# with twice the acceleration.
 SLOWER_HALVINGS = (*((times, 0) for times in range(1, 6)), (0, 1), (0, 2), *((times, 1) for times in range(1, 4)))
 SOONER_HALVINGS = ((1, 0),)  # [-] of jerk and acceleration, for all variants of these motions
 
@@ -115,13 +115,18 @@ def is_doubtful(search: PlanningSearch, ranking: Ranking) -> bool:
     return _is_slow(search, ranking) or search.given_up > 0
 
 
+def _is_optimised(search: PlanningSearch) -> bool:
+    """Returns whether a search has an answer, and the optimiser came to a motion: repeats are shorter then."""
+    return search.incumbent is not None and search.has_optimised
+
+
 def _repeats_in_vain(search: PlanningSearch) -> bool:
     """Returns whether a search is repeated from those candidates alone that led to no motion.
 
-    So it is where there is an answer and the release is free. Of 512 other seeds five gave something sooner, of 168 of
-    these 14.
+    So it is where the release is free, and something was optimised. Of 512 other seeds five gave something sooner, of
+    168 whose candidate had led to none at least once 14.
     """
-    return search.incumbent is not None and not search.problem.fixes_joints
+    return _is_optimised(search) and not search.problem.fixes_joints
 
 
 def _is_slow(search: PlanningSearch, ranking: Ranking) -> bool:
@@ -146,21 +151,21 @@ def search_again(search: PlanningSearch, ranking: Ranking) -> None:
     if search.incumbent is None or (problem.is_robust and _is_slow(search, ranking)):
         gained += [way.name for way in ways if _gains(search, way.ranking, AGAIN_POLICY, way.held)]
     result = f"sooner {', then '.join(gained)}" if gained else "nothing sooner"
-    search.log_attempt("casadi", f"once more, jerk and acceleration halved: {result}", begun_s)
+    search.log_attempt("casadi", f"once more, under tighter limits: {result}", begun_s)
 
 
 def _ways(search: PlanningSearch, is_slow: bool) -> list[_Way]:
     """Returns the ways in which a search is repeated, in their order.
 
-    Where there is an answer, the acceleration is not halved (nothing sooner of 107 seeds), and of a throw to a target
-    torque is not held (three of 87, the longest of all); of such a throw that is not slow the jerk is halved twice
-    alone: that gave 25 of 38 sooner motions, in two fifths of the time.
+    Where something was optimised, the acceleration is not halved (nothing sooner of 107 seeds), and of a throw to a
+    target torque is not held (three of 87, the longest of all); of such a throw that is not slow the jerk is halved
+    twice alone: that gave 25 of 38 sooner motions, in two fifths of the time.
     """
     problem, halvings = search.problem, _halvings(search.problem.limits)
-    begun = tuple(sorted(search.in_vain, key=lambda each: each.bound_s)) if _repeats_in_vain(search) else None
-    if search.incumbent is not None:
+    begun = tuple(search.in_vain) if _repeats_in_vain(search) else None
+    if _is_optimised(search):
         halvings = [times for times in halvings if times[1] == 0]
-    if isinstance(problem.release, TargetRelease) and search.incumbent is not None:
+    if isinstance(problem.release, TargetRelease) and _is_optimised(search):
         with_torque, halvings = [], halvings if is_slow else halvings[:FEW_HALVINGS]
     else:
         with_torque = [] if problem.fixes_joints else [_Way("with torque held", problem, TORQUE, begun)]
@@ -176,7 +181,7 @@ def search_slower(search: PlanningSearch, found: list[Candidate]) -> None:
     """Takes the soonest of Ruckig's motions to a given release state under tighter limits, where it is an improvement.
 
     They are other curves between the same states, so one of them may be clear of what the soonest one meets. A request
-    with four times the jerk, or twice the acceleration, tries most of this one's, too.
+    with four times the jerk, or twice the acceleration, tries half of this one's, too.
 
     Args:
         search: updated in place.

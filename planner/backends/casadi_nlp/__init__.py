@@ -1,6 +1,6 @@
 """The optimal control back end: launch and brake of least time next to a candidate. See docs/optimal-control.md.
 
-A solve goes from module to module: symbols (formulas) and transcription (assembled once per process), then instance,
+A solve goes from module to module: symbols (formulas) and transcription (once per process and layout), then instance,
 solver and answer. casadi is imported with the first use.
 """
 

@@ -192,7 +192,7 @@ class Instance:
 
     @property
     def transcription(self) -> Transcription:
-        """The assembled problem."""
+        """The problem of its layout."""
         return transcription(self.stages)
 
     @cached_property

@@ -178,7 +178,7 @@ class Transcription:
 
     @cached_property
     def functions(self) -> dict[str, Any]:
-        """The functions f, g, grad_f, jac_g and hess_l of (x, p): 20 to 70 ms, and not needed by a compiled launch."""
+        """The functions f, g, grad_f, jac_g and hess_l of (x, p): 10 to 120 ms, and not needed by a compiled launch."""
         return assemble(self.row_index)
 
 

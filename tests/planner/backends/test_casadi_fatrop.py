@@ -13,10 +13,19 @@ import numpy as np
 import pytest
 
 from planner.backends import ruckig_otg
-from planner.backends.casadi_nlp import DEFAULT_MARGINS, codegen, emission, fatrop, functions, layout, solver
+from planner.backends.casadi_nlp import (
+    DEFAULT_MARGINS,
+    build_solvers,
+    codegen,
+    emission,
+    fatrop,
+    functions,
+    layout,
+    solver,
+)
 from planner.backends.casadi_nlp.flight_rows import constrains_flight, starts_with_flight
 from planner.backends.casadi_nlp.instance import Instance
-from planner.backends.casadi_nlp.transcription import StageLayout
+from planner.backends.casadi_nlp.transcription import StageLayout, transcription
 from planner.cell import Box, Cell, load_cell
 from planner.kernel import compile_once
 from planner.problem import JointRelease, TargetRelease, ThrowProblem
@@ -121,6 +130,20 @@ def test_a_free_release_without_a_window_starts_afresh_where_the_iterations_do_n
     found = solver.Solver(1000, None, frozenset(), with_ipopt=False)._without_other_groups(instance, instance.arguments)
     assert barriers == ([1e-3] if instance.stages.window else [1e-3, 1.0])
     assert (found is None) is (instance.stages.window > 0)
+
+
+@pytest.mark.parametrize("is_compiled", [False, pytest.param(True, marks=needs_launch)])
+def test_functions_of_the_whole_problem_are_built_ahead_where_casadi_calls_fatrop(
+    is_compiled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stages = StageLayout(5, 2)
+    monkeypatch.setattr("planner.backends.casadi_nlp.instance.common_layouts", lambda: [stages])
+    if not is_compiled:
+        monkeypatch.setattr(fatrop, "compiled_launch", lambda _stages: None)
+    transcription.cache_clear()
+    build_solvers()
+    assert ("functions" in vars(transcription(stages))) is not is_compiled
+    transcription.cache_clear()
 
 
 @pytest.mark.parametrize("gives_release", [False, True])

@@ -279,7 +279,7 @@ def test_no_release_of_a_window_may_be_hit_by_a_tool_that_leans_over_the_object(
 
 
 def test_releases_that_come_out_of_the_tool_smoothly_are_not_taken_for_grazes():
-    """From 29 to 133 ms, 6 ms per millisecond of the release at most; the instants beside the release are 2 ms apart."""
+    """From 29 to 133 ms, at most 6 ms later for each of the release; instants beside the release are 2 ms apart."""
     window_s = 0.04
     problem, trajectory = next(itertools.islice(random_throws(60, 5, window_s), 58, None))
     gaps = [tool_gaps(problem, trajectory, d) - problem.cell.object.radius_m for d in np.linspace(-0.04, 0.04, 81)]

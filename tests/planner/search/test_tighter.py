@@ -13,6 +13,7 @@ from planner.errors import Infeasible
 from planner.planning import SearchHints, plan
 from planner.problem import Opening, PointRelease, TargetRelease
 from planner.search import PlanningSearch, Ranking, auto, nearest_problem, tighter
+from planner.search.ranking import RankedCandidate
 from planner.seeds import candidates
 from planner.solution import Solution
 from planner.trajectory import Trajectory
@@ -55,7 +56,11 @@ def searched(monkeypatch):
 @pytest.fixture
 def in_vain(monkeypatch):
     """The optimiser's motions are answers, and yet all their candidates are noted as having led to none."""
-    monkeypatch.setattr(auto, "_note_motion", lambda search, ranked, _: search.in_vain.update({ranked.candidate: None}))
+
+    def noted(search, ranked, _found):
+        search.led_to_motion[ranked.candidate] = False
+
+    monkeypatch.setattr(auto, "_note_outcome", noted)
 
 
 def test_a_throw_that_is_found_with_half_the_jerk_alone_is_an_answer(jerks):
@@ -65,7 +70,7 @@ def test_a_throw_that_is_found_with_half_the_jerk_alone_is_an_answer(jerks):
     assert answer.backend == "casadi"
     assert answer.certificate.valid
     assert np.abs(answer.trajectory.jerk).max() <= 0.5 * JERK.max() * (1.0 + 1e-6)
-    assert any("jerk and acceleration halved" in attempt.result for attempt in answer.attempts)
+    assert any("under tighter limits" in attempt.result for attempt in answer.attempts)
 
 
 def test_the_answer_is_no_later_than_with_half_the_limits(jerks):
@@ -78,7 +83,7 @@ def test_the_answer_is_no_later_than_with_half_the_limits(jerks):
 def test_a_search_is_repeated_where_its_answer_is_slow(in_vain, monkeypatch, is_slow):
     monkeypatch.setattr(Ranking, "is_slow", lambda *_: is_slow)
     answer = plan(TARGET)
-    assert any("jerk and acceleration halved" in attempt.result for attempt in answer.attempts) is is_slow
+    assert any("under tighter limits" in attempt.result for attempt in answer.attempts) is is_slow
 
 
 def test_a_request_with_twice_the_jerk_is_searched_as_this_one_too(searched, monkeypatch):
@@ -172,10 +177,13 @@ def test_nothing_is_repeated_where_every_candidate_led_to_a_motion(searched, mon
 def test_a_candidate_whose_motion_is_found_by_another_seed_is_not_in_vain():
     search, found = PlanningSearch(NEAR, time.perf_counter() + 60.0), candidates(NEAR)[:2]
     first, second = Ranking(NEAR, found)
-    auto._note_motion(search, first, False)
-    auto._note_motion(search, second, True)
+    auto._note_outcome(search, first, False)
+    auto._note_outcome(search, second, True)
     assert list(search.in_vain) == [first.candidate]
-    auto._note_motion(search, first, True)
+    auto._note_outcome(search, first, True)
+    auto._note_outcome(search, second, False)
+    assert not search.in_vain
+    auto._note_outcome(search, RankedCandidate(NEAR, found[0], plan(NEAR).trajectory), False)  # of another problem
     assert not search.in_vain
 
 
@@ -257,7 +265,7 @@ def test_a_throw_of_which_a_seed_was_given_up_is_in_doubt():
     ranking = Ranking(NEAR, candidates(NEAR))
     assert not tighter.is_doubtful(search, ranking)
     search.given_up = 1
-    search.in_vain[ranking[0].candidate] = None
+    search.led_to_motion[ranking[0].candidate] = False
     assert tighter.is_doubtful(search, ranking)
 
 
