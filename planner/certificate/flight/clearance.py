@@ -97,22 +97,49 @@ class LeastGap:
 
 def _least_gap(flights: Flights) -> LeastGap:
     """Returns the least gap of the flights."""
-    closely: list[tuple[float, float]] = []
-    for _ in range(2):
-        grid = next((grid for beyond in BEYOND_S if _covers(grid := _grid(flights, beyond, closely))), None)
-        if grid is None:
-            return LeastGap(math.nan, flights.released_s, "never lands", False)
-        lower = _lower_bounds(flights, grid)
-        judged, counted, apart = _decided(flights, grid, lower)
-        if not apart.any():
-            break
-        closely = list(zip(grid.r0[apart], grid.r1[apart], strict=True))
+    begun = _begin(flights, ())
+    if begun is not None and begun.apart.any():
+        grid, apart = begun.grid, begun.apart
+        begun = _begin(flights, list(zip(grid.r0[apart], grid.r1[apart], strict=True)))
+    if begun is None:
+        return LeastGap(math.nan, flights.released_s, "never lands", False)
+    grid, lower, judged = begun.grid, begun.lower, begun.judged
     undecided = judged & (lower < np.where(_is_gripped(flights, len(lower)), -CONTACT_M, CLOSE_M)[:, None, None])
-    counted &= judged & ~undecided
-    least = np.where(counted, lower, np.inf)
+    least = np.where(begun.counted & judged & ~undecided, lower, np.inf)
     item, _, column = np.unravel_index(int(least.argmin()), lower.shape)
     found = LeastGap(float(least.min()), float(grid.t[column]), flights.names[item], True)
     return _refined(found, flights, grid.bounds, _patches(grid, undecided)) if undecided.any() else found
+
+
+@dataclass(frozen=True, eq=False)
+class Begun:
+    """What a proof begins with: a grid, and its patches.
+
+    Attributes:
+        grid: the grid.
+        lower: lower bounds on the gaps over the patches (items, m, n) [m]; infinite without one.
+        judged, counted, apart: as `_decided` returns them.
+    """
+
+    grid: Grid
+    lower: Array
+    judged: Mask
+    counted: Mask
+    apart: Mask
+
+
+def _begin(flights: Flights, closely: Sequence[tuple[float, float]]) -> Begun | None:
+    """Returns what a proof begins with, None where some flight does not land.
+
+    Args:
+        flights: the flights.
+        closely: as for `_releases`.
+    """
+    grid = next((grid for beyond in BEYOND_S if _covers(grid := _grid(flights, beyond, closely))), None)
+    if grid is None:
+        return None
+    lower = _lower_bounds(flights, grid)
+    return Begun(grid, lower, *_decided(flights, grid, lower))
 
 
 def _grid(flights: Flights, beyond_s: float, closely: Sequence[tuple[float, float]]) -> Grid:
