@@ -310,21 +310,19 @@ def gripped_at_a_distance(gap_m):
     here = cell()
     tcp = here.tool.X_FT[:3, 3]
     (capsule, *_), length = here.tool.capsules, np.linalg.norm(tcp)
-    capsule = replace(capsule, to_m=tcp * (1.0 - (capsule.radius_m + gap_m) / length))
-    gripper = replace(here.gripper, opening_direction=None)
-    return replace(
-        here, tool=replace(here.tool, capsules=(capsule,)), gripper=gripper, object=replace(here.object, radius_m=0.0)
-    )
+    return gripped_beside(here, replace(capsule, to_m=tcp * (1.0 - (capsule.radius_m + gap_m) / length)), 0.0)
 
 
 def gripped_within(aside_m):
     """A cell whose tool's capsule ends `aside_m` from the object, which has a gripper that is open to all sides."""
     here = cell()
     capsule = replace(here.tool.capsules[0], to_m=here.tool.X_FT[:3, 3] + aside_m, radius_m=0.03)
-    gripper = replace(here.gripper, opening_direction=None)
-    return replace(
-        here, tool=replace(here.tool, capsules=(capsule,)), gripper=gripper, object=replace(here.object, radius_m=0.025)
-    )
+    return gripped_beside(here, capsule, 0.025)
+
+
+def gripped_beside(here, capsule, radius_m):
+    tool, thing = replace(here.tool, capsules=(capsule,)), replace(here.object, radius_m=radius_m)
+    return replace(here, tool=tool, object=thing, gripper=replace(here.gripper, opening_direction=None))
 
 
 def tool_gaps(problem, trajectory, delay):

@@ -35,12 +35,12 @@ def target_problem(**changes):
 
 
 @pytest.fixture
-def budgets(monkeypatch):
-    """The iteration budget of every solve, recorded."""
+def solves(monkeypatch):
+    """Seed and options of every solve, recorded."""
     given, solve = [], casadi_nlp.solve
 
     def recording(problem, seed, options):
-        given.append(options.iteration_budget)
+        given.append((seed, options))
         return solve(problem, seed, options)
 
     monkeypatch.setattr(casadi_nlp, "solve", recording)
@@ -48,13 +48,14 @@ def budgets(monkeypatch):
 
 
 @pytest.mark.parametrize(("iterations", "window_s"), [(1, 0.02), (20, 0.02), (300, 0.02), (20, 0.0)])
-def test_a_stage_ends_when_its_iterations_are_spent(budgets, iterations, window_s):
+def test_a_stage_ends_when_its_iterations_are_spent(solves, iterations, window_s):
     """Half as many again with a release window."""
     problem = target_problem(release_window_s=window_s, landing_tolerance_m=0.005 if window_s else 0.0)
     stages = [replace(stage, iterations=iterations) for stage in POLICY if stage.purpose == "soonest seeds"]
     search = PlanningSearch(problem, time.perf_counter() + 60.0)
     search_optimised(search, Ranking(problem, candidates(problem)), stages)
     allowed = math.ceil(1.5 * iterations) if window_s else iterations
+    budgets = [options.iteration_budget for _, options in solves]
     assert budgets[0] == allowed
     assert all(0 < budget <= allowed for budget in budgets)
     assert search.iterations <= allowed + CALL_ITERATIONS
@@ -107,15 +108,15 @@ def test_solvers_that_are_not_compiled_are_named_once_and_change_nothing(monkeyp
     np.testing.assert_array_equal(interpreted.trajectory.q, compiled.trajectory.q)
 
 
-def test_the_deadline_of_the_request_ends_the_search(budgets):
+def test_the_deadline_of_the_request_ends_the_search(solves):
     problem = target_problem()
     search = PlanningSearch(problem, time.perf_counter() - 1.0)
     search_optimised(search, Ranking(problem, candidates(problem)))
-    assert budgets == []
+    assert solves == []
     assert isinstance(search.failure(), SolverFailed)
 
 
-def test_nothing_is_optimised_after_a_motion_that_reaches_the_lower_bound(budgets):
+def test_nothing_is_optimised_after_a_motion_that_reaches_the_lower_bound(solves):
     problem = joint_problem()
     search = PlanningSearch(problem, time.perf_counter() + 60.0)
     search_optimised(search, Ranking(problem, candidates(problem)))
@@ -123,7 +124,7 @@ def test_nothing_is_optimised_after_a_motion_that_reaches_the_lower_bound(budget
     assert 0.0 < search.lower_bound_s < search.release_time_s + problem.dt
     assert search.incumbent is not None
     assert search.incumbent.backend == "ruckig"
-    assert budgets == []
+    assert solves == []
 
 
 def test_casadi_requested_by_name_uses_the_optimiser_alone():
@@ -192,20 +193,13 @@ def test_an_object_that_would_leave_beside_the_opening_is_followed_out_of_the_gr
     assert release_s[True] < 0.8 * release_s[False] < np.inf
 
 
-def test_a_seed_ends_where_a_narrower_opening_is_no_remedy(monkeypatch):
-    """Before, it was narrowed further, three times; only the object's way out leads to a motion here."""
-    begun, solve = [], casadi_nlp.solve
-
-    def noted(problem, seed, options):
-        begun.append(seed.candidate)
-        return solve(problem, seed, options)
-
-    monkeypatch.setattr(casadi_nlp, "solve", noted)
+def test_a_seed_ends_where_a_narrower_opening_is_no_remedy(solves):
+    """It is not narrowed further; only the object's way out leads to a motion here."""
     search = PlanningSearch(BESIDE_THE_OPENING, time.perf_counter() + 60.0)
     ranking = Ranking(search.problem, candidates(search.problem))
     search_optimised(search, ranking, [stage for stage in POLICY if stage.purpose == "soonest seeds"])
     beside = next(iter(ranking.beside_opening))
-    assert begun.count(beside.candidate) == 2
+    assert [seed.candidate for seed, _ in solves].count(beside.candidate) == 2
 
 
 BACK_OVER_THE_ARM = {
