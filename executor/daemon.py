@@ -26,9 +26,8 @@ BEAT_S = 0.25  # [s] the service considers an executor gone after two seconds
 STORE_PAUSE_S = 1.0  # [s] without queries after one has failed: each may take five seconds
 STREAM_END_S = 30.0  # [s] longest wait for an aborted streaming process
 ASKED_TO_END = "the executor was asked to end (SIGTERM or Ctrl-C) and braked first"
+BEFORE_MOTION = "the abort came before anything moved"
 HARMLESS = ("completed", "refused", "held")  # outcomes that latch no fault; neither does an abort that ended in order
-
-STATES = ("preparing", "approaching", "streaming", "braking")  # public states of an execution, in order
 
 T = TypeVar("T")
 
@@ -185,6 +184,9 @@ class Daemon:
                 raise ExecutionRefused(f"there is no plan {row.plan_id}")
             execution.profile = self.store.profile_in_use(self.cell, plan.cell_sha256)
             job = execution.prepare(plan.document)
+            if ended.is_set() or self._abort_requested(row):
+                result = ExecutionResult(row.id, "aborted", BEFORE_MOTION, None)
+                return
             with realtime.real_time_process():
                 execution.start(job)
                 self._watch(execution, ended)
@@ -222,12 +224,12 @@ class Daemon:
         """Publishes states and telemetry, and passes on requests to abort, until the run ends."""
         run, row = execution.run, execution.row
         assert run is not None
-        published = 0
+        published = 1  # the claim was published as `preparing`
         while not run.wait(TELEMETRY_S):
             published = self._publish_states(execution, published)
             if ended.is_set():
                 run.abort(ASKED_TO_END)
-            elif self._try_store(lambda: self.store.abort_requested(row.id)):
+            elif self._abort_requested(row):
                 run.abort()
             latest = run.latest_row()
             if latest is not None:
@@ -236,13 +238,17 @@ class Daemon:
         self._publish_states(execution, published)
 
     def _publish_states(self, execution: Execution, published: int) -> int:
-        """Publishes every state entered since `published`, including ones shorter than the polling period."""
-        reached = STATES.index(execution.state())
-        for state in STATES[published + 1 : reached + 1]:
+        """Publishes the states entered after the first `published`, including ones shorter than the polling period."""
+        entered = execution.states()
+        for state in entered[published:]:
             execution.note(state)
             execution.span.event(state)
             self._try_store(lambda state=state: self.store.set_state(execution.row.id, state))
-        return max(published, reached)
+        return max(published, len(entered))
+
+    def _abort_requested(self, row: ExecutionRow) -> bool:
+        """Whether a client asked for the brake; False where the database cannot be read."""
+        return bool(self._try_store(lambda: self.store.abort_requested(row.id)))
 
     def _close(self, execution: Execution, result: ExecutionResult) -> None:
         """Latches a fault where the end was not in order, then keeps and delivers the result."""

@@ -27,14 +27,7 @@ from store import ExecutionRow, ProfileRow, new_id
 SAFETY_WAIT_S = 0.2  # [s] after a fault, for a state that is newer than the fault
 MONITOR_WAIT_S = 1.0  # [s] longest wait for it: the machine may be busy, the link may be gone
 POLL_S = 0.02  # [s] between two readings of that state
-STATES = {
-    shm.CONNECTED: "approaching",
-    shm.APPROACHING: "approaching",
-    shm.STREAMING: "streaming",
-    shm.BRAKING: "braking",
-    shm.STOPPING: "braking",
-    shm.DONE: "braking",
-}
+BRAKING = (shm.BRAKING, shm.STOPPING, shm.DONE)
 
 
 @dataclass
@@ -126,14 +119,17 @@ class Execution:
         except ValueError as error:
             raise ExecutionRefused(f"the simulated controller refuses the throw: {error}") from error
 
-    def state(self) -> str:
-        """Returns the public state of the execution."""
-        run = self.run
-        if run is None:
-            return "preparing"
-        if run.state == shm.STREAMING and run.row_count > run.job.release_row + run.job.lag_ticks:
-            return "braking"
-        return STATES.get(run.state, "preparing")
+    def states(self) -> list[str]:
+        """Returns the public states entered so far, in order; an early end skips those that it came before."""
+        run, entered = self.run, ["preparing"]
+        if run is None or run.furthest < shm.APPROACHING:
+            return entered
+        entered.append("approaching")
+        if run.furthest == shm.STREAMING:
+            entered.append("streaming")
+        if run.state in BRAKING or run.row_count > run.job.release_row + run.job.lag_ticks:
+            entered.append("braking")
+        return entered
 
     def finish(self) -> records.ExecutionResult:
         """Returns the result of the ended run; waits for the landing where that can be observed."""

@@ -13,7 +13,7 @@ from executor import realtime
 from executor.settings import ExecutorSettings
 from executor.stream_job import ExpectedLanding, JobRows, StreamJob
 from learning import CellKnowledge
-from planner.approach import APPROACH_ACCELERATION, APPROACH_SPEED, Approach, Brakes, find_brakes
+from planner.approach import APPROACH_ACCELERATION, APPROACH_SPEED, Approach, Brakes, find_brakes, line_stop
 from planner.cell import Cell
 from planner.certificate import window_landing_points
 from planner.feedback import FEEDBACK_GAIN, FEEDBACK_MAX
@@ -99,8 +99,11 @@ def prepare_job(
     """
     cell, dt = problem.cell, 1.0 / problem.cell.robot.sample_rate_hz
     rows, plan_brakes = _sample(problem, trajectory)
-    approach_rows = None
-    if approach.problem is not None and approach.trajectory is not None and not approach.is_straight:
+    acceleration = settings.approach_pace**2 * APPROACH_ACCELERATION
+    deceleration, approach_rows = acceleration, None
+    if approach.is_straight and approach.trajectory is not None:
+        deceleration = line_stop(cell, approach.trajectory.q, approach.trajectory.qd, acceleration)
+    elif approach.problem is not None and approach.trajectory is not None:
         sampled = _sample(approach.problem, approach.trajectory, APPROACH_BRAKE_EVERY)
         approach_rows = JobRows(**_streamed(*sampled))
     return StreamJob(
@@ -115,7 +118,8 @@ def prepare_job(
         landing=None if problem.ends_at_rest else landing,
         approach=approach_rows,
         approach_speed=settings.approach_pace * APPROACH_SPEED,
-        approach_acceleration=settings.approach_pace**2 * APPROACH_ACCELERATION,
+        approach_acceleration=acceleration,
+        approach_deceleration=deceleration,
         **_tracking_terms(cell),
         watchdog_hz=settings.watchdog_hz,
         core=settings.core,

@@ -17,11 +17,12 @@ TEXT_AT = 1024  # [bytes] offset of the reason in the header
 TEXT_BYTES = 1024
 
 # States of the streaming process.
-STARTING, CONNECTED, APPROACHING, STREAMING, BRAKING, STOPPING, DONE, FAULT = range(8)
+STARTING, APPROACHING, STREAMING, BRAKING, STOPPING, DONE, FAULT = range(7)
 
-# Header fields. The streaming process writes 0 to 10, the daemon 16 and 17.
+# Header fields. The streaming process writes 0 to 11, the daemon 16 and 17.
 STATE, PULSE, ROWS, OUTCOME, MISSED, REALTIME, TEXT_LENGTH = range(7)
 OUTPUT_SENT_S, OUTPUT_LATE_S, TIMESTAMP_AT_ZERO, IN_CALL = 7, 8, 9, 10
+FURTHEST = 11  # the last of APPROACHING and STREAMING that was entered; 0 before
 ABORT, DAEMON_PULSE = 16, 17
 
 # Columns of a telemetry row: the scalars, then the vectors of six.

@@ -101,6 +101,7 @@ class StreamJob(JobRows):
         landing: where the object is to land; None: it is let go wherever it lands.
         approach: rows of a planned approach to `start`; None: one straight joint move leads there.
         approach_speed, approach_acceleration: of that move [rad/s, rad/s^2].
+        approach_deceleration: of its leading joint where it is stopped early [rad/s^2].
         qd_max: bounds of every command (6,) [rad/s].
         acceleration: acceleration argument of speedj [rad/s^2].
         feedback_gain, feedback_max: of the position feedback [1/s, rad/s].
@@ -126,6 +127,7 @@ class StreamJob(JobRows):
     approach: JobRows | None
     approach_speed: float
     approach_acceleration: float
+    approach_deceleration: float
     qd_max: Row
     acceleration: float
     feedback_gain: float

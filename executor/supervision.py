@@ -31,7 +31,6 @@ PERIOD_S = 0.005  # [s] of the pulse
 SPARE_ROWS = 1000  # room for a brake that is longer than the rest of the plan
 LIMIT_S = {  # longest silence in each state [s]
     shm.STARTING: 15.0,  # a refused program takes the library 5 s, a silent dashboard 2.5 s (ur_rtde 1.6.5)
-    shm.CONNECTED: 1.0,
     shm.APPROACHING: 0.25,
     shm.STREAMING: 0.1,  # the process gives up after 40 ms, the controller's watchdog after 25 (50 without real time)
     shm.BRAKING: 0.1,
@@ -120,6 +119,11 @@ class StreamRun:
     def state(self) -> int:
         """State of the process; see `executor.shared_memory`."""
         return int(self.memory.fields[shm.STATE])
+
+    @property
+    def furthest(self) -> int:
+        """The last of `APPROACHING` and `STREAMING` that the process entered; 0 before."""
+        return int(self.memory.fields[shm.FURTHEST])
 
     @property
     def row_count(self) -> int:

@@ -30,6 +30,8 @@ def run(
     Raises:
         StreamFault: nothing was sent after the first anomaly; the controller's watchdog and the daemon stop the arm.
     """
+    if (early := requests.pending()) is not None:
+        return early
     refused = realtime.prepare_stream(job.core, job.priority)
     memory.fields[shm.REALTIME] = 0.0 if refused else 1.0
     connection = RtdeConnection(job, memory)
@@ -37,11 +39,13 @@ def run(
     realtime.step_down(job.priority)
     realtime.freeze_memory()
     connection.check()
-    memory.fields[shm.STATE] = shm.APPROACHING
-    verdict = approach(connection, requests)
+    verdict = requests.pending()
+    if verdict is None:
+        memory.fields[shm.STATE] = memory.fields[shm.FURTHEST] = shm.APPROACHING
+        verdict = approach(connection, requests)
     if verdict is None:
         connection.arm_watchdog()
-        memory.fields[shm.STATE] = shm.STREAMING
+        memory.fields[shm.STATE] = memory.fields[shm.FURTHEST] = shm.STREAMING
         verdict = Stream(connection, job, requests).run()
     memory.fields[shm.STATE] = shm.STOPPING
     connection.stop()

@@ -25,8 +25,9 @@ def approach(connection: RtdeConnection, requests: StopRequests) -> tuple[str, s
         StreamFault: the connection failed.
     """
     job = connection.job
-    if not _close_gripper(connection):
-        return "aborted", "the gripper's output does not answer"
+    early = _close_gripper(connection, requests)
+    if early is not None:
+        return early
     if job.dry_run or has_arrived(connection, job.start):
         return None
     if job.approach is not None:
@@ -57,16 +58,18 @@ def has_arrived(connection: RtdeConnection, goal: list[float]) -> bool:
     return _distance(connection.q, goal) < ARRIVED_RAD and max(map(abs, connection.qd)) < STANDS_RAD_S
 
 
-def _close_gripper(connection: RtdeConnection) -> bool:
-    """Closes the gripper if it is open, while the arm stands; returns whether its output followed."""
+def _close_gripper(connection: RtdeConnection, requests: StopRequests) -> tuple[str, str] | None:
+    """Closes the gripper if it is open, while the arm stands; returns outcome and reason of an early end."""
     job = connection.job
     if job.dry_run or job.output_row < 0 or not _is_open(connection, job):
-        return True
+        return None
     connection.output(not job.output_level)
     clock = ControllerClock(connection, job.dt)
     while clock.tick * job.dt < GRIP_S:
         _tick(connection, clock)
-    return not _is_open(connection, job)
+        if (early := requests.pending()) is not None:
+            return early
+    return ("aborted", "the gripper's output does not answer") if _is_open(connection, job) else None
 
 
 def _follow(connection: RtdeConnection, requests: StopRequests) -> tuple[str, str] | None:

@@ -145,7 +145,7 @@ class RtdeConnection:
     def stop_move(self) -> None:
         """Ends a joint move before its goal; returns at rest."""
         if self.control is not None:
-            self.control.stopJ(self.job.approach_acceleration)
+            self.control.stopJ(self.job.approach_deceleration)
 
     def arm_watchdog(self) -> None:
         """Makes the controller stop the program once commands stop arriving; later calls have no effect."""

@@ -21,6 +21,9 @@ from planner.dynamics import gravity_in_base, joint_torques, payload_of
 
 Ticks = NDArray[np.int64]
 
+# [rad/s^2] decelerations of a stop on a line, tried in turn: 10 brings an approach at 1 rad/s to rest in 0.1 s, and a
+# tool at 1.3 m to bear 13 m/s^2, which is far from what a grip holds
+LINE_STOPS = (10.0, 7.0, 5.0, 3.5, 2.5)
 STRETCHES = (1.0, 1.05, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.2, 4.0)  # [-] durations tried, over the shortest
 INSTANTS = 25  # [-] evaluated along a brake, the corners of its acceleration among them; bounds hold in between
 REFINEMENTS = 5  # [-] numbers of instants tried, each twice the one before: at last 0.3 ms apart in 0.1 s
@@ -71,6 +74,31 @@ def find_brakes(cell: Cell, q: Array, qd: Array, qdd: Array, dt: float, every: i
     verified[-1] = True
     index = np.where(verified, np.arange(len(q)), len(q))
     return Brakes(np.minimum.accumulate(index[::-1])[::-1], ticks)
+
+
+def line_stop(cell: Cell, q: Array, qd: Array, least: float) -> float:
+    """Returns a deceleration of the leading joint [rad/s^2] that may stop a straight joint move anywhere.
+
+    Such a stop keeps to the line, which is certified; torques at any speed from the move's own to rest are within the
+    cell's. They are affine in the square of the speed: rest and the move's own speed bound them.
+
+    Args:
+        cell: the robot station.
+        q, qd: rows (M, 6) of the move [rad, rad/s].
+        least: deceleration of the move itself, where no harder one is allowed [rad/s^2].
+    """
+    leading = np.abs(qd).max(axis=1, keepdims=True)
+    moving = leading[:, 0] > REST_SPEED
+    line = qd[moving] / leading[moving]
+    positions, speeds = np.repeat(q[moving][:, None], 2, axis=1), np.stack([qd[moving], np.zeros_like(line)], axis=1)
+    for deceleration in LINE_STOPS:
+        if deceleration <= least:
+            break
+        slowing = np.repeat(-deceleration * line[:, None], 2, axis=1)
+        tau = joint_torques(cell.robot, positions, speeds, slowing, gravity_in_base(cell), payload_of(cell, True))
+        if (np.abs(tau) <= cell.limits.tau_max).all():
+            return deceleration
+    return least
 
 
 def _verified(cell: Cell, q: Array, qd: Array, qdd: Array, dt: float) -> tuple[Ticks, Mask]:

@@ -33,6 +33,7 @@ QUIET_TRIES = 6
 MOVING_RAD_S = 0.5  # [rad/s] in mid-launch of TOSS
 FAST_RAD_S = 2.5  # [rad/s] in mid-launch of LONG_LOB, which releases at 2.6 and passes 2.8
 ROBOT_RUNNING = 7  # robot_mode
+ABORTED_S = 0.25  # [s] from the request to rest; on a quiet machine 0.16: docs/executor.md
 RESTED_S = 0.1  # [s] of the controller's time at rest: longer than a lag, so it will not move again
 
 # From near home to 1.2 rad/s and back to rest: short, clear of everything, and it throws.
@@ -169,14 +170,22 @@ class Rig:
         """Aborts an execution while the arm is on its way to the start; it ends at rest and latches nothing."""
 
         def on_the_way() -> bool:
-            return self.row(id).state == "approaching" and max(map(abs, self.state()["qd"])) > 0.3
+            return self.row(id).state == "approaching" and max(map(abs, self.state()["qd"])) > 0.7
 
         self.until(on_the_way, period=0.001)
+        at = self.state()["t"]
         self.store.request_abort(id)
+        rest_s = self.rest_time(at)
         row = self.end(id)
         assert row.outcome == "aborted", row.reason
+        assert self.states(id) == ["queued", "preparing", "approaching", "braking", "finished"]
+        assert rest_s < ABORTED_S
         assert max(map(abs, self.state()["qd"])) < 1e-3
         assert not self.is_latched()
+
+    def states(self, id: str) -> list[str]:
+        """Returns the states that an execution went through."""
+        return [event.data["state"] for event in self.store.events(id) if event.kind == "state"]
 
     def throw(self, release: Mapping[str, Any] = TOSS, mode: str = "speedj", dry_run: bool = False) -> ExecutionRow:
         """Queues an execution and waits for its end."""

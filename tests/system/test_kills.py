@@ -158,6 +158,19 @@ def test_an_abort_in_the_approach_stops_in_order(rig: Rig) -> None:
     rig.abort_approaching(rig.queue(NUDGE))  # starts at home: 0.9 rad away
 
 
+def test_an_abort_while_preparing_moves_nothing(rig: Rig) -> None:
+    assert rig.throw(NUDGE).outcome == "completed"
+    before = rig.state()["moved_at"]
+    id = rig.queue(NUDGE)
+    rig.until(lambda: rig.row(id).state == "preparing", period=0.001)
+    rig.store.request_abort(id)
+    row = rig.end(id)
+    assert row.outcome == "aborted", row.reason
+    assert rig.states(id) == ["queued", "preparing", "finished"]
+    assert rig.state()["moved_at"] == before
+    assert not rig.is_latched()
+
+
 def test_an_abort_after_the_gripper_command_closes_it_again(rig: Rig) -> None:
     id, _ = launched(rig, "release")
     rig.store.request_abort(id)

@@ -40,8 +40,7 @@ def test_a_throw_lands_where_it_was_planned(rig: Rig, mode: str) -> None:
     commanded = plan["release"]["command_time_s"] + row.metrics["gripper_command_late_s"]
     assert row.metrics["gripper_commanded_s"] == pytest.approx(commanded, abs=1e-9)
     assert row.metrics["gripper_opened_s"] == pytest.approx(plan["release_time_s"], abs=0.002)
-    states = [e.data["state"] for e in rig.store.events(row.id) if e.kind == "state"]
-    assert states == ["queued", "preparing", "approaching", "streaming", "braking", "finished"]
+    assert rig.states(row.id) == ["queued", "preparing", "approaching", "streaming", "braking", "finished"]
 
 
 def test_a_throw_beside_processes_that_take_every_processor(rig: Rig) -> None:  # H4

@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planner.approach import brake_path, find_approach, find_brakes
+from planner.approach import brake_path, find_approach, find_brakes, line_stop
 from planner.cell import Box
 from planner.dynamics import joint_torques, payload_of
 from tests.planner.approach.conftest import BrakedThrow, near_a_box
+from tests.planner.problems import cell
 
 
 def test_speed_and_acceleration_are_the_derivatives_of_the_path() -> None:
@@ -60,6 +61,22 @@ def test_where_every_brake_collides_the_plan_continues_to_its_end(throw: BrakedT
     found = find_brakes(walled, throw.q, throw.qd, throw.qdd, throw.dt)
     moving = np.flatnonzero(np.abs(throw.qd).max(axis=1) > 1e-3)
     assert (found.row[moving] > moving[-1]).all()
+
+
+@pytest.mark.parametrize(("share", "hardest"), [(1.0, 10.0), (0.7, 7.0)])
+def test_a_stop_on_a_line_keeps_the_torques_at_any_speed(share: float, hardest: float) -> None:
+    """The arm comes down stretched; with less torque it may stop less hard."""
+    here = cell("ur5e-sim")
+    here = replace(here, limits=replace(here.limits, tau_max=share * here.limits.tau_max))
+    q = np.linspace([0.1, -1.3, 0.2, -1.2, -1.57, 0.0], [0.0, -0.6, 0.3, -1.2, -1.57, 0.0], 50)
+    line = (q[-1] - q[0]) / 0.7
+    stop = line_stop(here, q, np.tile(line, (50, 1)), 0.5)
+    payload, falling = payload_of(here, with_object=True), np.array([0.0, 0.0, -9.81])
+    for speed in np.linspace(0.0, 1.0, 6):
+        tau = joint_torques(here.robot, q, speed * line, -stop * line, falling, payload)
+        assert (np.abs(tau) <= here.limits.tau_max).all()
+    assert 0.5 < stop <= hardest
+    assert stop == 10.0 or share < 1.0
 
 
 def test_at_rest_there_is_nothing_to_brake(throw: BrakedThrow) -> None:
