@@ -30,10 +30,12 @@ function Preflight(): JSX.Element {
   const items = preflight(cellState.value, answered.value);
   const held = items.filter((item) => item.ok === true).length;
   const stopping = items.some((item) => item.ok === false);
+  const known = items.filter((item) => item.ok !== null).length;
   return (
     <details class="options" open={stopping}>
       <summary class={stopping ? "bad" : held === items.length ? "good" : ""}>
-        Preflight: {held === items.length ? `all ${held} checks are in order` : `${held} of ${items.length} checks are in order`}
+        Preflight: {held === known ? `${held === items.length ? "all " : ""}${held} checks are in order` : `${held} of ${known} checks are in order`}
+        {known < items.length ? `, ${items.length - known} not known yet` : ""}
       </summary>
       <ul class="preflight" aria-label="Preflight">
         {items.map((item) => (
