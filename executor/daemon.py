@@ -27,6 +27,7 @@ STORE_PAUSE_S = 1.0  # [s] without queries after one has failed: each may take f
 STREAM_END_S = 30.0  # [s] longest wait for an aborted streaming process
 ASKED_TO_END = "the executor was asked to end (SIGTERM or Ctrl-C) and braked first"
 BEFORE_MOTION = "the abort came before anything moved"
+ENDED_BEFORE_MOTION = "the executor was asked to end (SIGTERM or Ctrl-C) before anything moved"
 HARMLESS = ("completed", "refused", "held")  # outcomes that latch no fault; neither does an abort that ended in order
 
 T = TypeVar("T")
@@ -185,7 +186,8 @@ class Daemon:
             execution.profile = self.store.profile_in_use(self.cell, plan.cell_sha256)
             job = execution.prepare(plan.document)
             if ended.is_set() or self._abort_requested(row):
-                result = ExecutionResult(row.id, "aborted", BEFORE_MOTION, None)
+                reason = ENDED_BEFORE_MOTION if ended.is_set() else BEFORE_MOTION
+                result = ExecutionResult(row.id, "aborted", reason, None)
                 return
             with realtime.real_time_process():
                 execution.start(job)

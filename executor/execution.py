@@ -122,12 +122,16 @@ class Execution:
     def states(self) -> list[str]:
         """Returns the public states entered so far, in order; an early end skips those that it came before."""
         run, entered = self.run, ["preparing"]
-        if run is None or run.furthest < shm.APPROACHING:
+        if run is None:
+            return entered
+        state, row_count = run.state, run.row_count
+        furthest = run.furthest  # last, as it is written first: a brake of the stream is never seen without the stream
+        if furthest < shm.APPROACHING:
             return entered
         entered.append("approaching")
-        if run.furthest == shm.STREAMING:
+        if furthest == shm.STREAMING:
             entered.append("streaming")
-        if run.state in BRAKING or run.row_count > run.job.release_row + run.job.lag_ticks:
+        if state in BRAKING or row_count > run.job.release_row + run.job.lag_ticks:
             entered.append("braking")
         return entered
 

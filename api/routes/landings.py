@@ -86,7 +86,8 @@ def _check_reportable(service: Service, row: ExecutionRow, id: str) -> None:
     Raises:
         ProblemDetails: It does.
     """
-    if row.dry_run or row.outcome == "refused" or row.state in NOT_THROWN_YET:
+    never_began = row.outcome == "refused" or (row.outcome == "aborted" and row.metrics is None)
+    if row.dry_run or never_began or row.state in NOT_THROWN_YET:
         raise ProblemDetails("nothing-thrown", f"execution {row.id} is {row.outcome or row.state}: nothing was thrown")
     if row.metrics is not None and not row.metrics.get("released"):
         raise ProblemDetails("nothing-thrown", f"in execution {row.id} the gripper was not commanded to open")

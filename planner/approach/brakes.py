@@ -18,16 +18,18 @@ from planner.arrays import Array, Mask
 from planner.brake_profile import RAMP, brake_weights
 from planner.cell import Cell
 from planner.dynamics import gravity_in_base, joint_torques, payload_of
+from planner.geometry import tool_pose, tool_state
 
 Ticks = NDArray[np.int64]
 
-# [rad/s^2] decelerations of a stop on a line, tried in turn: 10 brings an approach at 1 rad/s to rest in 0.1 s, and a
-# tool at 1.3 m to bear 13 m/s^2, which is far from what a grip holds
+# [rad/s^2] decelerations of a stop on a line, tried in turn: 10 brings an approach at 1 rad/s to rest in 0.1 s; the
+# grip of a UR10e then feels up to 27 m/s^2
 LINE_STOPS = (10.0, 7.0, 5.0, 3.5, 2.5)
 STRETCHES = (1.0, 1.05, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.2, 4.0)  # [-] durations tried, over the shortest
 INSTANTS = 25  # [-] evaluated along a brake, the corners of its acceleration among them; bounds hold in between
 REFINEMENTS = 5  # [-] numbers of instants tried, each twice the one before: at last 0.3 ms apart in 0.1 s
 FADE_S = 0.008  # [s] added for an acceleration to fade out: a CB3 tick
+STEP_S = 1e-4  # [s] of the differences that give the acceleration of the tool
 REST_SPEED = 1e-9  # [rad/s, rad/s^2] below which the arm is at rest
 
 
@@ -79,8 +81,8 @@ def find_brakes(cell: Cell, q: Array, qd: Array, qdd: Array, dt: float, every: i
 def line_stop(cell: Cell, q: Array, qd: Array, least: float) -> float:
     """Returns a deceleration of the leading joint [rad/s^2] that may stop a straight joint move anywhere.
 
-    Such a stop keeps to the line, which is certified; torques at any speed from the move's own to rest are within the
-    cell's. They are affine in the square of the speed: rest and the move's own speed bound them.
+    Such a stop keeps to the line, which is certified; from the move's own speed and from rest, torques are within the
+    cell's, and what the grip feels within what it holds. In between they are affine in the square of the speed.
 
     Args:
         cell: the robot station.
@@ -96,9 +98,23 @@ def line_stop(cell: Cell, q: Array, qd: Array, least: float) -> float:
             break
         slowing = np.repeat(-deceleration * line[:, None], 2, axis=1)
         tau = joint_torques(cell.robot, positions, speeds, slowing, gravity_in_base(cell), payload_of(cell, True))
-        if (np.abs(tau) <= cell.limits.tau_max).all():
+        if (np.abs(tau) <= cell.limits.tau_max).all() and _grip_holds(cell, positions, speeds, slowing):
             return deceleration
     return least
+
+
+def _grip_holds(cell: Cell, q: Array, qd: Array, qdd: Array) -> bool:
+    """Returns whether the grip withstands the acceleration in all states (..., 6), by central differences."""
+    limit = cell.gripper.hold_acceleration_m_s2
+    if limit is None:
+        return True
+    q, qd, qdd = (x.reshape(-1, 6) for x in (q, qd, qdd))
+    after, before = (tool_state(cell, q + h * qd, qd + h * qdd).v_WT for h in (STEP_S, -STEP_S))
+    felt = (after - before) / (2.0 * STEP_S) + np.array([0.0, 0.0, cell.surroundings.gravity_m_s2])
+    if len(limit) == 1:
+        return bool((np.linalg.norm(felt, axis=-1) <= limit).all())
+    in_tool = np.einsum("kji,kj->ki", tool_pose(cell, q)[:, :3, :3], felt)
+    return bool((np.abs(in_tool) <= limit).all())
 
 
 def _verified(cell: Cell, q: Array, qd: Array, qdd: Array, dt: float) -> tuple[Ticks, Mask]:

@@ -91,6 +91,9 @@ def test_an_execution_that_threw_nothing_has_no_landing(service: RunningService,
     dry = queued(service, plan, dry_run=True)
     service.store.finish_execution(dry, "completed")
     problem_of(report(service, dry, POSITION), 409, "nothing-thrown")
+    never_begun = queued(service, plan)
+    service.store.finish_execution(never_begun, "aborted", "the abort came before anything moved")
+    problem_of(report(service, never_begun, POSITION), 409, "nothing-thrown")
     problem_of(report(service, "nothing", POSITION), 404, "not-found")
 
 

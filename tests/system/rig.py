@@ -33,7 +33,7 @@ QUIET_TRIES = 6
 MOVING_RAD_S = 0.5  # [rad/s] in mid-launch of TOSS
 FAST_RAD_S = 2.5  # [rad/s] in mid-launch of LONG_LOB, which releases at 2.6 and passes 2.8
 ROBOT_RUNNING = 7  # robot_mode
-ABORTED_S = 0.25  # [s] from the request to rest; on a quiet machine 0.16: docs/executor.md
+ABORTED_S = 0.32  # [s] from the request to rest; at 10 rad/s^2 some 0.25 from 2 rad/s, at 5.6 (the move's own) 0.38
 RESTED_S = 0.1  # [s] of the controller's time at rest: longer than a lag, so it will not move again
 
 # From near home to 1.2 rad/s and back to rest: short, clear of everything, and it throws.
@@ -166,11 +166,16 @@ class Rig:
         self.until(lambda: self.row(id).state == "finished", END_WITHIN_S)
         return self.row(id)
 
-    def abort_approaching(self, id: str) -> None:
-        """Aborts an execution while the arm is on its way to the start; it ends at rest and latches nothing."""
+    def abort_approaching(self, id: str, speed: float) -> None:
+        """Aborts an execution while the arm is on its way to the start; it ends at rest and latches nothing.
+
+        Args:
+            id: of the execution.
+            speed: of the leading joint [rad/s] from which it is aborted.
+        """
 
         def on_the_way() -> bool:
-            return self.row(id).state == "approaching" and max(map(abs, self.state()["qd"])) > 0.7
+            return self.row(id).state == "approaching" and max(map(abs, self.state()["qd"])) > speed
 
         self.until(on_the_way, period=0.001)
         at = self.state()["t"]

@@ -34,7 +34,7 @@ def test_the_approach_goes_around_an_obstacle(boxed_rig: Rig) -> None:
     assert rig.throw(move(LEFT)).outcome == "completed"
     go_around(rig, RIGHT, "speedj")
     go_around(rig, LEFT, "servoj")
-    rig.abort_approaching(queue(rig, RIGHT, "speedj"))
+    rig.abort_approaching(queue(rig, RIGHT, "speedj"), 0.7)
 
 
 def queue(rig: Rig, start: list[float], mode: str) -> str:

@@ -155,7 +155,7 @@ def test_an_abort_in_the_approach_stops_in_order(rig: Rig) -> None:
     assert rig.throw(NUDGE).outcome == "completed"
     far = {**NUDGE, "positions": [0.9, -1.57, 1.57, -1.57, -1.57, 0.0]}
     assert rig.throw(far).outcome == "completed"
-    rig.abort_approaching(rig.queue(NUDGE))  # starts at home: 0.9 rad away
+    rig.abort_approaching(rig.queue(NUDGE), 1.7)  # starts at home: 0.9 rad away
 
 
 def test_an_abort_while_preparing_moves_nothing(rig: Rig) -> None:
@@ -166,6 +166,7 @@ def test_an_abort_while_preparing_moves_nothing(rig: Rig) -> None:
     rig.store.request_abort(id)
     row = rig.end(id)
     assert row.outcome == "aborted", row.reason
+    assert "before anything moved" in row.reason
     assert rig.states(id) == ["queued", "preparing", "finished"]
     assert rig.state()["moved_at"] == before
     assert not rig.is_latched()

@@ -10,7 +10,7 @@ import pytest
 from planner.approach import brake_path, find_approach, find_brakes, line_stop
 from planner.cell import Box
 from planner.dynamics import joint_torques, payload_of
-from tests.planner.approach.conftest import BrakedThrow, near_a_box
+from tests.planner.approach.conftest import BrakedThrow, near_a_box, tool_position
 from tests.planner.problems import cell
 
 
@@ -77,6 +77,29 @@ def test_a_stop_on_a_line_keeps_the_torques_at_any_speed(share: float, hardest: 
         assert (np.abs(tau) <= here.limits.tau_max).all()
     assert 0.5 < stop <= hardest
     assert stop == 10.0 or share < 1.0
+
+
+def test_a_stop_on_a_line_keeps_the_grip() -> None:
+    """On this certified approach a stop at 10 rad/s^2 is felt as 18.9 m/s^2."""
+    here = cell("ur5e-sim")
+    here = replace(here, gripper=replace(here.gripper, hold_acceleration_m_s2=np.array([15.0])))
+    q0, q1 = [0.86, -1.88, 0.93, -1.83, -1.67, -0.16], [0.07, -1.05, 0.9, -1.67, -1.47, 0.23]
+    approach, _ = find_approach(here, np.array(q0), np.array(q1))
+    assert approach is not None and approach.trajectory is not None
+    q, qd = approach.trajectory.q, approach.trajectory.qd
+    stop = line_stop(here, q, qd, 1.4)
+    assert 1.4 <= stop < 10.0
+    assert line_stop(cell("ur5e-sim"), q, qd, 1.4) == 10.0
+    leading = np.abs(qd).max(axis=1, keepdims=True)
+    moving = leading[:, 0] > 0.01
+    h, line = 1e-4, qd[moving] / leading[moving]
+    p = [
+        tool_position(here, x)
+        for x in np.concatenate([q[moving] + s * h * qd[moving] - (s * h) ** 2 / 2 * stop * line for s in (-1, 0, 1)])
+    ]
+    p = np.reshape(p, (3, -1, 3))
+    felt = (p[0] - 2.0 * p[1] + p[2]) / h**2 + [0.0, 0.0, 9.81]
+    assert np.linalg.norm(felt, axis=1).max() <= 15.01
 
 
 def test_at_rest_there_is_nothing_to_brake(throw: BrakedThrow) -> None:

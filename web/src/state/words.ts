@@ -118,7 +118,7 @@ export function preflight(live: CellState | null, plan: Plan | null): readonly P
     else items.push({ text, ok: robot === null ? null : true });
   }
   items.push(...refusals.map((reason) => ({ text: reason, ok: false })));
-  items.push({ text: plan === null ? "Plan is certified: plan first" : "Plan is certified", ok: plan?.certificate.valid ?? null });
+  items.push({ text: "Plan is certified", ok: plan?.certificate.valid ?? null });
   return items;
 }
 
