@@ -125,7 +125,7 @@ class Execution:
         if run is None:
             return entered
         state, row_count = run.state, run.row_count
-        furthest = run.furthest  # last, as it is written first: a brake of the stream is never seen without the stream
+        furthest = run.furthest  # read last: a stream notes that it was entered before it brakes
         if furthest < shm.APPROACHING:
             return entered
         entered.append("approaching")

@@ -18,7 +18,7 @@ from planner.arrays import Array, Mask
 from planner.brake_profile import RAMP, brake_weights
 from planner.cell import Cell
 from planner.dynamics import gravity_in_base, joint_torques, payload_of
-from planner.geometry import tool_pose, tool_state
+from planner.kinematics import forward, tcp_acceleration
 
 Ticks = NDArray[np.int64]
 
@@ -29,7 +29,6 @@ STRETCHES = (1.0, 1.05, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.2, 4.0)  # [-] du
 INSTANTS = 25  # [-] evaluated along a brake, the corners of its acceleration among them; bounds hold in between
 REFINEMENTS = 5  # [-] numbers of instants tried, each twice the one before: at last 0.3 ms apart in 0.1 s
 FADE_S = 0.008  # [s] added for an acceleration to fade out: a CB3 tick
-STEP_S = 1e-4  # [s] of the differences that give the acceleration of the tool
 REST_SPEED = 1e-9  # [rad/s, rad/s^2] below which the arm is at rest
 
 
@@ -82,7 +81,8 @@ def line_stop(cell: Cell, q: Array, qd: Array, least: float) -> float:
     """Returns a deceleration of the leading joint [rad/s^2] that may stop a straight joint move anywhere.
 
     Such a stop keeps to the line, which is certified; from the move's own speed and from rest, torques are within the
-    cell's, and what the grip feels within what it holds. In between they are affine in the square of the speed.
+    cell's, and what the grip feels within what it holds. Both vectors are affine in the square of the speed, so nothing
+    in between is larger.
 
     Args:
         cell: the robot station.
@@ -104,17 +104,15 @@ def line_stop(cell: Cell, q: Array, qd: Array, least: float) -> float:
 
 
 def _grip_holds(cell: Cell, q: Array, qd: Array, qdd: Array) -> bool:
-    """Returns whether the grip withstands the acceleration in all states (..., 6), by central differences."""
+    """Returns whether the grip withstands the acceleration against free fall in all states (..., 6)."""
     limit = cell.gripper.hold_acceleration_m_s2
     if limit is None:
         return True
-    q, qd, qdd = (x.reshape(-1, 6) for x in (q, qd, qdd))
-    after, before = (tool_state(cell, q + h * qd, qd + h * qdd).v_WT for h in (STEP_S, -STEP_S))
-    felt = (after - before) / (2.0 * STEP_S) + np.array([0.0, 0.0, cell.surroundings.gravity_m_s2])
+    felt = tcp_acceleration(cell.robot, q, qd, qdd, cell.tool.X_FT)[..., :3] - gravity_in_base(cell)
     if len(limit) == 1:
         return bool((np.linalg.norm(felt, axis=-1) <= limit).all())
-    in_tool = np.einsum("kji,kj->ki", tool_pose(cell, q)[:, :3, :3], felt)
-    return bool((np.abs(in_tool) <= limit).all())
+    R_BT = forward(cell.robot, q, cell.tool.X_FT)[..., :3, :3]
+    return bool((np.abs(np.einsum("...ji,...j->...i", R_BT, felt)) <= limit).all())
 
 
 def _verified(cell: Cell, q: Array, qd: Array, qdd: Array, dt: float) -> tuple[Ticks, Mask]:

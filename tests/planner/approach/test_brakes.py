@@ -10,7 +10,8 @@ import pytest
 from planner.approach import brake_path, find_approach, find_brakes, line_stop
 from planner.cell import Box
 from planner.dynamics import joint_torques, payload_of
-from tests.planner.approach.conftest import BrakedThrow, near_a_box, tool_position
+from planner.geometry import tool_pose
+from tests.planner.approach.conftest import BrakedThrow, near_a_box
 from tests.planner.problems import cell
 
 
@@ -93,12 +94,10 @@ def test_a_stop_on_a_line_keeps_the_grip() -> None:
     leading = np.abs(qd).max(axis=1, keepdims=True)
     moving = leading[:, 0] > 0.01
     h, line = 1e-4, qd[moving] / leading[moving]
-    p = [
-        tool_position(here, x)
-        for x in np.concatenate([q[moving] + s * h * qd[moving] - (s * h) ** 2 / 2 * stop * line for s in (-1, 0, 1)])
-    ]
-    p = np.reshape(p, (3, -1, 3))
-    felt = (p[0] - 2.0 * p[1] + p[2]) / h**2 + [0.0, 0.0, 9.81]
+    before, now, after = (
+        tool_pose(here, q[moving] + t * qd[moving] - t**2 / 2.0 * stop * line)[:, :3, 3] for t in (-h, 0.0, h)
+    )
+    felt = (before - 2.0 * now + after) / h**2 + [0.0, 0.0, 9.81]
     assert np.linalg.norm(felt, axis=1).max() <= 15.01
 
 
