@@ -10,6 +10,8 @@ from __future__ import annotations
 import math
 import os
 import shutil
+import sqlite3
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +24,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from store.outages import WORDS, OutageLog, kind_of
 
 BUSY_TIMEOUT_MS = 5000  # [ms] how long a writer waits for another; a transaction takes about a millisecond
+SWITCH_RETRY_S = 0.005  # [s] how long to wait before asking for the write-ahead log again
 PROBE_TIMEOUT_MS = 300  # [ms] how long a probe waits: longer than any transaction of ours
 READ_ONLY = {"fling_read_only": True}
 RowT = TypeVar("RowT")
@@ -183,9 +186,28 @@ def _noted(engine: Engine, error: SQLAlchemyError) -> StoreUnavailable:
 def _configure(connection: Any, _record: object) -> None:
     connection.isolation_level = None  # transactions begin in `_begin`, not in the driver
     connection.execute(f"PRAGMA busy_timeout = {BUSY_TIMEOUT_MS}")
-    connection.execute("PRAGMA journal_mode = WAL")
+    _use_write_ahead_log(connection)
     connection.execute("PRAGMA synchronous = NORMAL")
     connection.execute("PRAGMA foreign_keys = ON")
+
+
+def _use_write_ahead_log(connection: Any) -> None:
+    """Switches a file to the write-ahead log; the first to open it does, the others find it so.
+
+    SQLite does not wait here: two connections that both switch, each holding a lock that the other needs, would wait
+    for ever, so one of them is told at once that the file is locked (sqlite.org/c3ref/busy_handler.html). By the time
+    it asks again, the other has switched.
+    """
+    latest = time.monotonic() + BUSY_TIMEOUT_MS / 1000.0
+    while True:
+        try:
+            connection.execute("PRAGMA journal_mode = WAL")
+        except sqlite3.OperationalError as error:
+            if error.sqlite_errorcode & 0xFF != sqlite3.SQLITE_BUSY or time.monotonic() > latest:
+                raise
+            time.sleep(SWITCH_RETRY_S)
+        else:
+            return
 
 
 def _begin(connection: Connection) -> None:

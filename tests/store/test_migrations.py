@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+import sqlite3
+import time
 from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
 
 import pytest
 from sqlalchemy import inspect, text
 
-from store import Store, StoreUnavailable, migrations
+from store import Store, StoreUnavailable, database, migrations
 from store.database import open_engine
 from store.tables import METADATA
 
@@ -73,6 +76,33 @@ def test_a_file_that_is_no_database_is_refused(tmp_path):
     file.write_text("this is not a database, but long enough to be read as one " * 20)
     with pytest.raises(StoreUnavailable):
         Store.open(f"sqlite:///{file}")
+
+
+def test_many_may_switch_an_empty_file_to_the_write_ahead_log_at_once(tmp_path):
+    def attempt(url: str, ready: Barrier) -> str:
+        engine = open_engine(url)
+        ready.wait()
+        with engine.connect() as connection:
+            mode = connection.exec_driver_sql("PRAGMA journal_mode").scalar_one()
+        engine.dispose()
+        return mode
+
+    with ThreadPoolExecutor(8) as pool:  # the first to ask meets the second in one round of twenty or so
+        for number in range(200):
+            ready = Barrier(8)
+            attempts = [pool.submit(attempt, f"sqlite:///{tmp_path / str(number)}", ready) for _ in range(8)]
+            assert {a.result() for a in attempts} == {"wal"}
+
+
+def test_a_file_that_stays_locked_is_reported_after_the_timeout(sqlite_url, monkeypatch):
+    monkeypatch.setattr(database, "BUSY_TIMEOUT_MS", 50)
+    holder = sqlite3.connect(sqlite_url.removeprefix("sqlite:///"))
+    holder.execute("BEGIN EXCLUSIVE")
+    started = time.monotonic()
+    with pytest.raises(StoreUnavailable) as refusal, database.reading(open_engine(sqlite_url)):
+        pass
+    holder.close()
+    assert refusal.value.kind == "locked" and time.monotonic() - started > 0.05
 
 
 def test_sqlite_runs_in_write_ahead_mode_with_foreign_keys(sqlite_url):
