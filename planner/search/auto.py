@@ -155,7 +155,9 @@ def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
     for ranked in _walk(search, stage, ranking):
         if search.iterations >= end:
             break
-        if not _may_gain(search, stage, ranking, ranked) or not ranked.first_try(what):
+        if search.lacks_brake(ranked.candidate) or not _may_gain(search, stage, ranking, ranked):
+            continue
+        if not ranked.first_try(what):
             continue
         begun += load_optimiser(search)
         tried += 1
@@ -197,6 +199,8 @@ def _try_seed(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate,
         if error.is_late and not stage.follows:
             ranking.settle(ranked, math.inf)
         search.given_up += leaves_doubt and not error.is_late
+        if error.lacks_brake:
+            search.note_lack_of_brake(ranked.candidate)
         _note_outcome(search, ranked, error.is_late)
         raise
     _note_outcome(search, ranked, was_valid)

@@ -5,12 +5,16 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from planner.certificate import Certificate, Examination
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation
 from planner.problem import ThrowProblem
 from planner.seeds import Candidate
 from planner.solution import Solution
 from planner.trajectory import Trajectory
+
+POSTURE_DECIMALS = 6  # of cosines and sines, by which postures are told apart
 
 
 @dataclass(frozen=True)
@@ -73,6 +77,7 @@ class PlanningSearch:
         led_to_motion: whether the optimiser came to a motion from a candidate that it tried: certified, or too late.
         given_up: seeds from which the optimiser came to no certified motion, for another reason than its lateness.
         has_optimised: whether the optimiser came to a motion: certified, or no sooner than one that is.
+        without_brake: postures at a given release from which no brake was found that is clear of the flight.
         needs_sooner: whether the incumbent was brought along as an optimised motion: none is of use that is no sooner.
     """
 
@@ -91,6 +96,7 @@ class PlanningSearch:
     led_to_motion: dict[Candidate, bool] = field(default_factory=dict)
     given_up: int = 0
     has_optimised: bool = False
+    without_brake: set[tuple[float, ...]] = field(default_factory=set)
     needs_sooner: bool = False
 
     @property
@@ -120,9 +126,17 @@ class PlanningSearch:
 
     @property
     def in_vain(self) -> list[Candidate]:
-        """The candidates from which the optimiser came to no motion, by ascending lower bound."""
-        found = [candidate for candidate, led in self.led_to_motion.items() if not led]
+        """The candidates from which the optimiser came to no motion, by ascending lower bound; none without a brake."""
+        found = [each for each, led in self.led_to_motion.items() if not led and not self.lacks_brake(each)]
         return sorted(found, key=lambda candidate: candidate.bound_s)
+
+    def note_lack_of_brake(self, candidate: Candidate) -> None:
+        """Notes that no brake from a given release was found that is clear of the flight."""
+        self.without_brake.add(_posture(candidate))
+
+    def lacks_brake(self, candidate: Candidate) -> bool:
+        """Returns whether no brake was found from a candidate, or from one that differs by whole turns of joints."""
+        return _posture(candidate) in self.without_brake
 
     @property
     def answer(self) -> CertifiedSolution | None:
@@ -137,7 +151,12 @@ class PlanningSearch:
             held: groups of rows with which seeds start.
         """
         return PlanningSearch(
-            problem, self.deadline_s, self.incumbent, held=held, needs_sooner=self._has_answer_to_beat
+            problem,
+            self.deadline_s,
+            self.incumbent,
+            held=held,
+            without_brake=set(self.without_brake),  # under tighter limits there is none all the more
+            needs_sooner=self._has_answer_to_beat,
         )
 
     def certify(self, backend: str, solution: Solution) -> CertifiedSolution:
@@ -197,6 +216,11 @@ class PlanningSearch:
 def certified(backend: str, problem: ThrowProblem, solution: Solution) -> CertifiedSolution:
     """Returns a back end's motion with the checks that it has to pass."""
     return CertifiedSolution(backend, solution, Examination(problem, solution.trajectory))
+
+
+def _posture(candidate: Candidate) -> tuple[float, ...]:
+    """Returns a candidate's joint positions but for whole turns, rounded."""
+    return tuple(np.round(np.stack([np.cos(candidate.q), np.sin(candidate.q)]), POSTURE_DECIMALS).ravel().tolist())
 
 
 def _sooner(found: CertifiedSolution, other: CertifiedSolution | None) -> bool:

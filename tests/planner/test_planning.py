@@ -43,12 +43,23 @@ def test_the_same_request_has_the_same_plan():
     assert first.certificate == second.certificate
 
 
-@pytest.mark.parametrize(("window_s", "tolerance_m"), [(0.0, 0.0), (0.02, 0.005)])
-def test_a_slow_throw_is_sought_from_further_seeds(window_s, tolerance_m):
-    release = TargetRelease(np.array([0.2, -0.1, 0.0]))  # nearer than the arm throws with ease
-    problem = joint_problem(
-        "ur3e-sim", release=release, release_window_s=window_s, landing_tolerance_m=tolerance_m, backend="casadi"
-    )
+FOLDED = np.array([1.12, -2.35, 1.13, -2.68, -2.01, -1.19])
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "changes"),
+    [
+        ("ur3e-sim", (0.2, -0.1), {}),  # nearer than the arm throws with ease
+        (
+            "ur10e-sim",
+            (-0.15, -1.21),
+            {"start": FOLDED, "release_window_s": 0.02, "landing_tolerance_m": 0.005},
+        ),
+    ],
+)
+def test_a_slow_throw_is_sought_from_further_seeds(name, place, changes):
+    release = TargetRelease(np.array([*place, 0.0]))
+    problem = joint_problem(name, release=release, backend="casadi", **changes)
     gripper = replace(problem.cell.gripper, opening_direction=None)
     problem = replace(problem, cell=replace(problem.cell, gripper=gripper))
     first = PlanningSearch(problem, time.perf_counter() + 100.0)

@@ -69,11 +69,15 @@ class SeedFailed(SolverFailed):
     Attributes:
         held: groups of rows that were included by then.
         is_late: whether a solution was found, but one that releases too late.
+        lacks_brake: whether no brake from the given release was found that is clear of the flight, wherever the joints
+            may turn.
     """
 
-    def __init__(self, status: str, iterations: int, held: frozenset[str], is_late: bool) -> None:
+    def __init__(
+        self, status: str, iterations: int, held: frozenset[str], is_late: bool, lacks_brake: bool = False
+    ) -> None:
         super().__init__(status, iterations)
-        self.held, self.is_late = held, is_late
+        self.held, self.is_late, self.lacks_brake = held, is_late, lacks_brake
 
 
 def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOptions()) -> Solution:
@@ -103,7 +107,9 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
     try:
         return _answer(instance, seed, options, solver)
     except SolverFailed as failure:
-        raise SeedFailed(failure.status, failure.iterations, solver.groups, solver.is_late) from None
+        raise SeedFailed(
+            failure.status, failure.iterations, solver.groups, solver.is_late, solver.lacks_brake
+        ) from None
 
 
 def _answer(instance: Instance, seed: Seed, options: SolveOptions, solver: Solver) -> Solution:

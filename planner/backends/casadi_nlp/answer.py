@@ -10,6 +10,7 @@ import numpy as np
 
 from planner.backends.casadi_nlp.instance import Instance
 from planner.backends.casadi_nlp.layout import QD, QDD, TIME, Q, Vector
+from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS
 from planner.backends.casadi_nlp.release_state import (
     aimed,
     corrected_at,
@@ -37,7 +38,7 @@ DRAG_ROUNDS = 3  # corrections of the aim for drag; each leaves a tenth of the e
 CORRECTIONS = 3  # [-] further solutions at most for a calibrated arm; each leaves some hundredths of the error
 WINDOW_ROUNDS = 3  # further solutions at most that bring the landings of a window back into the tolerance
 OVERCORRECTION = 1.5  # [-] of a landing error beyond the tolerance between two knots: correction at the knots
-SAMPLES_PER_STAGE = 4  # landings evaluated in each stage of the window, once the motion is on ticks
+SAMPLES_PER_STAGE = 6  # landings evaluated in each stage of the window, once the motion is on ticks
 USABLE_TOLERANCE = 0.99  # [-] of the landing tolerance: leaves the certificate something
 TINY_M = 1e-9  # [m] keeps a landing error away from zero
 
@@ -126,7 +127,8 @@ def answer(instance: Instance, z: Vector, solver: Solver) -> Solution:
     for _ in range(WINDOW_ROUNDS if instance.problem.is_robust else 0):
         made, found = solution.trajectory, KnotStates.of(z, instance.stages.launch)
         errors = landing_errors_in_window(instance, made.at, made.release_time_s)
-        more = excess_at_knots(errors, instance.problem.landing_tolerance_m)
+        narrowed = instance.margins.window / DEFAULT_MARGINS.window  # where the certificate found more than was kept
+        more = excess_at_knots(errors, narrowed * instance.problem.landing_tolerance_m)
         if not more.any() or not np.isfinite(more).all():
             break
         excess = excess + OVERCORRECTION * more

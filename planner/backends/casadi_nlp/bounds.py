@@ -112,8 +112,9 @@ class Bounds:
     def fix_ends(self, start: Vector) -> None:
         """Fixes the start at rest in `start` (6,) [rad], the end at rest, and the time of the release, which is 0."""
         x = self.x
-        x[:, 0, Q] = start
-        x[:, 0, QD] = x[:, 0, QDD] = 0.0
+        if self.launch:
+            x[:, 0, Q] = start
+            x[:, 0, QD] = x[:, 0, QDD] = 0.0
         x[:, self.launch, TIME] = 0.0
         x[:, -1, QD] = x[:, -1, QDD] = 0.0
         x[0, -1, NX:], x[1, -1, NX:] = -np.inf, np.inf
@@ -150,7 +151,7 @@ class Bounds:
     def set_release(self, problem: ThrowProblem, candidate: Candidate) -> None:
         """Bounds the release as requested."""
         release = problem.release
-        if isinstance(release, JointRelease | PoseRelease):
+        if isinstance(release, JointRelease | PoseRelease) or not self.launch:
             self._fix_release_state(candidate.q, candidate.qd)
         elif isinstance(release, PointRelease):
             self._fix_release_point(release, problem.ends_at_rest)
@@ -169,7 +170,7 @@ class Bounds:
         so this is stated as an equality, and the inequalities that it implies are freed.
         """
         k, index = self.launch, self.index
-        limit = self.g[1, index.rows["motion", k - 1][MIDDLE_VELOCITY]] * self.qd_scale
+        limit = self.g[1, index.rows["motion", max(k - 1, 0)][MIDDLE_VELOCITY]] * self.qd_scale
         reached = np.abs(qd) >= (1.0 - TOUCHING) * limit
         for stage in {k - 1, k} & set(index.knots["motion"]):
             self._free(index.rows["motion", stage][MIDDLE_VELOCITY][reached])

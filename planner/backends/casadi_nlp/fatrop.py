@@ -1,8 +1,8 @@
-"""A launch solved by fatrop without casadi between them: compiled rows and derivatives, several stages at once.
+"""Calls of the solvers: fatrop with compiled rows, or through casadi, and IPOPT.
 
 casadi's interface evaluates the whole problem as sparse matrices and takes them apart again for every stage, which
-takes as long as the rows themselves. The compiled launch (`c/launch.c`) hands fatrop each stage's matrices. Both find
-the same numbers to the last bit; without a compiler, casadi's interface is used.
+takes as long as the rows themselves. The compiled launch (`c/launch.c`) hands fatrop each stage's matrices, several
+stages at once. Both find the same numbers to the last bit; without a compiler, casadi's interface is used.
 """
 
 from __future__ import annotations
@@ -10,19 +10,35 @@ from __future__ import annotations
 import ctypes
 import logging
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, lru_cache
+from typing import Any
 
+import casadi as ca
 import numpy as np
 
 from planner.arrays import Array, Index
 from planner.backends.casadi_nlp import codegen
-from planner.backends.casadi_nlp.functions import KINDS
-from planner.backends.casadi_nlp.layout import COST, NX, SHARED
+from planner.backends.casadi_nlp.functions import KINDS, first_result
+from planner.backends.casadi_nlp.layout import COST, NU, SHARED, Vector
 from planner.backends.casadi_nlp.symbols import FORMULAS
-from planner.backends.casadi_nlp.transcription import ALL_SHARED, RowIndex, StageLayout, transcription
+from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, RowIndex, StageLayout, transcription
 
 ROWS_MAX = 64  # [-] of a block, as in launch.c
 SOLVED = 0  # fatrop's status
+IPOPT = {"tol": 1e-5, "mu_init": 1e-3, "max_iter": 80}
+PATTERNS_KEPT = 64  # solvers cached: a few for each kind of release
+
+# The blocks have all derivatives; casadi must not differentiate again.
+QUIET = {"print_time": False, "error_on_fail": False, "calc_lam_p": False, "calc_lam_x": False}
+Options = dict[str, float]
+Arguments = Mapping[str, Vector]  # x0, p, lbx, ubx, lbg, ubg
+Roles = dict[str, tuple[str, list[str]]]  # of functions, by the names that casadi gives to those it derives itself
+COMMON_ROLES: Roles = {
+    "nlp_f": ("f", ["f"]),
+    "nlp_g": ("g", ["g"]),
+    "nlp_jac_g": ("jac_g", ["g", "jac:g:x"]),
+    "nlp_grad": ("all", ["f", "g", "grad:gamma:x", "grad:gamma:p"]),
+}
 
 
 class _Block(ctypes.Structure):
@@ -33,7 +49,8 @@ class _Block(ctypes.Structure):
         ("jacobian", ctypes.c_void_p),
         ("hessian", ctypes.c_void_p),
         ("position", ctypes.c_void_p),
-        *((name, ctypes.c_int) for name in ("rows", "following", "first", "last", "parameters", "each")),
+        *((name, ctypes.c_int) for name in ("variables", "rows", "following", "into")),
+        *((name, ctypes.c_int) for name in ("first", "last", "parameters", "each")),
     )
 
 
@@ -44,7 +61,7 @@ class _Problem(ctypes.Structure):
         ("block", ctypes.POINTER(_Block)),
         ("own", ctypes.c_void_p),
         ("owned", ctypes.c_void_p),
-        *((name, ctypes.c_int) for name in ("blocks", "cost", "stages", "rows")),
+        *((name, ctypes.c_int) for name in ("blocks", "cost", "stages", "rows", "thrown")),
     )
 
 
@@ -58,8 +75,9 @@ class CompiledLaunch:
         blocks = (_Block * len(index.blocks))(*(self._block(name) for name in index.blocks))
         owned = self._integers(index.per_stage)
         own = self._integers([rows.start for rows in _own_rows(index)])
-        names = list(index.blocks)
-        self._problem = _Problem(blocks, own, owned, len(names), names.index("cost"), index.stages.stages, index.size)
+        names, stages = list(index.blocks), index.stages
+        thrown = stages.launch if stages.carries else stages.stages + 1
+        self._problem = _Problem(blocks, own, owned, len(names), names.index("cost"), stages.stages, index.size, thrown)
 
     def solve(self, arguments: Mapping[str, Array], options: Mapping[str, float]) -> tuple[Array, int, bool]:
         """Returns the variables (n,), the number of iterations, and whether the problem is solved.
@@ -113,6 +131,7 @@ class CompiledLaunch:
 
     def _block(self, name: str) -> _Block:
         index, block, knots = self.index, self.index.blocks[name], self.index.knots[name]
+        following = index.following(name)
         if block.n > ROWS_MAX:
             raise ValueError(f"{name} has {block.n} rows; there is room for {ROWS_MAX}")
         positions = [index.rows[name, k] for k in knots] if name != "cost" else []
@@ -121,8 +140,10 @@ class CompiledLaunch:
             self._sparsity(f"{block.name}_slope"),
             self._sparsity(f"{block.name}_curve"),
             self._integers(np.concatenate([np.zeros(0), *positions])),
+            block.variables,
             block.n,
-            NX if name == "motion" else 0,
+            following.stop - following.start,
+            following.start,
             knots.start,
             knots.stop,
             self._offsets[name],
@@ -146,7 +167,7 @@ def _own_rows(index: RowIndex) -> list[range]:
     """Returns the rows of each stage, beside those of the next state."""
     rows, begin = [], 0
     for k, own in enumerate(index.per_stage):
-        begin += NX if k < index.stages.stages else 0
+        begin += len(index.dynamics[k]) if k < index.stages.stages else 0
         rows.append(range(begin, begin + own))
         begin += own
     return rows
@@ -189,3 +210,100 @@ def _libraries() -> tuple[ctypes.CDLL, ctypes.CDLL] | None:
     launch.launch_rows.argtypes, launch.launch_rows.restype = [pointer] * 4, None
     launch.linear_algebra_agrees()
     return launch, functions
+
+
+def solve_by_fatrop(stages: StageLayout, arguments: Arguments, options: Options) -> tuple[Vector, dict[str, Any]]:
+    """Returns the variables that casadi's interface to fatrop comes to, and its statistics."""
+    order = transcription(stages).row_index.stagewise
+    ordered = {**arguments} | {name: arguments[name][order] for name in ("x0", "lbx", "ubx")}
+    found, stats = first_result(_fatrop(stages, _pattern(ordered), tuple(options.items())), ordered)
+    x = np.empty(len(order))
+    x[order] = found
+    return x, stats
+
+
+def solve_by_ipopt(stages: StageLayout, arguments: Arguments) -> tuple[Vector, dict[str, Any]]:
+    """Returns the variables that IPOPT comes to, and its statistics."""
+    return first_result(_ipopt(stages), arguments)
+
+
+def _pattern(arguments: Arguments) -> bytes:
+    """Returns which variables and rows are fixed (2), bounded (1) or free (0)."""
+    lower = np.concatenate([arguments["lbx"], arguments["lbg"]])
+    upper = np.concatenate([arguments["ubx"], arguments["ubg"]])
+    bounded = np.isfinite(lower) | np.isfinite(upper)
+    return (bounded.astype(np.int8) + (lower == upper)).astype(np.int8).tobytes()
+
+
+@lru_cache(maxsize=PATTERNS_KEPT)
+def _fatrop(stages: StageLayout, pattern: bytes, options: tuple[tuple[str, float], ...]) -> Any:
+    """Returns the solver for one pattern of fixed, bounded and free variables and rows, with fatrop's options.
+
+    casadi 3.8.2 makes fatrop anew where the pattern differs from the call before, and then loses its options: each
+    pattern has a solver of its own, built in 7 ms.
+    """
+    made = transcription(stages)
+    index, n = made.row_index, stages.stages
+    functions = made.functions if index.core == index.variables else _reordered(made.functions, index.stagewise)
+    roles = {"nlp_grad_f": ("grad_f", ["grad:f:x"]), "nlp_hess_l": ("hess_l", ["grad:gamma:x", "hess:gamma:x:x"])}
+    states = [index.states(k) for k in range(n + 1)]
+    structure = {"structure_detection": "manual", "N": n, "nx": states, "nu": [NU] * n + [0]}
+    settings = {**structure, "ng": index.per_stage, "fatrop": dict(options)}
+    return _nlpsol("fatrop", functions, roles, settings)
+
+
+def _reordered(functions: Mapping[str, Any], order: Indices) -> dict[str, Any]:
+    """Returns the problem's functions of variables in another order."""
+    back, to = np.argsort(order).tolist(), order.tolist()
+    sorted_ones: dict[str, Any] = {}
+    for name, function in functions.items():
+        x, *more = inputs = function.mx_in()
+        results = list(function.call([x[back], *more]))
+        if name == "grad_f":
+            results = [results[0][to]]
+        elif name == "jac_g":
+            results = [results[0], results[1][:, to]]
+        elif name == "hess_l":
+            results = [results[0][to], results[1][to, to]]
+        sorted_ones[name] = ca.Function(name, inputs, results)
+    return sorted_ones
+
+
+@cache
+def _ipopt(stages: StageLayout) -> Any:
+    """Returns the IPOPT solver of the same problem."""
+    functions = dict(transcription(stages).functions)
+    inputs = x, p, *_ = functions["hess_l"].mx_in()
+    functions["upper"] = ca.Function("upper", inputs, [ca.triu(functions["hess_l"](*inputs)[1])])
+    both = [functions["f"](x, p), functions["grad_f"](x, p)]
+    functions["value_and_grad_f"] = ca.Function("value_and_grad_f", [x, p], both)
+    roles = {
+        "nlp_grad_f": ("value_and_grad_f", ["f", "grad:f:x"]),
+        "nlp_hess_l": ("upper", ["triu:hess:gamma:x:x"]),
+    }
+    return _nlpsol("ipopt", functions, roles, {"ipopt": {"print_level": 0, "sb": "yes", **IPOPT}})
+
+
+def _nlpsol(plugin: str, functions: Mapping[str, Any], roles: Roles, settings: Mapping[str, Any]) -> Any:
+    x, p = functions["g"].mx_in()
+    problem = {"x": x, "p": p, "f": functions["f"](x, p), "g": functions["g"](x, p)}
+    derived = _in_roles({**functions, "all": _summary(functions)}, {**COMMON_ROLES, **roles})
+    return ca.nlpsol("launch", plugin, problem, {**QUIET, "cache": derived, **settings})
+
+
+def _in_roles(functions: Mapping[str, Any], roles: Roles) -> dict[str, Any]:
+    """Returns the functions under the names that casadi gives to those it derives itself."""
+    named = {}
+    for role, (name, outputs) in roles.items():
+        inputs = functions[name].mx_in()
+        scheme = ["x", "p", "lam:f", "lam:g"][: len(inputs)]
+        taken, given = ([name.replace(":", "_") for name in names] for names in (scheme, outputs))
+        named[role] = ca.Function(role, inputs, functions[name].call(inputs), taken, given)
+    return named
+
+
+def _summary(functions: Mapping[str, Any]) -> Any:
+    """Returns what casadi evaluates at the solution: values, and the Lagrangian's gradient, which p has no part in."""
+    inputs = x, p, *_ = functions["hess_l"].mx_in()
+    slope = functions["hess_l"](*inputs)[0]
+    return ca.Function("all", inputs, [functions["f"](x, p), functions["g"](x, p), slope, ca.MX.zeros(p.shape)])

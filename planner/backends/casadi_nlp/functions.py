@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from planner.backends.casadi_nlp.layout import COST, NZ, SHARED
+from planner.backends.casadi_nlp.layout import COST, SHARED
 from planner.backends.casadi_nlp.symbols import ALL_FORMULAS, BlockFormula, Terms
 
 SX = Any
@@ -28,8 +28,8 @@ class Block:
     Attributes:
         name: key of `symbols.ALL_FORMULAS`.
         value: (z, p) -> rows (n,).
-        slope: (z, p) -> rows (n,), Jacobian (n, NZ).
-        curve: (z, p, multipliers) -> gradient (NZ,) and Hessian (NZ, NZ) of multipliers @ rows.
+        slope: (z, p) -> rows (n,), Jacobian (n, m), for m variables: NZ, or those and the object's.
+        curve: (z, p, multipliers) -> gradient (m,) and Hessian (m, m) of multipliers @ rows.
     """
 
     name: str
@@ -39,18 +39,23 @@ class Block:
 
     @property
     def jacobian(self) -> Any:
-        """Sparsity (n, NZ) of the Jacobian."""
+        """Sparsity (n, m) of the Jacobian."""
         return self.slope.sparsity_out(1)
 
     @property
     def hessian(self) -> Any:
-        """Sparsity (NZ, NZ) of the Hessian, both triangles."""
+        """Sparsity (m, m) of the Hessian, both triangles."""
         return self.curve.sparsity_out(1)
 
     @property
     def n(self) -> int:
         """Number of rows."""
         return self.slope.size1_out(0)
+
+    @property
+    def variables(self) -> int:
+        """Number of variables m."""
+        return self.slope.size2_out(1)
 
     @property
     def functions(self) -> tuple[Any, Any, Any]:
@@ -67,11 +72,11 @@ def interpreted_blocks() -> dict[str, Block]:
 def build_block(name: str, formula: BlockFormula) -> Block:
     """Returns the block of a formula, by symbolic differentiation."""
     size = COST.size if name == "cost" else sum(SHARED[piece].size for piece in formula.parameters)
-    z, p, terms = ca.SX.sym("z", NZ), ca.SX.sym("p", size), Terms()
+    z, p, terms = ca.SX.sym("z", formula.variables), ca.SX.sym("p", size), Terms()
     rows = formula.rows(z, p, terms)
     lam = ca.SX.sym("lam", rows.size1())
     jacobian, gradient = terms.jacobian(rows, z), terms.jacobian(ca.dot(lam, rows), z).T
-    hessian = terms.hessian(ca.dot(lam, rows), z) if formula.curved else ca.SX(NZ, NZ)
+    hessian = terms.hessian(ca.dot(lam, rows), z) if formula.curved else ca.SX(z.numel(), z.numel())
 
     def function(kind: str, inputs: list[SX], outputs: list[SX]) -> Any:
         return ca.Function(f"{name}_{kind}", inputs, terms.restored(outputs), {"cse": True})

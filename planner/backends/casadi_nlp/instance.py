@@ -9,34 +9,24 @@ from itertools import combinations
 
 import numpy as np
 
+from planner.backends.casadi_nlp import layout
 from planner.backends.casadi_nlp.bounds import Bounds
 from planner.backends.casadi_nlp.flight_rows import constrains_flight, flight_parameters
 from planner.backends.casadi_nlp.functions import evaluate
-from planner.backends.casadi_nlp.layout import (
-    ARM,
-    BOX_SLOTS,
-    COST,
-    KEEP_OUT_BOXES,
-    NZ,
-    OBJECT_PATH,
-    QD,
-    RELEASE,
-    STEP,
-    TIME,
-    Vector,
-)
+from planner.backends.casadi_nlp.layout import NZ, QD, QDD, STEP, TIME, Q, Vector
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins
-from planner.backends.casadi_nlp.object_path import initial_aim, path_parameters
+from planner.backends.casadi_nlp.object_path import initial_aim, path_parameters, thrown_state
 from planner.backends.casadi_nlp.parameters import (
+    arm_parameters,
     box_parameters,
-    cell_parameters,
     closest_arm,
+    release_parameters,
     scale_parameters,
     variable_scales,
 )
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, FORMULAS, LEAVING_ROWS
 from planner.backends.casadi_nlp.transcription import LAZY_GROUPS, StageLayout, Transcription, transcription
-from planner.cell import Cell, Limits
+from planner.cell import Limits
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
 from planner.problem import TargetRelease, ThrowProblem
 from planner.seeds import Candidate, InitialGuess, Seed
@@ -56,12 +46,10 @@ ROOM = {  # [m] added to the clearances at given joint positions: the margins of
 }
 AT_REST_GROUPS = ("effort", "clearance")  # of `LAZY_GROUPS`: without boxes, of a move that ends at rest
 USUAL_GROUPS = (*AT_REST_GROUPS, "grip", "flight", "passing")  # the same of a throw, with a known gripper
-LARGEST_SLOPE_RAD = 1.57  # [rad] elevations beyond have no finite tangent; they are no limits
 
-# Stages in half a release window. One alone releases 2 to 3 % later than four; more than four gain nothing, but in a
-# window beyond 30 ms landings stray between the knots of stages longer than 6.25 ms.
-USUAL_WINDOW_STAGES, WINDOW_STAGE_S = 4, 0.005  # at most, and least duration [s]
-MOST_WINDOW_STAGES, LONG_WINDOW_STAGE_S = 8, 0.00625  # in longer windows; shorter stages converge less often
+# Stages in half a release window, at most, and their least duration [s]. One alone releases 2 to 3 % later than four.
+# More than three gain nothing; shorter ones converge less often.
+WINDOW_STAGES, WINDOW_STAGE_S = 3, 0.005
 ROUNDING = 1e-9  # [-] of a number of stages
 DECIMALS = 9  # of arguments in units of one: finer than what a solver heeds, coarser than floating point differs
 
@@ -78,8 +66,8 @@ def stage_layout(problem: ThrowProblem, margins: Margins, resolution: str = "coa
     launch, brake = STAGES[resolution]
     if problem.ends_at_rest:
         return StageLayout(launch, 0, 0, groups, boxes)
-    window = window_stages(problem)
-    return StageLayout(launch + window, brake + window, window, groups, boxes)
+    window, aims = window_stages(problem), isinstance(problem.release, TargetRelease)
+    return StageLayout(launch + window, brake + window, window, groups, boxes, aims)
 
 
 def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ...]:
@@ -96,7 +84,7 @@ def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ..
 def _box_slots(problem: ThrowProblem) -> int:
     """Returns the least number of slots that hold the keep-out boxes, a bin among them; the most if none does."""
     boxes = len(problem.cell_with_bin.surroundings.keep_out)
-    return next((slots for slots in (0, *BOX_SLOTS) if slots >= boxes), KEEP_OUT_BOXES)
+    return next((slots for slots in (0, *layout.BOX_SLOTS) if slots >= boxes), layout.KEEP_OUT_BOXES)
 
 
 def window_stages(problem: ThrowProblem) -> int:
@@ -108,18 +96,18 @@ def window_stages(problem: ThrowProblem) -> int:
         return 0
     if not isinstance(problem.release, TargetRelease):
         return 1
-    fitting, fitting_long = (
-        math.floor(problem.release_window_s / max(least_s, problem.dt) + ROUNDING)
-        for least_s in (WINDOW_STAGE_S, LONG_WINDOW_STAGE_S)
-    )
-    return max(1, min(USUAL_WINDOW_STAGES, fitting), min(MOST_WINDOW_STAGES, fitting_long))
+    fitting = math.floor(problem.release_window_s / max(WINDOW_STAGE_S, problem.dt) + ROUNDING)
+    return max(1, min(WINDOW_STAGES, fitting))
 
 
 def common_layouts() -> list[StageLayout]:
     """Returns the layouts whose solvers are built ahead of requests, 0.2 s together; uncompiled, a few 10 ms each."""
-    (launch, brake), (fine_launch, fine_brake), n = STAGES["coarse"], STAGES["fine"], USUAL_WINDOW_STAGES
+    (launch, brake), (fine_launch, fine_brake), n = STAGES["coarse"], STAGES["fine"], WINDOW_STAGES
     throws = ((launch, brake, 0), (launch + n, brake + n, n))
     layouts = [StageLayout(*stages, groups=groups) for stages in throws for groups in _subsets(USUAL_GROUPS)]
+    braking = [groups for groups in _subsets(USUAL_GROUPS) if "passing" in groups]
+    layouts += [StageLayout(*stages, groups=groups, aims=True) for stages in throws for groups in braking]
+    layouts += [StageLayout(0, brake, groups=groups) for groups in braking]
     layouts += [StageLayout(launch, 0, groups=groups) for groups in _subsets(AT_REST_GROUPS)]
     return [
         *layouts,
@@ -190,6 +178,27 @@ class Instance:
         steps = solution[:-1, STEP]
         return replace(self, initial=initial, steps=steps, fixed_times=(release_s, end_s))
 
+    def brake_alone(self, z: Vector, stretch: float | None) -> Instance:
+        """Returns the instance of a brake from the release of a motion.
+
+        Args:
+            z: variables (N + 1, NZ) of the motion, in SI units.
+            stretch: duration of even braking, which the guess is, over that of the motion's brake [-]; None for that
+                brake itself.
+        """
+        brake = z[self.stages.launch :]
+        q, qd = brake[0, Q], brake[0, QD]
+        if stretch is not None:
+            brake = _even_braking(q, qd, stretch * float(brake[-1, TIME]), self.stages.brake)
+        stages, candidate = replace(self.stages, launch=0, aims=False), replace(self.candidate, q=q, qd=qd)
+        return replace(self, candidate=candidate, stages=stages, initial=brake, steps=brake[:-1, STEP])
+
+    def with_brake(self, z: Vector, brake: Vector) -> Instance:
+        """Returns the instance with a motion's launch and another brake as initial guess, variables in SI units."""
+        launch = z[: self.stages.launch]
+        steps = np.concatenate([launch[:, STEP], brake[:-1, STEP]])
+        return replace(self, initial=np.concatenate([launch, brake]), steps=steps)
+
     @property
     def transcription(self) -> Transcription:
         """The problem of its layout."""
@@ -211,8 +220,18 @@ class Instance:
     def object_path(self, q: Vector, qd: Vector) -> Vector:
         """Returns the `OBJECT_PATH` vector for joint positions and velocities (6,) at the release; zeros at rest."""
         if self.problem.ends_at_rest:
-            return np.zeros(OBJECT_PATH.size)
-        return np.round(path_parameters(self.problem, q, qd, self.margins.passing_m), DECIMALS)
+            return np.zeros(layout.OBJECT_PATH.size)
+        path = path_parameters(self.problem, q, qd, self.margins.passing_m, self.stages.carries)
+        return np.round(path, DECIMALS)
+
+    def with_object(self, z: Vector) -> Vector:
+        """Returns a solver's variables: those of the arm (N + 1, NZ), scaled, and the object's as it is released."""
+        core = z.ravel()[: self.transcription.row_index.core]
+        if not self.stages.carries:
+            return core
+        release = z[self.stages.launch] * self.scales
+        thrown = np.concatenate(thrown_state(self.problem, release[Q], release[QD]))
+        return np.append(core, np.tile(thrown, self.stages.brake + 1))
 
     def _arm(self) -> Vector:
         """Returns the `ARM` vector; for a calibrated arm, of the closest arm that the formulas know."""
@@ -221,7 +240,7 @@ class Instance:
         if cell.robot.fixed is not None:
             q, qd = self.fitted_at or (self.candidate.q, self.candidate.qd)
             for name, values in closest_arm(cell, q, qd).items():
-                vector[ARM.slices[name]] = values
+                vector[layout.ARM.slices[name]] = values
         return vector
 
     @cached_property
@@ -236,10 +255,12 @@ class Instance:
         What they are computed from differs in its last bits between machines, and between the C kernel and numpy. Where
         a solve is ill-conditioned, that would decide whether it succeeds.
         """
-        bounds, n = self._bounds(), self.transcription.row_index.variables
-        lower, upper = (bounds.x / self.scales).reshape(2, -1)[:, :n]
+        bounds, index = self._bounds(), self.transcription.row_index
+        lower, upper = (bounds.x / self.scales).reshape(2, -1)[:, : index.core]
+        free = np.full(index.variables - index.core, np.inf)
+        lower, upper = np.append(lower, -free), np.append(upper, free)
         exact = {
-            "x0": (self.initial / self.scales).ravel()[:n],
+            "x0": self.with_object(self.initial / self.scales),
             "p": np.concatenate([*self.shared_parameters.values(), self._costs()]),
             "lbx": lower,
             "ubx": upper,
@@ -321,29 +342,18 @@ class Instance:
             "step": np.full(n, STEP_WEIGHT / n),
             "initial_step": self.steps / self.scales[STEP],
         }
-        return np.stack([weights[name] for name in COST.sizes]).T.ravel()
+        return np.stack([weights[name] for name in layout.COST.sizes]).T.ravel()
 
 
-def arm_parameters(cell: Cell, limits: Limits, margins: Margins) -> Vector:
-    """Returns the `ARM` vector, with the margins added to every required clearance."""
-    vector, at = cell_parameters(cell).copy(), ARM.slices
-    vector[at["torque"]] = limits.tau_max
-    vector[at["speed"]] = limits.tcp_speed_max
-    vector[at["floor"]] += margins.floor_m
-    vector[at["self_clearance"]] += margins.self_m
-    lower, upper = np.split(vector[at["keep_in"]], 2)
-    lower += margins.keep_in_m
-    upper -= margins.keep_in_m
-    return vector
-
-
-def release_parameters(problem: ThrowProblem, aim: Vector) -> Vector:
-    """Returns the `RELEASE` vector for an aim (3,) [m]."""
-    elevations = (-math.pi / 2, math.pi / 2)
-    if isinstance(problem.release, TargetRelease):
-        elevations = (problem.release.min_elevation_rad, problem.release.max_elevation_rad)
-    slopes = [math.tan(e) if abs(e) < LARGEST_SLOPE_RAD else 0.0 for e in elevations]
-    return RELEASE.pack({"target": aim, "gravity_z": problem.gravity_at_tool_speed, "tan_elevation": slopes})
+def _even_braking(q: Vector, qd: Vector, duration_s: float, stages: int) -> Vector:
+    """Returns the variables (stages + 1, NZ) of braking evenly from q, qd (6,), in SI units."""
+    t, z = np.linspace(0.0, duration_s, stages + 1), np.zeros((stages + 1, NZ))
+    z[:, Q] = q + np.outer(t - t**2 / (2.0 * duration_s), qd)
+    z[:, QD] = np.outer(1.0 - t / duration_s, qd)
+    z[:, QDD] = -qd / duration_s
+    z[:, TIME] = t
+    z[:-1, STEP] = duration_s / stages
+    return z
 
 
 def _variables_along(guess: InitialGuess, stages: StageLayout, window_s: float) -> tuple[Vector, Vector]:

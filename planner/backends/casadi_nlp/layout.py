@@ -40,6 +40,10 @@ NU = 7  # control: jerk of six joints, and the length of the step
 NZ = NX + NU
 Q, QD, QDD, TIME = slice(0, 6), slice(6, 12), slice(12, 18), 18  # positions within z = (state, control)
 JERK, STEP = slice(19, 25), 25
+# Further states of the stages from the release on, where the braking arm keeps off an object whose release is free: its
+# position [m] and velocity [m/s] in the world at the release, not scaled. Blocks that depend on them take (z, thrown).
+N_THROWN = 6
+PLACE, SPEED = slice(NZ, NZ + 3), slice(NZ + 3, NZ + N_THROWN)
 
 
 @dataclass(frozen=True)
@@ -108,11 +112,16 @@ FLIGHT = VectorLayout(
 )
 OBJECT_PATH = VectorLayout(
     {
-        # of the object's centre in the world, s after its release: coefficients of 1, s, s^2 ... (3 each) [m, m/s ...]
+        # of the object's centre in the world, s after its release: coefficients of 1, s, s^2 ... (3 each) [m, m/s ...],
+        # added to what follows from the object's states, where it has some
         "path": 3 * PATH_TERMS,
-        "landing": 1,  # when its flight ends, after the release [s]
+        "landing": 1,  # when its flight ends, after the release [s]; with states of the object, what drag adds to that
+        "lands": 1,  # share [-] of the end of a flight without drag that is added to it: 1 with states, or 0
+        "ground": 1,  # height of the object's centre where that flight ends [m]
+        "gravity": 1,  # [m/s^2]
         "fall": 1,  # acceleration with which the path bends, at most [m/s^2]
         "reach": 1,  # distance that its centre keeps from the surface of a link [m]
+        "share": 1,  # of the tool's speed that the object has at the release [-]
     }
 )
 SHARED = {

@@ -1,7 +1,8 @@
 """The object's path as parameters of the rows: where it is aimed at, and where the braking arm keeps off it.
 
-The path follows from the release, which in a throw to a target is part of the solution; a stage after it knows its own
-state alone. So the path is that of the solution before, and where it moves, the problem is solved again.
+The path follows from the release, which in a throw to a target is part of the solution: the object's position and
+velocity there are states of the stages from then on. What drag adds, and when the flight ends, is that of the solution
+before, and where that matters, the problem is solved again. So it is with the whole path in a release window.
 """
 
 from __future__ import annotations
@@ -15,26 +16,57 @@ from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.seeds import Candidate
 
 NODES = np.linspace(0.0, 1.0, PATH_TERMS)  # [-] of the flight's duration at which the polynomial is the path
+LEAST_GRAVITY = 1e-3  # [m/s^2] keeps a division by it finite; without gravity nothing lands
 SHORTEST_S = 1e-3  # [s] keeps a flight that ends at once from having no polynomial
 
 
-def path_parameters(problem: ThrowProblem, q: Vector, qd: Vector, room_m: float) -> Vector:
+def thrown_state(problem: ThrowProblem, q: Vector, qd: Vector) -> tuple[Vector, Vector]:
+    """Returns position [m] and velocity [m/s] (3,) of an object that is released at q, qd (6,)."""
+    tool = tool_state(problem.cell, q, qd)
+    return tool.p_WT, problem.release_speed_factor * tool.v_WT
+
+
+def path_parameters(problem: ThrowProblem, q: Vector, qd: Vector, room_m: float, carried: bool) -> Vector:
     """Returns the `OBJECT_PATH` vector.
 
     Args:
         problem: the problem, of a throw.
         q, qd: joint positions and velocities (6,) at the release.
         room_m: between object and arm.
+        carried: whether position and velocity at the release are variables, so that they are not part of the path.
     """
-    tool, radius = tool_state(problem.cell, q, qd), problem.cell.object.radius_m
-    p, v = tool.p_WT, problem.release_speed_factor * tool.v_WT
+    (p, v), radius = thrown_state(problem, q, qd), problem.cell.object.radius_m
     landing_s = touchdown_s(p, v, problem.plane_z, radius, problem.gravity, problem.drag)
     until_s = max(landing_s or 0.0, SHORTEST_S)
     places = path(p, v, until_s * NODES, problem.gravity, problem.drag)
     coefficients = np.linalg.solve(np.vander(NODES, increasing=True), places)
     coefficients /= until_s ** np.arange(PATH_TERMS)[:, None]
-    fall = problem.gravity + problem.drag * float(v @ v)
-    return OBJECT_PATH.pack({"path": coefficients, "landing": until_s, "fall": fall, "reach": radius + room_m})
+    ground, without_drag_s = _landing_without_drag(problem, p, v) if carried else (problem.plane_z, None)
+    if carried:
+        coefficients[0] -= p
+        coefficients[1] -= v
+    return OBJECT_PATH.pack(
+        {
+            "path": coefficients,
+            "landing": until_s - (without_drag_s or 0.0),
+            "lands": float(without_drag_s is not None),
+            "ground": ground,
+            "gravity": max(problem.gravity, LEAST_GRAVITY),
+            "fall": problem.gravity + problem.drag * float(v @ v),
+            "reach": radius + room_m,
+            "share": problem.release_speed_factor,
+        }
+    )
+
+
+def _landing_without_drag(problem: ThrowProblem, p: Vector, v: Vector) -> tuple[float, float | None]:
+    """Returns where the object's centre is when its flight without drag ends, its height [m], and when [s] or None."""
+    touches = problem.plane_z + problem.cell.object.radius_m
+    for ground in (touches, problem.plane_z):
+        flight = fly(p, v, ground, problem.gravity)
+        if flight is not None:
+            return ground, flight.time_of_flight_s
+    return problem.plane_z, None
 
 
 def initial_aim(problem: ThrowProblem, candidate: Candidate) -> Vector:

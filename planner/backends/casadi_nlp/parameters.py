@@ -1,18 +1,22 @@
-"""Parameter vectors of a cell for the generated functions, computed once per cell."""
+"""Parameter vectors for the generated functions; those of a cell alone are computed once."""
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 
 import numpy as np
 
 from planner.backends.casadi_nlp import layout
-from planner.backends.casadi_nlp.layout import TOOL_CAPSULES, Vector
+from planner.backends.casadi_nlp.layout import ARM, RELEASE, TOOL_CAPSULES, Vector
+from planner.backends.casadi_nlp.margins import Margins
 from planner.cell import Cell, Limits
 from planner.geometry import SELF_CLEARANCE_M, arm_capsules, self_collision_pairs
 from planner.kinematics import forward, jacobian, link_poses
+from planner.problem import TargetRelease, ThrowProblem
 
 CELLS_KEPT = 32  # cells whose parameters are cached
+LARGEST_SLOPE_RAD = 1.57  # [rad] elevations beyond have no finite tangent; they are no limits
 UNBOUNDED = 1.0e3  # [m] coordinate of a missing keep-in face
 # Of the fit of a calibrated arm: position and velocity at the release come first; an error of the Jacobian counts as
 # where joints move by 0.3 rad, and lengths change by no more than helps.
@@ -197,3 +201,25 @@ def pair_parameters(cell: Cell) -> Vector:
     if len(cell.tool.capsules) > TOOL_CAPSULES:
         can |= {(i, last) for i, j in can if j > last}
     return np.array([0.0 if pair in can else layout.FAR for pair in layout.PAIRS])
+
+
+def arm_parameters(cell: Cell, limits: Limits, margins: Margins) -> Vector:
+    """Returns the `ARM` vector, with the margins added to every required clearance."""
+    vector, at = cell_parameters(cell).copy(), ARM.slices
+    vector[at["torque"]] = limits.tau_max
+    vector[at["speed"]] = limits.tcp_speed_max
+    vector[at["floor"]] += margins.floor_m
+    vector[at["self_clearance"]] += margins.self_m
+    lower, upper = np.split(vector[at["keep_in"]], 2)
+    lower += margins.keep_in_m
+    upper -= margins.keep_in_m
+    return vector
+
+
+def release_parameters(problem: ThrowProblem, aim: Vector) -> Vector:
+    """Returns the `RELEASE` vector for an aim (3,) [m]."""
+    elevations = (-math.pi / 2, math.pi / 2)
+    if isinstance(problem.release, TargetRelease):
+        elevations = (problem.release.min_elevation_rad, problem.release.max_elevation_rad)
+    slopes = [math.tan(e) if abs(e) < LARGEST_SLOPE_RAD else 0.0 for e in elevations]
+    return RELEASE.pack({"target": aim, "gravity_z": problem.gravity_at_tool_speed, "tan_elevation": slopes})

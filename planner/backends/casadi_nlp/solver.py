@@ -8,15 +8,12 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping
-from functools import cache, lru_cache
-from typing import Any
+from functools import cache
 
-import casadi as ca
 import numpy as np
 
-from planner.backends.casadi_nlp.fatrop import compiled_launch
-from planner.backends.casadi_nlp.functions import evaluate, first_result
+from planner.backends.casadi_nlp.fatrop import Options, compiled_launch, solve_by_fatrop, solve_by_ipopt
+from planner.backends.casadi_nlp.functions import evaluate
 from planner.backends.casadi_nlp.instance import Arguments, Instance
 from planner.backends.casadi_nlp.layout import NU, NX, NZ, QD, TIME, Q, Vector
 from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, StageLayout, transcription
@@ -25,28 +22,20 @@ from planner.errors import SolverFailed
 # What falls below the LU tolerance is dropped where equalities are eliminated. With a smaller one fatrop 1.1.8 raises
 # its regularisation without end on one `point` of sixty. In a stage of 5 ms, however, a jerk moves the landing by 2 to
 # 3 mm, which 1e-2 drops: 44 of 52 problems with a window did not converge.
-FATROP = {"print_level": 0, "tolerance": 1e-4, "mu_init": 1e-3, "max_iter": 70, "linsol_lu_fact_tol": 1e-2}
+FATROP: Options = {"print_level": 0, "tolerance": 1e-4, "mu_init": 1e-3, "max_iter": 70, "linsol_lu_fact_tol": 1e-2}
 FATROP_FIXED_TIMES = {"mu_init": 1e-4, "max_iter": 40}  # starts close to its optimum
 FATROP_SHORT_STAGES = {"linsol_lu_fact_tol": 1e-3, "max_iter": 120}
+FATROP_BRAKE: Options = {"max_iter": 40}  # alone: what takes longer hardly ever succeeds
 FATROP_AFRESH = {"mu_init": 1.0}  # a larger barrier leads elsewhere
-IPOPT = {"tol": 1e-5, "mu_init": 1e-3, "max_iter": 80}
-PATTERNS_KEPT = 64  # solvers cached: a few for each kind of release
 # [-, m, rad] A row left out is included when it is this far beyond its bound, and what fatrop gives up is a solution if
 # none is: ten times the tolerance.
 VIOLATED = 1e-3
+# Guesses that a brake alone is solved from: even braking, so many times as long as in the motion without these rows; or
+# None, that motion's brake. Of 160 brakes that are found from some guess, the first finds 133, and the first three
+# find 157.
+BRAKE_GUESSES = (3.0, 2.0, 6.0, None)
 PATHS_MAX = 2  # [-] further solutions for a path of the object that has moved with the one before
 POSITIONS = "positions"  # group of the joints' position limits: bounds of variables, and rows of block "motion"
-
-# The blocks have all derivatives; casadi must not differentiate again.
-QUIET = {"print_time": False, "error_on_fail": False, "calc_lam_p": False, "calc_lam_x": False}
-Options = dict[str, float]
-Roles = dict[str, tuple[str, list[str]]]  # of functions, by the names that casadi gives to those it derives itself
-COMMON_ROLES: Roles = {
-    "nlp_f": ("f", ["f"]),
-    "nlp_g": ("g", ["g"]),
-    "nlp_jac_g": ("jac_g", ["g", "jac:g:x"]),
-    "nlp_grad": ("all", ["f", "g", "grad:gamma:x", "grad:gamma:p"]),
-}
 
 
 class Solver:
@@ -62,6 +51,8 @@ class Solver:
         status: outcome of the last call.
         is_late: whether a solution released too late: with more rows, or a window, it would release later still.
         has_converged: whether the last call ended at an optimum.
+        lacks_brake: whether no brake from a given release was found that is clear of the flight, wherever the joints
+            may turn.
     """
 
     def __init__(
@@ -77,6 +68,7 @@ class Solver:
         self.iterations = 0
         self.status = ""
         self.has_converged = False
+        self.lacks_brake = False
 
     def solve(self, instance: Instance) -> Vector:
         """Returns the variables (N + 1, NZ) of the solution, in SI units.
@@ -102,23 +94,22 @@ class Solver:
     def try_solve(self, instance: Instance) -> Vector | None:
         """Returns the solution, in SI units, None where the solver gives up.
 
-        Groups of rows are included as they are violated; the object's path follows each solution.
+        Groups of rows are included as they are violated; the object's path follows each solution. Where the release
+        is given, a brake that is clear of the flight is part of the initial guess; without one the solver gives up.
         """
-        first = instance.arguments
-        arguments, kept, moved = first, None, 0
-        while not self._is_spent():
-            z = self._without_other_groups(instance, arguments)
-            if z is None and arguments["x0"] is not first["x0"] and _may_begin_again(instance):
-                arguments = {**arguments, "x0": first["x0"]}  # what was solved before was too far off
+        guess, kept, moved, awaits_brake = instance.arguments["x0"], None, 0, _brakes_first(instance)
+        starts = [(instance, instance.arguments)]  # each is solved from where the one before fails
+        while starts and not self._is_spent():
+            instance, arguments = starts.pop(0)
+            if awaits_brake and "passing" in self.groups:
+                starts, awaits_brake = self._starts_with_brake(instance, arguments), False
                 continue
+            z = self._without_other_groups(instance, arguments)
             if z is None:
-                break
-            release_s = float(-z[0, TIME] * instance.scales[TIME])
-            if release_s > self.latest_s:
-                self.is_late = self.has_converged  # else more iterations might lead to a sooner one
-                self.status = f"releases after {release_s:.3f} s, no sooner than another"
+                continue
+            if self._releases_late(-z[0, TIME] * instance.scales[TIME]):
                 return None
-            arguments = {**arguments, "x0": z.ravel()[: len(first["x0"])], "p": _with_path_of(instance, z)}
+            arguments = {**arguments, "x0": instance.with_object(z), "p": _with_path_of(instance, z)}
             violated = _violated_groups(instance, z, arguments["p"])
             if violated <= self.groups:
                 kept = z * instance.scales  # clear of the path of the solution before, at least
@@ -126,7 +117,39 @@ class Solver:
                     break
                 moved += 1
             self.groups |= violated
+            starts = [(instance, arguments)]
+            if _may_begin_again(instance):  # what was solved before may be too far off
+                starts.append((instance, {**arguments, "x0": guess}))
         return kept
+
+    def _releases_late(self, release_s: float) -> bool:
+        """Returns whether a release at `release_s` [s] is too late to be of use, and notes it."""
+        if release_s <= self.latest_s:
+            return False
+        self.is_late = self.has_converged  # else more iterations might lead to a sooner one
+        self.status = f"releases after {release_s:.3f} s, no sooner than another"
+        return True
+
+    def _starts_with_brake(self, instance: Instance, arguments: Arguments) -> list[tuple[Instance, Arguments]]:
+        """Returns a start with a brake that is clear of the flight, then the one without, which alone may have one.
+
+        None of both where there is no such brake, as far as is known; with wider margins the start as it is: it begins
+        from a motion.
+        """
+        guess, unchanged = _stagewise(instance.stages, arguments["x0"]), [(instance, arguments)]
+        if "passing" not in _violated_groups(instance, guess, arguments["p"]):
+            return unchanged
+        for stretch in BRAKE_GUESSES:
+            alone = instance.brake_alone(guess * instance.scales, stretch)
+            brake = self._without_other_groups(alone, alone.arguments)
+            if brake is not None:
+                braked = instance.with_brake(guess * instance.scales, brake * alone.scales)
+                return [(braked, braked.arguments), *unchanged]
+        if not instance.margins.are_default:
+            return unchanged
+        self.status = f"no brake that is clear of the flight in {self.iterations} iterations"
+        self.lacks_brake = POSITIONS not in self.groups
+        return []
 
     def _is_spent(self) -> bool:
         if self.iterations >= self.iteration_budget:
@@ -143,6 +166,8 @@ class Solver:
         reduced = dict(arguments)
         if POSITIONS not in self.groups:
             _free_positions(whole, reduced)
+        for name in ("x0", "lbx", "ubx"):  # the object's variables come last
+            reduced[name] = reduced[name][: transcription(part).row_index.variables]
         kept = _rows_kept(part, whole)
         reduced["lbg"], reduced["ubg"] = reduced["lbg"][kept], reduced["ubg"][kept]
         options = _fatrop_options(part, instance.fixed_times is not None)
@@ -160,22 +185,34 @@ class Solver:
         """
         launch = compiled_launch(part)
         if launch is None:
-            x, stats = first_result(_fatrop(part, _pattern(arguments), tuple(options.items())), arguments)
+            x, stats = solve_by_fatrop(part, arguments, options)
             iterations, is_solved = int(stats["iter_count"]), bool(stats["success"])
         else:
             x, iterations, is_solved = launch.solve(arguments, options)
         self.has_converged = is_solved
-        return self._result("fatrop", x, iterations, is_solved or _breaks_no_row(part, x, arguments)), iterations
+        is_solved = is_solved or _breaks_no_row(part, x, arguments)
+        return self._result("fatrop", _stagewise(part, x), iterations, is_solved), iterations
 
     def _call_ipopt(self, instance: Instance) -> Vector | None:
-        x, stats = first_result(_ipopt(instance.stages), instance.arguments)
-        return self._result("ipopt", x, int(stats["iter_count"]), bool(stats["success"]))
+        x, stats = solve_by_ipopt(instance.stages, instance.arguments)
+        z = _stagewise(instance.stages, x)
+        return self._result("ipopt", z, int(stats["iter_count"]), bool(stats["success"]))
 
-    def _result(self, name: str, x: Vector, iterations: int, is_solved: bool) -> Vector | None:
+    def _result(self, name: str, z: Vector, iterations: int, is_solved: bool) -> Vector | None:
         self.iterations += iterations
-        solved = is_solved and bool(np.isfinite(x).all())
+        solved = is_solved and bool(np.isfinite(z).all())
         self.status = f"{name}: {'solved' if solved else 'gave up'} in {iterations} iterations"
-        return _stagewise(x) if solved else None
+        return z if solved else None
+
+
+def _brakes_first(instance: Instance) -> bool:
+    """Returns whether the brake is solved alone before a motion with rows that keep it off the flight.
+
+    Where the release is given, launch and brake meet in its acceleration alone, and most of what is not solved has no
+    such brake, or has one far from that of the solution without these rows.
+    """
+    given = instance.problem.fixes_joints and not instance.stages.window and instance.fixed_times is None
+    return given and instance.stages.brake > 0
 
 
 def _may_start_afresh(instance: Instance) -> bool:
@@ -224,19 +261,19 @@ def _with_path_of(instance: Instance, z: Vector) -> Vector:
     return p
 
 
-def _stagewise(x: Vector) -> Vector:
-    """Returns the variables as (N + 1, NZ), the last stage padded with a control of zeros."""
-    return np.append(x, np.zeros(NZ - NX)).reshape(-1, NZ)
+def _stagewise(stages: StageLayout, x: Vector) -> Vector:
+    """Returns the variables as (N + 1, NZ), without the object's, the last stage padded with a control of zeros."""
+    return np.append(x[: transcription(stages).row_index.core], np.zeros(NU)).reshape(-1, NZ)
 
 
 def _violated_groups(instance: Instance, z: Vector, p: Vector) -> set[str]:
     """Returns the groups of which some row is beyond its bound, with parameters `p`."""
     arguments = instance.arguments
-    x = z.ravel()[: len(arguments["x0"])]
+    x = instance.with_object(z)
     g = _rows_at(instance.stages, x, p)
     beyond = _beyond(g, arguments["lbg"], arguments["ubg"]) > VIOLATED
     violated = {group for group, rows in _rows_by_group(instance.stages).items() if beyond[rows].any()}
-    outside = _stagewise(_beyond(x, arguments["lbx"], arguments["ubx"]))[:, Q]
+    outside = _stagewise(instance.stages, _beyond(x, arguments["lbx"], arguments["ubx"]))[:, Q]
     return violated | ({POSITIONS} if (outside > VIOLATED).any() else set())
 
 
@@ -255,7 +292,8 @@ def _rows_by_group(whole: StageLayout) -> dict[str, Indices]:
 
 def _free_positions(whole: StageLayout, arguments: Arguments) -> None:
     """Frees joint positions that are not fixed."""
-    is_position = np.arange(len(arguments["lbx"])) % NZ < Q.stop
+    every = np.arange(len(arguments["lbx"]))
+    is_position = (every % NZ < Q.stop) & (every < transcription(whole).row_index.core)
     free = is_position & (arguments["lbx"] != arguments["ubx"])
     rows = _rows_by_group(whole)[POSITIONS]
     for variables, constraints, bound in (("lbx", "lbg", -np.inf), ("ubx", "ubg", np.inf)):
@@ -264,70 +302,6 @@ def _free_positions(whole: StageLayout, arguments: Arguments) -> None:
         arguments[constraints][rows] = bound
 
 
-def _pattern(arguments: Arguments) -> bytes:
-    """Returns which variables and rows are fixed (2), bounded (1) or free (0)."""
-    lower = np.concatenate([arguments["lbx"], arguments["lbg"]])
-    upper = np.concatenate([arguments["ubx"], arguments["ubg"]])
-    bounded = np.isfinite(lower) | np.isfinite(upper)
-    return (bounded.astype(np.int8) + (lower == upper)).astype(np.int8).tobytes()
-
-
 def _fatrop_options(stages: StageLayout, fixed_times: bool) -> Options:
     for_times, for_stages = FATROP_FIXED_TIMES if fixed_times else {}, FATROP_SHORT_STAGES if stages.window > 1 else {}
-    return FATROP | for_stages | for_times
-
-
-@lru_cache(maxsize=PATTERNS_KEPT)
-def _fatrop(stages: StageLayout, pattern: bytes, options: tuple[tuple[str, float], ...]) -> Any:
-    """Returns the solver for one pattern of fixed, bounded and free variables and rows, with fatrop's options.
-
-    casadi 3.8.2 makes fatrop anew where the pattern differs from the call before, and then loses its options: each
-    pattern has a solver of its own, built in 7 ms.
-    """
-    made = transcription(stages)
-    index, functions = made.row_index, made.functions
-    n = index.stages.stages
-    roles = {"nlp_grad_f": ("grad_f", ["grad:f:x"]), "nlp_hess_l": ("hess_l", ["grad:gamma:x", "hess:gamma:x:x"])}
-    structure = {"structure_detection": "manual", "N": n, "nx": [NX] * (n + 1), "nu": [NU] * n + [0]}
-    settings = {**structure, "ng": index.per_stage, "fatrop": dict(options)}
-    return _nlpsol("fatrop", functions, roles, settings)
-
-
-@cache
-def _ipopt(stages: StageLayout) -> Any:
-    """Returns the IPOPT solver of the same problem."""
-    functions = dict(transcription(stages).functions)
-    inputs = x, p, *_ = functions["hess_l"].mx_in()
-    functions["upper"] = ca.Function("upper", inputs, [ca.triu(functions["hess_l"](*inputs)[1])])
-    both = [functions["f"](x, p), functions["grad_f"](x, p)]
-    functions["value_and_grad_f"] = ca.Function("value_and_grad_f", [x, p], both)
-    roles = {
-        "nlp_grad_f": ("value_and_grad_f", ["f", "grad:f:x"]),
-        "nlp_hess_l": ("upper", ["triu:hess:gamma:x:x"]),
-    }
-    return _nlpsol("ipopt", functions, roles, {"ipopt": {"print_level": 0, "sb": "yes", **IPOPT}})
-
-
-def _nlpsol(plugin: str, functions: Mapping[str, Any], roles: Roles, settings: Mapping[str, Any]) -> Any:
-    x, p = functions["g"].mx_in()
-    problem = {"x": x, "p": p, "f": functions["f"](x, p), "g": functions["g"](x, p)}
-    derived = _in_roles({**functions, "all": _summary(functions)}, {**COMMON_ROLES, **roles})
-    return ca.nlpsol("launch", plugin, problem, {**QUIET, "cache": derived, **settings})
-
-
-def _in_roles(functions: Mapping[str, Any], roles: Roles) -> dict[str, Any]:
-    """Returns the functions under the names that casadi gives to those it derives itself."""
-    named = {}
-    for role, (name, outputs) in roles.items():
-        inputs = functions[name].mx_in()
-        scheme = ["x", "p", "lam:f", "lam:g"][: len(inputs)]
-        taken, given = ([name.replace(":", "_") for name in names] for names in (scheme, outputs))
-        named[role] = ca.Function(role, inputs, functions[name].call(inputs), taken, given)
-    return named
-
-
-def _summary(functions: Mapping[str, Any]) -> Any:
-    """Returns what casadi evaluates at the solution: values, and the Lagrangian's gradient, which p has no part in."""
-    inputs = x, p, *_ = functions["hess_l"].mx_in()
-    slope = functions["hess_l"](*inputs)[0]
-    return ca.Function("all", inputs, [functions["f"](x, p), functions["g"](x, p), slope, ca.MX.zeros(p.shape)])
+    return FATROP | for_stages | for_times | (FATROP_BRAKE if stages.launch == 0 else {})

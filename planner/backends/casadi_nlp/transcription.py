@@ -1,7 +1,8 @@
 """Transcription: which blocks of rows apply on which stages, and the functions of the whole problem.
 
-Variables: z_0 … z_N, each state then control, the last without a control. Rows, stage by stage: x_{k+1} - F(x_k, u_k),
-then the rows of the blocks that apply there. All derivatives are the blocks', mapped over the stages and put in their
+Variables: z_0 … z_N, each state then control, the last without a control; then the object's states of every stage from
+the release on, where it has some. Rows, stage by stage: x_{k+1} - F(x_k, u_k), the object's last, then the rows of the
+blocks that apply there. All derivatives are the blocks', mapped over the stages and put in their
 places, so another number of stages or another set of blocks needs no compiling.
 """
 
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp import codegen, layout
 from planner.backends.casadi_nlp.functions import Block
-from planner.backends.casadi_nlp.layout import COST, NX, NZ
+from planner.backends.casadi_nlp.layout import COST, N_THROWN, NU, NX, NZ
 from planner.backends.casadi_nlp.symbols import FORMULAS, WITH_FEWER_BOXES
 
 MX = Any
@@ -28,6 +29,7 @@ Indices = NDArray[np.intp]
 WATCHED_BEFORE, WATCHED_AFTER = 3, 2
 LEAVING_STAGES = 1  # stages after the release (or its window), 20 to 40 ms, in which the object leaves the open grip
 # Groups of rows left out until a solution violates them, at knots and (but for three from "grip" on) at middles.
+OF_THE_OBJECT = ("thrown", "carried")  # blocks whose rows are the object's next state
 LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight", "leaving", "passing")
 # Parameters p: these, then the costs of every stage.
 ALL_SHARED = layout.VectorLayout({name: piece.size for name, piece in layout.SHARED.items()})
@@ -43,6 +45,7 @@ class StageLayout:
         window: stages on either side of the release that make up the release window.
         groups: those of `LAZY_GROUPS` that are included.
         boxes: slots for keep-out boxes, one of `layout.BOX_SLOTS`; 0 without group "keep_out".
+        aims: whether the release is free, so that the object's path is part of the solution.
     """
 
     launch: int = 8
@@ -50,16 +53,23 @@ class StageLayout:
     window: int = 0
     groups: tuple[str, ...] = ()
     boxes: int = 0
+    aims: bool = False
 
     @property
     def stages(self) -> int:
         """Number of steps."""
         return self.launch + self.brake
 
+    @property
+    def carries(self) -> bool:
+        """Whether the object has states, on the stages from the release on."""
+        return self.aims and "passing" in self.groups
+
     def with_groups(self, groups: Collection[str]) -> StageLayout:
         """Returns the layout with only those of its groups that are in `groups`."""
         kept = tuple(group for group in self.groups if group in groups)
-        return replace(self, groups=kept, boxes=self.boxes if "keep_out" in kept else 0)
+        boxes = self.boxes if "keep_out" in kept else 0
+        return replace(self, groups=kept, boxes=boxes, aims=self.aims and "passing" in kept)
 
     def function(self, block: str) -> str:
         """Returns the name of a block's functions, which have fewer slots for fewer boxes."""
@@ -68,17 +78,21 @@ class StageLayout:
 
     def includes(self, block: str) -> bool:
         """Returns whether a block is part of the problem."""
+        if block in OF_THE_OBJECT:
+            return self.carries
         group = group_of(block)
         return group not in LAZY_GROUPS or group in self.groups
 
     def knots(self, block: str) -> range:
         """Returns the stages on which a block applies."""
         released = self.launch + self.window
-        first_watched = self.launch - self.window - WATCHED_BEFORE
+        first_watched = max(self.launch - self.window - WATCHED_BEFORE, 0)
         last_watched = min(released + WATCHED_AFTER, self.stages)
         special = {
             "motion": range(self.stages),
             "cost": range(self.stages),
+            "thrown": range(self.launch - 1, self.launch),
+            "carried": range(self.launch, self.stages),
             "singularity": range(first_watched, last_watched + 1),
             "singularity_middle": range(first_watched, last_watched),
             "release": range(self.launch - self.window, released + 1),
@@ -110,6 +124,7 @@ class RowIndex:
         dynamics: rows of x_{k+1} - F(x_k, u_k) for each k.
         per_stage: number of rows of each stage, its dynamics excepted.
         size: number of rows.
+        core: number of variables but for the object's.
         variables: number of variables.
     """
 
@@ -120,7 +135,9 @@ class RowIndex:
         self.rows: dict[tuple[str, int], Indices] = {}
         self.dynamics: list[Indices] = []
         self.per_stage: list[int] = []
-        self.variables = stages.stages * NZ + NX
+        self.core = self.variables = stages.stages * NZ + NX
+        if stages.carries:
+            self.variables += N_THROWN * (stages.brake + 1)
         self.size = 0
         for k in range(stages.stages + 1):
             self._add_stage(k)
@@ -128,17 +145,51 @@ class RowIndex:
 
     def _add_stage(self, k: int) -> None:
         if k < self.stages.stages:
-            self.dynamics.append(np.arange(self.size, self.size + NX))
-            self.size += NX
+            self.dynamics.append(np.arange(self.size, self.size + self.states(k + 1)))
+            self.size += self.states(k + 1)
         first = self.size
         for name, block in self.blocks.items():
             if name == "cost" or k not in self.knots[name]:
                 continue
-            shared = self.dynamics[k] if name == "motion" else np.zeros(0, np.intp)
+            shared = self.dynamics[k][self.following(name)] if self._follows(name) else np.zeros(0, np.intp)
             own = np.arange(self.size, self.size + block.n - len(shared))
             self.rows[name, k] = np.concatenate([shared, own])
             self.size += len(own)
         self.per_stage.append(self.size - first)
+
+    def states(self, k: int) -> int:
+        """Returns the number of states of a stage."""
+        return NX + (N_THROWN if self.stages.carries and k >= self.stages.launch else 0)
+
+    @staticmethod
+    def _follows(block: str) -> bool:
+        return block == "motion" or block in OF_THE_OBJECT
+
+    def following(self, block: str) -> slice:
+        """Returns which of the next stage's states a block's first rows are; none for most blocks."""
+        if block in OF_THE_OBJECT:
+            return slice(NX, NX + N_THROWN)
+        return slice(0, NX if block == "motion" else 0)
+
+    def columns(self, k: int, count: int = NZ) -> Indices:
+        """Returns the positions of the first `count` variables (z, thrown) of a stage; -1 for what it does not have."""
+        z = np.arange(k * NZ, (k + 1) * NZ)
+        if k == self.stages.stages:
+            z[NX:] = -1
+        return np.append(z, self.thrown(k))[:count]
+
+    def thrown(self, k: int) -> Indices:
+        """Returns the positions of the object's states of a stage; -1 where it has none."""
+        if self.states(k) == NX:
+            return np.full(N_THROWN, -1)
+        return self.core + N_THROWN * (k - self.stages.launch) + np.arange(N_THROWN)
+
+    @cached_property
+    def stagewise(self) -> Indices:
+        """The positions of the variables in the order of casadi's interface to fatrop: all states of a stage first."""
+        stages = (self.columns(k, NZ + N_THROWN) for k in range(self.stages.stages + 1))
+        ordered = np.concatenate([np.concatenate([each[:NX], each[NZ:], each[NX:NZ]]) for each in stages])
+        return ordered[ordered >= 0]
 
     def rows_of_group(self, group: str) -> Indices:
         """Returns the rows of a lazy group, at knots and midpoints."""
@@ -151,16 +202,15 @@ class RowIndex:
         """Returns the position of every row in a problem with more groups."""
         positions = np.zeros(self.size, dtype=np.intp)
         for k, rows in enumerate(self.dynamics):
-            positions[rows] = whole.dynamics[k]
+            positions[rows] = whole.dynamics[k][: len(rows)]
         for key, rows in self.rows.items():
             positions[rows] = whole.rows[key]
         return positions
 
     def signs(self, block: str) -> np.ndarray:
         """Returns the signs (n,) with which a block's rows enter the problem: F enters as x_{k+1} - F."""
-        signs = np.ones(self.blocks[block].n)
-        if block == "motion":
-            signs[:NX] = -1.0
+        signs, following = np.ones(self.blocks[block].n), self.following(block)
+        signs[: following.stop - following.start] = -1.0
         return signs
 
 
@@ -218,8 +268,21 @@ def _mapped(index: RowIndex, name: str, kind: str, x: MX, p: MX, *more: MX) -> l
     function = getattr(index.blocks[name], kind)
     same_on_all = [] if name == "cost" else [1]
     mapped = function.map(f"{function.name()}_{len(knots)}", "serial", len(knots), same_on_all, [])
-    columns = ca.reshape(ca.vertcat(x, ca.MX.zeros(NZ - NX)), NZ, index.stages.stages + 1)
-    return mapped.call([columns[:, knots.start : knots.stop], _parameters(index, name, p), *more])
+    return mapped.call([_columns(index, name, x), _parameters(index, name, p), *more])
+
+
+def _columns(index: RowIndex, name: str, x: MX) -> MX:
+    """Returns the variables of a block (m, n), one column per stage; the object's are zeros where it has no states."""
+    knots = index.knots[name]
+    core = ca.reshape(ca.vertcat(x[: index.core], ca.MX.zeros(NU)), NZ, index.stages.stages + 1)
+    own = core[:, knots.start : knots.stop]
+    if index.blocks[name].variables == NZ:
+        return own
+    if not index.stages.carries:
+        return ca.vertcat(own, ca.MX.zeros(N_THROWN, len(knots)))
+    thrown = ca.reshape(x[index.core :], N_THROWN, index.stages.brake + 1)
+    first = index.stages.launch
+    return ca.vertcat(own, thrown[:, knots.start - first : knots.stop - first])
 
 
 def _on_stages(index: RowIndex, kind: str, x: MX, p: MX) -> dict[str, list[MX]]:
@@ -261,8 +324,14 @@ def _scatter(positions: Indices, values: np.ndarray | float, rows: int) -> Any:
 def _next_states(index: RowIndex) -> Any:
     """Returns the constant matrix that x_{k+1} enters the dynamics by."""
     rows = np.concatenate(index.dynamics)
-    columns = np.concatenate([(k + 1) * NZ + np.arange(NX) for k in range(index.stages.stages)])
+    columns = np.concatenate([_states(index, k + 1) for k in range(index.stages.stages)])
     return ca.DM(ca.Sparsity.triplet(index.size, index.variables, rows.tolist(), columns.tolist()), 1.0)
+
+
+def _states(index: RowIndex, k: int) -> Indices:
+    """Returns the positions of a stage's states."""
+    thrown = index.thrown(k)
+    return np.concatenate([index.columns(k)[:NX], thrown[thrown >= 0]])
 
 
 def _jacobian(index: RowIndex, outputs: Mapping[str, Sequence[MX]]) -> MX:
@@ -276,10 +345,10 @@ def _jacobian(index: RowIndex, outputs: Mapping[str, Sequence[MX]]) -> MX:
         entries.append(slopes if (signs == 1.0).all() else slopes * np.tile(signs, len(index.knots[name])))
         for k in index.knots[name]:
             rows.append(index.rows[name, k][row])
-            columns.append(k * NZ + column)
+            columns.append(index.columns(k, index.blocks[name].variables)[column])
     positions = np.concatenate(columns) * index.size + np.concatenate(rows)
     order = np.argsort(positions)
-    order = order[positions[order] < index.variables * index.size]  # no control on the last stage
+    order = order[positions[order] >= 0]  # no control on the last stage, and not always an object
     kept = positions[order]
     sparsity = ca.Sparsity.triplet(
         index.size, index.variables, (kept % index.size).tolist(), (kept // index.size).tolist()
@@ -289,7 +358,7 @@ def _jacobian(index: RowIndex, outputs: Mapping[str, Sequence[MX]]) -> MX:
 
 def _matrix(positions: tuple[Indices, Indices], entries: MX, rows: int, columns: int) -> MX:
     """Returns the sparse matrix with `entries` at `positions`; several at one position add up."""
-    inside = positions[1] < columns
+    inside = (positions[0] >= 0) & (positions[1] >= 0)
     key = positions[1] * rows + positions[0]
     unique, which = np.unique(key[inside], return_inverse=True)
     sparsity = ca.Sparsity.triplet(rows, columns, (unique % rows).tolist(), (unique // rows).tolist())
@@ -308,12 +377,13 @@ def _lagrangian(index: RowIndex, x: MX, p: MX, lam_f: MX, lam_g: MX) -> tuple[MX
         else:
             lam = ca.reshape(_into_rows(index, name).T @ lam_g, block.n, -1)
         slopes, nonzeros = _mapped(index, name, "curve", x, p, lam)
-        positions = np.concatenate([k * NZ + np.arange(NZ) for k in knots])
-        positions = np.minimum(positions, index.variables - 1)  # no control on the last stage: its slopes are zero
-        gradient += _scatter(positions, 1.0, index.variables) @ ca.vec(slopes)
+        own = [index.columns(k, block.variables) for k in knots]
+        positions = np.concatenate(own)
+        inside = np.flatnonzero(positions >= 0)
+        gradient += _scatter(positions[inside], 1.0, index.variables) @ ca.vec(slopes)[inside.tolist()]
         row, column = (np.array(i, int) for i in block.hessian.get_triplet())
-        rows += [k * NZ + row for k in knots]
-        columns += [k * NZ + column for k in knots]
+        rows += [each[row] for each in own]
+        columns += [each[column] for each in own]
         entries.append(ca.vec(nonzeros.nz[:]))
     stacked = ca.vertcat(*entries)
     positions = (np.concatenate(rows), np.concatenate(columns))

@@ -348,7 +348,7 @@ def test_without_libraries_for_this_processor_those_for_any_are_used(
 
 def test_the_launch_takes_the_sizes_that_python_does() -> None:
     source = (codegen.LAUNCH_C[-1]).read_text()
-    for name, value in (("STATES", layout.NX), ("CONTROLS", layout.NU)):
+    for name, value in (("STATES", layout.NX), ("CONTROLS", layout.NU), ("THROWN", layout.N_THROWN)):
         assert f"#define {name} {value}\n" in source
     assert f"#define ROWS_MAX {fatrop.ROWS_MAX} " in source
 

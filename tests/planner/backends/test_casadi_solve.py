@@ -12,8 +12,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from planner import flight
 from planner.backends import casadi_nlp, ruckig_otg
-from planner.backends.casadi_nlp import SolveOptions, codegen, object_path, parameters
+from planner.backends.casadi_nlp import (
+    DEFAULT_MARGINS,
+    SeedFailed,
+    SolveOptions,
+    codegen,
+    layout,
+    object_path,
+    parameters,
+    solver,
+    transcription,
+)
+from planner.backends.casadi_nlp.instance import Instance
 from planner.cell import Box, Cell, ToolCapsule, load_cell
 from planner.certificate import certify
 from planner.errors import SolverFailed
@@ -221,6 +233,90 @@ def test_a_point_released_close_to_the_tool_speed_limit_is_solved_by_the_first_s
     guess = ruckig_otg.solve(problem, candidate).trajectory
     solution = casadi_nlp.solve(problem, Seed(candidate, guess))
     assert solution.status.startswith("fatrop: solved")
+
+
+@pytest.mark.parametrize("window_s", [0.0, 0.02])
+def test_the_brake_is_clear_of_the_flight_that_is_found(window_s: float) -> None:
+    """Thrown back over the arm: in one solve, though the release is not the candidate's."""
+    cell = load_cell(CELLS / "ur3e-sim.toml")
+    start = np.array([0.55, -2.541, 0.079, -0.293, -0.523, 0.286])
+    window = {"release_window_s": window_s, "landing_tolerance_m": 0.02} if window_s else {}
+    problem = replace(_problem(cell, TargetRelease(np.array([-0.114, 0.321, 0.0])), **window), start=start)
+    candidate = candidates(problem)[0]
+    found = Instance.of(problem, Seed(candidate, ruckig_otg.initial_guess(problem, candidate)), DEFAULT_MARGINS)
+    without_states = replace(found, stages=replace(found.stages, aims=False))
+    assert "passing" not in _violated_on_own_path(found)
+    assert "passing" in _violated_on_own_path(without_states)
+
+
+@pytest.mark.parametrize("carried", [False, True])
+def test_the_path_of_an_object_with_drag_is_its_flight(cell: Cell, carried: bool) -> None:
+    """From its position and velocity at the release, where these are variables."""
+    cell = replace(cell, object=replace(cell.object, drag_coefficient=0.5))
+    problem = _problem(cell, TARGET)
+    q, qd = candidates(problem)[0].q, candidates(problem)[0].qd
+    p, v = object_path.thrown_state(problem, q, qd)
+    numbers = layout.OBJECT_PATH.split(object_path.path_parameters(problem, q, qd, 0.0, carried))
+    known = flight.fly(p, v, problem.plane_z + cell.object.radius_m, problem.gravity, problem.drag)
+    without_drag = flight.fly(p, v, float(numbers["ground"][0]), problem.gravity)
+    assert known is not None
+    assert without_drag is not None
+    share = float(numbers["lands"][0])
+    assert share == float(carried)
+    landing_s = float(numbers["landing"][0]) + share * without_drag.time_of_flight_s
+    assert landing_s == pytest.approx(known.time_of_flight_s, abs=1e-9)
+    t = np.linspace(0.0, landing_s, 9)
+    powers = np.vander(t, layout.PATH_TERMS, increasing=True)
+    places = powers @ numbers["path"].reshape(layout.PATH_TERMS, 3) + share * (p + np.outer(t, v))
+    assert places == pytest.approx(flight.path(p, v, t, problem.gravity, problem.drag), abs=2e-4)
+    assert abs(float(numbers["landing"][0])) > 1e-4  # what drag adds is no part of the variables
+
+
+def _violated_on_own_path(instance: Instance) -> set[str]:
+    """Returns the groups of rows that the first solution violates, with the path of the object that it throws."""
+    calls = solver.Solver(500, None, frozenset({"flight", "passing"}), with_ipopt=False)
+    z = calls._without_other_groups(instance, instance.arguments)
+    assert z is not None
+    return solver._violated_groups(instance, z, solver._with_path_of(instance, z))
+
+
+# A start, a release state thrown back over the arm, and another one that has no brake clear of the flight.
+BACK = ([-0.468, -2.9, 1.253, -0.334, -1.718, -0.657], [-0.777, -1.405, 0.411, -0.442, -1.083, -1.406])
+BACK_SPEED = [0.306, -1.92, -0.947, 1.366, -2.075, -0.346]
+HIT = ([-0.712, -1.977, 2.188, -2.73, -0.951, -0.983], [2.198, -1.984, 1.831, -2.682, 1.77, 1.548])
+HIT_SPEED = [0.565, 0.15, 0.918, -1.909, 2.191, -0.193]
+
+
+def _from_first_candidate(name: str, places: tuple[list[float], list[float]], speed: list[float]) -> Trajectory:
+    cell, (start, q) = load_cell(CELLS / f"{name}.toml"), places
+    problem = replace(_problem(cell, JointRelease(np.array(q), np.array(speed))), start=np.array(start))
+    candidate = candidates(problem)[0]
+    made = casadi_nlp.solve(problem, Seed(candidate, ruckig_otg.initial_guess(problem, candidate))).trajectory
+    assert not certify(problem, made).failures
+    return made
+
+
+def test_a_brake_around_the_flight_is_found_before_the_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert _from_first_candidate("ur3e-sim", BACK, BACK_SPEED).release_time_s < 0.95
+    monkeypatch.setattr(solver, "_brakes_first", lambda _instance: False)
+    with pytest.raises(SeedFailed) as failure:
+        _from_first_candidate("ur3e-sim", BACK, BACK_SPEED)
+    assert not failure.value.lacks_brake
+
+
+def test_a_given_release_without_a_brake_is_given_up_before_the_motion(monkeypatch: pytest.MonkeyPatch) -> None:
+    stages, call = [], solver.Solver._call_fatrop
+
+    def recorded(calls: solver.Solver, part: transcription.StageLayout, *more: object) -> object:
+        stages.append(part.stages)
+        return call(calls, part, *more)  # pyright: ignore[reportArgumentType]
+
+    monkeypatch.setattr(solver.Solver, "_call_fatrop", recorded)
+    with pytest.raises(SeedFailed, match="no brake that is clear of the flight") as failure:
+        _from_first_candidate("ur5e-sim", HIT, HIT_SPEED)
+    assert failure.value.lacks_brake
+    assert stages[-len(solver.BRAKE_GUESSES) :] == [3] * len(solver.BRAKE_GUESSES)
+    assert set(stages[: -len(solver.BRAKE_GUESSES)]) == {11}
 
 
 def test_a_solve_ends_where_its_release_is_of_no_use(cell: Cell) -> None:

@@ -10,10 +10,10 @@ import pytest
 
 from planner import flight
 from planner.backends.casadi_nlp import Margins, codegen, functions, layout, transcription
-from planner.backends.casadi_nlp.instance import arm_parameters, stage_layout
+from planner.backends.casadi_nlp.instance import stage_layout
 from planner.backends.casadi_nlp.margins import LINKS
-from planner.backends.casadi_nlp.parameters import box_parameters, scale_parameters, variable_scales
-from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, LEAVING_ROWS, RELEASE_ROWS
+from planner.backends.casadi_nlp.parameters import arm_parameters, box_parameters, scale_parameters, variable_scales
+from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, LEAVING_ROWS, RELEASE_ROWS, passing
 from planner.cell import Box, Cell, load_cell
 from planner.dynamics import Payload, joint_torques
 from planner.geometry import (
@@ -23,6 +23,7 @@ from planner.geometry import (
     segment_box_distance,
     segment_segment_distance,
     self_collision_pairs,
+    tool_state,
 )
 from planner.kinematics import forward, jacobian, tcp_acceleration
 from planner.request import problem_from_request
@@ -31,6 +32,7 @@ from planner.robots import ROBOT_NAMES, robot
 CELLS = Path(__file__).parents[3] / "cells"
 NO_MARGINS = Margins(torque=1.0, tcp_speed=1.0, floor_m=0.0, self_m=0.0, keep_in_m=0.0, box_m=0.0, singularity=1.0)
 SCALES = scale_parameters(load_cell(CELLS / "ur10e-sim.toml").limits, 0.02)  # differ from joint to joint
+LANDING_S = 0.6  # [s] when a flight past the arm ends
 EXPECTED_SPEED = 1.5  # [m/s] across an edge's plane
 TURNED = np.array([[0.0, -0.6, 0.8, 0.3], [1.0, 0.0, 0.0, -0.2], [0.0, 0.8, 0.6, 0.5], [0.0, 0.0, 0.0, 1.0]])
 
@@ -128,6 +130,7 @@ def test_release_rows(cell: Cell) -> None:
 LAYOUTS = (
     transcription.StageLayout(),
     transcription.StageLayout(9, 5, window=1, groups=transcription.LAZY_GROUPS, boxes=4),
+    transcription.StageLayout(8, 3, groups=("flight", "passing"), aims=True),
     transcription.StageLayout(8, 3, groups=("keep_out",), boxes=1),
     transcription.StageLayout(8, 0, groups=("effort",)),
 )
@@ -141,7 +144,7 @@ def test_derivatives_of_the_whole_problem(stages: transcription.StageLayout) -> 
     rng = np.random.default_rng(5)
     x = rng.normal(size=(stages.stages + 1, layout.NZ)) * 0.4
     x[:, layout.STEP] = rng.uniform(0.2, 0.6, stages.stages + 1)
-    x = x.ravel()[: index.variables]
+    x = np.append(x.ravel()[: index.core], rng.normal(size=index.variables - index.core) * 0.4)
     release = layout.RELEASE.pack({"target": [1, 0, -2], "gravity_z": 9.81, "tan_elevation": [0.1, 1.0]})
     costs = np.tile([1.0, 1e-3, 1e-2, 0.4], stages.stages)
     arm = arm_parameters(cell, cell.limits, NO_MARGINS)
@@ -201,7 +204,8 @@ def _object_path() -> tuple[np.ndarray, np.ndarray]:
     """A flight past the arm, as release position and velocity (2, 3), and as parameters."""
     p, v = np.array([0.2, 0.1, 0.4]), np.array([-0.8, 0.3, 2.0])
     path = [*p, *v, 0.0, 0.0, -9.81 / 2.0, *np.zeros(6)]
-    return np.stack([p, v]), layout.OBJECT_PATH.pack({"path": path, "landing": 0.6, "fall": 9.81, "reach": 0.05})
+    numbers = {"path": path, "landing": LANDING_S, "lands": 0.0, "ground": 0.0, "gravity": 9.81}
+    return np.stack([p, v]), layout.OBJECT_PATH.pack({**numbers, "fall": 9.81, "reach": 0.05, "share": 0.9})
 
 
 def _distance_from_links(cell: Cell, q: np.ndarray, x: np.ndarray) -> float:
@@ -218,19 +222,34 @@ def _distance_from_links(cell: Cell, q: np.ndarray, x: np.ndarray) -> float:
     )
 
 
+@pytest.mark.parametrize("with_states", [False, True])
 @pytest.mark.parametrize(("block", "share"), [("passing", 0.0), ("passing_middle", 0.5), ("passing_at_rest", 0.0)])
-def test_room_between_a_flight_and_the_braking_arm(cell: Cell, block: str, share: float) -> None:
+def test_room_between_a_flight_and_the_braking_arm(cell: Cell, block: str, share: float, with_states: bool) -> None:
+    """The object's position and velocity at the release are variables, or part of the path."""
     (p, v), parameters = _object_path()
     c, step, since_release = layout.SCALES.split(SCALES), 0.004, 0.15
+    if with_states:
+        parameters[layout.OBJECT_PATH.slices["path"]][:6] = 0.0
     for seed in range(8):
         q, qd, qdd, z = _state(seed)
         z[layout.TIME], z[layout.STEP] = since_release / c["time"][0], step / c["time"][0]
-        h = share * step
-        times = np.array([since_release + h]) if block != "passing_at_rest" else np.arange(since_release, 0.6, 0.004)
-        flown = flight.path(p, v, times, 9.81)
+        z = np.concatenate([z, p, v] if with_states else [z, np.zeros(layout.N_THROWN)])
+        h, at_rest = share * step, np.arange(since_release - passing.AT_REST_S, 0.6, 0.004)
+        flown = flight.path(p, v, at_rest if block == "passing_at_rest" else [since_release + h], 9.81)
         expected = _distance_from_links(cell, q + h * qd + h**2 / 2.0 * qdd, flown) - 0.05
         row = _rows(block, z, np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), parameters]))
         assert expected - 0.008 < row < expected + 0.004
+
+
+def test_the_object_is_released_with_its_share_of_the_tool_s_speed(cell: Cell) -> None:
+    q, qd, qdd, z = _state(4)
+    c, step, jerk = layout.SCALES.split(SCALES), 0.02, np.array([60.0, -40.0, 30.0, 50.0, -20.0, 10.0])
+    z[layout.JERK], z[layout.STEP] = jerk / c["jerk"], step / c["time"][0]
+    rows = _rows("thrown", z, np.concatenate([arm_parameters(cell, cell.limits, NO_MARGINS), _object_path()[1]]))
+    q, qd = q + step * (qd + step * (qdd / 2.0 + step * jerk / 6.0)), qd + step * (qdd + step * jerk / 2.0)
+    tool = tool_state(cell, q, qd)
+    assert rows[:3] == pytest.approx(tool.p_WT)
+    assert rows[3:] == pytest.approx(0.9 * tool.v_WT)
 
 
 @pytest.mark.parametrize("factor", [1.0, 0.8])

@@ -22,10 +22,11 @@ from planner.search import (
     PlanningSearch,
     Ranking,
     search_optimised,
+    search_thoroughly,
 )
 from planner.search.policy import AGAIN_POLICY
 from planner.seeds import candidates
-from tests.planner.problems import cell, joint_problem, point_problem, random_state
+from tests.planner.problems import cell, joint_problem, point_problem, pose_problem, random_state
 
 CALL_ITERATIONS = 150  # no single call of a solver takes more, with the one that starts afresh
 
@@ -132,6 +133,29 @@ def test_casadi_requested_by_name_uses_the_optimiser_alone():
     search = PlanningSearch(problem, time.perf_counter() + 60.0)
     search_optimised(search, Ranking(problem, candidates(problem)))
     assert {attempt.backend for attempt in search.attempts} == {"casadi"}
+
+
+def test_a_posture_without_a_brake_is_tried_once(monkeypatch):
+    """Nor are those that differ by whole turns, nor is it tried under tighter limits."""
+    tried = []
+
+    def without_brake(problem, seed, options):
+        tried.append(seed.candidate.q)
+        raise casadi_nlp.SeedFailed("made to fail", 5, frozenset(), is_late=False, lacks_brake=True)
+
+    monkeypatch.setattr(casadi_nlp, "solve", without_brake)
+    here, state = cell("ur5e-sim"), random_state(cell("ur5e-sim"), np.random.default_rng(3))
+    problem = replace(pose_problem(here, *state), backend="casadi")
+    found, search = candidates(problem), PlanningSearch(problem, time.perf_counter() + 60.0)
+    search_thoroughly(search, found)
+    assert search.answer is None
+    assert len(_postures([each.q for each in found])) < len(found)
+    assert 2 <= len(tried) == len(_postures(tried))
+
+
+def _postures(states):
+    """Returns joint positions (n, 6) but for whole turns."""
+    return {tuple(np.round(np.concatenate([np.cos(q), np.sin(q)]), 6)) for q in states}
 
 
 def test_no_candidate_is_left_out_between_two_stages():

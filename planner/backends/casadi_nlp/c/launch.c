@@ -13,8 +13,10 @@
 #define STATES 19
 #define CONTROLS 7
 #define VARIABLES (STATES + CONTROLS)
+#define THROWN 6
+#define WITH_THROWN (VARIABLES + THROWN)     /* with the object's states, which some stages have */
 #define ROWS_MAX 64                          /* of a block */
-#define ENTRIES_MAX (ROWS_MAX * VARIABLES)   /* of its derivatives */
+#define ENTRIES_MAX (ROWS_MAX * WITH_THROWN) /* of its derivatives */
 #define FREE 0x7fffffff                      /* column of a row without bounds */
 
 typedef struct blasfeo_dmat matrix;
@@ -27,17 +29,18 @@ struct block {
     void (*curve)(const lanes *z, const void *p, const lanes *multipliers, lanes *gradient, lanes *hessian);
     const long long *jacobian, *hessian; /* sparsity: rows, columns, first entry of each column, row of each entry */
     const int *position;                 /* of each row on each of its stages in the whole problem */
-    int rows, following;                 /* the first `following` rows are the next stage's state */
+    int variables;                       /* that its rows are of: those of a stage, and the object's or not */
+    int rows, following, into;           /* the first `following` rows are the next stage's states `into` .. */
     int first, last;                     /* stages first .. last - 1 */
     int parameters, each;                /* where its parameters begin, and how many each stage has of its own */
 };
 
 /* `own`: where the rows of each stage begin, beside the next state, and how many there are; `block[cost]` is the
-   objective's. */
+   objective's. From stage `thrown` on, the object has states; `stages` + 1 where it has none. */
 struct problem {
     const struct block *block;
     const int *own, *owned;
-    int blocks, cost, stages, rows;
+    int blocks, cost, stages, rows, thrown;
 };
 
 /* One call of the solver. `columns`: of each row, then of each variable, in the matrix of its stage: of equalities
@@ -52,25 +55,58 @@ struct call {
     volatile int iterations; /* begun, by the second derivatives evaluated */
 };
 
-static int variables(const struct problem *of) { return of->stages * VARIABLES + STATES; }
+static int has_thrown(const struct problem *of, int stage) { return stage >= of->thrown; }
 static int controls(const struct problem *of, int stage) { return stage < of->stages ? CONTROLS : 0; }
+static int states(const struct problem *of, int stage) { return STATES + (has_thrown(of, stage) ? THROWN : 0); }
 
-/* Position of variable i of a stage, states first, among fatrop's. */
-static int placed(int i, int controls) { return i < STATES ? i + controls : i - STATES; }
+/* Variables in Python's order, the object's last. */
+static int core(const struct problem *of) { return of->stages * VARIABLES + STATES; }
+static int variables(const struct problem *of) { return core(of) + THROWN * (of->stages + 1 - of->thrown); }
+
+/* Those of a stage in the order of `z`, in which every stage has all of them: state, control, object. */
+static int exists(const struct problem *of, int stage, int i) {
+    return i < STATES || (i < VARIABLES ? stage < of->stages : has_thrown(of, stage));
+}
+
+/* Position of variable i of a stage among fatrop's: controls, states, the object's states. */
+static int placed(int i, int controls) {
+    return i < STATES ? i + controls : i < VARIABLES ? i - STATES : i - CONTROLS + controls;
+}
+
+static double *thrown_at(double *z, int stage) { return z + WITH_THROWN * stage + VARIABLES; }
 
 static void read_variables(const struct call *call, const double *primal, const dims *s) {
     for (int k = 0; k <= call->of->stages; k++) {
         const int n = controls(call->of, k);
-        memcpy(call->z + VARIABLES * k, primal + s->ux_offs[k] + n, STATES * sizeof(double));
-        memcpy(call->z + VARIABLES * k + STATES, primal + s->ux_offs[k], (size_t)n * sizeof(double));
+        const double *from = primal + s->ux_offs[k];
+        memcpy(call->z + WITH_THROWN * k, from + n, STATES * sizeof(double));
+        memcpy(call->z + WITH_THROWN * k + STATES, from, (size_t)n * sizeof(double));
+        if (has_thrown(call->of, k)) memcpy(thrown_at(call->z, k), from + n + STATES, THROWN * sizeof(double));
+    }
+}
+
+/* Sets `z` from variables in Python's order, or the other way round. */
+static void unpack(const struct problem *of, const double *x, double *z) {
+    for (int k = 0; k <= of->stages; k++) {
+        memcpy(z + WITH_THROWN * k, x + VARIABLES * k, (size_t)(STATES + controls(of, k)) * sizeof(double));
+        if (has_thrown(of, k))
+            memcpy(thrown_at(z, k), x + core(of) + THROWN * (k - of->thrown), THROWN * sizeof(double));
+    }
+}
+
+static void pack(const struct problem *of, double *z, double *x) {
+    for (int k = 0; k <= of->stages; k++) {
+        memcpy(x + VARIABLES * k, z + WITH_THROWN * k, (size_t)(STATES + controls(of, k)) * sizeof(double));
+        if (has_thrown(of, k))
+            memcpy(x + core(of) + THROWN * (k - of->thrown), thrown_at(z, k), THROWN * sizeof(double));
     }
 }
 
 /* The variables of stages k, k + 1 ..; of the last one again beyond it. */
 static void gather(const struct call *call, const struct block *b, int k, lanes *z) {
     for (int lane = 0; lane < LANES; lane++) {
-        const double *from = call->z + VARIABLES * (k + lane < b->last ? k + lane : b->last - 1);
-        for (int i = 0; i < VARIABLES; i++) z[i][lane] = from[i];
+        const double *from = call->z + WITH_THROWN * (k + lane < b->last ? k + lane : b->last - 1);
+        for (int i = 0; i < b->variables; i++) z[i][lane] = from[i];
     }
 }
 
@@ -88,18 +124,25 @@ static const void *parameters(const struct call *call, const struct block *b, in
 
 static const int *positions(const struct block *b, int k) { return b->position + b->rows * (k - b->first); }
 
+/* Every row that is the next stage's state. */
+#define FOR_FOLLOWING(of, b, k, row)                                              \
+    for (const struct block *b = (of)->block; b < (of)->block + (of)->blocks; b++) \
+        for (int k = b->first; b->following && k < b->last; k++)                  \
+            for (int row = 0; row < b->following; row++)
+
 static void set_rows(const struct call *call, const struct block *b, int k, const lanes *rows) {
     FOR_LANES(b, k, lane) {
         const int *at = positions(b, k + lane);
-        const double *next = call->z + VARIABLES * (k + lane + 1);
-        for (int row = 0; row < b->following; row++) call->g[at[row]] = next[row] - rows[row][lane];
+        double *next = call->z + WITH_THROWN * (k + lane + 1);
+        if (b->into == STATES) next += VARIABLES - STATES;
+        for (int row = 0; row < b->following; row++) call->g[at[row]] = next[b->into + row] - rows[row][lane];
         for (int row = b->following; row < b->rows; row++) call->g[at[row]] = 0.0 + rows[row][lane];
     }
 }
 
 static void rows_of_all(const struct call *call) {
     const struct problem *of = call->of;
-    lanes z[VARIABLES], apart[ROWS_MAX], rows[ROWS_MAX];
+    lanes z[WITH_THROWN], apart[ROWS_MAX], rows[ROWS_MAX];
     for (int i = 0; i < of->blocks; i++) {
         const struct block *b = of->block + i;
         if (i == of->cost) continue;
@@ -114,7 +157,8 @@ static void rows_of_all(const struct call *call) {
 /* By how much each bounded row or variable is above its lower bound: an equality's residual. */
 static double residual(const struct call *call, int which, int is_equality) {
     const int n = variables(call->of);
-    const double value = which < n ? call->z[which] : call->g[which - n];
+    const double value =
+        which < n ? call->z[which / VARIABLES * WITH_THROWN + which % VARIABLES] : call->g[which - n];
     return is_equality ? value - call->lower[which] : value;
 }
 
@@ -144,9 +188,7 @@ static int violations(const double *primal, const double *stage_p, const double 
         for (int i = call->equalities[k], column = 0; i < call->equalities[k + 1]; i++, column++)
             out[s->g_offs[k] + column] = residual(call, call->equality[i], 1);
     }
-    const struct block *motion = call->of->block;
-    for (int k = 0; k < call->of->stages; k++)
-        for (int row = 0; row < STATES; row++) out[s->dyn_eq_offs[k] + row] = 0.0 - call->g[positions(motion, k)[row]];
+    FOR_FOLLOWING(call->of, b, k, row) out[s->dyn_eq_offs[k] + b->into + row] = 0.0 - call->g[positions(b, k)[row]];
     LEAVE_LANES();
     return 1;
 }
@@ -161,7 +203,7 @@ static void set_bounded(const struct call *call, matrix *A, int k, int first, in
     const int n = variables(call->of), free = controls(call->of, k);
     for (int i = first, column = 0; i < last; i++, column++) {
         if (list[i] < n) BLASFEO_DMATEL(A, placed(list[i] - VARIABLES * k, free), column) = 1.0;
-        BLASFEO_DMATEL(A, STATES + free, column) = residual(call, list[i], is_equality);
+        BLASFEO_DMATEL(A, states(call->of, k) + free, column) = residual(call, list[i], is_equality);
     }
 }
 
@@ -170,31 +212,32 @@ static int jacobian(const double *primal, const double *stage_p, const double *g
     struct call *call = data;
     const struct problem *of = call->of;
     const int n = variables(of);
-    lanes z[VARIABLES], apart[ROWS_MAX], rows[ROWS_MAX], entries[ENTRIES_MAX];
+    lanes z[WITH_THROWN], apart[ROWS_MAX], rows[ROWS_MAX], entries[ENTRIES_MAX];
     (void)stage_p, (void)global_p;
     products = 0;
     read_variables(call, primal, s);
     for (int k = 0; k <= of->stages; k++) {
-        const int height = STATES + controls(of, k) + 1;
-        if (k < of->stages) clear(dynamics + k, height, STATES);
+        const int height = states(of, k) + controls(of, k) + 1;
+        if (k < of->stages) clear(dynamics + k, height, states(of, k + 1));
         clear(equal + k, height, s->ng[k]);
         clear(unequal + k, height, s->ng_ineq[k]);
     }
     for (int i = 0; i < of->blocks; i++) {
         const struct block *b = of->block + i;
-        const long long *first = b->jacobian + 2, *row = first + VARIABLES + 1;
+        const long long *first = b->jacobian + 2, *row = first + b->variables + 1;
         if (i == of->cost) continue;
         for (int k = b->first; k < b->last; k += LANES) {
             gather(call, b, k, z);
             b->slope(z, parameters(call, b, k, apart), rows, entries);
             require_finite(call, rows, b->rows);
-            require_finite(call, entries, first[VARIABLES]);
+            require_finite(call, entries, first[b->variables]);
             set_rows(call, b, k, rows);
             FOR_LANES(b, k, lane) {
                 const int *at = positions(b, k + lane), free = controls(of, k + lane);
-                for (int j = 0; j < STATES + free; j++)
-                    for (long long e = first[j]; e < first[j + 1]; e++) {
-                        const int column = row[e] < b->following ? (int)row[e] : call->columns[n + at[row[e]]];
+                for (int j = 0; j < b->variables; j++)
+                    for (long long e = first[j]; e < first[j + 1] && exists(of, k + lane, j); e++) {
+                        const int column =
+                            row[e] < b->following ? b->into + (int)row[e] : call->columns[n + at[row[e]]];
                         matrix *A = (row[e] < b->following ? dynamics : column < 0 ? equal : unequal) + k + lane;
                         if (column != FREE)
                             BLASFEO_DMATEL(A, placed(j, free), column < 0 ? -1 - column : column) = entries[e][lane];
@@ -205,9 +248,9 @@ static int jacobian(const double *primal, const double *stage_p, const double *g
     for (int k = 0; k <= of->stages; k++) {
         set_bounded(call, equal + k, k, call->equalities[k], call->equalities[k + 1], call->equality, 1);
         set_bounded(call, unequal + k, k, call->inequalities[k], call->inequalities[k + 1], call->inequality, 0);
-        for (int row = 0; k < of->stages && row < STATES; row++)
-            BLASFEO_DMATEL(dynamics + k, VARIABLES, row) = 0.0 - call->g[positions(of->block, k)[row]];
     }
+    FOR_FOLLOWING(of, b, k, row)
+        BLASFEO_DMATEL(dynamics + k, states(of, k) + CONTROLS, b->into + row) = 0.0 - call->g[positions(b, k)[row]];
     LEAVE_LANES();
     return 1;
 }
@@ -221,9 +264,14 @@ static void read_multipliers(const struct call *call, const double *given, const
         for (int i = call->equalities[k], column = 0; i < call->equalities[k + 1]; i++, column++)
             call->multipliers[call->equality[i]] = given[s->g_offs[k] + column];
     }
-    for (int k = 0; k < call->of->stages; k++)
-        for (int row = 0; row < STATES; row++)
-            call->multipliers[n + positions(call->of->block, k)[row]] = -given[s->dyn_eq_offs[k] + row];
+    FOR_FOLLOWING(call->of, b, k, row)
+        call->multipliers[n + positions(b, k)[row]] = -given[s->dyn_eq_offs[k] + b->into + row];
+}
+
+/* The place of a following row's state in a vector like `z`. */
+static double *followed(double *z, const struct block *b, int k, int row) {
+    const int i = b->into + row;
+    return z + WITH_THROWN * (k + 1) + (i < STATES ? i : i + CONTROLS);
 }
 
 static int hessian(double scale, const double *primal, const double *given, const double *stage_p,
@@ -232,21 +280,19 @@ static int hessian(double scale, const double *primal, const double *given, cons
     const struct problem *of = call->of;
     const int n = variables(of);
     double *slope = call->gradient;
-    lanes z[VARIABLES], apart[ROWS_MAX], weights[ROWS_MAX], gradient[VARIABLES], entries[VARIABLES * VARIABLES];
+    lanes z[WITH_THROWN], apart[ROWS_MAX], weights[ROWS_MAX], gradient[WITH_THROWN], entries[WITH_THROWN * WITH_THROWN];
     (void)stage_p, (void)global_p;
     products = 0;
     call->iterations = call->iterations + 1;
     read_variables(call, primal, s);
     read_multipliers(call, given, s);
-    memset(slope, 0, VARIABLES * (size_t)(of->stages + 1) * sizeof(double));
-    for (int k = 0; k <= of->stages; k++) {
-        clear(out + k, STATES + controls(of, k) + 1, STATES + controls(of, k));
-        for (int row = 0; k > 0 && row < STATES; row++)
-            slope[VARIABLES * k + row] = 0.0 - given[s->dyn_eq_offs[k - 1] + row];
-    }
+    memset(slope, 0, WITH_THROWN * (size_t)(of->stages + 1) * sizeof(double));
+    for (int k = 0; k <= of->stages; k++)
+        clear(out + k, states(of, k) + controls(of, k) + 1, states(of, k) + controls(of, k));
+    FOR_FOLLOWING(of, b, k, row) *followed(slope, b, k, row) = 0.0 - given[s->dyn_eq_offs[k] + b->into + row];
     for (int i = 0; i < of->blocks; i++) {
         const struct block *b = of->block + i;
-        const long long *first = b->hessian + 2, *row = first + VARIABLES + 1;
+        const long long *first = b->hessian + 2, *row = first + b->variables + 1;
         for (int k = b->first; k < b->last; k += LANES) {
             gather(call, b, k, z);
             for (int lane = 0; lane < LANES; lane++) {
@@ -257,30 +303,31 @@ static int hessian(double scale, const double *primal, const double *given, cons
                 }
             }
             b->curve(z, parameters(call, b, k, apart), weights, gradient, entries);
-            require_finite(call, gradient, VARIABLES);
-            require_finite(call, entries, first[VARIABLES]);
+            require_finite(call, gradient, b->variables);
+            require_finite(call, entries, first[b->variables]);
             FOR_LANES(b, k, lane) {
                 const int free = controls(of, k + lane);
-                for (int j = 0; j < STATES + free; j++) {
-                    slope[VARIABLES * (k + lane) + j] += gradient[j][lane];
+                for (int j = 0; j < b->variables; j++) {
+                    if (!exists(of, k + lane, j)) continue;
+                    slope[WITH_THROWN * (k + lane) + j] += gradient[j][lane];
                     for (long long e = first[j]; e < first[j + 1]; e++)
-                        if (row[e] < STATES + free)
+                        if (exists(of, k + lane, (int)row[e]))
                             BLASFEO_DMATEL(out + k + lane, placed((int)row[e], free), placed(j, free)) +=
                                 entries[e][lane];
                 }
             }
         }
     }
-    for (int k = 1; k <= of->stages; k++)
-        for (int row = 0; row < STATES; row++) slope[VARIABLES * k + row] += given[s->dyn_eq_offs[k - 1] + row];
+    FOR_FOLLOWING(of, b, k, row) *followed(slope, b, k, row) += given[s->dyn_eq_offs[k] + b->into + row];
     for (int k = 0; k <= of->stages; k++) {
         const int free = controls(of, k);
+        double *own = slope + WITH_THROWN * k;
         for (int i = call->inequalities[k], column = 0; i < call->inequalities[k + 1]; i++, column++)
-            if (call->inequality[i] < n) slope[call->inequality[i]] += given[s->g_ineq_offs[k] + column];
+            if (call->inequality[i] < n) own[call->inequality[i] - VARIABLES * k] += given[s->g_ineq_offs[k] + column];
         for (int i = call->equalities[k], column = 0; i < call->equalities[k + 1]; i++, column++)
-            if (call->equality[i] < n) slope[call->equality[i]] += given[s->g_offs[k] + column];
-        for (int j = 0; j < STATES + free; j++)
-            BLASFEO_DMATEL(out + k, STATES + free, placed(j, free)) = slope[VARIABLES * k + j];
+            if (call->equality[i] < n) own[call->equality[i] - VARIABLES * k] += given[s->g_offs[k] + column];
+        for (int j = 0; j < WITH_THROWN; j++)
+            if (exists(of, k, j)) BLASFEO_DMATEL(out + k, states(of, k) + free, placed(j, free)) = own[j];
     }
     LEAVE_LANES();
     return 1;
@@ -291,7 +338,7 @@ static int objective_gradient(double scale, const double *primal, const double *
     struct call *call = data;
     const struct block *b = call->of->block + call->of->cost;
     const long long *first = b->jacobian + 2;
-    lanes z[VARIABLES], apart[ROWS_MAX], row[ROWS_MAX], entries[VARIABLES];
+    lanes z[WITH_THROWN], apart[ROWS_MAX], row[ROWS_MAX], entries[VARIABLES];
     (void)stage_p, (void)global_p;
     read_variables(call, primal, s);
     memset(out, 0, (size_t)variables(call->of) * sizeof(double));
@@ -312,7 +359,7 @@ static int objective(double scale, const double *primal, const double *stage_p, 
                      const dims *s, void *data) {
     const struct call *call = data;
     const struct block *b = call->of->block + call->of->cost;
-    lanes z[VARIABLES], apart[ROWS_MAX], row[ROWS_MAX];
+    lanes z[WITH_THROWN], apart[ROWS_MAX], row[ROWS_MAX];
     double sum = 0.0;
     (void)stage_p, (void)global_p;
     read_variables(call, primal, s);
@@ -326,7 +373,7 @@ static int objective(double scale, const double *primal, const double *stage_p, 
     return 1;
 }
 
-static int states_of(int k, void *data) { (void)k, (void)data; return STATES; }
+static int states_of(int k, void *data) { return states(((struct call *)data)->of, k); }
 static int controls_of(int k, void *data) { return controls(((struct call *)data)->of, k); }
 static int horizon(void *data) { return ((struct call *)data)->of->stages + 1; }
 
@@ -350,7 +397,10 @@ static int bounds_of(double *lower, double *upper, int k, void *data) {
 }
 
 static int guessed_state(double *x, int k, void *data) {
-    memcpy(x, ((struct call *)data)->guess + VARIABLES * k, STATES * sizeof(double));
+    const struct call *call = data;
+    memcpy(x, call->guess + VARIABLES * k, STATES * sizeof(double));
+    if (has_thrown(call->of, k))
+        memcpy(x + STATES, call->guess + core(call->of) + THROWN * (k - call->of->thrown), THROWN * sizeof(double));
     return 0;
 }
 
@@ -380,10 +430,10 @@ static void ignore(const char *text, int length) { (void)text, (void)length; }
 static int begins_finite(struct call *call) {
     const int n = variables(call->of);
     int all = 1;
-    memcpy(call->z, call->guess, (size_t)n * sizeof(double));
+    unpack(call->of, call->guess, call->z);
     rows_of_all(call);
     LEAVE_LANES();
-    for (int i = 0; i < n; i++) all &= isfinite(call->z[i]);
+    for (int i = 0; i < n; i++) all &= isfinite(call->guess[i]);
     for (int i = 0; i < call->of->rows; i++) all &= isfinite(call->g[i]);
     return all;
 }
@@ -396,7 +446,7 @@ static int begins_finite(struct call *call) {
 int solve_launch(const struct problem *of, const double *lower, const double *upper, const double *guess,
                  const double *p, int options, const char *const *names, const double *values, double *out,
                  int *iterations) {
-    const int n = variables(of), padded = VARIABLES * (of->stages + 1), all = n + of->rows;
+    const int n = variables(of), padded = WITH_THROWN * (of->stages + 1), all = n + of->rows;
     double *numbers = calloc((size_t)(2 * padded + of->rows + all), sizeof(double));
     int *counts = calloc((size_t)(3 * all + 2 * (of->stages + 2)), sizeof(int));
     struct call call = {.of = of, .lower = lower, .upper = upper, .guess = guess, .p = p};
@@ -438,7 +488,7 @@ int solve_launch(const struct problem *of, const double *lower, const double *up
     leave = NULL;
     if (call.broken) status = -1;
     read_variables(&call, fatrop_ocp_c_get_primal(solver)->pa, fatrop_ocp_c_get_dims(solver));
-    memcpy(out, call.z, (size_t)n * sizeof(double));
+    pack(of, call.z, out);
     fatrop_ocp_c_destroy(solver);
 end:
     free(numbers);
@@ -448,10 +498,10 @@ end:
 
 /* Sets the rows (rows,) at variables `x`. */
 void launch_rows(const struct problem *of, const double *x, const double *p, double *rows) {
-    double *z = calloc((size_t)(VARIABLES * (of->stages + 1)), sizeof(double));
+    double *z = calloc((size_t)(WITH_THROWN * (of->stages + 1)), sizeof(double));
     const struct call call = {.of = of, .p = p, .z = z, .g = rows};
     if (!z) return;
-    memcpy(z, x, (size_t)variables(of) * sizeof(double));
+    unpack(of, x, z);
     rows_of_all(&call);
     LEAVE_LANES();
     free(z);

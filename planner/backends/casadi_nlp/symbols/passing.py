@@ -1,6 +1,7 @@
 """Rows of block "passing": the links of the braking arm keep off the object in flight.
 
-The object's path is a parameter; the time of the problem is 0 at the release.
+The object's path follows from its position and velocity at the release, and from a polynomial, which is a parameter;
+the time of the problem is 0 at the release.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from planner.backends.casadi_nlp.symbols.terms import Terms
 
 SX = Any
 
+GUARD = 0.01  # [m^2/s^2] keeps the squared speed of landing above zero
 LANDING = 0.005  # [s] roundness of the end of a flight: the object stays where it lands
+AT_REST_S = 0.03  # [s] before its standstill the arm is where it stays, within a millimetre or two: jerk is limited
 
 
 def passing(z: SX, p: SX, terms: Terms) -> SX:
@@ -38,9 +41,10 @@ def _beside_path(s: StageState, z: SX, scales: SX, p: SX, share: float, terms: T
     c = SCALES.split(scales)
     step = z[layout.STEP] * c["time"]
     now = z[layout.TIME] * c["time"] + share * step
-    around = (_sooner(now + quarter * step, f["landing"]) for quarter in (-0.25, 0.25))
+    landing = _landing(z, f, terms)
+    around = (_sooner(now + quarter * step, landing) for quarter in (-0.25, 0.25))
     times = terms.through(ca.vertcat(*around))
-    first, last = (_path(f["path"], times[i]) for i in range(2))
+    first, last = (_place(z, f["path"], times[i]) for i in range(2))
     gaps = [
         distances.segment_distance_at_moving_points(*ends, first, last, terms) - radius
         for ends, radius in _links_in_world(a, s)
@@ -49,19 +53,28 @@ def _beside_path(s: StageState, z: SX, scales: SX, p: SX, share: float, terms: T
 
 
 def passing_at_rest(z: SX, p: SX, terms: Terms) -> SX:
-    """Room between the object's flight from now on and the arm as it is, the tool excepted (1) [m].
+    """Room between the object's flight from `AT_REST_S` ago on and the arm as it is, the tool excepted (1) [m].
 
     Less what the path bends within a chord: 12 mm where the object flies on for a second.
     """
     scales, p = p[: SCALES.size], p[SCALES.size :]
     a, f = ARM.split(p[: ARM.size]), OBJECT_PATH.split(p[ARM.size :])
     now = z[layout.TIME] * SCALES.split(scales)["time"]
-    begin = terms.through(_sooner(now, f["landing"]))
-    step = (f["landing"] - begin) / layout.CHORDS
-    points = [_path(f["path"], begin + i * step) for i in range(layout.CHORDS + 1)]
+    landing = _landing(z, f, terms)
+    begin = terms.through(_sooner(now - AT_REST_S, landing))
+    step = (landing - begin) / layout.CHORDS
+    points = [_place(z, f["path"], begin + i * step) for i in range(layout.CHORDS + 1)]
     links = _links_in_world(a, state(z, scales))
     gaps = [distances.chords_distance(*ends, points, terms) - radius for ends, radius in links]
     return distances.soft_minimum(gaps, terms) - f["reach"] - f["fall"] * step**2 / 8
+
+
+def _landing(z: SX, f: dict[str, SX], terms: Terms) -> SX:
+    """Returns when the object's flight ends, after its release [s]."""
+    height, rise = z[layout.PLACE][2] - f["ground"], z[layout.SPEED][2]
+    falls = rise**2 + 2 * f["gravity"] * height
+    speed = ca.sqrt((falls + ca.sqrt(falls**2 + GUARD**2)) / 2)
+    return terms.through(f["landing"] + f["lands"] * (rise + speed) / f["gravity"])
 
 
 def _sooner(time: SX, landing: SX) -> SX:
@@ -69,8 +82,28 @@ def _sooner(time: SX, landing: SX) -> SX:
     return (time + landing - ca.sqrt((time - landing) ** 2 + LANDING**2)) / 2
 
 
-def _path(coefficients: SX, s: SX) -> SX:
+def thrown(z: SX, p: SX, terms: Terms) -> SX:
+    """Position [m] and velocity [m/s] of the object in the world (6), where it is released after the stage's step."""
+    scales, p = p[: SCALES.size], p[SCALES.size :]
+    a, f = ARM.split(p[: ARM.size]), OBJECT_PATH.split(p[ARM.size :])
+    s = through(state_after(z, scales, 1.0), terms)
+    tool = arm.tool_motion(a["dh"], a["tcp"], s.q, s.qd, s.qdd)
+    R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
+    return ca.vertcat(R_WS @ tool.position + a["base"][9:], f["share"] * (R_WS @ tool.velocity))
+
+
+def carried(z: SX, p: SX, terms: Terms) -> SX:
+    """The object's position and velocity at its release (6), which stay."""
+    return ca.vertcat(z[layout.PLACE], z[layout.SPEED])
+
+
+def _place(z: SX, coefficients: SX, s: SX) -> SX:
     """Returns the object's place in the world (3,) [m] s after its release [s]."""
+    return z[layout.PLACE] + s * z[layout.SPEED] + _path(coefficients, s)
+
+
+def _path(coefficients: SX, s: SX) -> SX:
+    """Returns a polynomial's value (3,) at s."""
     of_powers = ca.reshape(coefficients, 3, layout.PATH_TERMS)
     place = of_powers[:, layout.PATH_TERMS - 1]
     for i in reversed(range(layout.PATH_TERMS - 1)):

@@ -16,7 +16,7 @@ import casadi as ca
 from planner.backends.casadi_nlp import layout
 from planner.backends.casadi_nlp.layout import ARM, BOXES, COST, FLIGHT, RELEASE, SCALES, VectorLayout
 from planner.backends.casadi_nlp.symbols import arm, distances
-from planner.backends.casadi_nlp.symbols.passing import passing, passing_at_rest, passing_middle
+from planner.backends.casadi_nlp.symbols.passing import carried, passing, passing_at_rest, passing_middle, thrown
 from planner.backends.casadi_nlp.symbols.stage import StageState, state, state_after, state_at, through
 from planner.backends.casadi_nlp.symbols.terms import Terms
 
@@ -269,11 +269,18 @@ class BlockFormula:
         rows: (z, p, terms) -> rows (n,); adds its intermediate terms to `terms`.
         parameters: names in `layout.SHARED` of the parameters p, in order.
         curved: whether the rows contribute to the Hessian.
+        of_object: whether the variables are (z, thrown), with the object's states.
     """
 
     rows: Callable[[SX, SX, Terms], SX]
     parameters: tuple[str, ...]
     curved: bool = True
+    of_object: bool = False
+
+    @property
+    def variables(self) -> int:
+        """Number of variables that the rows are of."""
+        return layout.NZ + (layout.N_THROWN if self.of_object else 0)
 
 
 StateFormula = Callable[[StageState, SX, Terms], SX]
@@ -312,9 +319,11 @@ FORMULAS: dict[str, BlockFormula] = {
     "release": _at_knot(release, "arm", "release"),
     "flight": BlockFormula(flight, ("scales", "arm", "release", "flight")),
     "leaving": BlockFormula(leaving, ("scales", "arm", "flight")),
-    "passing": BlockFormula(passing, ("scales", "arm", "object_path")),
-    "passing_middle": BlockFormula(passing_middle, ("scales", "arm", "object_path")),
-    "passing_at_rest": BlockFormula(passing_at_rest, ("scales", "arm", "object_path")),
+    "thrown": BlockFormula(thrown, ("scales", "arm", "object_path")),
+    "carried": BlockFormula(carried, (), curved=False, of_object=True),
+    "passing": BlockFormula(passing, ("scales", "arm", "object_path"), of_object=True),
+    "passing_middle": BlockFormula(passing_middle, ("scales", "arm", "object_path"), of_object=True),
+    "passing_at_rest": BlockFormula(passing_at_rest, ("scales", "arm", "object_path"), of_object=True),
 }
 # The same rows with fewer slots for boxes, each of which takes its time.
 WITH_FEWER_BOXES = {
