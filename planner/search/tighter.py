@@ -111,8 +111,8 @@ def _released(motion: Trajectory) -> Candidate:
 def is_doubtful(search: PlanningSearch, ranking: Ranking) -> bool:
     """Returns whether a search may have missed a sooner motion: it certified none, or a slow one, or gave up a seed.
 
-    Of a throw to a target with a release window, a seed that was given up is no sign of it: of 24 repeats for that alone
-    none found a sooner one.
+    Of a throw to a target with a release window, a seed that was given up is no sign of it: of 24 repeats for that
+    alone none found a sooner one.
     """
     if search.is_optimal or search.out_of_time or (_repeats_in_vain(search) and not search.in_vain):
         return False
