@@ -117,7 +117,7 @@ class RowIndex:
 
     Attributes:
         stages: the layout.
-        blocks: blocks that the layout includes, by name.
+        blocks: blocks that the layout includes on some stage, by name.
         knots: stages on which each block applies.
         rows: rows of a block on a stage.
         rows_of: rows of a block on all its stages, none for a block that is not included.
@@ -130,7 +130,8 @@ class RowIndex:
 
     def __init__(self, stages: StageLayout, blocks: Mapping[str, Block]) -> None:
         self.stages = stages
-        self.blocks = {name: blocks[stages.function(name)] for name in FORMULAS if stages.includes(name)}
+        included = [name for name in FORMULAS if stages.includes(name) and stages.knots(name)]
+        self.blocks = {name: blocks[stages.function(name)] for name in included}
         self.knots = {name: stages.knots(name) for name in self.blocks}
         self.rows: dict[tuple[str, int], Indices] = {}
         self.dynamics: list[Indices] = []

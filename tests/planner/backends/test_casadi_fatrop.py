@@ -59,11 +59,36 @@ def instance(request: pytest.FixtureRequest) -> Instance:
     return _instance(*INSTANCES[request.param])
 
 
+@pytest.fixture(scope="module")
+def brake() -> Instance:
+    """The brake of a given release alone, with a grip that does not count then."""
+    gripper = replace(CELL.gripper, hold_acceleration_m_s2=np.full(3, 40.0))
+    release = JointRelease(CELL.home + 0.3, np.array([1.0, -1.0, 0.8, 0.5, 0.3, 0.2]))
+    problem = ThrowProblem(replace(CELL, gripper=gripper), CELL.home, release, CELL.limits)
+    seed = Seed(candidates(problem)[0], ruckig_otg.solve(problem, candidates(problem)[0]).trajectory)
+    whole = Instance.of(problem, seed, DEFAULT_MARGINS)
+    assert "grip" in whole.stages.groups
+    return whole.brake_alone(whole.initial, 2.0)
+
+
 @needs_launch
 @pytest.mark.parametrize("with_groups", [False, True])
 def test_variables_and_iterations_are_those_of_casadi_s_interface(
     instance: Instance, with_groups: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    _is_solved_alike(instance, with_groups, monkeypatch)
+
+
+@needs_launch
+@pytest.mark.parametrize("with_groups", [False, True])
+def test_variables_and_iterations_of_a_brake_alone_are_those_too(
+    brake: Instance, with_groups: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Some of its blocks have no stage."""
+    _is_solved_alike(brake, with_groups, monkeypatch)
+
+
+def _is_solved_alike(instance: Instance, with_groups: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     groups = frozenset((*instance.stages.groups, solver.POSITIONS)) if with_groups else frozenset[str]()
     found = []
     for launch in (fatrop.compiled_launch, lambda _stages: None):
