@@ -33,6 +33,7 @@ from planner.seeds.sampling import point_states, target_states
 from planner.seeds.soonest_states import least_time
 from planner.seeds.velocity_allocation import largest_share
 
+DECIMALS = 9  # [rad, rad/s] of candidates for a target: finer than what the optimiser heeds
 SPEED_SLACK = 1e-9  # [-] rounding allowed in the comparison with a speed limit
 FEW_CANDIDATES = 6  # for a target behind obstacles; fewer call for a thorough search of 0.2 to 0.3 s
 NO_STATES = "joint states found whose flight hits the target within the requested bounds"
@@ -133,7 +134,7 @@ def candidates(problem: ThrowProblem, wide: bool = True) -> list[Candidate]:
     elif isinstance(release, PointRelease):
         states = _distinct(*point_states(problem, release))
     else:
-        return _target_candidates(problem, release, wide)
+        return [_rounded(problem, each) for each in _target_candidates(problem, release, wide)]
     return _usable(problem, states)
 
 
@@ -168,6 +169,17 @@ def _target_candidates(problem: ThrowProblem, release: TargetRelease, wide: bool
     if refusal is not None:
         raise refusal
     return found
+
+
+def _rounded(problem: ThrowProblem, candidate: Candidate) -> Candidate:
+    """Returns a candidate rounded to `DECIMALS`, within the velocity limits.
+
+    What a candidate is computed from differs in its last bits between machines. So do the hundreds of numbers of the
+    motion to it that the optimiser begins from, and one of them may be rounded the other way.
+    """
+    limit = problem.limits.qd_max
+    q, qd = np.round(candidate.q, DECIMALS), np.clip(np.round(candidate.qd, DECIMALS), -limit, limit)
+    return replace(candidate, q=q, qd=qd)
 
 
 def _distinct(q: Array, qd: Array) -> _States:

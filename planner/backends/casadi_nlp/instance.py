@@ -225,13 +225,16 @@ class Instance:
         return np.round(path, DECIMALS)
 
     def with_object(self, z: Vector) -> Vector:
-        """Returns a solver's variables: those of the arm (N + 1, NZ), scaled, and the object's as it is released."""
+        """Returns a solver's variables: those of the arm (N + 1, NZ), scaled, and the object's as it is released.
+
+        The object's are rounded to `DECIMALS`, as `arguments` are.
+        """
         core = z.ravel()[: self.transcription.row_index.core]
         if not self.stages.carries:
             return core
         release = z[self.stages.launch] * self.scales
         thrown = np.concatenate(thrown_state(self.problem, release[Q], release[QD]))
-        return np.append(core, np.tile(thrown, self.stages.brake + 1))
+        return np.append(core, np.tile(np.round(thrown, DECIMALS), self.stages.brake + 1))
 
     def _arm(self) -> Vector:
         """Returns the `ARM` vector; for a calibrated arm, of the closest arm that the formulas know."""
