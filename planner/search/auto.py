@@ -155,9 +155,7 @@ def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
     for ranked in _walk(search, stage, ranking):
         if search.iterations >= end:
             break
-        if search.lacks_brake(ranked.candidate) or not _may_gain(search, stage, ranking, ranked):
-            continue
-        if not ranked.first_try(what):
+        if not _may_gain(search, stage, ranking, ranked) or not ranked.first_try(what):
             continue
         begun += load_optimiser(search)
         tried += 1
@@ -178,8 +176,11 @@ def _budget(problem: ThrowProblem, stage: Stage) -> int:
 def _may_gain(search: PlanningSearch, stage: Stage, ranking: Ranking, ranked: RankedCandidate) -> bool:
     """Returns whether the optimiser may come to a sooner motion from a candidate.
 
+    Not from one that lacks a brake, unless a motion through it is given.
     With its way out followed, an object hardly ever leaves sooner than where its way out was not looked at.
     """
+    if ranked.given is None and search.lacks_brake(ranked.candidate):
+        return False
     if stage.follows:
         return ranking.beside_opening[ranked].release_time_s + search.problem.dt < search.release_time_s
     return ranking.may_be_sooner(ranked, search.release_time_s)

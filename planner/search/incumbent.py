@@ -131,8 +131,10 @@ class PlanningSearch:
         return sorted(found, key=lambda candidate: candidate.bound_s)
 
     def note_lack_of_brake(self, candidate: Candidate) -> None:
-        """Notes that no brake from a given release was found that is clear of the flight."""
-        self.without_brake.add(_posture(candidate))
+        """Notes that no brake from a given release was found, unless the same posture led to a motion before."""
+        posture = _posture(candidate)
+        if not any(led and _posture(each) == posture for each, led in self.led_to_motion.items()):
+            self.without_brake.add(posture)
 
     def lacks_brake(self, candidate: Candidate) -> bool:
         """Returns whether no brake was found from a candidate, or from one that differs by whole turns of joints."""

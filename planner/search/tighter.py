@@ -4,7 +4,7 @@ The optimiser starts from Ruckig's motions, and these change with the limits, an
 them. So a doubtful search is repeated: first with the rows of torque and tool speed included from the beginning instead
 of when a solution breaks them, then as for requests with half of the jerk, a quarter of it and so on, and with half of
 the acceleration. Where there is an optimised answer, that is done with less jerk alone (of a given point with torque
-held, too), and, where the release is free, only from the candidates that led to no motion. Of all these the first seeds
+held, too), and only from the candidates that led to no motion. Of all these the first seeds
 come first, and further ones follow where there is no answer or a slow one with a release window. Whatever keeps half of
 a limit keeps the limit, so what is found sooner is an answer, too. Thereby a request is answered almost wherever one
 with half of its limits is, and about as soon. Where a release window leaves no answer, the motions without it are where
@@ -162,15 +162,14 @@ def search_again(search: PlanningSearch, ranking: Ranking) -> None:
 def _ways(search: PlanningSearch, is_slow: bool) -> list[_Way]:
     """Returns the ways in which a search is repeated, in their order.
 
-    Where something was optimised, the acceleration is not halved (nothing sooner of 107 seeds), to a given release the
-    jerk is halved once alone (sooner in five of 13 cases, and in none of 13 with less jerk), and of a throw to a target
-    torque is not held (three of 87, the longest of all); of such a throw that is not slow the jerk is halved twice
-    alone: that gave 25 of 38 sooner motions, in two fifths of the time.
+    Where something was optimised, the acceleration is not halved (nothing sooner of 107 seeds), and of a throw to a
+    target torque is not held (three of 87, the longest of all); of such a throw that is not slow the jerk is halved
+    twice alone: that gave 25 of 38 sooner motions, in two fifths of the time.
     """
     problem, halvings = search.problem, _halvings(search.problem.limits)
     begun = tuple(search.in_vain) if _repeats_in_vain(search) else None
     if _is_optimised(search):
-        halvings = [times for times in halvings if times[1] == 0][: 1 if problem.fixes_joints else None]
+        halvings = [times for times in halvings if times[1] == 0]
     if isinstance(problem.release, TargetRelease) and _is_optimised(search):
         with_torque, halvings = [], halvings if is_slow else halvings[:FEW_HALVINGS]
     else:

@@ -107,9 +107,8 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
     try:
         return _answer(instance, seed, options, solver)
     except SolverFailed as failure:
-        raise SeedFailed(
-            failure.status, failure.iterations, solver.groups, solver.is_late, solver.lacks_brake
-        ) from None
+        lacks_brake = solver.lacks_brake and not problem.is_robust  # the throw without the window may have set it
+        raise SeedFailed(failure.status, failure.iterations, solver.groups, solver.is_late, lacks_brake) from None
 
 
 def _answer(instance: Instance, seed: Seed, options: SolveOptions, solver: Solver) -> Solution:

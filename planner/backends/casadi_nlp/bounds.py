@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -119,9 +120,10 @@ class Bounds:
         x[:, -1, QD] = x[:, -1, QDD] = 0.0
         x[0, -1, NX:], x[1, -1, NX:] = -np.inf, np.inf
 
-    def limit_steps(self, steps: Vector) -> None:
-        """Bounds each step around its initial length (N,) [s]."""
+    def limit_steps(self, steps: Vector, brake_most_s: float = math.inf) -> None:
+        """Bounds each step around its initial length (N,) [s], and those of the brake by `brake_most_s` [s]."""
         least, most = (share * steps for share in STEP_SHARES)
+        most[self.launch :] = np.minimum(most[self.launch :], brake_most_s)
         self.x[0, :-1, STEP], self.x[1, :-1, STEP] = least, most
 
     def let_object_leave(self) -> None:

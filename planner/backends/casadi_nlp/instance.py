@@ -44,11 +44,12 @@ ROOM = {  # [m] added to the clearances at given joint positions: the margins of
     "clearance": [DEFAULT_MARGINS.self_m, DEFAULT_MARGINS.floor_m, DEFAULT_MARGINS.keep_in_m],
     "keep_out": [DEFAULT_MARGINS.box_m],
 }
+LONGEST_BRAKE_STEP = 1.5  # [-] of the mean step of a brake that was solved alone
 AT_REST_GROUPS = ("effort", "clearance")  # of `LAZY_GROUPS`: without boxes, of a move that ends at rest
 USUAL_GROUPS = (*AT_REST_GROUPS, "grip", "flight", "passing")  # the same of a throw, with a known gripper
 
 # Stages in half a release window, at most, and their least duration [s]. One alone releases 2 to 3 % later than four.
-# More than three gain nothing; shorter ones converge less often.
+# More converge less often; they release a little sooner in windows beyond 30 ms.
 WINDOW_STAGES, WINDOW_STAGE_S = 3, 0.005
 ROUNDING = 1e-9  # [-] of a number of stages
 DECIMALS = 9  # of arguments in units of one: finer than what a solver heeds, coarser than floating point differs
@@ -107,13 +108,10 @@ def common_layouts() -> list[StageLayout]:
     layouts = [StageLayout(*stages, groups=groups) for stages in throws for groups in _subsets(USUAL_GROUPS)]
     braking = [groups for groups in _subsets(USUAL_GROUPS) if "passing" in groups]
     layouts += [StageLayout(*stages, groups=groups, aims=True) for stages in throws for groups in braking]
-    layouts += [StageLayout(0, brake, groups=groups) for groups in braking]
+    layouts += [StageLayout(0, n, groups=groups) for n in (brake, fine_brake) for groups in braking]
     layouts += [StageLayout(launch, 0, groups=groups) for groups in _subsets(AT_REST_GROUPS)]
-    return [
-        *layouts,
-        StageLayout(fine_launch, fine_brake, groups=USUAL_GROUPS),
-        StageLayout(fine_launch, 0, groups=AT_REST_GROUPS),
-    ]
+    layouts += [StageLayout(fine_launch, fine_brake, groups=USUAL_GROUPS, aims=aims) for aims in (False, True)]
+    return [*layouts, StageLayout(fine_launch, 0, groups=AT_REST_GROUPS)]
 
 
 def _subsets(groups: tuple[str, ...]) -> list[tuple[str, ...]]:
@@ -135,6 +133,7 @@ class Instance:
         steps: lengths (N,) [s] that the solution's steps are kept close to.
         fixed_times: times of release and end [s], if they are fixed.
         landing_offsets: added to the landing error at each knot of the window (2 n + 1, 2) [m].
+        brake_step_max_s: of each step of the brake [s].
         fitted_at: release state q, qd (6,) at which the formulas' arm is closest to a calibrated one; by default the
             candidate.
     """
@@ -149,6 +148,7 @@ class Instance:
     steps: Vector
     fixed_times: tuple[float, float] | None = None
     landing_offsets: Vector | float = 0.0
+    brake_step_max_s: float = math.inf
     fitted_at: tuple[Vector, Vector] | None = None
 
     @staticmethod
@@ -194,10 +194,13 @@ class Instance:
         return replace(self, candidate=candidate, stages=stages, initial=brake, steps=brake[:-1, STEP])
 
     def with_brake(self, z: Vector, brake: Vector) -> Instance:
-        """Returns the instance with a motion's launch and another brake as initial guess, variables in SI units."""
-        launch = z[: self.stages.launch]
+        """Returns the instance with a motion's launch and another brake as initial guess, variables in SI units.
+
+        A brake from a long guess can be one long stage and two short ones: that looks past what is between.
+        """
+        launch, longest_s = z[: self.stages.launch], LONGEST_BRAKE_STEP * float(brake[:-1, STEP].mean())
         steps = np.concatenate([launch[:, STEP], brake[:-1, STEP]])
-        return replace(self, initial=np.concatenate([launch, brake]), steps=steps)
+        return replace(self, initial=np.concatenate([launch, brake]), steps=steps, brake_step_max_s=longest_s)
 
     @property
     def transcription(self) -> Transcription:
@@ -225,10 +228,7 @@ class Instance:
         return np.round(path, DECIMALS)
 
     def with_object(self, z: Vector) -> Vector:
-        """Returns a solver's variables: those of the arm (N + 1, NZ), scaled, and the object's as it is released.
-
-        The object's are rounded to `DECIMALS`, as `arguments` are.
-        """
+        """Returns a solver's variables: those of the arm (N + 1, NZ), scaled, and the object's, rounded."""
         core = z.ravel()[: self.transcription.row_index.core]
         if not self.stages.carries:
             return core
@@ -280,7 +280,7 @@ class Instance:
         bounds.free_flights_after_release(self.stages.window > 0)
         bounds.add_local_margins(margins.local, self.steps)
         bounds.fix_ends(problem.start)
-        bounds.limit_steps(self.steps)
+        bounds.limit_steps(self.steps, self.brake_step_max_s)
         if "leaving" in self.stages.groups:
             bounds.let_object_leave()
         if margins.watched:

@@ -1,8 +1,8 @@
 """The object's path as parameters of the rows: where it is aimed at, and where the braking arm keeps off it.
 
 The path follows from the release, which in a throw to a target is part of the solution: the object's position and
-velocity there are states of the stages from then on. What drag adds, and when the flight ends, is that of the solution
-before, and where that matters, the problem is solved again. So it is with the whole path in a release window.
+velocity there are states of the stages from then on. What drag adds to the path and to the time of the landing is that
+of the solution before, and where that matters, the problem is solved again.
 """
 
 from __future__ import annotations

@@ -12,9 +12,10 @@ from dataclasses import replace
 import numpy as np
 
 from planner.backends.casadi_nlp.functions import evaluate
-from planner.backends.casadi_nlp.instance import Instance, release_parameters
+from planner.backends.casadi_nlp.instance import Instance
 from planner.backends.casadi_nlp.layout import NZ, QD, Q, Vector
 from planner.backends.casadi_nlp.object_path import drag_free_aim
+from planner.backends.casadi_nlp.parameters import release_parameters
 from planner.backends.casadi_nlp.symbols import FORMULAS, RELEASE_ROWS
 from planner.errors import SolverFailed
 from planner.flight import landing_points

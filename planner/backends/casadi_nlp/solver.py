@@ -30,8 +30,8 @@ FATROP_AFRESH = {"mu_init": 1.0}  # a larger barrier leads elsewhere
 # [-, m, rad] A row left out is included when it is this far beyond its bound, and what fatrop gives up is a solution if
 # none is: ten times the tolerance.
 VIOLATED = 1e-3
-# Guesses that a brake alone is solved from: even braking, so many times as long as in the motion without these rows; or
-# None, that motion's brake. Of 160 brakes that are found from some guess, the first finds 133, and the first three
+# Guesses that a brake alone is solved from: even braking, so many times as long as in the guess of the motion; or None,
+# the brake of that guess. Of 160 brakes that are found from some guess, the first finds 133, and the first three
 # find 157.
 BRAKE_GUESSES = (3.0, 2.0, 6.0, None)
 PATHS_MAX = 2  # [-] further solutions for a path of the object that has moved with the one before
@@ -131,15 +131,17 @@ class Solver:
         return True
 
     def _starts_with_brake(self, instance: Instance, arguments: Arguments) -> list[tuple[Instance, Arguments]]:
-        """Returns a start with a brake that is clear of the flight, then the one without, which alone may have one.
+        """Returns the starts with rows that keep the brake off the flight: with a brake that is, then as it was.
 
-        None of both where there is no such brake, as far as is known; with wider margins the start as it is: it begins
-        from a motion.
+        It stays as it was where its guess has such a brake, and with wider margins, where the guess is a motion. There
+        is no start where no such brake is found.
         """
         guess, unchanged = _stagewise(instance.stages, arguments["x0"]), [(instance, arguments)]
         if "passing" not in _violated_groups(instance, guess, arguments["p"]):
             return unchanged
         for stretch in BRAKE_GUESSES:
+            if self._is_spent():
+                return unchanged
             alone = instance.brake_alone(guess * instance.scales, stretch)
             brake = self._without_other_groups(alone, alone.arguments)
             if brake is not None:

@@ -28,8 +28,8 @@ Indices = NDArray[np.intp]
 # Stages before and after the release (or its window) on which singularities are avoided.
 WATCHED_BEFORE, WATCHED_AFTER = 3, 2
 LEAVING_STAGES = 1  # stages after the release (or its window), 20 to 40 ms, in which the object leaves the open grip
-# Groups of rows left out until a solution violates them, at knots and (but for three from "grip" on) at middles.
 OF_THE_OBJECT = ("thrown", "carried")  # blocks whose rows are the object's next state
+# Groups of rows left out until a solution violates them, at knots and (but for three from "grip" on) at middles.
 LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight", "leaving", "passing")
 # Parameters p: these, then the costs of every stage.
 ALL_SHARED = layout.VectorLayout({name: piece.size for name, piece in layout.SHARED.items()})

@@ -304,6 +304,34 @@ def test_a_brake_around_the_flight_is_found_before_the_motion(monkeypatch: pytes
     assert not failure.value.lacks_brake
 
 
+def _brake_first_instance() -> Instance:
+    cell, (start, q) = load_cell(CELLS / "ur3e-sim.toml"), BACK
+    problem = replace(_problem(cell, JointRelease(np.array(q), np.array(BACK_SPEED))), start=np.array(start))
+    candidate = candidates(problem)[0]
+    return Instance.of(problem, Seed(candidate, ruckig_otg.initial_guess(problem, candidate)), DEFAULT_MARGINS)
+
+
+def test_no_stage_of_a_brake_that_was_found_first_spans_the_others() -> None:
+    instance = _brake_first_instance()
+    calls = solver.Solver(500, None, frozenset({"passing"}), with_ipopt=False)
+    (braked, arguments), unchanged = calls._starts_with_brake(instance, instance.arguments)
+    assert unchanged == (instance, instance.arguments)
+    k, n = instance.stages.launch, instance.stages.brake
+    longest_s = arguments["ubx"][k * layout.NZ + layout.STEP :: layout.NZ][:n] * braked.scales[layout.STEP]
+    duration_s = float(braked.initial[-1, layout.TIME] - braked.initial[k, layout.TIME])
+    assert np.all(longest_s <= 1.5 * duration_s / n + 1e-6)
+    assert longest_s.sum() > duration_s
+
+
+def test_no_brake_is_sought_beyond_the_budget() -> None:
+    instance = _brake_first_instance()
+    calls = solver.Solver(5, None, frozenset({"passing"}), with_ipopt=False)
+    calls.iterations = 5
+    assert calls._starts_with_brake(instance, instance.arguments) == [(instance, instance.arguments)]
+    assert calls.iterations == 5
+    assert not calls.lacks_brake
+
+
 def test_a_given_release_without_a_brake_is_given_up_before_the_motion(monkeypatch: pytest.MonkeyPatch) -> None:
     stages, call = [], solver.Solver._call_fatrop
 

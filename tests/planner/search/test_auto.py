@@ -153,6 +153,20 @@ def test_a_posture_without_a_brake_is_tried_once(monkeypatch):
     assert 2 <= len(tried) == len(_postures(tried))
 
 
+def test_a_posture_that_led_to_a_motion_lacks_no_brake():
+    here, state = cell("ur5e-sim"), random_state(cell("ur5e-sim"), np.random.default_rng(3))
+    problem = pose_problem(here, *state)
+    first = candidates(problem)[0]
+    search = PlanningSearch(problem, time.perf_counter() + 60.0)
+    turned = replace(first, q=first.q + 2.0 * np.pi * np.eye(6)[5])
+    search.led_to_motion[first] = True
+    search.note_lack_of_brake(turned)
+    assert not search.lacks_brake(turned)
+    search.led_to_motion[first] = False
+    search.note_lack_of_brake(turned)
+    assert search.lacks_brake(first)
+
+
 def _postures(states):
     """Returns joint positions (n, 6) but for whole turns."""
     return {tuple(np.round(np.concatenate([np.cos(q), np.sin(q)]), 6)) for q in states}
