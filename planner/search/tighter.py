@@ -4,13 +4,13 @@ The optimiser starts from Ruckig's motions, and these change with the limits, an
 them. So a doubtful search is repeated: first with the rows of torque and tool speed included from the beginning instead
 of when a solution breaks them, then as for requests with half of the jerk, a quarter of it and so on, and with half of
 the acceleration. Where there is an optimised answer, that is done with less jerk alone (of a given point with torque
-held, too), and only from the candidates that led to no motion. Of all these the first seeds
-come first, and further ones follow where there is no answer or a slow one with a release window. Whatever keeps half of
-a limit keeps the limit, so what is found sooner is an answer, too. Thereby a request is answered almost wherever one
-with half of its limits is, and about as soon. Where a release window leaves no answer, the motions without it are where
-the optimiser starts from. To a given release state, Ruckig's motions under several pairs of tighter limits are tried in
-any case, before the optimiser: they are soon made, and none is sooner where one of them reaches the lower bound. Others
-follow after it.
+held, too), and only from the candidates that led to no motion. Of all these the first seeds come first, and further
+ones follow where there is no answer or a slow one with a release window. Whatever keeps half of a limit keeps the
+limit, so what is found sooner is an answer, too. Thereby a request is answered almost wherever one with half of its
+limits is, and about as soon. Where a release window leaves no answer, the motions without it are where the optimiser
+starts from. To a given release state, Ruckig's motions under several pairs of tighter limits are tried in any case,
+before the optimiser: they are soon made, and none is sooner where one of them reaches the lower bound. Others follow
+after it.
 """
 
 from __future__ import annotations
@@ -114,24 +114,20 @@ def is_doubtful(search: PlanningSearch, ranking: Ranking) -> bool:
     Of a throw to a target with a release window, a seed that was given up is no sign of it: of 24 repeats for that
     alone none found a sooner one.
     """
-    if search.is_optimal or search.out_of_time or (_repeats_in_vain(search) and not search.in_vain):
+    if search.is_optimal or search.out_of_time or (_is_optimised(search) and not search.in_vain):
         return False
     thrown_in_window = search.problem.is_robust and isinstance(search.problem.release, TargetRelease)
     return _is_slow(search, ranking) or (search.given_up > 0 and not thrown_in_window)
 
 
 def _is_optimised(search: PlanningSearch) -> bool:
-    """Returns whether a search has an answer, and the optimiser came to a motion: repeats are shorter then."""
-    return search.incumbent is not None and search.has_optimised
+    """Returns whether a search has an answer, and the optimiser came to a motion.
 
-
-def _repeats_in_vain(search: PlanningSearch) -> bool:
-    """Returns whether a search is repeated from those candidates alone that led to no motion.
-
-    So it is where something was optimised. Of 512 other seeds five gave something sooner, of 168 whose candidate had
-    led to none at least once 14; of given releases none of 28, and five of 26.
+    Repeats are shorter then, and begin from those candidates alone that led to no motion. Of 512 other seeds five gave
+    something sooner, of 168 whose candidate had led to none at least once 14; of given releases none of 28, and five
+    of 26.
     """
-    return _is_optimised(search)
+    return search.incumbent is not None and search.has_optimised
 
 
 def _is_slow(search: PlanningSearch, ranking: Ranking) -> bool:
@@ -167,7 +163,7 @@ def _ways(search: PlanningSearch, is_slow: bool) -> list[_Way]:
     twice alone: that gave 25 of 38 sooner motions, in two fifths of the time.
     """
     problem, halvings = search.problem, _halvings(search.problem.limits)
-    begun = tuple(search.in_vain) if _repeats_in_vain(search) else None
+    begun = tuple(search.in_vain) if _is_optimised(search) else None
     if _is_optimised(search):
         halvings = [times for times in halvings if times[1] == 0]
     if isinstance(problem.release, TargetRelease) and _is_optimised(search):

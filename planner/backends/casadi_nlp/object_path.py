@@ -16,7 +16,6 @@ from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.seeds import Candidate
 
 NODES = np.linspace(0.0, 1.0, PATH_TERMS)  # [-] of the flight's duration at which the polynomial is the path
-LEAST_GRAVITY = 1e-3  # [m/s^2] keeps a division by it finite; without gravity nothing lands
 SHORTEST_S = 1e-3  # [s] keeps a flight that ends at once from having no polynomial
 
 
@@ -51,7 +50,7 @@ def path_parameters(problem: ThrowProblem, q: Vector, qd: Vector, room_m: float,
             "landing": until_s - (without_drag_s or 0.0),
             "lands": float(without_drag_s is not None),
             "ground": ground,
-            "gravity": max(problem.gravity, LEAST_GRAVITY),
+            "gravity": problem.gravity,
             "fall": problem.gravity + problem.drag * float(v @ v),
             "reach": radius + room_m,
             "share": problem.release_speed_factor,

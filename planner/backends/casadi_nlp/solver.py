@@ -110,7 +110,7 @@ class Solver:
             if self._releases_late(-z[0, TIME] * instance.scales[TIME]):
                 return None
             arguments = {**arguments, "x0": instance.with_object(z), "p": _with_path_of(instance, z)}
-            violated = _violated_groups(instance, z, arguments["p"])
+            violated = _violated_groups(instance, arguments)
             if violated <= self.groups:
                 kept = z * instance.scales  # clear of the path of the solution before, at least
                 if "passing" not in violated or moved == PATHS_MAX:
@@ -136,16 +136,17 @@ class Solver:
         It stays as it was where its guess has such a brake, and with wider margins, where the guess is a motion. There
         is no start where no such brake is found.
         """
-        guess, unchanged = _stagewise(instance.stages, arguments["x0"]), [(instance, arguments)]
-        if "passing" not in _violated_groups(instance, guess, arguments["p"]):
+        unchanged = [(instance, arguments)]
+        if "passing" not in _violated_groups(instance, arguments):
             return unchanged
+        motion = _stagewise(instance.stages, arguments["x0"]) * instance.scales
         for stretch in BRAKE_GUESSES:
             if self._is_spent():
                 return unchanged
-            alone = instance.brake_alone(guess * instance.scales, stretch)
+            alone = instance.brake_alone(motion, stretch)
             brake = self._without_other_groups(alone, alone.arguments)
             if brake is not None:
-                braked = instance.with_brake(guess * instance.scales, brake * alone.scales)
+                braked = instance.with_brake(motion, brake * alone.scales)
                 return [(braked, braked.arguments), *unchanged]
         if not instance.margins.are_default:
             return unchanged
@@ -268,11 +269,10 @@ def _stagewise(stages: StageLayout, x: Vector) -> Vector:
     return np.append(x[: transcription(stages).row_index.core], np.zeros(NU)).reshape(-1, NZ)
 
 
-def _violated_groups(instance: Instance, z: Vector, p: Vector) -> set[str]:
-    """Returns the groups of which some row is beyond its bound, with parameters `p`."""
-    arguments = instance.arguments
-    x = instance.with_object(z)
-    g = _rows_at(instance.stages, x, p)
+def _violated_groups(instance: Instance, arguments: Arguments) -> set[str]:
+    """Returns the groups of which some row is beyond its bound, at the variables "x0" and parameters "p"."""
+    x = arguments["x0"]
+    g = _rows_at(instance.stages, x, arguments["p"])
     beyond = _beyond(g, arguments["lbg"], arguments["ubg"]) > VIOLATED
     violated = {group for group, rows in _rows_by_group(instance.stages).items() if beyond[rows].any()}
     outside = _stagewise(instance.stages, _beyond(x, arguments["lbx"], arguments["ubx"]))[:, Q]

@@ -2,8 +2,8 @@
 
 Variables: z_0 … z_N, each state then control, the last without a control; then the object's states of every stage from
 the release on, where it has some. Rows, stage by stage: x_{k+1} - F(x_k, u_k), the object's last, then the rows of the
-blocks that apply there. All derivatives are the blocks', mapped over the stages and put in their
-places, so another number of stages or another set of blocks needs no compiling.
+blocks that apply there. All derivatives are the blocks', mapped over the stages and put in their places, so another
+number of stages or another set of blocks needs no compiling.
 """
 
 from __future__ import annotations
@@ -148,11 +148,12 @@ class RowIndex:
         if k < self.stages.stages:
             self.dynamics.append(np.arange(self.size, self.size + self.states(k + 1)))
             self.size += self.states(k + 1)
+        followed = self.dynamics[k] if k < self.stages.stages else np.zeros(0, np.intp)
         first = self.size
         for name, block in self.blocks.items():
             if name == "cost" or k not in self.knots[name]:
                 continue
-            shared = self.dynamics[k][self.following(name)] if self._follows(name) else np.zeros(0, np.intp)
+            shared = followed[self.following(name)]
             own = np.arange(self.size, self.size + block.n - len(shared))
             self.rows[name, k] = np.concatenate([shared, own])
             self.size += len(own)
@@ -161,10 +162,6 @@ class RowIndex:
     def states(self, k: int) -> int:
         """Returns the number of states of a stage."""
         return NX + (N_THROWN if self.stages.carries and k >= self.stages.launch else 0)
-
-    @staticmethod
-    def _follows(block: str) -> bool:
-        return block == "motion" or block in OF_THE_OBJECT
 
     def following(self, block: str) -> slice:
         """Returns which of the next stage's states a block's first rows are; none for most blocks."""

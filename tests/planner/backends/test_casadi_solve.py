@@ -277,7 +277,8 @@ def _violated_on_own_path(instance: Instance) -> set[str]:
     calls = solver.Solver(500, None, frozenset({"flight", "passing"}), with_ipopt=False)
     z = calls._without_other_groups(instance, instance.arguments)
     assert z is not None
-    return solver._violated_groups(instance, z, solver._with_path_of(instance, z))
+    found = {"x0": instance.with_object(z), "p": solver._with_path_of(instance, z)}
+    return solver._violated_groups(instance, {**instance.arguments, **found})
 
 
 # A start, a release state thrown back over the arm, and another one that has no brake clear of the flight.

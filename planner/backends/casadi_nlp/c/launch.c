@@ -63,6 +63,8 @@ static int states(const struct problem *of, int stage) { return STATES + (has_th
 static int core(const struct problem *of) { return of->stages * VARIABLES + STATES; }
 static int variables(const struct problem *of) { return core(of) + THROWN * (of->stages + 1 - of->thrown); }
 
+static int first_thrown(const struct problem *of, int stage) { return core(of) + THROWN * (stage - of->thrown); }
+
 /* Those of a stage in the order of `z`, in which every stage has all of them: state, control, object. */
 static int exists(const struct problem *of, int stage, int i) {
     return i < STATES || (i < VARIABLES ? stage < of->stages : has_thrown(of, stage));
@@ -90,7 +92,7 @@ static void unpack(const struct problem *of, const double *x, double *z) {
     for (int k = 0; k <= of->stages; k++) {
         memcpy(z + WITH_THROWN * k, x + VARIABLES * k, (size_t)(STATES + controls(of, k)) * sizeof(double));
         if (has_thrown(of, k))
-            memcpy(thrown_at(z, k), x + core(of) + THROWN * (k - of->thrown), THROWN * sizeof(double));
+            memcpy(thrown_at(z, k), x + first_thrown(of, k), THROWN * sizeof(double));
     }
 }
 
@@ -98,7 +100,7 @@ static void pack(const struct problem *of, double *z, double *x) {
     for (int k = 0; k <= of->stages; k++) {
         memcpy(x + VARIABLES * k, z + WITH_THROWN * k, (size_t)(STATES + controls(of, k)) * sizeof(double));
         if (has_thrown(of, k))
-            memcpy(x + core(of) + THROWN * (k - of->thrown), thrown_at(z, k), THROWN * sizeof(double));
+            memcpy(x + first_thrown(of, k), thrown_at(z, k), THROWN * sizeof(double));
     }
 }
 
@@ -130,12 +132,17 @@ static const int *positions(const struct block *b, int k) { return b->position +
         for (int k = b->first; b->following && k < b->last; k++)                  \
             for (int row = 0; row < b->following; row++)
 
+/* The place of a following row's state in a vector like `z`. */
+static double *followed(double *z, const struct block *b, int k, int row) {
+    const int i = b->into + row;
+    return z + WITH_THROWN * (k + 1) + (i < STATES ? i : i + CONTROLS);
+}
+
 static void set_rows(const struct call *call, const struct block *b, int k, const lanes *rows) {
     FOR_LANES(b, k, lane) {
         const int *at = positions(b, k + lane);
-        double *next = call->z + WITH_THROWN * (k + lane + 1);
-        if (b->into == STATES) next += VARIABLES - STATES;
-        for (int row = 0; row < b->following; row++) call->g[at[row]] = next[b->into + row] - rows[row][lane];
+        for (int row = 0; row < b->following; row++)
+            call->g[at[row]] = *followed(call->z, b, k + lane, row) - rows[row][lane];
         for (int row = b->following; row < b->rows; row++) call->g[at[row]] = 0.0 + rows[row][lane];
     }
 }
@@ -268,12 +275,6 @@ static void read_multipliers(const struct call *call, const double *given, const
         call->multipliers[n + positions(b, k)[row]] = -given[s->dyn_eq_offs[k] + b->into + row];
 }
 
-/* The place of a following row's state in a vector like `z`. */
-static double *followed(double *z, const struct block *b, int k, int row) {
-    const int i = b->into + row;
-    return z + WITH_THROWN * (k + 1) + (i < STATES ? i : i + CONTROLS);
-}
-
 static int hessian(double scale, const double *primal, const double *given, const double *stage_p,
                    const double *global_p, matrix *out, const dims *s, void *data) {
     struct call *call = data;
@@ -400,7 +401,7 @@ static int guessed_state(double *x, int k, void *data) {
     const struct call *call = data;
     memcpy(x, call->guess + VARIABLES * k, STATES * sizeof(double));
     if (has_thrown(call->of, k))
-        memcpy(x + STATES, call->guess + core(call->of) + THROWN * (k - call->of->thrown), THROWN * sizeof(double));
+        memcpy(x + STATES, call->guess + first_thrown(call->of, k), THROWN * sizeof(double));
     return 0;
 }
 

@@ -18,7 +18,7 @@ from planner.backends.casadi_nlp.symbols.terms import Terms
 
 SX = Any
 
-GUARD = 0.01  # [m^2/s^2] keeps the squared speed of landing above zero
+GUARD = 0.01  # [m^2/s^2] keeps the discriminant of a flight that never reaches the plane above zero
 LANDING = 0.005  # [s] roundness of the end of a flight: the object stays where it lands
 AT_REST_S = 0.03  # [s] before its standstill the arm is where it stays, within a millimetre or two: jerk is limited
 
@@ -71,10 +71,22 @@ def passing_at_rest(z: SX, p: SX, terms: Terms) -> SX:
 
 def _landing(z: SX, f: dict[str, SX], terms: Terms) -> SX:
     """Returns when the object's flight ends, after its release [s]."""
-    height, rise = z[layout.PLACE][2] - f["ground"], z[layout.SPEED][2]
-    falls = rise**2 + 2 * f["gravity"] * height
-    speed = ca.sqrt((falls + ca.sqrt(falls**2 + GUARD**2)) / 2)
-    return terms.through(f["landing"] + f["lands"] * (rise + speed) / f["gravity"])
+    without_drag, _ = flight_time(z[layout.SPEED][2], z[layout.PLACE][2] - f["ground"], f["gravity"])
+    return terms.through(f["landing"] + f["lands"] * without_drag)
+
+
+def flight_time(rise: SX, height: SX, gravity: SX) -> tuple[SX, SX]:
+    """Returns when a flight without drag comes down to a plane [s], and its discriminant [m^2/s^2].
+
+    Args:
+        rise: vertical speed at the release [m/s].
+        height: of the release above the plane [m].
+        gravity: [m/s^2].
+    """
+    falls = rise**2 + 2 * gravity * height
+    guarded = (falls + ca.sqrt(falls**2 + GUARD**2)) / 2
+    # Where the object clearly falls, the error of the guard is negligible: GUARD^2 / (4 falls).
+    return (rise + ca.sqrt(guarded)) / gravity, falls
 
 
 def _sooner(time: SX, landing: SX) -> SX:

@@ -16,14 +16,21 @@ import casadi as ca
 from planner.backends.casadi_nlp import layout
 from planner.backends.casadi_nlp.layout import ARM, BOXES, COST, FLIGHT, RELEASE, SCALES, VectorLayout
 from planner.backends.casadi_nlp.symbols import arm, distances
-from planner.backends.casadi_nlp.symbols.passing import carried, passing, passing_at_rest, passing_middle, thrown
+from planner.backends.casadi_nlp.symbols.passing import (
+    GUARD,
+    carried,
+    flight_time,
+    passing,
+    passing_at_rest,
+    passing_middle,
+    thrown,
+)
 from planner.backends.casadi_nlp.symbols.stage import StageState, state, state_after, state_at, through
 from planner.backends.casadi_nlp.symbols.terms import Terms
 
 SX = Any
 
 FIRST_MOVING_CAPSULE = 2  # base and shoulder do not move relative to the floor
-GUARD = 0.01  # [m^2/s^2] keeps the discriminant of a flight that never reaches the plane above zero
 TINY = 1e-9  # [m^2/s^2] keeps the horizontal speed away from zero
 PASSING = (
     0.01  # [s] roundness of the time at which a flight passes an edge, no sooner than its release; 0.1 ms late at 0.2 s
@@ -246,11 +253,7 @@ def _through_mouth(mouth: SX, position: SX, velocity: SX, r: dict[str, SX]) -> t
 
 def _landing(position: SX, velocity: SX, r: dict[str, SX]) -> tuple[SX, SX]:
     """Returns the drag-free landing point (2,) on the target's plane [m], and the discriminant [m^2/s^2]."""
-    g = r["gravity_z"]
-    falls = velocity[2] ** 2 + 2 * g * (position[2] - r["target"][2])
-    guarded = (falls + ca.sqrt(falls**2 + GUARD**2)) / 2
-    # Where the object clearly falls, the error of the guard is negligible: GUARD^2 / (4 falls).
-    time = (velocity[2] + ca.sqrt(guarded)) / g
+    time, falls = flight_time(velocity[2], position[2] - r["target"][2], r["gravity_z"])
     return position[:2] + velocity[:2] * time, falls
 
 
