@@ -143,6 +143,11 @@ class ThrowProblem:
         limits = self.limits
         return replace(limits, q_lower=np.maximum(limits.q_lower, lower), q_upper=np.minimum(limits.q_upper, upper))
 
+    def beyond_reachable(self, q: Array) -> float:
+        """Returns by how much a motion's positions (n, 6) exceed what is reachable [rad]; negative within."""
+        reachable = self.reachable
+        return float(np.maximum(reachable.q_lower - q, q - reachable.q_upper).max())
+
     @cached_property
     def cell_with_bin(self) -> Cell:
         """The cell as arm, tool and held object find it: a request's bin is one more keep-out box.

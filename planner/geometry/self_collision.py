@@ -18,7 +18,7 @@ from itertools import combinations
 
 import numpy as np
 
-from planner.arrays import Array
+from planner.arrays import Array, Mask
 from planner.cell import ToolCapsule
 from planner.geometry.capsules import Capsule, arm_capsules, body_capsules, capsule_endpoints, levers
 from planner.geometry.distances import segment_segment_distance
@@ -33,6 +33,8 @@ SELF_CLEARANCE_M = 0.005
 # and one fine enough to prove the rest.
 GRID_POINTS = {1: (64, 1024), 2: (16, 144)}
 BARRIER_STEP_RAD = np.radians(0.5)  # [rad] between evaluated positions; a narrower barrier is left to the certificate
+EDGE_HALVINGS = 20  # [-] of the step in which a barrier begins: that leaves 1e-8 rad
+ROUNDING = 1e-6  # [-] of a step
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +44,8 @@ class Barrier:
     Attributes:
         joint: its index.
         names: of the two capsules.
-        q: blocked ones of the evaluated positions (k,), ascending [rad].
+        q: blocked positions (k,), ascending, at most `BARRIER_STEP_RAD` apart where all between them are [rad]; where
+            the barrier begins or ends within the joint's range, its edges are among them.
         distance_m: smallest distance of the two [m].
     """
 
@@ -86,11 +89,11 @@ def passable(robot: Robot, tool: Sequence[ToolCapsule], q: Array) -> tuple[Array
     """
     lower, upper = np.full(6, -np.inf), np.full(6, np.inf)
     for barrier in barriers(robot, tool):
-        i, offset = barrier.joint, barrier.q - q[barrier.joint]
-        if np.abs(offset).min() <= BARRIER_STEP_RAD:
-            continue
-        lower[i] = max(lower[i], barrier.q[offset < 0.0].max(initial=-np.inf))
-        upper[i] = min(upper[i], barrier.q[offset > 0.0].min(initial=np.inf))
+        i, here = barrier.joint, q[barrier.joint]
+        below = barrier.q[barrier.q <= here].max(initial=-np.inf)
+        above = barrier.q[barrier.q >= here].min(initial=np.inf)
+        if above - below > BARRIER_STEP_RAD * (1.0 + ROUNDING):
+            lower[i], upper[i] = max(lower[i], below), min(upper[i], above)
     return lower, upper
 
 
@@ -123,37 +126,46 @@ def _barriers(robot: Robot, key: ToolKey) -> tuple[Barrier, ...]:
     capsules = body_capsules(robot, tool)
     found = []
     for i, j in self_collision_pairs(robot, tool):
-        joint, q, distance = _distances_by_joint(robot, capsules[i], capsules[j], BARRIER_STEP_RAD)
+        near, far = sorted((capsules[i], capsules[j]), key=lambda c: c.frame)
+        joint = _only_joint_between(robot, near, far)
+        if joint is None:
+            continue
+        q = _positions_of(robot, joint, BARRIER_STEP_RAD)
+        distance = _distances(robot, near, far, q)
         blocked = distance < SELF_CLEARANCE_M
         if blocked.any():
+            at = np.concatenate([q[blocked], _edges(robot, near, far, q, blocked)])[:, joint]
             names = (capsules[i].name, capsules[j].name)
-            found.append(Barrier(joint, names, q[blocked], float(distance.min())))
+            found.append(Barrier(joint, names, np.sort(at), float(distance.min())))
     return tuple(found)
 
 
-def _distances_by_joint(robot: Robot, first: Capsule, second: Capsule, step: float) -> tuple[int, Array, Array]:
-    """Returns the only joint that moves two capsules against each other, positions of it, and distances there.
+def _edges(robot: Robot, near: Capsule, far: Capsule, q: Array, blocked: Mask) -> Array:
+    """Returns blocked joint positions (k, 6) [rad] next to free ones, between neighbours of `q` (n, 6)."""
+    first = np.flatnonzero(blocked[1:] != blocked[:-1])
+    is_first = blocked[first][:, None]
+    inside, outside = np.where(is_first, q[first], q[first + 1]), np.where(is_first, q[first + 1], q[first])
+    for _ in range(EDGE_HALVINGS):
+        middle = 0.5 * (inside + outside)
+        is_blocked = (_distances(robot, near, far, middle) < SELF_CLEARANCE_M)[:, None]
+        inside, outside = np.where(is_blocked, middle, inside), np.where(is_blocked, outside, middle)
+    return inside
 
-    Args:
-        robot: the arm.
-        first, second: the two capsules.
-        step: largest spacing of the positions [rad].
 
-    Returns:
-        Index of the joint, positions (k,) [rad] that span its limits, and distances of the surfaces (k,) [m];
-        (-1, empty, empty) where more than one joint moves them, or none.
-    """
-    near, far = sorted((first, second), key=lambda c: c.frame)
+def _only_joint_between(robot: Robot, near: Capsule, far: Capsule) -> int | None:
+    """Returns the only joint that moves two capsules against each other, None where there are more, or none."""
     joints = _joints_between(near, far)
     if far.frame == len(robot.a) and far.is_round_about_z:
         joints = joints[:-1]  # the last joint turns a tool that is round about its axis into itself
-    if len(joints) != 1:
-        return -1, np.empty(0), np.empty(0)
-    joint = joints[0]
+    return joints[0] if len(joints) == 1 else None
+
+
+def _positions_of(robot: Robot, joint: int, step: float) -> Array:
+    """Returns joint positions (k, 6) [rad] of which one joint's span its limits, `step` apart at most."""
     lower, upper = robot.q_lower[joint], robot.q_upper[joint]
     q = np.zeros((int(np.ceil((upper - lower) / step)) + 1, 6))
     q[:, joint] = np.linspace(lower, upper, len(q))
-    return joint, q[:, joint], _distances(robot, near, far, q)
+    return q
 
 
 def _can_collide(robot: Robot, first: Capsule, second: Capsule) -> bool:

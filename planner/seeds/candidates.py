@@ -31,6 +31,7 @@ from planner.seeds.aspects import aspects, first_rows
 from planner.seeds.flight_filter import has_flight_obstacles
 from planner.seeds.sampling import point_states, target_states
 from planner.seeds.soonest_states import least_time
+from planner.seeds.turning_room import SLACK_RAD, lack_of_room, no_room
 from planner.seeds.velocity_allocation import largest_share
 
 DECIMALS = 9  # [rad, rad/s] of candidates for a target: finer than what the optimiser heeds
@@ -206,10 +207,24 @@ def _usable(problem: ThrowProblem, states: _States) -> list[Candidate]:
     if barred[good].all():
         raise Infeasible([_barrier_violation(problem, q[good][0])])
     states = states.at(good & ~barred)
+    if problem.fixes_joints:  # elsewhere the optimiser moves the release, or turns the hand
+        states = states.at(_with_room(problem, states))
     states = states.at(_safe(problem, states))
     bound = least_time(states.q - problem.start, states.qd, limits)
     order = np.lexsort([*states.q.T[::-1], bound])
     return _clear(problem, states.at(order), bound[order])
+
+
+def _with_room(problem: ThrowProblem, states: _States) -> Mask:
+    """Returns which states (n,) leave every joint the room to reach its velocity and to lose it.
+
+    Raises:
+        Infeasible: none does; the violation is that of the state that lacks least.
+    """
+    has_room = (lack_of_room(problem, states.q, states.qd) <= SLACK_RAD).all(axis=1)
+    if not has_room.any():
+        raise Infeasible([no_room(problem, states.q, states.qd)])
+    return np.asarray(has_room)
 
 
 def _clear(problem: ThrowProblem, states: _States, bound: Array) -> list[Candidate]:

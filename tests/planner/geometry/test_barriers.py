@@ -19,7 +19,7 @@ from tests.planner.problems import cell, pose_problem
 
 TOOL = (ToolCapsule(np.zeros(3), np.array([0.0, 0.0, 0.15]), 0.05),)
 POINTS = np.linspace(0.0, 1.0, 61)[:, None]
-BEYOND = 0.0175  # [rad] a little more than the step of the evaluated positions
+BEYOND = 1e-3  # [rad] from an edge; distances by brute force are a hundredth of a millimetre too large there
 GRAZING = np.array([-0.48, -2.862, 1.801, -0.174, -2.948, -0.231])  # wrist_2 next to its barrier at -3.06 rad
 
 
@@ -49,6 +49,14 @@ def test_whatever_the_other_joints_do_two_bodies_are_too_near_there_and_not_just
             assert brute_distance(name, barrier.names, q) < SELF_CLEARANCE_M + 1e-4
             q[barrier.joint] = edge - BEYOND
             assert brute_distance(name, barrier.names, q) > SELF_CLEARANCE_M
+
+
+def test_a_start_beside_a_barrier_is_shut_off_by_it_and_one_within_is_not() -> None:
+    q = cell().home.copy()
+    edge = passable(robot("ur5e"), TOOL, q)[0][4]
+    for offset, bound in ((1e-4, edge), (-1e-4, -np.inf), (-0.05, -np.inf)):
+        q[4] = edge + offset
+        assert passable(robot("ur5e"), TOOL, q)[0][4] == bound
 
 
 def test_the_wrist_of_a_ur5e_cannot_fold_a_tool_back_through_itself() -> None:
