@@ -182,7 +182,7 @@ def _may_gain(search: PlanningSearch, stage: Stage, ranking: Ranking, ranked: Ra
     if ranked.given is None and search.lacks_brake(ranked.candidate):
         return False
     if stage.follows:
-        return ranking.beside_opening[ranked].release_time_s + search.problem.dt < search.release_time_s
+        return ranking.beside_opening[ranked].trajectory.release_time_s + search.problem.dt < search.release_time_s
     return ranking.may_be_sooner(ranked, search.release_time_s)
 
 
@@ -237,11 +237,10 @@ def _optimise_from(search: PlanningSearch, ranking: Ranking, ranked: RankedCandi
     After failed checks it solves again from that motion, with wider margins; where the checks failed between coarse
     stages, from the start on finer stages.
     """
-    margins = replace(casadi_nlp.DEFAULT_MARGINS, held=search.held, leaves=stage.follows)
+    begun, margins = _beginning(search, ranking, ranked, stage)
     first = SolveOptions(
         margins, deadline_s=search.deadline_s, with_ipopt=stage.with_ipopt, latest_s=search.latest_useful_s
     )
-    begun = Seed(ranked.candidate, ranking.beside_opening[ranked]) if stage.follows else ranked.seed
     seed, options = begun, first
     for _ in range(ROUNDS_MAX):
         solution = _solve(search, seed, replace(options, iteration_budget=end - search.iterations))
@@ -252,18 +251,30 @@ def _optimise_from(search: PlanningSearch, ranking: Ranking, ranked: RankedCandi
         if _leaves_beside_opening(certificate.failures):
             if options.margins.opening_rad > first.margins.opening_rad and not stage.follows:
                 return False  # a narrower opening was no remedy; its way out may be followed
-            ranking.beside_opening.setdefault(ranked, solution.trajectory)
+            ranking.beside_opening.setdefault(ranked, solution)
         if _needs_finer_stages(search.problem, options, certificate.failures):
             seed, options = begun, replace(first, resolution="fine")
             continue
         if not _has_remedy(search.problem, certificate.failures):
             return False
         cuts = _flight_cuts(search.problem, certificate.failures, solution.trajectory, options.margins)
-        wider = options.margins.widened(certificate.failures, solution, cuts)
+        beyond_rad = search.problem.beyond_reachable(solution.trajectory.q)
+        wider = options.margins.widened(certificate.failures, solution, cuts, beyond_rad)
         if wider is None:
             return False
         seed, options = Seed(ranked.candidate, solution.trajectory), replace(options, margins=wider)
     return False
+
+
+def _beginning(
+    search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate, stage: Stage
+) -> tuple[Seed, casadi_nlp.Margins]:
+    """Returns what the optimiser begins from: a candidate's seed, or its motion beside the opening, to be followed."""
+    margins = replace(casadi_nlp.DEFAULT_MARGINS, held=search.held)
+    if not stage.follows:
+        return ranked.seed, margins
+    beside = ranking.beside_opening[ranked]
+    return Seed(ranked.candidate, beside.trajectory), margins.following(beside)
 
 
 def _leaves_beside_opening(failures: Iterable[Check]) -> bool:
@@ -309,5 +320,6 @@ def _solve(search: PlanningSearch, seed: Seed, options: SolveOptions) -> Solutio
 
 
 def _needs_finer_stages(problem: ThrowProblem, options: SolveOptions, failures: Iterable[Check]) -> bool:
-    """Returns whether checks failed by so much between coarse stages that wider margins are no remedy."""
-    return options.resolution == "coarse" and not problem.is_robust and casadi_nlp.too_coarse(failures)
+    """Returns whether checks failed between coarse stages so that wider margins are no remedy."""
+    may_be_finer = options.resolution == "coarse" and not problem.is_robust
+    return may_be_finer and casadi_nlp.too_coarse(failures, options.margins)

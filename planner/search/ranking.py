@@ -18,6 +18,7 @@ from planner.geometry import Arcs, body_model, segment_segment_distance
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.search.incumbent import CertifiedSolution
 from planner.seeds import Candidate, Seed, aspects, first_rows, least_times_to_aspects
+from planner.solution import Solution
 from planner.trajectory import Trajectory
 
 RANKED_MAX = 24  # candidates of least lower bound that are considered; a pose's others are full turns away
@@ -100,7 +101,7 @@ class Ranking(Sequence[RankedCandidate]):
         pairs = zip_longest(candidates, motions)
         self.problem, ranked = problem, [RankedCandidate(problem, candidate, given) for candidate, given in pairs]
         self.settled: set[int] = set()
-        self.beside_opening: dict[RankedCandidate, Trajectory] = {}
+        self.beside_opening: dict[RankedCandidate, Solution] = {}
         self._by_bound, self._others = ranked[:RANKED_MAX], ranked[RANKED_MAX:]
 
     @cached_property
@@ -142,7 +143,7 @@ class Ranking(Sequence[RankedCandidate]):
 
         These motions are noted in `beside_opening`.
         """
-        return sorted(self.beside_opening, key=lambda ranked: self.beside_opening[ranked].release_time_s)
+        return sorted(self.beside_opening, key=lambda ranked: self.beside_opening[ranked].trajectory.release_time_s)
 
     def _is_settled(self, ranked: RankedCandidate) -> bool:
         """Returns whether a candidate's aspect is settled, and the release state is not given."""

@@ -24,9 +24,11 @@ MOST_EVERYWHERE_M = 0.01  # [m] the same for a clearance margin along the whole 
 MOST_RAD = 0.2  # [rad] the same for a joint position
 OPENING_FACTOR = 2.5  # [-] of the missing angle: less than half of what is gained at the release is left at the end
 FOLLOWED_FACTOR = 1.2  # [-] of the missing angle where the way out is followed: it is missing between the rows
-MOST_OPENING_RAD = 0.6  # [rad] missing angle beyond which a margin is no remedy
+MOST_OPENING_RAD = 0.4  # [rad] missing angle beyond which a margin is no remedy: the way out is followed instead
+MOST_FOLLOWED_RAD = 0.6  # [rad] the same where it is followed
 TOO_COARSE_M = 0.005  # [m] clearance missing between knots and midpoints that calls for more stages
 LINKS = {"shoulder", "upper_arm", "elbow", "forearm", "wrist_1", "wrist_2", "wrist_3"}  # of block "passing"
+POSITIONS = "positions"  # group of the joints' position limits: bounds of variables, and rows of block "motion"
 DIAGONAL = math.sqrt(2.0)  # the optimiser bounds a landing error in x and y, the certificate its norm
 
 
@@ -159,7 +161,11 @@ class Margins:
         return replace(self, held=frozenset()) == DEFAULT_MARGINS
 
     def widened(
-        self, failures: Iterable[FailedCheck], solution: Solution, cuts: tuple[FlightEdge, ...] = ()
+        self,
+        failures: Iterable[FailedCheck],
+        solution: Solution,
+        cuts: tuple[FlightEdge, ...] = (),
+        beyond_rad: float = 0.0,
     ) -> Margins | None:
         """Returns the margins after a solution's failed checks, None if a margin is no remedy for one of them.
 
@@ -167,11 +173,28 @@ class Margins:
             failures: the failed checks.
             solution: that failed them.
             cuts: that keep a flight like the solution's clear of the arm; none where it was.
+            beyond_rad: by which the solution turned a joint beyond what self-collision blocks [rad].
         """
         wider: Margins | None = replace(self, held=self.held | solution.held, cuts=(*cuts, *self.cuts))
         for check in failures:
-            wider = wider and wider._widened_for(check, solution.trajectory, bool(cuts))
+            if check.name == "self_collision" and beyond_rad > 0.0:
+                wider = wider and wider._within_positions(beyond_rad)
+            else:
+                wider = wider and wider._widened_for(check, solution.trajectory, bool(cuts))
         return wider
+
+    def following(self, beside: Solution) -> Margins:
+        """Returns the margins for following the way out of a solution that leaves beside the gripper's opening.
+
+        What it was found with, and the way out, is included at once: without, it would be found once more.
+        """
+        return replace(self, leaves=True, held=self.held | beside.held | {"leaving"})
+
+    def _within_positions(self, missing_rad: float) -> Margins | None:
+        if missing_rad > MOST_RAD:
+            return None
+        position_rad = self.position_rad + BETWEEN_KNOTS_FACTOR * missing_rad
+        return replace(self, position_rad=position_rad, held=self.held | {POSITIONS})
 
     def _widened_for(self, check: FailedCheck, failed: Trajectory, is_cut: bool) -> Margins | None:
         missing = abs(check.value - check.limit)
@@ -191,8 +214,9 @@ class Margins:
         held = replace(self, held=self.held | {"flight"})
         if check.name == "opening_direction":
             factor = FOLLOWED_FACTOR if self.leaves else OPENING_FACTOR
+            most = MOST_FOLLOWED_RAD if self.leaves else MOST_OPENING_RAD
             narrower = self.opening_rad + factor * missing + SPARE_RAD
-            return replace(held, opening_rad=narrower) if missing < MOST_OPENING_RAD else None
+            return replace(held, opening_rad=narrower) if missing < most else None
         if is_cut:
             return held
         more = BETWEEN_KNOTS_FACTOR * missing + SPARE_M
@@ -230,7 +254,15 @@ def meets_arm(check: FailedCheck) -> bool:
     return check.name == "flight_clearance" and check.detail in LINKS
 
 
-def too_coarse(failures: Iterable[FailedCheck]) -> bool:
-    """Returns whether a clearance is violated by so much between knots and midpoints that more stages are needed."""
+def too_coarse(failures: Iterable[FailedCheck], margins: Margins = DEFAULT_MARGINS) -> bool:
+    """Returns whether more stages are needed: a clearance is violated by much between knots and midpoints, or again.
+
+    Where one is violated again, beside a margin of its own, the stages have become longer, and the motion passes as
+    close between others.
+    """
     clearances = {name for name, local in LOCAL_CHECKS.items() if not local.is_relative}
-    return any(check.name in clearances and check.limit - check.value > TOO_COARSE_M for check in failures)
+    widened = {margin.check for margin in margins.local}
+    return any(
+        check.name in clearances and (check.limit - check.value > TOO_COARSE_M or check.name in widened)
+        for check in failures
+    )

@@ -16,6 +16,7 @@ from planner.backends.casadi_nlp.fatrop import Options, compiled_launch, solve_b
 from planner.backends.casadi_nlp.functions import evaluate
 from planner.backends.casadi_nlp.instance import Arguments, Instance
 from planner.backends.casadi_nlp.layout import NU, NX, NZ, QD, TIME, Q, Vector
+from planner.backends.casadi_nlp.margins import POSITIONS
 from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, StageLayout, transcription
 from planner.errors import SolverFailed
 
@@ -35,7 +36,6 @@ VIOLATED = 1e-3
 # find 157.
 BRAKE_GUESSES = (3.0, 2.0, 6.0, None)
 PATHS_MAX = 2  # [-] further solutions for a path of the object that has moved with the one before
-POSITIONS = "positions"  # group of the joints' position limits: bounds of variables, and rows of block "motion"
 
 
 class Solver:

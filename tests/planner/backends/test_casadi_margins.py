@@ -75,6 +75,15 @@ def test_a_clearance_violated_by_much_calls_for_more_stages() -> None:
     assert not too_coarse([at_least("floor", 0.0155, 0.02, "m", 0.12), at_most("tcp_speed", 5.0, 4.0, "m/s", 0.1)])
 
 
+def test_a_clearance_that_fails_beside_its_margin_calls_for_more_stages() -> None:
+    again = at_least("floor", 0.019, 0.02, "m", 0.12)
+    once = DEFAULT_MARGINS.widened([again], SOLUTION)
+    assert once is not None
+    assert not too_coarse([again])
+    assert too_coarse([again], once)
+    assert not too_coarse([at_least("keep_out", 0.019, 0.02, "m", 0.12)], once)
+
+
 def test_a_flight_that_meets_a_box_passes_it_with_more_room() -> None:
     wide = DEFAULT_MARGINS.widened([at_least("flight_clearance", -0.01, 0.0, "m", 0.2)], SOLUTION)
     assert wide is not None
@@ -117,3 +126,26 @@ def test_a_way_out_that_is_followed_narrows_the_cone_by_less() -> None:
     assert narrower[1] is not None
     assert DEFAULT_MARGINS.opening_rad + 0.1 < narrower[1].opening_rad < narrower[0].opening_rad - 0.1
     assert narrower[1].leaves
+
+
+def test_a_way_out_that_is_far_from_the_opening_is_followed_at_once() -> None:
+    failure = at_most("opening_direction", 1.65, 1.2, "rad", 0.1)
+    assert DEFAULT_MARGINS.widened([failure], SOLUTION) is None
+    following = DEFAULT_MARGINS.following(SOLUTION)
+    assert following.leaves
+    assert following.held == SOLUTION.held | {"leaving"}
+    assert following.widened([failure], SOLUTION) is not None
+
+
+def test_a_joint_beyond_what_self_collision_blocks_turns_less_far() -> None:
+    failure = at_least("self_collision", 0.0049, 0.005, "m", 0.1, "wrist_1, tool_0")
+    wide = DEFAULT_MARGINS.widened([failure], SOLUTION, beyond_rad=0.02)
+    assert wide is not None
+    assert 0.02 < wide.position_rad - DEFAULT_MARGINS.position_rad < 0.04
+    assert wide.local == ()
+    assert "positions" in wide.held
+    within = DEFAULT_MARGINS.widened([failure], SOLUTION, beyond_rad=-0.02)
+    assert within is not None
+    assert within.position_rad == DEFAULT_MARGINS.position_rad
+    assert len(within.local) == 1
+    assert DEFAULT_MARGINS.widened([failure], SOLUTION, beyond_rad=0.5) is None
