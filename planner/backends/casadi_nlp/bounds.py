@@ -134,17 +134,24 @@ class Bounds:
                 self._free(self.index.rows["leaving", k][LEAVING_ROWS.slices["is_out"]])
         self.x[1, last, STEP] = max(self.x[1, last, STEP], LEAVING_S)
 
-    def watch_long_enough(self, window_s: float) -> None:
-        """Lengthens the watched stages to what the certificate watches; the window, of `window_s`, is part of that.
+    def watch_long_enough(self, window_s: float, steps: Vector, always: bool) -> None:
+        """Lets the watched stages last, in sum, as long as the certificate watches; the window is part of that.
 
-        That is rarely needed, and the certificate finds the cases where it is; requiring it always delays throws that
-        take little longer themselves by a fifth.
+        Where a singularity is in the way, those before the release would shrink until hardly anything is watched.
+        Throws that take little longer themselves are delayed by this, by a fifth; so it holds before the release where
+        the initial guess keeps it, and otherwise, and after the release, when it is needed.
+
+        Args:
+            window_s: half of the release window [s].
+            steps: of the initial guess (N,) [s].
+            always: whether the certificate found a singularity too close.
         """
-        n, required = self.index.stages.window, max(WATCHED_S - window_s, 0.0)
-        before, after = self.launch - n - WATCHED_BEFORE, self.launch + n
-        for first, count in ((before, WATCHED_BEFORE), (after, WATCHED_AFTER)):
-            least, most = self.x[:, first : first + count, STEP]
-            least[:] = np.minimum(np.maximum(least, required / count), 0.5 * most)
+        n, required = self.index.stages.window, max(WATCHED_S, window_s)
+        first, last = self.launch - n - WATCHED_BEFORE, self.launch + n + WATCHED_AFTER
+        if first > 0 and (always or steps[first : self.launch].sum() >= required):
+            self.x[1, first, TIME] = -required
+        if always and last < self.index.stages.stages:
+            self.x[0, last, TIME] = required
 
     def fix_times(self, release_s: float, end_s: float) -> None:
         """Fixes the times of the release and of the end, both after the start."""

@@ -283,11 +283,11 @@ class Instance:
         bounds.limit_steps(self.steps, self.brake_step_max_s)
         if "leaving" in self.stages.groups:
             bounds.let_object_leave()
-        if margins.watched:
-            bounds.watch_long_enough(problem.release_window_s if self.stages.window else 0.0)
         if not problem.ends_at_rest and self.limits.singularity_distance_min > 0.0:  # 0 does not limit: sides are free
             distance = margins.singularity * self.limits.singularity_distance_min
             bounds.avoid_singularities(self._singularity_sides(), distance)
+            window_s = problem.release_window_s if self.stages.window else 0.0
+            bounds.watch_long_enough(window_s, self.steps, margins.watched)
         bounds.set_release(problem, self.candidate)
         if problem.is_robust:
             window_s, tolerance_m = problem.release_window_s, problem.landing_tolerance_m

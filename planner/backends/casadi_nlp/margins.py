@@ -199,7 +199,7 @@ class Margins:
     def _widened_for(self, check: FailedCheck, failed: Trajectory, is_cut: bool) -> Margins | None:
         missing = abs(check.value - check.limit)
         if check.name == "singularity_distance":
-            more = missing / check.limit + SPARE_SHARE
+            more = (missing / check.limit if self.watched else 0.0) + SPARE_SHARE  # at first it may not be watched
             return replace(self, singularity=self.singularity + more, watched=True)
         if check.name == "joint_position" and missing < MOST_RAD:
             return replace(self, position_rad=self.position_rad + BETWEEN_KNOTS_FACTOR * missing)

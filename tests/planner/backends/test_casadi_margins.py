@@ -51,10 +51,13 @@ def test_singularities_windows_and_positions_have_margins_of_their_own() -> None
     wide = DEFAULT_MARGINS.widened([near, late, turned], SOLUTION)
     assert wide is not None
     assert 0.02 < wide.position_rad < 0.04
-    assert wide.singularity > DEFAULT_MARGINS.singularity + 0.2
+    assert wide.singularity < DEFAULT_MARGINS.singularity + 0.02  # its stages may not have lasted
     assert wide.watched
     assert wide.window < DEFAULT_MARGINS.window * 5.0 / 6.0
     assert wide.held == SOLUTION.held
+    wider = wide.widened([near], SOLUTION)
+    assert wider is not None
+    assert wider.singularity > DEFAULT_MARGINS.singularity + 0.2
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import SolveOptions, answer, instance
 from planner.backends.casadi_nlp.bounds import Bounds
 from planner.backends.casadi_nlp.instance import Instance
-from planner.backends.casadi_nlp.layout import STEP
+from planner.backends.casadi_nlp.layout import TIME
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, LocalMargin
 from planner.backends.casadi_nlp.solver import Solver
 from planner.backends.casadi_nlp.transcription import StageLayout, transcription
@@ -160,12 +160,25 @@ def test_singularities_are_avoided_on_three_stages_before_the_release_and_two_af
     assert stages.knots("singularity_middle") == range(5, last)
 
 
-def test_watched_stages_are_lengthened_on_both_sides_of_the_release() -> None:
-    bounds = Bounds(transcription(StageLayout(8, 3)).row_index, np.ones(6))
-    bounds.limit_steps(np.full(11, 0.02))
-    bounds.watch_long_enough(0.0)
-    least = bounds.x[0, :-1, STEP]
-    assert least[:5] == pytest.approx(0.15 * 0.02)
-    assert least[5:8] == pytest.approx(0.052 / 3)
-    assert least[8:10] == pytest.approx(0.025)  # half of the most
-    assert least[10] == pytest.approx(0.15 * 0.02)
+def watched(step: float, always: bool, window: int = 0, window_s: float = 0.0) -> tuple[float, float]:
+    """Returns the latest time of the first watched knot, and the earliest of the last one, of guesses of one step."""
+    stages = StageLayout(8 + window, 3 + window, window)
+    bounds = Bounds(transcription(stages).row_index, np.ones(6))
+    bounds.x[:, :, TIME] = np.array([-np.inf, np.inf])[:, None]
+    bounds.watch_long_enough(window_s, np.full(stages.stages, step), always)
+    first, last = stages.knots("singularity")[0], stages.knots("singularity")[-1]
+    others = np.delete(np.arange(stages.stages + 1), [first, last])
+    assert np.isinf(bounds.x[:, others, TIME]).all()
+    return float(bounds.x[1, first, TIME]), float(bounds.x[0, last, TIME])
+
+
+def test_watched_stages_last_before_the_release_where_those_of_the_guess_do() -> None:
+    assert watched(0.010, always=False) == (np.inf, -np.inf)
+    assert watched(0.020, always=False) == (-0.052, -np.inf)
+    assert watched(0.010, always=True) == (-0.052, 0.052)
+
+
+def test_a_release_window_is_part_of_what_is_watched() -> None:
+    assert watched(0.010, always=False, window=3, window_s=0.03) == (-0.052, -np.inf)  # six steps
+    assert watched(0.008, always=False, window=3, window_s=0.03) == (np.inf, -np.inf)
+    assert watched(0.010, always=True, window=3, window_s=0.08) == (-0.08, 0.08)

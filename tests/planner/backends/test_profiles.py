@@ -9,7 +9,7 @@ from planner.backends import profiles, ruckig_otg
 from planner.certificate import certify
 from planner.errors import SolverFailed
 from planner.problem import JointRelease
-from planner.seeds import candidates
+from planner.seeds import Candidate, candidates
 from tests.planner.problems import cell, feasible_states, joint_problem
 
 STATES = 12
@@ -65,9 +65,10 @@ def test_a_run_up_outside_the_range_is_refused_by_name():
     here = cell()
     near = here.home.copy()
     near[5] = here.limits.q_upper[5] - 0.05
-    problem = joint_problem(release=JointRelease(near, np.array([0.0, 0.0, 0.0, 0.0, 0.0, -2.5])))
+    release = JointRelease(near, np.array([0.0, 0.0, 0.0, 0.0, 0.0, -2.5]))
+    state = Candidate(release.q, release.qd, 0.0, "refused before any back end sees it")
     with pytest.raises(SolverFailed, match="wrist_3_joint"):
-        profiles.solve(problem, candidates(problem)[0], "ramp")
+        profiles.solve(joint_problem(release=release), state, "ramp")
 
 
 def test_the_status_reports_the_smoothing():
