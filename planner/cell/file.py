@@ -100,6 +100,7 @@ POLYSCOPE = {"CB3": "3.15", "e-Series": "5.11.1"}  # default versions of the sim
 JERK_MAX = 1e5  # [rad/s^3] far above any arm; catches typing errors
 LIMIT_MIN = 1e-6  # [any unit] smallest limit that is accepted: a limit of zero forbids every motion
 HOLD_ACCELERATION_MIN = 1e-3  # [m/s^2] a grip that withstands less holds nothing
+GRAVITY_RANGE = 1.0, 30.0  # [m/s^2] from below the Moon's, 1.62: without any, no flight comes down
 SPEED_MAX = 20.0  # [m/s] far above any arm; catches typing errors
 
 
@@ -258,7 +259,7 @@ def _surroundings(table: Mapping[str, Any]) -> Surroundings:
     return Surroundings(
         floor_z_m=number(table, "floor_z_m", where),
         clearance_m=number(table, "clearance_m", where, 0.0, 1.0),
-        gravity_m_s2=number(table, "gravity_m_s2", where, 0.0, 30.0),
+        gravity_m_s2=number(table, "gravity_m_s2", where, *GRAVITY_RANGE),
         keep_in=_boxes(table, "keep_in"),
         keep_out=_boxes(table, "keep_out"),
     )

@@ -69,6 +69,7 @@ def test_the_table_of_the_project_is_its_published_frame():
         (LEAST + "[limits]\njoint_velocity_rad_s = true\n", "limits.joint_velocity_rad_s"),
         (LEAST + "[limits]\njoint_acceleration_rad_s2 = 41.0\n", "limits.joint_acceleration_rad_s2"),
         (LEAST + "[limits]\njoint_torque_fraction = 1.1\n", "limits.joint_torque_fraction"),
+        (LEAST + "[surroundings]\ngravity_m_s2 = 0.0\n", "surroundings.gravity_m_s2"),
         (LEAST + "[limits]\njoint_position_upper_rad = [7, 1, 1, 1, 1, 1]\n", "limits.joint_position_upper_rad"),
         (
             LEAST + "[limits]\njoint_position_lower_rad = [1, 1, 1, 1, 1, 1]\n"
