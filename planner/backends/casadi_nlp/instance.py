@@ -191,7 +191,8 @@ class Instance:
         if stretch is not None:
             brake = _even_braking(q, qd, stretch * float(brake[-1, TIME]), self.stages.brake)
         stages, candidate = replace(self.stages, launch=0, aims=False), replace(self.candidate, q=q, qd=qd)
-        return replace(self, candidate=candidate, stages=stages, initial=brake, steps=brake[:-1, STEP])
+        margins = replace(self.margins, local=tuple(each for each in self.margins.local if each.phase >= 1.0))
+        return replace(self, candidate=candidate, stages=stages, margins=margins, initial=brake, steps=brake[:-1, STEP])
 
     def with_brake(self, z: Vector, brake: Vector) -> Instance:
         """Returns the instance with a motion's launch and another brake as initial guess, variables in SI units.

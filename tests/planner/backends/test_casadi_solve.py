@@ -26,6 +26,7 @@ from planner.backends.casadi_nlp import (
     transcription,
 )
 from planner.backends.casadi_nlp.instance import Instance
+from planner.backends.casadi_nlp.margins import LocalMargin
 from planner.cell import Box, Cell, ToolCapsule, load_cell
 from planner.certificate import certify
 from planner.errors import SolverFailed
@@ -322,6 +323,19 @@ def test_no_stage_of_a_brake_that_was_found_first_spans_the_others() -> None:
     duration_s = float(braked.initial[-1, layout.TIME] - braked.initial[k, layout.TIME])
     assert np.all(longest_s <= 1.5 * duration_s / n + 1e-6)
     assert longest_s.sum() > duration_s
+
+
+def test_margins_of_the_launch_do_not_narrow_a_brake_alone() -> None:
+    instance = _brake_first_instance()
+    motion = np.append(instance.arguments["x0"], np.zeros(layout.NU)).reshape(-1, layout.NZ) * instance.scales
+    bounds = []
+    for phases in ((), (0.9,), (1.0,)):
+        local = tuple(LocalMargin("joint_torque", phase, 0.1) for phase in phases)
+        margins = replace(DEFAULT_MARGINS, local=local)
+        alone = replace(instance, margins=margins).brake_alone(motion, 3.0)
+        bounds.append(alone.arguments["ubg"])
+    assert np.array_equal(bounds[0], bounds[1])
+    assert not np.array_equal(bounds[0], bounds[2])
 
 
 def test_no_brake_is_sought_beyond_the_budget() -> None:
