@@ -15,7 +15,7 @@ from planner.arrays import Array
 from planner.cell import Box, Cell, Limits
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import drag_constant
-from planner.geometry import passable
+from planner.geometry import barriers, passable
 
 BACKENDS = ("auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp")
 REST_SPEED = 1e-9  # [rad/s, m/s] a release slower than this is a move that ends at rest
@@ -143,10 +143,21 @@ class ThrowProblem:
         limits = self.limits
         return replace(limits, q_lower=np.maximum(limits.q_lower, lower), q_upper=np.minimum(limits.q_upper, upper))
 
-    def beyond_reachable(self, q: Array) -> float:
-        """Returns by how much a motion's positions (n, 6) exceed what is reachable [rad]; negative within."""
-        reachable = self.reachable
-        return float(np.maximum(reachable.q_lower - q, q - reachable.q_upper).max())
+    def beyond_barrier(self, q: Array, names: str) -> float:
+        """Returns by how much positions (n, 6) exceed the barrier of two capsules from the start [rad].
+
+        Negative within; -inf where the two have none.
+
+        Args:
+            q: positions of a motion from the start [rad].
+            names: of the capsules, as in a certificate's check.
+        """
+        robot, capsules = self.cell.robot, self.cell.tool.capsules
+        of_both = [each for each in barriers(robot, capsules) if set(each.names) == set(names.split(", "))]
+        if not of_both:
+            return -math.inf
+        joints, (lower, upper) = [each.joint for each in of_both], passable(robot, capsules, self.start)
+        return float(np.maximum(lower - q, q - upper)[:, joints].max())
 
     @cached_property
     def cell_with_bin(self) -> Cell:

@@ -258,7 +258,7 @@ def _optimise_from(search: PlanningSearch, ranking: Ranking, ranked: RankedCandi
         if not _has_remedy(search.problem, certificate.failures):
             return False
         cuts = _flight_cuts(search.problem, certificate.failures, solution.trajectory, options.margins)
-        beyond_rad = search.problem.beyond_reachable(solution.trajectory.q)
+        beyond_rad = _beyond_barrier(search.problem, certificate.failures, solution.trajectory)
         wider = options.margins.widened(certificate.failures, solution, cuts, beyond_rad)
         if wider is None:
             return False
@@ -275,6 +275,12 @@ def _beginning(
         return ranked.seed, margins
     beside = ranking.beside_opening[ranked]
     return Seed(ranked.candidate, beside.trajectory), margins.following(beside)
+
+
+def _beyond_barrier(problem: ThrowProblem, failures: Iterable[Check], made: Trajectory) -> float:
+    """Returns by how much a motion exceeds the barrier of two capsules that collide in it [rad]; negative within."""
+    pairs = [check.detail for check in failures if check.name == "self_collision"]
+    return max((problem.beyond_barrier(made.q, pair) for pair in pairs), default=-math.inf)
 
 
 def _leaves_beside_opening(failures: Iterable[Check]) -> bool:

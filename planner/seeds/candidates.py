@@ -31,7 +31,7 @@ from planner.seeds.aspects import aspects, first_rows
 from planner.seeds.flight_filter import has_flight_obstacles
 from planner.seeds.sampling import point_states, target_states
 from planner.seeds.soonest_states import least_time
-from planner.seeds.turning_room import SLACK_RAD, lack_of_room, no_room
+from planner.seeds.turning_room import lack_of_room, no_room
 from planner.seeds.velocity_allocation import largest_share
 
 DECIMALS = 9  # [rad, rad/s] of candidates for a target: finer than what the optimiser heeds
@@ -221,7 +221,7 @@ def _with_room(problem: ThrowProblem, states: _States) -> Mask:
     Raises:
         Infeasible: none does; the violation is that of the state that lacks least.
     """
-    has_room = (lack_of_room(problem, states.q, states.qd) <= SLACK_RAD).all(axis=1)
+    has_room = (lack_of_room(problem, states.q, states.qd) <= 0.0).all(axis=1)
     if not has_room.any():
         raise Infeasible([no_room(problem, states.q, states.qd)])
     return np.asarray(has_room)

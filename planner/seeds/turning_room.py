@@ -1,60 +1,84 @@
 """The room that each joint needs to come to its velocity at the release, and to lose it again.
 
-A joint at velocity v last stood still v^2 / (2 a) before, and stands still again as far behind at the soonest, where a
-is its acceleration limit: with a limit on jerk, and with other joints to wait for, it is farther. A release state of
+A joint at velocity v last stood still v^2 / (2 a) before, and stands still again as far behind it at the soonest, where
+a is its acceleration limit: with a limit on jerk, and with other joints to wait for, it is farther. A release state of
 which a joint would stand still beyond its limits, or beyond what self-collision blocks, has no motion through it.
+
+The certificate takes a release that is a little off, and next to a singularity a joint is off by far more than the
+tool. So the state is taken as uncertain by dq and dv; a joint turns then by v dv / a + dv^2 / (2 a) + dq less.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 
 from planner.arrays import Array
 from planner.errors import Violation
-from planner.geometry import barriers
-from planner.problem import ThrowProblem
+from planner.geometry import barriers, body_model
+from planner.kinematics import jacobian
+from planner.problem import JointRelease, ThrowProblem
 
-# [rad] by which a joint may turn too far: the certificate takes a release a ten-thousandth of a radian per second too
-# slow, next to a singularity some joint by twenty times as much. Far more than the last bits of the limits.
-SLACK_RAD = 1e-3
+# [m, rad] and [m/s, rad/s] by which a release may be off: a little more than the certificate's tolerances
+OFF, OFF_PER_S = 1.01e-5, 1.01e-4
 
 
 def lack_of_room(problem: ThrowProblem, q: Array, qd: Array) -> Array:
     """Returns how far each joint turns beyond what is reachable (n, 6), at least [rad]; negative where it need not.
 
     Args:
-        problem: its start, limits and cell.
+        problem: of a given release state or pose: its start, limits and cell.
         q: positions (n, 6) at the release [rad].
         qd: velocities (n, 6) [rad/s].
     """
-    stands = _standstills(problem, q, qd)
-    reachable = problem.reachable
-    return np.asarray(np.maximum(reachable.q_lower - stands.min(axis=0), stands.max(axis=0) - reachable.q_upper))
+    return np.asarray(np.maximum(*_lacks(problem, q, qd)))
 
 
 def no_room(problem: ThrowProblem, q: Array, qd: Array) -> Violation:
-    """Returns the joint position that rules out the states q, qd (n, 6): of the one that lacks least room."""
-    lack = lack_of_room(problem, q, qd)
+    """Returns the joint velocity that rules out the states q, qd (n, 6): of the one that lacks least room."""
+    lacks = _lacks(problem, q, qd)
+    lack = np.maximum(*lacks)
     best = int(lack.max(axis=1).argmin())
     joint = int(lack[best].argmax())
-    run_up, stop = _standstills(problem, q[best], qd[best])[:, joint].tolist()
-    reachable, limits = problem.reachable, problem.limits
-    lower, upper = float(reachable.q_lower[joint]), float(reachable.q_upper[joint])
-    is_below = lower - min(run_up, stop) == lack[best, joint]
-    position, limit = (min(run_up, stop), lower) if is_below else (max(run_up, stop), upper)
-    begins = position == run_up
-    speed, name = float(abs(qd[best, joint])), problem.cell.robot.joint_names[joint]
-    what = "begin to accelerate" if begins else "come to a stop"
-    detail = f"{name} at {speed:.2f} rad/s at the release would have to {what} there"
-    if limit not in (limits.q_lower[joint], limits.q_upper[joint]):
-        detail += f", and {' and '.join(_names_at(problem, joint, limit))} collide before"
-    return Violation("joint_position", position, limit, "rad", detail=detail)
+    is_below = bool(lacks[0][best, joint] >= lacks[1][best, joint])
+    reachable, limits, place = problem.reachable, problem.limits, float(q[best, joint])
+    bound = float(reachable.q_lower[joint] if is_below else reachable.q_upper[joint])
+    room, speed = abs(place - bound), float(qd[best, joint])
+    fastest = math.sqrt(2.0 * float(limits.qdd_max[joint]) * room)
+    ends = "stop" if (speed < 0.0) == is_below else "get up to speed"
+    detail = f"{problem.cell.robot.joint_names[joint]} at the release: it has {room:.3f} rad to {ends}"
+    if bound in (limits.q_lower[joint], limits.q_upper[joint]):
+        detail += ", to its position limit"
+    else:
+        detail += f", where {' and '.join(_names_at(problem, joint, bound))} collide"
+    return Violation("joint_velocity", abs(speed), fastest, "rad/s", detail=detail)
 
 
-def _standstills(problem: ThrowProblem, q: Array, qd: Array) -> Array:
-    """Returns where each joint stood still last before the release, and where it does next (2, ..., 6) [rad]."""
-    turned = 0.5 * qd * np.abs(qd) / problem.limits.qdd_max
-    return np.stack([q - turned, q + turned])
+def _lacks(problem: ThrowProblem, q: Array, qd: Array) -> tuple[Array, Array]:
+    """Returns how far each joint turns below and above what is reachable, each (n, 6) [rad]."""
+    turned, reachable = 0.5 * qd**2 / problem.limits.qdd_max, problem.reachable
+    turned = turned - _uncertainty(problem, q, qd)
+    return reachable.q_lower - (q - turned), q + turned - reachable.q_upper
+
+
+def _uncertainty(problem: ThrowProblem, q: Array, qd: Array) -> Array:
+    """Returns by how much less the joints may turn (n, 6) [rad], as the release may be off; infinite if unbounded.
+
+    Of a pose, with the least singular value s of the Jacobian: dq = |off| / s. Over that way the Jacobian changes by c
+    at most, so dv = (|off per second| + c |v|) / (s - c). Its columns have norms up to the lever's, and each change
+    moves all of them.
+    """
+    if isinstance(problem.release, JointRelease):
+        dq, dv = np.full((len(q), 1), OFF), np.full((len(q), 1), OFF_PER_S)
+    else:
+        least = np.linalg.svd(jacobian(problem.cell.robot, q, problem.cell.tool.X_FT), compute_uv=False)[:, -1:]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            dq = math.sqrt(2.0) * OFF / least
+            change = 6.0 * math.hypot(1.0, float(body_model(problem.cell).tool_lever.max())) * dq
+            speed = np.linalg.norm(qd, axis=1, keepdims=True)
+            dv = np.where(change < least, (math.sqrt(6.0) * OFF_PER_S + change * speed) / (least - change), np.inf)
+    return np.asarray((np.abs(qd) + 0.5 * dv) * dv / problem.limits.qdd_max + dq)
 
 
 def _names_at(problem: ThrowProblem, joint: int, position: float) -> tuple[str, str]:

@@ -139,7 +139,8 @@ class Bounds:
 
         Where a singularity is in the way, those before the release would shrink until hardly anything is watched.
         Throws that take little longer themselves are delayed by this, by a fifth; so it holds before the release where
-        the initial guess keeps it, and otherwise, and after the release, when it is needed.
+        the initial guess keeps it, and otherwise, and after the release, when it is needed. Then those after it last no
+        more than about twice as long either: else the motion comes too close between their knots.
 
         Args:
             window_s: half of the release window [s].
@@ -149,9 +150,14 @@ class Bounds:
         n, required = self.index.stages.window, max(WATCHED_S, window_s)
         first, last = self.launch - n - WATCHED_BEFORE, self.launch + n + WATCHED_AFTER
         if first > 0 and (always or steps[first : self.launch].sum() >= required):
-            self.x[1, first, TIME] = -required
+            self.x[1, first, TIME] = -min(required, self._longest(first, self.launch))
         if always and last < self.index.stages.stages:
-            self.x[0, last, TIME] = required
+            required = min(required, self._longest(self.launch, last))
+            self.x[:, last, TIME] = required, 2.0 * required + self.x[0, self.launch : last, STEP].sum()
+
+    def _longest(self, first: int, last: int) -> float:
+        """Returns how long stages may be asked to last in sum [s]: nine tenths of what their steps may last."""
+        return 0.9 * float(self.x[1, first:last, STEP].sum())
 
     def fix_times(self, release_s: float, end_s: float) -> None:
         """Fixes the times of the release and of the end, both after the start."""

@@ -173,7 +173,7 @@ class Margins:
             failures: the failed checks.
             solution: that failed them.
             cuts: that keep a flight like the solution's clear of the arm; none where it was.
-            beyond_rad: by which the solution turned a joint beyond what self-collision blocks [rad].
+            beyond_rad: by which the solution turned a joint past where the two capsules that collide block it [rad].
         """
         wider: Margins | None = replace(self, held=self.held | solution.held, cuts=(*cuts, *self.cuts))
         for check in failures:
@@ -257,8 +257,8 @@ def meets_arm(check: FailedCheck) -> bool:
 def too_coarse(failures: Iterable[FailedCheck], margins: Margins = DEFAULT_MARGINS) -> bool:
     """Returns whether more stages are needed: a clearance is violated by much between knots and midpoints, or again.
 
-    Where one is violated again, beside a margin of its own, the stages have become longer, and the motion passes as
-    close between others.
+    Where one that has a margin is violated again, the stages have become longer, and the motion passes as close between
+    others.
     """
     clearances = {name for name, local in LOCAL_CHECKS.items() if not local.is_relative}
     widened = {margin.check for margin in margins.local}

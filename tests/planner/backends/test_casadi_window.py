@@ -165,17 +165,23 @@ def watched(step: float, always: bool, window: int = 0, window_s: float = 0.0) -
     stages = StageLayout(8 + window, 3 + window, window)
     bounds = Bounds(transcription(stages).row_index, np.ones(6))
     bounds.x[:, :, TIME] = np.array([-np.inf, np.inf])[:, None]
+    bounds.limit_steps(np.full(stages.stages, step))
     bounds.watch_long_enough(window_s, np.full(stages.stages, step), always)
     first, last = stages.knots("singularity")[0], stages.knots("singularity")[-1]
     others = np.delete(np.arange(stages.stages + 1), [first, last])
     assert np.isinf(bounds.x[:, others, TIME]).all()
+    assert not always or bounds.x[1, last, TIME] >= 2.0 * bounds.x[0, last, TIME]
     return float(bounds.x[1, first, TIME]), float(bounds.x[0, last, TIME])
 
 
 def test_watched_stages_last_before_the_release_where_those_of_the_guess_do() -> None:
     assert watched(0.010, always=False) == (np.inf, -np.inf)
     assert watched(0.020, always=False) == (-0.052, -np.inf)
-    assert watched(0.010, always=True) == (-0.052, 0.052)
+    assert watched(0.012, always=True) == (-0.052, 0.052)
+
+
+def test_watched_stages_are_asked_for_no_more_than_their_steps_may_last() -> None:
+    assert watched(0.004, always=True) == pytest.approx((-0.9 * 3 * 2.5 * 0.004, 0.9 * 2 * 2.5 * 0.004))
 
 
 def test_a_release_window_is_part_of_what_is_watched() -> None:

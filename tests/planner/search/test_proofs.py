@@ -159,8 +159,8 @@ def test_a_search_in_vain_proves_nothing_and_says_what_it_tried():
 
 
 def test_a_back_end_that_makes_no_motion_is_a_search_in_vain():
-    # A ramp needs a run-up, which would begin beyond the first joint's limit.
-    near_limit = np.array([cell().limits.q_lower[0] + 0.1, *cell().home[1:]])
+    # A ramp needs a run-up, which would begin beyond the first joint's limit, and more of it than the velocity takes.
+    near_limit = np.array([cell().limits.q_lower[0] + 0.29, *cell().home[1:]])
     release = JointRelease(near_limit, 2.9 * np.eye(6)[0])
     with pytest.raises(Infeasible) as refusal:
         plan(joint_problem(backend="ramp", start=near_limit, release=release))

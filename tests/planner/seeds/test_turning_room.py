@@ -9,11 +9,20 @@ import pytest
 import ruckig
 
 from planner.errors import Infeasible
+from planner.geometry import tool_pose
+from planner.kinematics import jacobian
 from planner.planning import plan
-from planner.problem import JointRelease, ThrowProblem
+from planner.problem import JointRelease, PoseRelease, ThrowProblem
 from planner.seeds import candidates
 from planner.seeds.turning_room import lack_of_room
 from tests.planner.problems import cell
+
+
+def in_world(here):
+    """Returns the rotation (6, 6) of a twist from the base to the world."""
+    R, whole = here.X_WB[:3, :3], np.zeros((6, 6))
+    whole[:3, :3] = whole[3:, 3:] = R
+    return whole
 
 
 def turned(start: float, q: float, v: float, acceleration: float, jerk: float) -> tuple[float, float]:
@@ -47,20 +56,28 @@ def joint(q: float, v: float) -> JointRelease:
     return JointRelease(np.full(6, q), np.full(6, v))
 
 
-@pytest.mark.parametrize(("speed", "what"), [(2.4, "begin to accelerate"), (-2.4, "come to a stop")])
-def test_a_release_too_close_to_a_barrier_is_refused_with_proof(speed: float, what: str) -> None:
+@pytest.mark.parametrize(("speed", "what"), [(2.4, "get up to speed"), (-2.4, "stop")])
+def test_a_release_too_close_to_a_barrier_is_refused_with_proof_and_offers_a_slower_one(
+    speed: float, what: str
+) -> None:
     here = cell()
     q, qd = here.home.copy(), np.zeros(6)
     q[4], qd[4] = -2.93, speed
+    problem = ThrowProblem(here, here.home, JointRelease(q, qd), here.limits)
     with pytest.raises(Infeasible) as refusal:
-        plan(ThrowProblem(here, here.home, JointRelease(q, qd), here.limits))
+        plan(problem)
     (violation,) = refusal.value.violations
-    assert violation.constraint == "joint_position"
+    assert violation.constraint == "joint_velocity"
     assert violation.proven
-    assert violation.value == pytest.approx(-2.93 - 2.4**2 / 2.0 / here.limits.qdd_max[4])
-    assert -3.07 < violation.limit < -3.06
-    assert what in violation.detail
-    assert "wrist_1 and tool_0 collide before" in violation.detail
+    assert violation.value == 2.4
+    room = -2.93 - problem.reachable.q_lower[4]
+    assert violation.limit == pytest.approx(np.sqrt(2.0 * here.limits.qdd_max[4] * room))
+    assert f"wrist_2_joint at the release: it has {room:.3f} rad to {what}" in violation.detail
+    assert "where wrist_1 and tool_0 collide" in violation.detail
+    nearest = refusal.value.nearest
+    assert nearest is not None
+    assert nearest["release"]["positions"] == pytest.approx(q)
+    assert 0.5 * violation.limit < abs(nearest["release"]["velocities"][4]) < violation.limit
 
 
 def test_a_release_too_close_to_a_joint_limit_is_refused_by_that_limit() -> None:
@@ -70,9 +87,35 @@ def test_a_release_too_close_to_a_joint_limit_is_refused_by_that_limit() -> None
     with pytest.raises(Infeasible) as refusal:
         candidates(ThrowProblem(here, here.home, JointRelease(q, qd), here.limits))
     (violation,) = refusal.value.violations
-    assert violation.limit == here.limits.q_upper[0]
-    assert "shoulder_pan_joint at 2.50 rad/s at the release would have to come to a stop there" in violation.detail
-    assert "collide" not in violation.detail
+    assert violation.limit == pytest.approx(np.sqrt(2.0 * here.limits.qdd_max[0] * (here.limits.q_upper[0] - 6.2)))
+    assert "shoulder_pan_joint at the release: it has 0.083 rad to stop, to its position limit" in violation.detail
+
+
+def test_a_slow_joint_that_may_be_released_a_little_slower_is_not_refused() -> None:
+    here, q, qd = cell(), cell().home.copy(), np.zeros(6)
+    qd[0], limits = 0.3, replace(here.limits, qdd_max=np.full(6, 0.01))
+    stands = q[0] + (0.3 - 1e-4) ** 2 / 0.02  # as slow as the certificate takes it
+    limits = replace(limits, q_upper=np.array([stands + 1e-9, *here.limits.q_upper[1:]]))
+    problem = ThrowProblem(here, here.home, JointRelease(q, qd), limits)
+    assert lack_of_room(problem, q[None], qd[None]).max() < 0.0
+    shorter = replace(limits, q_upper=limits.q_upper - np.array([1e-3, 0.0, 0.0, 0.0, 0.0, 0.0]))
+    assert lack_of_room(replace(problem, limits=shorter), q[None], qd[None]).max() > 0.0
+
+
+def test_a_pose_beside_a_singularity_is_not_refused_for_what_its_tolerance_allows() -> None:
+    here = cell()
+    q = np.array([-2.5007176, -0.9623984, -0.8191616, -3.3092865, 0.0631021, -1.0142057])
+    qd = np.array([0.064, 0.010, 0.025, 2.9, -0.069, 0.030])
+    X, J = tool_pose(here, q), in_world(here) @ jacobian(here.robot, q, here.tool.X_FT)
+    problem = ThrowProblem(here, here.home, PoseRelease(X, J @ qd), here.limits)
+    turned = qd**2 / 2.0 / here.limits.qdd_max
+    error = np.linalg.inv(J) @ (1e-4 * np.sign(np.linalg.inv(J)[3]))  # of the velocity, the largest of joint 4
+    slower = (qd - error)[3] ** 2 / 2.0 / here.limits.qdd_max[3]
+    assert turned[3] - slower > 5e-3
+    lower, upper = np.full(6, -10.0), np.full(6, 10.0)
+    upper[3] = q[3] + slower
+    limits = replace(here.limits, q_lower=lower, q_upper=upper)
+    assert lack_of_room(replace(problem, limits=limits, start=q), q[None], qd[None])[0, 3] < 0.0
 
 
 def test_a_release_with_just_enough_room_is_planned() -> None:
