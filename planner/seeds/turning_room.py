@@ -58,7 +58,9 @@ def no_room(problem: ThrowProblem, q: Array, qd: Array) -> Violation:
 def _lacks(problem: ThrowProblem, q: Array, qd: Array) -> tuple[Array, Array]:
     """Returns how far each joint turns below and above what is reachable, each (n, 6) [rad]."""
     turned, reachable = 0.5 * qd**2 / problem.limits.qdd_max, problem.reachable
-    turned = turned - _uncertainty(problem, q, qd)
+    lacking = ((q - turned < reachable.q_lower) | (q + turned > reachable.q_upper)).any(axis=1)
+    if lacking.any():  # few of a pose's states, mostly none
+        turned[lacking] -= _uncertainty(problem, q[lacking], qd[lacking])
     return reachable.q_lower - (q - turned), q + turned - reachable.q_upper
 
 
