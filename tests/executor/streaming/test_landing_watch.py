@@ -79,7 +79,7 @@ class OffArm:
 
 @pytest.fixture(scope="module", params=["ur5e-sim", "ur5-sim"])
 def robust(request: pytest.FixtureRequest) -> tuple[ThrowProblem, Trajectory]:
-    farther = {**LOB, "position": [1.4, 0.3, 0.0]}  # at 125 Hz the lob has too few ticks to tell the gains by
+    farther = {**LOB, "position": [1.35, 0.3, 0.0]}  # at 125 Hz the lob has too few ticks to tell the gains by
     body = {"release": farther, "release_window_s": 0.005, "landing_tolerance_m": TOLERANCE_M, "backend": "casadi"}
     found = plan(problem_from_request(body, load_cell(CELLS / f"{request.param}.toml")))
     return found.problem, found.trajectory
@@ -133,7 +133,7 @@ def test_an_arm_that_is_late_keeps_the_object(robust, off_s):
     assert done.miss > 2.0 * TOLERANCE_M
     assert (done.outcome, done.arm.opened) == ("held", False)
     assert done.watch.lateness_s == pytest.approx(off_s, abs=0.0005)
-    assert predicted_m(done.reason) == pytest.approx(done.miss, rel=0.4 if off_s < 0.01 else 0.6)  # the later, the less
+    assert predicted_m(done.reason) == pytest.approx(done.miss, rel=0.4)
 
 
 def test_a_lag_that_is_off_by_a_millisecond_is_no_reason(robust):
