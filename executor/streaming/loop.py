@@ -58,12 +58,6 @@ class Schedule:
             return self.job.reference_q[row], self.job.reference_qd[row]
         return self._braking((row - self.job.lag_ticks - self.diverted) * self.job.dt)
 
-    def reference_acceleration(self, row: int) -> Row:
-        """Returns the planned qdd (6,) of the expected measurement when row `row` is sent [rad/s^2]; on the plan."""
-        speeds, last = self.job.reference_qd, len(self.job.q) - 1
-        before, after = speeds[max(min(row, last) - 1, 0)], speeds[min(row + 1, last)]
-        return [(b - a) / (2.0 * self.job.dt) for a, b in zip(before, after, strict=True)]
-
     def _braking(self, s: float) -> tuple[Row, Row]:
         """Returns q and qd (6,) at `s` [s] after the start of the brake."""
         start = self.diverted or 0
@@ -111,7 +105,7 @@ class Stream:
             elif self.verdict[0] == "held" and row > self.job.release_row:
                 self._divert(row, self.verdict)  # the plan's own brake is certified without the object
             command = self._send(row, reference[0])
-            self._open_gripper(row, reference, command)
+            self._open_gripper(row, command)
             self._record(reference, command)
         return self.verdict
 
@@ -167,7 +161,7 @@ class Stream:
         self.commands.sent(command)
         return command
 
-    def _open_gripper(self, row: int, reference: tuple[Row, Row], command: Row) -> None:
+    def _open_gripper(self, row: int, command: Row) -> None:
         """Sends the gripper's output at the tick of its row, or at the next one after lost ticks.
 
         Where the object would land beyond its tolerance the output is never sent: the arm flies on with it.
@@ -175,14 +169,14 @@ class Stream:
         job = self.job
         if self.output_sent or job.output_row < 0 or self.schedule.diverted is not None:
             return
-        if self._keeps(row, reference, command) or row < job.output_row:
+        if self._keeps(row, command) or row < job.output_row:
             return
         self.connection.output(job.output_level)
         self.output_sent = True
         self.fields[shm.OUTPUT_SENT_S] = job.first_clock_s + (row - job.lag_ticks) * job.dt
         self.fields[shm.OUTPUT_LATE_S] = (row - job.output_row) * job.dt
 
-    def _keeps(self, row: int, reference: tuple[Row, Row], command: Row) -> bool:
+    def _keeps(self, row: int, command: Row) -> bool:
         """Returns whether the object is kept, which is decided once: at the tick that would let go of it."""
         watch, job = self.watch, self.job
         if watch is None or self.verdict[0] == "held":
@@ -190,11 +184,10 @@ class Stream:
         feedback = [0.0] * 6  # servoj has none
         if job.mode == "speedj":
             feedback = [a - b for a, b in zip(command, self.schedule.command(row)[1], strict=True)]
-        state = (*reference, self.schedule.reference_acceleration(row))
-        watch.add(row, state, (self.connection.q, self.connection.qd), feedback)
+        watch.add(row, (self.connection.q, self.connection.qd), feedback)
         if row < job.output_row:
             return False
-        reason = watch.reason(*reference, (job.release_row + job.lag_ticks - row) * job.dt)
+        reason = watch.reason(row)
         if reason:
             self.verdict = ("held", reason)
         return bool(reason)

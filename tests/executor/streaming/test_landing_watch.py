@@ -79,7 +79,7 @@ class OffArm:
 
 @pytest.fixture(scope="module", params=["ur5e-sim", "ur5-sim"])
 def robust(request: pytest.FixtureRequest) -> tuple[ThrowProblem, Trajectory]:
-    farther = {**LOB, "position": [1.35, 0.3, 0.0]}  # at 125 Hz the lob has too few ticks to tell the gains by
+    farther = {**LOB, "position": [1.4, 0.3, 0.0]}  # at 125 Hz the lob has too few ticks to tell the gains by
     body = {"release": farther, "release_window_s": 0.005, "landing_tolerance_m": TOLERANCE_M, "backend": "casadi"}
     found = plan(problem_from_request(body, load_cell(CELLS / f"{request.param}.toml")))
     return found.problem, found.trajectory
@@ -126,14 +126,14 @@ def test_an_arm_that_is_off_its_speed_keeps_the_object(robust, gain):
     assert done.watch.gain_error[:5] == pytest.approx((np.ones(6) * gain - 1.0)[:5], abs=0.004)
 
 
-@pytest.mark.parametrize("off_s", [0.003, 0.010, -0.006])
+@pytest.mark.parametrize("off_s", [0.003, 0.006, 0.010, 0.012, -0.006])
 def test_an_arm_that_is_late_keeps_the_object(robust, off_s):
     """Feedback speeds a late arm up, by more than a release window allows for: 3 ms are 5 cm here."""
     done = throw(robust, robust[0].cell.timing.lag_s + off_s, 1.0, noise=0.005)
     assert done.miss > 2.0 * TOLERANCE_M
     assert (done.outcome, done.arm.opened) == ("held", False)
     assert done.watch.lateness_s == pytest.approx(off_s, abs=0.0005)
-    assert predicted_m(done.reason) == pytest.approx(done.miss, rel=0.4)
+    assert predicted_m(done.reason) == pytest.approx(done.miss, rel=0.2)
 
 
 def test_a_lag_that_is_off_by_a_millisecond_is_no_reason(robust):
