@@ -23,6 +23,7 @@ from planner.trajectory import Trajectory
 IN_HAND_VARIANTS: tuple[ruckig_otg.LaunchVariant, ...] = ("synchronised", "gentle")
 IN_HAND_CANDIDATES = 2  # [-] the soonest ones that Ruckig's motions in hand lead to
 ROUNDS_MAX = 4  # solves from one seed, each after the failed checks of the one before
+REMEDY_ITERATIONS = 150  # [-] at least for the remedy of a failed check: little is missing, mostly
 WINDOW_BUDGET = 1.5  # [-] times as many iterations: a solve with a window takes 37 in the mean, one without 22
 TICK_SLACK = 1e-6  # [ticks] for rounding
 NOT_COMPILED = "the solvers are not compiled: the same answer, later; `fling warm` compiles them"
@@ -64,7 +65,6 @@ def _walk(search: PlanningSearch, stage: Stage, ranking: Ranking) -> Iterator[Ra
         "arrival": ranking.by_arrival,
         "aspect": ranking.by_aspect,
         "bound": ranking.by_bound,
-        "way out": ranking.by_way_out,
     }
     candidates = orders.get(stage.order, lambda: ranking)()
     for ranked in islice(candidates, stage.candidates.start, stage.candidates.stop):
@@ -151,11 +151,11 @@ def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
     """Optimises from the candidates of a stage."""
     begun, end = time.perf_counter(), search.iterations + _budget(search.problem, stage)
     tried, solved, valid, failure = 0, 0, 0, ""
-    what = stage.order if stage.follows else "ipopt" if stage.with_ipopt else "fatrop"
+    what = "ipopt" if stage.with_ipopt else "fatrop"
     for ranked in _walk(search, stage, ranking):
         if search.iterations >= end:
             break
-        if not _may_gain(search, stage, ranking, ranked) or not ranked.first_try(what):
+        if not _may_gain(search, ranking, ranked) or not ranked.first_try(what):
             continue
         begun += load_optimiser(search)
         tried += 1
@@ -173,16 +173,13 @@ def _budget(problem: ThrowProblem, stage: Stage) -> int:
     return math.ceil(stage.iterations * (WINDOW_BUDGET if problem.is_robust else 1.0))
 
 
-def _may_gain(search: PlanningSearch, stage: Stage, ranking: Ranking, ranked: RankedCandidate) -> bool:
+def _may_gain(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate) -> bool:
     """Returns whether the optimiser may come to a sooner motion from a candidate.
 
     Not from one that lacks a brake, unless a motion through it is given.
-    With its way out followed, an object hardly ever leaves sooner than where its way out was not looked at.
     """
     if ranked.given is None and search.lacks_brake(ranked.candidate):
         return False
-    if stage.follows:
-        return ranking.beside_opening[ranked].trajectory.release_time_s + search.problem.dt < search.release_time_s
     return ranking.may_be_sooner(ranked, search.release_time_s)
 
 
@@ -192,12 +189,11 @@ def _try_seed(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate,
     A seed that is given up leaves doubt; where the release is given, or a point, not after one that led to a motion.
     """
     leaves_doubt = isinstance(search.problem.release, TargetRelease) or not search.has_optimised
-    leaves_doubt &= not stage.follows
     try:
-        was_valid = _optimise_from(search, ranking, ranked, end, stage)
+        was_valid = _optimise_from(search, ranked, end, stage)
     except casadi_nlp.SeedFailed as error:
         search.has_optimised |= error.is_late
-        if error.is_late and not stage.follows:
+        if error.is_late:
             ranking.settle(ranked, math.inf)
         search.given_up += leaves_doubt and not error.is_late
         if error.lacks_brake:
@@ -231,29 +227,26 @@ def load_optimiser(search: PlanningSearch) -> float:
     return taken
 
 
-def _optimise_from(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate, end: int, stage: Stage) -> bool:
+def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, stage: Stage) -> bool:
     """Optimises from one candidate until `search.iterations` reach `end`; returns whether a motion was certified.
 
     After failed checks it solves again from that motion, with wider margins; where the checks failed between coarse
     stages, from the start on finer stages.
     """
-    begun, margins = _beginning(search, ranking, ranked, stage)
+    margins = replace(casadi_nlp.DEFAULT_MARGINS, held=search.held)
     first = SolveOptions(
         margins, deadline_s=search.deadline_s, with_ipopt=stage.with_ipopt, latest_s=search.latest_useful_s
     )
-    seed, options = begun, first
+    seed, options, left = ranked.seed, first, end - search.iterations
     for _ in range(ROUNDS_MAX):
-        solution = _solve(search, seed, replace(options, iteration_budget=end - search.iterations))
+        solution = _solve(search, seed, replace(options, iteration_budget=left))
         found = search.certify("casadi", solution)
         if found.is_valid:
             return True
+        left = max(end - search.iterations, REMEDY_ITERATIONS)
         certificate = found.certificate
-        if _leaves_beside_opening(certificate.failures):
-            if options.margins.opening_rad > first.margins.opening_rad and not stage.follows:
-                return False  # a narrower opening was no remedy; its way out may be followed
-            ranking.beside_opening.setdefault(ranked, solution)
         if _needs_finer_stages(search.problem, options, certificate.failures):
-            seed, options = begun, replace(first, resolution="fine")
+            seed, options = ranked.seed, replace(first, resolution="fine")
             continue
         if not _has_remedy(search.problem, certificate.failures):
             return False
@@ -266,25 +259,10 @@ def _optimise_from(search: PlanningSearch, ranking: Ranking, ranked: RankedCandi
     return False
 
 
-def _beginning(
-    search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate, stage: Stage
-) -> tuple[Seed, casadi_nlp.Margins]:
-    """Returns what the optimiser begins from: a candidate's seed, or its motion beside the opening, to be followed."""
-    margins = replace(casadi_nlp.DEFAULT_MARGINS, held=search.held)
-    if not stage.follows:
-        return ranked.seed, margins
-    beside = ranking.beside_opening[ranked]
-    return Seed(ranked.candidate, beside.trajectory), margins.following(beside)
-
-
 def _beyond_barrier(problem: ThrowProblem, failures: Iterable[Check], made: Trajectory) -> float:
     """Returns by how much a motion exceeds the barrier of two capsules that collide in it [rad]; negative within."""
     pairs = [check.detail for check in failures if check.name == "self_collision"]
     return max((problem.beyond_barrier(made.q, pair) for pair in pairs), default=-math.inf)
-
-
-def _leaves_beside_opening(failures: Iterable[Check]) -> bool:
-    return any(check.name == "opening_direction" for check in failures)
 
 
 def _has_remedy(problem: ThrowProblem, failures: Iterable[Check]) -> bool:
@@ -304,6 +282,8 @@ def _flight_cuts(
     """
     if not isinstance(problem.release, TargetRelease) or all(check.name != "flight_clearance" for check in failures):
         return ()
+    if any(map(casadi_nlp.meets_base, failures)):
+        return ()  # block "standing" keeps off that
     if any(map(casadi_nlp.meets_arm, failures)) and margins.passing_m == casadi_nlp.DEFAULT_MARGINS.passing_m:
         return ()
     met = flight_obstruction(problem, made)

@@ -7,8 +7,7 @@ the release where the request leaves it free. So:
 1. A given release state is tried with Ruckig's soonest motions. If nothing couples the joints, no motion is sooner.
    Where none of them is certified, slower motions to it are tried (`tighter`).
 2. The optimiser starts from the first candidates of two aspects, until one motion is certified. A target or a point is
-   then optimised from every other aspect that may allow a sooner one. Where an object left the gripper beside its
-   opening, a narrower opening is the first remedy; rows that follow its way out are the second, and the sooner counts.
+   then optimised from every other aspect that may allow a sooner one.
 3. Ruckig's motions that would release before the incumbent are certified, too.
 4. While that has given no answer, further candidates are tried by both; of a given release state those of least lower
    bound in any case, however blocked the straight way there.
@@ -34,7 +33,6 @@ from planner.seeds import ASPECTS
 
 ASPECT_SEEDS = SEEDS_AN_ASPECT * ASPECTS  # candidates that there are in the order of the aspects
 SEEDS_MAX = 5  # candidates that the last seeds are of, in the order of the ranking
-WAYS_OUT_MAX = 6  # motions beside the gripper's opening whose ways out are followed, where they are the soonest
 
 Condition = Callable[[PlanningSearch, Ranking], bool]
 
@@ -92,8 +90,7 @@ class Stage:
         then_in_hand: whether Ruckig's motions are taken in hand after it, also past the deadline ("casadi").
         variants: launch variants that are tried ("ruckig").
         order: of the ranking; "arrival" takes the `TIMED_MAX` of least bound by the slowest joint's own time, "aspect"
-            the first of every aspect, "bound" those of least lower bound, however blocked the way there, "way out"
-            those from which an object left the gripper beside its opening, to follow its way out ("casadi").
+            the first of every aspect, "bound" those of least lower bound, however blocked the way there.
     """
 
     backend: Literal["casadi", "ruckig"]
@@ -104,12 +101,7 @@ class Stage:
     with_ipopt: bool = False
     then_in_hand: bool = False
     variants: Sequence[ruckig_otg.LaunchVariant] = ruckig_otg.VARIANTS
-    order: Literal["rank", "arrival", "aspect", "bound", "way out"] = "rank"
-
-    @property
-    def follows(self) -> bool:
-        """Whether the object's way out of the grip is followed."""
-        return self.order == "way out"
+    order: Literal["rank", "arrival", "aspect", "bound"] = "rank"
 
 
 SOONEST_ARRIVALS = Stage(
@@ -119,14 +111,11 @@ SOONEST_ARRIVALS = Stage(
 POLICY: tuple[Stage, ...] = (
     SOONEST_ARRIVALS,
     Stage("casadi", "soonest seeds", slice(0, 2), none_optimised, iterations=300, then_in_hand=True, order="aspect"),
-    Stage("casadi", "ways out", slice(0, 2), none_optimised, iterations=200, order="way out"),
     Stage("casadi", "other aspects", slice(0, ASPECT_SEEDS), other_aspects_pay, iterations=300, order="aspect"),
-    Stage("casadi", "ways out", slice(0, WAYS_OUT_MAX), always, iterations=300, order="way out"),
     Stage("ruckig", "sooner motions", slice(0, 6), always),
     Stage("casadi", "one more seed", slice(0, 3), further_seeds_pay, iterations=200),
     Stage("casadi", "least bounds", slice(0, 2), release_state_given, iterations=200, order="bound"),
     Stage("casadi", "last seeds", slice(0, SEEDS_MAX), none_optimised, iterations=100),
-    Stage("casadi", "ways out", slice(0, WAYS_OUT_MAX), none_optimised, iterations=100, order="way out"),
     Stage("ruckig", "further motions", slice(6, 11), always),
     Stage("ruckig", "sooner motions", slice(11, RANKED_MAX), has_incumbent),
 )
@@ -140,7 +129,6 @@ AGAIN_POLICY: tuple[Stage, ...] = tuple(stage for stage in POLICY if stage.purpo
 FIRST_AGAIN_POLICY: tuple[Stage, ...] = (
     SOONEST_ARRIVALS,
     Stage("casadi", "soonest seeds", slice(0, 2), always, iterations=300, order="aspect"),
-    Stage("casadi", "ways out", slice(0, 1), none_optimised, iterations=200, order="way out"),
 )
 # Under several pairs of tighter limits, by Ruckig alone: other curves, past what stands around.
 SLOWER_POLICY: tuple[Stage, ...] = (SOONEST_ARRIVALS,)

@@ -18,7 +18,6 @@ from planner.geometry import Arcs, body_model, segment_segment_distance
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.search.incumbent import CertifiedSolution
 from planner.seeds import Candidate, Seed, aspects, first_rows, least_times_to_aspects
-from planner.solution import Solution
 from planner.trajectory import Trajectory
 
 RANKED_MAX = 24  # candidates of least lower bound that are considered; a pose's others are full turns away
@@ -101,7 +100,6 @@ class Ranking(Sequence[RankedCandidate]):
         pairs = zip_longest(candidates, motions)
         self.problem, ranked = problem, [RankedCandidate(problem, candidate, given) for candidate, given in pairs]
         self.settled: set[int] = set()
-        self.beside_opening: dict[RankedCandidate, Solution] = {}
         self._by_bound, self._others = ranked[:RANKED_MAX], ranked[RANKED_MAX:]
 
     @cached_property
@@ -137,13 +135,6 @@ class Ranking(Sequence[RankedCandidate]):
     def by_bound(self) -> list[RankedCandidate]:
         """Returns the candidates by ascending lower bound, those with an obstructed path among them."""
         return self._by_bound
-
-    def by_way_out(self) -> list[RankedCandidate]:
-        """Returns the candidates from which an object left the gripper beside its opening, the soonest motion first.
-
-        These motions are noted in `beside_opening`.
-        """
-        return sorted(self.beside_opening, key=lambda ranked: self.beside_opening[ranked].trajectory.release_time_s)
 
     def _is_settled(self, ranked: RankedCandidate) -> bool:
         """Returns whether a candidate's aspect is settled, and the release state is not given."""

@@ -3,6 +3,7 @@
 from planner.timing.grid import RESERVES, fits, grid_limits, onto_grid
 from planner.timing.smoothing import RawMotion, smooth
 from planner.timing.velocity_profiles import (
+    CubicGuess,
     CubicProfile,
     TrapezoidProfile,
     cubic_brake,
@@ -16,6 +17,7 @@ from planner.timing.velocity_profiles import (
 
 __all__ = [
     "RESERVES",
+    "CubicGuess",
     "CubicProfile",
     "RawMotion",
     "TrapezoidProfile",

@@ -17,7 +17,8 @@ import numpy as np
 from planner.arrays import Array, Mask
 from planner.cell import Limits
 from planner.errors import SolverFailed
-from planner.seeds import least_time
+from planner.problem import ThrowProblem
+from planner.seeds import Candidate, least_time
 
 Samples = tuple[Array, Array, Array]
 
@@ -192,3 +193,28 @@ def whole_ticks(duration: float, dt: float) -> int:
 
 def _root(x: Array) -> Array:
     return np.sqrt(np.maximum(x, 0.0))
+
+
+class CubicGuess:
+    """A cubic to the release in twice the least time, then even braking.
+
+    Attributes:
+        release_time_s: release time [s].
+        brake_s: duration of the brake [s].
+        duration_s: time of standstill [s].
+    """
+
+    def __init__(self, problem: ThrowProblem, candidate: Candidate) -> None:
+        self.start, self.qd = problem.start, candidate.qd
+        self.release_time_s = max(2.0 * candidate.bound_s, 0.2)
+        self.brake_s = max(1.5 * float(np.max(np.abs(candidate.qd) / problem.limits.qdd_max)), 0.1)
+        self.duration_s = self.release_time_s + (0.0 if problem.ends_at_rest else self.brake_s)
+        self.launch = CubicProfile(candidate.q - problem.start, candidate.qd, self.release_time_s)
+
+    def at(self, t: Array, /) -> tuple[Array, Array, Array]:
+        """Returns q, qd, qdd (n, 6) at times `t` (n,) [s]."""
+        release, slowing, v = self.release_time_s, self.brake_s, self.qd
+        d, qd, qdd = self.launch.at(np.minimum(t, release))
+        after = np.clip(t - release, 0.0, slowing)[:, None]
+        q = self.start + d + v * (after - after**2 / (2 * slowing))
+        return q, qd - v * after / slowing, np.where(t[:, None] < release, qdd, -v / slowing)

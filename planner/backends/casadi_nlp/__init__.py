@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal
 
 from planner.backends.casadi_nlp.flight_rows import flight_cuts, starts_with_flight
 from planner.backends.casadi_nlp.layout import FlightEdge
-from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins, meets_arm, too_coarse
+from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins, meets_arm, meets_base, too_coarse
 from planner.errors import BackendUnavailable, SolverFailed
 from planner.kernel import compile_kernel
 from planner.problem import TargetRelease, ThrowProblem
@@ -34,6 +34,7 @@ __all__ = [
     "flight_cuts",
     "load",
     "meets_arm",
+    "meets_base",
     "solve",
     "too_coarse",
     "warm",

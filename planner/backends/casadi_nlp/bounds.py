@@ -7,17 +7,31 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
-from planner.backends.casadi_nlp.layout import JERK, NX, NZ, QD, QDD, STEP, TIME, Q, Vector
+from planner.backends.casadi_nlp.layout import (
+    JERK,
+    LAST,
+    NX,
+    NZ,
+    OUT_STAGES,
+    QD,
+    QDD,
+    STEP,
+    TIME,
+    WATCHED_AFTER,
+    WATCHED_BEFORE,
+    Q,
+    Vector,
+)
 from planner.backends.casadi_nlp.margins import LOCAL_CHECKS, LocalMargin
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, LEAVING_ROWS, RELEASE_ROWS
-from planner.backends.casadi_nlp.transcription import WATCHED_AFTER, WATCHED_BEFORE, Indices, RowIndex
+from planner.backends.casadi_nlp.transcription import Indices, RowIndex
 from planner.cell import Limits
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.seeds import Candidate
 
 STEP_SHARES = (0.15, 2.5)  # [-] of the initial step: a step may not collapse, nor crowd out its neighbours
 WATCHED_S = 0.052  # [s] least duration of the watched stages before and after the release: 0.05 s are checked
-LEAVING_S = 0.2  # [s] that the stage in which the object leaves the grip may take in any case
+LEAVING_STEP = 1.3  # [-] of its initial length that a stage may last in which the object is followed out of the grip
 LOCAL_STAGES = 1.0  # [-] stages on either side of a local margin's time to which it applies
 TOUCHING = 1e-3  # [-] of a velocity limit: bounds that leave less room than this between them are an equality
 THIN_RAD = 1e-3  # [rad] a narrower range of elevations is an equality: it has no interior to solve in
@@ -126,13 +140,31 @@ class Bounds:
         most[self.launch :] = np.minimum(most[self.launch :], brake_most_s)
         self.x[0, :-1, STEP], self.x[1, :-1, STEP] = least, most
 
-    def let_object_leave(self) -> None:
-        """Bounds block "leaving": in the stage that begins at the last release, the object gets out of the grip."""
-        last = self.launch + self.index.stages.window
-        for k in self.index.knots["leaving"]:
-            if k < last:  # stages within the window are shorter
-                self._free(self.index.rows["leaving", k][LEAVING_ROWS.slices["is_out"]])
-        self.x[1, last, STEP] = max(self.x[1, last, STEP], LEAVING_S)
+    def follow_object(self, steps: Vector, leaving_s: float) -> None:
+        """Frees what block "flight" says of the object's way out, where block "leaving" follows it.
+
+        A window has objects of its first and its last release alone, so that the directions in which the object begins
+        to leave within it still count. Its stages are short: what is followed counts at their ends. After the stages
+        that follow, the object is out; they are kept short, lest it leaves the opening between two rows.
+
+        Args:
+            steps: of the initial guess (N,) [s].
+            leaving_s: about the time that the object takes [s].
+        """
+        last, end = self.launch + self.index.stages.window, self.index.knots["leaving"].stop
+        ways, is_out = LEAVING_ROWS.slices["ways"], LEAVING_ROWS.slices["is_out"]
+        for name in ("leaving", f"leaving{LAST}"):
+            for k in self.index.knots.get(name, ()):
+                rows = self.index.rows[name, k]
+                if k < last:
+                    self._free(rows[ways][:-1])
+                if k < end - 1:
+                    self._free(rows[is_out])
+        followed = slice(last, end)
+        most = LEAVING_STEP * np.maximum(steps[followed], leaving_s / OUT_STAGES)
+        self.x[1, followed, STEP] = most
+        for k in self.index.knots.get("flight", ()):
+            self._free(self.index.rows["flight", k][FLIGHT_ROWS.slices["out"]])
 
     def watch_long_enough(self, window_s: float, steps: Vector, always: bool) -> None:
         """Lets the watched stages last, in sum, as long as the certificate watches; the window is part of that.

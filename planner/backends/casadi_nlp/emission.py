@@ -23,6 +23,7 @@ OPERATORS = {
     ca.OP_NEG: "-{0}",
     ca.OP_SQ: "{0} * {0}",
     ca.OP_TWICE: "2.0 * {0}",
+    ca.OP_INV: "1.0 / {0}",
 }
 CALLS = {
     ca.OP_EXP: "exp",

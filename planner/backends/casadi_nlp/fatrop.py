@@ -19,11 +19,11 @@ import numpy as np
 from planner.arrays import Array, Index
 from planner.backends.casadi_nlp import codegen
 from planner.backends.casadi_nlp.functions import KINDS, first_result
-from planner.backends.casadi_nlp.layout import COST, NU, SHARED, Vector
+from planner.backends.casadi_nlp.layout import COST, NU, SHARED, StageLayout, Vector, object_of
 from planner.backends.casadi_nlp.symbols import FORMULAS
-from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, RowIndex, StageLayout, transcription
+from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, RowIndex, transcription
 
-ROWS_MAX = 64  # [-] of a block, as in launch.c
+ROWS_MAX, OBJECTS_MAX = 64, 2  # [-] of a block, and whose states there may be, as in launch.c
 SOLVED = 0  # fatrop's status
 IPOPT = {"tol": 1e-5, "mu_init": 1e-3, "max_iter": 80}
 PATTERNS_KEPT = 64  # solvers cached: a few for each kind of release
@@ -49,7 +49,7 @@ class _Block(ctypes.Structure):
         ("jacobian", ctypes.c_void_p),
         ("hessian", ctypes.c_void_p),
         ("position", ctypes.c_void_p),
-        *((name, ctypes.c_int) for name in ("variables", "rows", "following", "into")),
+        *((name, ctypes.c_int) for name in ("variables", "rows", "object", "following", "into")),
         *((name, ctypes.c_int) for name in ("first", "last", "parameters", "each")),
     )
 
@@ -61,7 +61,8 @@ class _Problem(ctypes.Structure):
         ("block", ctypes.POINTER(_Block)),
         ("own", ctypes.c_void_p),
         ("owned", ctypes.c_void_p),
-        *((name, ctypes.c_int) for name in ("blocks", "cost", "stages", "rows", "thrown")),
+        *((name, ctypes.c_int) for name in ("blocks", "cost", "stages", "rows")),
+        ("thrown", ctypes.c_int * OBJECTS_MAX),
     )
 
 
@@ -76,7 +77,8 @@ class CompiledLaunch:
         owned = self._integers(index.per_stage)
         own = self._integers([rows.start for rows in _own_rows(index)])
         names, stages = list(index.blocks), index.stages
-        thrown = stages.launch if stages.carries else stages.stages + 1
+        none = (stages.stages + 1,) * (OBJECTS_MAX - len(stages.objects))
+        thrown = (ctypes.c_int * OBJECTS_MAX)(*stages.objects, *none)
         self._problem = _Problem(blocks, own, owned, len(names), names.index("cost"), stages.stages, index.size, thrown)
 
     def solve(self, arguments: Mapping[str, Array], options: Mapping[str, float]) -> tuple[Array, int, bool]:
@@ -142,6 +144,7 @@ class CompiledLaunch:
             self._integers(np.concatenate([np.zeros(0), *positions])),
             block.variables,
             block.n,
+            object_of(name),
             following.stop - following.start,
             following.start,
             knots.start,

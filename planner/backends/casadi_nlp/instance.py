@@ -13,9 +13,15 @@ from planner.backends.casadi_nlp import layout
 from planner.backends.casadi_nlp.bounds import Bounds
 from planner.backends.casadi_nlp.flight_rows import constrains_flight, flight_parameters
 from planner.backends.casadi_nlp.functions import evaluate
-from planner.backends.casadi_nlp.layout import NZ, QD, QDD, STEP, TIME, Q, Vector
+from planner.backends.casadi_nlp.layout import LAZY_GROUPS, NZ, OUT_STAGES, QD, QDD, STEP, TIME, Q, StageLayout, Vector
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins
-from planner.backends.casadi_nlp.object_path import initial_aim, path_parameters, thrown_state
+from planner.backends.casadi_nlp.object_path import (
+    initial_aim,
+    leaving_time,
+    path_parameters,
+    standing_parameters,
+    thrown_state,
+)
 from planner.backends.casadi_nlp.parameters import (
     arm_parameters,
     box_parameters,
@@ -25,12 +31,12 @@ from planner.backends.casadi_nlp.parameters import (
     variable_scales,
 )
 from planner.backends.casadi_nlp.symbols import FLIGHT_ROWS, FORMULAS, LEAVING_ROWS
-from planner.backends.casadi_nlp.transcription import LAZY_GROUPS, StageLayout, Transcription, transcription
+from planner.backends.casadi_nlp.transcription import Transcription, transcription
 from planner.cell import Limits
 from planner.kinematics import SINGULARITIES, signed_singularity_distances
 from planner.problem import TargetRelease, ThrowProblem
 from planner.seeds import Candidate, InitialGuess, Seed
-from planner.timing import CubicProfile, grid_limits
+from planner.timing import CubicGuess, grid_limits
 
 Arguments = dict[str, Vector]
 
@@ -47,6 +53,7 @@ ROOM = {  # [m] added to the clearances at given joint positions: the margins of
 LONGEST_BRAKE_STEP = 1.5  # [-] of the mean step of a brake that was solved alone
 AT_REST_GROUPS = ("effort", "clearance")  # of `LAZY_GROUPS`: without boxes, of a move that ends at rest
 USUAL_GROUPS = (*AT_REST_GROUPS, "grip", "flight", "passing")  # the same of a throw, with a known gripper
+TARGET_GROUPS = (*AT_REST_GROUPS, "grip", "flight", "standing", "passing")  # the same of a throw to a target
 
 # Stages in half a release window, at most, and their least duration [s]. One alone releases 2 to 3 % later than four.
 # More converge less often; they release a little sooner in windows beyond 30 ms.
@@ -76,6 +83,7 @@ def _applicable_groups(problem: ThrowProblem, margins: Margins) -> tuple[str, ..
         "keep_out": _box_slots(problem) > 0,
         "grip": problem.cell.gripper.hold_acceleration_m_s2 is not None and not problem.ends_at_rest,
         "flight": bool(margins.cuts) or constrains_flight(problem),
+        "standing": isinstance(problem.release, TargetRelease),
         "leaving": margins.leaves,
         "passing": not problem.ends_at_rest,
     }
@@ -108,9 +116,11 @@ def common_layouts() -> list[StageLayout]:
     layouts = [StageLayout(*stages, groups=groups) for stages in throws for groups in _subsets(USUAL_GROUPS)]
     braking = [groups for groups in _subsets(USUAL_GROUPS) if "passing" in groups]
     layouts += [StageLayout(*stages, groups=groups, aims=True) for stages in throws for groups in braking]
+    layouts += [StageLayout(*stages, groups=TARGET_GROUPS, aims=True) for stages in throws]
     layouts += [StageLayout(0, n, groups=groups) for n in (brake, fine_brake) for groups in braking]
     layouts += [StageLayout(launch, 0, groups=groups) for groups in _subsets(AT_REST_GROUPS)]
-    layouts += [StageLayout(fine_launch, fine_brake, groups=USUAL_GROUPS, aims=aims) for aims in (False, True)]
+    layouts += [StageLayout(fine_launch, fine_brake, groups=USUAL_GROUPS)]
+    layouts += [StageLayout(fine_launch, fine_brake, groups=TARGET_GROUPS, aims=True)]
     return [*layouts, StageLayout(fine_launch, 0, groups=AT_REST_GROUPS)]
 
 
@@ -158,12 +168,12 @@ class Instance:
         guess = seed.initial_guess or CubicGuess(problem, candidate)
         stages = stage_layout(problem, margins, resolution)
         limits, aim = grid_limits(problem.reachable, problem.dt), initial_aim(problem, candidate)
-        initial, steps = _variables_along(guess, stages, problem.release_window_s)
+        initial, steps = _variables_along(guess, stages, problem)
         return Instance(problem, candidate, margins, stages, limits, aim, initial, steps)
 
     def from_guess(self, guess: InitialGuess, landing_offsets: Vector | float) -> Instance:
         """Returns the instance with another initial guess and other offsets of the landings."""
-        initial, steps = _variables_along(guess, self.stages, self.problem.release_window_s)
+        initial, steps = _variables_along(guess, self.stages, self.problem)
         return replace(self, initial=initial, steps=steps, landing_offsets=landing_offsets)
 
     def with_reserve(self, guess: InitialGuess, reserve: float) -> Instance:
@@ -218,24 +228,23 @@ class Instance:
             "boxes": box_parameters(self.problem.cell_with_bin, self.margins.box_m),
             "flight": flight_parameters(self.problem, self.candidate, self.margins, self.aim),
             # Also where the initial guess is a failed motion: beside its own path fewer solves succeed.
-            "object_path": self.object_path(self.candidate.q, self.candidate.qd),
+            **self.object_paths(self.candidate.q, self.candidate.qd),
+            "standing": standing_parameters(self.problem, self.margins.standing_m),
         }
 
-    def object_path(self, q: Vector, qd: Vector) -> Vector:
-        """Returns the `OBJECT_PATH` vector for joint positions and velocities (6,) at the release; zeros at rest."""
-        if self.problem.ends_at_rest:
-            return np.zeros(layout.OBJECT_PATH.size)
-        path = path_parameters(self.problem, q, qd, self.margins.passing_m, self.stages.carries)
-        return np.round(path, DECIMALS)
+    def object_paths(self, q: Vector, qd: Vector) -> dict[str, Vector]:
+        """Returns the `OBJECT_PATH` vectors of both objects, for joint states (6,) at the release."""
+        paths = path_parameters(self.problem, q, qd, self.margins.passing_m, len(self.stages.objects))
+        return {name: np.round(path, DECIMALS) for name, path in paths.items()}
 
     def with_object(self, z: Vector) -> Vector:
         """Returns a solver's variables: those of the arm (N + 1, NZ), scaled, and the object's, rounded."""
-        core = z.ravel()[: self.transcription.row_index.core]
-        if not self.stages.carries:
-            return core
-        release = z[self.stages.launch] * self.scales
-        thrown = np.concatenate(thrown_state(self.problem, release[Q], release[QD]))
-        return np.append(core, np.tile(np.round(thrown, DECIMALS), self.stages.brake + 1))
+        pieces = [z.ravel()[: self.transcription.row_index.core]]
+        for first in self.stages.objects:
+            release = z[first] * self.scales
+            thrown = np.concatenate(thrown_state(self.problem, release[Q], release[QD]))
+            pieces.append(np.tile(np.round(thrown, DECIMALS), self.stages.stages + 1 - first))
+        return np.concatenate(pieces)
 
     def _arm(self) -> Vector:
         """Returns the `ARM` vector; for a calibrated arm, of the closest arm that the formulas know."""
@@ -283,7 +292,7 @@ class Instance:
         bounds.fix_ends(problem.start)
         bounds.limit_steps(self.steps, self.brake_step_max_s)
         if "leaving" in self.stages.groups:
-            bounds.let_object_leave()
+            bounds.follow_object(self.steps, leaving_time(problem))
         if not problem.ends_at_rest and self.limits.singularity_distance_min > 0.0:  # 0 does not limit: sides are free
             distance = margins.singularity * self.limits.singularity_distance_min
             bounds.avoid_singularities(self._singularity_sides(), distance)
@@ -314,8 +323,8 @@ class Instance:
         for group, rows in (("flight", FLIGHT_ROWS), ("leaving", LEAVING_ROWS)):
             if group in self.stages.groups:
                 limits[group] = np.zeros(rows.size), np.full(rows.size, inf)
-        if "passing" in self.stages.groups:
-            limits["passing"] = np.zeros(1), np.full(1, inf)
+        for group in {"standing", "passing"} & set(self.stages.groups):
+            limits[group] = np.zeros(1), np.full(1, inf)
         for group, room in ROOM.items():
             if group in self.stages.groups:
                 limits[group] = self._least_clearances(group, room), np.full(len(room), inf)
@@ -360,39 +369,22 @@ def _even_braking(q: Vector, qd: Vector, duration_s: float, stages: int) -> Vect
     return z
 
 
-def _variables_along(guess: InitialGuess, stages: StageLayout, window_s: float) -> tuple[Vector, Vector]:
-    """Returns variables (N + 1, NZ) and steps (N,) [s] along a motion, with knots at the ends of the window."""
+def _variables_along(guess: InitialGuess, stages: StageLayout, problem: ThrowProblem) -> tuple[Vector, Vector]:
+    """Returns variables (N + 1, NZ) and steps (N,) [s] along a motion, with knots at the ends of the window.
+
+    Where the object is followed on its way out of the grip, the stages after the last release last as long as that.
+    """
     release, end, n = guess.release_time_s, guess.duration_s, stages.window
-    around = window_s if n else 0.0
+    around, out_s, following = (problem.release_window_s if n else 0.0), leaving_time(problem), 0
     first, last = max(release - around, release / 2), min(release + around, (release + end) / 2)
-    pieces = ((0.0, first, stages.launch - n), (first, release, n), (release, last, n), (last, end, stages.brake - n))
+    if "leaving" in stages.groups and last + out_s < end:
+        following = OUT_STAGES
+    out = last + out_s if following else last
+    rest = stages.brake - n - following
+    launch = (0.0, first, stages.launch - n), (first, release, n)
+    pieces = *launch, (release, last, n), (last, out, following), (out, end, rest)
     t = np.concatenate([[0.0], *(np.linspace(start, stop, count + 1)[1:] for start, stop, count in pieces)])
     q, qd, qdd = guess.at(t)
     steps = np.diff(t)
     controls = np.column_stack([np.diff(qdd, axis=0) / steps[:, None], steps])
     return np.column_stack([q, qd, qdd, t - release, np.pad(controls, ((0, 1), (0, 0)))]), steps
-
-
-class CubicGuess:
-    """The initial guess of a seed without one: a cubic to the release in twice the least time, then even braking.
-
-    Attributes:
-        release_time_s: release time [s].
-        brake_s: duration of the brake [s].
-        duration_s: time of standstill [s].
-    """
-
-    def __init__(self, problem: ThrowProblem, candidate: Candidate) -> None:
-        self.start, self.qd = problem.start, candidate.qd
-        self.release_time_s = max(2.0 * candidate.bound_s, 0.2)
-        self.brake_s = max(1.5 * float(np.max(np.abs(candidate.qd) / problem.limits.qdd_max)), 0.1)
-        self.duration_s = self.release_time_s + (0.0 if problem.ends_at_rest else self.brake_s)
-        self.launch = CubicProfile(candidate.q - problem.start, candidate.qd, self.release_time_s)
-
-    def at(self, t: Vector, /) -> tuple[Vector, Vector, Vector]:
-        """Returns q, qd, qdd (n, 6) at times `t` (n,) [s]."""
-        release, slowing, v = self.release_time_s, self.brake_s, self.qd
-        d, qd, qdd = self.launch.at(np.minimum(t, release))
-        after = np.clip(t - release, 0.0, slowing)[:, None]
-        q = self.start + d + v * (after - after**2 / (2 * slowing))
-        return q, qd - v * after / slowing, np.where(t[:, None] < release, qdd, -v / slowing)

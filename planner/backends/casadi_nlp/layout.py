@@ -1,12 +1,12 @@
-"""Layout of the optimiser's variables, and of the parameter vectors that its generated functions take.
+"""Layout of the optimiser's variables, of the parameter vectors that its generated functions take, and of the stages.
 
 No arm, tool or room is compiled in: the same machine code serves every cell.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -40,8 +40,9 @@ NU = 7  # control: jerk of six joints, and the length of the step
 NZ = NX + NU
 Q, QD, QDD, TIME = slice(0, 6), slice(6, 12), slice(12, 18), 18  # positions within z = (state, control)
 JERK, STEP = slice(19, 25), 25
-# Further states of the stages from the release on, where the braking arm keeps off an object whose release is free: its
-# position [m] and velocity [m/s] in the world at the release, not scaled. Blocks that depend on them take (z, thrown).
+# Further states of the stages from a release on, where rows follow an object whose release is free: its position [m]
+# and velocity [m/s] in the world at the release, not scaled. Blocks that depend on them take (z, thrown). In a release
+# window there are two such objects where the way out of the grip is followed: of its first and of its last release.
 N_THROWN = 6
 PLACE, SPEED = slice(NZ, NZ + 3), slice(NZ + 3, NZ + N_THROWN)
 
@@ -122,6 +123,17 @@ OBJECT_PATH = VectorLayout(
         "fall": 1,  # acceleration with which the path bends, at most [m/s^2]
         "reach": 1,  # distance that its centre keeps from the surface of a link [m]
         "share": 1,  # of the tool's speed that the object has at the release [-]
+        "ago": 1,  # by which its release is before the nominal one [s]
+    }
+)
+STANDING_CAPSULES = 2  # [-] that never move: the arm's foot, and its base
+STANDING = VectorLayout(
+    {
+        "capsules": 7 * STANDING_CAPSULES,  # end points in the world (3 + 3), radius [m]
+        "reach": 1,  # distance that the object's centre keeps from their surface [m]
+        "ground": 1,  # height of the object's centre where its flight ends [m]
+        "gravity": 1,  # [m/s^2]
+        "share": 1,  # of the tool's speed that the object has at the release [-]
     }
 )
 SHARED = {
@@ -131,6 +143,8 @@ SHARED = {
     "boxes": BOXES,
     "flight": FLIGHT,
     "object_path": OBJECT_PATH,
+    "last_path": OBJECT_PATH,  # of the object of a window's last release
+    "standing": STANDING,
 }  # parameters shared by all stages, in this order
 COST = VectorLayout({"time": 1, "jerk": 1, "step": 1, "initial_step": 1})  # parameters of each stage's cost
 ABSENT_RADIUS = -1.0e3  # [m] radius of an absent capsule: never near anything
@@ -186,3 +200,108 @@ class FlightEdge:
 
 
 NO_EDGE = FlightEdge.at_time(0.0, (0.0, 0.0, 0.0), -1.0)  # holds with 1 m to spare
+
+# Stages before and after the release (or its window) on which singularities are avoided.
+WATCHED_BEFORE, WATCHED_AFTER = 3, 2
+LEAVING_STAGES = 1  # stages after the release (or its window), 20 to 40 ms, in which the object leaves the open grip
+OUT_STAGES = 2  # the same where its way out is followed, until it is out
+LAST = "_last"  # suffix of the blocks of the object of a window's last release, which have the functions of the others
+OF_THE_OBJECT = ("thrown", "carried")  # blocks whose rows are the object's next state; with `LAST`, the last one's
+# Groups of rows left out until a solution violates them, at knots and (but for three from "grip" on) at middles.
+LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight", "standing", "leaving", "passing")
+
+
+@dataclass(frozen=True)
+class StageLayout:
+    """The stages of a problem, and the lazy groups of rows in it.
+
+    Attributes:
+        launch: stages before the release.
+        brake: stages after it.
+        window: stages on either side of the release that make up the release window.
+        groups: those of `LAZY_GROUPS` that are included.
+        boxes: slots for keep-out boxes, one of `layout.BOX_SLOTS`; 0 without group "keep_out".
+        aims: whether the release is free, so that the object's path is part of the solution.
+    """
+
+    launch: int = 8
+    brake: int = 4
+    window: int = 0
+    groups: tuple[str, ...] = ()
+    boxes: int = 0
+    aims: bool = False
+
+    @property
+    def stages(self) -> int:
+        """Number of steps."""
+        return self.launch + self.brake
+
+    @property
+    def objects(self) -> tuple[int, ...]:
+        """The stages from which on an object has states; none where its path is given, or no row depends on it.
+
+        Where its way out of the grip is followed, a window has two: of its first and its last release.
+        """
+        if self.window and "leaving" in self.groups:
+            return self.launch - self.window, self.launch + self.window
+        return (self.launch,) if self.aims and {"leaving", "passing"} & set(self.groups) else ()
+
+    def with_groups(self, groups: Collection[str]) -> StageLayout:
+        """Returns the layout with only those of its groups that are in `groups`."""
+        kept = tuple(group for group in self.groups if group in groups)
+        boxes = self.boxes if "keep_out" in kept else 0
+        return replace(self, groups=kept, boxes=boxes, aims=self.aims and bool({"leaving", "passing"} & set(kept)))
+
+    def function(self, block: str) -> str:
+        """Returns the name of a block's functions, which have fewer slots for fewer boxes."""
+        has_fewer = group_of(block) == "keep_out" and self.boxes in BOX_SLOTS[:-1]
+        return f"{block}_{self.boxes}" if has_fewer else block.removesuffix(LAST)
+
+    def includes(self, block: str) -> bool:
+        """Returns whether a block is part of the problem."""
+        if object_of(block) > 0 and len(self.objects) <= object_of(block):
+            return False
+        if block.removesuffix(LAST) in OF_THE_OBJECT:
+            return bool(self.objects)
+        group = group_of(block)
+        return group not in LAZY_GROUPS or group in self.groups
+
+    def knots(self, block: str) -> range:
+        """Returns the stages on which a block applies."""
+        released = self.launch + self.window
+        first_watched = max(self.launch - self.window - WATCHED_BEFORE, 0)
+        last_watched = min(released + WATCHED_AFTER, self.stages)
+        special = {
+            "motion": range(self.stages),
+            "cost": range(self.stages),
+            **{name: knots for i, first in enumerate(self.objects) for name, knots in self._knots_of_object(i, first)},
+            "singularity": range(first_watched, last_watched + 1),
+            "singularity_middle": range(first_watched, last_watched),
+            "release": range(self.launch - self.window, released + 1),
+            "standing": range(self.launch - self.window, released + 1),
+            "flight": range(self.launch - self.window, min(released + LEAVING_STAGES, self.stages) + 1),
+            "leaving": range(self.launch - self.window, min(released + OUT_STAGES, self.stages)),
+            "leaving_last": range(released, min(released + OUT_STAGES, self.stages)),
+            "grip": range(1, released + 1),
+            "passing": range(released + 1, self.stages),
+            "passing_middle": range(released, self.stages),
+            "passing_at_rest": range(self.stages, self.stages + 1),
+        }
+        everywhere = range(self.stages) if block.endswith("_middle") else range(1, self.stages + 1)
+        return special.get(block, everywhere)
+
+    def _knots_of_object(self, i: int, first: int) -> Iterator[tuple[str, range]]:
+        """Yields the blocks of the states of object i, and the stages on which they apply."""
+        suffix = LAST if i else ""
+        yield f"thrown{suffix}", range(first - 1, first)
+        yield f"carried{suffix}", range(first, self.stages)
+
+
+def group_of(block: str) -> str:
+    """Returns the group of a block, which is named after it."""
+    return block.removesuffix("_middle").removesuffix("_at_rest").removesuffix(LAST)
+
+
+def object_of(block: str) -> int:
+    """Returns which object's states a block depends on: 1 for that of a window's last release."""
+    return int(block.endswith(LAST))

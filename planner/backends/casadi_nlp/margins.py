@@ -22,13 +22,13 @@ MOST_SHARE = 0.4  # [-] of a limit; beyond it a margin is no remedy
 MOST_M = 0.1  # [m] the same for a clearance
 MOST_EVERYWHERE_M = 0.01  # [m] the same for a clearance margin along the whole motion
 MOST_RAD = 0.2  # [rad] the same for a joint position
-OPENING_FACTOR = 2.5  # [-] of the missing angle: less than half of what is gained at the release is left at the end
-FOLLOWED_FACTOR = 1.2  # [-] of the missing angle where the way out is followed: it is missing between the rows
-MOST_OPENING_RAD = 0.4  # [rad] missing angle beyond which a margin is no remedy: the way out is followed instead
-MOST_FOLLOWED_RAD = 0.6  # [rad] the same where it is followed
+OPENING_FACTOR = 1.2  # [-] of the missing angle where the way out is followed: it is missing between the rows
+FOLLOWED_OPENING_RAD = 0.1  # [rad] by which the opening is narrower there, at least
+MOST_OPENING_RAD = 0.6  # [rad] missing angle beyond which a margin is no remedy
 TOO_COARSE_M = 0.005  # [m] clearance missing between knots and midpoints that calls for more stages
 LINKS = {"shoulder", "upper_arm", "elbow", "forearm", "wrist_1", "wrist_2", "wrist_3"}  # of block "passing"
 POSITIONS = "positions"  # group of the joints' position limits: bounds of variables, and rows of block "motion"
+STANDING = {"foot", "base"}  # of block "standing"
 DIAGONAL = math.sqrt(2.0)  # the optimiser bounds a landing error in x and y, the certificate its norm
 
 
@@ -126,9 +126,9 @@ class Margins:
         flight_m: room between the object's flight and the boxes that it passes.
         mouth_m: the same at the rim of a bin.
         opening_rad: by which the gripper's opening cone is narrowed [rad].
-        leaves: whether block "leaving" holds the object's way out in the stages from the window's beginning to the last
-            release, beside the row "out".
+        leaves: whether block "leaving" follows the object on its way out of the grip, in place of the row "out".
         passing_m: room between the object in flight and the braking arm.
+        standing_m: the same for what never moves of the arm.
         cuts: half-spaces that keep the flight clear of the arm; see `flight_rows.arm_cuts`.
         window: usable share of the landing tolerance in the release window, in x and in y [-].
         local: margins around a time.
@@ -150,6 +150,7 @@ class Margins:
     opening_rad: float = 0.03
     leaves: bool = False
     passing_m: float = 0.002
+    standing_m: float = 0.002
     cuts: tuple[FlightEdge, ...] = ()
     window: float = 0.62
     local: tuple[LocalMargin, ...] = ()
@@ -183,13 +184,6 @@ class Margins:
                 wider = wider and wider._widened_for(check, solution.trajectory, bool(cuts))
         return wider
 
-    def following(self, beside: Solution) -> Margins:
-        """Returns the margins for following the way out of a solution that leaves beside the gripper's opening.
-
-        What it was found with, and the way out, is included at once: without, it would be found once more.
-        """
-        return replace(self, leaves=True, held=self.held | beside.held | {"leaving"})
-
     def _within_positions(self, missing_rad: float) -> Margins | None:
         if missing_rad > MOST_RAD:
             return None
@@ -213,18 +207,26 @@ class Margins:
     def _widened_for_flight(self, check: FailedCheck, missing: float, is_cut: bool) -> Margins | None:
         held = replace(self, held=self.held | {"flight"})
         if check.name == "opening_direction":
-            factor = FOLLOWED_FACTOR if self.leaves else OPENING_FACTOR
-            most = MOST_FOLLOWED_RAD if self.leaves else MOST_OPENING_RAD
-            narrower = self.opening_rad + factor * missing + SPARE_RAD
-            return replace(held, opening_rad=narrower) if missing < most else None
+            return self._with_way_out(missing)
         if is_cut:
             return held
         more = BETWEEN_KNOTS_FACTOR * missing + SPARE_M
+        if meets_base(check):
+            wider = replace(self, held=self.held | {"standing"}, standing_m=self.standing_m + more)
+            return wider if wider.standing_m < MOST_M else None
         if meets_arm(check):
             wider = replace(self, held=self.held | {"passing"}, passing_m=min(self.passing_m + more, MOST_M))
             return wider if self.passing_m < MOST_M else None
         wider = replace(held, flight_m=self.flight_m + more, mouth_m=self.mouth_m + more)
         return wider if wider.flight_m < MOST_M else None
+
+    def _with_way_out(self, missing_rad: float) -> Margins | None:
+        """Returns the margins that follow the object's way out; once they do, with a narrower opening."""
+        held = self.held | {"flight", "leaving"}
+        if not self.leaves:
+            return replace(self, held=held, leaves=True, opening_rad=FOLLOWED_OPENING_RAD)
+        narrower = self.opening_rad + OPENING_FACTOR * missing_rad + SPARE_RAD
+        return replace(self, held=held, opening_rad=narrower) if missing_rad < MOST_OPENING_RAD else None
 
     def _widened_locally(self, check: FailedCheck, missing: float, failed: Trajectory) -> Margins | None:
         local = LOCAL_CHECKS.get(check.name)
@@ -252,6 +254,11 @@ DEFAULT_MARGINS = Margins()
 def meets_arm(check: FailedCheck) -> bool:
     """Returns whether a failed check is of a flight that meets a link, which can brake another way."""
     return check.name == "flight_clearance" and check.detail in LINKS
+
+
+def meets_base(check: FailedCheck) -> bool:
+    """Returns whether a failed check is of a flight that meets what never moves of the arm."""
+    return check.name == "flight_clearance" and check.detail in STANDING
 
 
 def too_coarse(failures: Iterable[FailedCheck], margins: Margins = DEFAULT_MARGINS) -> bool:

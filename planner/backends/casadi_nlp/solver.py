@@ -15,9 +15,9 @@ import numpy as np
 from planner.backends.casadi_nlp.fatrop import Options, compiled_launch, solve_by_fatrop, solve_by_ipopt
 from planner.backends.casadi_nlp.functions import evaluate
 from planner.backends.casadi_nlp.instance import Arguments, Instance
-from planner.backends.casadi_nlp.layout import NU, NX, NZ, QD, TIME, Q, Vector
+from planner.backends.casadi_nlp.layout import NU, NX, NZ, QD, TIME, Q, StageLayout, Vector
 from planner.backends.casadi_nlp.margins import POSITIONS
-from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, StageLayout, transcription
+from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, transcription
 from planner.errors import SolverFailed
 
 # What falls below the LU tolerance is dropped where equalities are eliminated. With a smaller one fatrop 1.1.8 raises
@@ -260,7 +260,8 @@ def _beyond(values: Vector, lower: Vector, upper: Vector) -> Vector:
 def _with_path_of(instance: Instance, z: Vector) -> Vector:
     """Returns the parameters with the path of the object that a solution throws."""
     p, release = instance.arguments["p"].copy(), z[instance.stages.launch] * instance.scales
-    p[ALL_SHARED.slices["object_path"]] = instance.object_path(release[Q], release[QD])
+    for name, path in instance.object_paths(release[Q], release[QD]).items():
+        p[ALL_SHARED.slices[name]] = path
     return p
 
 

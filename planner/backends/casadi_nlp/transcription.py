@@ -1,15 +1,15 @@
 """Transcription: which blocks of rows apply on which stages, and the functions of the whole problem.
 
-Variables: z_0 … z_N, each state then control, the last without a control; then the object's states of every stage from
-the release on, where it has some. Rows, stage by stage: x_{k+1} - F(x_k, u_k), the object's last, then the rows of the
-blocks that apply there. All derivatives are the blocks', mapped over the stages and put in their places, so another
-number of stages or another set of blocks needs no compiling.
+Variables: z_0 … z_N, each state then control, the last without a control; then an object's states of every stage from
+its release on, where it has some, object by object. Rows, stage by stage: x_{k+1} - F(x_k, u_k), the objects' last,
+then the rows of the blocks that apply there. All derivatives are the blocks', mapped over the stages and put in their
+places, so another number of stages or another set of blocks needs no compiling.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
 
@@ -19,97 +19,25 @@ from numpy.typing import NDArray
 
 from planner.backends.casadi_nlp import codegen, layout
 from planner.backends.casadi_nlp.functions import Block
-from planner.backends.casadi_nlp.layout import COST, N_THROWN, NU, NX, NZ
-from planner.backends.casadi_nlp.symbols import FORMULAS, WITH_FEWER_BOXES
+from planner.backends.casadi_nlp.layout import (
+    COST,
+    LAST,
+    N_THROWN,
+    NU,
+    NX,
+    NZ,
+    OF_THE_OBJECT,
+    StageLayout,
+    group_of,
+    object_of,
+)
+from planner.backends.casadi_nlp.symbols import FORMULAS
 
 MX = Any
 Indices = NDArray[np.intp]
 
-# Stages before and after the release (or its window) on which singularities are avoided.
-WATCHED_BEFORE, WATCHED_AFTER = 3, 2
-LEAVING_STAGES = 1  # stages after the release (or its window), 20 to 40 ms, in which the object leaves the open grip
-OF_THE_OBJECT = ("thrown", "carried")  # blocks whose rows are the object's next state
-# Groups of rows left out until a solution violates them, at knots and (but for three from "grip" on) at middles.
-LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight", "leaving", "passing")
 # Parameters p: these, then the costs of every stage.
 ALL_SHARED = layout.VectorLayout({name: piece.size for name, piece in layout.SHARED.items()})
-
-
-@dataclass(frozen=True)
-class StageLayout:
-    """The stages of a problem, and the lazy groups of rows in it.
-
-    Attributes:
-        launch: stages before the release.
-        brake: stages after it.
-        window: stages on either side of the release that make up the release window.
-        groups: those of `LAZY_GROUPS` that are included.
-        boxes: slots for keep-out boxes, one of `layout.BOX_SLOTS`; 0 without group "keep_out".
-        aims: whether the release is free, so that the object's path is part of the solution.
-    """
-
-    launch: int = 8
-    brake: int = 4
-    window: int = 0
-    groups: tuple[str, ...] = ()
-    boxes: int = 0
-    aims: bool = False
-
-    @property
-    def stages(self) -> int:
-        """Number of steps."""
-        return self.launch + self.brake
-
-    @property
-    def carries(self) -> bool:
-        """Whether the object has states, on the stages from the release on."""
-        return self.aims and "passing" in self.groups
-
-    def with_groups(self, groups: Collection[str]) -> StageLayout:
-        """Returns the layout with only those of its groups that are in `groups`."""
-        kept = tuple(group for group in self.groups if group in groups)
-        boxes = self.boxes if "keep_out" in kept else 0
-        return replace(self, groups=kept, boxes=boxes, aims=self.aims and "passing" in kept)
-
-    def function(self, block: str) -> str:
-        """Returns the name of a block's functions, which have fewer slots for fewer boxes."""
-        fewer = f"{block}_{self.boxes}"
-        return fewer if fewer in WITH_FEWER_BOXES else block
-
-    def includes(self, block: str) -> bool:
-        """Returns whether a block is part of the problem."""
-        if block in OF_THE_OBJECT:
-            return self.carries
-        group = group_of(block)
-        return group not in LAZY_GROUPS or group in self.groups
-
-    def knots(self, block: str) -> range:
-        """Returns the stages on which a block applies."""
-        released = self.launch + self.window
-        first_watched = max(self.launch - self.window - WATCHED_BEFORE, 0)
-        last_watched = min(released + WATCHED_AFTER, self.stages)
-        special = {
-            "motion": range(self.stages),
-            "cost": range(self.stages),
-            "thrown": range(self.launch - 1, self.launch),
-            "carried": range(self.launch, self.stages),
-            "singularity": range(first_watched, last_watched + 1),
-            "singularity_middle": range(first_watched, last_watched),
-            "release": range(self.launch - self.window, released + 1),
-            "flight": range(self.launch - self.window, min(released + LEAVING_STAGES, self.stages) + 1),
-            "leaving": range(self.launch - self.window, released + 1),
-            "grip": range(1, released + 1),
-            "passing": range(released + 1, self.stages),
-            "passing_middle": range(released, self.stages),
-            "passing_at_rest": range(self.stages, self.stages + 1),
-        }
-        everywhere = range(self.stages) if block.endswith("_middle") else range(1, self.stages + 1)
-        return special.get(block, everywhere)
-
-
-def group_of(block: str) -> str:
-    """Returns the group of a block, which is named after it."""
-    return block.removesuffix("_middle").removesuffix("_at_rest")
 
 
 class RowIndex:
@@ -137,8 +65,10 @@ class RowIndex:
         self.dynamics: list[Indices] = []
         self.per_stage: list[int] = []
         self.core = self.variables = stages.stages * NZ + NX
-        if stages.carries:
-            self.variables += N_THROWN * (stages.brake + 1)
+        self.first_thrown: list[int] = []  # positions of the objects' first states
+        for first in stages.objects:
+            self.first_thrown.append(self.variables)
+            self.variables += N_THROWN * (stages.stages + 1 - first)
         self.size = 0
         for k in range(stages.stages + 1):
             self._add_stage(k)
@@ -161,31 +91,38 @@ class RowIndex:
 
     def states(self, k: int) -> int:
         """Returns the number of states of a stage."""
-        return NX + (N_THROWN if self.stages.carries and k >= self.stages.launch else 0)
+        return NX + N_THROWN * sum(k >= first for first in self.stages.objects)
 
     def following(self, block: str) -> slice:
         """Returns which of the next stage's states a block's first rows are; none for most blocks."""
-        if block in OF_THE_OBJECT:
-            return slice(NX, NX + N_THROWN)
+        if block.removesuffix(LAST) in OF_THE_OBJECT:
+            begin = NX + N_THROWN * object_of(block)
+            return slice(begin, begin + N_THROWN)
         return slice(0, NX if block == "motion" else 0)
 
-    def columns(self, k: int, count: int = NZ) -> Indices:
-        """Returns the positions of the first `count` variables (z, thrown) of a stage; -1 for what it does not have."""
+    def columns(self, k: int, count: int = NZ, which: int = 0) -> Indices:
+        """Returns the positions of the first `count` variables (z, thrown) of a stage; -1 for what it does not have.
+
+        Args:
+            k: the stage.
+            count: of variables.
+            which: of the objects.
+        """
         z = np.arange(k * NZ, (k + 1) * NZ)
         if k == self.stages.stages:
             z[NX:] = -1
-        return np.append(z, self.thrown(k))[:count]
+        return np.append(z, self.thrown(k, which))[:count]
 
-    def thrown(self, k: int) -> Indices:
-        """Returns the positions of the object's states of a stage; -1 where it has none."""
-        if self.states(k) == NX:
+    def thrown(self, k: int, which: int) -> Indices:
+        """Returns the positions of an object's states of a stage; -1 where it has none."""
+        if which >= len(self.stages.objects) or k < self.stages.objects[which]:
             return np.full(N_THROWN, -1)
-        return self.core + N_THROWN * (k - self.stages.launch) + np.arange(N_THROWN)
+        return self.first_thrown[which] + N_THROWN * (k - self.stages.objects[which]) + np.arange(N_THROWN)
 
     @cached_property
     def stagewise(self) -> Indices:
         """The positions of the variables in the order of casadi's interface to fatrop: all states of a stage first."""
-        stages = (self.columns(k, NZ + N_THROWN) for k in range(self.stages.stages + 1))
+        stages = [np.append(self.columns(k, NZ + N_THROWN), self.thrown(k, 1)) for k in range(self.stages.stages + 1)]
         ordered = np.concatenate([np.concatenate([each[:NX], each[NZ:], each[NX:NZ]]) for each in stages])
         return ordered[ordered >= 0]
 
@@ -201,8 +138,9 @@ class RowIndex:
         positions = np.zeros(self.size, dtype=np.intp)
         for k, rows in enumerate(self.dynamics):
             positions[rows] = whole.dynamics[k][: len(rows)]
-        for key, rows in self.rows.items():
-            positions[rows] = whole.rows[key]
+        for (name, k), rows in self.rows.items():
+            if name.removesuffix(LAST) not in OF_THE_OBJECT:  # these are rows of the dynamics alone
+                positions[rows] = whole.rows[name, k]
         return positions
 
     def signs(self, block: str) -> np.ndarray:
@@ -276,11 +214,10 @@ def _columns(index: RowIndex, name: str, x: MX) -> MX:
     own = core[:, knots.start : knots.stop]
     if index.blocks[name].variables == NZ:
         return own
-    if not index.stages.carries:
+    thrown = [index.thrown(k, object_of(name)) for k in knots]
+    if (thrown[0] < 0).any():
         return ca.vertcat(own, ca.MX.zeros(N_THROWN, len(knots)))
-    thrown = ca.reshape(x[index.core :], N_THROWN, index.stages.brake + 1)
-    first = index.stages.launch
-    return ca.vertcat(own, thrown[:, knots.start - first : knots.stop - first])
+    return ca.vertcat(own, ca.reshape(x[np.concatenate(thrown).tolist()], N_THROWN, len(knots)))
 
 
 def _on_stages(index: RowIndex, kind: str, x: MX, p: MX) -> dict[str, list[MX]]:
@@ -328,8 +265,8 @@ def _next_states(index: RowIndex) -> Any:
 
 def _states(index: RowIndex, k: int) -> Indices:
     """Returns the positions of a stage's states."""
-    thrown = index.thrown(k)
-    return np.concatenate([index.columns(k)[:NX], thrown[thrown >= 0]])
+    thrown = np.concatenate([index.thrown(k, which) for which in range(len(index.stages.objects))] or [[]])
+    return np.concatenate([index.columns(k)[:NX], thrown[thrown >= 0]]).astype(np.intp)
 
 
 def _jacobian(index: RowIndex, outputs: Mapping[str, Sequence[MX]]) -> MX:
@@ -343,7 +280,7 @@ def _jacobian(index: RowIndex, outputs: Mapping[str, Sequence[MX]]) -> MX:
         entries.append(slopes if (signs == 1.0).all() else slopes * np.tile(signs, len(index.knots[name])))
         for k in index.knots[name]:
             rows.append(index.rows[name, k][row])
-            columns.append(index.columns(k, index.blocks[name].variables)[column])
+            columns.append(index.columns(k, index.blocks[name].variables, object_of(name))[column])
     positions = np.concatenate(columns) * index.size + np.concatenate(rows)
     order = np.argsort(positions)
     order = order[positions[order] >= 0]  # no control on the last stage, and not always an object
@@ -375,7 +312,7 @@ def _lagrangian(index: RowIndex, x: MX, p: MX, lam_f: MX, lam_g: MX) -> tuple[MX
         else:
             lam = ca.reshape(_into_rows(index, name).T @ lam_g, block.n, -1)
         slopes, nonzeros = _mapped(index, name, "curve", x, p, lam)
-        own = [index.columns(k, block.variables) for k in knots]
+        own = [index.columns(k, block.variables, object_of(name)) for k in knots]
         positions = np.concatenate(own)
         inside = np.flatnonzero(positions >= 0)
         gradient += _scatter(positions[inside], 1.0, index.variables) @ ca.vec(slopes)[inside.tolist()]

@@ -15,6 +15,7 @@ import pytest
 from planner.backends import ruckig_otg
 from planner.backends.casadi_nlp import (
     DEFAULT_MARGINS,
+    Margins,
     build_solvers,
     codegen,
     emission,
@@ -25,7 +26,8 @@ from planner.backends.casadi_nlp import (
 )
 from planner.backends.casadi_nlp.flight_rows import constrains_flight, starts_with_flight
 from planner.backends.casadi_nlp.instance import Instance
-from planner.backends.casadi_nlp.transcription import StageLayout, transcription
+from planner.backends.casadi_nlp.layout import StageLayout
+from planner.backends.casadi_nlp.transcription import transcription
 from planner.cell import Box, Cell, load_cell
 from planner.kernel import compile_once
 from planner.problem import JointRelease, TargetRelease, ThrowProblem
@@ -39,17 +41,19 @@ TARGET = TargetRelease(np.array([0.9, -0.5, 0.0]))
 needs_launch = pytest.mark.skipif(fatrop._libraries() is None, reason="nothing is compiled")
 
 
-def _instance(cell: Cell, window_s: float) -> Instance:
+def _instance(cell: Cell, window_s: float, margins: Margins = DEFAULT_MARGINS) -> Instance:
     robust = {"release_window_s": window_s, "landing_tolerance_m": 0.03} if window_s else {}
     problem = ThrowProblem(cell, cell.home, TARGET, cell.limits, **robust)
     candidate = candidates(problem)[0]
-    return Instance.of(problem, Seed(candidate, ruckig_otg.solve(problem, candidate).trajectory), DEFAULT_MARGINS)
+    return Instance.of(problem, Seed(candidate, ruckig_otg.solve(problem, candidate).trajectory), margins)
 
 
-# With every group of rows; with release windows of several stages; and beside a keep-out box.
+# With every group of rows; with release windows of several stages, and two objects; and beside a keep-out box.
 INSTANCES = {
     "open": (CELL, 0.0),
     "window": (CELL, 0.02),
+    "way out": (CELL, 0.0, Margins(leaves=True)),
+    "ways out": (CELL, 0.02, Margins(leaves=True)),
     "wall": (replace(CELL, surroundings=replace(CELL.surroundings, keep_out=(WALL,))), 0.0),
 }
 
@@ -375,7 +379,8 @@ def test_the_launch_takes_the_sizes_that_python_does() -> None:
     source = (codegen.LAUNCH_C[-1]).read_text()
     for name, value in (("STATES", layout.NX), ("CONTROLS", layout.NU), ("THROWN", layout.N_THROWN)):
         assert f"#define {name} {value}\n" in source
-    assert f"#define ROWS_MAX {fatrop.ROWS_MAX} " in source
+    for name, value in (("ROWS_MAX", fatrop.ROWS_MAX), ("OBJECTS_MAX", fatrop.OBJECTS_MAX)):
+        assert f"#define {name} {value} " in source
 
 
 @needs_launch

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from planner.backends.casadi_nlp import codegen, functions
-from planner.backends.casadi_nlp.transcription import StageLayout, transcription
+from planner.backends.casadi_nlp.layout import StageLayout
+from planner.backends.casadi_nlp.transcription import transcription
 
 RNG = np.random.default_rng(5)
 FUNCTIONS = ("motion", "clearance", "release")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planner.backends.casadi_nlp import DEFAULT_MARGINS, FlightEdge, Margins, meets_arm, too_coarse
+from planner.backends.casadi_nlp import DEFAULT_MARGINS, FlightEdge, Margins, meets_arm, meets_base, too_coarse
 from planner.certificate import Check
 from planner.certificate.certificate import at_least, at_most
 from planner.solution import Solution
@@ -116,28 +116,31 @@ def test_a_flight_that_meets_a_link_is_passed_by_the_braking_arm_with_more_room(
     assert not any(meets_arm(at_least("flight_clearance", -0.01, 0.0, "m", 0.2, what)) for what in ("box 0", "foot"))
 
 
-def test_an_object_that_leaves_into_the_palm_narrows_the_cone() -> None:
-    wide = DEFAULT_MARGINS.widened([at_most("opening_direction", 1.3, 1.2, "rad", 0.1)], SOLUTION)
+def test_a_flight_that_meets_the_foot_keeps_off_it_with_more_room() -> None:
+    beside_foot = at_least("flight_clearance", -0.01, 0.0, "m", 0.2, "foot")
+    wide = DEFAULT_MARGINS.widened([beside_foot], SOLUTION)
     assert wide is not None
-    assert 0.2 < wide.opening_rad - DEFAULT_MARGINS.opening_rad < 0.3
+    assert wide.standing_m > DEFAULT_MARGINS.standing_m + 0.01
+    assert (wide.passing_m, wide.flight_m) == (DEFAULT_MARGINS.passing_m, DEFAULT_MARGINS.flight_m)
+    assert "standing" in wide.held
+    assert not any(meets_base(at_least("flight_clearance", -0.01, 0.0, "m", 0.2, what)) for what in ("box 0", "elbow"))
 
 
-def test_a_way_out_that_is_followed_narrows_the_cone_by_less() -> None:
-    failure = at_most("opening_direction", 1.3, 1.2, "rad", 0.1)
-    narrower = [margins.widened([failure], SOLUTION) for margins in (DEFAULT_MARGINS, Margins(leaves=True))]
-    assert narrower[0] is not None
-    assert narrower[1] is not None
-    assert DEFAULT_MARGINS.opening_rad + 0.1 < narrower[1].opening_rad < narrower[0].opening_rad - 0.1
-    assert narrower[1].leaves
-
-
-def test_a_way_out_that_is_far_from_the_opening_is_followed_at_once() -> None:
-    failure = at_most("opening_direction", 1.65, 1.2, "rad", 0.1)
-    assert DEFAULT_MARGINS.widened([failure], SOLUTION) is None
-    following = DEFAULT_MARGINS.following(SOLUTION)
+@pytest.mark.parametrize("missing_rad", [0.01, 0.1, 1.5])
+def test_an_object_that_leaves_into_the_palm_is_followed_out_of_the_grip(missing_rad: float) -> None:
+    following = DEFAULT_MARGINS.widened([at_most("opening_direction", 1.2 + missing_rad, 1.2, "rad", 0.1)], SOLUTION)
+    assert following is not None
     assert following.leaves
-    assert following.held == SOLUTION.held | {"leaving"}
-    assert following.widened([failure], SOLUTION) is not None
+    assert following.held == SOLUTION.held | {"flight", "leaving"}
+    assert following.opening_rad > DEFAULT_MARGINS.opening_rad
+
+
+def test_where_it_is_followed_a_missing_angle_narrows_the_cone() -> None:
+    following = Margins(leaves=True, opening_rad=0.1)
+    narrower = following.widened([at_most("opening_direction", 1.3, 1.2, "rad", 0.1)], SOLUTION)
+    assert narrower is not None
+    assert 0.2 < narrower.opening_rad < 0.3
+    assert following.widened([at_most("opening_direction", 1.9, 1.2, "rad", 0.1)], SOLUTION) is None
 
 
 def test_a_joint_beyond_what_self_collision_blocks_turns_less_far() -> None:

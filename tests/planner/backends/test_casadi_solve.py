@@ -257,7 +257,7 @@ def test_the_path_of_an_object_with_drag_is_its_flight(cell: Cell, carried: bool
     problem = _problem(cell, TARGET)
     q, qd = candidates(problem)[0].q, candidates(problem)[0].qd
     p, v = object_path.thrown_state(problem, q, qd)
-    numbers = layout.OBJECT_PATH.split(object_path.path_parameters(problem, q, qd, 0.0, carried))
+    numbers = layout.OBJECT_PATH.split(object_path.path_parameters(problem, q, qd, 0.0, carried)["object_path"])
     known = flight.fly(p, v, problem.plane_z + cell.object.radius_m, problem.gravity, problem.drag)
     without_drag = flight.fly(p, v, float(numbers["ground"][0]), problem.gravity)
     assert known is not None

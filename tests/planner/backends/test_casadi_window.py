@@ -11,10 +11,10 @@ from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import SolveOptions, answer, instance
 from planner.backends.casadi_nlp.bounds import Bounds
 from planner.backends.casadi_nlp.instance import Instance
-from planner.backends.casadi_nlp.layout import TIME
+from planner.backends.casadi_nlp.layout import TIME, StageLayout
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, LocalMargin
 from planner.backends.casadi_nlp.solver import Solver
-from planner.backends.casadi_nlp.transcription import StageLayout, transcription
+from planner.backends.casadi_nlp.transcription import transcription
 from planner.certificate import certify, landing_errors
 from planner.errors import SolverFailed
 from planner.planning import plan

@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 
 from planner.backends.casadi_nlp import layout
-from planner.backends.casadi_nlp.layout import ARM, BOXES, COST, FLIGHT, RELEASE, SCALES, VectorLayout
+from planner.backends.casadi_nlp.layout import ARM, BOXES, COST, FLIGHT, OBJECT_PATH, RELEASE, SCALES, VectorLayout
 from planner.backends.casadi_nlp.symbols import arm, distances
 from planner.backends.casadi_nlp.symbols.passing import (
     GUARD,
@@ -23,6 +23,8 @@ from planner.backends.casadi_nlp.symbols.passing import (
     passing,
     passing_at_rest,
     passing_middle,
+    place,
+    standing,
     thrown,
 )
 from planner.backends.casadi_nlp.symbols.stage import StageState, state, state_after, state_at, through
@@ -40,6 +42,11 @@ CENTRED = 1e-6  # [m^2] keeps the distance from a bin's axis away from zero
 # [m^2/s^4] keeps the relative acceleration away from zero. Up to 0.3 m/s^2 may point anywhere for that: in the time
 # that the way out takes they move the object by the millimetre that counts in no direction.
 STEADY = 0.1
+LEAVING_SHARES = (0.25, 0.5, 0.75, 1.0)  # [-] of a step, at which the object is looked at on its way out
+IN_PLACE = 6.5e-4  # [m] displacement that counts in no direction, rounded off: at the certificate's 1 mm it counts
+TINY_WAY = 1e-4  # [m] keeps the displacement away from zero
+# [-] An object that has moved by so many times the way out may be anywhere, gradually: wholly so from 1.5 times on.
+OUT, OUT_ROUNDING, IS_OUT = 1.25, 0.05, 4.0
 
 RELEASE_ROWS = VectorLayout(
     {
@@ -67,9 +74,8 @@ FLIGHT_ROWS = VectorLayout(
 
 LEAVING_ROWS = VectorLayout(
     {
-        "half_way": 1,  # the row "out" for the object's way in the first half of the step alone [-]
-        "way": 1,  # the same in the whole step
-        "is_out": 1,  # by what that way exceeds the way out of the grip, over it [-]
+        "ways": len(LEAVING_SHARES),  # how deep the object is in the gripper's opening, at these shares of the step [-]
+        "is_out": 1,  # by what its displacement after the step exceeds the way out of the grip, over it [-]
     }
 )
 
@@ -191,14 +197,38 @@ def flight(z: SX, p: SX, terms: Terms) -> SX:
 
 
 def leaving(z: SX, p: SX, terms: Terms) -> SX:
-    """The rows of `LEAVING_ROWS`, all positive for an object that leaves the grip in its opening within the step."""
+    """The rows of `LEAVING_ROWS`, all positive for an object that is on its way out, or out, after the step."""
     scales, p = p[: SCALES.size], p[SCALES.size :]
-    a, f = ARM.split(p[: ARM.size]), FLIGHT.split(p[ARM.size :])
+    size = ARM.size + FLIGHT.size
+    a, f, path = ARM.split(p[: ARM.size]), FLIGHT.split(p[ARM.size : size]), OBJECT_PATH.split(p[size:])
     step = z[layout.STEP] * SCALES.split(scales)["time"]
-    ways = [_way(z, scales, a, share * step, f["opening"], terms) for share in (0.5, 1.0)]
-    cosines = [_in_cone(way, direction, f["opening"]) for way, direction in ways]
-    is_out = ca.sqrt(ca.sumsqr(ways[1][0]) + STEADY) * step**2 / (2 * f["opening"][4]) - 1
-    return ca.vertcat(*cosines, is_out)
+    released = z[layout.TIME] * SCALES.split(scales)["time"] + path["ago"]
+    thrown = z[layout.SPEED] + path["path"][3:6]
+    faster = thrown * (1 - path["share"]) / path["share"]  # on its way out the object has the tool's own velocity
+    rows, moved = [], ca.SX.zeros(3)
+    for share in LEAVING_SHARES:
+        s = through(state_at(z, scales, share * step), terms)
+        time = released + share * step
+        R_WS = ca.reshape(a["base"][:9], 3, 3) @ arm.turn(s.q[0])
+        tool = R_WS @ arm.frames(a["dh"], s.q).point(6, a["tcp"]) + a["base"][9:]
+        moved = terms.through(place(z, path["path"], time) + time * faster - tool)
+        rows.append(_in_opening(moved, _opening(a, s, f["opening"], terms), f["opening"]))
+    is_out = ca.sqrt(ca.sumsqr(moved) + TINY_WAY**2) / f["opening"][4] - 1
+    return ca.vertcat(*rows, is_out)
+
+
+def _in_opening(moved: SX, direction: SX, opening: SX) -> SX:
+    """Returns how deep a displacement is in the opening [-]: the cosine of its angle, less the least one.
+
+    In the first millimetre, and once the object is out, it is positive whatever the direction.
+    """
+    least, out_m = opening[3], opening[4]
+    squared = ca.sumsqr(moved) + TINY_WAY**2
+    distance = ca.sqrt(squared)
+    beyond = distance / out_m - OUT
+    is_out = IS_OUT * (beyond + ca.sqrt(beyond**2 + OUT_ROUNDING**2)) / 2
+    in_place = ca.exp(-((squared / IN_PLACE**2) ** 2))
+    return ca.dot(moved, direction) / distance - least + (1 + least) * (in_place + is_out)
 
 
 def _way(z: SX, scales: SX, a: dict[str, SX], time: SX, opening: SX, terms: Terms) -> tuple[SX, SX]:
@@ -321,9 +351,13 @@ FORMULAS: dict[str, BlockFormula] = {
     "singularity_middle": _in_middle(singularity, "arm"),
     "release": _at_knot(release, "arm", "release"),
     "flight": BlockFormula(flight, ("scales", "arm", "release", "flight")),
-    "leaving": BlockFormula(leaving, ("scales", "arm", "flight")),
+    "standing": _at_knot(standing, "arm", "standing"),
+    "leaving": BlockFormula(leaving, ("scales", "arm", "flight", "object_path"), of_object=True),
+    "leaving_last": BlockFormula(leaving, ("scales", "arm", "flight", "last_path"), of_object=True),
     "thrown": BlockFormula(thrown, ("scales", "arm", "object_path")),
+    "thrown_last": BlockFormula(thrown, ("scales", "arm", "last_path")),
     "carried": BlockFormula(carried, (), curved=False, of_object=True),
+    "carried_last": BlockFormula(carried, (), curved=False, of_object=True),
     "passing": BlockFormula(passing, ("scales", "arm", "object_path"), of_object=True),
     "passing_middle": BlockFormula(passing_middle, ("scales", "arm", "object_path"), of_object=True),
     "passing_at_rest": BlockFormula(passing_at_rest, ("scales", "arm", "object_path"), of_object=True),
@@ -334,4 +368,7 @@ WITH_FEWER_BOXES = {
     for name, at in (("keep_out", _at_knot), ("keep_out_middle", _in_middle))
     for slots in layout.BOX_SLOTS[:-1]
 }
-ALL_FORMULAS = FORMULAS | WITH_FEWER_BOXES  # every formula that functions are built from
+# Every formula that functions are built from.
+ALL_FORMULAS = {
+    name: formula for name, formula in FORMULAS.items() if not name.endswith(layout.LAST)
+} | WITH_FEWER_BOXES
