@@ -22,8 +22,8 @@ MOST_SHARE = 0.4  # [-] of a limit; beyond it a margin is no remedy
 MOST_M = 0.1  # [m] the same for a clearance
 MOST_EVERYWHERE_M = 0.01  # [m] the same for a clearance margin along the whole motion
 MOST_RAD = 0.2  # [rad] the same for a joint position
-OPENING_FACTOR = 1.2  # [-] of the missing angle where the way out is followed: it is missing between the rows
-FOLLOWED_OPENING_RAD = 0.1  # [rad] by which the opening is narrower there, at least
+FOLLOWED_OPENING_RAD = 0.1  # [rad] by which the opening is narrower where the object's way out is followed
+OPENING_FACTOR = 2.5  # [-] of an angle missing there, with `FOLLOWED_OPENING_RAD` once more: by releases without rows
 MOST_OPENING_RAD = 0.6  # [rad] missing angle beyond which a margin is no remedy
 TOO_COARSE_M = 0.005  # [m] clearance missing between knots and midpoints that calls for more stages
 LINKS = {"shoulder", "upper_arm", "elbow", "forearm", "wrist_1", "wrist_2", "wrist_3"}  # of block "passing"
@@ -225,7 +225,7 @@ class Margins:
         held = self.held | {"flight", "leaving"}
         if not self.leaves:
             return replace(self, held=held, leaves=True, opening_rad=FOLLOWED_OPENING_RAD)
-        narrower = self.opening_rad + OPENING_FACTOR * missing_rad + SPARE_RAD
+        narrower = self.opening_rad + OPENING_FACTOR * missing_rad + FOLLOWED_OPENING_RAD
         return replace(self, held=held, opening_rad=narrower) if missing_rad < MOST_OPENING_RAD else None
 
     def _widened_locally(self, check: FailedCheck, missing: float, failed: Trajectory) -> Margins | None:

@@ -139,7 +139,7 @@ def test_where_it_is_followed_a_missing_angle_narrows_the_cone() -> None:
     following = Margins(leaves=True, opening_rad=0.1)
     narrower = following.widened([at_most("opening_direction", 1.3, 1.2, "rad", 0.1)], SOLUTION)
     assert narrower is not None
-    assert 0.2 < narrower.opening_rad < 0.3
+    assert 0.3 < narrower.opening_rad < 0.5
     assert following.widened([at_most("opening_direction", 1.9, 1.2, "rad", 0.1)], SOLUTION) is None
 
 
