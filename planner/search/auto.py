@@ -6,12 +6,16 @@ import math
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import islice, product
+
+import numpy as np
 
 from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import FlightEdge, SolveOptions
 from planner.certificate import Check, flight_obstruction
 from planner.errors import SolverFailed
+from planner.geometry import tool_state
 from planner.problem import TargetRelease, ThrowProblem
 from planner.search.incumbent import CertifiedSolution, PlanningSearch, certified
 from planner.search.policy import POLICY, Stage, release_state_given
@@ -252,7 +256,8 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, st
             return False
         cuts = _flight_cuts(search.problem, certificate.failures, solution.trajectory, options.margins)
         beyond_rad = _beyond_barrier(search.problem, certificate.failures, solution.trajectory)
-        wider = options.margins.widened(certificate.failures, solution, cuts, beyond_rad)
+        speed = partial(_tool_speed, search.problem, solution.trajectory)
+        wider = options.margins.widened(certificate.failures, solution, cuts, beyond_rad, speed)
         if wider is None:
             return False
         seed, options = Seed(ranked.candidate, solution.trajectory), replace(options, margins=wider)
@@ -263,6 +268,12 @@ def _beyond_barrier(problem: ThrowProblem, failures: Iterable[Check], made: Traj
     """Returns by how much a motion exceeds the barrier of two capsules that collide in it [rad]; negative within."""
     pairs = [check.detail for check in failures if check.name == "self_collision"]
     return max((problem.beyond_barrier(made.q, pair) for pair in pairs), default=-math.inf)
+
+
+def _tool_speed(problem: ThrowProblem, made: Trajectory, at_s: float) -> float:
+    """Returns the tool's speed in a motion at a time [s], over its limit."""
+    q, qd, _ = made.at(np.array([at_s]))
+    return float(np.linalg.norm(tool_state(problem.cell, q[0], qd[0]).v_WT)) / problem.limits.tcp_speed_max
 
 
 def _has_remedy(problem: ThrowProblem, failures: Iterable[Check]) -> bool:

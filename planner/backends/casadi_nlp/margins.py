@@ -6,7 +6,7 @@ The certificate also checks the motion between them. What it finds missing there
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -26,6 +26,9 @@ FOLLOWED_OPENING_RAD = 0.1  # [rad] by which the opening is narrower where the o
 OPENING_FACTOR = 2.5  # [-] of an angle missing there, with `FOLLOWED_OPENING_RAD` once more: by releases without rows
 MOST_OPENING_RAD = 0.6  # [rad] missing angle beyond which a margin is no remedy
 TOO_COARSE_M = 0.005  # [m] clearance missing between knots and midpoints that calls for more stages
+# Checks of what the arm's own safety system watches, which no rows bound: the power of the limit over the value that the
+# tool's speed at the worst time is to be multiplied by.
+SLOWED = {"stopping_time": 1.0, "stopping_distance": 0.5, "elbow_speed": 1.0, "momentum": 1.0, "power": 1.0}
 LINKS = {"shoulder", "upper_arm", "elbow", "forearm", "wrist_1", "wrist_2", "wrist_3"}  # of block "passing"
 POSITIONS = "positions"  # group of the joints' position limits: bounds of variables, and rows of block "motion"
 STANDING = {"foot", "base"}  # of block "standing"
@@ -167,6 +170,7 @@ class Margins:
         solution: Solution,
         cuts: tuple[FlightEdge, ...] = (),
         beyond_rad: float = 0.0,
+        tool_speed: Callable[[float], float] | None = None,
     ) -> Margins | None:
         """Returns the margins after a solution's failed checks, None if a margin is no remedy for one of them.
 
@@ -175,14 +179,25 @@ class Margins:
             solution: that failed them.
             cuts: that keep a flight like the solution's clear of the arm; none where it was.
             beyond_rad: by which the solution turned a joint past where the two capsules that collide block it [rad].
+            tool_speed: the solution's at a time [s], over its limit; without it there is no remedy for `SLOWED` checks.
         """
         wider: Margins | None = replace(self, held=self.held | solution.held, cuts=(*cuts, *self.cuts))
         for check in failures:
             if check.name == "self_collision" and beyond_rad > 0.0:
                 wider = wider and wider._within_positions(beyond_rad)
+            elif check.name in SLOWED and check.at_s is not None and tool_speed is not None:
+                wider = wider and wider._slower(check, tool_speed(check.at_s))
             else:
                 wider = wider and wider._widened_for(check, solution.trajectory, bool(cuts))
         return wider
+
+    def _slower(self, check: FailedCheck, speed: float) -> Margins | None:
+        """Returns the margins with a slower tool all along, which had that speed at the worst time, over its limit."""
+        share = (check.limit / check.value) ** SLOWED[check.name] - SPARE_SHARE
+        if share < 1.0 - MOST_SHARE:
+            return None
+        slower = min(speed, self.tcp_speed) * share
+        return replace(self, tcp_speed=slower, held=self.held | {LOCAL_CHECKS["tcp_speed"].group})
 
     def _within_positions(self, missing_rad: float) -> Margins | None:
         if missing_rad > MOST_RAD:

@@ -135,6 +135,17 @@ def test_an_object_that_leaves_into_the_palm_is_followed_out_of_the_grip(missing
     assert following.opening_rad > DEFAULT_MARGINS.opening_rad
 
 
+@pytest.mark.parametrize(("name", "share"), [("stopping_time", 0.8), ("stopping_distance", 0.8**0.5), ("power", 0.8)])
+def test_what_only_the_safety_system_watches_makes_the_tool_slower(name: str, share: float) -> None:
+    failure = at_most(name, 0.5, 0.4, "1", 0.1)
+    slower = DEFAULT_MARGINS.widened([failure], SOLUTION, tool_speed=lambda at_s: 6.0 * at_s)
+    assert slower is not None
+    assert 0.6 * (share - 0.02) < slower.tcp_speed < 0.6 * share
+    assert "effort" in slower.held
+    assert DEFAULT_MARGINS.widened([failure], SOLUTION) is None
+    assert DEFAULT_MARGINS.widened([at_most(name, 2.0, 0.4, "1", 0.1)], SOLUTION, tool_speed=lambda _: 0.6) is None
+
+
 def test_where_it_is_followed_a_missing_angle_narrows_the_cone() -> None:
     following = Margins(leaves=True, opening_rad=0.1)
     narrower = following.widened([at_most("opening_direction", 1.3, 1.2, "rad", 0.1)], SOLUTION)
