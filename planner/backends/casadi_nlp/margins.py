@@ -26,8 +26,8 @@ FOLLOWED_OPENING_RAD = 0.1  # [rad] by which the opening is narrower where the o
 OPENING_FACTOR = 2.5  # [-] of an angle missing there, with `FOLLOWED_OPENING_RAD` once more: by releases without rows
 MOST_OPENING_RAD = 0.6  # [rad] missing angle beyond which a margin is no remedy
 TOO_COARSE_M = 0.005  # [m] clearance missing between knots and midpoints that calls for more stages
-# Checks of what the arm's own safety system watches, which no rows bound: the power of the limit over the value that the
-# tool's speed at the worst time is to be multiplied by.
+# Checks of what the arm's own safety system watches, which no rows bound: the power of limit over value that the tool's
+# speed at the worst time is to be multiplied by.
 SLOWED = {"stopping_time": 1.0, "stopping_distance": 0.5, "elbow_speed": 1.0, "momentum": 1.0, "power": 1.0}
 LINKS = {"shoulder", "upper_arm", "elbow", "forearm", "wrist_1", "wrist_2", "wrist_3"}  # of block "passing"
 POSITIONS = "positions"  # group of the joints' position limits: bounds of variables, and rows of block "motion"
