@@ -155,7 +155,6 @@ def expected_landing(
         late_from_s=-LATENESS_MAX_S,
         late_step_s=LATENESS_STEP_S,
         by_lateness=np.nan_to_num(points - nominal, nan=NOWHERE_M).tolist(),
-        q=q.tolist(),
         qd=qd.tolist(),
         by_q=by_q.tolist(),
         by_qd=by_qd.tolist(),

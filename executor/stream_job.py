@@ -38,7 +38,7 @@ class ExpectedLanding:
         shift: what is known of the arm already, so that the plan's aim makes up for it (2,) [m].
         late_from_s, late_step_s: first lateness of `by_lateness`, and from one to the next [s].
         by_lateness: shifts where the arm is late by so much (n, 2) [m]; 1 km where the object never lands.
-        q, qd: planned state at the release (6,) [rad, rad/s].
+        qd: planned joint speeds at the release (6,) [rad/s].
         by_q, by_qd: derivatives of the shift by that state (2, 6) [m/rad, m s/rad].
     """
 
@@ -47,7 +47,6 @@ class ExpectedLanding:
     late_from_s: float
     late_step_s: float
     by_lateness: list[Row]
-    q: Row
     qd: Row
     by_q: list[Row]
     by_qd: list[Row]

@@ -20,6 +20,7 @@ GAIN_STD = 0.05  # [-] prior of a gain error: twice what real arms show, so that
 LATENESS_STD_S = 0.03  # [s] prior of the lateness: an arm whose lag nobody measured
 ASSUMED_FROM_S, ASSUMED_TO_S, ASSUMED_STEP_S = -0.01, 0.03, 0.01  # [s] assumed latenesses: the rest of one is small
 NOISE_MIN_RAD_S = 0.005  # [rad/s] scatter of a measured joint speed, at least
+STEPS_MAX = 40  # [-] in which the model is run on to the release: 0.3 ms
 DEVIATIONS = 2.0  # [-] standard errors beyond the tolerance at which the object is kept: 98 % of what was just right
 
 
@@ -29,6 +30,7 @@ class AssumedLateness:
     Attributes:
         lateness_s: the whole lateness, once `fit` was called [s].
         gain_error: of each joint, likewise (6,) [-].
+        noise: scatter about the fit, likewise [rad/s].
     """
 
     def __init__(self, assumed_s: float, together: float) -> None:
@@ -36,7 +38,7 @@ class AssumedLateness:
         self.assumed_s, self.together, self.count = assumed_s, together, 0
         self.speed2, self.rate2, self.cross, self.error2 = [0.0] * 6, [0.0] * 6, [0.0] * 6, [0.0] * 6
         self.by_speed, self.by_rate = [0.0] * 6, [0.0] * 6
-        self.lateness_s, self.gain_error = 0.0, [0.0] * 6
+        self.lateness_s, self.gain_error, self.noise = 0.0, [0.0] * 6, NOISE_MIN_RAD_S
 
     def add(self, speed: Row, rate: Row, measured: Row) -> None:
         """Adds a tick: expected speed, planned acceleration and measured speed (6,) [rad/s, rad/s^2]."""
@@ -51,17 +53,16 @@ class AssumedLateness:
             self.by_rate[j] += a * e
             self.error2[j] += e * e
 
-    def fit(self) -> float:
-        """Fits lateness and gain errors, and returns the scatter about them [rad/s]."""
-        noise = NOISE_MIN_RAD_S
+    def fit(self) -> None:
+        """Fits lateness and gain errors."""
+        self.noise = NOISE_MIN_RAD_S
         for _ in range(2):  # the priors weigh against the noise, which the first fit shows
-            self._fit(noise)
-            noise = max(NOISE_MIN_RAD_S, self._residual())
-        return noise
+            self._fit(self.noise)
+            self.noise = max(NOISE_MIN_RAD_S, self._residual())
 
-    def speed_variance(self, j: int, noise: float) -> float:
-        """Returns the variance of joint j's gain error [-], with that scatter [rad/s]."""
-        return self.together * noise**2 / (self.speed2[j] + self._speed_prior(noise))
+    def gain_variance(self, j: int) -> float:
+        """Returns the variance of joint j's gain error [-]."""
+        return self.together * self.noise**2 / (self.speed2[j] + self._speed_prior(self.noise))
 
     @property
     def rest_s(self) -> float:
@@ -137,7 +138,6 @@ class LandingWatch:
         for each in self.assumed:
             each.fit()
         fitted = min(self.assumed, key=lambda each: abs(each.rest_s))
-        noise = fitted.fit()
         self.lateness_s, self.gain_error = fitted.lateness_s, fitted.gain_error
         known = self.expected
         x, y = known.shift_when_late(self.lateness_s)
@@ -147,7 +147,7 @@ class LandingWatch:
             x += known.by_q[0][j] * ahead[j] + known.by_qd[0][j] * faster[j]
             y += known.by_q[1][j] * ahead[j] + known.by_qd[1][j] * faster[j]
             for axis in (0, 1):
-                variance[axis] += (known.by_qd[axis][j] * known.qd[j]) ** 2 * fitted.speed_variance(j, noise)
+                variance[axis] += (known.by_qd[axis][j] * known.qd[j]) ** 2 * fitted.gain_variance(j)
         return math.hypot(x - known.shift[0], y - known.shift[1]), math.sqrt(max(variance))
 
     def reason(self, row: int) -> str:
@@ -169,14 +169,18 @@ class LandingWatch:
         return [(b - a) / (2.0 * self.job.dt) for a, b in zip(before, after, strict=True)]
 
     def _at_release(self, row: int) -> tuple[Row, Row]:
-        """Returns how far joints will be ahead [rad], and how much faster than planned [rad/s], lateness apart."""
+        """Returns how far joints will be ahead [rad], and how much faster than planned [rad/s], lateness apart.
+
+        In so many steps at most that the command which follows the decision is in time.
+        """
         job, late, sent = self.job, self.lateness_s / self.job.dt, list(self.feedback)
         end, now = job.release_row + job.lag_ticks, float(row)
+        ticks = max(math.ceil((end - now) / STEPS_MAX), 1)  # of a step
         begun = _between(job.reference_q, now - late)
         offset = ahead = [q - reference for q, reference in zip(self.q, begun, strict=True)]
         passed, arrived = [0.0] * 6, self._arrived(sent, now - late)  # [rad] by feedback from now on, [rad/s]
         while now < end:
-            after = min(now + 1.0, end)
+            after = min(now + ticks, end)
             half, before = 0.5 * job.dt * (after - now), arrived
             now, arrived = after, self._arrived(sent, after - late)
             reference = _between(job.reference_q, now - late)
@@ -185,7 +189,7 @@ class LandingWatch:
                 x + gain * (p - p0) + (1.0 + gain) * c
                 for x, gain, p, p0, c in zip(offset, self.gain_error, reference, begun, passed, strict=True)
             ]
-            sent.append(self._feedback(now, reference, ahead))
+            sent += [self._feedback(now, reference, ahead)] * ticks
         gains = zip(self.gain_error, self.expected.qd, arrived, strict=True)
         return ahead, [gain * qd + (1.0 + gain) * b for gain, qd, b in gains]
 

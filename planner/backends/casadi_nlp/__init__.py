@@ -103,6 +103,7 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
     instance = Instance.of(problem, seed, options.margins, options.resolution)
     groups = frozenset(instance.stages.groups) if options.resolution == "fine" else options.margins.held
     groups |= {"flight"} if starts_with_flight(problem) else set()
+    groups |= {"leaving"} if options.margins.leaves else set()  # it decides which objects have states
     latest_s = options.latest_s - SPARE_TICKS * problem.dt
     solver = Solver(options.iteration_budget, options.deadline_s, groups, options.with_ipopt, latest_s)
     try:

@@ -31,7 +31,7 @@ from planner.seeds import Candidate
 
 STEP_SHARES = (0.15, 2.5)  # [-] of the initial step: a step may not collapse, nor crowd out its neighbours
 WATCHED_S = 0.052  # [s] least duration of the watched stages before and after the release: 0.05 s are checked
-LEAVING_STEP = 1.3  # [-] of its initial length that a stage may last in which the object is followed out of the grip
+LEAVING_STEP = 1.3  # [-] times its share of that time, a stage may last in which the object is followed out of the grip
 LOCAL_STAGES = 1.0  # [-] stages on either side of a local margin's time to which it applies
 TOUCHING = 1e-3  # [-] of a velocity limit: bounds that leave less room than this between them are an equality
 THIN_RAD = 1e-3  # [rad] a narrower range of elevations is an equality: it has no interior to solve in
@@ -140,7 +140,7 @@ class Bounds:
         most[self.launch :] = np.minimum(most[self.launch :], brake_most_s)
         self.x[0, :-1, STEP], self.x[1, :-1, STEP] = least, most
 
-    def follow_object(self, steps: Vector, leaving_s: float) -> None:
+    def follow_object(self, leaving_s: float) -> None:
         """Frees what block "flight" says of the object's way out, where block "leaving" follows it.
 
         A window has objects of its first and its last release alone, so that the directions in which the object begins
@@ -148,7 +148,6 @@ class Bounds:
         that follow, the object is out; they are kept short, lest it leaves the opening between two rows.
 
         Args:
-            steps: of the initial guess (N,) [s].
             leaving_s: about the time that the object takes [s].
         """
         last, end = self.launch + self.index.stages.window, self.index.knots["leaving"].stop
@@ -161,8 +160,8 @@ class Bounds:
                 if k < end - 1:
                     self._free(rows[is_out])
         followed = slice(last, end)
-        most = LEAVING_STEP * np.maximum(steps[followed], leaving_s / OUT_STAGES)
-        self.x[1, followed, STEP] = most
+        most = LEAVING_STEP * leaving_s / OUT_STAGES
+        self.x[1, followed, STEP] = np.maximum(most, self.x[0, followed, STEP])
         for k in self.index.knots.get("flight", ()):
             self._free(self.index.rows["flight", k][FLIGHT_ROWS.slices["out"]])
 
@@ -185,7 +184,10 @@ class Bounds:
             self.x[1, first, TIME] = -min(required, self._longest(first, self.launch))
         if always and last < self.index.stages.stages:
             required = min(required, self._longest(self.launch, last))
-            self.x[:, last, TIME] = required, 2.0 * required + self.x[0, self.launch : last, STEP].sum()
+            most = 2.0 * required + self.x[0, self.launch : last, STEP].sum()
+            if "leaving" in self.index.stages.groups:
+                most = max(most, self.x[1, self.launch : last, STEP].sum())  # the object has to be out by then
+            self.x[:, last, TIME] = required, most
 
     def _longest(self, first: int, last: int) -> float:
         """Returns how long stages may be asked to last in sum [s]: nine tenths of what their steps may last."""

@@ -74,7 +74,7 @@ def _opening(problem: ThrowProblem, margin_rad: float) -> list[float]:
     if gripper.opening_direction is None or gripper.opening_cone_rad is None:
         return [0.0, 0.0, 0.0, -1.0, out_m]
     direction = problem.cell.tool.X_FT[:3, :3] @ gripper.opening_direction
-    return [*direction, math.cos(max(gripper.opening_cone_rad - margin_rad, 0.0)), out_m]
+    return [*direction, math.cos(gripper.opening_cone_rad - min(margin_rad, 0.5 * gripper.opening_cone_rad)), out_m]
 
 
 def _box_edges(problem: ThrowProblem, arcs: Arcs, room_m: float) -> list[FlightEdge]:

@@ -199,7 +199,7 @@ class Instance:
         brake = z[self.stages.launch :]
         q, qd = brake[0, Q], brake[0, QD]
         if stretch is not None:
-            brake = _even_braking(q, qd, stretch * float(brake[-1, TIME]), self.stages.brake)
+            brake = _even_braking(q, qd, _brake_times(stretch * float(brake[-1, TIME]), self.stages, self.problem))
         stages, candidate = replace(self.stages, launch=0, aims=False), replace(self.candidate, q=q, qd=qd)
         margins = replace(self.margins, local=tuple(each for each in self.margins.local if each.phase >= 1.0))
         return replace(self, candidate=candidate, stages=stages, margins=margins, initial=brake, steps=brake[:-1, STEP])
@@ -292,7 +292,7 @@ class Instance:
         bounds.fix_ends(problem.start)
         bounds.limit_steps(self.steps, self.brake_step_max_s)
         if "leaving" in self.stages.groups:
-            bounds.follow_object(self.steps, leaving_time(problem))
+            bounds.follow_object(leaving_time(problem))
         if not problem.ends_at_rest and self.limits.singularity_distance_min > 0.0:  # 0 does not limit: sides are free
             distance = margins.singularity * self.limits.singularity_distance_min
             bounds.avoid_singularities(self._singularity_sides(), distance)
@@ -358,32 +358,38 @@ class Instance:
         return np.stack([weights[name] for name in layout.COST.sizes]).T.ravel()
 
 
-def _even_braking(q: Vector, qd: Vector, duration_s: float, stages: int) -> Vector:
-    """Returns the variables (stages + 1, NZ) of braking evenly from q, qd (6,), in SI units."""
-    t, z = np.linspace(0.0, duration_s, stages + 1), np.zeros((stages + 1, NZ))
+def _even_braking(q: Vector, qd: Vector, t: Vector) -> Vector:
+    """Returns the variables (k, NZ) of braking evenly from q, qd (6,), in SI units, at times (k,) from 0 to the end."""
+    duration_s, z = float(t[-1]), np.zeros((len(t), NZ))
     z[:, Q] = q + np.outer(t - t**2 / (2.0 * duration_s), qd)
     z[:, QD] = np.outer(1.0 - t / duration_s, qd)
     z[:, QDD] = -qd / duration_s
     z[:, TIME] = t
-    z[:-1, STEP] = duration_s / stages
+    z[:-1, STEP] = np.diff(t)
     return z
 
 
-def _variables_along(guess: InitialGuess, stages: StageLayout, problem: ThrowProblem) -> tuple[Vector, Vector]:
-    """Returns variables (N + 1, NZ) and steps (N,) [s] along a motion, with knots at the ends of the window.
+def _brake_times(duration_s: float, stages: StageLayout, problem: ThrowProblem) -> Vector:
+    """Returns the times of the knots after the last release, from 0 to the end of the brake [s].
 
-    Where the object is followed on its way out of the grip, the stages after the last release last as long as that.
+    Where the object is followed out of the grip, the first stages take as long as that, unless hardly any is left.
     """
+    count, out_s = stages.brake - stages.window, leaving_time(problem)
+    if "leaving" not in stages.groups or duration_s < out_s * (1.0 + 0.5 / OUT_STAGES):
+        return np.linspace(0.0, duration_s, count + 1)
+    rest = np.linspace(out_s, duration_s, count - OUT_STAGES + 1)
+    return np.append(np.linspace(0.0, out_s, OUT_STAGES + 1), rest[1:])
+
+
+def _variables_along(guess: InitialGuess, stages: StageLayout, problem: ThrowProblem) -> tuple[Vector, Vector]:
+    """Returns variables (N + 1, NZ) and steps (N,) [s] along a motion, with knots at the ends of the window."""
     release, end, n = guess.release_time_s, guess.duration_s, stages.window
-    around, out_s, following = (problem.release_window_s if n else 0.0), leaving_time(problem), 0
+    around = problem.release_window_s if n else 0.0
     first, last = max(release - around, release / 2), min(release + around, (release + end) / 2)
-    if "leaving" in stages.groups and last + out_s < end:
-        following = OUT_STAGES
-    out = last + out_s if following else last
-    rest = stages.brake - n - following
-    launch = (0.0, first, stages.launch - n), (first, release, n)
-    pieces = *launch, (release, last, n), (last, out, following), (out, end, rest)
+    pieces = (0.0, first, stages.launch - n), (first, release, n), (release, last, n)
     t = np.concatenate([[0.0], *(np.linspace(start, stop, count + 1)[1:] for start, stop, count in pieces)])
+    if stages.brake > n:
+        t = np.append(t, last + _brake_times(end - last, stages, problem)[1:])
     q, qd, qdd = guess.at(t)
     steps = np.diff(t)
     controls = np.column_stack([np.diff(qdd, axis=0) / steps[:, None], steps])

@@ -207,7 +207,7 @@ LEAVING_STAGES = 1  # stages after the release (or its window), 20 to 40 ms, in 
 OUT_STAGES = 2  # the same where its way out is followed, until it is out
 LAST = "_last"  # suffix of the blocks of the object of a window's last release, which have the functions of the others
 OF_THE_OBJECT = ("thrown", "carried")  # blocks whose rows are the object's next state; with `LAST`, the last one's
-# Groups of rows left out until a solution violates them, at knots and (but for three from "grip" on) at middles.
+# Groups of rows left out until a solution violates them, at knots and (but for four from "grip" on) at middles.
 LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight", "standing", "leaving", "passing")
 
 

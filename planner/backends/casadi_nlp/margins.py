@@ -40,7 +40,7 @@ class LocalCheck:
     """The rows that a certificate check is enforced by.
 
     Attributes:
-        group: of `transcription.LAZY_GROUPS`.
+        group: of `layout.LAZY_GROUPS`.
         rows: of the group.
         is_relative: whether margins are shares of the limit [-] instead of clearances [m].
         upper: whether the rows have an upper bound to be lowered.
@@ -132,7 +132,7 @@ class Margins:
         leaves: whether block "leaving" follows the object on its way out of the grip, in place of the row "out".
         passing_m: room between the object in flight and the braking arm.
         standing_m: the same for what never moves of the arm.
-        cuts: half-spaces that keep the flight clear of the arm; see `flight_rows.arm_cuts`.
+        cuts: half-spaces that keep the flight clear of the arm; see `flight_rows.flight_cuts`.
         window: usable share of the landing tolerance in the release window, in x and in y [-].
         local: margins around a time.
         held: groups of rows to include from the beginning.

@@ -13,7 +13,7 @@ from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import instance
 from planner.errors import Infeasible, SolverFailed
 from planner.planning import plan
-from planner.problem import PointRelease, TargetRelease
+from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.search import (
     LAST_POLICY,
     NOT_COMPILED,
@@ -24,6 +24,7 @@ from planner.search import (
     search_optimised,
     search_thoroughly,
 )
+from planner.search.auto import REMEDY_ITERATIONS
 from planner.search.policy import AGAIN_POLICY
 from planner.seeds import candidates
 from tests.planner.problems import cell, joint_problem, point_problem, pose_problem, random_state
@@ -224,13 +225,43 @@ def test_an_object_that_would_leave_beside_the_opening_is_followed_out_of_the_gr
     solves.clear()
     search = PlanningSearch(BESIDE_THE_OPENING, time.perf_counter() + 60.0)
     search_optimised(search, Ranking(search.problem, candidates(search.problem)))
-    followed = [(seed, options.margins) for seed, options in solves if options.margins.leaves]
+    followed = [(seed, options) for seed, options in solves if options.margins.leaves]
     assert followed
-    seed, margins = followed[0]
+    seed, options = followed[0]
+    margins = options.margins
     beside = next(each for each in search.rejected if each.solution.trajectory is seed.initial_guess)
     assert "opening_direction" in {check.name for check in beside.certificate.failures}
     assert beside.solution.held <= margins.held
     assert search.release_time_s < 1.1 * beside.solution.trajectory.release_time_s
+
+
+def test_a_remedy_has_iterations_where_its_stage_has_none_left(solves):
+    """The first motion leaves beside the opening; the stage's iterations suffice for that one alone."""
+    search = PlanningSearch(BESIDE_THE_OPENING, time.perf_counter() + 60.0)
+    stages = [replace(stage, iterations=30) for stage in POLICY if stage.purpose == "soonest seeds"]
+    search_optimised(search, Ranking(search.problem, candidates(search.problem)), stages)
+    assert [options.iteration_budget for _, options in solves][:2] == [30, REMEDY_ITERATIONS]
+    assert solves[1][1].margins.leaves
+    assert search.incumbent is not None
+
+
+BESIDE_THE_FOOT = {"ur5-sim": [0.0181, -0.0847, 0.0], "ur10e-sim": [0.0875, 0.0688, 0.0]}
+
+
+@pytest.mark.parametrize("name", list(BESIDE_THE_FOOT))
+@pytest.mark.parametrize("window_s", [0.0, 0.02])
+def test_a_throw_to_a_place_beside_the_foot_passes_it(solves, name, window_s):
+    """Of the benchmark, where it took more than a second, or was refused with a window."""
+    here = cell(name)
+    window = {"release_window_s": window_s, "landing_tolerance_m": 0.005} if window_s else {}
+    release = TargetRelease(np.array(BESIDE_THE_FOOT[name]))
+    problem = ThrowProblem(here, here.home, release, here.limits, time_limit_s=60.0, **window)
+    search = PlanningSearch(problem, time.perf_counter() + 60.0)
+    search_optimised(search, Ranking(problem, candidates(problem)))
+    assert search.incumbent is not None
+    assert any("standing" in found.solution.held for found in search.certified)
+    optimised = [found.certificate for found in search.rejected if found.backend == "casadi"]
+    assert all(check.detail not in ("foot", "base") for made in optimised for check in made.failures)
 
 
 BACK_OVER_THE_ARM = {

@@ -218,7 +218,7 @@ void blasfeo_dgemv_t(int m, int n, double alpha, matrix *A, int ai, int aj, vect
     }
 }
 
-#define SAMPLE 32              /* rows and columns of the matrices compared: more than a stage's */
+#define SAMPLE 48              /* rows and columns of the matrices compared: more than a stage's */
 #define SEED 0x2545f4914f6cdd1dULL
 
 /* A number between -1 and 1, by a linear congruence (Knuth, The Art of Computer Programming, 3.3.4). */
@@ -239,8 +239,8 @@ int linear_algebra_agrees(void) {
         all[i] = (matrix){.pA = stored_numbers[i], .m = SAMPLE, .n = SAMPLE, .pm = SAMPLE, .cn = SAMPLE};
         vectors[i] = (vector){.pa = stored_numbers[i], .m = SAMPLE * SAMPLE, .pm = SAMPLE * SAMPLE};
     }
-    for (int trial = 0; trial < 60 && same; trial++) {
-        const int n = 1 + trial % 27, m = n + trial % 3, k = trial % 29, j = trial % 3;
+    for (int trial = 0; trial < 80 && same; trial++) {
+        const int n = 1 + trial % 39, m = n + trial % 3, k = trial % 41, j = trial % 3;
         const double alpha = trial % 2 ? -1.0 : 0.7, beta = trial % 5 ? 1.0 : 0.0;
         for (int kind = 0; kind < 4; kind++) {
             for (int i = 0; i < 5; i++)
