@@ -306,5 +306,6 @@ def _free_positions(whole: StageLayout, arguments: Arguments) -> None:
 
 
 def _fatrop_options(stages: StageLayout, fixed_times: bool) -> Options:
-    for_times, for_stages = FATROP_FIXED_TIMES if fixed_times else {}, FATROP_SHORT_STAGES if stages.window > 1 else {}
+    has_short = stages.window > 1 or len(stages.objects) > 1
+    for_times, for_stages = FATROP_FIXED_TIMES if fixed_times else {}, FATROP_SHORT_STAGES if has_short else {}
     return FATROP | for_stages | for_times | (FATROP_BRAKE if stages.launch == 0 else {})
