@@ -15,7 +15,6 @@ from planner.solution import Solution
 from planner.trajectory import Trajectory
 
 SPARE_M = 0.001  # [m] added to a missing clearance: the next solution passes elsewhere
-SPARE_RAD = 0.02  # [rad] the same for an angle
 SPARE_SHARE = 0.01  # [-] the same for a share of a limit
 BETWEEN_KNOTS_FACTOR = 1.5  # [-] margin at knots and midpoints per clearance missing between them
 MOST_SHARE = 0.4  # [-] of a limit; beyond it a margin is no remedy
