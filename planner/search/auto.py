@@ -27,7 +27,9 @@ from planner.trajectory import Trajectory
 IN_HAND_VARIANTS: tuple[ruckig_otg.LaunchVariant, ...] = ("synchronised", "gentle")
 IN_HAND_CANDIDATES = 2  # [-] the soonest ones that Ruckig's motions in hand lead to
 ROUNDS_MAX = 4  # solves from one seed, each after the failed checks of the one before
-REMEDY_ITERATIONS = 150  # [-] at least for the remedy of a failed check: little is missing, mostly
+# [-] At least for a seed that is begun, and for the remedy of a failed check: what is left of a stage is no reason to
+# give up half way.
+SOLVE_ITERATIONS = 150
 WINDOW_BUDGET = 1.5  # [-] times as many iterations: a solve with a window takes 37 in the mean, one without 22
 TICK_SLACK = 1e-6  # [ticks] for rounding
 NOT_COMPILED = "the solvers are not compiled: the same answer, later; `fling warm` compiles them"
@@ -232,22 +234,23 @@ def load_optimiser(search: PlanningSearch) -> float:
 
 
 def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, stage: Stage) -> bool:
-    """Optimises from one candidate until `search.iterations` reach `end`; returns whether a motion was certified.
+    """Optimises from one candidate; returns whether a motion was certified.
 
-    After failed checks it solves again from that motion, with wider margins; where the checks failed between coarse
-    stages, from the start on finer stages.
+    Each solve has the iterations left until `search.iterations` reach `end`, and `SOLVE_ITERATIONS` in any case. After
+    failed checks it solves again from that motion, with wider margins; where the checks failed between coarse stages,
+    from the start on finer stages.
     """
     margins = replace(casadi_nlp.DEFAULT_MARGINS, held=search.held)
     first = SolveOptions(
         margins, deadline_s=search.deadline_s, with_ipopt=stage.with_ipopt, latest_s=search.latest_useful_s
     )
-    seed, options, left = ranked.seed, first, end - search.iterations
+    seed, options = ranked.seed, first
     for _ in range(ROUNDS_MAX):
+        left = max(end - search.iterations, SOLVE_ITERATIONS)
         solution = _solve(search, seed, replace(options, iteration_budget=left))
         found = search.certify("casadi", solution)
         if found.is_valid:
             return True
-        left = max(end - search.iterations, REMEDY_ITERATIONS)
         certificate = found.certificate
         if _needs_finer_stages(search.problem, options, certificate.failures):
             seed, options = ranked.seed, replace(first, resolution="fine")

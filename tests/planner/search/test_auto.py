@@ -24,7 +24,7 @@ from planner.search import (
     search_optimised,
     search_thoroughly,
 )
-from planner.search.auto import REMEDY_ITERATIONS
+from planner.search.auto import ROUNDS_MAX, SOLVE_ITERATIONS
 from planner.search.policy import AGAIN_POLICY
 from planner.seeds import candidates
 from tests.planner.problems import cell, joint_problem, point_problem, pose_problem, random_state
@@ -50,17 +50,19 @@ def solves(monkeypatch):
 
 
 @pytest.mark.parametrize(("iterations", "window_s"), [(1, 0.02), (20, 0.02), (300, 0.02), (20, 0.0)])
-def test_a_stage_ends_when_its_iterations_are_spent(solves, iterations, window_s):
-    """Half as many again with a release window."""
+def test_no_seed_is_begun_when_the_iterations_of_its_stage_are_spent(solves, iterations, window_s):
+    """Half as many again with a release window. A seed that is begun has enough for a solve in any case."""
     problem = target_problem(release_window_s=window_s, landing_tolerance_m=0.005 if window_s else 0.0)
     stages = [replace(stage, iterations=iterations) for stage in POLICY if stage.purpose == "soonest seeds"]
     search = PlanningSearch(problem, time.perf_counter() + 60.0)
     search_optimised(search, Ranking(problem, candidates(problem)), stages)
     allowed = math.ceil(1.5 * iterations) if window_s else iterations
     budgets = [options.iteration_budget for _, options in solves]
-    assert budgets[0] == allowed
-    assert all(0 < budget <= allowed for budget in budgets)
-    assert search.iterations <= allowed + CALL_ITERATIONS
+    assert budgets[0] == max(allowed, SOLVE_ITERATIONS)
+    assert all(SOLVE_ITERATIONS <= budget <= budgets[0] for budget in budgets)
+    assert search.iterations <= allowed + ROUNDS_MAX * (SOLVE_ITERATIONS + CALL_ITERATIONS)
+    if allowed < SOLVE_ITERATIONS:
+        assert len({id(seed.candidate) for seed, _ in solves}) == 1
     assert any(attempt.result.startswith("soonest seeds") for attempt in search.attempts)
 
 
@@ -240,7 +242,7 @@ def test_a_remedy_has_iterations_where_its_stage_has_none_left(solves):
     search = PlanningSearch(BESIDE_THE_OPENING, time.perf_counter() + 60.0)
     stages = [replace(stage, iterations=30) for stage in POLICY if stage.purpose == "soonest seeds"]
     search_optimised(search, Ranking(search.problem, candidates(search.problem)), stages)
-    assert [options.iteration_budget for _, options in solves][:2] == [30, REMEDY_ITERATIONS]
+    assert [options.iteration_budget for _, options in solves][:2] == [SOLVE_ITERATIONS] * 2
     assert solves[1][1].margins.leaves
     assert search.incumbent is not None
 
