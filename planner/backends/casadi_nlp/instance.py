@@ -320,11 +320,14 @@ class Instance:
         if "grip" in self.stages.groups:
             axes = np.full(3, margins.grip)
             limits["grip"] = np.append(-axes, -inf), np.append(axes, margins.grip**2)
-        for group, rows in (("flight", FLIGHT_ROWS), ("leaving", LEAVING_ROWS)):
+        for group, count in (
+            ("flight", FLIGHT_ROWS.size),
+            ("standing", 1),
+            ("leaving", LEAVING_ROWS.size),
+            ("passing", 1),
+        ):
             if group in self.stages.groups:
-                limits[group] = np.zeros(rows.size), np.full(rows.size, inf)
-        for group in {"standing", "passing"} & set(self.stages.groups):
-            limits[group] = np.zeros(1), np.full(1, inf)
+                limits[group] = np.zeros(count), np.full(count, inf)
         for group, room in ROOM.items():
             if group in self.stages.groups:
                 limits[group] = self._least_clearances(group, room), np.full(len(room), inf)

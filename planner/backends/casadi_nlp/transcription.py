@@ -122,9 +122,14 @@ class RowIndex:
     @cached_property
     def stagewise(self) -> Indices:
         """The positions of the variables in the order of casadi's interface to fatrop: all states of a stage first."""
-        stages = [np.append(self.columns(k, NZ + N_THROWN), self.thrown(k, 1)) for k in range(self.stages.stages + 1)]
-        ordered = np.concatenate([np.concatenate([each[:NX], each[NZ:], each[NX:NZ]]) for each in stages])
+        stages = range(self.stages.stages + 1)
+        ordered = np.concatenate([np.append(self.states_at(k), self.columns(k)[NX:]) for k in stages])
         return ordered[ordered >= 0]
+
+    def states_at(self, k: int) -> Indices:
+        """Returns the positions of a stage's states, the objects' last."""
+        thrown = [self.thrown(k, which) for which, first in enumerate(self.stages.objects) if k >= first]
+        return np.concatenate([self.columns(k)[:NX], *thrown])
 
     def rows_of_group(self, group: str) -> Indices:
         """Returns the rows of a lazy group, at knots and midpoints."""
@@ -259,14 +264,8 @@ def _scatter(positions: Indices, values: np.ndarray | float, rows: int) -> Any:
 def _next_states(index: RowIndex) -> Any:
     """Returns the constant matrix that x_{k+1} enters the dynamics by."""
     rows = np.concatenate(index.dynamics)
-    columns = np.concatenate([_states(index, k + 1) for k in range(index.stages.stages)])
+    columns = np.concatenate([index.states_at(k + 1) for k in range(index.stages.stages)])
     return ca.DM(ca.Sparsity.triplet(index.size, index.variables, rows.tolist(), columns.tolist()), 1.0)
-
-
-def _states(index: RowIndex, k: int) -> Indices:
-    """Returns the positions of a stage's states."""
-    thrown = np.concatenate([index.thrown(k, which) for which in range(len(index.stages.objects))] or [[]])
-    return np.concatenate([index.columns(k)[:NX], thrown[thrown >= 0]]).astype(np.intp)
 
 
 def _jacobian(index: RowIndex, outputs: Mapping[str, Sequence[MX]]) -> MX:
