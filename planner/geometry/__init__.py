@@ -3,7 +3,12 @@
 from planner.geometry.arcs import Arcs
 from planner.geometry.body import BodyModel, body_model, tool_pose, tool_state
 from planner.geometry.capsules import arm_capsules, body_capsules, capsule_endpoints, levers
-from planner.geometry.distances import pair_distances, segment_box_distance, segment_segment_distance
+from planner.geometry.distances import (
+    pair_distances,
+    point_segment_distance,
+    segment_box_distance,
+    segment_segment_distance,
+)
 from planner.geometry.self_collision import SELF_CLEARANCE_M, barriers, object_pairs, passable, self_collision_pairs
 
 __all__ = [
@@ -19,6 +24,7 @@ __all__ = [
     "object_pairs",
     "pair_distances",
     "passable",
+    "point_segment_distance",
     "segment_box_distance",
     "segment_segment_distance",
     "self_collision_pairs",

@@ -1,4 +1,4 @@
-"""Exact distances of segments from segments and boxes, over leading dimensions; a segment may be a point."""
+"""Exact distances of points and segments from segments and boxes, over leading dimensions; a segment may be a point."""
 
 from __future__ import annotations
 
@@ -72,6 +72,17 @@ def _pair_distances(ends: Array, pairs: Index, shortest_m2: float) -> Array:
 def _clamped(share: Array) -> Array:
     """Returns the place on a line clamped to its segment, whose ends are at 0 and 1."""
     return np.minimum(np.maximum(share, 0.0), 1.0)
+
+
+def point_segment_distance(x: Array, p0: Array, p1: Array) -> Array:
+    """Returns the distances (...) [m] of points (..., 3) from the segment with ends p0, p1 (3,), which may be a point.
+
+    Source: Ericson, Real-Time Collision Detection (2005), section 5.1.2.
+    """
+    along, out = p1 - p0, x - p0
+    share = _clamped(_dot(out, along) / max(float(along @ along), POINT_M2))
+    gap = out - share[..., None] * along
+    return np.sqrt(_dot(gap, gap))
 
 
 def segment_box_distance(p0: ArrayLike, p1: ArrayLike, lower: ArrayLike, upper: ArrayLike) -> Array:

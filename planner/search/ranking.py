@@ -29,7 +29,9 @@ UNDERCUT_OF_POINT = 0.85
 # candidate: later throws are stuck in a local minimum. Of 239 targets the 40 slowest by this hold 9 of the 14 answers
 # that are more than a tenth late, and with a release window the 20 slowest 12 of 16 (by the bound alone, 7 and 9).
 SLOW, SLOW_ROBUST = 1.05, 1.4
-SLOW_GIVEN = 1.05  # [-] release time over the least bound, where a release state or velocity is given
+# [-] Release time over the least bound, where a release state or velocity is given. Of 3,400 requests two are answered
+# later by over 1 % than with 1.05, in up to two fifths of the time where a search was in doubt.
+SLOW_GIVEN = 1.15
 SEEDS_AN_ASPECT = 2  # [-] the optimiser fails from one seed and not from another, but rarely finds another motion
 PATH_SHARES = np.linspace(0.15, 0.9, 6)  # [-] of the straight joint path to a candidate, checked for obstacles
 FLIGHT_STEP_S = 0.02  # [s] between the instants at which a flight is compared with the arm
@@ -152,11 +154,14 @@ class Ranking(Sequence[RankedCandidate]):
 
     def is_slow(self, release_s: float) -> bool:
         """Returns whether an answer at `release_s` [s] is slow beside the least lower bound of all candidates."""
-        bound_s = min(self._least_bounds.values(), default=0.0)
         if isinstance(self.problem.release, TargetRelease):
-            return self._is_slow_throw(release_s, bound_s)
+            return self._is_slow_throw(release_s, self._least_bound_s)
         # how much a window delays a release that is given is not known
-        return not self.problem.is_robust and release_s > SLOW_GIVEN * bound_s
+        return not self.problem.is_robust and self.exceeds_bound(release_s)
+
+    def exceeds_bound(self, release_s: float) -> bool:
+        """Returns whether an answer at `release_s` [s] leaves much to gain before the least bound of all candidates."""
+        return release_s > SLOW_GIVEN * self._least_bound_s
 
     def _is_slow_throw(self, release_s: float, bound_s: float) -> bool:
         """Returns whether a throw to a target at `release_s` [s] is slow beside a bound that knows no jerk [s]."""
@@ -186,6 +191,10 @@ class Ranking(Sequence[RankedCandidate]):
             share = UNDERCUT if isinstance(self.problem.release, TargetRelease) else UNDERCUT_OF_POINT
             least_s = max(least_s, share * ranked.candidate.bound_s)
         return least_s < release_s
+
+    @property
+    def _least_bound_s(self) -> float:
+        return min(self._least_bounds.values(), default=0.0)
 
     @cached_property
     def _least_bounds(self) -> dict[int, float]:

@@ -11,7 +11,7 @@ import numpy as np
 from planner.arrays import Array
 from planner.errors import Violation
 from planner.flight import path, touchdown_s
-from planner.geometry import body_model, segment_box_distance, segment_segment_distance, tool_state
+from planner.geometry import body_model, point_segment_distance, segment_box_distance, tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 
 STEP_S = 0.001  # [s] between the instants that are looked at; a contact in between is left to the certificate
@@ -73,5 +73,5 @@ def _gaps(problem: ThrowProblem, x: Array) -> dict[str, Array]:
     boxes = enumerate(cell.surroundings.keep_out)
     gaps = {f"box {i}": segment_box_distance(x, x, box.lower, box.upper) - radius for i, box in boxes}
     for i, start, end, thick in zip(np.flatnonzero(body.frames == 0), *body.base_shapes, strict=True):
-        gaps[body.names[i]] = segment_segment_distance(x, x, start, end) - thick - radius
+        gaps[body.names[i]] = point_segment_distance(x, start, end) - thick - radius
     return gaps

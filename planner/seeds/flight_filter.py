@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from planner.arrays import Array, Mask
-from planner.geometry import Arcs, body_model, segment_segment_distance
+from planner.geometry import Arcs, body_model, point_segment_distance
 from planner.kinematics import LinkMotion, dot, link_poses
 from planner.problem import TargetRelease, ThrowProblem
 
@@ -74,10 +74,8 @@ def _miss_base(problem: ThrowProblem, arcs: Arcs) -> Mask:
 
 def _gaps_to_base(problem: ThrowProblem, x: Array) -> Array:
     """Returns the distances (k, ...) of points (..., 3) from the k shapes that the base carries."""
-    p0, p1, radii = body_model(problem.cell).base_shapes
-    across = (len(radii), *[1] * (x.ndim - 1), 3)
-    gaps = segment_segment_distance(x[None], x[None], p0.reshape(across), p1.reshape(across))
-    return gaps - radii.reshape(across[:-1])
+    shapes = zip(*body_model(problem.cell).base_shapes, strict=True)
+    return np.stack([point_segment_distance(x, start, end) - radius for start, end, radius in shapes])
 
 
 def leave_through_opening(problem: ThrowProblem, q: Array, qd: Array) -> Mask:

@@ -13,6 +13,7 @@ from planner.geometry import (
     arm_capsules,
     body_capsules,
     capsule_endpoints,
+    point_segment_distance,
     segment_box_distance,
     segment_segment_distance,
     self_collision_pairs,
@@ -69,6 +70,15 @@ def test_nearly_parallel_segments():
     above = np.array([0.2, 0.0, 0.3])
     distance = segment_segment_distance(base, along, base + above - tilt / 2, along + above + tilt / 2)
     np.testing.assert_allclose(distance, 0.3, rtol=0, atol=1e-9)
+
+
+def test_points_against_dense_sampling_of_a_segment():
+    rng = np.random.default_rng(5)
+    x, (p0, p1) = rng.uniform(-1.0, 1.0, (2, 20, 3)), rng.uniform(-0.5, 0.5, (2, 3))
+    on_it = p0 + np.linspace(0.0, 1.0, 20001)[:, None] * (p1 - p0)
+    sampled = np.linalg.norm(x[..., None, :] - on_it, axis=-1).min(axis=-1)
+    np.testing.assert_allclose(point_segment_distance(x, p0, p1), sampled, rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(point_segment_distance(x, p0, p0), np.linalg.norm(x - p0, axis=-1), rtol=1e-14)
 
 
 def test_boxes_against_dense_sampling():

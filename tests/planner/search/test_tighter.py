@@ -189,7 +189,7 @@ def test_a_candidate_whose_motion_is_found_by_another_seed_is_not_in_vain():
 
 @pytest.mark.parametrize(
     ("release", "window_s", "share", "ramp_s"),
-    [(TARGET.release, 0.0, 1.05, 0.03), (TARGET.release, 0.005, 1.4, 0.03), (joint_problem().release, 0.0, 1.05, 0.0)],
+    [(TARGET.release, 0.0, 1.05, 0.03), (TARGET.release, 0.005, 1.4, 0.03), (joint_problem().release, 0.0, 1.15, 0.0)],
 )
 def test_an_answer_is_slow_beyond_a_share_of_the_least_bound(release, window_s, share, ramp_s):
     """A throw to a target may take as long in addition as its acceleration takes to the limit: 15 at 500 rad/s^3."""
@@ -263,10 +263,13 @@ def test_a_throw_of_which_a_seed_was_given_up_is_in_doubt():
     search = PlanningSearch(NEAR, time.perf_counter() + 60.0)
     search.consider(auto.certified("casadi", NEAR, Solution(plan(NEAR).trajectory, "made before")))
     ranking = Ranking(NEAR, candidates(NEAR))
+    ranking._least_bounds = {0: search.release_time_s / 1.16}
     assert not tighter.is_doubtful(search, ranking)
     search.given_up = 1
     search.led_to_motion[ranking[0].candidate] = False
     assert tighter.is_doubtful(search, ranking)
+    ranking._least_bounds = {0: search.release_time_s / 1.14}  # too little to gain
+    assert not tighter.is_doubtful(search, ranking)
 
 
 def test_a_slower_motion_is_an_answer_where_the_optimiser_alone_has_one(jerks, monkeypatch):
