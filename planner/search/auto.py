@@ -253,7 +253,8 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, st
             return True
         certificate = found.certificate
         if _needs_finer_stages(search.problem, options, certificate.failures):
-            seed, options = ranked.seed, replace(first, resolution="fine")
+            held = margins.holding(certificate.failures, solution)
+            seed, options = ranked.seed, replace(first, resolution="fine", margins=held)
             continue
         if not _has_remedy(search.problem, certificate.failures):
             return False

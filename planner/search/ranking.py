@@ -29,9 +29,9 @@ UNDERCUT_OF_POINT = 0.85
 # candidate: later throws are stuck in a local minimum. Of 239 targets the 40 slowest by this hold 9 of the 14 answers
 # that are more than a tenth late, and with a release window the 20 slowest 12 of 16 (by the bound alone, 7 and 9).
 SLOW, SLOW_ROBUST = 1.05, 1.4
-# [-] Release time over the least bound, where a release state or velocity is given. Of 3,400 requests two are answered
-# later by over 1 % than with 1.05, in up to two fifths of the time where a search was in doubt.
-SLOW_GIVEN = 1.15
+SLOW_GIVEN = 1.05  # [-] release time over the least bound, where a release state is given
+# [-] The same where the joints are free, as from a given point: of 1,146 one is later by over 1 % than with 1.05.
+SLOW_FREE = 1.15
 SEEDS_AN_ASPECT = 2  # [-] the optimiser fails from one seed and not from another, but rarely finds another motion
 PATH_SHARES = np.linspace(0.15, 0.9, 6)  # [-] of the straight joint path to a candidate, checked for obstacles
 FLIGHT_STEP_S = 0.02  # [s] between the instants at which a flight is compared with the arm
@@ -161,7 +161,7 @@ class Ranking(Sequence[RankedCandidate]):
 
     def exceeds_bound(self, release_s: float) -> bool:
         """Returns whether an answer at `release_s` [s] leaves much to gain before the least bound of all candidates."""
-        return release_s > SLOW_GIVEN * self._least_bound_s
+        return release_s > (SLOW_GIVEN if self.problem.fixes_joints else SLOW_FREE) * self._least_bound_s
 
     def _is_slow_throw(self, release_s: float, bound_s: float) -> bool:
         """Returns whether a throw to a target at `release_s` [s] is slow beside a bound that knows no jerk [s]."""

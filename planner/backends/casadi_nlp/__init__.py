@@ -49,7 +49,7 @@ class SolveOptions:
 
     Attributes:
         margins: on every limit; wider ones after a certificate's failed checks.
-        resolution: "fine" takes more stages, and includes every row from the beginning.
+        resolution: "fine" takes more stages.
         iteration_budget: no further solver call begins when the iterations of all calls reach it.
         deadline_s: on `time.perf_counter`; no further solver call begins after it. None for no deadline.
         with_ipopt: whether IPOPT is called where fatrop gives up.
@@ -101,7 +101,7 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
 
     problem = with_room(problem)
     instance = Instance.of(problem, seed, options.margins, options.resolution)
-    groups = frozenset(instance.stages.groups) if options.resolution == "fine" else options.margins.held
+    groups = options.margins.held
     groups |= {"flight"} if starts_with_flight(problem) else set()
     groups |= {"leaving"} if options.margins.leaves else set()  # it decides which objects have states
     latest_s = options.latest_s - SPARE_TICKS * problem.dt

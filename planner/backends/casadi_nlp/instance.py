@@ -119,9 +119,10 @@ def common_layouts() -> list[StageLayout]:
     layouts += [StageLayout(*stages, groups=TARGET_GROUPS, aims=True) for stages in throws]
     layouts += [StageLayout(0, n, groups=groups) for n in (brake, fine_brake) for groups in braking]
     layouts += [StageLayout(launch, 0, groups=groups) for groups in _subsets(AT_REST_GROUPS)]
-    layouts += [StageLayout(fine_launch, fine_brake, groups=USUAL_GROUPS)]
+    clear = [groups for groups in _subsets(USUAL_GROUPS) if "clearance" in groups]
+    layouts += [StageLayout(fine_launch, fine_brake, groups=groups) for groups in clear]
     layouts += [StageLayout(fine_launch, fine_brake, groups=TARGET_GROUPS, aims=True)]
-    return [*layouts, StageLayout(fine_launch, 0, groups=AT_REST_GROUPS)]
+    return [*layouts, *(StageLayout(fine_launch, 0, groups=groups) for groups in (AT_REST_GROUPS, ("clearance",)))]
 
 
 def _subsets(groups: tuple[str, ...]) -> list[tuple[str, ...]]:

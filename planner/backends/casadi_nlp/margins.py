@@ -190,6 +190,11 @@ class Margins:
                 wider = wider and wider._widened_for(check, solution.trajectory, bool(cuts))
         return wider
 
+    def holding(self, failures: Iterable[FailedCheck], solution: Solution) -> Margins:
+        """Returns the same margins with the rows that a solution was solved with, and those of its failed checks."""
+        failed = {LOCAL_CHECKS[check.name].group for check in failures if check.name in LOCAL_CHECKS}
+        return replace(self, held=self.held | solution.held | failed)
+
     def _slower(self, check: FailedCheck, speed: float) -> Margins | None:
         """Returns the margins with a slower tool all along, which had that speed at the worst time, over its limit."""
         share = (check.limit / check.value) ** SLOWED[check.name] - SPARE_SHARE

@@ -87,6 +87,12 @@ def test_a_clearance_that_fails_beside_its_margin_calls_for_more_stages() -> Non
     assert not too_coarse([at_least("keep_out", 0.019, 0.02, "m", 0.12)], once)
 
 
+def test_more_stages_begin_with_the_rows_of_the_solution_and_of_its_failed_checks() -> None:
+    before = Margins(held=frozenset({"grip"}))
+    held = before.holding([at_least("floor", 0.01, 0.02, "m", 0.1), at_least("release", 0.0, 1.0, "1", 0.1)], SOLUTION)
+    assert held == Margins(held=frozenset({"grip", "effort", "clearance"}))
+
+
 def test_a_flight_that_meets_a_box_passes_it_with_more_room() -> None:
     wide = DEFAULT_MARGINS.widened([at_least("flight_clearance", -0.01, 0.0, "m", 0.2)], SOLUTION)
     assert wide is not None

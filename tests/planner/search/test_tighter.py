@@ -138,16 +138,23 @@ def test_one_joint_of_little_acceleration_does_not_multiply_the_searches():
     assert tighter._halvings(replace(TARGET.limits, qdd_max=qdd_max)) == tighter._halvings(TARGET.limits)
 
 
-def test_a_slow_throw_from_a_point_is_searched_with_torque_held_and_others_are_not(in_vain, searched, monkeypatch):
-    """To a target only where there is no answer."""
-    monkeypatch.setattr(Ranking, "is_slow", lambda *_: True)
-    plan(POINT)
-    assert [held for _, _, held in searched].count(tighter.TORQUE) == 1
+def test_torque_is_held_where_nothing_was_optimised_and_the_joints_are_free(in_vain, searched, monkeypatch):
     monkeypatch.setattr(tighter, "is_doubtful", lambda *_: True)
-    for other in (TARGET, joint_problem()):
-        searched.clear()
-        plan(other)
-        assert tighter.TORQUE not in [held for _, _, held in searched]
+    for answered in (POINT, TARGET):
+        plan(answered)
+    assert tighter.TORQUE not in [held for _, _, held in searched]
+    searched.clear()
+
+    def failing(*_):
+        raise SeedFailed("made to fail", 1, frozenset(), False)
+
+    monkeypatch.setattr(casadi_nlp, "solve", failing)
+    plan(POINT)
+    assert searched[1][2] == tighter.TORQUE
+    searched.clear()
+    plan(joint_problem())
+    assert searched
+    assert tighter.TORQUE not in [held for _, _, held in searched]
 
 
 def test_where_there_is_an_answer_a_search_is_repeated_from_what_led_to_none(searched, monkeypatch):
@@ -189,7 +196,12 @@ def test_a_candidate_whose_motion_is_found_by_another_seed_is_not_in_vain():
 
 @pytest.mark.parametrize(
     ("release", "window_s", "share", "ramp_s"),
-    [(TARGET.release, 0.0, 1.05, 0.03), (TARGET.release, 0.005, 1.4, 0.03), (joint_problem().release, 0.0, 1.15, 0.0)],
+    [
+        (TARGET.release, 0.0, 1.05, 0.03),
+        (TARGET.release, 0.005, 1.4, 0.03),
+        (joint_problem().release, 0.0, 1.05, 0.0),
+        (POINT.release, 0.0, 1.15, 0.0),
+    ],
 )
 def test_an_answer_is_slow_beyond_a_share_of_the_least_bound(release, window_s, share, ramp_s):
     """A throw to a target may take as long in addition as its acceleration takes to the limit: 15 at 500 rad/s^3."""
@@ -248,11 +260,10 @@ def test_further_seeds_of_a_repeated_search_come_after_the_first_of_every_way(
     assert len(_ways(searched)) == 2 + 2 * times  # and the request's own, and the second solver
 
 
-@pytest.mark.parametrize(("is_slow", "shares"), [(False, [0.5, 0.25]), (True, [0.5, 0.25, 0.125])])
-def test_of_a_throw_with_an_answer_the_jerk_alone_is_halved(in_vain, searched, monkeypatch, is_slow, shares):
+@pytest.mark.parametrize(("problem", "shares"), [(NEAR, [0.5, 0.25]), (POINT, [0.5])])
+def test_of_a_request_with_an_answer_the_jerk_alone_is_halved(in_vain, searched, monkeypatch, problem, shares):
     monkeypatch.setattr(tighter, "is_doubtful", lambda *_: True)
-    monkeypatch.setattr(Ranking, "is_slow", lambda *_: is_slow)
-    plan(replace(NEAR, limits=replace(NEAR.limits, jerk_max=2.0 * JERK)))
+    plan(replace(problem, limits=replace(problem.limits, jerk_max=2.0 * JERK)))
     own, *repeats, last = _ways(searched)
     assert own == last
     assert [jerk[0] / own[0][0] for jerk, _, _ in repeats] == shares
