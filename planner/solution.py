@@ -15,7 +15,7 @@ class Solution:
         trajectory: the motion.
         status: the solver's own status.
         iterations: of the solver.
-        held: groups of limits that were violated without being enforced, for a solver that starts without them.
+        held: groups of limits that it was solved with, for a solver that starts without them.
     """
 
     trajectory: Trajectory

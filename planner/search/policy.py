@@ -12,8 +12,8 @@ the release where the request leaves it free. So:
 4. While that has given no answer, further candidates are tried by both; of a given release state those of least lower
    bound in any case, however blocked the straight way there.
 5. Ruckig's other motions to a given release state are tried under tighter limits, too. A doubtful search is repeated
-   under tighter limits, and where that pays with torque held from the beginning (`tighter`). The slower second solver
-   is tried at last.
+   under tighter limits, and where nothing was optimised and the joints are free with torque held from the beginning
+   (`tighter`). The slower second solver is tried at last.
 
 Counts alone decide what is tried, so that the answer does not depend on the load of the machine. The only clock is the
 request's own deadline.

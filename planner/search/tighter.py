@@ -112,7 +112,8 @@ def is_doubtful(search: PlanningSearch, ranking: Ranking) -> bool:
     """Returns whether a search may have missed a sooner motion: it certified none, or a slow one, or gave up a seed.
 
     A seed that was given up is no sign of it where the answer is near the least bound, nor of a throw to a target with
-    a release window: of 24 repeats for that alone none found a sooner one.
+    a release window: of 24 repeats for that alone none found a sooner one. So it counts for quick throws to a target,
+    whose time for the jerk hides that they are slow, and for a given release with a window.
     """
     if search.is_optimal or search.out_of_time or (_is_optimised(search) and not search.in_vain):
         return False

@@ -111,18 +111,18 @@ def window_stages(problem: ThrowProblem) -> int:
 
 def common_layouts() -> list[StageLayout]:
     """Returns the layouts whose solvers are built ahead of requests, 0.2 s together; uncompiled, a few 10 ms each."""
-    (launch, brake), (fine_launch, fine_brake), n = STAGES["coarse"], STAGES["fine"], WINDOW_STAGES
+    (launch, brake), fine, n = STAGES["coarse"], STAGES["fine"], WINDOW_STAGES
     throws = ((launch, brake, 0), (launch + n, brake + n, n))
-    layouts = [StageLayout(*stages, groups=groups) for stages in throws for groups in _subsets(USUAL_GROUPS)]
-    braking = [groups for groups in _subsets(USUAL_GROUPS) if "passing" in groups]
+    usual = _subsets(USUAL_GROUPS)
+    braking = [groups for groups in usual if "passing" in groups]
+    clear = [groups for groups in usual if "clearance" in groups]  # too close between coarse stages
+    layouts = [StageLayout(*stages, groups=groups) for stages in throws for groups in usual]
     layouts += [StageLayout(*stages, groups=groups, aims=True) for stages in throws for groups in braking]
-    layouts += [StageLayout(*stages, groups=TARGET_GROUPS, aims=True) for stages in throws]
-    layouts += [StageLayout(0, n, groups=groups) for n in (brake, fine_brake) for groups in braking]
-    layouts += [StageLayout(launch, 0, groups=groups) for groups in _subsets(AT_REST_GROUPS)]
-    clear = [groups for groups in _subsets(USUAL_GROUPS) if "clearance" in groups]
-    layouts += [StageLayout(fine_launch, fine_brake, groups=groups) for groups in clear]
-    layouts += [StageLayout(fine_launch, fine_brake, groups=TARGET_GROUPS, aims=True)]
-    return [*layouts, *(StageLayout(fine_launch, 0, groups=groups) for groups in (AT_REST_GROUPS, ("clearance",)))]
+    layouts += [StageLayout(*stages, groups=TARGET_GROUPS, aims=True) for stages in (*throws, fine)]
+    layouts += [StageLayout(0, n, groups=groups) for n in (brake, fine[1]) for groups in braking]
+    layouts += [StageLayout(*fine, groups=groups) for groups in clear]
+    layouts += [StageLayout(*fine, groups=groups, aims=True) for groups in clear if "passing" in groups]
+    return layouts + [StageLayout(n, 0, groups=each) for n in (launch, fine[0]) for each in _subsets(AT_REST_GROUPS)]
 
 
 def _subsets(groups: tuple[str, ...]) -> list[tuple[str, ...]]:

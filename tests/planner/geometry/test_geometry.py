@@ -78,6 +78,7 @@ def test_points_against_dense_sampling_of_a_segment():
     on_it = p0 + np.linspace(0.0, 1.0, 20001)[:, None] * (p1 - p0)
     sampled = np.linalg.norm(x[..., None, :] - on_it, axis=-1).min(axis=-1)
     np.testing.assert_allclose(point_segment_distance(x, p0, p1), sampled, rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(point_segment_distance(x[0, 0], p0, p1), sampled[0, 0], rtol=0.0, atol=1e-6)
     np.testing.assert_allclose(point_segment_distance(x, p0, p0), np.linalg.norm(x - p0, axis=-1), rtol=1e-14)
 
 

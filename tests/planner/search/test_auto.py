@@ -247,6 +247,27 @@ def test_a_remedy_has_iterations_where_its_stage_has_none_left(solves):
     assert search.incumbent is not None
 
 
+CLOSE_TO_ITSELF = ThrowProblem(
+    (ur5 := cell("ur5-sim")),
+    start=np.array([-1.246, -1.047, 0.232, -1.692, -1.337, -0.051]),
+    release=PointRelease(np.array([0.256, -0.332, 0.377]), np.array([-0.551, -0.595, 0.869])),
+    limits=ur5.limits,
+    time_limit_s=60.0,
+)
+
+
+def test_what_comes_too_close_between_stages_is_solved_on_finer_ones_with_its_own_rows(solves):
+    """From the start, not from the motion that did; rows that it did not need are left out again."""
+    search = PlanningSearch(CLOSE_TO_ITSELF, time.perf_counter() + 60.0)
+    search_optimised(search, Ranking(search.problem, candidates(search.problem)))
+    given = [(options.resolution, options.margins.held) for _, options in solves[:4]]
+    clear = frozenset({"clearance"})
+    assert given == [("coarse", frozenset()), ("coarse", clear), ("fine", clear), ("fine", clear)]
+    assert solves[2][0].initial_guess is solves[0][0].initial_guess
+    assert search.incumbent is not None
+    assert search.incumbent.solution.held == clear
+
+
 BESIDE_THE_FOOT = {"ur5-sim": [0.0181, -0.0847, 0.0], "ur10e-sim": [0.0875, 0.0688, 0.0]}
 
 

@@ -152,13 +152,13 @@ def test_torque_is_held_where_nothing_was_optimised_and_the_joints_are_free(in_v
     plan(POINT)
     assert searched[1][2] == tighter.TORQUE
     searched.clear()
+    monkeypatch.setattr(PlanningSearch, "is_optimal", False)
     plan(joint_problem())
-    assert searched
+    assert len(searched) > 2
     assert tighter.TORQUE not in [held for _, _, held in searched]
 
 
 def test_where_there_is_an_answer_a_search_is_repeated_from_what_led_to_none(searched, monkeypatch):
-    """Not where the release is given: then there are few candidates, and each may have another motion."""
     monkeypatch.setattr(Ranking, "is_slow", lambda *_: True)
     solve, failed = casadi_nlp.solve, []
 
