@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from planner.arrays import Array
 from planner.calibration import CalibrationFile
 from planner.robots import Robot
@@ -92,6 +94,14 @@ class Surroundings:
     def keep_out_names(self) -> tuple[str, ...]:
         """What each keep-out box is called: by its name, or by its number."""
         return tuple(box.name or f"box {i}" for i, box in enumerate(self.keep_out))
+
+    def deepest(self, p: Array) -> tuple[float, str]:
+        """Returns how deep a point (3,) lies in the floor or in a keep-out box [m], negative outside, and in which."""
+        boxes = zip(self.keep_out_names, self.keep_out, strict=True)
+        depths = {name: float(np.minimum(p - box.lower, box.upper - p).min()) for name, box in boxes}
+        depths["floor"] = self.floor_z_m - float(p[2])
+        name = max(depths, key=lambda each: depths[each])
+        return depths[name], name
 
 
 @dataclass(frozen=True)

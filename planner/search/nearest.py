@@ -108,13 +108,27 @@ def nearest_problem(search: PlanningSearch, violations: Iterable[Violation]) -> 
     feasibility = Feasibility(search.deadline_s)
     nominal = replace(problem, release_window_s=0.0) if problem.is_robust else problem
     for relaxation, thorough in _relaxations(problem, broken):
-        for share, motion in _feasible_shares(nominal, relaxation, feasibility, thorough)[:SHARES_MAX]:
-            found = replace(nominal, release=relaxation(share))
-            if find_way_home(found, motion)[0] is not None:
-                return _with_own_window(replace(problem, release=found.release), motion)
+        shares = _feasible_shares(nominal, relaxation, feasibility, thorough)[:SHARES_MAX]
+        found = list(_with_ways_home(problem, relaxation, shares))
+        if found:
+            return max(found, key=lambda each: each.release_window_s)  # of as long ones the first
         if feasibility.exhausted:
             break
     return None
+
+
+def _with_ways_home(
+    problem: ThrowProblem, relaxation: Relaxation, shares: Iterable[tuple[float, CertifiedSolution]]
+) -> Iterator[ThrowProblem]:
+    """Yields the problems of feasible shares whose motion has a way home, up to one that keeps the release window."""
+    for share, motion in shares:
+        found = replace(problem, release=relaxation(share))
+        if find_way_home(replace(found, release_window_s=0.0), motion)[0] is None:
+            continue
+        kept = _with_own_window(found, motion)
+        yield kept
+        if kept.release_window_s == problem.release_window_s:
+            return
 
 
 def _with_own_window(problem: ThrowProblem, nominal: CertifiedSolution) -> ThrowProblem:
@@ -225,7 +239,12 @@ def _towards_start(problem: ThrowProblem, release: Release, share: float) -> Rel
 
 
 def _closer_targets(problem: ThrowProblem, release: TargetRelease) -> Iterator[Relaxation]:
-    """Yields relaxations that start from an easy target: towards the requested one, ahead of the tool, or below it."""
+    """Yields relaxations that start from an easy target: towards the requested one, ahead of the tool, or below it.
+
+    A target below the floor is lifted onto it.
+    """
+    x, y, z = release.p_W
+    release = replace(release, p_W=np.array([x, y, max(z, problem.cell.surroundings.floor_z_m)]))
     farthest, tool = _farthest_throw(problem, release), tool_pose(problem.cell, problem.start)[:3, 3]
     under = np.array([*_within(tool[:2], release.p_W[:2], UNDER_M), release.p_W[2]])
     releases = [release] if release.release_position is None else [release, replace(release, release_position=None)]

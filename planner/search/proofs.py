@@ -40,10 +40,10 @@ def proven_violations(problem: ThrowProblem) -> list[Violation]:
         case PointRelease(p, v):
             found = [*_place(problem, p), *_speed(problem, v, p)]
         case TargetRelease(release_position=None) as release:
-            found = _range(problem, release)
+            found = _buried(problem, release) or _range(problem, release)
         case TargetRelease(release_position=p) as release:
             assert p is not None
-            found = _place(problem, p) or _range(problem, release, p)
+            found = _buried(problem, release) or _place(problem, p) or _range(problem, release, p)
     found += [*filter(None, [released_flight_blocked(problem)]), *blocked_postures(problem)]
     return [replace(violation, proven=True) for violation in found]
 
@@ -115,6 +115,14 @@ def _place(problem: ThrowProblem, p_WT: Array) -> list[Violation]:
             detail = f"object, {name}, at the release"
             found.append(Violation("keep_out", gap - cell.object.radius_m, around.clearance_m, "m", detail=detail))
     return found
+
+
+def _buried(problem: ThrowProblem, release: TargetRelease) -> list[Violation]:
+    """Returns how deep a target lies in the floor or in a keep-out box, which no certificate passes."""
+    depth, inside = problem.cell.surroundings.deepest(release.p_W)
+    if depth <= SLACK:
+        return []
+    return [Violation("flight_clearance", -depth, 0.0, "m", detail=f"{inside}: the target is within it")]
 
 
 def _joint_speeds(problem: ThrowProblem, qd: Array) -> list[Violation]:

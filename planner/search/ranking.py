@@ -157,11 +157,12 @@ class Ranking(Sequence[RankedCandidate]):
         if isinstance(self.problem.release, TargetRelease):
             return self._is_slow_throw(release_s, self._least_bound_s)
         # how much a window delays a release that is given is not known
-        return not self.problem.is_robust and self.exceeds_bound(release_s)
+        share = SLOW_GIVEN if self.problem.fixes_joints else SLOW_FREE
+        return not self.problem.is_robust and release_s > share * self._least_bound_s
 
-    def exceeds_bound(self, release_s: float) -> bool:
-        """Returns whether an answer at `release_s` [s] leaves much to gain before the least bound of all candidates."""
-        return release_s > (SLOW_GIVEN if self.problem.fixes_joints else SLOW_FREE) * self._least_bound_s
+    def leaves_much_to_gain(self, release_s: float) -> bool:
+        """Returns whether an answer at `release_s` [s] is not near the least bound, or the release state is given."""
+        return self.problem.fixes_joints or release_s > SLOW_FREE * self._least_bound_s
 
     def _is_slow_throw(self, release_s: float, bound_s: float) -> bool:
         """Returns whether a throw to a target at `release_s` [s] is slow beside a bound that knows no jerk [s]."""

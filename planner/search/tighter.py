@@ -111,14 +111,14 @@ def _released(motion: Trajectory) -> Candidate:
 def is_doubtful(search: PlanningSearch, ranking: Ranking) -> bool:
     """Returns whether a search may have missed a sooner motion: it certified none, or a slow one, or gave up a seed.
 
-    A seed that was given up is no sign of it where the answer is near the least bound, nor of a throw to a target with
-    a release window: of 24 repeats for that alone none found a sooner one. So it counts for quick throws to a target,
-    whose time for the jerk hides that they are slow, and for a given release with a window.
+    A seed that was given up is no sign of it where the joints are free and the answer is near the least bound, nor of a
+    throw to a target with a release window: of 24 repeats for that alone none found a sooner one. So it counts for
+    given release states, and for quick throws to a target, whose time for the jerk hides that they are slow.
     """
     if search.is_optimal or search.out_of_time or (_is_optimised(search) and not search.in_vain):
         return False
     thrown_in_window = search.problem.is_robust and isinstance(search.problem.release, TargetRelease)
-    missed = search.given_up > 0 and not thrown_in_window and ranking.exceeds_bound(search.release_time_s)
+    missed = search.given_up > 0 and not thrown_in_window and ranking.leaves_much_to_gain(search.release_time_s)
     return missed or _is_slow(search, ranking)
 
 

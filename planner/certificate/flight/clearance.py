@@ -4,7 +4,8 @@ The tool, and links beside which the object is gripped, count from the first ins
 object is clear of them: it usually starts within their capsules, so that these cannot judge how it leaves
 (`opening_direction` does). Releases that follow each other closely are clear of them one soon after the other; where
 they are not, one between them comes out, and meets or grazes what it has just left. A box that ends at the landing
-plane may carry the target: the flight ends when the sphere touches the plane.
+plane may carry the target: the flight ends when the sphere touches the plane. A target below the floor or within a box
+fails, although a flight to one just within may end before the sphere touches the box.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from planner.certificate.flight.patches import (
 )
 from planner.certificate.samples import MotionSamples
 from planner.flight import time_of_flight
+from planner.problem import TargetRelease
 
 CLOSE_M = 0.03  # [m] a bound below it is refined until it is within `ACCURACY_M` of the least gap found there
 ACCURACY_M = 0.01  # [m]
@@ -77,9 +79,10 @@ def flight_clearance(motion: MotionSamples) -> Check | None:
     flights = flights_of(motion)
     if flights.end is None:
         return at_least(name, math.nan, 0.0, "m", flights.released_s, "never lands")
-    below = problem.plane_z - problem.cell.surroundings.floor_z_m
-    if below < -CONTACT_M:
-        return at_least(name, below, 0.0, "m", flights.end[1], "floor")
+    if isinstance(problem.release, TargetRelease):
+        depth, inside = problem.cell.surroundings.deepest(problem.release.p_W)
+        if depth > CONTACT_M:
+            return at_least(name, -depth, 0.0, "m", flights.end[1], inside)
     found = _least_gap(flights)
     value = max(found.value, 0.0) if found.proven else found.value
     return at_least(name, value, 0.0, "m", found.at_s, found.obstacle).provided(found.proven)

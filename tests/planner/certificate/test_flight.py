@@ -177,6 +177,9 @@ def test_a_target_may_stand_on_a_box_but_not_in_it_nor_against_its_side():
     assert certify(on_top, trajectory).check("flight_clearance").ok
     inside = with_boxes(here, ([1.1, -0.1, 0.0], [1.5, 0.5, 0.31]))
     assert not certify(replace(on_top, cell=inside), trajectory).check("flight_clearance").ok
+    just_within = with_boxes(here, ([1.299, -0.1, 0.2], [1.5, 0.5, 0.5]))
+    check = certify(replace(on_top, cell=just_within), trajectory).check("flight_clearance")
+    assert (check.value, check.ok, check.detail) == (pytest.approx(-0.001), False, "box 0")
     beside = with_boxes(here, ([1.301, -0.1, 0.0], [1.5, 0.5, 0.5]))
     check = certify(replace(on_top, cell=beside), trajectory).check("flight_clearance")
     assert not check.ok

@@ -69,6 +69,7 @@ IMPOSSIBLE = {
     "tool speed": ("tcp_speed", PointRelease(np.array([0.5, 0.2, 0.5]), np.array([4.0, 0.0, 2.0]))),
     "turning": ("joint_velocity", PoseRelease(TURNED + 0.4 * np.eye(4, k=3), np.array([0, 0, 0, 0, 0, 25.0]))),
     "floor": ("floor", PointRelease(np.array([0.5, 0.2, -0.1]), np.array([0.5, 0.0, 0.5]))),
+    "target below the floor": ("flight_clearance", TargetRelease(np.array([1.2, 0.3, -0.5]))),
     "range": ("tcp_speed", TargetRelease(np.array([5.0, 0.0, 0.0]))),
     "requested speed": ("release_velocity", TargetRelease(np.array([2.4, 0.0, 0.0]), max_speed_m_s=1.0)),
     "joint position": ("joint_position", JointRelease(cell().home + 5.0 * np.eye(6)[2], np.ones(6))),
@@ -120,6 +121,21 @@ def test_a_place_in_a_keep_out_box_is_refused_with_the_box_s_name():
     assert violation.detail == "object, box 0, at the release"
     assert violation.value == pytest.approx(-here.object.radius_m)
     assert violation.proven
+
+
+def test_a_target_within_a_keep_out_box_is_refused_and_offered_in_front_of_it():
+    here = with_box([1.0, -0.5, 0.0], [1.3, 0.8, 0.4])
+    problem = joint_problem(cell=here, release=TargetRelease(np.array([1.2, 0.2, 0.0])))
+    on_top = replace(problem, release=TargetRelease(np.array([1.2, 0.2, 0.4])))
+    assert proven_violations(on_top) == []
+    with pytest.raises(Infeasible) as refusal:
+        plan(replace(problem, release=TargetRelease(np.array([1.2, 0.2, 0.1]))))
+    (violation,) = refusal.value.violations
+    assert (violation.constraint, violation.value, violation.proven) == ("flight_clearance", pytest.approx(-0.1), True)
+    assert violation.detail == "box 0: the target is within it"
+    nearest = problem_from_request(refusal.value.nearest, here)
+    assert plan(nearest).certificate.valid
+    assert nearest.release.p_W[0] <= 1.0
 
 
 def test_a_bin_around_the_home_is_refused_with_proof_and_offered_farther_away():
