@@ -106,11 +106,15 @@ def test_a_reloaded_page_stops_the_throw(guest: Visit, stack: PageStack) -> None
     guest.outcome("To the start")
     guest.button("Stop").click()
     guest.outcome("Stopped on request")
+    phases = guest.region("Execution").locator(".phases")
+    expect(phases.locator("li.later")).to_have_text(["Throwing"])
+    expect(guest.region("Execution").locator(".key-numbers dd").nth(1)).to_have_text("–")  # of what was not released
+    expect(guest.region("Timeline").get_by_role("button", name="Play")).to_be_visible()
 
 
 def test_a_throw_of_the_command_line_is_seen_and_stopped_by_key(guest: Visit, stack: PageStack) -> None:
     stack.execute(stack.plan_far_away())
-    guest.outcome("Thrown as planned")
+    guest.outcome("Moved as planned")
     command = [sys.executable, "-c", "from api.cli import main; main()", "throw", "1.2", "0.3", "0", "--url", stack.url]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as thrower:
         guest.outcome("To the start")

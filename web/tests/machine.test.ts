@@ -4,10 +4,13 @@ import { describe, expect, it } from "vitest";
 
 import type { Execution, Plan, ProblemDocument } from "../src/service/types";
 import { FIRST_DRAFT } from "../src/state/draft";
-import { type Change, change, FIRST_STATE, isArmed, isRunning, planStanding, type State, throwLabel } from "../src/state/machine";
+import {
+  type Change, change, FIRST_STATE, isArmed, isRunning, PHASES, planStanding, type Run, type State, throwLabel, wentThrough,
+} from "../src/state/machine";
+import { keyNumbers, outcomeWords } from "../src/state/words";
 
 const PLAN = {
-  id: "p1", cell: "ur5e-sim", request: { release: { kind: "target", position: [1.2, 0.3, 0] } }, flight: { landing_point: [1.2, 0.3, 0] },
+  id: "p1", cell: "ur5e-sim", request: { release: { kind: "target", position: [1.2, 0.3, 0] } }, flight: { landing_point: [1.2, 0.3, 0], speed_m_s: 3.62 },
 } as unknown as Plan;
 const PROBLEM: ProblemDocument = { type: "/problems/infeasible", title: "The arm cannot do this", status: 422, detail: "too far" };
 const execution = (fields: Partial<Execution>): Execution =>
@@ -86,6 +89,21 @@ describe("the execution", () => {
     expect(change(run, { type: "execution", execution: execution({ state: "preparing" }) }).execution?.state).toBe("approaching");
     expect(change(run, { type: "execution", execution: execution({ id: "e0", state: "finished" }) }).execution?.id).toBe("e1");
     expect(change(run, { type: "execution", execution: execution({ state: "finished" }) }).execution?.state).toBe("finished");
+  });
+  it("went through no more phases than were seen, unless it let go of its object", () => {
+    const run = after(
+      CHOSEN, { type: "runs", cell: "ur5e-sim", id: "e1" }, { type: "event", id: "e1", kind: "state", data: { state: "approaching" } },
+    );
+    const braked = change(run, { type: "event", id: "e1", kind: "state", data: { state: "braking" } });
+    const ended = (metrics: Record<string, unknown>): Run =>
+      change(braked, { type: "event", id: "e1", kind: "state", data: { state: "finished", outcome: "aborted", metrics } }).execution!;
+    expect(PHASES.filter((phase) => wentThrough(phase, braked.execution!))).toEqual(["queued", "preparing", "approaching", "streaming"]);
+    expect(PHASES.filter((phase) => !wentThrough(phase, ended({ released: false })))).toEqual(["streaming"]);
+    expect(PHASES.every((phase) => wentThrough(phase, ended({ released: true })))).toBe(true);
+    expect(keyNumbers(ended({ released: false }), null, PLAN)[1]?.value).toBe("–");
+    expect(keyNumbers(ended({ released: true }), null, PLAN)[1]?.value).toBe("3.62 m/s");
+    expect(outcomeWords({ outcome: "completed", metrics: { released: false } })).toBe("Moved as planned");
+    expect(outcomeWords({ outcome: "completed", metrics: { released: true } })).toBe("Thrown as planned");
   });
   it("is marked as being stopped, also by somebody else", () => {
     const run = after(CHOSEN, { type: "runs", cell: "ur5e-sim", id: "e1" });

@@ -8,7 +8,7 @@ import type { CellList, CellModel, Execution, ExecutionList, LandingList, Plan, 
 import { loadCurves, loadMap, refreshCell } from "./actions";
 import { isRunning } from "./machine";
 import {
-  cellName, cells, dispatch, endTime, failed, history, landings, mapShown, model, playing, profiles, reached, running, runPlan, shownId, state,
+  cellName, cells, dispatch, endTime, failed, history, landings, mapShown, model, playing, profiles, reached, running, runPlan, shownId, state, strayed,
   targets, throwMap, time,
 } from "./store";
 
@@ -160,7 +160,9 @@ async function followRun(id: string, signal: AbortSignal): Promise<void> {
   }
   if (signal.aborted) return;
   await readExecution(id);
-  if (time.value > 0 && time.value < endTime.value) playing.value = 1; // the object is still in the air
+  const ended = state.value.execution?.id === id ? state.value.execution : null;
+  if (ended?.planId && ended.outcome !== "completed") strayed.value = { planId: ended.planId, time: time.value };
+  else if (time.value > 0 && time.value < endTime.value) playing.value = 1; // the object is still in the air
   const { [id]: _, ...others } = landings.value;
   landings.value = others;
   await followHistory();

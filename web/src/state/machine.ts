@@ -23,6 +23,7 @@ export interface Run {
   readonly id: string;
   readonly planId: string | null;
   readonly state: string; // queued … finished
+  readonly seen: readonly string[]; // those of these that were seen, in their order
   readonly outcome: string | null;
   readonly reason: string | null;
   readonly metrics: Readonly<Record<string, unknown>> | null;
@@ -117,7 +118,7 @@ function refused(state: State, revision: number, problem: ProblemDocument): Stat
 
 function newRun(id: string, planId: string | null): Run {
   return {
-    id, planId, state: "queued", outcome: null, reason: null, metrics: null, samples: [], stopping: false,
+    id, planId, state: "queued", seen: [], outcome: null, reason: null, metrics: null, samples: [], stopping: false,
   };
 }
 
@@ -137,7 +138,8 @@ function withExecution(state: State, execution: Execution): State {
   const run: Run = { ...before, planId: execution.plan_id, stopping: before.stopping || execution.abort_requested_at !== null };
   if (orderOf(execution.state) < orderOf(before.state)) return { ...state, execution: run };
   const { outcome, reason, metrics } = execution;
-  return { ...state, execution: { ...run, state: execution.state, outcome, reason, metrics: metrics ?? before.metrics } };
+  const seen = { ...run, state: execution.state, outcome, reason, metrics: metrics ?? before.metrics };
+  return { ...state, execution: withPhase(seen) };
 }
 
 function withEvent(run: Run, kind: string, data: Record<string, unknown>): Run {
@@ -146,15 +148,27 @@ function withEvent(run: Run, kind: string, data: Record<string, unknown>): Run {
     return sample === null ? run : { ...run, samples: [...run.samples, sample] };
   }
   if (kind === "state") {
-    return {
+    const seen = {
       ...run,
       state: String(data["state"] ?? run.state),
       outcome: (data["outcome"] as string | null | undefined) ?? run.outcome,
       reason: (data["reason"] as string | null | undefined) ?? run.reason,
       metrics: (data["metrics"] as Run["metrics"] | undefined) ?? run.metrics,
     };
+    return withPhase(seen);
   }
   return run;
+}
+
+function withPhase(run: Run): Run {
+  return run.seen.includes(run.state) ? run : { ...run, seen: [...run.seen, run.state] };
+}
+
+/** Whether an execution went through a phase; one that ended early may have braked without having thrown. */
+export function wentThrough(phase: string, { state, seen, outcome, metrics }: Run): boolean {
+  if (state !== "finished") return orderOf(phase) < orderOf(state);
+  const whole = outcome === "completed" || metrics?.["released"] === true;
+  return whole || seen.includes(phase) || orderOf(phase) < orderOf(seen[0] ?? "queued");
 }
 
 function sampleOf(data: Record<string, unknown>): Sample | null {

@@ -57,6 +57,13 @@ export const ADVICE: Readonly<Record<string, string>> = {
   aborted: "The stop did not end in order. Look at the arm, then acknowledge.",
 };
 
+/** What came of an execution: a move that let go of nothing was no throw. */
+export function outcomeWords({ outcome, metrics }: { outcome: string | null; metrics?: unknown }): string {
+  const released = (metrics as Readonly<Record<string, unknown>> | null | undefined)?.["released"];
+  if (outcome === "completed" && released === false) return "Moved as planned";
+  return OUTCOME_WORDS[outcome ?? ""] ?? outcome ?? "";
+}
+
 export function outcomeTone(outcome: string | null): Tone {
   if (outcome === null) return "busy";
   return outcome === "completed" ? "good" : outcome === "aborted" || outcome === "held" ? "idle" : "bad";
@@ -109,7 +116,9 @@ export function preflight(live: CellState | null, plan: Plan | null): readonly P
   const refusals = [...(robot?.refusals ?? [])];
   const items: PreflightItem[] = [
     { text: "Executor runs", ok: live === null ? null : live.executor?.alive === true },
-    { text: "No fault is latched", ok: live === null ? null : live.fault === null },
+    live?.fault
+      ? { text: "A fault is latched: look at the arm, then acknowledge it under Robots", ok: false }
+      : { text: "No fault is latched", ok: live === null ? null : true },
   ];
   for (const [text, pattern] of SUBJECTS) {
     const found = refusals.filter((reason) => pattern.test(reason));
@@ -208,7 +217,7 @@ export function keyNumbers(run: Run | Execution, observed_m: number | null, plan
     { label: "Landing error", value: length(typeof measured === "number" ? measured : observed_m), note: "" },
     {
       label: "Release speed",
-      value: speed === undefined ? "–" : `${figure(speed)} m/s`,
+      value: speed === undefined || metrics["released"] !== true ? "–" : `${figure(speed)} m/s`,
       note: typeof share === "number" ? `${figure(share * 100, 2)} % off` : "",
     },
     { label: "Missed ticks", value: typeof missed === "number" ? String(missed) : "–", note: "" },

@@ -3,12 +3,12 @@
 import type { JSX } from "preact";
 
 import type { Plan } from "../service/types";
-import { aimOf, orderOf, PHASES, type Run, type Sample } from "../state/machine";
+import { aimOf, PHASES, type Run, type Sample, wentThrough } from "../state/machine";
 import { offsetFrom } from "../state/scatter";
 import { JOINTS } from "../curves/quantities";
 import { answered, cellName, cellState, execution, landings, runPlan } from "../state/store";
 import {
-  ADVICE, figure, keyNumbers, OUTCOME_WORDS, outcomeTone, PHASE_WORDS, preflight,
+  ADVICE, figure, keyNumbers, outcomeTone, outcomeWords, PHASE_WORDS, preflight,
 } from "../state/words";
 import { Icon } from "./icons";
 import { LandingReports } from "./landing";
@@ -60,13 +60,13 @@ function RunView({ run }: { run: Run }): JSX.Element {
     <div class="run">
       <ol class="phases" aria-label="Phases">
         {PHASES.map((phase) => (
-          <li key={phase} class={phaseClass(phase, run.state)} aria-current={phase === run.state ? "step" : undefined}>
+          <li key={phase} class={phaseClass(phase, run)} aria-current={phase === run.state ? "step" : undefined}>
             {PHASE_WORDS[phase]}
           </li>
         ))}
       </ol>
       <p class={`outcome ${tone}`} role="status">
-        {ended ? (OUTCOME_WORDS[run.outcome ?? ""] ?? run.outcome) : run.stopping ? "Stopping …" : `${PHASE_WORDS[run.state] ?? run.state} …`}
+        {ended ? outcomeWords(run) : run.stopping ? "Stopping …" : `${PHASE_WORDS[run.state] ?? run.state} …`}
         {run.outcome ? <code class="sr-only">{run.outcome}</code> : null}
       </p>
       {run.reason ? <p class="soft">{run.reason}</p> : null}
@@ -77,9 +77,9 @@ function RunView({ run }: { run: Run }): JSX.Element {
   );
 }
 
-function phaseClass(phase: string, now: string): string {
-  const [at, here] = [orderOf(now), orderOf(phase)];
-  return here < at || now === "finished" ? "done" : here === at ? "now" : "later";
+function phaseClass(phase: string, run: Run): string {
+  if (wentThrough(phase, run)) return "done";
+  return phase === run.state ? "now" : "later";
 }
 
 const WIDTH = 300;

@@ -11,7 +11,7 @@ import { showExecution } from "../state/follow";
 import { ellipseOf, type Offset, offsetFrom } from "../state/scatter";
 import { adopt, learn, revert } from "../state/actions";
 import { cellName, failed, history, landings, notice, profiles, targets } from "../state/store";
-import { figure, landingWords, length, OUTCOME_WORDS, outcomeTone } from "../state/words";
+import { figure, landingWords, length, outcomeTone, outcomeWords } from "../state/words";
 import { observedError } from "./execution";
 import { Icon } from "./icons";
 
@@ -57,7 +57,7 @@ function Table({ runs }: { runs: readonly Execution[] }): JSX.Element {
                 </button>
               </td>
               <td class={run.outcome ? outcomeTone(run.outcome) : "busy"}>
-                {run.outcome ? (OUTCOME_WORDS[run.outcome] ?? run.outcome) : "Running"}
+                {run.outcome ? outcomeWords(run) : "Running"}
                 {run.dry_run ? " (dry run)" : ""}
               </td>
               <td class="number">

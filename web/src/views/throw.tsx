@@ -97,16 +97,17 @@ function ProblemCard(): JSX.Element | null {
           <button type="button" class="quiet" onClick={takeNearest}>
             Take nearest
           </button>{" "}
-          <span class="soft">{nearestWords(refusal.nearest.release)}</span>
+          <span class="soft">{nearestWords(refusal.nearest)}</span>
         </p>
       ) : null}
     </div>
   );
 }
 
-function nearestWords(release: { kind: string; position?: number[] }): string {
-  if (release.position) return `the closest that this cell can do: (${release.position.map((x) => x.toFixed(2)).join(", ")})`;
-  return "the closest that this cell can do";
+function nearestWords({ release, release_window_s: window_s }: { release: { kind: string; position?: number[] }; release_window_s?: number | null }): string {
+  const place = release.position ? `: (${release.position.map((x) => x.toFixed(2)).join(", ")})` : "";
+  const timing = window_s ? `, released up to ${figure(1000 * window_s, 2)} ms early or late` : "";
+  return `the closest that this cell can do${place}${timing}`;
 }
 
 /** While something runs it waits, and keeps the focus: a button that is disabled loses it. */
