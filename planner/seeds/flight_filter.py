@@ -62,8 +62,12 @@ def clear_flights(problem: ThrowProblem, release: TargetRelease, p: Array, v: Ar
 
 def _lands_beside_base(problem: ThrowProblem, release: TargetRelease) -> bool:
     """Returns whether a target is so near to the arm's base that flights to it may end there."""
-    gaps = _gaps_to_base(problem, release.p_W)
-    return bool((gaps < problem.cell.object.radius_m + BESIDE_BASE_M).any())
+    return gap_to_base(problem, release.p_W) < BESIDE_BASE_M
+
+
+def gap_to_base(problem: ThrowProblem, p: Array) -> float:
+    """Returns the distance [m] of the object at a place (3,) from what the base carries, negative within it."""
+    return float(_gaps_to_base(problem, p).min()) - problem.cell.object.radius_m
 
 
 def _miss_base(problem: ThrowProblem, arcs: Arcs) -> Mask:

@@ -23,6 +23,7 @@ from planner.seeds.aspects import ASPECTS, aspects
 from planner.seeds.flight_filter import (
     clear_flights,
     flight_times,
+    gap_to_base,
     leave_through_opening,
 )
 from planner.seeds.quasi_random import joint_offsets, quaternions
@@ -267,7 +268,7 @@ def _flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array, 
     if len(rows):
         return q[rows], qd[rows]
     _, allowed = _launches(problem, release, p, thorough)
-    raise Infeasible([_no_clear_flight() if allowed.any() else _no_flight(problem, release, p)])
+    raise Infeasible([_no_clear_flight(problem, release) if allowed.any() else _no_flight(problem, release, p)])
 
 
 def _best_flights(
@@ -382,7 +383,11 @@ def _no_flight(problem: ThrowProblem, release: TargetRelease, p: Array) -> Viola
     return Violation(name, speed, _speed_limit(problem, release), "m/s", detail=detail)
 
 
-def _no_clear_flight() -> Violation:
+def _no_clear_flight(problem: ThrowProblem, release: TargetRelease) -> Violation:
     """Returns the violation of a target that no tried flight hits without meeting an obstacle."""
+    beside_base = gap_to_base(problem, release.p_W)
+    if beside_base < 0.0:
+        detail = "the arm's base, from an object at the target"
+        return Violation("flight_clearance", beside_base, 0.0, "m", detail=detail)
     detail = "every flight tried to the target meets a keep-out box, the rim of its bin or the arm's base"
     return Violation("flight_clearance", 0.0, 0.0, "m", detail=detail)
