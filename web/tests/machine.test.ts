@@ -7,7 +7,7 @@ import { FIRST_DRAFT } from "../src/state/draft";
 import {
   type Change, change, FIRST_STATE, isArmed, isRunning, PHASES, planStanding, type Run, type State, throwLabel, wentThrough,
 } from "../src/state/machine";
-import { keyNumbers, outcomeWords } from "../src/state/words";
+import { against, keyNumbers, outcomeWords } from "../src/state/words";
 
 const PLAN = {
   id: "p1", cell: "ur5e-sim", request: { release: { kind: "target", position: [1.2, 0.3, 0] } }, flight: { landing_point: [1.2, 0.3, 0], speed_m_s: 3.62 },
@@ -62,6 +62,10 @@ describe("a refusal", () => {
     expect(after(CHOSEN, { type: "ask" }, { type: "refused", revision: 1, problem: PROBLEM }).problem?.value).toBe(PROBLEM);
     expect(after(CHOSEN, { type: "ask" }, EDIT, { type: "refused", revision: 1, problem: PROBLEM }).problem).toBeNull();
     expect(after(CHOSEN, { type: "ask" }, { type: "refused", revision: 1, problem: PROBLEM }, EDIT).problem).toBeNull();
+  });
+  it("tells value and limit apart, however close", () => {
+    expect(against(1.8942, 1.8931, "m/s")).toBe("1.894 m/s against a limit of 1.893 m/s");
+    expect(against(3.5, 3, "rad/s")).toBe("3.5 rad/s against a limit of 3 rad/s");
   });
   it("ends the planning", () => {
     expect(after(CHOSEN, { type: "ask" }, { type: "refused", revision: 1, problem: PROBLEM }).planning).toBeNull();

@@ -12,6 +12,12 @@ export function figure(value: unknown, digits = 3): string {
   return text.replace("-", "−");
 }
 
+/** A value beside the limit that it breaks, with as many digits as tell them apart. */
+export function against(value: number, limit: number, unit: string): string {
+  const digits = [3, 4, 5, 6].find((count) => figure(value, count) !== figure(limit, count)) ?? 3;
+  return `${figure(value, digits)} ${unit} against a limit of ${figure(limit, digits)} ${unit}`;
+}
+
 /** A length in the unit people would say. */
 export function length(metres: unknown): string {
   if (typeof metres !== "number") return "–";

@@ -7,7 +7,7 @@ import { useEffect, useRef } from "preact/hooks";
 import { execute, plan, takeNearest } from "../state/actions";
 import { throwLabel } from "../state/machine";
 import { answered, armed, cellName, dryRun, isPlanning, isReal, mode, preview, problem, running, standing } from "../state/store";
-import { constraintWords, figure, planWords, timingWords } from "../state/words";
+import { against, constraintWords, figure, planWords, timingWords } from "../state/words";
 import { RequestFields } from "./request";
 
 export function ThrowPanel(): JSX.Element {
@@ -82,7 +82,7 @@ function ProblemCard(): JSX.Element | null {
             <li key={violation.constraint}>
               <b>{constraintWords(violation.constraint)}</b>
               {violation.value !== null && violation.limit !== null
-                ? `: ${figure(violation.value)} ${violation.unit} against a limit of ${figure(violation.limit)} ${violation.unit}`
+                ? `: ${against(violation.value, violation.limit, violation.unit)}`
                 : ""}
               {violation.detail ? ` (${violation.detail})` : ""}
               <span class="soft">{violation.proven ? " – proven" : " – searched for in vain"}</span>
