@@ -12,6 +12,8 @@ from planner.arrays import Array
 from planner.calibration import CalibrationFile
 from planner.robots import Robot
 
+ROUNDING_M = 1e-6  # [m] depth of a point that stands on a box or on the floor
+
 OUT_M = 0.01  # [m] least displacement at which an object is out of the grip
 
 
@@ -95,13 +97,13 @@ class Surroundings:
         """What each keep-out box is called: by its name, or by its number."""
         return tuple(box.name or f"box {i}" for i, box in enumerate(self.keep_out))
 
-    def deepest(self, p: Array) -> tuple[float, str]:
-        """Returns how deep a point (3,) lies in the floor or in a keep-out box [m], negative outside, and in which."""
+    def burying(self, p: Array) -> tuple[float, str] | None:
+        """Returns how deep a point (3,) lies in the floor or in a keep-out box [m], and in which; None in neither."""
         boxes = zip(self.keep_out_names, self.keep_out, strict=True)
         depths = {name: float(np.minimum(p - box.lower, box.upper - p).min()) for name, box in boxes}
         depths["floor"] = self.floor_z_m - float(p[2])
         name = max(depths, key=lambda each: depths[each])
-        return depths[name], name
+        return (depths[name], name) if depths[name] > ROUNDING_M else None
 
 
 @dataclass(frozen=True)

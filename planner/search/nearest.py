@@ -41,6 +41,7 @@ COMFORTABLE_REACH = 0.6  # [-] of the arm's reach: positions there have many pos
 STEPS_OUT, NEAREST_OUT = 24, 8  # distances tried from the base to there; those from a third of it on are targets
 BESIDE_M = 0.05  # [m] between the object and a box that an easy target is in front of
 MOTIONS_MAX, LATE_MOTIONS_MAX = 30, 20  # motions certified, about 5 ms each; after the request's deadline
+WINDOW_SHARE = 0.9  # [-] of the largest share: a smaller one is preferred if it keeps the release window
 SHARES_MAX = 3  # [-] largest shares whose motion's end is searched for a way home; in vain that takes some seconds
 CANDIDATES_MAX, FEW_CANDIDATES = 6, 2  # tried for one release, thoroughly or not
 
@@ -111,7 +112,7 @@ def nearest_problem(search: PlanningSearch, violations: Iterable[Violation]) -> 
         shares = _feasible_shares(nominal, relaxation, feasibility, thorough)[:SHARES_MAX]
         found = list(_with_ways_home(problem, relaxation, shares))
         if found:
-            return max(found, key=lambda each: each.release_window_s)  # of as long ones the first
+            return found[-1] if found[-1].release_window_s == problem.release_window_s else found[0]
         if feasibility.exhausted:
             break
     return None
@@ -120,15 +121,22 @@ def nearest_problem(search: PlanningSearch, violations: Iterable[Violation]) -> 
 def _with_ways_home(
     problem: ThrowProblem, relaxation: Relaxation, shares: Iterable[tuple[float, CertifiedSolution]]
 ) -> Iterator[ThrowProblem]:
-    """Yields the problems of feasible shares whose motion has a way home, up to one that keeps the release window."""
+    """Yields the problems of feasible shares whose motion has a way home, up to one that keeps the release window.
+
+    Those are little smaller than the first one. The optimiser's motions do not keep a window: of these one is enough.
+    """
+    least = 0.0
     for share, motion in shares:
+        if share < least:
+            return
         found = replace(problem, release=relaxation(share))
         if find_way_home(replace(found, release_window_s=0.0), motion)[0] is None:
             continue
         kept = _with_own_window(found, motion)
         yield kept
-        if kept.release_window_s == problem.release_window_s:
+        if kept.release_window_s == problem.release_window_s or "casadi" in (problem.backend, motion.backend):
             return
+        least = least or WINDOW_SHARE * share
 
 
 def _with_own_window(problem: ThrowProblem, nominal: CertifiedSolution) -> ThrowProblem:

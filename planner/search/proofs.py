@@ -119,9 +119,10 @@ def _place(problem: ThrowProblem, p_WT: Array) -> list[Violation]:
 
 def _buried(problem: ThrowProblem, release: TargetRelease) -> list[Violation]:
     """Returns how deep a target lies in the floor or in a keep-out box, which no certificate passes."""
-    depth, inside = problem.cell.surroundings.deepest(release.p_W)
-    if depth <= SLACK:
+    buried = problem.cell.surroundings.burying(release.p_W)
+    if buried is None:
         return []
+    depth, inside = buried
     return [Violation("flight_clearance", -depth, 0.0, "m", detail=f"{inside}: the target is within it")]
 
 

@@ -113,7 +113,8 @@ def is_doubtful(search: PlanningSearch, ranking: Ranking) -> bool:
 
     A seed that was given up is no sign of it where the joints are free and the answer is near the least bound, nor of a
     throw to a target with a release window: of 24 repeats for that alone none found a sooner one. So it counts for
-    given release states, and for quick throws to a target, whose time for the jerk hides that they are slow.
+    given release states, for points with a release window, which are never slow, and for quick throws to a target,
+    whose time for the jerk hides that they are.
     """
     if search.is_optimal or search.out_of_time or (_is_optimised(search) and not search.in_vain):
         return False

@@ -101,8 +101,10 @@ describe("the execution", () => {
     const braked = change(run, { type: "event", id: "e1", kind: "state", data: { state: "braking" } });
     const ended = (metrics: Record<string, unknown>): Run =>
       change(braked, { type: "event", id: "e1", kind: "state", data: { state: "finished", outcome: "aborted", metrics } }).execution!;
-    expect(PHASES.filter((phase) => wentThrough(phase, braked.execution!))).toEqual(["queued", "preparing", "approaching", "streaming"]);
+    expect(PHASES.filter((phase) => wentThrough(phase, braked.execution!))).toEqual(["queued", "preparing", "approaching"]);
     expect(PHASES.filter((phase) => !wentThrough(phase, ended({ released: false })))).toEqual(["streaming"]);
+    const past = after(CHOSEN, { type: "execution", execution: execution({ state: "finished", outcome: "aborted" }) }).execution!;
+    expect(PHASES.filter((phase) => wentThrough(phase, past))).toEqual(["finished"]); // nobody saw the others
     expect(PHASES.every((phase) => wentThrough(phase, ended({ released: true })))).toBe(true);
     expect(keyNumbers(ended({ released: false }), null, PLAN)[1]?.value).toBe("–");
     expect(keyNumbers(ended({ released: true }), null, PLAN)[1]?.value).toBe("3.62 m/s");

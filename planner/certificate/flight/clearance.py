@@ -80,9 +80,9 @@ def flight_clearance(motion: MotionSamples) -> Check | None:
     if flights.end is None:
         return at_least(name, math.nan, 0.0, "m", flights.released_s, "never lands")
     if isinstance(problem.release, TargetRelease):
-        depth, inside = problem.cell.surroundings.deepest(problem.release.p_W)
-        if depth > CONTACT_M:
-            return at_least(name, -depth, 0.0, "m", flights.end[1], inside)
+        buried = problem.cell.surroundings.burying(problem.release.p_W)
+        if buried is not None:
+            return at_least(name, -buried[0], 0.0, "m", flights.end[1], buried[1])
     found = _least_gap(flights)
     value = max(found.value, 0.0) if found.proven else found.value
     return at_least(name, value, 0.0, "m", found.at_s, found.obstacle).provided(found.proven)

@@ -14,6 +14,7 @@ from planner.problem import JointRelease, Opening, PointRelease, PoseRelease, Ta
 from planner.request import problem_from_request
 from planner.search import POLICY, PlanningSearch, Ranking, search_optimised
 from planner.search.blocked_postures import blocked_postures
+from planner.search.nearest import nearest_problem
 from planner.search.proofs import (
     farthest_from_shoulder,
     fastest_tool,
@@ -121,6 +122,22 @@ def test_a_place_in_a_keep_out_box_is_refused_with_the_box_s_name():
     assert violation.detail == "object, box 0, at the release"
     assert violation.value == pytest.approx(-here.object.radius_m)
     assert violation.proven
+
+
+@pytest.mark.parametrize("z", [-2e-6, -5e-4])
+def test_a_target_just_below_the_floor_is_refused_with_proof(z):
+    (violation,) = proven_violations(joint_problem(release=TargetRelease(np.array([1.2, 0.3, z]))))
+    assert (violation.constraint, violation.value) == ("flight_clearance", pytest.approx(z))
+
+
+def test_the_nearest_target_keeps_the_release_window_where_one_close_to_it_does():
+    """The farthest one that Ruckig throws to has a window of 1.41 ms, one 33 mm nearer the whole one."""
+    release = TargetRelease(np.array([3.0, 0.0, 0.0]))
+    problem = joint_problem(release=release, release_window_s=0.005, landing_tolerance_m=0.02)
+    nearest = nearest_problem(PlanningSearch(problem, time.perf_counter() + 60.0), [])
+    assert nearest is not None
+    assert nearest.release_window_s == problem.release_window_s
+    assert nearest.release.p_W[0] > 1.9
 
 
 def test_a_target_within_a_keep_out_box_is_refused_and_offered_in_front_of_it():

@@ -32,6 +32,15 @@ export function follow(): void {
   effect(() => {
     if (shownId.value) void loadCurves(shownId.value);
   });
+  effect(() => {
+    const beside = strayed.value;
+    const stays = beside === null || (beside.shown === shownId.value && beside.time === time.value && playing.value === 0);
+    if (!stays) strayed.value = null;
+  });
+  effect(() => {
+    void cellName.value;
+    strayed.value = null; // that of another cell
+  });
   followRuns();
 }
 
@@ -152,6 +161,7 @@ function endFollowing(): void {
 
 async function followRun(id: string, signal: AbortSignal): Promise<void> {
   playing.value = time.value = 0;
+  strayed.value = null;
   void showExecution(id).catch(failed);
   for await (const { kind, data } of watchExecution(id, signal)) {
     dispatch({ type: "event", id, kind, data });
@@ -161,7 +171,9 @@ async function followRun(id: string, signal: AbortSignal): Promise<void> {
   if (signal.aborted) return;
   await readExecution(id);
   const ended = state.value.execution?.id === id ? state.value.execution : null;
-  if (ended?.planId && ended.outcome !== "completed") strayed.value = { planId: ended.planId, time: time.value };
+  if (ended?.planId !== shownId.value) time.value = 0; // another plan is shown again
+  if (ended !== null && ended.outcome !== "completed")
+    strayed.value = { shown: shownId.value, time: time.value, released: ended.metrics?.["released"] === true };
   else if (time.value > 0 && time.value < endTime.value) playing.value = 1; // the object is still in the air
   const { [id]: _, ...others } = landings.value;
   landings.value = others;

@@ -164,11 +164,15 @@ function withPhase(run: Run): Run {
   return run.seen.includes(run.state) ? run : { ...run, seen: [...run.seen, run.state] };
 }
 
-/** Whether an execution went through a phase; one that ended early may have braked without having thrown. */
+/** Whether an execution went through a phase, as far as was seen; one that is stopped may brake without having thrown. */
 export function wentThrough(phase: string, { state, seen, outcome, metrics }: Run): boolean {
-  if (state !== "finished") return orderOf(phase) < orderOf(state);
-  const whole = outcome === "completed" || metrics?.["released"] === true;
-  return whole || seen.includes(phase) || orderOf(phase) < orderOf(seen[0] ?? "queued");
+  const ended = state === "finished";
+  if (phase === "finished") return ended;
+  if (ended && (outcome === "completed" || metrics?.["released"] === true)) return true;
+  const last = seen.filter((each) => each !== "finished").at(-1);
+  const skipped = phase === "streaming" && seen.includes("approaching") && !seen.includes(phase);
+  if (last === undefined || skipped) return false;
+  return ended ? orderOf(phase) <= orderOf(last) : orderOf(phase) < orderOf(state);
 }
 
 function sampleOf(data: Record<string, unknown>): Sample | null {

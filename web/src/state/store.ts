@@ -43,8 +43,8 @@ export const notice = signal<{ readonly text: string; readonly kind: "bad" | "go
 /** The one cursor of scene and curves, on the plan's clock [s]. */
 export const time = signal(0);
 export const playing = signal<number>(0); // pace: 0 stands still, 1 real time
-/** Where an execution ended beside its plan: the arm is drawn as it stands until the cursor moves on. */
-export const strayed = signal<{ readonly planId: string; readonly time: number } | null>(null);
+/** An execution has ended beside its plan: the arm is drawn as it stands until the cursor moves, or another plan is shown. */
+export const strayed = signal<{ readonly shown: string | null; readonly time: number; readonly released: boolean } | null>(null);
 export const picking = signal<string | null>(null); // execution whose landing is being pointed at
 export const landingStd = signal("0.02"); // of a reported place, as typed [m]: a click on the floor is about this good
 export const dark = signal(false);

@@ -219,12 +219,13 @@ export function keyNumbers(run: Run | Execution, observed_m: number | null, plan
   const share = metrics["release_velocity_error_share"];
   const speed = plan?.flight?.speed_m_s;
   const missed = metrics["missed_ticks"];
+  const released = metrics["released"] === true;
   return [
     { label: "Landing error", value: length(typeof measured === "number" ? measured : observed_m), note: "" },
     {
       label: "Release speed",
-      value: speed === undefined || metrics["released"] !== true ? "–" : `${figure(speed)} m/s`,
-      note: typeof share === "number" ? `${figure(share * 100, 2)} % off` : "",
+      value: speed === undefined || !released ? "–" : `${figure(speed)} m/s`,
+      note: released && typeof share === "number" ? `${figure(share * 100, 2)} % off` : "",
     },
     { label: "Missed ticks", value: typeof missed === "number" ? String(missed) : "–", note: "" },
   ];

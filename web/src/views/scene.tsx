@@ -12,8 +12,8 @@ import { save } from "../service/save";
 import { drag, drop, reportPointedAt, takeNearest } from "../state/actions";
 import { type Draft, vector } from "../state/draft";
 import {
-  answered, cellName, cellState, dark, draft, execution, history, isReal, landings, mapPicture, model, picking, playing, preview, problem, runId,
-  running, shown, standing, strayed, throwMap, time,
+  answered, cellName, cellState, dark, draft, execution, history, isReal, landings, mapPicture, model, picking, preview, problem, runId, running,
+  shown, standing, strayed, throwMap, time,
 } from "../state/store";
 import { seenAt } from "../state/scatter";
 import { SceneKey } from "./scene-key";
@@ -195,9 +195,8 @@ function showLive(scene: Scene): void {
     if (positions) scene.setLive({ positions, connected: true, object: sample && sample.clock_s > release ? "gone" : "held" });
     return;
   }
-  const [plan, beside] = [shown.value, strayed.value];
-  const strays = beside !== null && beside.planId === plan?.id && beside.time === time.value && playing.value === 0;
-  if ((plan === null || strays) && robot?.positions) scene.setLive({ positions: robot.positions, connected: robot.connected !== false, object: run?.metrics?.["released"] === true ? "gone" : "held" });
+  const beside = strayed.value;
+  if ((shown.value === null || beside !== null) && robot?.positions) scene.setLive({ positions: robot.positions, connected: robot.connected !== false, object: beside?.released ? "gone" : "held" });
   else scene.setLive(null);
 }
 
