@@ -49,7 +49,7 @@ class SolveOptions:
 
     Attributes:
         margins: on every limit; wider ones after a certificate's failed checks.
-        resolution: "fine" takes more stages.
+        resolution: "fine" takes more stages, and among keep-out boxes every row from the beginning.
         iteration_budget: no further solver call begins when the iterations of all calls reach it.
         deadline_s: on `time.perf_counter`; no further solver call begins after it. None for no deadline.
         with_ipopt: whether IPOPT is called where fatrop gives up.
@@ -101,7 +101,8 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
 
     problem = with_room(problem)
     instance = Instance.of(problem, seed, options.margins, options.resolution)
-    groups = options.margins.held
+    among_boxes = options.resolution == "fine" and "keep_out" in instance.stages.groups
+    groups = frozenset(instance.stages.groups) if among_boxes else options.margins.held
     groups |= {"flight"} if starts_with_flight(problem) else set()
     groups |= {"leaving"} if options.margins.leaves else set()  # it decides which objects have states
     latest_s = options.latest_s - SPARE_TICKS * problem.dt

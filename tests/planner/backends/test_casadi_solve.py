@@ -128,6 +128,16 @@ def test_more_stages_lead_to_a_motion_that_is_as_soon(cell: Cell) -> None:
     assert fine.release_time_s <= 1.02 * coarse.release_time_s
 
 
+def test_more_stages_begin_with_every_row_among_boxes_alone(cell: Cell) -> None:
+    far = Box(np.array([-2.0, -2.0, 0.0]), np.array([-1.9, -1.9, 0.1]))
+    walled = replace(cell, surroundings=replace(cell.surroundings, keep_out=(far,)))
+    for here, with_all in ((cell, False), (walled, True)):
+        problem = _problem(here, TARGET)
+        _, candidate, guess = _solve(problem)
+        held = casadi_nlp.solve(problem, Seed(candidate, guess), SolveOptions(resolution="fine")).held
+        assert ({"grip", "standing", "clearance"} <= held) == with_all
+
+
 def test_the_same_request_gives_the_same_motion(cell: Cell) -> None:
     problem = _problem(cell, TARGET)
     first, _, _ = _solve(problem)
