@@ -12,8 +12,7 @@ from planner.arrays import Array
 from planner.calibration import CalibrationFile
 from planner.robots import Robot
 
-ROUNDING_M = 1e-6  # [m] depth of a point that stands on a box or on the floor
-
+CONTACT_M = 1e-6  # [m] rounding: so deep in it, a point still stands on a box or on the floor
 OUT_M = 0.01  # [m] least displacement at which an object is out of the grip
 
 
@@ -73,6 +72,10 @@ class Box:
     upper: Array
     name: str = ""
 
+    def depth(self, p: Array) -> Array:
+        """Returns how deep points (..., 3) lie in the box [m], negative outside."""
+        return np.asarray(np.minimum(p - self.lower, self.upper - p).min(axis=-1))
+
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
@@ -100,10 +103,10 @@ class Surroundings:
     def burying(self, p: Array) -> tuple[float, str] | None:
         """Returns how deep a point (3,) lies in the floor or in a keep-out box [m], and in which; None in neither."""
         boxes = zip(self.keep_out_names, self.keep_out, strict=True)
-        depths = {name: float(np.minimum(p - box.lower, box.upper - p).min()) for name, box in boxes}
+        depths = {name: float(box.depth(p)) for name, box in boxes}
         depths["floor"] = self.floor_z_m - float(p[2])
         name = max(depths, key=lambda each: depths[each])
-        return (depths[name], name) if depths[name] > ROUNDING_M else None
+        return (depths[name], name) if depths[name] > CONTACT_M else None
 
 
 @dataclass(frozen=True)

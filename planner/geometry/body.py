@@ -171,7 +171,7 @@ class BodyModel:
     def wall_distances(self, ends: Array) -> Array:
         """Returns how far inside each keep-in box the tool centre point is (b, n) [m]."""
         p_WT, boxes = ends[self.object, 0].T, self.cell.surroundings.keep_in
-        inside = [np.minimum(p_WT - box.lower, box.upper - p_WT).min(axis=1) for box in boxes]
+        inside = [box.depth(p_WT) for box in boxes]
         return np.array(inside).reshape(len(boxes), len(p_WT))
 
     def clearances(self, q: Array, with_object: bool = True) -> Clearances:

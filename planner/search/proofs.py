@@ -106,7 +106,7 @@ def _place(problem: ThrowProblem, p_WT: Array) -> list[Violation]:
     if height < around.clearance_m - SLACK:
         found.append(Violation("floor", height, around.clearance_m, "m", detail="object at the release"))
     for box in around.keep_in:
-        inside = float(np.minimum(p_WT - box.lower, box.upper - p_WT).min())
+        inside = float(box.depth(p_WT))
         if inside < -SLACK:
             found.append(Violation("keep_in", inside, 0.0, "m", detail="tool centre point at the release"))
     for box, name in zip(around.keep_out, around.keep_out_names, strict=True):

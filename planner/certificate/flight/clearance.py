@@ -17,9 +17,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planner.arrays import Array, Mask
+from planner.cell import CONTACT_M
 from planner.certificate.bounds import EVALUATIONS_MAX, ROUNDS
 from planner.certificate.certificate import Check, at_least
-from planner.certificate.flight.flights import CONTACT_M, Flights, flights_of
+from planner.certificate.flight.flights import Flights, flights_of
 from planner.certificate.flight.patches import (
     PatchBounds,
     Patches,

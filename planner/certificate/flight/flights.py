@@ -18,7 +18,6 @@ from planner.flight import fly, paths, positions_after
 from planner.kinematics import dot
 from planner.problem import Opening, TargetRelease
 
-CONTACT_M = 1e-6  # [m] rounding: a box up to this much above the landing plane carries the target
 # [m] of an object in flight: of a point the distance from a wall without thickness, or within a box, is never below 0
 LEAST_RADIUS_M = 1e-5
 TINY_M = 1e-12  # [m] a distance below which there is no direction

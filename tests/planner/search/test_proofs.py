@@ -12,9 +12,8 @@ from planner.geometry import body_model, tool_pose, tool_state
 from planner.planning import plan
 from planner.problem import JointRelease, Opening, PointRelease, PoseRelease, TargetRelease
 from planner.request import problem_from_request
-from planner.search import POLICY, PlanningSearch, Ranking, search_optimised
+from planner.search import POLICY, PlanningSearch, Ranking, nearest_problem, search_optimised
 from planner.search.blocked_postures import blocked_postures
-from planner.search.nearest import nearest_problem
 from planner.search.proofs import (
     farthest_from_shoulder,
     fastest_tool,

@@ -34,12 +34,9 @@ export function follow(): void {
   });
   effect(() => {
     const beside = strayed.value;
-    const stays = beside === null || (beside.shown === shownId.value && beside.time === time.value && playing.value === 0);
-    if (!stays) strayed.value = null;
-  });
-  effect(() => {
-    void cellName.value;
-    strayed.value = null; // that of another cell
+    if (beside === null) return;
+    const isSame = beside.cell === cellName.value && beside.shown === shownId.value && beside.time === time.value;
+    if (!isSame || playing.value !== 0) strayed.value = null;
   });
   followRuns();
 }
@@ -173,7 +170,7 @@ async function followRun(id: string, signal: AbortSignal): Promise<void> {
   const ended = state.value.execution?.id === id ? state.value.execution : null;
   if (ended?.planId !== shownId.value) time.value = 0; // another plan is shown again
   if (ended !== null && ended.outcome !== "completed")
-    strayed.value = { shown: shownId.value, time: time.value, released: ended.metrics?.["released"] === true };
+    strayed.value = { cell: cellName.value, shown: shownId.value, time: time.value, released: ended.metrics?.["released"] === true };
   else if (time.value > 0 && time.value < endTime.value) playing.value = 1; // the object is still in the air
   const { [id]: _, ...others } = landings.value;
   landings.value = others;

@@ -44,7 +44,13 @@ export const notice = signal<{ readonly text: string; readonly kind: "bad" | "go
 export const time = signal(0);
 export const playing = signal<number>(0); // pace: 0 stands still, 1 real time
 /** An execution has ended beside its plan: the arm is drawn as it stands until the cursor moves, or another plan is shown. */
-export const strayed = signal<{ readonly shown: string | null; readonly time: number; readonly released: boolean } | null>(null);
+export const strayed = signal<Strayed | null>(null);
+interface Strayed {
+  readonly cell: string | null;
+  readonly shown: string | null; // id of the plan
+  readonly time: number; // of the cursor [s]
+  readonly released: boolean;
+}
 export const picking = signal<string | null>(null); // execution whose landing is being pointed at
 export const landingStd = signal("0.02"); // of a reported place, as typed [m]: a click on the floor is about this good
 export const dark = signal(false);

@@ -196,7 +196,9 @@ function showLive(scene: Scene): void {
     return;
   }
   const beside = strayed.value;
-  if ((shown.value === null || beside !== null) && robot?.positions) scene.setLive({ positions: robot.positions, connected: robot.connected !== false, object: beside?.released ? "gone" : "held" });
+  const stands = shown.value === null || beside !== null;
+  const object = beside?.released ? "gone" : "held";
+  if (stands && robot?.positions) scene.setLive({ positions: robot.positions, connected: robot.connected !== false, object });
   else scene.setLive(null);
 }
 
