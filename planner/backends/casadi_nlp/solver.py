@@ -19,13 +19,15 @@ from planner.backends.casadi_nlp.layout import NU, NX, NZ, QD, TIME, Q, StageLay
 from planner.backends.casadi_nlp.margins import POSITIONS
 from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, transcription
 from planner.errors import SolverFailed
+from planner.problem import PointRelease, TargetRelease
 
 # What falls below the LU tolerance is dropped where equalities are eliminated. With a smaller one fatrop 1.1.8 raises
-# its regularisation without end on one `point` of sixty. In a stage of 5 ms, however, a jerk moves the landing by 2 to
-# 3 mm, which 1e-2 drops: 44 of 52 problems with a window did not converge.
-FATROP: Options = {"print_level": 0, "tolerance": 1e-4, "mu_init": 1e-3, "max_iter": 70, "linsol_lu_fact_tol": 1e-2}
+# its regularisation without end on one `point` of sixty. Where the landing counts, however, 1e-2 drops what moves it:
+# in a stage of 5 ms a jerk does so by 2 to 3 mm, and with twice the jerk by twice as much.
+FATROP: Options = {"print_level": 0, "tolerance": 1e-4, "mu_init": 1e-3, "max_iter": 120, "linsol_lu_fact_tol": 1e-2}
+FATROP_LANDING = {"linsol_lu_fact_tol": 1e-3}
+FATROP_POINT = {"max_iter": 70}  # and afresh then: with 120, seven more of 988 are later than with tighter limits
 FATROP_FIXED_TIMES = {"mu_init": 1e-4, "max_iter": 40}  # starts close to its optimum
-FATROP_SHORT_STAGES = {"linsol_lu_fact_tol": 1e-3, "max_iter": 120}
 FATROP_BRAKE: Options = {"max_iter": 40}  # alone: what takes longer hardly ever succeeds
 FATROP_AFRESH = {"mu_init": 1.0}  # a larger barrier leads elsewhere
 # [-, m, rad] A row left out is included when it is this far beyond its bound, and what fatrop gives up is a solution if
@@ -173,7 +175,7 @@ class Solver:
             reduced[name] = reduced[name][: transcription(part).row_index.variables]
         kept = _rows_kept(part, whole)
         reduced["lbg"], reduced["ubg"] = reduced["lbg"][kept], reduced["ubg"][kept]
-        options = _fatrop_options(part, instance.fixed_times is not None)
+        options = _fatrop_options(part, instance)
         x, iterations = self._call_fatrop(part, reduced, options)
         ran_out = x is None and iterations >= options["max_iter"]
         if ran_out and _may_start_afresh(instance) and not self._is_spent():
@@ -305,7 +307,15 @@ def _free_positions(whole: StageLayout, arguments: Arguments) -> None:
         arguments[constraints][rows] = bound
 
 
-def _fatrop_options(stages: StageLayout, fixed_times: bool) -> Options:
-    has_short = stages.window > 1 or len(stages.objects) > 1
-    for_times, for_stages = FATROP_FIXED_TIMES if fixed_times else {}, FATROP_SHORT_STAGES if has_short else {}
-    return FATROP | for_stages | for_times | (FATROP_BRAKE if stages.launch == 0 else {})
+def _fatrop_options(part: StageLayout, instance: Instance) -> Options:
+    release, is_windowed = instance.problem.release, part.window > 0
+    cases = (
+        (is_windowed or isinstance(release, TargetRelease), FATROP_LANDING),
+        (not is_windowed and isinstance(release, PointRelease), FATROP_POINT),
+        (instance.fixed_times is not None, FATROP_FIXED_TIMES),
+        (part.launch == 0, FATROP_BRAKE),
+    )
+    options = dict(FATROP)
+    for applies, changes in cases:
+        options |= changes if applies else {}
+    return options
