@@ -12,10 +12,11 @@ from planner.cell import Box, Cell
 from planner.certificate import certify
 from planner.geometry import body_model
 from tests.planner.approach.conftest import BrakedThrow, near_a_box, tool_position
+from tests.planner.problems import cell
 
 
-def with_box(cell: Cell, centre: np.ndarray, half: float) -> Cell:
-    """Returns the cell with a forbidden cube."""
+def with_box(cell: Cell, centre: np.ndarray, half: float | np.ndarray) -> Cell:
+    """Returns the cell with a forbidden box, a cube where `half` is one number."""
     return replace(cell, surroundings=replace(cell.surroundings, keep_out=(Box(centre - half, centre + half),)))
 
 
@@ -117,6 +118,18 @@ def test_an_obstacle_in_the_straight_move_is_avoided(throw: BrakedThrow) -> None
     assert body_model(blocked).clearances(motion.at(np.linspace(0.0, motion.duration_s, 5000))[0]).least.min() > 0.0
     assert np.abs(motion.qd).max() <= APPROACH_SPEED
     assert certify(approach.problem, motion).valid
+
+
+def test_a_wrist_bent_as_far_as_it_may_be_has_a_way_home() -> None:
+    """The end of a throw: 1e-6 m to spare between wrist and forearm, a millimetre at most nearby, a box in the way."""
+    lower, upper = np.array([-0.4013286, -0.21140771, 0.8391231]), np.array([-0.197399, -0.107188, 1.223765])
+    ur5e = with_box(cell("ur5e-sim"), (lower + upper) / 2.0, (upper - lower) / 2.0)
+    end = np.array([1.53738961, -2.43792612, 0.860857, -2.67291442, -3.06366663, -0.10969109])
+    assert 0.0 <= body_model(ur5e).clearances(end[None], with_object=False).least[0] < 1e-5
+    home, failures = find_approach(ur5e, end, ur5e.home, with_object=False)
+    assert "keep-out box" in obstacle_words(failures)  # in the straight move
+    assert home is not None and home.problem is not None and home.trajectory is not None
+    assert certify(home.problem, home.trajectory).valid
 
 
 def test_where_no_approach_is_found_the_obstacle_is_named(throw: BrakedThrow) -> None:
