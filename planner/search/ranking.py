@@ -11,7 +11,7 @@ from typing import overload
 
 import numpy as np
 
-from planner.arrays import Array, Index
+from planner.arrays import Array
 from planner.backends import ruckig_otg
 from planner.flight import path
 from planner.geometry import Arcs, body_model, segment_segment_distance
@@ -128,7 +128,7 @@ class Ranking(Sequence[RankedCandidate]):
     def by_aspect(self) -> Iterator[RankedCandidate]:
         """Yields the first candidate of every aspect, then the second of those that are not settled by then."""
         ranked = [*self._ordered, *self._others]
-        aspect = self._aspects(ranked)
+        aspect = np.array([self._aspect[each] for each in ranked])
         for _ in range(SEEDS_AN_ASPECT):
             first = first_rows(aspect)
             yield from (ranked[row] for row in first if aspect[row] not in self.settled)
@@ -140,14 +140,14 @@ class Ranking(Sequence[RankedCandidate]):
 
     def _is_settled(self, ranked: RankedCandidate) -> bool:
         """Returns whether a candidate's aspect is settled, and the release state is not given."""
-        return not self.problem.fixes_joints and int(self._aspects([ranked])[0]) in self.settled
+        return not self.problem.fixes_joints and self._aspect[ranked] in self.settled
 
     def settle(self, ranked: RankedCandidate, release_s: float) -> None:
         """Notes that the optimiser came from a candidate to a release at `release_s` [s], infinite for too late.
 
         That settles its aspect, unless a throw hardly improves on the candidate: it is stuck in a poor local minimum.
         """
-        aspect = int(self._aspects([ranked])[0])
+        aspect = self._aspect[ranked]
         is_slow = self._is_slow_throw(release_s, self._least_bounds[aspect])
         if not isinstance(self.problem.release, TargetRelease) or not is_slow or release_s == float("inf"):
             self.settled.add(aspect)
@@ -176,7 +176,7 @@ class Ranking(Sequence[RankedCandidate]):
         """
         if self.problem.fixes_joints:
             return ranked.candidate.bound_s
-        return float(self._least_by_aspect[self._aspects([ranked])[0]])
+        return float(self._least_by_aspect[self._aspect[ranked]])
 
     def may_be_sooner(self, ranked: RankedCandidate, release_s: float) -> bool:
         """Returns whether the optimiser may come from a candidate to a release before `release_s` [s].
@@ -201,14 +201,18 @@ class Ranking(Sequence[RankedCandidate]):
     def _least_bounds(self) -> dict[int, float]:
         """The least lower bound of the candidates of every aspect that there are [s]."""
         ranked = sorted([*self._by_bound, *self._others], key=lambda each: -each.candidate.bound_s)
-        return {int(a): each.candidate.bound_s for a, each in zip(self._aspects(ranked), ranked, strict=True)}
+        return {self._aspect[each]: each.candidate.bound_s for each in ranked}
 
     @cached_property
     def _least_by_aspect(self) -> Array:
         return least_times_to_aspects(self.problem)
 
-    def _aspects(self, ranked: Sequence[RankedCandidate]) -> Index:
-        return aspects(self.problem.cell.robot, np.array([each.candidate.q for each in ranked]))
+    @cached_property
+    def _aspect(self) -> dict[RankedCandidate, int]:
+        """The aspect of every candidate."""
+        ranked = [*self._by_bound, *self._others]
+        q = np.array([each.candidate.q for each in ranked]).reshape(-1, 6)
+        return dict(zip(ranked, aspects(self.problem.cell.robot, q).tolist(), strict=True))
 
     def by_arrival(self) -> Iterator[RankedCandidate]:
         """Yields the `TIMED_MAX` of least bound by the slowest joint's own time, and times no more than it has to.

@@ -65,6 +65,8 @@ def search_thoroughly(search: PlanningSearch, found: list[Candidate]) -> None:
     with_slower = search.problem.backend == "auto" and release_state_given(search, ranking)
     if with_slower:
         search_optimised(search, ranking, SLOWER_POLICY)
+        if search.is_optimal:  # as half of the poses are: the rest would only find that out again
+            return
         search_slower(search, found)
     search_optimised(search, ranking)
     if with_slower and search.incumbent is not None:
