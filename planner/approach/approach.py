@@ -27,14 +27,9 @@ APPROACH_SPEED = 1.0  # [rad/s] just below 1.05, the default of UR's movej
 APPROACH_ACCELERATION = 1.4  # [rad/s^2] source: URScript manual, default of movej
 APPROACH_JERK = 14.0  # [rad/s^3] full acceleration after 0.1 s
 # [m] margin beyond the cell's clearance that a path search keeps away from the ends, and its effort; tried in turn.
-# Between ends that a full turn of the wrist lies apart, the first found nothing and the next two a path; beside a wrist
-# that is bent as far as the clearance allows, the last alone did: no posture nearby has room for more.
-SEARCHES = (
-    (0.01, Effort()),
-    (0.002, Effort(3000, 3.0, 0)),
-    (0.002, Effort(3000, 3.0, 1)),
-    (0.0005, Effort(3000, 3.0, 0)),
-)
+# Between ends that a full turn of the wrist lies apart, the first found nothing and the second a path; beside a wrist
+# bent as far as the clearance allows, the last alone did: no straight way out keeps more. In vain they take 2 s.
+SEARCHES = ((0.01, Effort()), (0.002, Effort(3000, 3.0)), (0.0005, Effort(3000, 3.0)))
 PACES = (1.0, 0.5, 0.25)  # [-] shares of the pace, tried in turn: torques and tool speed may require a slower motion
 # Checks that depend on the path alone: a slower motion along it breaks them, too.
 PATH_CHECKS = {"joint_position", "floor", "keep_in", "keep_out", "self_collision"}

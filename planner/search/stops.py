@@ -30,7 +30,7 @@ PACE = 4.0  # [-] of an approach, in turn with its halves: 4 rad/s, 22 rad/s^2, 
 RUN_UPS_S = (0.2, 0.3, 0.5)  # [s] of constant acceleration to the release; 3 rad/s at 15 rad/s^2 take 0.2 s
 CANDIDATES_MAX = 24  # [-] postures that a move to rest may end in: as many as are ranked; of a pose, all branches
 RUN_UP_CANDIDATES_MAX = 8  # [-] candidates with run-up postures: each costs six certificates where none is valid
-WAYS_MAX = 4  # [-] postures to which a way is searched for; a search in vain takes up to a second
+WAYS_MAX = 4  # [-] postures to which a way is searched for; a search in vain takes up to two seconds
 # From a run-up posture to its own candidate, which is near: Ruckig's motions, in a few milliseconds. The others are
 # slower than these, and as blocked.
 RUN_UP_POLICY = (

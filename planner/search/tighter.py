@@ -8,9 +8,9 @@ with half of it), and only from the candidates that led to no motion. Of all the
 further ones follow where there is no answer or a slow one with a release window. Whatever keeps half of a limit keeps
 the limit, so what is found sooner is an answer, too. Thereby a request is answered almost wherever one with half of its
 limits is, and about as soon. Where a release window leaves no answer, the motions without it are where the optimiser
-starts from. To a given release state, Ruckig's motions under several pairs of tighter limits are tried in any case,
-before the optimiser: they are soon made, and none is sooner where one of them reaches the lower bound. Others follow
-after it.
+starts from. To a given release state, Ruckig's motions under several pairs of tighter limits are tried before the
+optimiser, unless the soonest arrival is certified: they are soon made, and none is sooner where one of them reaches the
+lower bound. Others follow after it.
 """
 
 from __future__ import annotations

@@ -11,8 +11,8 @@ from planner.approach import APPROACH_SPEED, find_approach, jog_advice, obstacle
 from planner.cell import Box, Cell
 from planner.certificate import certify
 from planner.geometry import body_model
+from tests.planner import problems
 from tests.planner.approach.conftest import BrakedThrow, near_a_box, tool_position
-from tests.planner.problems import cell
 
 
 def with_box(cell: Cell, centre: np.ndarray, half: float | np.ndarray) -> Cell:
@@ -121,9 +121,9 @@ def test_an_obstacle_in_the_straight_move_is_avoided(throw: BrakedThrow) -> None
 
 
 def test_a_wrist_bent_as_far_as_it_may_be_has_a_way_home() -> None:
-    """The end of a throw: 1e-6 m to spare between wrist and forearm, a millimetre at most nearby, a box in the way."""
+    """The end of a throw: 1e-6 m to spare between wrist and forearm, 0.5 mm within 0.05 rad, a box in the way."""
     lower, upper = np.array([-0.4013286, -0.21140771, 0.8391231]), np.array([-0.197399, -0.107188, 1.223765])
-    ur5e = with_box(cell("ur5e-sim"), (lower + upper) / 2.0, (upper - lower) / 2.0)
+    ur5e = with_box(problems.cell("ur5e-sim"), (lower + upper) / 2.0, (upper - lower) / 2.0)
     end = np.array([1.53738961, -2.43792612, 0.860857, -2.67291442, -3.06366663, -0.10969109])
     assert 0.0 <= body_model(ur5e).clearances(end[None], with_object=False).least[0] < 1e-5
     home, failures = find_approach(ur5e, end, ur5e.home, with_object=False)

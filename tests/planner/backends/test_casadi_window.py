@@ -52,6 +52,16 @@ def test_with_a_requested_velocity_one_stage_is_enough() -> None:
     assert instance.window_stages(problem(release=PointRelease(np.array([0.5, 0.3, 0.6]), np.ones(3)))) == 1
 
 
+def test_a_short_window_converges_where_the_jerk_is_large() -> None:
+    """With an LU tolerance of 1e-2, as for releases that are given, fatrop gives this up in 262 iterations."""
+    limits = replace(cell().limits, jerk_max=4.0 * cell().limits.jerk_max)
+    release = TargetRelease(np.array([0.3, 1.2, 0.0]))
+    asked = problem(window_s=0.009, landing_tolerance_m=0.02, limits=limits, release=release)
+    candidate = candidates(asked)[0]
+    seed = Seed(candidate, ruckig_otg.solve(asked, candidate).trajectory)
+    assert casadi_nlp.solve(asked, seed, SolveOptions()).iterations < 70
+
+
 def test_landing_errors_are_those_of_the_certificate() -> None:
     asked = problem()
     made = plan(replace(asked, release_window_s=0.0, backend="ruckig")).trajectory

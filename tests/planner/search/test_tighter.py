@@ -63,6 +63,11 @@ def in_vain(monkeypatch):
     monkeypatch.setattr(auto, "_note_outcome", noted)
 
 
+def test_nothing_more_is_sought_where_the_soonest_arrival_is_certified(searched):
+    assert plan(joint_problem()).backend == "ruckig"
+    assert len(searched) == 1
+
+
 def test_a_throw_that_is_found_with_half_the_jerk_alone_is_an_answer(jerks):
     answer = plan(TARGET)
     assert jerks[0] == 1.0
