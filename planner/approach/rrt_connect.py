@@ -26,6 +26,7 @@ SPACING_RAD = 0.02  # [rad] between checked postures: 26 mm at a reach of 1.3 m
 STEP_RAD = 0.3  # [rad] by which a tree grows at most in one step
 NEAR_END_RAD = 0.2  # [rad] distance from an end within which the margin grows from nothing: 5 cm at a lever of 0.25 m
 SHORTCUTS = 200  # [-] straight pieces tried
+SEED = 0  # of the random postures
 
 
 @dataclass(frozen=True)
@@ -35,12 +36,10 @@ class Effort:
     Attributes:
         growths: random postures tried before giving up; a thousand take up to two seconds.
         around_rad: how far they lie beyond both ends in every joint [rad].
-        seed: of the random postures.
     """
 
     growths: int = 1000
     around_rad: float = 1.5
-    seed: int = 0
 
 
 FIRST_EFFORT = Effort()
@@ -81,7 +80,7 @@ def find_path(
         return np.array([start, goal])
     if not (clear(start, start) and clear(goal, goal)):
         return None
-    rng = np.random.default_rng(effort.seed)
+    rng = np.random.default_rng(SEED)
     low = np.maximum(np.minimum(start, goal) - effort.around_rad, lower)
     high = np.minimum(np.maximum(start, goal) + effort.around_rad, upper)
     here, there = _Tree(start), _Tree(goal)

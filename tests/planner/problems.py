@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from planner.backends import ruckig_otg
-from planner.cell import Cell, load_cell
+from planner.cell import Box, Cell, load_cell
 from planner.certificate import certify
 from planner.errors import Infeasible, SolverFailed
 from planner.geometry import tool_state
@@ -19,6 +21,12 @@ CELLS = Path(__file__).parents[2] / "cells"
 
 def cell(name: str = "ur5e-sim") -> Cell:
     return load_cell(CELLS / f"{name}.toml")
+
+
+def with_boxes(here: Cell, *boxes: tuple[Sequence[float] | np.ndarray, Sequence[float] | np.ndarray]) -> Cell:
+    """The cell with these keep-out boxes alone, each by its lower and its upper corner."""
+    around = tuple(Box(np.array(lower), np.array(upper)) for lower, upper in boxes)
+    return replace(here, surroundings=replace(here.surroundings, keep_out=around))
 
 
 def joint_problem(name: str = "ur5e-sim", **changes) -> ThrowProblem:

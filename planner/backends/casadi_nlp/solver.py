@@ -31,7 +31,7 @@ FATROP_LANDING: Options = {"linsol_lu_fact_tol": 1e-3}
 FATROP_POINT: Options = {"max_iter": 70}
 FATROP_FIXED_TIMES: Options = {"mu_init": 1e-4, "max_iter": 40}  # starts close to its optimum
 FATROP_BRAKE: Options = {"max_iter": 40}  # alone: what takes longer hardly ever succeeds
-FATROP_AFRESH = {"mu_init": 1.0}  # a larger barrier leads elsewhere
+FATROP_AFRESH: Options = {"mu_init": 1.0}  # a larger barrier leads elsewhere
 # [-, m, rad] A row left out is included when it is this far beyond its bound, and what fatrop gives up is a solution if
 # none is: ten times the tolerance.
 VIOLATED = 1e-3

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
 from planner.approach import Brakes, find_brakes
 from planner.backends import ruckig_otg
-from planner.cell import Box, Cell
+from planner.cell import Cell
 from planner.geometry import body_model, tool_pose
 from planner.problem import TargetRelease, ThrowProblem
 from planner.seeds import candidates
 from planner.trajectory import Trajectory
-from tests.planner.problems import cell
+from tests.planner.problems import cell, with_boxes
 
 REST_TICKS = 15  # before and after the motion
 
@@ -70,7 +70,7 @@ def near_a_box(cell: Cell, q: np.ndarray, spare_m: float) -> Cell:
 
     def with_top(z: float) -> Cell:
         centre = np.array([p[0], p[1], z - half[2]])
-        return replace(cell, surroundings=replace(cell.surroundings, keep_out=(Box(centre - half, centre + half),)))
+        return with_boxes(cell, (centre - half, centre + half))
 
     apart = float(body_model(with_top(p[2] - 0.1)).clearances(q[None]).keep_out[0])
     return with_top(p[2] - 0.1 + apart - spare_m)

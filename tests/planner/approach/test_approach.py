@@ -15,9 +15,9 @@ from tests.planner import problems
 from tests.planner.approach.conftest import BrakedThrow, near_a_box, tool_position
 
 
-def with_box(cell: Cell, centre: np.ndarray, half: float | np.ndarray) -> Cell:
-    """Returns the cell with a forbidden box, a cube where `half` is one number."""
-    return replace(cell, surroundings=replace(cell.surroundings, keep_out=(Box(centre - half, centre + half),)))
+def with_box(cell: Cell, centre: np.ndarray, half: float) -> Cell:
+    """Returns the cell with a forbidden cube."""
+    return problems.with_boxes(cell, (centre - half, centre + half))
 
 
 def test_an_arm_at_the_start_does_not_move(throw: BrakedThrow) -> None:
@@ -122,8 +122,8 @@ def test_an_obstacle_in_the_straight_move_is_avoided(throw: BrakedThrow) -> None
 
 def test_a_wrist_bent_as_far_as_it_may_be_has_a_way_home() -> None:
     """The end of a throw: 1e-6 m to spare between wrist and forearm, 0.5 mm within 0.05 rad, a box in the way."""
-    lower, upper = np.array([-0.4013286, -0.21140771, 0.8391231]), np.array([-0.197399, -0.107188, 1.223765])
-    ur5e = with_box(problems.cell("ur5e-sim"), (lower + upper) / 2.0, (upper - lower) / 2.0)
+    box = [-0.4013286, -0.21140771, 0.8391231], [-0.197399, -0.107188, 1.223765]
+    ur5e = problems.with_boxes(problems.cell("ur5e-sim"), box)
     end = np.array([1.53738961, -2.43792612, 0.860857, -2.67291442, -3.06366663, -0.10969109])
     assert 0.0 <= body_model(ur5e).clearances(end[None], with_object=False).least[0] < 1e-5
     home, failures = find_approach(ur5e, end, ur5e.home, with_object=False)

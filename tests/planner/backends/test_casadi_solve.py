@@ -34,6 +34,7 @@ from planner.kernel import compilation
 from planner.problem import JointRelease, PointRelease, TargetRelease, ThrowProblem
 from planner.seeds import Candidate, InitialGuess, Seed, candidates
 from planner.trajectory import Trajectory
+from tests.planner.problems import with_boxes
 
 CELLS = Path(__file__).parents[3] / "cells"
 TARGET = TargetRelease(np.array([0.9, -0.5, 0.0]))  # its first seed is not stuck beside a singularity
@@ -129,8 +130,7 @@ def test_more_stages_lead_to_a_motion_that_is_as_soon(cell: Cell) -> None:
 
 
 def test_more_stages_begin_with_every_row_among_boxes_alone(cell: Cell) -> None:
-    far = Box(np.array([-2.0, -2.0, 0.0]), np.array([-1.9, -1.9, 0.1]))
-    walled = replace(cell, surroundings=replace(cell.surroundings, keep_out=(far,)))
+    walled = with_boxes(cell, ([-2.0, -2.0, 0.0], [-1.9, -1.9, 0.1]))
     for here, with_all in ((cell, False), (walled, True)):
         problem = _problem(here, TARGET)
         _, candidate, guess = _solve(problem)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from planner.backends import ruckig_otg
-from planner.cell import Box
 from planner.certificate import certify, flight_obstruction
 from planner.errors import Infeasible, SolverFailed
 from planner.flight import path
@@ -15,15 +14,10 @@ from planner.geometry import body_capsules, capsule_endpoints, tool_pose, tool_s
 from planner.kinematics import tcp_acceleration
 from planner.problem import Opening, TargetRelease, ThrowProblem
 from planner.seeds import candidates
-from tests.planner.problems import cell
+from tests.planner.problems import cell, with_boxes
 
 STEP_S = 0.001  # of the dense samples
 SAMPLED_M = 0.004  # half a step at 8 m/s: how much closer a flight may come between dense samples
-
-
-def with_boxes(here, *boxes):
-    around = tuple(Box(np.array(lower), np.array(upper)) for lower, upper in boxes)
-    return replace(here, surroundings=replace(here.surroundings, keep_out=around))
 
 
 def throw(here, target, opening=None, **changes):

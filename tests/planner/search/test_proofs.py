@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planner.cell import Box
 from planner.errors import TIME_LIMIT, Infeasible, SolverFailed
 from planner.geometry import body_model, tool_pose, tool_state
 from planner.planning import plan
@@ -21,7 +20,7 @@ from planner.search.proofs import (
     proven_violations,
 )
 from planner.seeds import candidates
-from tests.planner.problems import cell, feasible_states, joint_problem
+from tests.planner.problems import cell, feasible_states, joint_problem, with_boxes
 
 ARMS = ("ur5e-sim", "ur3e-sim", "ur10e-sim", "ur5-sim", "sdu-table")
 RANDOM_STATES = 4000
@@ -95,8 +94,7 @@ TURNED_AWAY = cell().home + 1.2 * np.eye(6)[0]  # [rad] from what is below the h
 
 def with_box(lower, upper):
     """The shipped cell with one keep-out box."""
-    here = cell()
-    return replace(here, surroundings=replace(here.surroundings, keep_out=(Box(np.array(lower), np.array(upper)),)))
+    return with_boxes(cell(), (lower, upper))
 
 
 def test_a_start_that_is_blocked_is_refused_with_proof_and_without_a_search():
