@@ -14,9 +14,10 @@ from planner.kernel.arguments import Pinned, indices, read, written
 from planner.kernel.compilation import SHARED, compile_once, library_path
 
 # One after the other.
-SOURCES = tuple(Path(__file__).with_name(f"{name}.c") for name in ("kernel", "bounds", "flights", "states"))
-# Multiplications and additions are not fused, and no processor is asked for: every machine rounds alike.
-FLAGS = ("-O3", "-ffp-contract=off", "-fno-math-errno", *SHARED)
+FILES = ("kernel", "bounds", "flights", "velocities", "states")
+SOURCES = tuple(Path(__file__).with_name(f"{name}.c") for name in FILES)
+# Multiplications and additions are not fused: every processor rounds alike, also with wider instructions.
+FLAGS = ("-O3", "-ffp-contract=off", "-fno-math-errno", "-Wno-psabi", *SHARED)
 # Arguments of each function, in order: a count, a number, or the address of an array.
 SIGNATURES = {
     "link_poses": "naaaaa",
@@ -59,7 +60,7 @@ BRANCHES = 8  # of the inverse kinematics
 
 
 def compile_kernel() -> bool:
-    """Compiles the kernel unless that is done, and returns whether it can be used; takes a quarter of a second.
+    """Compiles the kernel unless that is done, and returns whether it can be used; takes a second or two.
 
     Raises:
         OSError: the cache folder cannot be written.

@@ -1,5 +1,4 @@
-/* Joint states at the release: Jacobians, inverse kinematics, joint velocities, bounds on launch times, and which
-   states are kept. Follows kernel.c. */
+/* Joint states at the release: Jacobians, inverse kinematics, and which states are kept. Follows kernel.c. */
 
 static const double PI = 3.14159265358979323846;
 
@@ -22,105 +21,6 @@ void jacobians(count n, in X, in p_F, double *out) {
                 out[6 * (3 + row) + i] = axis[row];
             }
         }
-    }
-}
-
-/* What the weighted least-norm joint velocities of a Jacobian (3, 6) need, see `_weighted`. */
-struct inverse {
-    double w[3][6], c00, c01, c02, c11, c12, c22, scale;
-};
-
-static struct inverse inverse_of(in J, in weight, double floor) {
-    struct inverse of;
-    double g[3][3];
-    for (int row = 0; row < 3; row++)
-        for (int i = 0; i < 6; i++) of.w[row][i] = weight[i] * J[6 * row + i];
-    for (int row = 0; row < 3; row++)
-        for (int other = row; other < 3; other++) {
-            in y = J + 6 * other;
-            g[row][other] = dot(of.w[row], y) + dot(of.w[row] + 3, y + 3);
-        }
-    double share = floor * (g[0][0] + g[1][1] + g[2][2]);
-    double xx = g[0][0] + share, yy = g[1][1] + share, zz = g[2][2] + share, xy = g[0][1], xz = g[0][2], yz = g[1][2];
-    of.c00 = yy * zz - yz * yz, of.c01 = xz * yz - xy * zz, of.c02 = xy * yz - xz * yy;
-    of.c11 = xx * zz - xz * xz, of.c12 = xy * xz - xx * yz, of.c22 = xx * yy - xy * xy;
-    of.scale = 1.0 / (xx * of.c00 + xy * of.c01 + xz * of.c02);
-    return of;
-}
-
-/* Adds the joint velocities for a velocity (3,). */
-static void add_least_norm(const struct inverse *of, in v, double *qd) {
-    double a = v[0] * of->scale, b = v[1] * of->scale, c = v[2] * of->scale;
-    double first = of->c00 * a + of->c01 * b + of->c02 * c, second = of->c01 * a + of->c11 * b + of->c12 * c;
-    double third = of->c02 * a + of->c12 * b + of->c22 * c;
-    for (int i = 0; i < 6; i++) qd[i] += first * of->w[0][i] + second * of->w[1][i] + third * of->w[2][i];
-}
-
-/* Sets the joint velocities (6,) for a velocity (3,), corrected by what they miss it by `refinements` times. */
-static void weighted(in J, in weight, in v, double floor, int refinements, double *qd) {
-    struct inverse of = inverse_of(J, weight, floor);
-    memset(qd, 0, 6 * sizeof *qd);
-    add_least_norm(&of, v, qd);
-    for (int time = 0; time < refinements; time++) {
-        double missed[3];
-        for (int row = 0; row < 3; row++) missed[row] = v[row] - dot(J + 6 * row, qd) - dot(J + 6 * row + 3, qd + 3);
-        add_least_norm(&of, missed, qd);
-    }
-}
-
-/* Joint velocities (k, 6) for Jacobians (n, 3, 6), taken in turn, and velocities (k, 3). */
-void least_norms(count k, in v, count n, in J, in weight, double floor, double *out) {
-    for (count m = 0; m < k; m++) weighted(J + 18 * (m % n), weight, v + 3 * m, floor, 0, out + 6 * m);
-}
-
-/* The largest share of a limit; sets the shares (6,). */
-static double shares(in qd, in qd_max, double *share) {
-    double most = 0.0;
-    for (int i = 0; i < 6; i++) {
-        share[i] = fabs(qd[i]) / qd_max[i];
-        most = larger(share[i], most);
-    }
-    return most;
-}
-
-/* Largest shares (k,) of the limits in joint velocities qd (k, 6). */
-void largest_shares(count k, in qd, in qd_max, double *out) {
-    double share[6];
-    for (count m = 0; m < k; m++) out[m] = shares(qd + 6 * m, qd_max, share);
-}
-
-/* Joint velocities out (k, 6) from qd (k, 6), see `_towards_maximum_norm`; p (norms,) whole. */
-void lower_shares(count k, in J, in v, in qd, in qd_max, count norms, in p, in floors, count times, double *out) {
-    memcpy(out, qd, k * 6 * sizeof *out);
-    for (count m = 0; m < k; m++, J += 18, v += 3, out += 6)
-        for (count i = 0; i < norms; i++) {
-            double share[6], weight[6], step[6], most = shares(out, qd_max, share);
-            for (int joint = 0; joint < 6; joint++) {
-                double relative = larger(share[joint] / most, floors[0]), power = 1.0;
-                for (int factor = 2; factor < p[i]; factor++) power *= relative;
-                weight[joint] = qd_max[joint] * qd_max[joint] / power;
-            }
-            weighted(J, weight, v, floors[1], (int)times, step);
-            for (int joint = 0; joint < 6; joint++) out[joint] += (step[joint] - out[joint]) / (p[i] - 1.0);
-        }
-}
-
-/* Least time over a distance to a velocity, see `least_time`. */
-static double least_time(double distance, double qd, double v_max, double a_max) {
-    double turn = distance >= qd * fabs(qd) / (2.0 * a_max) ? 1.0 : -1.0, d = turn * distance, v = turn * qd;
-    double peak = sqrt(larger(a_max * d + v * v / 2.0, 0.0));
-    double accelerating = (2.0 * v_max * v_max - v * v) / (2.0 * a_max);
-    return peak <= v_max ? (2.0 * peak - v) / a_max : (2.0 * v_max - v) / a_max + (d - accelerating) / v_max;
-}
-
-/* Lower bounds (k,) on the times of launches to velocities qd (k, 6) in postures q (n, 6), taken in turn; see
-   `penalised_bound`. */
-void penalised_bounds(count k, in qd, count n, in q, in start, in v_max, in a_max, double penalty, double *out) {
-    for (count m = 0; m < k; m++, qd += 6) {
-        double share[6], excess = shares(qd, v_max, share), bound = -INFINITY;
-        in at = q + 6 * (m % n);
-        for (int i = 0; i < 6; i++) bound = larger(least_time(at[i] - start[i], qd[i], v_max[i], a_max[i]), bound);
-        out[m] = excess + bound != excess + bound ? INFINITY : excess <= 1.0 ? bound : penalty * excess;
     }
 }
 

@@ -9,6 +9,7 @@ from planner.kinematics.forward_kinematics import (
     jacobian,
     jacobian_dot_qd,
     link_poses,
+    point_motion,
     tcp_acceleration,
 )
 from planner.kinematics.inverse_kinematics import inverse, inverse_branches
@@ -40,6 +41,7 @@ __all__ = [
     "jacobian_dot_qd",
     "link_poses",
     "manipulability",
+    "point_motion",
     "signed_singularity_distances",
     "singularity_distances",
     "smallest_singular_value",

@@ -121,6 +121,18 @@ def jacobian(robot: Robot, q: ArrayLike, X_FT: ArrayLike | None = None) -> Array
     return _jacobians(X.reshape(-1, 7, 4, 4), p_F).reshape(*X.shape[:-3], 6, 6)
 
 
+def point_motion(robot: Robot, q: Array, p_F: Array) -> tuple[Array, Array]:
+    """Returns positions (n, 3) [m] and linear Jacobians (n, 3, 6) [m/rad] of a point of the flange, in the base.
+
+    Args:
+        robot: the arm.
+        q: joint positions (n, 6) [rad].
+        p_F: the point in the flange (3,) [m].
+    """
+    X = link_poses(robot, q)
+    return X[:, 6, :3, :3] @ p_F + X[:, 6, :3, 3], _jacobians(X, p_F)[:, :3]
+
+
 def _posed_example() -> tuple[Array, Array]:
     return np.random.default_rng(0).uniform(-1.0, 1.0, (4, 7, 4, 4)), np.array([0.1, -0.2, 0.3])
 

@@ -135,7 +135,7 @@ def candidates(problem: ThrowProblem, wide: bool = True) -> list[Candidate]:
     elif isinstance(release, PointRelease):
         states = _distinct(*point_states(problem, release))
     else:
-        return [_rounded(problem, each) for each in _target_candidates(problem, release, wide)]
+        return _rounded(problem, _target_candidates(problem, release, wide))
     return _usable(problem, states)
 
 
@@ -172,15 +172,16 @@ def _target_candidates(problem: ThrowProblem, release: TargetRelease, wide: bool
     return found
 
 
-def _rounded(problem: ThrowProblem, candidate: Candidate) -> Candidate:
-    """Returns a candidate rounded to `DECIMALS`, within the velocity limits.
+def _rounded(problem: ThrowProblem, found: list[Candidate]) -> list[Candidate]:
+    """Returns candidates rounded to `DECIMALS`, within the velocity limits.
 
     What a candidate is computed from differs in its last bits between machines. So do the hundreds of numbers of the
     motion to it that the optimiser begins from, and one of them may be rounded the other way.
     """
     limit = problem.limits.qd_max
-    q, qd = np.round(candidate.q, DECIMALS), np.clip(np.round(candidate.qd, DECIMALS), -limit, limit)
-    return replace(candidate, q=q, qd=qd)
+    q, qd = (np.round([getattr(each, name) for each in found], DECIMALS) for name in ("q", "qd"))
+    states = zip(found, q, np.clip(qd, -limit, limit), strict=True)
+    return [replace(each, q=its_q, qd=its_qd) for each, its_q, its_qd in states]
 
 
 def _distinct(q: Array, qd: Array) -> _States:

@@ -11,17 +11,18 @@ from __future__ import annotations
 import numpy as np
 
 from planner.arrays import Array, read_only
-from planner.flight import launch_velocity, slowest_time
-from planner.geometry import tool_pose
+from planner.flight import slowest_time
 from planner.problem import TargetRelease, ThrowProblem
+from planner.rotations import invert_pose
 from planner.seeds.soonest_states import TOO_FAST_S, penalised_bound
-from planner.seeds.velocity_allocation import allocate_velocity, balanced_velocity, tool_jacobian, tool_velocity
+from planner.seeds.velocity_allocation import allocate_velocity, balanced_velocity, tool_motion, tool_velocity
 
 FLIGHT_SHARES = read_only([0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.12, 1.25, 1.4, 1.6])  # [-] of the slowest throw's time
 SHORTEST_FLIGHT_S = 1e-3  # [s] of the slowest throw to a target that is where the tool is
 STEPS = 12  # of the iteration; most throws change by less than a tick after eight
 FIRST_S = 0.2  # [s] duration at first
 SHORTEST_S, LONGEST_S = 0.02, 1.2  # [s] durations considered
+ONES = read_only(np.ones(6))
 CHANGE = 0.7  # [-] exponent of the largest share in the change of the duration: with 1 some iterations swing
 # Machines, and the C kernel and numpy, differ in the last bits, which steps would multiply: each is rounded.
 DECIMALS, TIE_S = 9, 1e-9
@@ -39,16 +40,17 @@ def run_ups(problem: ThrowProblem, release: TargetRelease) -> tuple[Array, Array
         release: the target.
     """
     reachable, limits, gravity = problem.reachable, problem.limits, problem.gravity_at_tool_speed
-    count, R_WB = len(FLIGHT_SHARES), problem.cell.X_WB[:3, :3]
+    X_BW, count = invert_pose(problem.cell.X_WB), len(FLIGHT_SHARES)
+    target, up = X_BW[:3, :3] @ release.p_W + X_BW[:3, 3], X_BW[:3, 2]  # in the base, like p and v
     w, T = np.zeros((count, 6)), np.full(count, FIRST_S)
     q_best, qd_best, least = np.zeros((count, 6)), np.zeros((count, 6)), np.full(count, np.inf)
     for step in range(STEPS):
         q = np.clip(problem.start + w * (T / 2.0)[:, None], reachable.q_lower, reachable.q_upper)
-        p, J = tool_pose(problem.cell, q)[:, :3, 3], tool_jacobian(problem, q)
-        t = FLIGHT_SHARES * np.maximum(slowest_time(p, release.p_W, gravity), SHORTEST_FLIGHT_S)
-        v = launch_velocity(p, release.p_W, t, gravity) @ R_WB
+        p, J = tool_motion(problem, q)
+        t = FLIGHT_SHARES * np.maximum(slowest_time(p, target, gravity), SHORTEST_FLIGHT_S)
+        v, moved = (target - p) / t[:, None] + np.multiply.outer(0.5 * gravity * t, up), tool_velocity(J, w)
         if step > 0:
-            qd = w + allocate_velocity(J, v - tool_velocity(J, w), limits.qd_max)
+            qd = w + allocate_velocity(J, v - moved, limits.qd_max)
             bound = penalised_bound(problem, q, qd)
             sooner = bound < least - TIE_S
             q_best[sooner], qd_best[sooner], least[sooner] = q[sooner], qd[sooner], bound[sooner]
@@ -56,7 +58,7 @@ def run_ups(problem: ThrowProblem, release: TargetRelease) -> tuple[Array, Array
         share = (T / 2.0 / t)[:, None]
         reached = np.minimum(limits.qdd_max * T[:, None], limits.qd_max)
         J_scaled = J * ((1.0 + share) * reached)[:, None, :]
-        y = balanced_velocity(J_scaled, v + share * tool_velocity(J, w), np.ones(6))
+        y = balanced_velocity(J_scaled, v + share * moved, ONES)
         w = np.round(np.clip(y * reached, -limits.qd_max, limits.qd_max), DECIMALS)
         T = np.round(np.clip(T * np.abs(y).max(axis=1) ** CHANGE, SHORTEST_S, LONGEST_S), DECIMALS)
     found = least < TOO_FAST_S

@@ -10,7 +10,7 @@ import numpy as np
 
 from planner.arrays import Array, Mask, read_only
 from planner.kernel import Kernel, twin_of
-from planner.kinematics import jacobian
+from planner.kinematics import jacobian, point_motion
 from planner.problem import ThrowProblem
 
 REDUCIBLE_EXCESS = 1.5  # [-] times a limit; the maximum norm seldom reduces the largest share by a greater factor
@@ -67,6 +67,11 @@ def balanced_velocity(J: Array, v: Array, qd_max: Array) -> Array:
 def tool_jacobian(problem: ThrowProblem, q: Array) -> Array:
     """Returns the linear Jacobian (n, 3, 6) [m/rad] of the tool centre, in the base frame."""
     return jacobian(problem.cell.robot, q, problem.cell.tool.X_FT)[:, :3, :]
+
+
+def tool_motion(problem: ThrowProblem, q: Array) -> tuple[Array, Array]:
+    """Returns the positions (n, 3) [m] of the tool centre and its linear Jacobians (n, 3, 6), in the base frame."""
+    return point_motion(problem.cell.robot, q, problem.cell.tool.X_FT[:3, 3])
 
 
 def tool_velocity(J: Array, qd: Array) -> Array:

@@ -139,7 +139,7 @@ def test_a_twin_that_differs_is_refused_with_a_warning(monkeypatch, caplog):
 
 def test_the_signatures_are_those_of_the_source():
     source = "\n".join(each.read_text() for each in library.SOURCES)
-    declared = dict(re.findall(r"^void (\w+)\(([^)]*)\)", source, re.MULTILINE))
+    declared = dict(re.findall(r"^(?:WIDEST )?void (\w+)\(([^)]*)\)", source, re.MULTILINE))
     for name, signature in library.SIGNATURES.items():
         parameters = [" ".join(each.split()) for each in declared[name].split(",")]
         kinds = ["a" if "*" in each or each.startswith("in ") else each[0] for each in parameters]
@@ -162,6 +162,24 @@ def test_arrays_read_in_place_move_with_their_copies():
 def test_wrong_shapes_are_refused():
     with pytest.raises(ValueError, match="instead of"):
         library.loaded().box_distances(np.zeros((3, 3)), np.zeros((2, 3)), np.zeros((3, 3)), np.zeros((3, 3)))
+
+
+@needs_compiler
+@pytest.mark.parametrize("count", [1, 3, 4, 6, 41])
+def test_wider_instructions_change_no_bit(tmp_path, count):
+    text = "\n".join(each.read_text() for each in library.SOURCES)
+    narrow = Kernel(compilation.compile_once(tmp_path / "narrow.so", (*library.FLAGS, "-DWIDEST="), lambda: [text]))
+    rng = np.random.default_rng(count)
+    J, v, q, qd = (rng.uniform(-3.0, 3.0, (count, *shape)) for shape in ((3, 6), (3,), (6,), (6,)))
+    qd[0, 2], J[-1], start, limit = np.nan, 0.0, np.zeros(6), np.linspace(2.0, 3.0, 6)
+    calls = [
+        lambda kernel: kernel.least_norms(J, limit**2, v, 1e-13),
+        lambda kernel: kernel.largest_shares(qd, limit),
+        lambda kernel: kernel.lower_shares((J, v, qd), limit, np.array([3.0, 4.0, 8.0]), (0.1, 1e-13), 2),
+        lambda kernel: kernel.penalised_bounds(q, np.concatenate([qd, 0.2 * qd]), start, (limit, 2.0 * limit), 1e3),
+    ]
+    for call in calls:
+        np.testing.assert_array_equal(call(library.loaded()), call(narrow))
 
 
 def test_without_a_compiler_or_with_a_broken_library_numpy_does_the_work(monkeypatch, tmp_path, caplog):
