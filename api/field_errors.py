@@ -26,8 +26,7 @@ def refused_fields(errors: Sequence[Error], model: type[BaseModel] | None = None
     found: dict[str, str] = {}
     for error in errors:
         if not _is_other_branch(error):
-            where = error["loc"][:1] if error["type"] == "json_invalid" else error["loc"]  # then the place in the text
-            found.setdefault(field_path(where), reason(error, model))
+            found.setdefault(field_path(_place(error)), reason(error, model))
     return [{"field": field, "reason": text} for field, text in found.items()]
 
 
@@ -44,6 +43,16 @@ def reason(error: Error, model: type[BaseModel] | None = None) -> str:
         return REASONS[kind](context, value)
     text = str(error["msg"]).removeprefix("Value error, ").removeprefix("Input ")
     return text[:1].lower() + text[1:]
+
+
+def _place(error: Error) -> tuple[str | int, ...]:
+    """Returns the location of the field that an error is about."""
+    location = tuple(error["loc"])
+    if error["type"] == "json_invalid":
+        return location[:1]  # the place in the text follows
+    if error["type"] in ("union_tag_invalid", "union_tag_not_found"):
+        return *location, error["ctx"]["discriminator"].strip("'")
+    return location
 
 
 def field_path(location: Sequence[str | int]) -> str:
@@ -135,7 +144,7 @@ def _choice(context: Mapping[str, Any], value: Any) -> str:
 
 
 def _kind_missing(context: Mapping[str, Any], value: Any) -> str:
-    return f"needs the field {context['discriminator']}, which says what the others mean"
+    return "is missing; it says what the other fields mean"
 
 
 def _length(context: Mapping[str, Any], value: Any) -> str:

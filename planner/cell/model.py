@@ -76,6 +76,15 @@ class Box:
         """Returns how deep points (..., 3) lie in the box [m], negative outside."""
         return np.asarray(np.minimum(p - self.lower, self.upper - p).min(axis=-1))
 
+    def way_out(self, p: Array) -> float:
+        """Returns how far a point (3,) is from the box's sides and top [m]; negative outside.
+
+        Its bottom is no way out: where the box stands, nothing comes to lie under it.
+        """
+        sideways, up = np.minimum(p - self.lower, self.upper - p)[:2].min(), self.upper[2] - p[2]
+        below = self.lower[2] - p[2]
+        return float(min(sideways, up) if below <= CONTACT_M else -below)
+
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
@@ -101,9 +110,12 @@ class Surroundings:
         return tuple(box.name or f"box {i}" for i, box in enumerate(self.keep_out))
 
     def burying(self, p: Array) -> tuple[float, str] | None:
-        """Returns how deep a point (3,) lies in the floor or in a keep-out box [m], and in which; None in neither."""
+        """Returns how deep a point (3,) lies in the floor or in a keep-out box [m], and in which; None in neither.
+
+        A point on the ground that a box stands on lies in it.
+        """
         boxes = zip(self.keep_out_names, self.keep_out, strict=True)
-        depths = {name: float(box.depth(p)) for name, box in boxes}
+        depths = {name: box.way_out(p) for name, box in boxes}
         depths["floor"] = self.floor_z_m - float(p[2])
         name = max(depths, key=lambda each: depths[each])
         return (depths[name], name) if depths[name] > CONTACT_M else None

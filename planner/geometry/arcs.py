@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from planner.arrays import Array, Mask
+from planner.arrays import Array
 from planner.flight import time_of_flight
 
 
@@ -51,10 +51,12 @@ class Arcs:
         """Returns the centres' heights (...,) [m] at times `t` (...,) [s]."""
         return self.p[..., 2] + self.v[..., 2] * t - 0.5 * self.gravity * t * t
 
-    def meet_box(self, lower: Array, upper: Array, gap_m: float = 0.0) -> Mask:
-        """Returns the mask (...,) of the flights that come closer to a box than `gap_m`.
+    def room_beside_box(self, lower: Array, upper: Array, gap_m: float = 0.0) -> Array:
+        """Returns how far above or below a box the flights pass (...,) [m], beyond what is required.
 
-        Exact for the box grown by radius and gap as a cube, so a flight past an edge or a corner may count as a hit.
+        Negative where they come too close: by so much they would have to be higher or lower. Infinite for flights past
+        its sides. Exact for the box grown by radius and gap as a cube, so a flight past an edge or a corner may count
+        as one that comes too close.
 
         Args:
             lower, upper: corners of the box (3,) [m].
@@ -69,7 +71,8 @@ class Arcs:
         begin, end = np.where(crossed, begin, 0.0), np.where(crossed, end, 0.0)
         least = np.minimum(self.height_at(begin), self.height_at(end))
         most = self.height_at(np.clip(self.v[..., 2] / self.gravity, begin, end))
-        return crossed & (least < upper[2] + grown) & (most > lower[2] - grown)
+        room = np.maximum(least - (upper[2] + grown), lower[2] - grown - most)
+        return np.where(crossed, room, np.inf)
 
     def _between(self, axis: int, low: float, high: float) -> tuple[Array, Array]:
         """Returns the times (...,) [s] between which a coordinate is within [low, high]; empty if never."""
@@ -81,8 +84,10 @@ class Arcs:
         enter = np.where(moving, np.minimum(a, b), np.where(inside, -np.inf, np.inf))
         return enter, np.where(moving, np.maximum(a, b), np.where(inside, np.inf, -np.inf))
 
-    def enter_mouth(self, centre: Array, radius_m: float, rim_height_m: float, gap_m: float = 0.0) -> Mask:
-        """Returns the mask (...,) of the flights that enter a round bin through its mouth without touching its wall.
+    def room_in_mouth(self, centre: Array, radius_m: float, rim_height_m: float, gap_m: float = 0.0) -> Array:
+        """Returns the room (...,) [m] with which the flights enter a round bin through its mouth.
+
+        Negative where they touch its wall or pass it by, or do not rise to the mouth: by what they lack.
 
         The sphere passes the rim's edge at a distance r if its straight path there, at an angle d below the horizontal,
         crosses the mouth's plane r / sin d inside the edge. It must not start closer than r to rim or wall, nor below
@@ -99,13 +104,14 @@ class Arcs:
         down = time_of_flight(height, self.v[..., 2], self.gravity)
         enters = np.isfinite(down)
         down = np.where(enters, down, 0.0)
-        needed = thick / self._sine_of_descent(down)
-        enters &= self._from_axis(centre, down) <= radius_m - needed
+        inside = radius_m - thick / self._sine_of_descent(down) - self._from_axis(centre, down)
+        highest = self.height_at(np.maximum(self.v[..., 2] / self.gravity, 0.0)) - rim - thick
         start = self._from_axis(centre, np.zeros_like(down)) - radius_m
-        enters &= np.hypot(start, np.maximum(height, 0.0)) >= thick
+        off_rim = np.hypot(start, np.maximum(height, 0.0)) - thick
         rising = 2.0 * self.v[..., 2] / self.gravity - down  # when it passes the rim's height on its way up
-        is_outside = self._from_axis(centre, np.maximum(rising, 0.0)) >= radius_m + thick
-        return enters & ((height >= 0.0) | is_outside)
+        outside = self._from_axis(centre, np.maximum(rising, 0.0)) - radius_m - thick
+        room = np.minimum(np.where(enters, inside, highest), off_rim)
+        return np.where(height >= 0.0, room, np.minimum(room, outside))
 
     def _sine_of_descent(self, t: Array) -> Array:
         fall = np.maximum(self.gravity * t - self.v[..., 2], 1e-9)

@@ -20,6 +20,7 @@ from planner.search.throw_range import SLACK, farthest_reach_from_shoulder, out_
 
 RIM_POINTS = 2048  # [-] places on the rim of the arm's reach from which a target is aimed at
 RANGE_STEP_M = 0.01  # [m] to which the farthest distance of a target is found
+TOOL_LIMIT = "the limit is what the joints at their speed limits give the tool"
 RIM_FIRST = 32  # [-] one of so many is looked at first: a target that can be reached from there is not refused
 
 
@@ -181,6 +182,7 @@ def _range(problem: ThrowProblem, release: TargetRelease, p_WT: Array | None = N
     needed = least_speed_within_reach(problem, release.p_W, p_WT)
     if needed > bounds[name] + SLACK:
         detail = "least speed that throws to the target from anywhere within the arm's reach"
+        detail += f"; {TOOL_LIMIT}" if name == "joint_velocity" else ""
         return [Violation(name, needed, bounds[name], "m/s", detail=detail)]
     return _beyond_stretched_arm(problem, release) if p_WT is None else []
 
@@ -191,7 +193,8 @@ def _beyond_stretched_arm(problem: ThrowProblem, release: TargetRelease) -> list
     if found is None:
         return []
     needed, given = found
-    detail = "tool speed away from the shoulder, at the release where a throw to the target lacks least of it"
+    where = "at the release where a throw to the target lacks least of it"
+    detail = f"tool speed away from the shoulder, {where}; {TOOL_LIMIT}"
     return [Violation("joint_velocity", needed, given, "m/s", detail=detail)]
 
 

@@ -166,7 +166,11 @@ def _target_candidates(problem: ThrowProblem, release: TargetRelease, wide: bool
     except Infeasible as error:
         found, refusal = [], error
     if len(found) < FEW_CANDIDATES and release.release_position is None and has_flight_obstacles(problem):
-        return _usable(problem, _distinct(*target_states(problem, release, thorough=True)))
+        try:
+            return _usable(problem, _distinct(*target_states(problem, release, thorough=True)))
+        except Infeasible:
+            if not found:
+                raise
     if refusal is not None:
         raise refusal
     return found
@@ -293,11 +297,17 @@ def _closest_violation(problem: ThrowProblem, q: Array, qd: Array, excess: Array
         best = int(rows[excess[rows].argmin()])
         joint = int((np.abs(qd[best]) / limits.qd_max).argmax())
         speed, limit = float(abs(qd[best, joint])), float(limits.qd_max[joint])
-        return Violation("joint_velocity", speed, limit, "rad/s", detail=f"{names[joint]} at the release")
+        throw = " of the slowest throw tried whose flight is clear" if _has_obstacles(problem) else ""
+        return Violation("joint_velocity", speed, limit, "rad/s", detail=f"{names[joint]} at the release{throw}")
     distances = np.abs(signed_singularity_distances(problem.cell.robot, q[int(distance.argmax())]))
     detail = f"{SINGULARITIES[int(distances.argmin())]} singularity at the release"
     limit = limits.singularity_distance_min
     return Violation("singularity_distance", float(distances.min()), limit, "1", detail=detail)
+
+
+def _has_obstacles(problem: ThrowProblem) -> bool:
+    """Returns whether boxes or a bin's rim may be why a throw to a target takes so much speed."""
+    return isinstance(problem.release, TargetRelease) and has_flight_obstacles(problem)
 
 
 def _check_joint_positions(problem: ThrowProblem, release: JointRelease) -> None:

@@ -6,10 +6,12 @@ Filters that steer the search towards what the certificate can pass; they do not
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
 from planner.arrays import Array, Mask
+from planner.errors import Violation
 from planner.geometry import Arcs, body_model, point_segment_distance
 from planner.kinematics import LinkMotion, dot, link_poses
 from planner.problem import TargetRelease, ThrowProblem
@@ -45,19 +47,48 @@ def clear_flights(problem: ThrowProblem, release: TargetRelease, p: Array, v: Ar
         p: release positions (..., 3) [m].
         v: release velocities (..., 3) [m/s].
     """
+    clear = np.ones(v.shape[:-1], dtype=bool)
+    for _, room in _rooms(problem, release, p, v):
+        clear &= room >= 0.0
+    return clear
+
+
+def _rooms(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) -> Iterator[tuple[str, Array]]:
+    """Yields what a flight may meet, and the room (...,) [m] that the flights leave it; negative where it lacks."""
     around, beside_base = problem.cell.surroundings, _lands_beside_base(problem, release)
     if not beside_base and not has_flight_obstacles(problem):
-        return np.ones(v.shape[:-1], dtype=bool)
+        return
     p = np.broadcast_to(p, v.shape)
     arcs = Arcs.onto(p, v, float(release.p_W[2]), problem.gravity_at_tool_speed, problem.cell.object.radius_m)
-    clear = np.ones(v.shape[:-1], dtype=bool)
-    for box in around.keep_out:
+    for name, box in zip(around.keep_out_names, around.keep_out, strict=True):
         stands_on = box.upper[2] <= release.p_W[2]  # the object may land on it
-        clear &= ~arcs.meet_box(box.lower, box.upper, 0.0 if stands_on else FLIGHT_GAP_M)
+        yield name, arcs.room_beside_box(box.lower, box.upper, 0.0 if stands_on else FLIGHT_GAP_M)
     if release.opening is not None:
         mouth = release.opening
-        clear &= arcs.enter_mouth(release.p_W, mouth.radius_m, mouth.rim_height_m)
-    return clear & _miss_base(problem, arcs) if beside_base else clear
+        yield "the rim of the bin", arcs.room_in_mouth(release.p_W, mouth.radius_m, mouth.rim_height_m)
+    if beside_base:
+        yield "the arm's base", _room_beside_base(problem, arcs)
+
+
+def no_clear_flight(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) -> Violation:
+    """Returns the violation by the best of flights that all meet something: the one that lacks the least room.
+
+    Args:
+        problem: its cell.
+        release: the target.
+        p: release positions (n, 3) [m].
+        v: release velocities (n, 3) [m/s].
+    """
+    beside_base = gap_to_base(problem, release.p_W)
+    if beside_base < 0.0:
+        detail = "the arm's base, from an object at the target"
+        return Violation("flight_clearance", beside_base, 0.0, "m", detail=detail)
+    rooms = dict(_rooms(problem, release, p, v))
+    least = np.min(list(rooms.values()), axis=0)
+    best = int(least.argmax())
+    name = min(rooms, key=lambda each: float(rooms[each][best]))
+    detail = f"{name}: by so much it is in the way of the best of {len(p)} flights tried to the target"
+    return Violation("flight_clearance", float(least[best]), 0.0, "m", detail=detail)
 
 
 def _lands_beside_base(problem: ThrowProblem, release: TargetRelease) -> bool:
@@ -70,10 +101,10 @@ def gap_to_base(problem: ThrowProblem, p: Array) -> float:
     return float(_gaps_to_base(problem, p).min()) - problem.cell.object.radius_m
 
 
-def _miss_base(problem: ThrowProblem, arcs: Arcs) -> Mask:
-    """Returns the mask (...,) of the flights whose last part meets no shape that the base carries: they never move."""
+def _room_beside_base(problem: ThrowProblem, arcs: Arcs) -> Array:
+    """Returns the room (...,) [m] between the last part of flights and the shapes that the base carries."""
     x = arcs.at(LAST_SHARES.reshape(-1, *[1] * arcs.until_s.ndim) * arcs.until_s)
-    return np.asarray((_gaps_to_base(problem, x) >= problem.cell.object.radius_m).all(axis=(0, 1)))
+    return _gaps_to_base(problem, x).min(axis=(0, 1)) - problem.cell.object.radius_m
 
 
 def _gaps_to_base(problem: ThrowProblem, x: Array) -> Array:

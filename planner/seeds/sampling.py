@@ -20,12 +20,7 @@ from planner.kinematics import inverse_branches, singularity_distances
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose, quaternion_to_matrix
 from planner.seeds.aspects import ASPECTS, aspects
-from planner.seeds.flight_filter import (
-    clear_flights,
-    flight_times,
-    gap_to_base,
-    leave_through_opening,
-)
+from planner.seeds.flight_filter import clear_flights, flight_times, leave_through_opening, no_clear_flight
 from planner.seeds.quasi_random import joint_offsets, quaternions
 from planner.seeds.run_ups import run_ups
 from planner.seeds.soonest_states import penalised_bound, soonest, soonest_nearby
@@ -147,7 +142,7 @@ def target_states(
     """
     q, qd = _thrown(problem, release, thorough, wide)
     if thorough:
-        q, qd = _clear_of_obstacles(problem, q, qd)
+        q, qd = _clear_of_obstacles(problem, release, q, qd)
     kept = _Leaving.of(problem, q, qd).keeps(q, qd)
     q, qd = q[kept], qd[kept]
     if wide:
@@ -267,8 +262,10 @@ def _flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array, 
     rows = np.flatnonzero(np.isfinite(qd).all(axis=1))
     if len(rows):
         return q[rows], qd[rows]
-    _, allowed = _launches(problem, release, p, thorough)
-    raise Infeasible([_no_clear_flight(problem, release) if allowed.any() else _no_flight(problem, release, p)])
+    v, allowed = _launches(problem, release, p, thorough)
+    if not allowed.any():
+        raise Infeasible([_no_flight(problem, release, p)])
+    raise Infeasible([no_clear_flight(problem, release, np.broadcast_to(p, v.shape)[allowed], v[allowed])])
 
 
 def _best_flights(
@@ -303,12 +300,29 @@ def _launches(problem: ThrowProblem, release: TargetRelease, p: Array, thorough:
     return v, _allowed_velocity(problem, release, v) & (v[..., 2] < problem.gravity_at_tool_speed * t)
 
 
-def _clear_of_obstacles(problem: ThrowProblem, q: Array, qd: Array) -> tuple[Array, Array]:
-    """Returns those of the soonest `CHECKED_MAX` joint states (n, 6) in which the arm is clear; all if none is."""
+def _clear_of_obstacles(problem: ThrowProblem, release: TargetRelease, q: Array, qd: Array) -> tuple[Array, Array]:
+    """Returns those of the soonest `CHECKED_MAX` joint states (n, 6) in which the arm is clear; all if none ever is.
+
+    Raises:
+        Infeasible: it is in postures from which no flight is clear.
+    """
     order = np.argsort(penalised_bound(problem, q, qd), kind="stable")[:CHECKED_MAX]
     clear = order[body_model(problem.cell_with_bin).clearances(q[order]).least >= 0.0]
+    if len(clear) == 0:
+        _refuse_blocked_flights(problem, release)
     rows = clear if len(clear) else order
     return q[rows], qd[rows]
+
+
+def _refuse_blocked_flights(problem: ThrowProblem, release: TargetRelease) -> None:
+    """Raises `Infeasible` where all flights from postures in which the arm is clear meet something, with the best."""
+    q, p = _throwing_postures(_PostureKey.of(problem, MORE_POSTURES))
+    q, p = q[:CHECKED_MAX], p[:CHECKED_MAX]
+    p = p[_far_enough(release, p) & (body_model(problem.cell_with_bin).clearances(q).least >= 0.0)]
+    v, allowed = _launches(problem, release, p, thorough=True)
+    p, v = np.broadcast_to(p, v.shape)[allowed], v[allowed]
+    if len(v) > 0 and not clear_flights(problem, release, p, v).any():
+        raise Infeasible([no_clear_flight(problem, release, p, v)])
 
 
 def _with_drag(problem: ThrowProblem, release: TargetRelease, q: Array, qd: Array) -> tuple[Array, Array]:
@@ -381,13 +395,3 @@ def _no_flight(problem: ThrowProblem, release: TargetRelease, p: Array) -> Viola
     name = "release_velocity" if release.max_speed_m_s < problem.limits.tcp_speed_max else "tcp_speed"
     detail = f"least speed that hits the target within the requested elevations, from {len(p)} postures tried"
     return Violation(name, speed, _speed_limit(problem, release), "m/s", detail=detail)
-
-
-def _no_clear_flight(problem: ThrowProblem, release: TargetRelease) -> Violation:
-    """Returns the violation of a target that no tried flight hits without meeting an obstacle."""
-    beside_base = gap_to_base(problem, release.p_W)
-    if beside_base < 0.0:
-        detail = "the arm's base, from an object at the target"
-        return Violation("flight_clearance", beside_base, 0.0, "m", detail=detail)
-    detail = "every flight tried to the target meets a keep-out box, the rim of its bin or the arm's base"
-    return Violation("flight_clearance", 0.0, 0.0, "m", detail=detail)

@@ -31,8 +31,11 @@ def detail_of(body: Any, model: type[PlanRequest | LandingRequest] = PlanRequest
             {"release": {**JOINT, "xyz": 1}},
             "release.xyz: there is no such field; there are kind, positions, ",
         ),
-        ({"release": {**JOINT, "kind": "jont"}}, "release: 'jont' is none of pose, point, joint, target; did you mean"),
-        ({"release": {}}, "release: needs the field 'kind', which says what the others mean"),
+        (
+            {"release": {**JOINT, "kind": "jont"}},
+            "release.kind: 'jont' is none of pose, point, joint, target; did you mean",
+        ),
+        ({"release": {}}, "release.kind: is missing; it says what the other fields mean"),
         ({"release": 7}, "release: must be a JSON object, not a number"),
         ({"limits": {"velocity": [1.0] * 5}}, "limits.velocity: has 5 entries; it needs at least 6"),
         ({"limits": {"velocity": "a"}}, "limits.velocity: must be a number, or a list of numbers; it is 'a'"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from planner.geometry import Arcs
 
@@ -38,7 +39,7 @@ def test_a_flight_meets_the_grown_box_where_its_samples_do() -> None:
         upper = lower + rng.uniform(0.02, 0.8, 3)
         x, grown = sampled(arcs), RADIUS + 0.01
         depth = np.minimum(x - lower + grown, upper + grown - x).min(axis=-1).max(axis=0)
-        met = arcs.meet_box(lower, upper, 0.01)
+        met = arcs.room_beside_box(lower, upper, 0.01) < 0.0
         clear_cut = (np.abs(depth) > 0.01) & (arcs.until_s > 0.0)
         np.testing.assert_array_equal(met[clear_cut], depth[clear_cut] > 0.0)
         hits += int(met.sum())
@@ -49,8 +50,27 @@ def test_a_vertical_flight_meets_what_is_above_it_alone() -> None:
     arcs = Arcs.onto(np.zeros((1, 3)), np.array([[0.0, 0.0, 4.0]]), -0.5, GRAVITY, RADIUS)
     above = np.array([-0.1, -0.1, 0.7]), np.array([0.1, 0.1, 0.75])
     beside = above[0] + [0.5, 0.0, 0.0], above[1] + [0.5, 0.0, 0.0]
-    assert arcs.meet_box(*above)[0]
-    assert not arcs.meet_box(*beside)[0]
+    assert arcs.room_beside_box(*above)[0] < 0.0
+    assert arcs.room_beside_box(*beside)[0] == np.inf
+
+
+def test_a_box_lacks_the_height_by_which_a_flight_passes_too_low() -> None:
+    arcs = Arcs.onto(np.array([[0.0, 0.0, 0.5]]), np.array([[2.0, 0.0, 1.0]]), 0.0, GRAVITY, RADIUS)
+    top, high = 0.5, 1.0
+    lower, upper = np.array([0.4, -1.0, -1.0]), np.array([0.4, 1.0, top])
+    at_wall = arcs.height_at(np.array([[0.2 - RADIUS / 2.0], [0.2 + RADIUS / 2.0]])).min()
+    assert arcs.room_beside_box(lower, upper)[0] == pytest.approx(at_wall - top - RADIUS)
+    raised = arcs.room_beside_box(lower, upper + np.array([0.0, 0.0, high]))[0]
+    assert raised == pytest.approx(at_wall - top - high - RADIUS)
+
+
+def test_what_a_flight_into_a_bin_lacks() -> None:
+    """Straight down beside the axis: to the edge. Not as high as the rim: to the rim's height."""
+    down = Arcs.onto(np.array([[0.06, 0.0, 1.0]]), np.zeros((1, 3)), 0.0, GRAVITY, RADIUS)
+    assert down.room_in_mouth(np.zeros(3), 0.1, 0.3)[0] == pytest.approx(0.1 - 0.06 - RADIUS)
+    low = Arcs.onto(np.array([[-1.0, 0.0, 0.1]]), np.array([[1.0, 0.0, 1.0]]), 0.0, GRAVITY, RADIUS)
+    apex = 0.1 + 0.5 / GRAVITY
+    assert low.room_in_mouth(np.zeros(3), 0.1, 0.3)[0] == pytest.approx(apex - 0.3 - RADIUS)
 
 
 def test_flights_that_enter_a_mouth_touch_neither_rim_nor_wall() -> None:
@@ -66,7 +86,7 @@ def test_flights_that_enter_a_mouth_touch_neither_rim_nor_wall() -> None:
         x = sampled(arcs)
         out, over = np.hypot(*(x - centre)[..., :2].transpose(2, 0, 1)) - radius, x[..., 2] - 0.1 - rim
         gap = np.hypot(out, np.maximum(over, 0.0)).min(axis=0)
-        inside = arcs.enter_mouth(centre, radius, rim)
+        inside = arcs.room_in_mouth(centre, radius, rim) >= 0.0
         decided = (np.abs(gap - RADIUS) > 0.003) & (arcs.until_s > 0.0) & (out[0] > 0.0)
         np.testing.assert_array_equal(inside[decided], gap[decided] > RADIUS)
         entered, refused = entered + int(inside.sum()), refused + int((~inside).sum())

@@ -152,6 +152,18 @@ def test_a_target_within_a_keep_out_box_is_refused_and_offered_in_front_of_it():
     assert nearest.release.p_W[0] <= 1.0
 
 
+@pytest.mark.parametrize(("x", "depth"), [(1.0008, 0.0008), (1.02, 0.02), (1.28, 0.02)])
+def test_a_target_in_the_footprint_of_a_wall_is_refused_with_proof(x, depth):
+    """From a millimetre within, the object could touch the floor before it touches the wall."""
+    here = with_box([1.0, -0.5, 0.0], [1.3, 0.8, 1.6])
+    problem = joint_problem(cell=here, release=TargetRelease(np.array([x, 0.2, 0.0])))
+    (violation,) = proven_violations(problem)
+    assert (violation.constraint, violation.value) == ("flight_clearance", pytest.approx(-depth))
+    before = replace(problem, release=TargetRelease(np.array([0.999, 0.2, 0.0])))
+    below = with_box([1.0, -0.5, 0.05], [1.3, 0.8, 1.6])
+    assert proven_violations(before) == proven_violations(replace(problem, cell=below)) == []
+
+
 def test_a_bin_around_the_home_is_refused_with_proof_and_offered_farther_away():
     below = tool_pose(cell(), cell().home)[:3, 3] * [1.0, 1.0, 0.0]
     problem = joint_problem(start=TURNED_AWAY, release=TargetRelease(below, opening=Opening(0.1, 0.6)))

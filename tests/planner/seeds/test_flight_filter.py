@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -48,7 +49,7 @@ def test_candidates_come_down_through_the_mouth() -> None:
     problem = ThrowProblem(here, here.home, TargetRelease(np.array([0.9, 0.3, 0.05]), opening=mouth), here.limits)
     arcs = arcs_of(problem)
     assert len(arcs.p) >= 6
-    assert np.all(arcs.enter_mouth(problem.release.p_W, mouth.radius_m, mouth.rim_height_m))
+    assert np.all(arcs.room_in_mouth(problem.release.p_W, mouth.radius_m, mouth.rim_height_m) >= 0.0)
 
 
 def test_a_target_may_stand_on_a_box_but_not_in_one() -> None:
@@ -60,6 +61,48 @@ def test_a_target_may_stand_on_a_box_but_not_in_one() -> None:
     with pytest.raises(Infeasible) as caught:
         candidates(ThrowProblem(here, here.home, target, here.limits))
     assert caught.value.violations[0].constraint == "flight_clearance"
+
+
+def test_a_wall_that_no_flight_clears_is_blamed_not_the_postures_within_it() -> None:
+    here = walled(cell(), Box(np.array([0.75, -1.0, 0.0]), np.array([0.8, 1.0, 1.6])))
+    target = TargetRelease(np.array([0.95, 0.0, 0.0]))
+    with pytest.raises(Infeasible) as caught:
+        candidates(ThrowProblem(here, here.home, target, here.limits))
+    (violation,) = caught.value.violations
+    assert violation.constraint == "flight_clearance"
+    assert violation.value < 0.0
+    assert violation.detail.startswith("box 0: by so much it is in the way of the best of ")
+
+
+def test_few_candidates_are_kept_where_a_thorough_search_finds_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    here = walled(cell(), WALL)
+    problem = ThrowProblem(here, here.home, TargetRelease(np.array([1.15, 0.1, 0.1])), here.limits)
+    found = candidates(problem)
+    module = sys.modules["planner.seeds.candidates"]
+    states = module.target_states
+
+    def refused(*arguments: object, thorough: bool = False) -> object:
+        if thorough:
+            raise Infeasible([])
+        return states(*arguments)
+
+    monkeypatch.setattr(module, "target_states", refused)
+    monkeypatch.setattr(module, "FEW_CANDIDATES", len(found) + 1)
+    assert len(candidates(problem)) == len(found)
+
+
+def test_a_bin_that_no_flight_enters_says_what_the_best_one_lacks() -> None:
+    here = cell()
+    rims = {}
+    for rim in (0.5, 0.7):
+        target = TargetRelease(np.array([1.2, 0.3, 0.0]), opening=Opening(0.045, rim))
+        with pytest.raises(Infeasible) as caught:
+            candidates(ThrowProblem(here, here.home, target, here.limits))
+        (violation,) = caught.value.violations
+        assert violation.constraint == "flight_clearance"
+        assert violation.detail.startswith("the rim of the bin: by so much it is in the way of the best of ")
+        rims[rim] = violation.value
+    assert rims[0.7] < rims[0.5] < 0.0
 
 
 def test_points_have_postures_whose_palm_is_not_in_the_way() -> None:
