@@ -16,7 +16,7 @@ from click.testing import CliRunner
 from playwright.sync_api import Browser, expect, sync_playwright
 
 from api.cli import main
-from tests.system.browser import CHROMIUM, MISSING, PLAN_MS, THROW_MS, PageStack, Visit, launch, visit
+from tests.system.browser import CHROMIUM, MISSING, PLAN_MS, SMALL, THROW_MS, PageStack, Visit, launch, visit
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason=MISSING)
 
@@ -282,6 +282,23 @@ def test_nothing_keeps_people_out(stack: PageStack, browser: Browser) -> None:
         for path in ("/docs", "/problems", "/problems/infeasible"):
             guest.page.goto(stack.url + path)
             assert guest.barriers() == []
+
+
+@pytest.mark.parametrize("viewport", [SMALL, PHONE, {"width": 420, "height": 800}])
+def test_plan_and_what_came_of_it_are_seen_without_scrolling(
+    stack: PageStack, browser: Browser, viewport: dict[str, int]
+) -> None:
+    with visit(browser, stack.url, viewport=viewport) as guest:
+        expect(guest.button("Plan")).to_be_in_viewport(ratio=1.0)
+        guest.planned()
+        expect(guest.button("Plan")).to_be_in_viewport(ratio=1.0)
+        summary, plan = guest.page.locator(".summary").bounding_box(), guest.button("Plan").bounding_box()
+        top = guest.page.locator(".top").bounding_box()
+        assert summary is not None
+        assert plan is not None
+        assert top is not None
+        assert top["y"] + top["height"] <= summary["y"]
+        assert summary["y"] + summary["height"] <= plan["y"]
 
 
 def test_a_report_keeps_nobody_out(stack: PageStack, browser: Browser, tmp_path: Path) -> None:

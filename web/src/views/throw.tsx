@@ -1,6 +1,6 @@
 // The panel of the request: form, Plan, what came back in words, and the button that moves the arm.
 
-import type { JSX } from "preact";
+import type { JSX, RefObject } from "preact";
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 
@@ -35,7 +35,15 @@ export function ThrowPanel(): JSX.Element {
   );
 }
 
+/** Returns what brings an element into view whenever `news` is another. */
+function useInView<T>(news: T): RefObject<HTMLDivElement | null> {
+  const element = useRef<HTMLDivElement>(null);
+  useEffect(() => element.current?.scrollIntoView({ block: "nearest" }), [news]);
+  return element;
+}
+
 function PlanSummary(): JSX.Element | null {
+  const card = useInView(answered.value);
   const dragged = preview.value;
   if (dragged) {
     return (
@@ -50,7 +58,7 @@ function PlanSummary(): JSX.Element | null {
   if (current === null || problem.value !== null) return null;
   const odds = current.hit_probability;
   return (
-    <div class={`summary ${standing.value}`}>
+    <div class={`summary ${standing.value}`} ref={card}>
       {standing.value === "stale" ? <strong>Planned before the last change: plan again.</strong> : null}
       <p>{planWords(current)}</p>
       <p class="soft">{timingWords(current)}</p>
@@ -70,8 +78,7 @@ function PlanSummary(): JSX.Element | null {
 /** What stands in the way, in words, and what can be done instead. */
 function ProblemCard(): JSX.Element | null {
   const refusal = problem.value;
-  const card = useRef<HTMLDivElement>(null);
-  useEffect(() => card.current?.scrollIntoView({ block: "nearest" }), [refusal]);
+  const card = useInView(refusal);
   if (refusal === null) return null;
   return (
     <div class="problem" role="alert" ref={card}>
