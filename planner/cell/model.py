@@ -76,14 +76,14 @@ class Box:
         """Returns how deep points (..., 3) lie in the box [m], negative outside."""
         return np.asarray(np.minimum(p - self.lower, self.upper - p).min(axis=-1))
 
-    def way_out(self, p: Array) -> float:
+    def way_out(self, p: Array, height_m: float) -> float:
         """Returns how far a point (3,) is from the box's sides and top [m]; negative outside.
 
-        Its bottom is no way out: where the box stands, nothing comes to lie under it.
+        Its bottom is no way out where something that high does not fit under it.
         """
         sideways, up = np.minimum(p - self.lower, self.upper - p)[:2].min(), self.upper[2] - p[2]
         below = self.lower[2] - p[2]
-        return float(min(sideways, up) if below <= CONTACT_M else -below)
+        return float(min(sideways, up) if below < height_m else -below)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,13 +109,13 @@ class Surroundings:
         """What each keep-out box is called: by its name, or by its number."""
         return tuple(box.name or f"box {i}" for i, box in enumerate(self.keep_out))
 
-    def burying(self, p: Array) -> tuple[float, str] | None:
+    def burying(self, p: Array, height_m: float) -> tuple[float, str] | None:
         """Returns how deep a point (3,) lies in the floor or in a keep-out box [m], and in which; None in neither.
 
-        A point on the ground that a box stands on lies in it.
+        A point under a box lies in it, too, if what comes to lie there, `height_m` high, does not fit under the box.
         """
         boxes = zip(self.keep_out_names, self.keep_out, strict=True)
-        depths = {name: box.way_out(p) for name, box in boxes}
+        depths = {name: box.way_out(p, height_m) for name, box in boxes}
         depths["floor"] = self.floor_z_m - float(p[2])
         name = max(depths, key=lambda each: depths[each])
         return (depths[name], name) if depths[name] > CONTACT_M else None

@@ -87,7 +87,8 @@ class Arcs:
     def room_in_mouth(self, centre: Array, radius_m: float, rim_height_m: float, gap_m: float = 0.0) -> Array:
         """Returns the room (...,) [m] with which the flights enter a round bin through its mouth.
 
-        Negative where they touch its wall or pass it by, or do not rise to the mouth: by what they lack.
+        Negative where they touch its wall or pass it by: by what they lack. Of those that do not rise to the mouth that
+        is in height, or aside, where they are highest.
 
         The sphere passes the rim's edge at a distance r if its straight path there, at an angle d below the horizontal,
         crosses the mouth's plane r / sin d inside the edge. It must not start closer than r to rim or wall, nor below
@@ -105,12 +106,13 @@ class Arcs:
         enters = np.isfinite(down)
         down = np.where(enters, down, 0.0)
         inside = radius_m - thick / self._sine_of_descent(down) - self._from_axis(centre, down)
-        highest = self.height_at(np.maximum(self.v[..., 2] / self.gravity, 0.0)) - rim - thick
+        apex = np.maximum(self.v[..., 2] / self.gravity, 0.0)
+        below = np.minimum(self.height_at(apex) - rim, radius_m - self._from_axis(centre, apex)) - thick
         start = self._from_axis(centre, np.zeros_like(down)) - radius_m
         off_rim = np.hypot(start, np.maximum(height, 0.0)) - thick
         rising = 2.0 * self.v[..., 2] / self.gravity - down  # when it passes the rim's height on its way up
-        outside = self._from_axis(centre, np.maximum(rising, 0.0)) - radius_m - thick
-        room = np.minimum(np.where(enters, inside, highest), off_rim)
+        outside = self._from_axis(centre, np.maximum(rising, 0.0)) - (radius_m + thick)
+        room = np.minimum(np.where(enters, inside, below), off_rim)
         return np.where(height >= 0.0, room, np.minimum(room, outside))
 
     def _sine_of_descent(self, t: Array) -> Array:

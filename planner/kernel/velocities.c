@@ -10,24 +10,28 @@
 #define WIDEST
 #endif
 
+/* Before what those functions call: it becomes a part of them. A function of its own would take its arguments, of which
+   each is four numbers, as processors without those instructions do. */
+#define INLINE static inline __attribute__((always_inline))
+
 typedef double four __attribute__((vector_size(32)));
 typedef long long four_bits __attribute__((vector_size(32)));
 enum { LANES = 4 };
 
-static inline four spread(double x) { return (four){x, x, x, x}; }
+INLINE four spread(double x) { return (four){x, x, x, x}; }
 
-static inline four chosen(four_bits where, four a, four b) {
+INLINE four chosen(four_bits where, four a, four b) {
     return (four)(((four_bits)a & where) | ((four_bits)b & ~where));
 }
 
-static inline four larger_of(four a, four b) { return chosen((a > b) | (a != a), a, b); } /* NaN where either is one */
-static inline four size_of(four a) { return (four)((four_bits)a & 0x7fffffffffffffffLL); }
-static inline four root_of(four a) { return (four){sqrt(a[0]), sqrt(a[1]), sqrt(a[2]), sqrt(a[3])}; }
-static inline four dot_of(const four *a, const four *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+INLINE four larger_of(four a, four b) { return chosen((a > b) | (a != a), a, b); } /* NaN where either is one */
+INLINE four size_of(four a) { return (four)((four_bits)a & 0x7fffffffffffffffLL); }
+INLINE four root_of(four a) { return (four){sqrt(a[0]), sqrt(a[1]), sqrt(a[2]), sqrt(a[3])}; }
+INLINE four dot_of(const four *a, const four *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 /* Numbers (n,) of four states from the `first` of k on, whose rows (rows, n) are taken in turn. The last state stands
    for those that are missing. */
-static inline void gather(count k, count first, in values, count rows, int n, four *out) {
+INLINE void gather(count k, count first, in values, count rows, int n, four *out) {
     in of[LANES];
     for (int lane = 0; lane < LANES; lane++) {
         count state = first + lane < k ? first + lane : k - 1;
@@ -37,7 +41,7 @@ static inline void gather(count k, count first, in values, count rows, int n, fo
 }
 
 /* Sets rows (k, n) to numbers (n,) of four states from the `first` on, as many as there are. */
-static inline void scatter(count k, count first, const four *values, int n, double *rows) {
+INLINE void scatter(count k, count first, const four *values, int n, double *rows) {
     for (int lane = 0; lane < LANES && first + lane < k; lane++)
         for (int i = 0; i < n; i++) rows[n * (first + lane) + i] = values[i][lane];
 }
@@ -47,7 +51,7 @@ struct inverse {
     four w[3][6], c00, c01, c02, c11, c12, c22, scale;
 };
 
-static inline void invert(const four *J, const four *weight, double floor, struct inverse *of) {
+INLINE void invert(const four *J, const four *weight, double floor, struct inverse *of) {
     four g[3][3];
     for (int row = 0; row < 3; row++)
         for (int i = 0; i < 6; i++) of->w[row][i] = weight[i] * J[6 * row + i];
@@ -64,7 +68,7 @@ static inline void invert(const four *J, const four *weight, double floor, struc
 }
 
 /* Adds the joint velocities for a velocity (3,). */
-static inline void add_least_norm(const struct inverse *of, const four *v, four *qd) {
+INLINE void add_least_norm(const struct inverse *of, const four *v, four *qd) {
     four a = v[0] * of->scale, b = v[1] * of->scale, c = v[2] * of->scale;
     four first = of->c00 * a + of->c01 * b + of->c02 * c, second = of->c01 * a + of->c11 * b + of->c12 * c;
     four third = of->c02 * a + of->c12 * b + of->c22 * c;
@@ -72,7 +76,7 @@ static inline void add_least_norm(const struct inverse *of, const four *v, four 
 }
 
 /* Sets the joint velocities (6,) for a velocity (3,), corrected by what they miss it by `refinements` times. */
-static inline void weighted(const four *J, const four *weight, const four *v, double floor, int refinements, four *qd) {
+INLINE void weighted(const four *J, const four *weight, const four *v, double floor, int refinements, four *qd) {
     struct inverse of;
     invert(J, weight, floor, &of);
     for (int i = 0; i < 6; i++) qd[i] = spread(0.0);
@@ -98,7 +102,7 @@ WIDEST void least_norms(count k, in v, count n, in J, in weight, double floor, d
 }
 
 /* The largest share of a limit; sets the shares (6,). */
-static inline four shares(const four *qd, in qd_max, four *share) {
+INLINE four shares(const four *qd, in qd_max, four *share) {
     four most = spread(0.0);
     for (int i = 0; i < 6; i++) {
         share[i] = size_of(qd[i]) / qd_max[i];
@@ -118,7 +122,7 @@ WIDEST void largest_shares(count k, in qd, in qd_max, double *out) {
 }
 
 /* Moves joint velocities (6,) towards those of least p-norm of the shares of the limits. */
-static inline void approach_norm(const four *J, const four *v, in qd_max, double p, in floors, int times, four *qd) {
+INLINE void approach_norm(const four *J, const four *v, in qd_max, double p, in floors, int times, four *qd) {
     four share[6], weight[6], least[6], most = shares(qd, qd_max, share);
     for (int i = 0; i < 6; i++) {
         four relative = larger_of(share[i] / most, spread(floors[0])), power = spread(1.0);
@@ -142,7 +146,7 @@ WIDEST void lower_shares(count k, in J, in v, in qd, in qd_max, count norms, in 
 }
 
 /* Least times over distances to velocities, see `least_time`. */
-static inline four least_time(four distance, four qd, double v_max, double a_max) {
+INLINE four least_time(four distance, four qd, double v_max, double a_max) {
     four turn = chosen(distance >= qd * size_of(qd) / (2.0 * a_max), spread(1.0), spread(-1.0));
     four d = turn * distance, v = turn * qd, peak = root_of(larger_of(a_max * d + v * v / 2.0, spread(0.0)));
     four accelerating = (2.0 * v_max * v_max - v * v) / (2.0 * a_max);

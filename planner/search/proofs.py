@@ -120,7 +120,7 @@ def _place(problem: ThrowProblem, p_WT: Array) -> list[Violation]:
 
 def _buried(problem: ThrowProblem, release: TargetRelease) -> list[Violation]:
     """Returns how deep a target lies in the floor or in a keep-out box, which no certificate passes."""
-    buried = problem.cell.surroundings.burying(release.p_W)
+    buried = problem.cell.surroundings.burying(release.p_W, 2.0 * problem.cell.object.radius_m)
     if buried is None:
         return []
     depth, inside = buried

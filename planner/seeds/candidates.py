@@ -29,7 +29,7 @@ from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelea
 from planner.rotations import invert_pose
 from planner.seeds.aspects import aspects, first_rows
 from planner.seeds.flight_filter import has_flight_obstacles
-from planner.seeds.sampling import point_states, target_states
+from planner.seeds.sampling import blocked_flights, point_states, target_states
 from planner.seeds.soonest_states import least_time
 from planner.seeds.turning_room import lack_of_room, no_room
 from planner.seeds.velocity_allocation import largest_share
@@ -168,9 +168,9 @@ def _target_candidates(problem: ThrowProblem, release: TargetRelease, wide: bool
     if len(found) < FEW_CANDIDATES and release.release_position is None and has_flight_obstacles(problem):
         try:
             return _usable(problem, _distinct(*target_states(problem, release, thorough=True)))
-        except Infeasible:
-            if not found:
-                raise
+        except Infeasible as error:
+            blocked = blocked_flights(problem, release) if refusal else None
+            refusal = refusal and (error if blocked is None else Infeasible([blocked]))
     if refusal is not None:
         raise refusal
     return found
@@ -297,7 +297,9 @@ def _closest_violation(problem: ThrowProblem, q: Array, qd: Array, excess: Array
         best = int(rows[excess[rows].argmin()])
         joint = int((np.abs(qd[best]) / limits.qd_max).argmax())
         speed, limit = float(abs(qd[best, joint])), float(limits.qd_max[joint])
-        throw = " of the slowest throw tried whose flight is clear" if _has_obstacles(problem) else ""
+        throw = (
+            " of the throw tried with a clear flight that asks least of the joints" if _has_obstacles(problem) else ""
+        )
         return Violation("joint_velocity", speed, limit, "rad/s", detail=f"{names[joint]} at the release{throw}")
     distances = np.abs(signed_singularity_distances(problem.cell.robot, q[int(distance.argmax())]))
     detail = f"{SINGULARITIES[int(distances.argmin())]} singularity at the release"

@@ -47,10 +47,7 @@ def clear_flights(problem: ThrowProblem, release: TargetRelease, p: Array, v: Ar
         p: release positions (..., 3) [m].
         v: release velocities (..., 3) [m/s].
     """
-    clear = np.ones(v.shape[:-1], dtype=bool)
-    for _, room in _rooms(problem, release, p, v):
-        clear &= room >= 0.0
-    return clear
+    return np.asarray(least_room(problem, release, p, v) >= 0.0)
 
 
 def _rooms(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) -> Iterator[tuple[str, Array]]:
@@ -70,7 +67,15 @@ def _rooms(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) ->
         yield "the arm's base", _room_beside_base(problem, arcs)
 
 
-def no_clear_flight(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) -> Violation:
+def least_room(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) -> Array:
+    """Returns the room (...,) [m] that flights leave what they come closest to; infinite without any such thing."""
+    least = np.full(v.shape[:-1], np.inf)
+    for _, room in _rooms(problem, release, p, v):
+        least = np.minimum(least, room)
+    return least
+
+
+def no_clear_flight(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array, tried: int) -> Violation:
     """Returns the violation by the best of flights that all meet something: the one that lacks the least room.
 
     Args:
@@ -78,17 +83,16 @@ def no_clear_flight(problem: ThrowProblem, release: TargetRelease, p: Array, v: 
         release: the target.
         p: release positions (n, 3) [m].
         v: release velocities (n, 3) [m/s].
+        tried: flights that were tried.
     """
     beside_base = gap_to_base(problem, release.p_W)
     if beside_base < 0.0:
         detail = "the arm's base, from an object at the target"
         return Violation("flight_clearance", beside_base, 0.0, "m", detail=detail)
-    rooms = dict(_rooms(problem, release, p, v))
-    least = np.min(list(rooms.values()), axis=0)
-    best = int(least.argmax())
-    name = min(rooms, key=lambda each: float(rooms[each][best]))
-    detail = f"{name}: by so much it is in the way of the best of {len(p)} flights tried to the target"
-    return Violation("flight_clearance", float(least[best]), 0.0, "m", detail=detail)
+    best = [int(least_room(problem, release, p, v).argmax())]
+    room, name = min((float(room[0]), name) for name, room in _rooms(problem, release, p[best], v[best]))
+    detail = f"{name}, in the way of all {tried} flights tried to the target, of the best by this much"
+    return Violation("flight_clearance", room, 0.0, "m", detail=detail)
 
 
 def _lands_beside_base(problem: ThrowProblem, release: TargetRelease) -> bool:

@@ -7,12 +7,12 @@ and the speed free, too.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 
 import numpy as np
 
-from planner.arrays import Array, Mask, read_only
-from planner.cell import Cell, Limits
+from planner.arrays import Array, Mask
+from planner.cell import Limits
 from planner.errors import Infeasible, Violation
 from planner.flight import launch_velocity, least_speed, slowest_time, time_of_flight
 from planner.geometry import body_model, tool_pose
@@ -20,18 +20,21 @@ from planner.kinematics import inverse_branches, singularity_distances
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose, quaternion_to_matrix
 from planner.seeds.aspects import ASPECTS, aspects
-from planner.seeds.flight_filter import clear_flights, flight_times, leave_through_opening, no_clear_flight
-from planner.seeds.quasi_random import joint_offsets, quaternions
+from planner.seeds.flight_filter import (
+    clear_flights,
+    flight_times,
+    least_room,
+    leave_through_opening,
+    no_clear_flight,
+)
+from planner.seeds.quasi_random import quaternions
 from planner.seeds.run_ups import run_ups
 from planner.seeds.soonest_states import penalised_bound, soonest, soonest_nearby
+from planner.seeds.throwing_postures import MORE_POSTURES, POSTURES, throwing, throwing_postures
 from planner.seeds.velocity_allocation import allocate_velocity, balanced_velocity, tool_jacobian, tool_velocity
 
 ORIENTATIONS = 96  # tool orientations tried at a point
 MORE_ORIENTATIONS, FEW_POSTURES = 1024, 24  # tried instead where those give fewer postures: narrow joint limits
-POSTURES = 512  # postures tried for a target
-MORE_POSTURES = 16384  # postures tried where those leave too few that are slow enough, or clear of walls
-EXPONENTS = {POSTURES: 1.5, MORE_POSTURES: 1.0}  # the soonest throws are close to the start; more are looked for evenly
-POSTURES_KEPT = 8  # draws cached: two for each start of late
 CHECKED_MAX = 1536  # soonest of these states whose clearance is checked before they are compared: 40 ms
 
 
@@ -142,7 +145,7 @@ def target_states(
     """
     q, qd = _thrown(problem, release, thorough, wide)
     if thorough:
-        q, qd = _clear_of_obstacles(problem, release, q, qd)
+        q, qd = _clear_of_obstacles(problem, q, qd)
     kept = _Leaving.of(problem, q, qd).keeps(q, qd)
     q, qd = q[kept], qd[kept]
     if wide:
@@ -162,7 +165,7 @@ def _throws_near(problem: ThrowProblem, release: TargetRelease, q: Array) -> tup
     limits = problem.reachable
     q = np.clip(q, limits.q_lower, limits.q_upper)
     p = tool_pose(problem.cell, q)[:, :3, 3]
-    allowed = _far_enough(release, p) & _throwing(problem.cell, q, p, limits.singularity_distance_min)
+    allowed = _far_enough(release, p) & throwing(problem.cell, q, p, limits.singularity_distance_min)
     return q, np.where(allowed[:, None], _best_flights(problem, release, q, p, balanced=True), np.nan)
 
 
@@ -171,7 +174,7 @@ def _with_run_ups(problem: ThrowProblem, release: TargetRelease, q: Array, qd: A
     run_q, run_qd = run_ups(problem, release)
     p = tool_pose(problem.cell, run_q)[:, :3, 3]
     v = tool_velocity(tool_jacobian(problem, run_q), run_qd) @ problem.cell.X_WB[:3, :3].T
-    kept = _far_enough(release, p) & _throwing(problem.cell, run_q, p, problem.limits.singularity_distance_min)
+    kept = _far_enough(release, p) & throwing(problem.cell, run_q, p, problem.limits.singularity_distance_min)
     kept &= _allowed_velocity(problem, release, v)
     kept[kept] = clear_flights(problem, release, p[kept], v[kept])
     return np.concatenate([run_q[kept], q]), np.concatenate([run_qd[kept], qd])
@@ -180,11 +183,6 @@ def _with_run_ups(problem: ThrowProblem, release: TargetRelease, q: Array, qd: A
 def _far_enough(release: TargetRelease, p: Array) -> Mask:
     """Returns the mask of the positions (n, 3) at least the requested horizontal distance from the target."""
     return np.asarray(np.linalg.norm((p - release.p_W)[:, :2], axis=1) >= release.min_horizontal_distance_m)
-
-
-def _throwing(cell: Cell, q: Array, p: Array, singularity_distance_min: float) -> Mask:
-    """Returns the mask of the postures (n, 6), tool at p (n, 3), within the surroundings and clear of singularities."""
-    return _inside(cell, p) & (singularity_distances(cell.robot, q).minimum >= singularity_distance_min)
 
 
 def _thrown(problem: ThrowProblem, release: TargetRelease, thorough: bool, wide: bool) -> tuple[Array, Array]:
@@ -213,43 +211,13 @@ def _thrown_from(problem: ThrowProblem, release: TargetRelease, thorough: bool) 
     Raises:
         Infeasible: there are none.
     """
-    q, p = _throwing_postures(_PostureKey.of(problem, MORE_POSTURES if thorough else POSTURES))
+    q, p = throwing_postures(problem, MORE_POSTURES if thorough else POSTURES)
     allowed = _far_enough(release, p)
     q, p = q[allowed], p[allowed]
     slow = least_speed(p, release.p_W, problem.gravity_at_tool_speed) <= _speed_limit(problem, release)
     if not slow.any():
         raise Infeasible([_no_flight(problem, release, p)])
     return _flights(problem, release, q[slow], p[slow], thorough)
-
-
-@dataclass(frozen=True)
-class _PostureKey:
-    """What the postures drawn for targets depend on."""
-
-    cell: Cell
-    start: bytes
-    q_limits: bytes
-    singularity_distance_min: float
-    count: int
-
-    @staticmethod
-    def of(problem: ThrowProblem, count: int) -> _PostureKey:
-        """Returns the key of `count` postures for a problem."""
-        limits = problem.reachable
-        bounds = np.stack([limits.q_lower, limits.q_upper]).tobytes()
-        return _PostureKey(problem.cell, problem.start.tobytes(), bounds, limits.singularity_distance_min, count)
-
-
-@lru_cache(maxsize=POSTURES_KEPT)
-def _throwing_postures(key: _PostureKey) -> tuple[Array, Array]:
-    """Returns postures q (n, 6) clear of singularities, and their tool positions (n, 3) within the surroundings."""
-    lower, upper = np.frombuffer(key.q_limits).reshape(2, 6)
-    q = np.clip(
-        np.clip(np.frombuffer(key.start), lower, upper) + joint_offsets(key.count, EXPONENTS[key.count]), lower, upper
-    )
-    p = tool_pose(key.cell, q)[:, :3, 3]
-    allowed = _throwing(key.cell, q, p, key.singularity_distance_min)
-    return read_only(q[allowed]), read_only(p[allowed])
 
 
 def _flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array, thorough: bool) -> tuple[Array, Array]:
@@ -265,7 +233,8 @@ def _flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array, 
     v, allowed = _launches(problem, release, p, thorough)
     if not allowed.any():
         raise Infeasible([_no_flight(problem, release, p)])
-    raise Infeasible([no_clear_flight(problem, release, np.broadcast_to(p, v.shape)[allowed], v[allowed])])
+    p, v = np.broadcast_to(p, v.shape)[allowed], v[allowed]
+    raise Infeasible([no_clear_flight(problem, release, p, v, len(p))])
 
 
 def _best_flights(
@@ -300,29 +269,31 @@ def _launches(problem: ThrowProblem, release: TargetRelease, p: Array, thorough:
     return v, _allowed_velocity(problem, release, v) & (v[..., 2] < problem.gravity_at_tool_speed * t)
 
 
-def _clear_of_obstacles(problem: ThrowProblem, release: TargetRelease, q: Array, qd: Array) -> tuple[Array, Array]:
-    """Returns those of the soonest `CHECKED_MAX` joint states (n, 6) in which the arm is clear; all if none ever is.
-
-    Raises:
-        Infeasible: it is in postures from which no flight is clear.
-    """
+def _clear_of_obstacles(problem: ThrowProblem, q: Array, qd: Array) -> tuple[Array, Array]:
+    """Returns those of the soonest `CHECKED_MAX` joint states (n, 6) in which the arm is clear; all if none is."""
     order = np.argsort(penalised_bound(problem, q, qd), kind="stable")[:CHECKED_MAX]
     clear = order[body_model(problem.cell_with_bin).clearances(q[order]).least >= 0.0]
-    if len(clear) == 0:
-        _refuse_blocked_flights(problem, release)
     rows = clear if len(clear) else order
     return q[rows], qd[rows]
 
 
-def _refuse_blocked_flights(problem: ThrowProblem, release: TargetRelease) -> None:
-    """Raises `Infeasible` where all flights from postures in which the arm is clear meet something, with the best."""
-    q, p = _throwing_postures(_PostureKey.of(problem, MORE_POSTURES))
-    q, p = q[:CHECKED_MAX], p[:CHECKED_MAX]
-    p = p[_far_enough(release, p) & (body_model(problem.cell_with_bin).clearances(q).least >= 0.0)]
+def blocked_flights(problem: ThrowProblem, release: TargetRelease) -> Violation | None:
+    """Returns what is in the way of all flights from postures in which the arm is clear; None if some are clear."""
+    q, p = throwing_postures(problem, MORE_POSTURES)
+    far = _far_enough(release, p)
+    q, p = q[far], p[far]
     v, allowed = _launches(problem, release, p, thorough=True)
-    p, v = np.broadcast_to(p, v.shape)[allowed], v[allowed]
-    if len(v) > 0 and not clear_flights(problem, release, p, v).any():
-        raise Infeasible([no_clear_flight(problem, release, p, v)])
+    room = np.full(allowed.shape, -np.inf)
+    room[allowed] = least_room(problem, release, np.broadcast_to(p, v.shape)[allowed], v[allowed])
+    body, order = body_model(problem.cell_with_bin), np.argsort(-room.max(axis=0), kind="stable")
+    for rows in (order[i : i + CHECKED_MAX] for i in range(0, len(order), CHECKED_MAX)):
+        clear = rows[body.clearances(q[rows]).least >= 0.0]
+        if len(clear):
+            flight = int(room[:, clear[0]].argmax())
+            blocked = -np.inf < room[flight, clear[0]] < 0.0
+            best = p[clear[:1]], v[flight, clear[:1]]
+            return no_clear_flight(problem, release, *best, int(allowed.sum())) if blocked else None
+    return None
 
 
 def _with_drag(problem: ThrowProblem, release: TargetRelease, q: Array, qd: Array) -> tuple[Array, Array]:
@@ -357,17 +328,6 @@ def _within_limits(limits: Limits, start: Array, q: Array) -> Array:
     q = np.where(q > limits.q_upper, q - turn, q)
     q = np.where(q < limits.q_lower, q + turn, q)
     return q[np.all((q >= limits.q_lower) & (q <= limits.q_upper), axis=1)]
-
-
-def _inside(cell: Cell, p: Array) -> Mask:
-    """Returns the mask of the positions (n, 3) above the floor, inside every keep-in and outside every keep-out box."""
-    around = cell.surroundings
-    ok = p[:, 2] > around.floor_z_m + around.clearance_m + cell.object.radius_m
-    for box in around.keep_in:
-        ok &= np.all((p >= box.lower) & (p <= box.upper), axis=1)
-    for box in around.keep_out:
-        ok &= ~np.all((p >= box.lower) & (p <= box.upper), axis=1)
-    return ok
 
 
 def _unreachable(problem: ThrowProblem, p_W: Array) -> Violation:

@@ -167,6 +167,7 @@ def test_wrong_shapes_are_refused():
 @needs_compiler
 @pytest.mark.parametrize("count", [1, 3, 4, 6, 41])
 def test_wider_instructions_change_no_bit(tmp_path, count):
+    """Compares nothing on a processor, or with a compiler, that has them not; so numpy's NaN are compared, too."""
     text = "\n".join(each.read_text() for each in library.SOURCES)
     narrow = Kernel(compilation.compile_once(tmp_path / "narrow.so", (*library.FLAGS, "-DWIDEST="), lambda: [text]))
     rng = np.random.default_rng(count)
@@ -180,6 +181,12 @@ def test_wider_instructions_change_no_bit(tmp_path, count):
     ]
     for call in calls:
         np.testing.assert_array_equal(call(library.loaded()), call(narrow))
+    shares = library.loaded().largest_shares(qd, limit)
+    np.testing.assert_allclose(shares, (np.abs(qd) / limit).max(axis=1), rtol=1e-12)  # a NaN is the largest
+    assert np.isnan(shares[0])
+    bounds = library.loaded().penalised_bounds(q, qd, start, (limit, 2.0 * limit), 1e3)
+    assert np.isinf(bounds[0])
+    assert np.isfinite(bounds[1:]).all()
 
 
 def test_without_a_compiler_or_with_a_broken_library_numpy_does_the_work(monkeypatch, tmp_path, caplog):

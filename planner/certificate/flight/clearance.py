@@ -81,7 +81,7 @@ def flight_clearance(motion: MotionSamples) -> Check | None:
     if flights.end is None:
         return at_least(name, math.nan, 0.0, "m", flights.released_s, "never lands")
     if isinstance(problem.release, TargetRelease):
-        buried = problem.cell.surroundings.burying(problem.release.p_W)
+        buried = problem.cell.surroundings.burying(problem.release.p_W, 2.0 * problem.cell.object.radius_m)
         if buried is not None:
             return at_least(name, -buried[0], 0.0, "m", flights.end[1], buried[1])
     found = _least_gap(flights)

@@ -65,12 +65,17 @@ def test_a_box_lacks_the_height_by_which_a_flight_passes_too_low() -> None:
 
 
 def test_what_a_flight_into_a_bin_lacks() -> None:
-    """Straight down beside the axis: to the edge. Not as high as the rim: to the rim's height."""
+    """Straight down beside the axis: to the edge. Not as high as the rim: to its height, or to the mouth."""
     down = Arcs.onto(np.array([[0.06, 0.0, 1.0]]), np.zeros((1, 3)), 0.0, GRAVITY, RADIUS)
     assert down.room_in_mouth(np.zeros(3), 0.1, 0.3)[0] == pytest.approx(0.1 - 0.06 - RADIUS)
-    low = Arcs.onto(np.array([[-1.0, 0.0, 0.1]]), np.array([[1.0, 0.0, 1.0]]), 0.0, GRAVITY, RADIUS)
-    apex = 0.1 + 0.5 / GRAVITY
-    assert low.room_in_mouth(np.zeros(3), 0.1, 0.3)[0] == pytest.approx(apex - 0.3 - RADIUS)
+    apex_s = 1.0 / GRAVITY
+    above = 0.1 + 0.5 * apex_s
+    for x, rim, room in (
+        (0.0, 0.3, above - 0.3 - RADIUS),
+        (-0.5, above + 1e-6, 0.1 - 0.5 - RADIUS),
+    ):  # where it is highest
+        low = Arcs.onto(np.array([[x - apex_s, 0.0, 0.1]]), np.array([[1.0, 0.0, 1.0]]), 0.0, GRAVITY, RADIUS)
+        assert low.room_in_mouth(np.zeros(3), 0.1, rim)[0] == pytest.approx(room)
 
 
 def test_flights_that_enter_a_mouth_touch_neither_rim_nor_wall() -> None:

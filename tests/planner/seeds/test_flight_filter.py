@@ -14,6 +14,8 @@ from planner.geometry import Arcs, tool_state
 from planner.kinematics import tcp_acceleration
 from planner.problem import Opening, PointRelease, TargetRelease, ThrowProblem
 from planner.seeds import candidates
+from planner.seeds.flight_filter import least_room, no_clear_flight
+from planner.seeds.sampling import blocked_flights
 from tests.planner.problems import cell, point_problem, random_state
 
 WALL = Box(np.array([0.8, -0.6, 0.0]), np.array([0.85, 0.6, 0.7]))
@@ -71,7 +73,24 @@ def test_a_wall_that_no_flight_clears_is_blamed_not_the_postures_within_it() -> 
     (violation,) = caught.value.violations
     assert violation.constraint == "flight_clearance"
     assert violation.value < 0.0
-    assert violation.detail.startswith("box 0: by so much it is in the way of the best of ")
+    assert violation.detail.startswith("box 0, in the way of all ")
+    lower = walled(cell(), Box(np.array([0.75, -1.0, 0.0]), np.array([0.8, 1.0, 1.6 + violation.value - 0.001])))
+    assert blocked_flights(ThrowProblem(lower, here.home, target, here.limits), target) is None
+
+
+def test_the_obstacle_that_the_best_flight_lacks_room_at_is_named() -> None:
+    """Of two flights and two walls: the flight that lacks less counts, and the wall that it lacks that at."""
+    walls = [Box(np.array([x, -1.0, 0.0]), np.array([x + 0.01, 1.0, top])) for x, top in ((0.5, 0.4), (1.0, 0.9))]
+    problem = ThrowProblem(walled(cell(), *walls), cell().home, TargetRelease(np.array([1.5, 0.0, 0.0])), cell().limits)
+    p = np.tile([0.0, 0.0, 0.5], (2, 1))
+    v = np.array([[1.5 / t, 0.0, -0.5 / t + 4.905 * t] for t in (0.5, 0.7)])
+    rooms = least_room(problem, problem.release, p, v)
+    assert rooms[0] < rooms[1] < 0.0
+    violation = no_clear_flight(problem, problem.release, p, v, 2)
+    assert violation.value == pytest.approx(rooms[1])
+    assert violation.detail.startswith("box 1, ")
+    higher = walled(cell(), walls[0], replace(walls[1], upper=walls[1].upper + np.array([0.0, 0.0, rooms[1] - 1e-6])))
+    assert least_room(replace(problem, cell=higher), problem.release, p, v)[1] >= 0.0
 
 
 def test_few_candidates_are_kept_where_a_thorough_search_finds_none(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,7 +119,7 @@ def test_a_bin_that_no_flight_enters_says_what_the_best_one_lacks() -> None:
             candidates(ThrowProblem(here, here.home, target, here.limits))
         (violation,) = caught.value.violations
         assert violation.constraint == "flight_clearance"
-        assert violation.detail.startswith("the rim of the bin: by so much it is in the way of the best of ")
+        assert violation.detail.startswith("the rim of the bin, in the way of all ")
         rims[rim] = violation.value
     assert rims[0.7] < rims[0.5] < 0.0
 

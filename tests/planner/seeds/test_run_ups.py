@@ -8,6 +8,7 @@ import pytest
 from planner.flight import fly
 from planner.geometry import tool_pose, tool_state
 from planner.problem import TargetRelease, ThrowProblem
+from planner.rotations import pose, rotation_vector_to_matrix
 from planner.seeds import least_time, run_ups, sampling
 from planner.seeds.run_ups import FLIGHT_SHARES
 from tests.planner.problems import cell
@@ -20,9 +21,16 @@ def problem_of(place, **changes) -> ThrowProblem:
     return replace(ThrowProblem(here, here.home, TargetRelease(np.array(place)), here.limits), **changes)
 
 
+def tilted(problem: ThrowProblem) -> ThrowProblem:
+    """The same problem on a tilted base that is turned, too."""
+    X_WB = pose([0.1, -0.05, 0.1], rotation_vector_to_matrix([0.3, -0.2, 0.5]))
+    return replace(problem, cell=replace(problem.cell, X_WB=X_WB))
+
+
+@pytest.mark.parametrize("mounted", [lambda problem: problem, tilted])
 @pytest.mark.parametrize("place", PLACES)
-def test_run_ups_hit_the_target(place):
-    problem = problem_of(place)
+def test_run_ups_hit_the_target(place, mounted):
+    problem = mounted(problem_of(place))
     q, qd = run_ups.run_ups(problem, problem.release)
     assert 0 < len(q) <= len(FLIGHT_SHARES)
     for state in zip(q, qd, strict=True):
