@@ -137,7 +137,7 @@ def _choice(context: Mapping[str, Any], value: Any) -> str:
     offered = str(context.get("expected") or context.get("expected_tags", "")).replace(" or ", ", ").replace("'", "")
     if offered == "True":
         return f"may only be true, or be left out; it is {_shown(value)}"
-    given = context.get("tag", value)
+    given = value.get("kind") if "tag" in context and isinstance(value, Mapping) else value  # the tag itself is a text
     similar = get_close_matches(str(given), offered.split(", "), n=1)
     meant = f"; did you mean {similar[0]!r}?" if similar else ""
     return f"{_shown(given)} is none of {offered}{meant}"

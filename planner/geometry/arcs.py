@@ -51,7 +51,7 @@ class Arcs:
         """Returns the centres' heights (...,) [m] at times `t` (...,) [s]."""
         return self.p[..., 2] + self.v[..., 2] * t - 0.5 * self.gravity * t * t
 
-    def room_beside_box(self, lower: Array, upper: Array, gap_m: float = 0.0) -> Array:
+    def room_beside_box(self, lower: Array, upper: Array, gap_m: float = 0.0, ground_z: float = -np.inf) -> Array:
         """Returns how far above or below a box the flights pass (...,) [m], beyond what is required.
 
         Negative where they come too close: by so much they would have to be higher or lower. Infinite for flights past
@@ -61,6 +61,7 @@ class Arcs:
         Args:
             lower, upper: corners of the box (3,) [m].
             gap_m: required between sphere and box [m].
+            ground_z: height of the ground [m]: no flight passes below a box under which there is no room above it.
         """
         grown = self.radius_m + gap_m
         begin, end = np.zeros_like(self.until_s), self.until_s
@@ -71,7 +72,9 @@ class Arcs:
         begin, end = np.where(crossed, begin, 0.0), np.where(crossed, end, 0.0)
         least = np.minimum(self.height_at(begin), self.height_at(end))
         most = self.height_at(np.clip(self.v[..., 2] / self.gravity, begin, end))
-        room = np.maximum(least - (upper[2] + grown), lower[2] - grown - most)
+        room = least - (upper[2] + grown)
+        if lower[2] - grown >= ground_z + self.radius_m:
+            room = np.maximum(room, lower[2] - grown - most)
         return np.where(crossed, room, np.inf)
 
     def _between(self, axis: int, low: float, high: float) -> tuple[Array, Array]:

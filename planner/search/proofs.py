@@ -123,8 +123,8 @@ def _buried(problem: ThrowProblem, release: TargetRelease) -> list[Violation]:
     buried = problem.cell.surroundings.burying(release.p_W, 2.0 * problem.cell.object.radius_m)
     if buried is None:
         return []
-    depth, inside = buried
-    return [Violation("flight_clearance", -depth, 0.0, "m", detail=f"{inside}: the target is within it")]
+    how = "the object does not fit under it" if buried.is_under else "the target is within it"
+    return [Violation("flight_clearance", -buried.depth_m, 0.0, "m", detail=f"{buried.name}: {how}")]
 
 
 def _joint_speeds(problem: ThrowProblem, qd: Array) -> list[Violation]:

@@ -28,7 +28,7 @@ from planner.kinematics import (
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose
 from planner.seeds.aspects import aspects, first_rows
-from planner.seeds.flight_filter import has_flight_obstacles
+from planner.seeds.flight_filter import flight_obstacles, has_flight_obstacles
 from planner.seeds.sampling import blocked_flights, point_states, target_states
 from planner.seeds.soonest_states import least_time
 from planner.seeds.turning_room import lack_of_room, no_room
@@ -297,19 +297,13 @@ def _closest_violation(problem: ThrowProblem, q: Array, qd: Array, excess: Array
         best = int(rows[excess[rows].argmin()])
         joint = int((np.abs(qd[best]) / limits.qd_max).argmax())
         speed, limit = float(abs(qd[best, joint])), float(limits.qd_max[joint])
-        throw = (
-            " of the throw tried with a clear flight that asks least of the joints" if _has_obstacles(problem) else ""
-        )
+        obstacles = flight_obstacles(problem)
+        throw = f" of the throw clear of {', '.join(obstacles)} that asks least of the joints" if obstacles else ""
         return Violation("joint_velocity", speed, limit, "rad/s", detail=f"{names[joint]} at the release{throw}")
     distances = np.abs(signed_singularity_distances(problem.cell.robot, q[int(distance.argmax())]))
     detail = f"{SINGULARITIES[int(distances.argmin())]} singularity at the release"
     limit = limits.singularity_distance_min
     return Violation("singularity_distance", float(distances.min()), limit, "1", detail=detail)
-
-
-def _has_obstacles(problem: ThrowProblem) -> bool:
-    """Returns whether boxes or a bin's rim may be why a throw to a target takes so much speed."""
-    return isinstance(problem.release, TargetRelease) and has_flight_obstacles(problem)
 
 
 def _check_joint_positions(problem: ThrowProblem, release: JointRelease) -> None:

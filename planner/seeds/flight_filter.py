@@ -21,6 +21,7 @@ STEEP_TIMES = (1.5, 1.8, 2.2)  # [-] tried too where a box or a rim may have to 
 STEEPEST_TIMES = (2.6,)  # [-] tried too in a thorough search: 82 degrees
 BESIDE_BASE_M = 0.1  # [m] a target this near to the arm's base has its flights compared with it
 LAST_SHARES = np.linspace(0.7, 1.0, 8)  # [-] of a flight: instants compared with the base, near the target
+RIM = "the rim of the bin"
 FLIGHT_GAP_M = 0.005  # [m] between object and obstacle beyond what is required: room for release window and drag
 
 
@@ -29,6 +30,13 @@ def has_flight_obstacles(problem: ThrowProblem) -> bool:
     release = problem.release
     has_rim = isinstance(release, TargetRelease) and release.opening is not None
     return has_rim or bool(problem.cell.surroundings.keep_out)
+
+
+def flight_obstacles(problem: ThrowProblem) -> list[str]:
+    """Returns the names of what may stand in the way of a throw to a target; none for another release."""
+    if not isinstance(problem.release, TargetRelease):
+        return []
+    return [*problem.cell.surroundings.keep_out_names, *([RIM] if problem.release.opening is not None else [])]
 
 
 def flight_times(problem: ThrowProblem, thorough: bool = False) -> tuple[float, ...]:
@@ -59,10 +67,11 @@ def _rooms(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) ->
     arcs = Arcs.onto(p, v, float(release.p_W[2]), problem.gravity_at_tool_speed, problem.cell.object.radius_m)
     for name, box in zip(around.keep_out_names, around.keep_out, strict=True):
         stands_on = box.upper[2] <= release.p_W[2]  # the object may land on it
-        yield name, arcs.room_beside_box(box.lower, box.upper, 0.0 if stands_on else FLIGHT_GAP_M)
+        gap_m = 0.0 if stands_on else FLIGHT_GAP_M
+        yield name, arcs.room_beside_box(box.lower, box.upper, gap_m, around.floor_z_m)
     if release.opening is not None:
         mouth = release.opening
-        yield "the rim of the bin", arcs.room_in_mouth(release.p_W, mouth.radius_m, mouth.rim_height_m)
+        yield RIM, arcs.room_in_mouth(release.p_W, mouth.radius_m, mouth.rim_height_m)
     if beside_base:
         yield "the arm's base", _room_beside_base(problem, arcs)
 
@@ -89,10 +98,13 @@ def no_clear_flight(problem: ThrowProblem, release: TargetRelease, p: Array, v: 
     if beside_base < 0.0:
         detail = "the arm's base, from an object at the target"
         return Violation("flight_clearance", beside_base, 0.0, "m", detail=detail)
-    best = [int(least_room(problem, release, p, v).argmax())]
-    room, name = min((float(room[0]), name) for name, room in _rooms(problem, release, p[best], v[best]))
-    detail = f"{name}, in the way of all {tried} flights tried to the target, of the best by this much"
-    return Violation("flight_clearance", room, 0.0, "m", detail=detail)
+    rooms = dict(_rooms(problem, release, p, v))
+    best = int(np.min(list(rooms.values()), axis=0).argmax())
+    name = min(rooms, key=lambda each: float(rooms[each][best]))
+    others = [each for each, room in rooms.items() if each != name and (room < 0.0).any()]
+    detail = f"{name}: of {tried} flights tried to the target the best lacks so much room there"
+    detail += f"; others meet {', '.join(others)}" if others else ""
+    return Violation("flight_clearance", float(rooms[name][best]), 0.0, "m", detail=detail)
 
 
 def _lands_beside_base(problem: ThrowProblem, release: TargetRelease) -> bool:

@@ -47,7 +47,7 @@ REFUSED_FIELDS = [
     ("release.positions", ["0.0"] * 6, "release.positions[0]"),
     ("release.positions", [True] * 6, "release.positions[0]"),
     ("release.positions", None, "release.positions"),
-    ("release.kind", "hurl", "release"),
+    ("release.kind", "hurl", "release.kind"),
     ("release.velocity", [0.0] * 6, "release.velocity"),
     ("release", None, "release"),
     ("surprise", 1, "surprise"),

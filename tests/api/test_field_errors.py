@@ -35,6 +35,7 @@ def detail_of(body: Any, model: type[PlanRequest | LandingRequest] = PlanRequest
             {"release": {**JOINT, "kind": "jont"}},
             "release.kind: 'jont' is none of pose, point, joint, target; did you mean",
         ),
+        ({"release": {"kind": None}}, "release.kind: null is none of pose, point, joint, target"),
         ({"release": {}}, "release.kind: is missing; it says what the other fields mean"),
         ({"release": 7}, "release: must be a JSON object, not a number"),
         ({"limits": {"velocity": [1.0] * 5}}, "limits.velocity: has 5 entries; it needs at least 6"),

@@ -83,7 +83,7 @@ def flight_clearance(motion: MotionSamples) -> Check | None:
     if isinstance(problem.release, TargetRelease):
         buried = problem.cell.surroundings.burying(problem.release.p_W, 2.0 * problem.cell.object.radius_m)
         if buried is not None:
-            return at_least(name, -buried[0], 0.0, "m", flights.end[1], buried[1])
+            return at_least(name, -buried.depth_m, 0.0, "m", flights.end[1], buried.name)
     found = _least_gap(flights)
     value = max(found.value, 0.0) if found.proven else found.value
     return at_least(name, value, 0.0, "m", found.at_s, found.obstacle).provided(found.proven)

@@ -64,6 +64,15 @@ def test_a_box_lacks_the_height_by_which_a_flight_passes_too_low() -> None:
     assert raised == pytest.approx(at_wall - top - high - RADIUS)
 
 
+def test_nothing_passes_below_what_stands_on_the_ground() -> None:
+    arcs = Arcs.onto(np.array([[0.0, 0.0, 0.1]]), np.array([[2.0, 0.0, 2.0]]), 0.0, GRAVITY, RADIUS)
+    for bottom, room in ((0.0, -1.3), (0.9, 0.5)):
+        box = np.array([0.4, -1.0, bottom]), np.array([0.42, 1.0, 1.6])
+        assert arcs.room_beside_box(*box, ground_z=0.0)[0] == pytest.approx(room, abs=0.2)
+    standing = np.array([0.4, -1.0, 0.0]), np.array([0.42, 1.0, 1.6])
+    assert arcs.room_beside_box(*standing)[0] > arcs.room_beside_box(*standing, ground_z=0.0)[0]
+
+
 def test_what_a_flight_into_a_bin_lacks() -> None:
     """Straight down beside the axis: to the edge. Not as high as the rim: to its height, or to the mouth."""
     down = Arcs.onto(np.array([[0.06, 0.0, 1.0]]), np.zeros((1, 3)), 0.0, GRAVITY, RADIUS)

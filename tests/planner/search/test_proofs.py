@@ -162,7 +162,9 @@ def test_a_target_in_the_footprint_of_a_wall_is_refused_with_proof(x, depth):
     before = replace(problem, release=TargetRelease(np.array([0.999, 0.2, 0.0])))
     below = with_box([1.0, -0.5, 2.0 * here.object.radius_m], [1.3, 0.8, 1.6])  # there is just room under it
     narrow = with_box([1.0, -0.5, 0.005], [1.3, 0.8, 1.6])
-    assert proven_violations(replace(problem, cell=narrow)) != []
+    (gap,) = proven_violations(replace(problem, cell=narrow, release=TargetRelease(np.array([1.1, 0.2, 0.0]))))
+    assert gap.value == pytest.approx(0.005 - 2.0 * here.object.radius_m)
+    assert gap.detail == "box 0: the object does not fit under it"
     assert proven_violations(before) == proven_violations(replace(problem, cell=below)) == []
 
 

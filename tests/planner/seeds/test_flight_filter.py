@@ -73,14 +73,14 @@ def test_a_wall_that_no_flight_clears_is_blamed_not_the_postures_within_it() -> 
     (violation,) = caught.value.violations
     assert violation.constraint == "flight_clearance"
     assert violation.value < 0.0
-    assert violation.detail.startswith("box 0, in the way of all ")
+    assert violation.detail.startswith("box 0: of ")
     lower = walled(cell(), Box(np.array([0.75, -1.0, 0.0]), np.array([0.8, 1.0, 1.6 + violation.value - 0.001])))
     assert blocked_flights(ThrowProblem(lower, here.home, target, here.limits), target) is None
 
 
 def test_the_obstacle_that_the_best_flight_lacks_room_at_is_named() -> None:
     """Of two flights and two walls: the flight that lacks less counts, and the wall that it lacks that at."""
-    walls = [Box(np.array([x, -1.0, 0.0]), np.array([x + 0.01, 1.0, top])) for x, top in ((0.5, 0.4), (1.0, 0.9))]
+    walls = [Box(np.array([x, -1.0, 0.0]), np.array([x + 0.01, 1.0, top])) for x, top in ((0.5, 0.7), (1.0, 0.9))]
     problem = ThrowProblem(walled(cell(), *walls), cell().home, TargetRelease(np.array([1.5, 0.0, 0.0])), cell().limits)
     p = np.tile([0.0, 0.0, 0.5], (2, 1))
     v = np.array([[1.5 / t, 0.0, -0.5 / t + 4.905 * t] for t in (0.5, 0.7)])
@@ -88,7 +88,9 @@ def test_the_obstacle_that_the_best_flight_lacks_room_at_is_named() -> None:
     assert rooms[0] < rooms[1] < 0.0
     violation = no_clear_flight(problem, problem.release, p, v, 2)
     assert violation.value == pytest.approx(rooms[1])
-    assert violation.detail.startswith("box 1, ")
+    named, others = violation.detail.split("; ")
+    assert named == "box 1: of 2 flights tried to the target the best lacks so much room there"
+    assert others == "others meet box 0"
     higher = walled(cell(), walls[0], replace(walls[1], upper=walls[1].upper + np.array([0.0, 0.0, rooms[1] - 1e-6])))
     assert least_room(replace(problem, cell=higher), problem.release, p, v)[1] >= 0.0
 
@@ -119,7 +121,7 @@ def test_a_bin_that_no_flight_enters_says_what_the_best_one_lacks() -> None:
             candidates(ThrowProblem(here, here.home, target, here.limits))
         (violation,) = caught.value.violations
         assert violation.constraint == "flight_clearance"
-        assert violation.detail.startswith("the rim of the bin, in the way of all ")
+        assert violation.detail.startswith("the rim of the bin: of ")
         rims[rim] = violation.value
     assert rims[0.7] < rims[0.5] < 0.0
 
