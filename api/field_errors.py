@@ -51,8 +51,13 @@ def _place(error: Error) -> tuple[str | int, ...]:
     if error["type"] == "json_invalid":
         return location[:1]  # the place in the text follows
     if error["type"] in ("union_tag_invalid", "union_tag_not_found"):
-        return *location, error["ctx"]["discriminator"].strip("'")
+        return *location, _tag_field(error["ctx"])
     return location
+
+
+def _tag_field(context: Mapping[str, Any]) -> str:
+    """Returns the name of the field that says which branch of a union is meant."""
+    return str(context["discriminator"]).strip("'")
 
 
 def field_path(location: Sequence[str | int]) -> str:
@@ -137,14 +142,10 @@ def _choice(context: Mapping[str, Any], value: Any) -> str:
     offered = str(context.get("expected") or context.get("expected_tags", "")).replace(" or ", ", ").replace("'", "")
     if offered == "True":
         return f"may only be true, or be left out; it is {_shown(value)}"
-    given = value.get("kind") if "tag" in context and isinstance(value, Mapping) else value  # the tag itself is a text
+    given = value[_tag_field(context)] if "tag" in context else value  # the tag itself is a text
     similar = get_close_matches(str(given), offered.split(", "), n=1)
     meant = f"; did you mean {similar[0]!r}?" if similar else ""
     return f"{_shown(given)} is none of {offered}{meant}"
-
-
-def _kind_missing(context: Mapping[str, Any], value: Any) -> str:
-    return "is missing; it says what the other fields mean"
 
 
 def _length(context: Mapping[str, Any], value: Any) -> str:
@@ -204,5 +205,5 @@ REASONS: dict[str, Callable[[Mapping[str, Any], Any], str]] = {
     "string_pattern_mismatch": _pattern,
     "literal_error": _choice,
     "union_tag_invalid": _choice,
-    "union_tag_not_found": _kind_missing,
+    "union_tag_not_found": lambda context, value: "is missing; it says what the other fields mean",
 }

@@ -26,10 +26,8 @@ FLIGHT_GAP_M = 0.005  # [m] between object and obstacle beyond what is required:
 
 
 def has_flight_obstacles(problem: ThrowProblem) -> bool:
-    """Returns whether boxes or a bin's rim may stand in the way of a throw."""
-    release = problem.release
-    has_rim = isinstance(release, TargetRelease) and release.opening is not None
-    return has_rim or bool(problem.cell.surroundings.keep_out)
+    """Returns whether boxes or a bin's rim may stand in the way of a throw to a target."""
+    return bool(flight_obstacles(problem))
 
 
 def flight_obstacles(problem: ThrowProblem) -> list[str]:
