@@ -49,6 +49,7 @@ class Grid:
 
     Attributes:
         r0, r1: begins and ends of the intervals of releases (m,) [s].
+        released: positions [m] and velocities [m/s] of the releases (2, 3, m + 1) or (2, 3, 1).
         t: the instants (n + 1,) [s].
         x: positions (3, m + 1, n + 1) or (3, 1, n + 1) [m].
         X_WL: poses of base and links at the instants (n + 1, 7, 4, 4).
@@ -59,6 +60,7 @@ class Grid:
 
     r0: Array
     r1: Array
+    released: Array
     t: Array
     x: Array
     X_WL: Array
@@ -167,6 +169,7 @@ def _grid(flights: Flights, beyond_s: float, closely: Sequence[tuple[float, floa
     return Grid(
         r0=r[: max(1, len(r) - 1)],
         r1=r[several],
+        released=np.array([p, v]),
         t=t,
         x=flights.flown_on_grid(p, v, t - r[:, None]),
         X_WL=np.concatenate([poses, np.repeat(poses[-1:], resting, axis=0)]),
@@ -275,9 +278,12 @@ def _starts_clear(flights: Flights, grid: Grid, held: Mask) -> Mask:
     gripped, m, n). A bound on a whole patch can be too small to tell, by millimetres.
     """
     starts, (item, row, column) = np.zeros((2, *held.shape), np.bool_), np.nonzero(held)
-    r = np.stack([grid.r0[row], grid.r1[row]])
+    ends = np.array([row, row + grid.released.shape[2] - len(grid.r0)])  # the numbers of the interval's releases
+    r = np.array([grid.r0[row], grid.r1[row]])
     t = np.maximum(r, grid.t[column])
-    gaps = flights.gaps(np.tile(flights.gripped[item], 2), r.ravel(), t.ravel())
+    p, v = grid.released[:, :, ends]
+    x = flights.flown(p, v, t - r).reshape(3, -1)
+    gaps = flights.gaps_at(np.tile(flights.gripped[item], 2), x, t.ravel())
     starts[:, held] = gaps.reshape(r.shape) > CONTACT_M
     return starts
 

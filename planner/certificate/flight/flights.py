@@ -85,8 +85,11 @@ class Flights:
 
     def releases(self, r: Array) -> tuple[Array, Array]:
         """Returns positions and velocities (3, k) of the object at release times `r` (k,) [s]."""
-        distinct, where = np.unique(r, return_inverse=True)
-        arm = self.motion.at(distinct)
+        if self.window_s == 0.0:
+            arm, where = self.motion.at_knots, np.full(len(r), self.motion.release_knot)
+        else:
+            distinct, where = np.unique(r, return_inverse=True)
+            arm = self.motion.at(distinct)
         return arm.p_WT[:, where], self.leaving(arm.v_WT[:, where])
 
     def leaving(self, v_WT: Array) -> Array:
@@ -129,9 +132,11 @@ class Flights:
         """Returns the point (3, k) [m] of obstacle `item[i]` at the time `t[i]` that is nearest to `x[:, i]`."""
         count, near = len(self.boxes[0]), np.empty_like(x)
         is_box, is_rim = item < count, item == self.rim
-        lower, upper = (side[item[is_box]].T for side in self.boxes)
-        near[:, is_box] = np.clip(x[:, is_box], lower, upper)
-        near[:, is_rim] = self.nearest_on_wall(x[:, is_rim])
+        if is_box.any():
+            lower, upper = (side[item[is_box]].T for side in self.boxes)
+            near[:, is_box] = np.clip(x[:, is_box], lower, upper)
+        if is_rim.any():
+            near[:, is_rim] = self.nearest_on_wall(x[:, is_rim])
         rest = ~is_box & ~is_rim
         if rest.any():
             ends = self.motion.body.end_points_of(item[rest] - count, self.motion.poses_at(t[rest]))
@@ -167,10 +172,6 @@ class Flights:
         """Returns whether points (3, ...) are below the mouth's plane and within the wall."""
         within, above = self.from_mouth(x)
         return (within > 0.0) & (above < 0.0)
-
-    def gaps(self, item: Index, r: Array, t: Array) -> Array:
-        """Returns the distances (k,) [m] of the sphere's surface from obstacle `item[i]` at `t[i]`, released `r[i]`."""
-        return self.gaps_at(item, self.positions(r, t), t)
 
     def gaps_at(self, item: Index, x: Array, t: Array) -> Array:
         """Returns the distances (k,) [m] of a sphere's surface at `x` (3, k) from obstacle `item[i]` at `t[i]`."""

@@ -159,23 +159,24 @@ class PatchBounds:
         """Returns bounds and samples of patches."""
         flights, (item, r0, r1, t0, t1, *rates) = self.flights, patches
         r, t = np.stack([r0, r0, r1, r1]), np.stack([t0, t1, t0, t1])
-        p, v = flights.releases(r.ravel())
-        x = flights.flown(p, v, (t - r).ravel())
-        corners, apexes = x.reshape(3, 4, -1), self.apexes(r.ravel(), v).reshape(4, -1)
+        released = flights.releases(np.concatenate([r0, r1]))
+        p, v = (np.repeat(state.reshape(3, 2, -1), 2, axis=1) for state in released)
+        corners, apexes = flights.flown(p, v, t - r), self.apexes(r, v)
         falling, s, h = t0 >= apexes.max(axis=0), np.maximum(t1 - r0, r1 - t0), t1 - t0
         across = self.release_bend(s, r1 - r0)
         bend = across + self.time_bend(s, h)
         far = self.distance_from_base(corners).max(axis=0) + bend
         turned = self.turn_bend(far, s, self.frames(item), (rates[0], rates[1]), h)
-        lower = self._distances(item, corners, t) - bend - np.where(self.is_capsule(item), turned, 0.0)
+        bound, sampled = self._distances(item, corners, t)
+        lower = bound - bend - np.where(self.is_capsule(item), turned, 0.0)
         lowest = corners[2].min(axis=0) - bend
         lower = np.maximum(lower, self.above(item, np.where(falling, np.maximum(lowest, self.height), lowest)))
         lower -= flights.thickness[item]
         over = falling & (corners[2, ::2].max(axis=0) + across < self.height)
         over |= (item == flights.rim) & falling & self.all_in_bin(_corners(corners), bend)
         ended = (t >= apexes) & ((corners[2] < self.height) | ((item == flights.rim) & flights.in_bin(corners)))
-        sampled = flights.gaps_at(np.tile(item, 4), x, t.ravel()).reshape(4, -1)
-        return Evaluated(np.where(over | (t1 <= r0), np.inf, lower), np.where(ended | (t < r), np.inf, sampled), r, t)
+        gaps = np.where(ended | (t < r), np.inf, sampled - flights.thickness[item])
+        return Evaluated(np.where(over | (t1 <= r0), np.inf, lower), gaps, r, t)
 
     def is_capsule(self, item: Index) -> Mask:
         """Returns whether obstacles are capsules of arm or tool."""
@@ -186,28 +187,46 @@ class PatchBounds:
         capsule = np.where(self.is_capsule(item), item - len(self.flights.boxes[0]), 0)
         return np.where(self.is_capsule(item), self.flights.motion.body.frames[capsule], 0)
 
-    def _distances(self, item: Index, corners: Array, t: Array) -> Array:
-        """Returns lower bounds (k,) on the distance of `corners` (3, 4, k) at times `t` (4, k) from the obstacles."""
+    def _distances(self, item: Index, corners: Array, t: Array) -> tuple[Array, Array]:
+        """Returns lower bounds (k,) on the distances of patches from the obstacles, and distances (4, k) of corners.
+
+        Args:
+            item: numbers of the obstacles (k,).
+            corners: of the patches (3, 4, k) [m].
+            t: their times (4, k) [s].
+        """
         flights, count = self.flights, len(self.flights.boxes[0])
         is_box, is_rim, is_capsule = item < count, item == flights.rim, self.is_capsule(item)
-        distance = np.empty(len(item))
+        bound, sampled = np.empty(len(item)), np.empty(t.shape)
         if is_box.any():
             lower, upper = (side[item[is_box]].T for side in flights.boxes)
-            distance[is_box] = box_bound(_corners(corners[:, :, is_box]), lower, upper)
+            x = corners[:, :, is_box]
+            bound[is_box] = box_bound(_corners(x), lower, upper)
+            sampled[:, is_box] = _length(x - np.clip(x, lower[:, None], upper[:, None]))
         if is_rim.any():
-            distance[is_rim] = self.wall_bound(_corners(corners[:, :, is_rim]))
+            x = corners[:, :, is_rim]
+            bound[is_rim] = self.wall_bound(_corners(x))
+            sampled[:, is_rim] = _length(x - flights.nearest_on_wall(x))
         if is_capsule.any():
-            body, capsule = flights.motion.body, item[is_capsule] - count
-            X = flights.motion.poses_at(t[:, is_capsule].ravel()).reshape(4, len(capsule), 7, 4, 4)
-            local = _in_frames(X[:, np.arange(len(capsule)), body.frames[capsule]], corners[:, :, is_capsule])
-            distance[is_capsule] = segment_bound(_corners(local), body.ends[capsule, 0].T, body.ends[capsule, 1].T)
-        return distance
+            start, end = flights.motion.body.ends[item[is_capsule] - count].transpose(1, 2, 0)
+            x = self._in_frames(item[is_capsule], corners[:, :, is_capsule], t[:, is_capsule])
+            bound[is_capsule] = segment_bound(_corners(x), start, end)
+            sampled[:, is_capsule] = _length(x - nearest_on_segments(x, start[:, None], end[:, None]))
+        return bound, sampled
+
+    def _in_frames(self, item: Index, corners: Array, t: Array) -> Array:
+        """Returns corners (3, 4, k) [m] at times `t` (4, k) in the frames of the capsules `item` (k,)."""
+        every, frames = np.arange(len(item)), self.frames(item)
+        X = self.flights.motion.poses_at(t[:2].ravel()).reshape(2, len(item), 7, 4, 4)[:, every, frames]
+        X = np.concatenate([X, X])  # the corners of both releases have the same two times
+        apart = corners - X[..., :3, 3].transpose(2, 0, 1)
+        R = X[..., :3, :3].transpose(2, 3, 0, 1)
+        return np.stack([dot(R[:, c], apart) for c in range(3)])
 
     def distance_from_base(self, x: Array) -> Array:
         """Returns the distances (...) [m] of points (3, ...) from the origin of the base."""
         origin = self.flights.motion.problem.cell.X_WB[:3, 3]
-        apart = x - origin.reshape(3, *[1] * (x.ndim - 1))
-        return np.sqrt(dot(apart, apart))
+        return _length(x - origin.reshape(3, *[1] * (x.ndim - 1)))
 
     def above(self, item: Index, lowest: Array) -> Array:
         """Returns the heights (k,) [m] of `lowest` centres above the tops of boxes; -inf for other obstacles."""
@@ -319,7 +338,7 @@ def corners_on_grid(x: Array) -> list[Array]:
 def _separation(corners: list[Array], centre: Array, near: Array) -> Array:
     """Returns min n . (corner - near) over the corners (...), with n the direction from `near` to `centre`."""
     apart = centre - near
-    length = np.maximum(np.sqrt(dot(apart, apart)), TINY_M)
+    length = np.maximum(_length(apart), TINY_M)
     least = reduce(np.minimum, [dot(apart, corner) for corner in corners])
     return (least - dot(apart, near)) / length
 
@@ -333,8 +352,6 @@ def _corners(stacked: Array) -> list[Array]:
     return list(stacked.swapaxes(0, 1))
 
 
-def _in_frames(X: Array, points: Array) -> Array:
-    """Returns points (3, 4, k) of the world in the frames with poses `X` (4, k, 4, 4)."""
-    apart = points - X[..., :3, 3].transpose(2, 0, 1)
-    R = X[..., :3, :3].transpose(2, 3, 0, 1)
-    return np.stack([dot(R[:, c], apart) for c in range(3)])
+def _length(apart: Array) -> Array:
+    """Returns the lengths (...) of vectors (3, ...)."""
+    return np.sqrt(dot(apart, apart))
