@@ -72,17 +72,15 @@ class Bounds:
         x[0, :, Q], x[1, :, Q] = lower, upper
         for rows, limit in ((QD, limits.qd_max), (QDD, limits.qdd_max), (JERK, limits.jerk_max)):
             x[0, :, rows], x[1, :, rows] = -limit, limit
-        for k in self.index.knots["motion"]:
-            rows = self.index.rows["motion", k]
-            middle, velocity = rows[MIDDLE_POSITION], rows[MIDDLE_VELOCITY]
-            self.g[0, velocity], self.g[1, velocity] = -limits.qd_max / self.qd_scale, limits.qd_max / self.qd_scale
-            self.g[0, middle], self.g[1, middle] = lower, upper
+        rows, scaled = self._rows_by_knot("motion"), limits.qd_max / self.qd_scale
+        middle, velocity = rows[:, MIDDLE_POSITION], rows[:, MIDDLE_VELOCITY]
+        self.g[0, velocity], self.g[1, velocity] = -scaled, scaled
+        self.g[0, middle], self.g[1, middle] = lower, upper
 
     def limit_group(self, group: str, lower: Vector, upper: Vector) -> None:
         """Bounds the rows of a lazy group, at knots and midpoints."""
-        rows = self.index.rows_of_group(group)
-        times = len(rows) // len(lower)
-        self.g[:, rows] = np.tile(lower, times), np.tile(upper, times)
+        rows = self.index.rows_of_group[group].reshape(-1, len(lower))
+        self.g[0, rows], self.g[1, rows] = lower, upper
 
     def free_flights_after_release(self, leaving: bool) -> None:
         """Frees block "flight" on the stages after the release, but for the gripper's opening where asked for.
@@ -119,10 +117,9 @@ class Bounds:
         """Keeps the arm `distance` from the singularities around the release, on the side given by `signed` (3,)."""
         positive = signed > 0.0
         for name in ("singularity", "singularity_middle"):
-            for k in self.index.knots[name]:
-                rows = self.index.rows[name, k]
-                self.g[0, rows] = np.where(positive, distance, -np.inf)
-                self.g[1, rows] = np.where(positive, np.inf, -distance)
+            rows = self._rows_by_knot(name)
+            self.g[0, rows] = np.where(positive, distance, -np.inf)
+            self.g[1, rows] = np.where(positive, np.inf, -distance)
 
     def fix_ends(self, start: Vector) -> None:
         """Fixes the start at rest in `start` (6,) [rad], the end at rest, and the time of the release, which is 0."""
@@ -274,6 +271,10 @@ class Bounds:
         rows, drift = self._release_rows("drift"), DRIFT_SHARE * tolerance_m / window_s
         self.g[0, rows], self.g[1, rows] = -drift, drift
         self.x[:, k - n : k + n, STEP] = window_s / n
+
+    def _rows_by_knot(self, block: str) -> Indices:
+        """Returns the rows (knots, n) of a block."""
+        return self.index.rows_of[block].reshape(len(self.index.knots[block]), -1)
 
     def _release_rows(self, name: str, knot: int = 0) -> Indices:
         """Returns the problem's rows of one entry of `RELEASE_ROWS`, `knot` knots from the release."""

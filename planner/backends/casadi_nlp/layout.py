@@ -74,10 +74,12 @@ class VectorLayout:
         Raises:
             ValueError: a name is missing or unknown, or a size is wrong.
         """
-        if set(values) != set(self.sizes):
-            raise ValueError(f"names {set(values) ^ set(self.sizes)} do not match the layout")
-        rows = [np.broadcast_to(np.asarray(values[n], float).ravel(), (s,)) for n, s in self.sizes.items()]
-        return np.concatenate(rows)
+        if values.keys() != self.sizes.keys():
+            raise ValueError(f"names {values.keys() ^ self.sizes.keys()} do not match the layout")
+        vector = np.empty(self.size)
+        for name, piece in self.slices.items():
+            vector[piece] = np.ravel(values[name])
+        return vector
 
 
 # What a scaled variable of one is in SI units; joint positions are not scaled.

@@ -292,7 +292,7 @@ def _rows_kept(part: StageLayout, whole: StageLayout) -> Indices:
 @cache
 def _rows_by_group(whole: StageLayout) -> dict[str, Indices]:
     index = transcription(whole).row_index
-    rows = {group: index.rows_of_group(group) for group in whole.groups}
+    rows = {group: index.rows_of_group[group] for group in whole.groups}
     positions = [index.rows["motion", k][NX + 6 :] for k in index.knots["motion"]]
     return {**rows, POSITIONS: np.concatenate(positions)}
 

@@ -22,6 +22,7 @@ from planner.backends.casadi_nlp.functions import Block
 from planner.backends.casadi_nlp.layout import (
     COST,
     LAST,
+    LAZY_GROUPS,
     N_THROWN,
     NU,
     NX,
@@ -49,6 +50,7 @@ class RowIndex:
         knots: stages on which each block applies.
         rows: rows of a block on a stage.
         rows_of: rows of a block on all its stages, none for a block that is not included.
+        rows_of_group: rows of a lazy group, at knots and midpoints.
         dynamics: rows of x_{k+1} - F(x_k, u_k) for each k.
         per_stage: number of rows of each stage, its dynamics excepted.
         size: number of rows.
@@ -73,6 +75,7 @@ class RowIndex:
         for k in range(stages.stages + 1):
             self._add_stage(k)
         self.rows_of = {name: self._all_rows(name) for name in FORMULAS}
+        self.rows_of_group = {group: self._in_group(group) for group in LAZY_GROUPS}
 
     def _add_stage(self, k: int) -> None:
         if k < self.stages.stages:
@@ -131,8 +134,7 @@ class RowIndex:
         thrown = [self.thrown(k, which) for which, first in enumerate(self.stages.objects) if k >= first]
         return np.concatenate([self.columns(k)[:NX], *thrown])
 
-    def rows_of_group(self, group: str) -> Indices:
-        """Returns the rows of a lazy group, at knots and midpoints."""
+    def _in_group(self, group: str) -> Indices:
         return np.concatenate([rows for name, rows in self.rows_of.items() if group_of(name) == group])
 
     def _all_rows(self, block: str) -> Indices:
