@@ -2,14 +2,17 @@
 
 Requirements are relaxed one after the other, the mildest relaxation first: a speed is reduced, a position is moved into
 reach, a target is brought closer; at last the whole release is drawn towards the start, where it is always feasible.
-For each relaxation the largest feasible share of the request is found by bisection. Every release that is returned has
-a certified motion.
+For each relaxation the largest feasible share of the request is found by bisection, by Ruckig's motions, which take
+least time. Where something stands in the way of a target, the optimiser tries a few nearer ones, also beyond it; and it
+is asked for more of a release window that the motion found does not keep. Every release that is returned has a
+certified motion.
 """
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -22,9 +25,13 @@ from planner.errors import Infeasible, SolverFailed, Violation
 from planner.geometry import tool_pose
 from planner.problem import JointRelease, PointRelease, PoseRelease, Release, TargetRelease, ThrowProblem
 from planner.rotations import matrix_to_rotation_vector, pose, rotation_vector_to_matrix
+from planner.search.auto import search_optimised
 from planner.search.blocked_postures import blocked_postures
 from planner.search.feasible_releases import PlacedRelease, feasible_releases, moved, position
 from planner.search.incumbent import CertifiedSolution, PlanningSearch, certified
+from planner.search.policy import FIRST_SEEDS_POLICY
+from planner.search.proofs import refuse_impossible
+from planner.search.ranking import Ranking
 from planner.search.sequential import VARIANTS_BY_BACKEND, Solve
 from planner.search.way_home import find_way_home
 from planner.seeds import Candidate, candidates, farthest_reach
@@ -36,6 +43,7 @@ SHARE_MIN = 0.02  # [-] of the requested speed or displacement; tried first
 SLOWER = (0.3, 0.05)  # [-] of the requested speed, tried where no other position allows the full speed
 # Constraints on the position, which a slower release breaks, too.
 POSITION_CONSTRAINTS = {"reach", "joint_position", "floor", "keep_in", "keep_out", "self_collision"}
+OBSTACLE_CONSTRAINTS = {"flight_clearance", "keep_out"}  # where a target beyond what is in the way may be nearer
 UNDER_M = 0.2  # [m] from below the tool at the start, towards the target: an easy throw
 COMFORTABLE_REACH = 0.6  # [-] of the arm's reach: positions there have many postures
 STEPS_OUT, NEAREST_OUT = 24, 8  # distances tried from the base to there; those from a third of it on are targets
@@ -44,6 +52,11 @@ MOTIONS_MAX, LATE_MOTIONS_MAX = 30, 20  # motions certified, about 5 ms each; af
 WINDOW_SHARE = 0.9  # [-] of the largest share: a smaller one is preferred if it keeps the release window
 SHARES_MAX = 3  # [-] largest shares whose motion's end is searched for a way home; in vain that takes some seconds
 CANDIDATES_MAX, FEW_CANDIDATES = 6, 2  # tried for one release, thoroughly or not
+BEYOND_M = (0.05, 0.1, 0.2)  # [m] farther from the base than a target that something stands before
+NEARER_SHARES = (0.25, 0.5)  # [-] of the distance from the requested target to the nearest one found
+WINDOW_SHARES = (1.0, 0.5, 0.25)  # [-] of the requested release window
+WINDOW_STEP_S, DECIMALS = 1e-4, 4  # [s] windows are rounded down to it: no gripper knows less
+ROUNDING = 1e-9  # [-] of a number of steps
 
 
 class Feasibility:
@@ -94,7 +107,7 @@ class Feasibility:
         return found if found.is_valid else None
 
 
-def nearest_problem(search: PlanningSearch, violations: Iterable[Violation]) -> ThrowProblem | None:
+def nearest_problem(search: PlanningSearch, violations: Sequence[Violation]) -> ThrowProblem | None:
     """Returns the closest problem that has a certified motion; None if none was found.
 
     A release window is the last thing to be asked for: the motion that was found without it gives its own.
@@ -105,8 +118,18 @@ def nearest_problem(search: PlanningSearch, violations: Iterable[Violation]) -> 
     """
     problem, broken = search.problem, {violation.constraint for violation in violations}
     if search.nominal is not None:
-        return _with_own_window(problem, search.nominal)
-    feasibility = Feasibility(search.deadline_s)
+        return _with_more_of_window(search, _with_own_window(problem, search.nominal), WINDOW_SHARES[1:])
+    found = _relaxed(search, broken)
+    if all(violation.proven for violation in violations) and not broken & OBSTACLE_CONSTRAINTS:
+        return found  # out of reach: that is said at once
+    if found is not None:
+        found = _with_more_of_window(search, found, WINDOW_SHARES)
+    return _nearer_target(search, found)
+
+
+def _relaxed(search: PlanningSearch, broken: set[str]) -> ThrowProblem | None:
+    """Returns the problem with the mildest relaxation that has a certified motion; None if none was found."""
+    problem, feasibility = search.problem, Feasibility(search.deadline_s)
     nominal = replace(problem, release_window_s=0.0) if problem.is_robust else problem
     for relaxation, thorough in _relaxations(problem, broken):
         shares = _feasible_shares(nominal, relaxation, feasibility, thorough)[:SHARES_MAX]
@@ -116,6 +139,55 @@ def nearest_problem(search: PlanningSearch, violations: Iterable[Violation]) -> 
         if feasibility.exhausted:
             break
     return None
+
+
+def _with_more_of_window(search: PlanningSearch, found: ThrowProblem, shares: Iterable[float]) -> ThrowProblem:
+    """Returns a problem with the first of these shares of the requested window that the optimiser has a motion for.
+
+    Those that are no longer than its own are not tried.
+    """
+    for share in shares:
+        wider = replace(found, release_window_s=_rounded_down(share * search.problem.release_window_s))
+        if wider.release_window_s > found.release_window_s and _is_answered(search, wider):
+            return wider
+    return found
+
+
+def _nearer_target(search: PlanningSearch, found: ThrowProblem | None) -> ThrowProblem | None:
+    """Returns the problem with a nearer target than the one found, if the optimiser finds a motion to one.
+
+    A few are tried, the nearest first: between the two, and farther from the base than the requested one.
+    """
+    release = search.problem.release
+    if not isinstance(release, TargetRelease):
+        return found
+    p, base = release.p_W, search.problem.cell.X_WB[:3, 3]
+    away = np.array([*(p - base)[:2], 0.0])
+    tried = [(d, p + d * away / np.linalg.norm(away)) for d in BEYOND_M if away.any()]
+    if found is not None:
+        assert isinstance(found.release, TargetRelease)
+        step = found.release.p_W - p
+        apart = float(np.linalg.norm(step))
+        tried = [each for each in tried if each[0] < apart] + [(s * apart, p + s * step) for s in NEARER_SHARES]
+    for _, place in sorted(tried, key=lambda each: each[0]):
+        nearer = replace(search.problem, release=replace(release, p_W=place))
+        if _is_answered(search, nearer):
+            return nearer
+    return found
+
+
+def _is_answered(search: PlanningSearch, problem: ThrowProblem) -> bool:
+    """Returns whether the optimiser comes to an answer of a problem from its first seeds; of `auto` alone."""
+    if problem.backend != "auto":
+        return False
+    inner = PlanningSearch(problem, search.deadline_s)
+    try:
+        refuse_impossible(problem)
+        search_optimised(inner, Ranking(problem, candidates(problem)), FIRST_SEEDS_POLICY)
+    except Infeasible:
+        return False
+    search.extend_deadline(inner.loading_s)
+    return inner.answer is not None and find_way_home(problem, inner.answer)[0] is not None
 
 
 def _with_ways_home(
@@ -159,7 +231,13 @@ def _with_own_window(problem: ThrowProblem, nominal: CertifiedSolution) -> Throw
             kept, found = window_s, narrower
         else:
             failed = window_s
-    return found
+    return replace(found, release_window_s=_rounded_down(kept))
+
+
+def _rounded_down(window_s: float) -> float:
+    """Returns a window in whole steps of `WINDOW_STEP_S` [s]; what keeps a longer one keeps it."""
+    steps = math.floor(window_s / WINDOW_STEP_S + ROUNDING)
+    return round(steps * WINDOW_STEP_S, DECIMALS)
 
 
 def _relaxations(problem: ThrowProblem, broken: set[str]) -> Iterator[tuple[Relaxation, bool]]:

@@ -119,6 +119,7 @@ POLICY: tuple[Stage, ...] = (
     Stage("ruckig", "further motions", slice(6, 11), always),
     Stage("ruckig", "sooner motions", slice(11, RANKED_MAX), has_incumbent),
 )
+FIRST_SEEDS_POLICY: tuple[Stage, ...] = POLICY[1:2]  # what may be offered instead of a refused request
 # Of a doubtful search once more, with other limits or rows, for what is sooner: where there is no answer yet, or a slow
 # one with a release window. Without further seeds of the same aspects 38 late answers were as soon, and a search in
 # vain took two thirds of the time.

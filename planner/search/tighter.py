@@ -99,6 +99,7 @@ def search_from_nominal(search: PlanningSearch) -> None:
     search.log_attempt("casadi", f"without the release window: {len(found)} motions certified", begun_s)
     if found:
         search.nominal = search.nominal or found[0]
+        search.note_rejected(certified(found[0].backend, search.problem, found[0].solution))  # what its window lacks
         motions = [each.solution.trajectory for each in found]
         search_optimised(
             search, Ranking(search.problem, [_released(motion) for motion in motions], motions), FROM_NOMINAL_POLICY

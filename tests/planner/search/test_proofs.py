@@ -127,6 +127,29 @@ def test_a_target_just_below_the_floor_is_refused_with_proof(z):
     assert (violation.constraint, violation.value) == ("flight_clearance", pytest.approx(z))
 
 
+def test_the_nearest_target_of_one_just_behind_a_wall_is_farther_behind_it():
+    """The object does not fit between the wall and a flight over it; the next target before the wall is 8 cm away."""
+    here = with_box([0.75, -1.0, 0.0], [0.8, 1.0, 0.5])
+    asked = np.array([0.821, 0.0, 0.0])
+    problem = joint_problem(cell=here, release=TargetRelease(asked), release_window_s=0.005, landing_tolerance_m=0.02)
+    with pytest.raises(Infeasible) as refusal:
+        plan(problem)
+    nearest = problem_from_request(refusal.value.nearest, here)
+    assert nearest.release_window_s == problem.release_window_s
+    assert plan(nearest).certificate.valid
+    assert nearest.release.p_W == pytest.approx([0.871, 0.0, 0.0])
+
+
+def test_the_nearest_target_of_one_below_the_floor_keeps_the_whole_release_window():
+    """Ruckig's motion to it keeps 1.3 ms of it, the optimiser's all."""
+    release = TargetRelease(np.array([1.2, 0.3, -0.2]))
+    problem = joint_problem(release=release, release_window_s=0.005, landing_tolerance_m=0.02)
+    with pytest.raises(Infeasible) as refusal:
+        plan(problem)
+    assert refusal.value.nearest["release"]["position"] == pytest.approx([1.2, 0.3, 0.0])
+    assert refusal.value.nearest["release_window_s"] == 0.005
+
+
 def test_the_nearest_target_keeps_the_release_window_where_one_close_to_it_does():
     """The farthest one that Ruckig throws to has a window of 1.41 ms, one 33 mm nearer the whole one."""
     release = TargetRelease(np.array([3.0, 0.0, 0.0]))
@@ -137,7 +160,7 @@ def test_the_nearest_target_keeps_the_release_window_where_one_close_to_it_does(
     assert nearest.release.p_W[0] > 1.9
 
 
-def test_a_target_within_a_keep_out_box_is_refused_and_offered_in_front_of_it():
+def test_a_target_within_a_keep_out_box_is_refused_and_offered_on_its_nearer_side():
     here = with_box([1.0, -0.5, 0.0], [1.3, 0.8, 0.4])
     problem = joint_problem(cell=here, release=TargetRelease(np.array([1.2, 0.2, 0.0])))
     on_top = replace(problem, release=TargetRelease(np.array([1.2, 0.2, 0.4])))
@@ -149,7 +172,8 @@ def test_a_target_within_a_keep_out_box_is_refused_and_offered_in_front_of_it():
     assert violation.detail == "box 0: the target is within it"
     nearest = problem_from_request(refusal.value.nearest, here)
     assert plan(nearest).certificate.valid
-    assert nearest.release.p_W[0] <= 1.0
+    assert nearest.release.p_W[0] > 1.3
+    assert np.linalg.norm(nearest.release.p_W - [1.2, 0.2, 0.1]) < 0.201
 
 
 @pytest.mark.parametrize(("x", "depth"), [(1.0008, 0.0008), (1.02, 0.02), (1.28, 0.02)])
@@ -250,5 +274,6 @@ def test_a_motion_without_its_window_is_offered_with_its_own():
     nearest = refusal.value.nearest
     assert nearest is not None
     assert nearest["release"]["position"] == [1.2, 0.3, 0.0]
-    assert 0.0 <= nearest["release_window_s"] < 0.02
+    assert 0.0 < nearest["release_window_s"] < 0.02
+    assert nearest["release_window_s"] == pytest.approx(round(nearest["release_window_s"], 4), abs=1e-12)
     assert plan(problem_from_request(nearest, problem.cell)).certificate.valid

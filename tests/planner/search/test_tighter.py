@@ -245,6 +245,8 @@ def test_where_no_motion_keeps_the_window_the_one_without_it_is_nearest():
     search = PlanningSearch(problem, time.perf_counter() + 60.0)
     tighter.search_from_nominal(search)
     assert search.incumbent is None
+    in_the_way, of_window = {each.constraint for each in search.violations()}, {"flight_clearance", "opening_direction"}
+    assert "landing_window" in in_the_way <= {"landing_window", *of_window}
     nearest = nearest_problem(search, [])
     assert nearest is not None
     assert nearest.release is problem.release
