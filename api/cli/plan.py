@@ -23,9 +23,11 @@ if TYPE_CHECKING:
 def plan(file: Path, cells: Path | None, cell: str | None, odds: float | None) -> None:
     """Plan the request in FILE (JSON as for POST /plan; - reads standard input) and write the plan to standard output.
 
-    Standard error has a summary; or the problem (JSON), with exit status 2 for an infeasible request, 3 where its time
-    limit ended the search, 1 for an invalid one.
+    Standard error has a summary; or the problem (JSON; on a terminal the sentences of it), with exit status 2 for an
+    infeasible request, 3 where its time limit ended the search, 1 for an invalid one.
     """
+    from api.cli.support.client import describe
+    from api.cli.support.errors import RefusedRequest
     from api.cli.support.exit_status import exit_status
     from api.cli.support.request_file import read_request
     from api.http import ProblemDetails, problem_document, translate
@@ -37,11 +39,14 @@ def plan(file: Path, cells: Path | None, cell: str | None, odds: float | None) -
         planned = _plan(body if odds is None else body.model_copy(update={"min_hit_probability": odds}), cells, cell)
     except (ProblemDetails, PlannerError) as error:
         problem = translate(error)
-        click.echo(json.dumps(problem_document(problem, str(file)), indent=2), err=True)
+        document = problem_document(problem, str(file))
+        if sys.stderr.isatty():
+            raise RefusedRequest(document, describe(document, as_request=True)) from None
+        click.echo(json.dumps(document, indent=2), err=True)
         sys.exit(exit_status(problem.name))
-    document = planned.document.decode()
-    click.echo(document)
-    click.echo(plan_text(json.loads(document)), err=True)
+    plan_document = planned.document.decode()
+    click.echo(plan_document)
+    click.echo(plan_text(json.loads(plan_document)), err=True)
     _note_uncompiled(planned.summary)
 
 

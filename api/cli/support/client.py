@@ -24,27 +24,32 @@ class ServiceClient(Client):
     refusal = ServiceError
 
 
-def describe(problem: dict[str, Any]) -> str:
-    """Returns a problem as text: what stands in the way, a line each, and the nearest request that is feasible."""
+def describe(problem: dict[str, Any], as_request: bool = False) -> str:
+    """Returns a problem as text: what stands in the way, a line each, and the nearest request that is feasible.
+
+    Args:
+        problem: its document.
+        as_request: whether a request (JSON) was refused, so that its keys are named, not the options of `fling throw`.
+    """
     title, violations = problem.get("title", "refused"), problem.get("violations") or []
     if [violation["constraint"] for violation in violations] == ["hit_probability"]:
-        return _odds_text(problem, violations[0])
+        return _odds_text(problem, violations[0], as_request)
     lines = [f"{title}:" if violations else f"{title}: {problem.get('detail', '')}"]
     lines += [f"  {_violation_text(violation)}" for violation in violations]
     if problem.get("nearest"):
-        lines.append(f"  {_nearest_text(problem['nearest'])}")
+        lines.append(f"  {_nearest_text(problem['nearest'], as_request)}")
     return "\n".join(lines)
 
 
-def _odds_text(problem: dict[str, Any], violation: dict[str, Any]) -> str:
+def _odds_text(problem: dict[str, Any], violation: dict[str, Any], as_request: bool) -> str:
     """Returns a refusal for odds alone: the arm can throw there, and does not hit often enough."""
-    nearest = problem.get("nearest") or {}
+    nearest, wider = problem.get("nearest") or {}, "landing_tolerance_m" if as_request else "--tolerance"
     lines = [
         f"No throw of those tried hits often enough: {violation['value']:.0%} {violation['detail']}, "
         f"{violation['limit']:.0%} were asked for.",
-        "  A wider --tolerance makes more throws a hit; `fling calibrate gripper` teaches how the cell really throws.",
+        f"  A wider {wider} makes more throws a hit; `fling calibrate gripper` teaches how the cell really throws.",
     ]
-    return "\n".join([*lines, f"  {_nearest_text(nearest)}"] if nearest else lines)
+    return "\n".join([*lines, f"  {_nearest_text(nearest, as_request)}"] if nearest else lines)
 
 
 def _violation_text(violation: dict[str, Any]) -> str:
@@ -59,20 +64,23 @@ def _figure(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _nearest_text(nearest: dict[str, Any]) -> str:
+def _nearest_text(nearest: dict[str, Any], as_request: bool) -> str:
     if nearest.get("min_hit_probability"):
         return f"the best odds found: {nearest['min_hit_probability']:.3g}"
     release = nearest["release"]
     if release["kind"] != "target":
         return f"the nearest feasible release: {json.dumps(release)}"
-    return f"the nearest feasible target: {' '.join(f'{x:.6g}' for x in release['position'])}{_window_text(nearest)}"
+    place = " ".join(f"{x:.6g}" for x in release["position"])
+    return f"the nearest feasible target: {place}{_window_text(nearest, as_request)}"
 
 
-def _window_text(nearest: dict[str, Any]) -> str:
-    """Returns the release window that goes with a nearest target, with the option of `fling throw` that asks for it."""
+def _window_text(nearest: dict[str, Any], as_request: bool) -> str:
+    """Returns the release window that goes with a nearest target, and how to ask for it."""
     window_s = nearest.get("release_window_s")
     if window_s is None:
         return ""
+    key = f'"release_window_s": {window_s:.9g}'
     if window_s == 0.0:
-        return ", without a release window (--soonest)"
-    return f", with a release window of {1e3 * window_s:.3g} ms (--window {window_s:.9g})"
+        return f", without a release window ({key if as_request else '--soonest'})"
+    option = key if as_request else f"--window {window_s:.9g}"
+    return f", with a release window of {1e3 * window_s:.3g} ms ({option})"

@@ -70,10 +70,11 @@ class RefusedRequest(click.ClickException):
 
     Args:
         problem: the problem's document.
+        words: what a person reads of it; by default its title and detail.
     """
 
-    def __init__(self, problem: dict[str, Any]) -> None:
-        super().__init__(f"{problem['title']}: {problem['detail']}")
+    def __init__(self, problem: dict[str, Any], words: str = "") -> None:
+        super().__init__(words or f"{problem['title']}: {problem['detail']}")
         self.problem = problem
 
 

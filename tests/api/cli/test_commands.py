@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -75,6 +76,25 @@ def test_plan_gives_the_problem_and_its_status(request_file: Path, root: Path, c
     assert result.exit_code == status
     assert json.loads(result.stderr)["type"] == f"/problems/{name}"
     assert result.stdout == ""
+
+
+@pytest.mark.parametrize(("option", "is_json"), [([], False), (["--json"], True)])
+def test_plan_gives_the_problem_in_sentences_on_a_terminal(
+    request_file: Path, root: Path, option: list[str], is_json: bool
+):
+    request_file.write_text(json.dumps({**REQUEST, "release": {**JOINT, "velocities": [9.0, 0, 0, 0, 0, 0]}}))
+    command = ["plan", str(request_file), "--cells", str(root / "cells"), *option]
+    mine, its = os.openpty()
+    done = subprocess.run([sys.executable, "-c", "from api.cli import main; main()", *command], stderr=its, check=False)
+    os.close(its)
+    said = os.read(mine, 65536).decode()
+    os.close(mine)
+    assert done.returncode == 2
+    if is_json:
+        assert json.loads(said)["type"] == "/problems/infeasible"
+    else:
+        assert "joint_velocity: 9 rad/s against a limit of 3 rad/s" in said
+        assert "the nearest feasible release:" in said
 
 
 @pytest.mark.parametrize("content", [b"\xff\xfe{}", b'{"cell": "\xe9"}'])

@@ -77,11 +77,13 @@ def test_a_refusal_says_each_constraint_once_and_what_to_try():
         "  keep_out: -0.01 m against a limit of 0.02 m (forearm and keep_out[0])",
         "  the nearest feasible target: 0.88938 0 -0.1",
     ]
-    for window_s, said in (
-        (0.0, ", without a release window (--soonest)"),
-        (0.001171875, ", with a release window of 1.17 ms (--window 0.001171875)"),
+    for window_s, as_request, said in (
+        (0.0, False, ", without a release window (--soonest)"),
+        (0.0012, False, ", with a release window of 1.2 ms (--window 0.0012)"),
+        (0.0, True, ', without a release window ("release_window_s": 0)'),
+        (0.0012, True, ', with a release window of 1.2 ms ("release_window_s": 0.0012)'),
     ):
-        text = describe({"violations": rows, "nearest": {**nearest, "release_window_s": window_s}})
+        text = describe({"violations": rows, "nearest": {**nearest, "release_window_s": window_s}}, as_request)
         assert text.splitlines()[-1] == f"  the nearest feasible target: 0.88938 0 -0.1{said}"
     odds = {"release": nearest["release"], "min_hit_probability": 0.631}
     text = describe({"title": "The arm cannot do this", "violations": rows, "nearest": odds})
