@@ -108,12 +108,12 @@ def exactly(entry: Mapping[str, Any], keys: tuple[str, ...], where: str) -> Mapp
     """Returns `entry` after checking that it has exactly these `keys`.
 
     Raises:
-        CellError: a key is missing or unknown.
+        CellError: a key is unknown, which is named first as it may stand for a missing one, or missing.
     """
+    merge_defaults(entry, dict.fromkeys(keys), where)
     for key in keys:
         if key not in entry:
             raise CellError(where + key, None, "is missing")
-    merge_defaults(entry, dict.fromkeys(keys), where)
     return entry
 
 

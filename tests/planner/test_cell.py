@@ -87,7 +87,11 @@ def test_the_table_of_the_project_is_its_published_frame():
         (LEAST + "[safety]\nspeed = 1.0\n", "safety.speed"),
         (LEAST + '[sim]\npolyscope = "3.15"\n', "sim.polyscope"),
         (LEAST + "[surroundings]\nkeep_out = [{ lower_m = [0, 0, 0], upper_m = [1, 1, 0] }]\n", "keep_out"),
-        (LEAST + "[surroundings]\nkeep_out = [{ lower_m = [0, 0, 0] }]\n", "keep_out"),
+        (LEAST + "[surroundings]\nkeep_out = [{ lower_m = [0, 0, 0] }]\n", "keep_out[0].upper_m"),
+        (
+            LEAST + "[surroundings]\nkeep_out = [{ lower = [0, 0, 0], upper_m = [1, 1, 1] }]\n",
+            "keep_out[0].lower",
+        ),
         (LEAST + "[tool]\ncapsules = [{ from_m = [0, 0], to_m = [0, 0, 1], radius_m = 0.1 }]\n", "capsules"),
         ("robot = \n", "file"),
     ],
@@ -96,6 +100,12 @@ def test_refusals_name_the_field(text, field):
     with pytest.raises(CellError) as refusal:
         parse_cell(text, "c")
     assert field in refusal.value.field
+
+
+def test_a_misspelt_key_of_a_box_is_named_before_what_it_leaves_missing():
+    with pytest.raises(CellError) as refusal:
+        parse_cell(LEAST + "[surroundings]\nkeep_out = [{ lower = [0, 0, 0], upper_m = [1, 1, 1] }]\n", "c")
+    assert refusal.value.field == "surroundings.keep_out[0].lower"
 
 
 def test_grip_and_safety_are_read():
