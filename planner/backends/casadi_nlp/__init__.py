@@ -94,7 +94,7 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
         BackendUnavailable: casadi is not installed.
     """
     _require_casadi()
-    from planner.backends.casadi_nlp.answer import SPARE_TICKS
+    from planner.backends.casadi_nlp.answer import SHORTENED_TICKS
     from planner.backends.casadi_nlp.instance import Instance
     from planner.backends.casadi_nlp.release_state import with_room
     from planner.backends.casadi_nlp.solver import Solver
@@ -105,7 +105,7 @@ def solve(problem: ThrowProblem, seed: Seed, options: SolveOptions = SolveOption
     groups = frozenset(instance.stages.groups) if among_boxes else options.margins.held
     groups |= {"flight"} if starts_with_flight(problem) else set()
     groups |= {"leaving"} if options.margins.leaves else set()  # it decides which objects have states
-    latest_s = options.latest_s - SPARE_TICKS * problem.dt
+    latest_s = options.latest_s + SHORTENED_TICKS * problem.dt
     solver = Solver(options.iteration_budget, options.deadline_s, groups, options.with_ipopt, latest_s)
     try:
         return _answer(instance, seed, options, solver)

@@ -30,7 +30,9 @@ from planner.trajectory import Trajectory, columns_at, join
 
 States = Callable[[Vector], tuple[Vector, Vector, Vector]]
 
-SPARE_TICKS = 0.2  # [ticks] beyond the least time: room for bringing jerks onto ticks
+# [ticks] by which a launch is tried that is shorter than the solution, which trades time for even steps and little jerk
+SHORTENED_TICKS = 0.05
+BRAKE_SPARE_TICKS = 0.2  # [ticks] beyond the least time of a brake: room for bringing jerks onto ticks
 LEAST_TICKS = 4  # [ticks] of a phase: three are needed to reach an end state
 EXTRA_TICKS = (1, 2, 3)  # [ticks] given to launch and brake where the least number breaks a limit
 LIMIT_ROUNDING = 1e-8  # [-] share of a limit that floating point may exceed
@@ -165,8 +167,9 @@ def on_ticks(instance: Instance, z: Vector, solver: Solver) -> Solution:
 def _on_fitting_ticks(instance: Instance, z: Vector, solver: Solver) -> Trajectory | None:
     """Returns the motion as solved with a wait at rest, solved again for these times, or longer; None if none fits."""
     problem, found = instance.problem, KnotStates.of(z, instance.stages.launch)
-    brake = least_ticks(found.duration_s - found.release_time_s, problem.dt) if instance.stages.brake else 0
-    launch = least_ticks(found.release_time_s, problem.dt)
+    launch, brake = least_ticks(found.release_time_s, problem.dt, -SHORTENED_TICKS), 0
+    if instance.stages.brake:
+        brake = least_ticks(found.duration_s - found.release_time_s, problem.dt, BRAKE_SPARE_TICKS)
     made, instance = _through_release(instance, found, (launch, brake))
     if not _keeps_joint_limits(problem, made):
         made = _solved_on_times(instance, z, solver, (launch, brake)) or made
@@ -177,9 +180,9 @@ def _on_fitting_ticks(instance: Instance, z: Vector, solver: Solver) -> Trajecto
     return made if _keeps_joint_limits(problem, made) else None
 
 
-def least_ticks(duration_s: float, dt: float) -> int:
-    """Returns the least number of ticks of `dt` [s] for a phase."""
-    return max(LEAST_TICKS, math.ceil(duration_s / dt + SPARE_TICKS))
+def least_ticks(duration_s: float, dt: float, spare: float) -> int:
+    """Returns the least number of ticks of `dt` [s] that a phase is tried with, `spare` [ticks] beyond its duration."""
+    return max(LEAST_TICKS, math.ceil(duration_s / dt + spare))
 
 
 def _solved_on_times(instance: Instance, z: Vector, solver: Solver, ticks: tuple[int, int]) -> Trajectory | None:

@@ -18,6 +18,7 @@ from planner.backends.casadi_nlp import (
     DEFAULT_MARGINS,
     SeedFailed,
     SolveOptions,
+    answer,
     codegen,
     layout,
     object_path,
@@ -177,6 +178,24 @@ def test_a_spent_budget_ends_the_solve_and_is_reported(cell: Cell) -> None:
     assert failed.value.iterations >= 1
     with pytest.raises(SolverFailed, match="out of time"):
         casadi_nlp.solve(problem, seed, SolveOptions(deadline_s=0.0))
+
+
+def test_a_launch_takes_no_tick_more_than_its_solution(cell: Cell) -> None:
+    """Those that end shortly before a tick, or just after one, are those in which a tick can be lost."""
+    fractions = []
+    for x in np.linspace(0.9, 1.4, 41):
+        problem = _problem(cell, TargetRelease(np.array([x, 0.3, 0.0])))
+        candidate = candidates(problem)[0]
+        seed = Seed(candidate, ruckig_otg.initial_guess(problem, candidate))
+        instance = Instance.of(problem, seed, DEFAULT_MARGINS)
+        calls = solver.Solver(500, None, frozenset({"flight", "passing"}), with_ipopt=False)
+        instance, z = answer.solved(instance, calls)
+        ticks = answer.KnotStates.of(z, instance.stages.launch).release_time_s / problem.dt
+        made = answer.on_ticks(instance, z, calls).trajectory
+        assert made.release_index == np.ceil(ticks - 0.05)
+        fractions.append(ticks % 1.0)
+    assert np.any(np.array(fractions) > 0.8)
+    assert np.any(np.array(fractions) < 0.05)
 
 
 def test_125_hz() -> None:
