@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 def plan(file: Path, cells: Path | None, cell: str | None, odds: float | None) -> None:
     """Plan the request in FILE (JSON as for POST /plan; - reads standard input) and write the plan to standard output.
 
-    Standard error has a summary; or the problem (JSON; on a terminal the sentences of it), with exit status 2 for an
-    infeasible request, 3 where its time limit ended the search, 1 for an invalid one.
+    Standard error has a summary; or the problem, as JSON (on a terminal in sentences, unless --json is given), with
+    exit status 2 for an infeasible request, 3 where its time limit ended the search, 1 for an invalid one.
     """
     from api.cli.support.client import describe
     from api.cli.support.errors import RefusedRequest

@@ -108,7 +108,7 @@ def exactly(entry: Mapping[str, Any], keys: tuple[str, ...], where: str) -> Mapp
     """Returns `entry` after checking that it has exactly these `keys`.
 
     Raises:
-        CellError: a key is unknown, which is named first as it may stand for a missing one, or missing.
+        CellError: a key is unknown, or missing; the unknown one is named first, as it may be a misspelling.
     """
     merge_defaults(entry, dict.fromkeys(keys), where)
     for key in keys:

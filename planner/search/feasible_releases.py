@@ -1,24 +1,26 @@
-"""Feasible releases close to an infeasible one: seeds of the nearest-feasible search.
+"""Feasible releases close to an infeasible one: where the search for the nearest feasible request begins.
 
-The release is moved to the closest positions in which some posture has the requested velocity, keeps clear of
-everything and is away from singularities.
+A pose or point is moved to the closest positions in which some posture has the requested velocity, keeps clear of
+everything and is away from singularities; a target to easy places, from which it is brought back.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from functools import cache
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import cache, partial
 
 import numpy as np
 
 from planner.arrays import Array, Mask, read_only
 from planner.geometry import body_model, tool_pose
 from planner.kinematics import inverse_branches, inverse_velocity, jacobian, singularity_distances
-from planner.problem import PointRelease, PoseRelease, ThrowProblem
+from planner.problem import PointRelease, PoseRelease, Release, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose
 from planner.seeds import SPREAD_RAD, allocate_velocity, farthest_reach, tool_jacobian
 
 PlacedRelease = PoseRelease | PointRelease
+Relaxation = Callable[[float], Release]  # of a share s: 0 fully relaxed, 1 as requested or as close as possible
 
 POSTURES = 1536  # drawn for a point
 AZIMUTHS, RADII, HEIGHTS = 24, 10, 6  # grid of the positions tried for a pose
@@ -27,6 +29,10 @@ CHECKED_MAX = 200  # closest positions that are checked for clearance
 CLEARANCE_M = 0.03  # [m] beyond every required clearance, as room for launch and brake
 APART_M = 0.04  # [m] least distance of two positions
 RELEASES_MAX = 2  # releases yielded; the same velocity fails the same checks at most others
+UNDER_M = 0.2  # [m] from below the tool at the start, towards the target: an easy throw
+COMFORTABLE_REACH = 0.6  # [-] of the arm's reach: positions there have many postures
+STEPS_OUT, NEAREST_OUT = 24, 8  # distances tried from the base to there; those from a third of it on are targets
+BESIDE_M = 0.05  # [m] between the object and a box that an easy target is in front of
 
 
 def feasible_releases(problem: ThrowProblem, release: PlacedRelease) -> Iterator[PlacedRelease]:
@@ -107,3 +113,73 @@ def _within_speed(problem: ThrowProblem, qd: Array) -> Mask:
 def _offsets() -> Array:
     """Returns random points (POSTURES, 6) in [-1, 1], the same at every call."""
     return read_only(np.random.default_rng(0).uniform(-1.0, 1.0, (POSTURES, 6)))
+
+
+def closer_targets(problem: ThrowProblem, release: TargetRelease) -> Iterator[Relaxation]:
+    """Yields relaxations that start from an easy target: towards the requested one, ahead of the tool, or below it.
+
+    A target below the floor is lifted onto it.
+    """
+    x, y, z = release.p_W
+    release = replace(release, p_W=np.array([x, y, max(z, problem.cell.surroundings.floor_z_m)]))
+    farthest, tool = _farthest_throw(problem, release), tool_pose(problem.cell, problem.start)[:3, 3]
+    under = np.array([*within(tool[:2], release.p_W[:2], UNDER_M), release.p_W[2]])
+    releases = [release] if release.release_position is None else [release, replace(release, release_position=None)]
+    for requested in releases:
+        for direction in (release.p_W, tool):
+            easy = _comfortable_target(problem, direction, release.p_W[2])
+            yield partial(_target_between, requested, easy, farthest)
+        yield partial(_target_between, requested, under, farthest)
+
+
+def _target_between(release: TargetRelease, near: Array, far: Array, share: float) -> Release:
+    return replace(release, p_W=between(near, far, share))
+
+
+def _comfortable_target(problem: ThrowProblem, direction: Array, height: float) -> Array:
+    """Returns a target (3,) well within reach, in the direction of a position (3,), at a height [m] if reachable.
+
+    It is in front of the first keep-out box on the way, if that leaves room.
+    """
+    cell = problem.cell
+    base, reach = cell.X_WB[:3, 3], COMFORTABLE_REACH * farthest_reach(problem)
+    away = direction[:2] - base[:2]
+    length = float(np.linalg.norm(away))
+    along = away / length if length > 1e-6 else np.array([1.0, 0.0])
+    z = min(height, base[2] + cell.robot.d[0] + reach)
+    distance = np.linspace(0.0, reach, STEPS_OUT + 1)[:, None]
+    p = np.column_stack([base[:2] + distance * along, np.full(len(distance), z)])
+    return p[_unblocked(problem, p)]
+
+
+def _unblocked(problem: ThrowProblem, p: Array) -> int:
+    """Returns the row of `p` (n, 3) before the first one from `NEAREST_OUT` on that a box blocks, or the last."""
+    room = problem.cell.object.radius_m + BESIDE_M
+    blocked = np.zeros(len(p), dtype=bool)
+    for box in problem.cell.surroundings.keep_out:
+        blocked |= np.all((p >= box.lower - room) & (p <= box.upper + room), axis=1)
+    ahead = np.flatnonzero(blocked[NEAREST_OUT:])
+    return NEAREST_OUT + int(ahead[0]) - 1 if len(ahead) and ahead[0] else len(p) - 1
+
+
+def _farthest_throw(problem: ThrowProblem, release: TargetRelease) -> Array:
+    """Returns the target (3,), or the farthest position on the way to it that a throw within the speed limits reaches.
+
+    Source: range of a throw from height h at speed v, v/g sqrt(v^2 + 2 g h).
+    """
+    base, reach, g = problem.cell.X_WB[:3, 3], farthest_reach(problem), problem.gravity_at_tool_speed
+    v = min(problem.limits.tcp_speed_max, release.max_speed_m_s)
+    height = max(base[2] + reach - release.p_W[2], 0.0)
+    near = np.array([*base[:2], release.p_W[2]])
+    return within(near, release.p_W, reach + v / g * np.sqrt(v * v + 2.0 * g * height))
+
+
+def within(centre: Array, p: Array, radius: float) -> Array:
+    """Returns `p`, or the closest position to it within a radius of the centre."""
+    distance = float(np.linalg.norm(p - centre))
+    return p if distance <= radius else centre + (p - centre) * radius / distance
+
+
+def between(near: Array, far: Array, share: float) -> Array:
+    """Returns the position at a share of the way from `near` to `far`."""
+    return near + share * (far - near)

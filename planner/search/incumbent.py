@@ -207,12 +207,16 @@ class PlanningSearch:
         return Infeasible(violations, attempts=log)
 
     def violations(self) -> list[Violation]:
-        """Returns the failed checks of the motion closest to a valid one; without any, that none was made, and why."""
+        """Returns the failed checks of the motion closest to a valid one; without any, that none was made, and why.
+
+        Where a motion lacks nothing but the release window, these are its own.
+        """
+        if self.nominal is not None:
+            return _violations(self.nominal.certificate)
         if not self.rejected:
             said = "; ".join(f"{attempt.backend}: {attempt.result}" for attempt in self.attempts)
             return [Violation("motion", 0.0, 1.0, "1", detail=said or "none was tried")]
-        failures = min((each.certificate for each in self.rejected), key=_excess).failures
-        return [Violation(c.name, c.value, c.limit, c.unit, c.at_s, c.detail) for c in failures]
+        return _violations(min((each.certificate for each in self.rejected), key=_excess))
 
 
 def certified(backend: str, problem: ThrowProblem, solution: Solution) -> CertifiedSolution:
@@ -228,6 +232,11 @@ def _posture(candidate: Candidate) -> tuple[float, ...]:
 def _sooner(found: CertifiedSolution, other: CertifiedSolution | None) -> bool:
     """Returns whether a motion ranks before another one, which may be missing."""
     return other is None or _rank(found.solution.trajectory) < _rank(other.solution.trajectory)
+
+
+def _violations(certificate: Certificate) -> list[Violation]:
+    """Returns what stands in the way of a rejected motion."""
+    return [Violation(c.name, c.value, c.limit, c.unit, c.at_s, c.detail) for c in certificate.failures]
 
 
 def _excess(certificate: Certificate) -> tuple[int, float]:

@@ -3,16 +3,16 @@
 Requirements are relaxed one after the other, the mildest relaxation first: a speed is reduced, a position is moved into
 reach, a target is brought closer; at last the whole release is drawn towards the start, where it is always feasible.
 For each relaxation the largest feasible share of the request is found by bisection, by Ruckig's motions, which take
-least time. Where something stands in the way of a target, the optimiser tries a few nearer ones, also beyond it; and it
-is asked for more of a release window that the motion found does not keep. Every release that is returned has a
-certified motion.
+least time. Where the refusal is not proven, or about an obstacle, the optimiser is asked then: for more of a release
+window than the motion found keeps, and for nearer targets, also beyond the requested one. Every release that is
+returned has a certified motion.
 """
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
@@ -21,13 +21,22 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.certificate import certify
-from planner.errors import Infeasible, SolverFailed, Violation
+from planner.errors import BackendUnavailable, Infeasible, SolverFailed, Violation
 from planner.geometry import tool_pose
 from planner.problem import JointRelease, PointRelease, PoseRelease, Release, TargetRelease, ThrowProblem
 from planner.rotations import matrix_to_rotation_vector, pose, rotation_vector_to_matrix
 from planner.search.auto import search_optimised
 from planner.search.blocked_postures import blocked_postures
-from planner.search.feasible_releases import PlacedRelease, feasible_releases, moved, position
+from planner.search.feasible_releases import (
+    PlacedRelease,
+    Relaxation,
+    between,
+    closer_targets,
+    feasible_releases,
+    moved,
+    position,
+    within,
+)
 from planner.search.incumbent import CertifiedSolution, PlanningSearch, certified
 from planner.search.policy import FIRST_SEEDS_POLICY
 from planner.search.proofs import refuse_impossible
@@ -36,27 +45,24 @@ from planner.search.sequential import VARIANTS_BY_BACKEND, Solve
 from planner.search.way_home import find_way_home
 from planner.seeds import Candidate, candidates, farthest_reach
 
-Relaxation = Callable[[float], Release]  # of a share s: 0 fully relaxed, 1 as requested or as close as possible
-
 BISECTIONS = 6  # the share is found to 1/64
 SHARE_MIN = 0.02  # [-] of the requested speed or displacement; tried first
 SLOWER = (0.3, 0.05)  # [-] of the requested speed, tried where no other position allows the full speed
 # Constraints on the position, which a slower release breaks, too.
 POSITION_CONSTRAINTS = {"reach", "joint_position", "floor", "keep_in", "keep_out", "self_collision"}
 OBSTACLE_CONSTRAINTS = {"flight_clearance", "keep_out"}  # where a target beyond what is in the way may be nearer
-UNDER_M = 0.2  # [m] from below the tool at the start, towards the target: an easy throw
-COMFORTABLE_REACH = 0.6  # [-] of the arm's reach: positions there have many postures
-STEPS_OUT, NEAREST_OUT = 24, 8  # distances tried from the base to there; those from a third of it on are targets
-BESIDE_M = 0.05  # [m] between the object and a box that an easy target is in front of
 MOTIONS_MAX, LATE_MOTIONS_MAX = 30, 20  # motions certified, about 5 ms each; after the request's deadline
 WINDOW_SHARE = 0.9  # [-] of the largest share: a smaller one is preferred if it keeps the release window
 SHARES_MAX = 3  # [-] largest shares whose motion's end is searched for a way home; in vain that takes some seconds
 CANDIDATES_MAX, FEW_CANDIDATES = 6, 2  # tried for one release, thoroughly or not
-BEYOND_M = (0.05, 0.1, 0.2)  # [m] farther from the base than a target that something stands before
+BEYOND_M = (0.05, 0.1, 0.2)  # [m] farther from the base than the requested target: past what it stands behind
 NEARER_SHARES = (0.25, 0.5)  # [-] of the distance from the requested target to the nearest one found
 WINDOW_SHARES = (1.0, 0.5, 0.25)  # [-] of the requested release window
-WINDOW_STEP_S, DECIMALS = 1e-4, 4  # [s] windows are rounded down to it: no gripper knows less
+# [-] What the optimiser may spend on them: most of what it finds takes 100 to 300 iterations.
+ITERATIONS_MAX, ANSWERS_MAX = 900, 3
+WINDOW_STEP_S, DECIMALS = 1e-4, 4  # [s] windows are rounded down to it: no gripper is timed more finely
 ROUNDING = 1e-9  # [-] of a number of steps
+TINY_M = 1e-6  # [m] targets that are no farther apart are the same
 
 
 class Feasibility:
@@ -107,24 +113,59 @@ class Feasibility:
         return found if found.is_valid else None
 
 
+class Optimiser:
+    """Decides whether other problems have an answer by the optimiser's first seeds, on a budget of work.
+
+    Attributes:
+        search: whose deadline and back end count.
+        iterations: spent so far.
+        answers: found so far, each of which is searched for a way home.
+    """
+
+    def __init__(self, search: PlanningSearch) -> None:
+        self.search, self.iterations, self.answers = search, 0, 0
+
+    def finds(self, problem: ThrowProblem) -> bool:
+        """Returns whether there is a certified motion with a way home; not where the budget is spent."""
+        spent = self.iterations >= ITERATIONS_MAX or self.answers >= ANSWERS_MAX or self.search.out_of_time
+        if spent or problem.backend != "auto":
+            return False
+        inner = PlanningSearch(problem, self.search.deadline_s)
+        try:
+            refuse_impossible(problem)
+            search_optimised(inner, Ranking(problem, candidates(problem)), FIRST_SEEDS_POLICY)
+        except (Infeasible, BackendUnavailable):
+            return False
+        self.search.extend_deadline(inner.loading_s)
+        self.iterations += inner.iterations
+        if inner.incumbent is None:
+            return False
+        self.answers += 1
+        return find_way_home(problem, inner.incumbent)[0] is not None
+
+
 def nearest_problem(search: PlanningSearch, violations: Sequence[Violation]) -> ThrowProblem | None:
     """Returns the closest problem that has a certified motion; None if none was found.
 
-    A release window is the last thing to be asked for: the motion that was found without it gives its own.
+    A release window is the last thing to be asked for. A motion that lacks nothing else is offered with its own, or
+    with half or a quarter of the window.
 
     Args:
         search: without an answer.
         violations: of its refusal.
     """
     problem, broken = search.problem, {violation.constraint for violation in violations}
+    optimiser = Optimiser(search)
     if search.nominal is not None:
-        return _with_more_of_window(search, _with_own_window(problem, search.nominal), WINDOW_SHARES[1:])
+        found = _with_own_window(problem, search.nominal)
+        return _with_more_of_window(optimiser, found, WINDOW_SHARES[1:])
     found = _relaxed(search, broken)
-    if all(violation.proven for violation in violations) and not broken & OBSTACLE_CONSTRAINTS:
-        return found  # out of reach: that is said at once
+    is_proven = all(violation.proven for violation in violations) and not broken & OBSTACLE_CONSTRAINTS
+    if is_proven or blocked_postures(problem):  # that is said at once
+        return found
     if found is not None:
-        found = _with_more_of_window(search, found, WINDOW_SHARES)
-    return _nearer_target(search, found)
+        found = _with_more_of_window(optimiser, found, WINDOW_SHARES)
+    return _nearer_target(optimiser, found)
 
 
 def _relaxed(search: PlanningSearch, broken: set[str]) -> ThrowProblem | None:
@@ -141,53 +182,48 @@ def _relaxed(search: PlanningSearch, broken: set[str]) -> ThrowProblem | None:
     return None
 
 
-def _with_more_of_window(search: PlanningSearch, found: ThrowProblem, shares: Iterable[float]) -> ThrowProblem:
+def _with_more_of_window(optimiser: Optimiser, found: ThrowProblem, shares: Iterable[float]) -> ThrowProblem:
     """Returns a problem with the first of these shares of the requested window that the optimiser has a motion for.
 
-    Those that are no longer than its own are not tried.
+    The problem itself where that is none, or no more than it has. What was refused is not asked again.
     """
+    requested = optimiser.search.problem
     for share in shares:
-        wider = replace(found, release_window_s=_rounded_down(share * search.problem.release_window_s))
-        if wider.release_window_s > found.release_window_s and _is_answered(search, wider):
+        window_s = share * requested.release_window_s
+        wider = replace(found, release_window_s=window_s if share == 1.0 else _rounded_down(window_s))
+        is_refused = share == 1.0 and _apart(requested.release, found.release) < TINY_M
+        if wider.release_window_s > found.release_window_s and not is_refused and optimiser.finds(wider):
             return wider
     return found
 
 
-def _nearer_target(search: PlanningSearch, found: ThrowProblem | None) -> ThrowProblem | None:
-    """Returns the problem with a nearer target than the one found, if the optimiser finds a motion to one.
+def _nearer_target(optimiser: Optimiser, found: ThrowProblem | None) -> ThrowProblem | None:
+    """Returns the problem with a nearer target than the one found, if the optimiser finds a motion to one, or that one.
 
     A few are tried, the nearest first: between the two, and farther from the base than the requested one.
     """
-    release = search.problem.release
+    problem = optimiser.search.problem
+    release, base = problem.release, problem.cell.X_WB[:3, 3]
     if not isinstance(release, TargetRelease):
         return found
-    p, base = release.p_W, search.problem.cell.X_WB[:3, 3]
-    away = np.array([*(p - base)[:2], 0.0])
-    tried = [(d, p + d * away / np.linalg.norm(away)) for d in BEYOND_M if away.any()]
-    if found is not None:
-        assert isinstance(found.release, TargetRelease)
-        step = found.release.p_W - p
-        apart = float(np.linalg.norm(step))
-        tried = [each for each in tried if each[0] < apart] + [(s * apart, p + s * step) for s in NEARER_SHARES]
-    for _, place in sorted(tried, key=lambda each: each[0]):
-        nearer = replace(search.problem, release=replace(release, p_W=place))
-        if _is_answered(search, nearer):
-            return nearer
-    return found
+    away = np.array([*(release.p_W - base)[:2], 0.0])
+    places = [release.p_W + d * away / np.linalg.norm(away) for d in BEYOND_M] if away.any() else []
+    apart = math.inf
+    if found is not None and isinstance(found.release, TargetRelease):
+        apart = _apart(release, found.release)
+        places += [between(release.p_W, found.release.p_W, share) for share in NEARER_SHARES]
+    nearer = [replace(problem, release=replace(release, p_W=place)) for place in places]
+    nearer.sort(key=lambda each: _apart(release, each.release))
+    return next(
+        (each for each in nearer if TINY_M < _apart(release, each.release) < apart and optimiser.finds(each)), found
+    )
 
 
-def _is_answered(search: PlanningSearch, problem: ThrowProblem) -> bool:
-    """Returns whether the optimiser comes to an answer of a problem from its first seeds; of `auto` alone."""
-    if problem.backend != "auto":
-        return False
-    inner = PlanningSearch(problem, search.deadline_s)
-    try:
-        refuse_impossible(problem)
-        search_optimised(inner, Ranking(problem, candidates(problem)), FIRST_SEEDS_POLICY)
-    except Infeasible:
-        return False
-    search.extend_deadline(inner.loading_s)
-    return inner.answer is not None and find_way_home(problem, inner.answer)[0] is not None
+def _apart(release: Release, other: Release) -> float:
+    """Returns the distance of two targets [m]; infinite for other releases, unless they are the same."""
+    if isinstance(release, TargetRelease) and isinstance(other, TargetRelease):
+        return float(np.linalg.norm(release.p_W - other.p_W))
+    return 0.0 if release is other else math.inf
 
 
 def _with_ways_home(
@@ -218,20 +254,19 @@ def _with_own_window(problem: ThrowProblem, nominal: CertifiedSolution) -> Throw
     """
     if not problem.is_robust:
         return problem
-    motion, found = nominal.solution.trajectory, replace(problem, release_window_s=0.0)
+    motion = nominal.solution.trajectory
     if "casadi" in (problem.backend, nominal.backend):
-        return found
+        return replace(problem, release_window_s=0.0)
     if certify(problem, motion).valid:
         return problem
     kept, failed = 0.0, problem.release_window_s
     for _ in range(BISECTIONS):
         window_s = (kept + failed) / 2.0
-        narrower = replace(problem, release_window_s=window_s)
-        if certify(narrower, motion).valid:
-            kept, found = window_s, narrower
+        if certify(replace(problem, release_window_s=window_s), motion).valid:
+            kept = window_s
         else:
             failed = window_s
-    return replace(found, release_window_s=_rounded_down(kept))
+    return replace(problem, release_window_s=_rounded_down(kept))
 
 
 def _rounded_down(window_s: float) -> float:
@@ -244,7 +279,7 @@ def _relaxations(problem: ThrowProblem, broken: set[str]) -> Iterator[tuple[Rela
     """Yields relaxations, the mildest first, and whether each deserves a thorough search."""
     release = problem.release
     if isinstance(release, TargetRelease):
-        yield from ((relaxation, True) for relaxation in _closer_targets(problem, release))
+        yield from ((relaxation, True) for relaxation in closer_targets(problem, release))
         return
     if not problem.ends_at_rest and not broken & POSITION_CONSTRAINTS:
         yield partial(_slower, release), True
@@ -297,7 +332,7 @@ def _slower(release: Release, share: float) -> Release:
 def _elsewhere(problem: ThrowProblem, release: PlacedRelease) -> Iterator[Relaxation]:
     """Yields relaxations from other positions to the requested one, with the requested speed as far as possible."""
     requested = position(release)
-    farthest = _within(problem.cell.X_WB[:3, 3], requested, farthest_reach(problem))
+    farthest = within(problem.cell.X_WB[:3, 3], requested, farthest_reach(problem))
     for speed in (1.0, *SLOWER):
         slowed = _slower(release, speed)
         assert isinstance(slowed, PoseRelease | PointRelease)
@@ -306,7 +341,7 @@ def _elsewhere(problem: ThrowProblem, release: PlacedRelease) -> Iterator[Relaxa
 
 
 def _moved_between(release: PlacedRelease, near: Array, far: Array, share: float) -> Release:
-    return moved(release, _between(near, far, share))
+    return moved(release, between(near, far, share))
 
 
 def _towards_start(problem: ThrowProblem, release: Release, share: float) -> Release:
@@ -314,80 +349,11 @@ def _towards_start(problem: ThrowProblem, release: Release, share: float) -> Rel
     share, X_W0 = max(share, SHARE_MIN), tool_pose(problem.cell, problem.start)
     match release:
         case JointRelease(q, qd):
-            return JointRelease(_between(problem.start, q, share), share * qd)
+            return JointRelease(between(problem.start, q, share), share * qd)
         case PointRelease(p, v):
-            return PointRelease(_between(X_W0[:3, 3], p, share), share * v)
+            return PointRelease(between(X_W0[:3, 3], p, share), share * v)
         case PoseRelease(X, V):
             turn = share * matrix_to_rotation_vector(X[:3, :3] @ X_W0[:3, :3].T)
             R_WT = rotation_vector_to_matrix(turn) @ X_W0[:3, :3]
-            return PoseRelease(pose(_between(X_W0[:3, 3], X[:3, 3], share), R_WT), share * V)
+            return PoseRelease(pose(between(X_W0[:3, 3], X[:3, 3], share), R_WT), share * V)
     return release
-
-
-def _closer_targets(problem: ThrowProblem, release: TargetRelease) -> Iterator[Relaxation]:
-    """Yields relaxations that start from an easy target: towards the requested one, ahead of the tool, or below it.
-
-    A target below the floor is lifted onto it.
-    """
-    x, y, z = release.p_W
-    release = replace(release, p_W=np.array([x, y, max(z, problem.cell.surroundings.floor_z_m)]))
-    farthest, tool = _farthest_throw(problem, release), tool_pose(problem.cell, problem.start)[:3, 3]
-    under = np.array([*_within(tool[:2], release.p_W[:2], UNDER_M), release.p_W[2]])
-    releases = [release] if release.release_position is None else [release, replace(release, release_position=None)]
-    for requested in releases:
-        for direction in (release.p_W, tool):
-            easy = _comfortable_target(problem, direction, release.p_W[2])
-            yield partial(_target_between, requested, easy, farthest)
-        yield partial(_target_between, requested, under, farthest)
-
-
-def _target_between(release: TargetRelease, near: Array, far: Array, share: float) -> Release:
-    return replace(release, p_W=_between(near, far, share))
-
-
-def _comfortable_target(problem: ThrowProblem, direction: Array, height: float) -> Array:
-    """Returns a target (3,) well within reach, in the direction of a position (3,), at a height [m] if reachable.
-
-    It is in front of the first keep-out box on the way, if that leaves room.
-    """
-    cell = problem.cell
-    base, reach = cell.X_WB[:3, 3], COMFORTABLE_REACH * farthest_reach(problem)
-    away = direction[:2] - base[:2]
-    length = float(np.linalg.norm(away))
-    along = away / length if length > 1e-6 else np.array([1.0, 0.0])
-    z = min(height, base[2] + cell.robot.d[0] + reach)
-    distance = np.linspace(0.0, reach, STEPS_OUT + 1)[:, None]
-    p = np.column_stack([base[:2] + distance * along, np.full(len(distance), z)])
-    return p[_unblocked(problem, p)]
-
-
-def _unblocked(problem: ThrowProblem, p: Array) -> int:
-    """Returns the row of `p` (n, 3) before the first one from `NEAREST_OUT` on that a box blocks, or the last."""
-    room = problem.cell.object.radius_m + BESIDE_M
-    blocked = np.zeros(len(p), dtype=bool)
-    for box in problem.cell.surroundings.keep_out:
-        blocked |= np.all((p >= box.lower - room) & (p <= box.upper + room), axis=1)
-    ahead = np.flatnonzero(blocked[NEAREST_OUT:])
-    return NEAREST_OUT + int(ahead[0]) - 1 if len(ahead) and ahead[0] else len(p) - 1
-
-
-def _farthest_throw(problem: ThrowProblem, release: TargetRelease) -> Array:
-    """Returns the target (3,), or the farthest position on the way to it that a throw within the speed limits reaches.
-
-    Source: range of a throw from height h at speed v, v/g sqrt(v^2 + 2 g h).
-    """
-    base, reach, g = problem.cell.X_WB[:3, 3], farthest_reach(problem), problem.gravity_at_tool_speed
-    v = min(problem.limits.tcp_speed_max, release.max_speed_m_s)
-    height = max(base[2] + reach - release.p_W[2], 0.0)
-    near = np.array([*base[:2], release.p_W[2]])
-    return _within(near, release.p_W, reach + v / g * np.sqrt(v * v + 2.0 * g * height))
-
-
-def _within(centre: Array, p: Array, radius: float) -> Array:
-    """Returns `p`, or the closest position to it within a radius of the centre."""
-    distance = float(np.linalg.norm(p - centre))
-    return p if distance <= radius else centre + (p - centre) * radius / distance
-
-
-def _between(near: Array, far: Array, share: float) -> Array:
-    return near + share * (far - near)

@@ -98,8 +98,10 @@ def search_from_nominal(search: PlanningSearch) -> None:
     found = inner.by_rank()
     search.log_attempt("casadi", f"without the release window: {len(found)} motions certified", begun_s)
     if found:
-        search.nominal = search.nominal or found[0]
-        search.note_rejected(certified(found[0].backend, search.problem, found[0].solution))  # what its window lacks
+        best = certified(found[0].backend, search.problem, found[0].solution)  # with what its window lacks
+        search.nominal = nominal = search.nominal or best
+        search.consider(best)
+        search.nominal = nominal
         motions = [each.solution.trajectory for each in found]
         search_optimised(
             search, Ranking(search.problem, [_released(motion) for motion in motions], motions), FROM_NOMINAL_POLICY

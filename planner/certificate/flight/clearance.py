@@ -278,7 +278,8 @@ def _starts_clear(flights: Flights, grid: Grid, held: Mask) -> Mask:
     gripped, m, n). A bound on a whole patch can be too small to tell, by millimetres.
     """
     starts, (item, row, column) = np.zeros((2, *held.shape), np.bool_), np.nonzero(held)
-    ends = np.array([row, row + grid.released.shape[2] - len(grid.r0)])  # the numbers of the interval's releases
+    further = grid.released.shape[2] - len(grid.r0)  # 1 in a window; without one, both ends are the same release
+    ends = np.array([row, row + further])
     r = np.array([grid.r0[row], grid.r1[row]])
     t = np.maximum(r, grid.t[column])
     p, v = grid.released[:, :, ends]

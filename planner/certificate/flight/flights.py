@@ -84,7 +84,10 @@ class Flights:
         return None
 
     def releases(self, r: Array) -> tuple[Array, Array]:
-        """Returns positions and velocities (3, k) of the object at release times `r` (k,) [s]."""
+        """Returns positions and velocities (3, k) of the object at release times `r` (k,) [s] of the window.
+
+        Without a window there is one release, the nominal one.
+        """
         if self.window_s == 0.0:
             arm, where = self.motion.at_knots, np.full(len(r), self.motion.release_knot)
         else:
@@ -101,7 +104,7 @@ class Flights:
         return self.flown(*self.releases(r), t - r)
 
     def flown(self, p: Array, v: Array, s: Array) -> Array:
-        """Returns positions (3, k) [m] `s` (k,) [s] after releases at `p` with velocities `v`, both (3, k).
+        """Returns positions (3, ...) [m] `s` (...) [s] after releases at `p` with velocities `v`, both (3, ...).
 
         Before its release a flight is extended by its acceleration at the release.
         """

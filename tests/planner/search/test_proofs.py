@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planner.errors import TIME_LIMIT, Infeasible, SolverFailed
+from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation
 from planner.geometry import body_model, tool_pose, tool_state
 from planner.planning import plan
-from planner.problem import JointRelease, Opening, PointRelease, PoseRelease, TargetRelease
+from planner.problem import JointRelease, Opening, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.request import problem_from_request
-from planner.search import POLICY, PlanningSearch, Ranking, nearest_problem, search_optimised
+from planner.search import POLICY, PlanningSearch, Ranking, nearest, nearest_problem, search_optimised
 from planner.search.blocked_postures import blocked_postures
 from planner.search.proofs import (
     farthest_from_shoulder,
@@ -277,3 +277,35 @@ def test_a_motion_without_its_window_is_offered_with_its_own():
     assert 0.0 < nearest["release_window_s"] < 0.02
     assert nearest["release_window_s"] == pytest.approx(round(nearest["release_window_s"], 4), abs=1e-12)
     assert plan(problem_from_request(nearest, problem.cell)).certificate.valid
+
+
+def searched_by_optimiser(monkeypatch: pytest.MonkeyPatch, problem: ThrowProblem, violations: list[Violation]) -> int:
+    """Returns how many other problems the optimiser was asked for the nearest one."""
+    asked: list[object] = []
+    monkeypatch.setattr(nearest, "search_optimised", lambda search, *_: asked.append(search.problem))
+    nearest_problem(PlanningSearch(problem, time.perf_counter() + problem.time_limit_s), violations)
+    return len(asked)
+
+
+@pytest.mark.parametrize(
+    ("constraint", "proven", "time_limit_s", "is_asked"),
+    [
+        ("joint_velocity", True, 60.0, False),  # out of reach: said at once
+        ("joint_velocity", False, 60.0, True),
+        ("flight_clearance", True, 60.0, True),  # past an obstacle there may be nearer ones
+        ("flight_clearance", True, 1e-9, False),  # after the deadline
+    ],
+)
+def test_the_optimiser_is_asked_for_nearer_targets_where_that_may_help(
+    monkeypatch, constraint, proven, time_limit_s, is_asked
+):
+    release = TargetRelease(np.array([3.0, 0.0, 0.0]))
+    problem = joint_problem(release=release, release_window_s=0.02, landing_tolerance_m=0.02, time_limit_s=time_limit_s)
+    violation = Violation(constraint, 1.0, 0.0, "m", proven=proven)
+    assert (searched_by_optimiser(monkeypatch, problem, [violation]) > 0) == is_asked
+
+
+def test_the_search_for_nearer_targets_is_bounded(monkeypatch):
+    monkeypatch.setattr(nearest, "ITERATIONS_MAX", 0)
+    problem = joint_problem(release=TargetRelease(np.array([3.0, 0.0, 0.0])), release_window_s=0.02)
+    assert searched_by_optimiser(monkeypatch, problem, [Violation("flight_clearance", 1.0, 0.0, "m")]) == 0

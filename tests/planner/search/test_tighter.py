@@ -240,6 +240,16 @@ def test_a_window_is_kept_from_the_motion_without_it(monkeypatch):
     assert any("from motions without the window: 1 of 1" in attempt.result for attempt in answer.attempts)
 
 
+def test_a_motion_without_the_window_that_keeps_it_is_an_answer(monkeypatch):
+    monkeypatch.setattr(tighter, "FROM_NOMINAL_POLICY", ())
+    search = PlanningSearch(
+        replace(TARGET, release_window_s=0.001, landing_tolerance_m=0.2), time.perf_counter() + 60.0
+    )
+    tighter.search_from_nominal(search)
+    assert search.answer is not None
+    assert search.answer.is_valid
+
+
 def test_where_no_motion_keeps_the_window_the_one_without_it_is_nearest():
     problem = replace(TARGET, release_window_s=0.2, landing_tolerance_m=0.002)
     search = PlanningSearch(problem, time.perf_counter() + 60.0)
