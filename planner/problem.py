@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from planner.arrays import Array
-from planner.cell import Box, Cell, Limits
+from planner.cell import CONTACT_M, Box, Cell, Limits
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import drag_constant
 from planner.geometry import barriers, passable
@@ -203,6 +203,11 @@ class ThrowProblem:
         """Drag constant of the object [1/m]."""
         thing = self.cell.object
         return drag_constant(thing.mass_kg, thing.radius_m, thing.drag_coefficient)
+
+    @property
+    def lands_in_air(self) -> bool:
+        """Whether the landing plane is above the floor: beside the target there may be no surface."""
+        return self.plane_z > self.cell.surroundings.floor_z_m + CONTACT_M
 
     @property
     def gravity(self) -> float:

@@ -27,6 +27,8 @@ FREE_M = 0.001  # [m] the way out of the grip counts once the object has moved b
 OUT_M = 0.01  # [m] the object is out of the grip once it has moved by its radius, and by this much
 ANGLE_SLACK = 1e-3  # [rad] of the way out: quarter turns rounded in the URDF
 CLEAR_S = 0.01  # [s] for which the object must have been clear of what gripped it before that counts as an obstacle
+CARRIES_M = 1e-6  # [m] a box that rises above the plane by less may carry the target
+BASE = 0  # frame of what never moves
 GRIPPED_FRAMES = (4, 5, 6)  # wrist 2, wrist 3 and tool: the object may begin inside their capsules
 
 
@@ -38,11 +40,13 @@ class Paths:
         x: positions (n, m, 3) [m], a step apart from the release on.
         landed: where the centres fall through the plane (m, 3) [m]; NaN where they do not.
         steps: number of instants of each until the sphere touches the plane (m,).
+        passed: number of instants of each until its centre falls through the plane (m,).
     """
 
     x: Vector
     landed: Vector
     steps: NDArray[np.intp]
+    passed: NDArray[np.intp]
 
 
 def drag_constant(problem: ThrowProblem) -> float:
@@ -68,19 +72,19 @@ def integrate(p: Vector, v: Vector, plane_z: float, radius: float, gravity: floa
         rows.append(state[:, :3])
     x = np.array(rows)
     ends = [_landing(x[:, i], plane_z, radius) for i in range(len(p))]
-    return Paths(x, np.array([end[0] for end in ends]), np.array([end[1] for end in ends]))
+    return Paths(x, *(np.array(column) for column in zip(*ends, strict=True)))
 
 
-def _landing(x: Vector, plane_z: float, radius: float) -> tuple[Vector, int]:
-    """Returns the landing point of one path (n, 3), and the number of instants before its sphere touches the plane."""
+def _landing(x: Vector, plane_z: float, radius: float) -> tuple[Vector, int, int]:
+    """Returns the landing point of a path (n, 3), and how many instants are before the sphere touches and passes."""
     z = x[:, 2]
     falls = np.flatnonzero((z[:-1] >= plane_z) & (z[1:] < plane_z))
     if len(falls) == 0:
-        return np.full(3, np.nan), len(x)
+        return np.full(3, np.nan), len(x), len(x)
     i = int(falls[-1])
     landed = x[i] + (z[i] - plane_z) / (z[i] - z[i + 1]) * (x[i + 1] - x[i])
     touches = np.flatnonzero((z[:-1] >= plane_z + radius) & (z[1:] < plane_z + radius))
-    return landed, int(touches[-1]) + 1 if len(touches) else i + 1
+    return landed, int(touches[-1]) + 1 if len(touches) else i + 1, i + 1
 
 
 def flight_faults(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
@@ -142,13 +146,19 @@ def _landings(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
 
 
 def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: int) -> list[AuditFault]:
-    """Returns what the sphere of one path touches before it touches the plane."""
+    """Returns what the sphere of one path touches before it touches the plane.
+
+    Boxes that rise above a plane in the air, and the base, count until its centre passes the plane.
+    """
     around, radius = problem.cell.surroundings, problem.cell.object.radius_m
-    x = paths.x[: paths.steps[i], i]
+    in_air = problem.plane_z > around.floor_z_m + CARRIES_M
+    x, through = paths.x[: paths.steps[i], i], paths.x[: (paths.passed if in_air else paths.steps)[i], i]
     gaps = [("the floor", float((x[:, 2] - radius).min()) - around.floor_z_m)]
     for k, box in enumerate(around.keep_out):
-        gaps.append((f"box {k}", float(_from_box(x, box).min()) - radius))
-    for name, frame, apart in arm.gaps(x, delay):
+        path = through if box.upper[2] > problem.plane_z + CARRIES_M else x
+        gaps.append((f"box {k}", float(_from_box(path, box).min()) - radius))
+    for name, frame, apart in arm.gaps(through, delay):
+        apart = apart if frame == BASE else apart[: len(x)]
         counted = _since_clear(apart - radius) if frame in GRIPPED_FRAMES else np.ones(len(apart), bool)
         gaps.append((name, float((apart[counted] - radius).min(initial=np.inf))))
     slack = LENGTH_SLACK_M

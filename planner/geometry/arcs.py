@@ -5,7 +5,7 @@ These steer the search; the certificate judges one flight with drag, arm and rel
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from planner.flight import time_of_flight
 
 @dataclass(frozen=True, eq=False)
 class Arcs:
-    """Flights p + v t - g t^2/2 e_z of a sphere, from the release until it touches the landing plane.
+    """Flights p + v t - g t^2/2 e_z of a sphere, from the release until it touches the landing plane, or passes it.
 
     Attributes:
         p: positions of the centre at the release (..., 3) [m].
@@ -41,6 +41,11 @@ class Arcs:
         passed = time_of_flight(p[..., 2] - plane_z, v[..., 2], gravity)
         until_s = np.where(np.isnan(touched), passed, touched)
         return Arcs(p, v, np.nan_to_num(until_s), gravity, radius_m)
+
+    def through(self, plane_z: float) -> Arcs:
+        """Returns the flights until their centres pass the plane z = `plane_z`, at once where they never do."""
+        passed = time_of_flight(self.p[..., 2] - plane_z, self.v[..., 2], self.gravity)
+        return replace(self, until_s=np.nan_to_num(passed))
 
     def at(self, t: Array) -> Array:
         """Returns the centres (..., 3) [m] at times `t` (...,) [s]."""

@@ -64,8 +64,9 @@ def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Marg
 
 
 def _flight(problem: ThrowProblem, candidate: Candidate) -> Arcs:
-    tool = tool_state(problem.cell, candidate.q, candidate.qd)
-    return Arcs.onto(tool.p_WT, tool.v_WT, problem.plane_z, problem.gravity_at_tool_speed, problem.cell.object.radius_m)
+    tool, radius = tool_state(problem.cell, candidate.q, candidate.qd), problem.cell.object.radius_m
+    arcs = Arcs.onto(tool.p_WT, tool.v_WT, problem.plane_z, problem.gravity_at_tool_speed, radius)
+    return arcs.through(problem.plane_z) if problem.lands_in_air else arcs
 
 
 def _opening(problem: ThrowProblem, margin_rad: float) -> list[float]:

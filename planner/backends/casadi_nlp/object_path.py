@@ -90,7 +90,7 @@ def standing_parameters(problem: ThrowProblem, room_m: float) -> Vector:
         {
             "capsules": np.column_stack([first, last, radii]),
             "reach": radius + room_m,
-            "ground": problem.plane_z + radius,
+            "ground": problem.plane_z + (0.0 if problem.lands_in_air else radius),
             "gravity": problem.gravity,
             "share": problem.release_speed_factor,
         }

@@ -4,7 +4,7 @@ The tool, and links beside which the object is gripped, count from the first ins
 object is clear of them: it usually starts within their capsules, so that these cannot judge how it leaves
 (`opening_direction` does). Releases that follow each other closely are clear of them one soon after the other; where
 they are not, one between them comes out, and meets or grazes what it has just left. A box that ends at the landing
-plane may carry the target: the flight ends when the sphere touches the plane. A target below the floor or within a box
+plane may carry the target: it counts until the sphere touches the plane. A target below the floor or within a box
 fails, although a flight to one just within may end before the sphere touches the box.
 """
 
@@ -70,7 +70,7 @@ class Grid:
 
 
 def flight_clearance(motion: MotionSamples) -> Check | None:
-    """Checks that the object meets nothing from any release in the window until it touches the landing plane.
+    """Checks that the object meets nothing from any release in the window until it lands: see `Flights.lowest`.
 
     The value is a proven lower bound on the distance of the object's surface; below 3 cm it is at most 1 cm too small.
     The landing plane, what lies below it, and what does not let go of the object at once do not count in it. None for
@@ -80,12 +80,12 @@ def flight_clearance(motion: MotionSamples) -> Check | None:
     if problem.ends_at_rest:
         return None
     flights = flights_of(motion)
-    if flights.end is None:
+    if flights.end_s is None:
         return at_least(name, math.nan, 0.0, "m", flights.released_s, "never lands")
     if isinstance(problem.release, TargetRelease):
         buried = problem.cell.surroundings.burying(problem.release.p_W, 2.0 * problem.cell.object.radius_m)
         if buried is not None:
-            return at_least(name, -buried.depth_m, 0.0, "m", flights.end[1], buried.name)
+            return at_least(name, -buried.depth_m, 0.0, "m", flights.end_s, buried.name)
     found = _least_gap(flights)
     value = max(found.value, 0.0) if found.proven else found.value
     return at_least(name, value, 0.0, "m", found.at_s, found.obstacle).provided(found.proven)
@@ -153,8 +153,7 @@ def _grid(flights: Flights, beyond_s: float, closely: Sequence[tuple[float, floa
 
     Its instants are the motion's knots, then others while the arm rests. Its releases are those of `_releases`.
     """
-    motion, end, (r, p, v) = flights.motion, flights.end, _releases(flights, closely)
-    assert end is not None
+    motion, (r, p, v) = flights.motion, _releases(flights, closely)
     first = int(np.searchsorted(motion.at_knots.t, motion.gone_from_s - CONTACT_M))
     t, last = motion.at_knots.t[first:], _latest_end(flights, r, p, v) + beyond_s
     moving = 1 + min(int(np.searchsorted(t, last)), len(t) - 1)  # instants while the arm moves
@@ -164,7 +163,7 @@ def _grid(flights: Flights, beyond_s: float, closely: Sequence[tuple[float, floa
     rates = np.zeros((2, 7, len(t) - 1))
     rates[:, 1:, : moving - 1] = motion.rates.sums[:2, :, first : first + moving - 1]
     spacing, several = float(np.diff(r).max(initial=0.0)), slice(min(1, len(r) - 1), None)
-    bounds = patch_bounds(flights, end[0], spacing, v)
+    bounds = patch_bounds(flights, motion.problem.plane_z, spacing, v)
     apexes = bounds.apexes(r, v)
     return Grid(
         r0=r[: max(1, len(r) - 1)],
@@ -199,11 +198,11 @@ def _releases(flights: Flights, closely: Sequence[tuple[float, float]]) -> tuple
 
 def _latest_end(flights: Flights, r: Array, p: Array, v: Array) -> float:
     """Returns when the last flight released at one of `r` ends [s]; with drag, when the nominal one does."""
-    assert flights.end is not None
-    (height, nominal), problem = flights.end, flights.motion.problem
+    assert flights.end_s is not None
+    nominal, problem = flights.end_s, flights.motion.problem
     if flights.window_s == 0.0 or problem.drag > 0.0:
         return nominal + flights.window_s
-    times = time_of_flight(p[2] - height, v[2], problem.gravity)
+    times = time_of_flight(p[2] - problem.plane_z, v[2], problem.gravity)
     return max(nominal, float(np.nan_to_num(r + times).max()))
 
 
@@ -225,19 +224,19 @@ def _lower_bounds(flights: Flights, grid: Grid) -> Array:
     h, s = np.diff(grid.t), np.maximum(grid.t[1:] - grid.r0[:, None], grid.r1[:, None] - grid.t[:-1])
     across = bounds.release_bend(s, (grid.r1 - grid.r0)[:, None])
     bend = across + bounds.time_bend(s, h)
-    falling = grid.t[:-1] >= grid.apexes[:, None]
+    falling, ends = grid.t[:-1] >= grid.apexes[:, None], flights.lowest[:, None, None]
     gaps = []
     if len(flights.boxes[0]):
         lower, upper = (side.T[:, :, None, None] for side in flights.boxes)
         lowest = np.min([corner[2] for corner in x], axis=0) - bend
-        lowest = np.where(falling, np.maximum(lowest, bounds.height), lowest)
+        lowest = np.where(falling, np.maximum(lowest, ends[: len(upper[0])]), lowest)
         gaps.append(np.maximum(box_bound([corner[:, None] for corner in x], lower, upper) - bend, lowest - upper[2]))
     gaps.append(_capsule_distances(flights, grid, s, h) - bend)
     if flights.opening is not None:
         rim = bounds.wall_bound(x) - bend
         gaps.append(np.where(falling & bounds.all_in_bin(x, bend), np.inf, rim)[None])
     found = np.concatenate(gaps)
-    over = falling & (np.max([corner[2] for corner in x[::2]], axis=0) + across < bounds.height)
+    over = falling & (np.max([corner[2] for corner in x[::2]], axis=0) + across < ends[: len(found)])
     over |= grid.t[1:] <= grid.r0[:, None]
     return np.where(over, np.inf, found - flights.thickness[: len(found), None, None])
 

@@ -2,8 +2,9 @@
 
 A flight that begins at the time r is at x(r, t) at the time t, both on the trajectory's clock: p(r) + f v(r) s +
 g s^2/2 with s = t - r, and the release speed factor f. The object is a sphere: it keeps clear of a box, of a capsule's
-axis or of a bin's wall by its radius (and the capsule's). Its flight ends where the sphere first touches the landing
-plane on its way down; a flight that never rises a radius above the plane ends where its centre passes it.
+axis or of a bin's wall by its radius (and the capsule's), until it first touches the landing plane on its way down; a
+flight that never rises a radius above the plane until its centre passes it. Where the plane is not the floor there may
+be no surface before the target: boxes that rise above the plane, and the arm's base, count until the centre passes it.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from planner.arrays import Array, Index, Mask
+from planner.cell import CONTACT_M
 from planner.certificate.samples import MotionSamples
 from planner.flight import fly, paths, positions_after
 from planner.kinematics import dot
@@ -74,14 +76,23 @@ class Flights:
         return arm.p_WT[:, k], self.leaving(arm.v_WT[:, k])
 
     @cached_property
-    def end(self) -> tuple[float, float] | None:
-        """Height of the centre at which the flights end [m], and time of the nominal end [s]; None: it never lands."""
+    def end_s(self) -> float | None:
+        """Time at which the nominal flight ends [s]; None: it never lands."""
         problem = self.motion.problem
-        for height in (problem.plane_z + self.radius_m, problem.plane_z):
-            flight = fly(*self.nominal, height, problem.gravity, problem.drag)
-            if flight is not None:
-                return height, self.released_s + flight.time_of_flight_s
-        return None
+        flight = fly(*self.nominal, problem.plane_z, problem.gravity, problem.drag)
+        return None if flight is None else self.released_s + flight.time_of_flight_s
+
+    @cached_property
+    def lowest(self) -> Array:
+        """Heights of the falling centre below which the obstacles do not count (items,) [m]."""
+        problem, body = self.motion.problem, self.motion.body
+        touching = problem.plane_z + self.radius_m
+        if fly(*self.nominal, touching, problem.gravity, problem.drag) is None:
+            return np.full(len(self.names), problem.plane_z)
+        if not problem.lands_in_air:
+            return np.full(len(self.names), touching)
+        rises, fixed = self.boxes[1][:, 2] > problem.plane_z + CONTACT_M, body.frames[: body.object] == 0
+        return np.where(np.concatenate([rises, fixed, [False]]), problem.plane_z, touching)
 
     def releases(self, r: Array) -> tuple[Array, Array]:
         """Returns positions and velocities (3, k) of the object at release times `r` (k,) [s] of the window.

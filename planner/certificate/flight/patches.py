@@ -87,7 +87,7 @@ class PatchBounds:
 
     Attributes:
         flights: the flights.
-        height: of the centre at which the flights end [m].
+        height: of the centre at which the flights end [m], the least of `Flights.lowest`.
         first_speed: bound on the object's speed at the release [m/s].
         tool: bounds on acceleration and jerk of the tool over the release window, as they count [m/s^2, m/s^3].
         spacing_s: largest interval of release times [s].
@@ -170,11 +170,12 @@ class PatchBounds:
         bound, sampled = self._distances(item, corners, t)
         lower = bound - bend - np.where(self.is_capsule(item), turned, 0.0)
         lowest = corners[2].min(axis=0) - bend
-        lower = np.maximum(lower, self.above(item, np.where(falling, np.maximum(lowest, self.height), lowest)))
+        end = flights.lowest[item]
+        lower = np.maximum(lower, self.above(item, np.where(falling, np.maximum(lowest, end), lowest)))
         lower -= flights.thickness[item]
-        over = falling & (corners[2, ::2].max(axis=0) + across < self.height)
+        over = falling & (corners[2, ::2].max(axis=0) + across < end)
         over |= (item == flights.rim) & falling & self.all_in_bin(_corners(corners), bend)
-        ended = (t >= apexes) & ((corners[2] < self.height) | ((item == flights.rim) & flights.in_bin(corners)))
+        ended = (t >= apexes) & ((corners[2] < end) | ((item == flights.rim) & flights.in_bin(corners)))
         gaps = np.where(ended | (t < r), np.inf, sampled - flights.thickness[item])
         return Evaluated(np.where(over | (t1 <= r0), np.inf, lower), gaps, r, t)
 

@@ -9,7 +9,7 @@ import pytest
 from planner.backends import ruckig_otg
 from planner.certificate import certify, flight_obstruction
 from planner.errors import Infeasible, SolverFailed
-from planner.flight import path
+from planner.flight import fly, path
 from planner.geometry import body_capsules, capsule_endpoints, tool_pose, tool_state
 from planner.kinematics import tcp_acceleration
 from planner.problem import Opening, TargetRelease, ThrowProblem
@@ -179,6 +179,25 @@ def test_a_target_may_stand_on_a_box_but_not_in_it_nor_against_its_side():
     assert not check.ok
     below = replace(here, surroundings=replace(here.surroundings, floor_z_m=0.31))
     assert certify(replace(on_top, cell=below), trajectory).check("flight_clearance").detail == "floor"
+
+
+@pytest.mark.parametrize("window_s", [0.0, 0.001])
+def test_a_wall_is_met_between_the_touch_of_the_plane_and_a_target_in_the_air(window_s):
+    """A flat flight comes within its radius of the target's height well before the target: nothing stops it there."""
+    here = cell()
+    release = TargetRelease(np.array([1.3, 0.3, 0.7]), max_elevation_rad=0.0)
+    problem = ThrowProblem(here, here.home, release, here.limits, release_window_s=window_s, landing_tolerance_m=0.1)
+    trajectory = ruckig_otg.solve(problem, candidates(problem)[0]).trajectory
+    state = tool_state(here, trajectory.q[trajectory.release_index], trajectory.qd[trajectory.release_index])
+    touch = fly(state.p_WT, state.v_WT, 0.7 + here.object.radius_m, problem.gravity)
+    x = touch.landing_point[0] + 1.01 * here.object.radius_m + (0.002 if window_s else 0.0)
+    assert x < 1.2995
+    for top, ok in ((1.5, False), (0.7, True)):  # on one that ends at the plane the target may stand
+        walled = with_boxes(here, ([x, -2.0, 0.0], [x + 0.0005, 2.0, top]))
+        check = certify(replace(problem, cell=walled), trajectory).check("flight_clearance")
+        assert (check.ok, check.detail) == (ok, "box 0")
+        met = flight_obstruction(replace(problem, cell=walled), trajectory)
+        assert (met is not None) == (not ok)
 
 
 @pytest.mark.parametrize("rim_height_m", [0.1, 0.3])
