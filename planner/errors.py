@@ -88,6 +88,12 @@ class InvalidProblem(PlannerError):
         self.errors = tuple(errors)
 
 
+def figures(value: float, limit: float) -> tuple[str, str]:
+    """Returns a value and its limit in words: four digits, or as many as tell them apart."""
+    digits = next((n for n in (4, 6, 9) if f"{value:.{n}g}" != f"{limit:.{n}g}"), 4)
+    return f"{value:.{digits}g}", f"{limit:.{digits}g}"
+
+
 @dataclass(frozen=True)
 class Violation:
     """A constraint that rules a motion out, and by how much.
@@ -112,7 +118,8 @@ class Violation:
 
     def __str__(self) -> str:
         when = "" if self.at_s is None else f" at {self.at_s:.3f} s"
-        text = f"{self.constraint}: {self.value:.4g} {self.unit} against a limit of {self.limit:.4g} {self.unit}{when}"
+        value, limit = figures(self.value, self.limit)
+        text = f"{self.constraint}: {value} {self.unit} against a limit of {limit} {self.unit}{when}"
         return f"{text} ({self.detail})" if self.detail else text
 
 

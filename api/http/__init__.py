@@ -17,7 +17,7 @@ from api.http.errors import (
 )
 from api.http.event_stream import event_stream, event_stream_answer
 from api.http.head import HeadMiddleware
-from api.http.json_body import StrictJsonRoute
+from api.http.json_body import StrictJsonRoute, refuse_ambiguous
 from api.http.middleware import SecurityMiddleware
 from api.http.negotiation import has_current, preferred_media_type, unchanging
 from api.http.openapi import json_answer, openapi_schema, operation_id, problem_answers
@@ -64,6 +64,7 @@ __all__ = [
     "preferred_media_type",
     "problem_answers",
     "problem_document",
+    "refuse_ambiguous",
     "problem_status",
     "read_tokens",
     "retry_after",

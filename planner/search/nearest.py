@@ -182,19 +182,26 @@ def _relaxed(search: PlanningSearch, broken: set[str]) -> ThrowProblem | None:
     return None
 
 
-def _with_more_of_window(optimiser: Optimiser, found: ThrowProblem, shares: Iterable[float]) -> ThrowProblem:
-    """Returns a problem with the first of these shares of the requested window that the optimiser has a motion for.
+def _with_more_of_window(optimiser: Optimiser, found: ThrowProblem, shares: Sequence[float]) -> ThrowProblem:
+    """Returns a problem with as much more of the requested window as the optimiser has a motion for.
 
-    The problem itself where that is none, or no more than it has. What was refused is not asked again.
+    That is the first of these shares that it has one for, or half way from there to the share before. The problem
+    itself where that is none, or no more than it has. What was refused is not asked again.
     """
-    requested = optimiser.search.problem
+    requested, before = optimiser.search.problem, 1.0
     for share in shares:
-        window_s = share * requested.release_window_s
-        wider = replace(found, release_window_s=window_s if share == 1.0 else _rounded_down(window_s))
+        wider = _with_share_of_window(requested, found, share)
         is_refused = share == 1.0 and _apart(requested.release, found.release) < TINY_M
         if wider.release_window_s > found.release_window_s and not is_refused and optimiser.finds(wider):
-            return wider
+            still_wider = _with_share_of_window(requested, found, (share + before) / 2.0)
+            return still_wider if share < 1.0 and optimiser.finds(still_wider) else wider
+        before = share
     return found
+
+
+def _with_share_of_window(requested: ThrowProblem, found: ThrowProblem, share: float) -> ThrowProblem:
+    window_s = share * requested.release_window_s
+    return replace(found, release_window_s=window_s if share == 1.0 else _rounded_down(window_s))
 
 
 def _nearer_target(optimiser: Optimiser, found: ThrowProblem | None) -> ThrowProblem | None:

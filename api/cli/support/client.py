@@ -38,6 +38,8 @@ def describe(problem: dict[str, Any], as_request: bool = False) -> str:
     lines += [f"  {_violation_text(violation)}" for violation in violations]
     if problem.get("nearest"):
         lines.append(f"  {_nearest_text(problem['nearest'], as_request)}")
+    elif violations:
+        lines.append("  no feasible request was found near it")
     return "\n".join(lines)
 
 
@@ -53,15 +55,14 @@ def _odds_text(problem: dict[str, Any], violation: dict[str, Any], as_request: b
 
 
 def _violation_text(violation: dict[str, Any]) -> str:
-    value, limit = (_figure(violation[key]) for key in ("value", "limit"))
+    from planner.errors import figures
+
+    numbers = violation["value"], violation["limit"]
+    value, limit = figures(*numbers) if all(isinstance(number, int | float) for number in numbers) else numbers
     detail = f" ({violation['detail']})" if violation.get("detail") else ""
-    proven = "; proven: no motion avoids it" if violation.get("proven") else ""
+    proven = "; proven: no motion avoids it" if violation.get("proven") else "; not proven: others were sought in vain"
     unit = "" if violation["unit"] in ("-", "1") else f" {violation['unit']}"
     return f"{violation['constraint']}: {value}{unit} against a limit of {limit}{unit}{detail}{proven}"
-
-
-def _figure(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _nearest_text(nearest: dict[str, Any], as_request: bool) -> str:

@@ -15,12 +15,13 @@ def read_request(file: Path, model: type[Model]) -> Model:
     """Returns the request in a file (`-`: standard input).
 
     Raises:
-        ProblemDetails: It is not UTF-8, or not such a request; the same problem as the service's.
+        ProblemDetails: It is not UTF-8, has a key twice, or is not such a request; the same problem as the service's.
     """
-    from api.http import invalid_field, invalid_request
+    from api.http import invalid_field, invalid_request, refuse_ambiguous
 
     try:
         text = sys.stdin.buffer.read() if str(file) == "-" else file.read_bytes()
+        refuse_ambiguous(text)
         return model.model_validate_json(text.decode())
     except ValidationError as error:
         raise invalid_request(error.errors(), model) from error

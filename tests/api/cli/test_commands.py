@@ -97,6 +97,13 @@ def test_plan_gives_the_problem_in_sentences_on_a_terminal(
         assert "the nearest feasible release:" in said
 
 
+def test_plan_refuses_a_file_with_a_key_twice(request_file: Path):
+    request_file.write_text('{"release": {"kind": "target", "position": [1.2, 0.3, 0], "position": [1.3, 0.3, 0]}}')
+    result = fling("plan", str(request_file))
+    assert result.exit_code == 1
+    assert json.loads(result.stderr)["detail"] == "position: is given twice"
+
+
 @pytest.mark.parametrize("content", [b"\xff\xfe{}", b'{"cell": "\xe9"}'])
 def test_plan_of_a_file_that_is_not_utf_8_is_one_sentence(request_file: Path, content: bytes):
     request_file.write_bytes(content)

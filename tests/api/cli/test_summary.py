@@ -67,14 +67,14 @@ def test_soonest_and_a_window_contradict_each_other():
 def test_a_refusal_says_each_constraint_once_and_what_to_try():
     rows = [
         {"constraint": "tcp_speed", "value": 5.133770122, "limit": 4.0, "unit": "m/s", "detail": "", "proven": True},
-        {"constraint": "keep_out", "value": -0.01, "limit": 0.02, "unit": "m", "detail": "forearm and keep_out[0]"},
+        {"constraint": "keep_out", "value": -0.01, "limit": 0.02, "unit": "m", "detail": "forearm and box 0"},
     ]
     nearest = {"release": {"kind": "target", "position": [0.8893799999999998, 0.0, -0.1]}}
     text = describe({"title": "The arm cannot do this", "detail": "long", "violations": rows, "nearest": nearest})
     assert text.splitlines() == [
         "The arm cannot do this:",
         "  tcp_speed: 5.134 m/s against a limit of 4 m/s; proven: no motion avoids it",
-        "  keep_out: -0.01 m against a limit of 0.02 m (forearm and keep_out[0])",
+        "  keep_out: -0.01 m against a limit of 0.02 m (forearm and box 0); not proven: others were sought in vain",
         "  the nearest feasible target: 0.88938 0 -0.1",
     ]
     for window_s, as_request, said in (
@@ -88,6 +88,9 @@ def test_a_refusal_says_each_constraint_once_and_what_to_try():
     odds = {"release": nearest["release"], "min_hit_probability": 0.631}
     text = describe({"title": "The arm cannot do this", "violations": rows, "nearest": odds})
     assert text.splitlines()[-1] == "  the best odds found: 0.631"
+    assert describe({"violations": rows, "nearest": None}).endswith("\n  no feasible request was found near it")
+    close = {**rows[0], "value": 0.019996, "limit": 0.02}
+    assert "tcp_speed: 0.019996 m/s against a limit of 0.02 m/s" in describe({"violations": [close]})
     assert describe({"title": "Not found", "detail": "no cell"}) == "Not found: no cell"
 
 

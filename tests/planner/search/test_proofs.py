@@ -309,3 +309,18 @@ def test_the_search_for_nearer_targets_is_bounded(monkeypatch):
     monkeypatch.setattr(nearest, "ITERATIONS_MAX", 0)
     problem = joint_problem(release=TargetRelease(np.array([3.0, 0.0, 0.0])), release_window_s=0.02)
     assert searched_by_optimiser(monkeypatch, problem, [Violation("flight_clearance", 1.0, 0.0, "m")]) == 0
+
+
+@pytest.mark.parametrize(("longest_s", "offered_s"), [(0.0081, 0.0075), (0.006, 0.005), (0.004, 0.0037), (0.001, 0.0)])
+def test_as_much_of_the_window_is_offered_as_a_few_tries_find(monkeypatch, longest_s, offered_s):
+    monkeypatch.setattr(nearest.Optimiser, "finds", lambda _, problem: problem.release_window_s <= longest_s)
+    problem = joint_problem(
+        release=TargetRelease(np.array([1.2, 0.3, 0.0])), release_window_s=0.01, landing_tolerance_m=0.02
+    )
+    search = PlanningSearch(problem, time.perf_counter() + 60.0)
+    nominal = replace(problem, release_window_s=0.0)
+    search_optimised(inner := PlanningSearch(nominal, search.deadline_s), Ranking(nominal, candidates(nominal)))
+    search.nominal = inner.incumbent
+    found = nearest_problem(search, [])
+    assert found is not None
+    assert found.release_window_s == pytest.approx(offered_s)
