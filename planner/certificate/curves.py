@@ -206,7 +206,9 @@ def _flight(shown: ShownMotion) -> list[Curve]:
         return []
     begin, end = flights.released_s, flights.end_s
     t = np.linspace(begin, end, 1 + max(1, math.ceil((end - begin) / FLIGHT_STEP_S)))
-    return [Curve("flight_clearance", "m", t, (Series("object", _least_gaps(flights, t), 0.0),))]
+    gaps = _least_gaps(flights, t)
+    until = 1 + int(np.flatnonzero(np.isfinite(gaps)).max(initial=0))  # after that nothing counts any more
+    return [Curve("flight_clearance", "m", t[:until], (Series("object", gaps[:until], 0.0),))]
 
 
 def _least_gaps(flights: Flights, t: Array) -> Array:
