@@ -32,7 +32,7 @@ States = Callable[[Vector], tuple[Vector, Vector, Vector]]
 
 # [ticks] by which a launch is tried that is shorter than the solution, which trades time for even steps and little jerk
 SHORTENED_TICKS = 0.05
-BRAKE_SPARE_TICKS = 0.2  # [ticks] beyond the least time of a brake: room for bringing jerks onto ticks
+SPARE_TICKS = 0.2  # [ticks] beyond that of a brake, or of a launch that needs it: room for bringing jerks onto ticks
 LEAST_TICKS = 4  # [ticks] of a phase: three are needed to reach an end state
 EXTRA_TICKS = (1, 2, 3)  # [ticks] given to launch and brake where the least number breaks a limit
 LIMIT_ROUNDING = 1e-8  # [-] share of a limit that floating point may exceed
@@ -165,19 +165,26 @@ def on_ticks(instance: Instance, z: Vector, solver: Solver) -> Solution:
 
 
 def _on_fitting_ticks(instance: Instance, z: Vector, solver: Solver) -> Trajectory | None:
-    """Returns the motion as solved with a wait at rest, solved again for these times, or longer; None if none fits."""
+    """Returns the motion as solved with a wait at rest, solved again for these times, or longer; None if none fits.
+
+    With as few ticks of the launch as may be enough first, then with some time to spare.
+    """
     problem, found = instance.problem, KnotStates.of(z, instance.stages.launch)
-    launch, brake = least_ticks(found.release_time_s, problem.dt, -SHORTENED_TICKS), 0
+    launches = [least_ticks(found.release_time_s, problem.dt, spare) for spare in (-SHORTENED_TICKS, SPARE_TICKS)]
+    brake = 0
     if instance.stages.brake:
-        brake = least_ticks(found.duration_s - found.release_time_s, problem.dt, BRAKE_SPARE_TICKS)
-    made, instance = _through_release(instance, found, (launch, brake))
-    if not _keeps_joint_limits(problem, made):
-        made = _solved_on_times(instance, z, solver, (launch, brake)) or made
-    for extra in EXTRA_TICKS:
+        brake = least_ticks(found.duration_s - found.release_time_s, problem.dt, SPARE_TICKS)
+    for launch in dict.fromkeys(launches):
+        made, instance = _through_release(instance, found, (launch, brake))
+        if not _keeps_joint_limits(problem, made):
+            made = _solved_on_times(instance, z, solver, (launch, brake)) or made
         if _keeps_joint_limits(problem, made):
-            break
-        made, _ = _through_release(instance, found, (launch + extra, brake + extra * bool(brake)))
-    return made if _keeps_joint_limits(problem, made) else None
+            return made
+    for extra in EXTRA_TICKS:
+        made, _ = _through_release(instance, found, (launches[-1] + extra, brake + extra * bool(brake)))
+        if _keeps_joint_limits(problem, made):
+            return made
+    return None
 
 
 def least_ticks(duration_s: float, dt: float, spare: float) -> int:
