@@ -202,13 +202,11 @@ def _flight(shown: ShownMotion) -> list[Curve]:
     if shown.problem.ends_at_rest:
         return []
     flights = flights_of(shown.motion)
-    if flights.end_s is None:
+    if flights.end is None:
         return []
-    begin, end = flights.released_s, flights.end_s
+    begin, end = flights.released_s, flights.end[1]
     t = np.linspace(begin, end, 1 + max(1, math.ceil((end - begin) / FLIGHT_STEP_S)))
-    gaps = _least_gaps(flights, t)
-    until = 1 + int(np.flatnonzero(np.isfinite(gaps)).max(initial=0))  # after that nothing counts any more
-    return [Curve("flight_clearance", "m", t[:until], (Series("object", gaps[:until], 0.0),))]
+    return [Curve("flight_clearance", "m", t, (Series("object", _least_gaps(flights, t), 0.0),))]
 
 
 def _least_gaps(flights: Flights, t: Array) -> Array:
@@ -218,10 +216,7 @@ def _least_gaps(flights: Flights, t: Array) -> Array:
     gaps = np.array([flights.gaps_at(np.full(len(t), item), x, t) for item in range(count)])
     gripped = flights.gripped
     gaps[gripped[gaps[gripped, 0] < 0.0]] = np.inf
-    falling = np.append(np.diff(x[2]) < 0.0, True)
-    gaps[falling & (x[2] < flights.lowest[:count, None])] = np.inf
-    if flights.opening is not None:
-        gaps[flights.rim, flights.in_bin(x)] = np.inf
+    gaps[flights.over(x)[:count]] = np.inf
     return gaps.min(axis=0)
 
 

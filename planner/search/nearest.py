@@ -148,7 +148,7 @@ def nearest_problem(search: PlanningSearch, violations: Sequence[Violation]) -> 
     """Returns the closest problem that has a certified motion; None if none was found.
 
     A release window is the last thing to be asked for. A motion that lacks nothing else is offered with its own, or
-    with half or a quarter of the window.
+    with as much more of the window as the optimiser finds a motion for.
 
     Args:
         search: without an answer.

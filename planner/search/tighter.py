@@ -98,10 +98,9 @@ def search_from_nominal(search: PlanningSearch) -> None:
     found = inner.by_rank()
     search.log_attempt("casadi", f"without the release window: {len(found)} motions certified", begun_s)
     if found:
-        best = certified(found[0].backend, search.problem, found[0].solution)  # with what its window lacks
-        search.nominal = nominal = search.nominal or best
+        known, best = search.nominal, certified(found[0].backend, search.problem, found[0].solution)
         search.consider(best)
-        search.nominal = nominal
+        search.nominal = known or best  # what is known may have a window of its own
         motions = [each.solution.trajectory for each in found]
         search_optimised(
             search, Ranking(search.problem, [_released(motion) for motion in motions], motions), FROM_NOMINAL_POLICY

@@ -65,11 +65,12 @@ def _rooms(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) ->
     arcs = Arcs.onto(p, v, float(release.p_W[2]), problem.gravity_at_tool_speed, problem.cell.object.radius_m)
     through = arcs.through(float(release.p_W[2])) if problem.lands_in_air else arcs
     for name, box in zip(around.keep_out_names, around.keep_out, strict=True):
-        if box.upper[2] <= release.p_W[2]:  # the object may land on it
-            yield name, arcs.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m)
-            continue
-        room = arcs.room_beside_box(box.lower, box.upper, FLIGHT_GAP_M, around.floor_z_m)
-        yield name, np.minimum(room, through.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m))
+        stands_on = box.upper[2] <= release.p_W[2]  # the object may land on it
+        gap_m = 0.0 if stands_on else FLIGHT_GAP_M
+        room = arcs.room_beside_box(box.lower, box.upper, gap_m, around.floor_z_m)
+        if problem.lands_in_air and not stands_on:
+            room = np.minimum(room, through.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m))
+        yield name, room
     if release.opening is not None:
         mouth = release.opening
         yield RIM, arcs.room_in_mouth(release.p_W, mouth.radius_m, mouth.rim_height_m)

@@ -176,10 +176,11 @@ def _on_fitting_ticks(instance: Instance, z: Vector, solver: Solver) -> Trajecto
         brake = least_ticks(found.duration_s - found.release_time_s, problem.dt, SPARE_TICKS)
     for launch in dict.fromkeys(launches):
         made, instance = _through_release(instance, found, (launch, brake))
-        if not _keeps_joint_limits(problem, made):
-            made = _solved_on_times(instance, z, solver, (launch, brake)) or made
         if _keeps_joint_limits(problem, made):
             return made
+        again = _solved_on_times(instance, z, solver, (launch, brake))
+        if again is not None and _keeps_joint_limits(problem, again):
+            return again
     for extra in EXTRA_TICKS:
         made, _ = _through_release(instance, found, (launches[-1] + extra, brake + extra * bool(brake)))
         if _keeps_joint_limits(problem, made):

@@ -80,12 +80,12 @@ def flight_clearance(motion: MotionSamples) -> Check | None:
     if problem.ends_at_rest:
         return None
     flights = flights_of(motion)
-    if flights.end_s is None:
+    if flights.end is None:
         return at_least(name, math.nan, 0.0, "m", flights.released_s, "never lands")
     if isinstance(problem.release, TargetRelease):
         buried = problem.cell.surroundings.burying(problem.release.p_W, 2.0 * problem.cell.object.radius_m)
         if buried is not None:
-            return at_least(name, -buried.depth_m, 0.0, "m", flights.end_s, buried.name)
+            return at_least(name, -buried.depth_m, 0.0, "m", flights.end[1], buried.name)
     found = _least_gap(flights)
     value = max(found.value, 0.0) if found.proven else found.value
     return at_least(name, value, 0.0, "m", found.at_s, found.obstacle).provided(found.proven)
@@ -153,7 +153,8 @@ def _grid(flights: Flights, beyond_s: float, closely: Sequence[tuple[float, floa
 
     Its instants are the motion's knots, then others while the arm rests. Its releases are those of `_releases`.
     """
-    motion, (r, p, v) = flights.motion, _releases(flights, closely)
+    motion, end, (r, p, v) = flights.motion, flights.end, _releases(flights, closely)
+    assert end is not None
     first = int(np.searchsorted(motion.at_knots.t, motion.gone_from_s - CONTACT_M))
     t, last = motion.at_knots.t[first:], _latest_end(flights, r, p, v) + beyond_s
     moving = 1 + min(int(np.searchsorted(t, last)), len(t) - 1)  # instants while the arm moves
@@ -163,7 +164,7 @@ def _grid(flights: Flights, beyond_s: float, closely: Sequence[tuple[float, floa
     rates = np.zeros((2, 7, len(t) - 1))
     rates[:, 1:, : moving - 1] = motion.rates.sums[:2, :, first : first + moving - 1]
     spacing, several = float(np.diff(r).max(initial=0.0)), slice(min(1, len(r) - 1), None)
-    bounds = patch_bounds(flights, motion.problem.plane_z, spacing, v)
+    bounds = patch_bounds(flights, end[0], spacing, v)
     apexes = bounds.apexes(r, v)
     return Grid(
         r0=r[: max(1, len(r) - 1)],
@@ -198,11 +199,11 @@ def _releases(flights: Flights, closely: Sequence[tuple[float, float]]) -> tuple
 
 def _latest_end(flights: Flights, r: Array, p: Array, v: Array) -> float:
     """Returns when the last flight released at one of `r` ends [s]; with drag, when the nominal one does."""
-    assert flights.end_s is not None
-    nominal, problem = flights.end_s, flights.motion.problem
+    assert flights.end is not None
+    (height, nominal), problem = flights.end, flights.motion.problem
     if flights.window_s == 0.0 or problem.drag > 0.0:
         return nominal + flights.window_s
-    times = time_of_flight(p[2] - problem.plane_z, v[2], problem.gravity)
+    times = time_of_flight(p[2] - height, v[2], problem.gravity)
     return max(nominal, float(np.nan_to_num(r + times).max()))
 
 

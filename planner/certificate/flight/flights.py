@@ -76,11 +76,11 @@ class Flights:
         return arm.p_WT[:, k], self.leaving(arm.v_WT[:, k])
 
     @cached_property
-    def end_s(self) -> float | None:
-        """Time at which the nominal flight ends [s]; None: it never lands."""
-        problem = self.motion.problem
-        flight = fly(*self.nominal, problem.plane_z, problem.gravity, problem.drag)
-        return None if flight is None else self.released_s + flight.time_of_flight_s
+    def end(self) -> tuple[float, float] | None:
+        """Height of the centre at which the flights end [m], and time of the nominal end [s]; None: it never lands."""
+        problem, height = self.motion.problem, float(self.lowest.min())
+        flight = fly(*self.nominal, height, problem.gravity, problem.drag)
+        return None if flight is None else (height, self.released_s + flight.time_of_flight_s)
 
     @cached_property
     def lowest(self) -> Array:
@@ -186,6 +186,13 @@ class Flights:
         """Returns whether points (3, ...) are below the mouth's plane and within the wall."""
         within, above = self.from_mouth(x)
         return (within > 0.0) & (above < 0.0)
+
+    def over(self, x: Array) -> Mask:
+        """Returns which obstacles no longer count (items, n) at successive centres `x` (3, n) of one flight."""
+        falling = np.append(np.diff(x[2]) < 0.0, True)
+        over = falling & (x[2] < self.lowest[:, None] - TINY_M)
+        over[self.rim] |= self.in_bin(x)
+        return over
 
     def gaps_at(self, item: Index, x: Array, t: Array) -> Array:
         """Returns the distances (k,) [m] of a sphere's surface at `x` (3, k) from obstacle `item[i]` at `t[i]`."""

@@ -47,7 +47,7 @@ def flight_obstruction(problem: ThrowProblem, trajectory: Trajectory) -> FlightO
     if problem.ends_at_rest:
         return None
     flights = Flights(MotionSamples(problem, trajectory))
-    if flights.end_s is None:
+    if flights.end is None:
         return None
     delays = (-flights.window_s, 0.0, flights.window_s) if flights.window_s > 0.0 else (0.0,)
     found = [contact for delay in delays if (contact := _deepest_contact(flights, delay)) is not None]
@@ -74,20 +74,20 @@ def _sampled_gaps(flights: Flights, r: float) -> tuple[Array, Array]:
 
     They end with the flight; what the object has not left yet, and what lies below its landing, has an infinite gap.
     """
-    assert flights.end_s is not None
-    s = np.arange(0.0, flights.end_s - flights.released_s + 2.0 * flights.window_s + STEP_S, STEP_S)
+    assert flights.end is not None
+    level, end = flights.end
+    s = np.arange(0.0, end - flights.released_s + 2.0 * flights.window_s + STEP_S, STEP_S)
     x = flights.positions(np.full(len(s), r), r + s)
     rising = np.append(np.diff(x[2]) > 0.0, False)
-    flying = rising | (x[2] >= flights.lowest.min())
-    s, x, rising = s[flying], x[:, flying], rising[flying]
+    flying = rising | (x[2] >= level)
+    s, x = s[flying], x[:, flying]
     items = np.arange(len(flights.names))
     every, times = np.repeat(items, len(s)), np.tile(r + s, len(items))
     gaps = flights.gaps_at(every, np.tile(x, len(items)), times).reshape(len(items), -1)
     for item in flights.gripped:
         clear = np.logical_or.accumulate(gaps[item] >= 0.0)
         gaps[item] = np.where(clear, gaps[item], np.inf)
-    gaps[flights.rim, flights.in_bin(x)] = np.inf
-    gaps[~rising & (x[2] < flights.lowest[:, None])] = np.inf
+    gaps[flights.over(x)] = np.inf
     return s, gaps
 
 
