@@ -148,15 +148,15 @@ def _landings(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
 def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: int) -> list[AuditFault]:
     """Returns what the sphere of one path touches before it touches the plane.
 
-    Boxes that rise above a plane in the air, and the base, count until its centre passes the plane.
+    Boxes and the base count until its centre passes a plane in the air, but not a box that it has touched from above.
     """
     around, radius = problem.cell.surroundings, problem.cell.object.radius_m
     in_air = problem.plane_z > around.floor_z_m + CARRIES_M
     x, through = paths.x[: paths.steps[i], i], paths.x[: (paths.passed if in_air else paths.steps)[i], i]
     gaps = [("the floor", float((x[:, 2] - radius).min()) - around.floor_z_m)]
     for k, box in enumerate(around.keep_out):
-        path = through if box.upper[2] > problem.plane_z + CARRIES_M else x
-        gaps.append((f"box {k}", float(_from_box(path, box).min()) - radius))
+        landed = (np.arange(len(through)) >= len(x)) & _is_over(through, box, problem.plane_z)
+        gaps.append((f"box {k}", float(_from_box(through[~landed], box).min()) - radius))
     for name, frame, apart in arm.gaps(through, delay):
         apart = apart if frame == BASE else apart[: len(x)]
         counted = _since_clear(apart - radius) if frame in GRIPPED_FRAMES else np.ones(len(apart), bool)
@@ -164,6 +164,12 @@ def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: 
     slack = LENGTH_SLACK_M
     found = [f for name, gap in gaps for f in under("flight_clearance", f"flight through {name}", gap, 0.0, slack, "m")]
     return found + _bin(problem, x, slack)
+
+
+def _is_over(x: Vector, box: Box, plane_z: float) -> NDArray[np.bool_]:
+    """Returns whether points (n, 3) are over a box that ends at the plane or below it."""
+    within = (x[:, :2] >= box.lower[:2]) & (x[:, :2] <= box.upper[:2])
+    return np.asarray(within.all(axis=1) & (box.upper[2] <= plane_z + CARRIES_M))
 
 
 def _from_box(x: Vector, box: Box) -> Vector:

@@ -47,6 +47,19 @@ class Arcs:
         passed = time_of_flight(self.p[..., 2] - plane_z, self.v[..., 2], self.gravity)
         return replace(self, until_s=np.nan_to_num(passed))
 
+    def until_over(self, lower: Array, upper: Array) -> Arcs:
+        """Returns the flights, those that end over a box until they come over it.
+
+        Args:
+            lower, upper: corners of the box (3,) [m].
+        """
+        begin, end = np.zeros_like(self.until_s), np.full_like(self.until_s, np.inf)
+        for axis in (0, 1):
+            enter, leave = self._between(axis, lower[axis], upper[axis])
+            begin, end = np.maximum(begin, enter), np.minimum(end, leave)
+        ends_over = (begin <= self.until_s) & (self.until_s <= end)
+        return replace(self, until_s=np.where(ends_over, begin, self.until_s))
+
     def at(self, t: Array) -> Array:
         """Returns the centres (..., 3) [m] at times `t` (...,) [s]."""
         fall = 0.5 * self.gravity * t * t

@@ -68,8 +68,9 @@ def _rooms(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) ->
         stands_on = box.upper[2] <= release.p_W[2]  # the object may land on it
         gap_m = 0.0 if stands_on else FLIGHT_GAP_M
         room = arcs.room_beside_box(box.lower, box.upper, gap_m, around.floor_z_m)
-        if problem.lands_in_air and not stands_on:
-            room = np.minimum(room, through.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m))
+        if problem.lands_in_air:
+            passing = through.until_over(box.lower, box.upper) if stands_on else through
+            room = np.minimum(room, passing.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m))
         yield name, room
     if release.opening is not None:
         mouth = release.opening

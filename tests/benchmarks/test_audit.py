@@ -47,11 +47,11 @@ def held(problem, **changes):
     return replace(problem, cell=replace(problem.cell, gripper=replace(problem.cell.gripper, **changes)))
 
 
-def middle(problem, motion):
-    """Point of the flight half way in time."""
+def middle(problem, motion, share=0.5):
+    """Point of the flight half way in time, or at another share of it."""
     state = tool_state(problem.cell, *(x[motion.release_index] for x in (motion.q, motion.qd)))
     flight = fly(state.p_WT, state.v_WT, problem.plane_z, problem.gravity)
-    return path(state.p_WT, state.v_WT, [0.5 * flight.time_of_flight_s], problem.gravity)[0]
+    return path(state.p_WT, state.v_WT, [share * flight.time_of_flight_s], problem.gravity)[0]
 
 
 def screen(problem, motion):
@@ -153,6 +153,20 @@ def test_what_is_in_the_way_of_a_point_is_named(good, fault):
     assert flight_faults(point, motion) == []
     spoilt, motion = FLIGHT_SPOILT[fault](point, motion)
     assert any(fault in str(found) or "enters the bin" in str(found) for found in flight_faults(spoilt, motion))
+
+
+def test_a_box_that_carries_the_target_is_met_at_its_edge_alone(good):
+    problem, motion = good
+    place = middle(problem, motion, 0.9)
+    in_air = replace(problem, release=replace(problem.release, p_W=place))
+    state = tool_state(problem.cell, *(x[motion.release_index] for x in (motion.q, motion.qd)))
+    ahead, radius = np.sign(state.v_WT[0]), problem.cell.object.radius_m
+    assert abs(state.v_WT[0]) > 0.5
+    for before_m, named in ((1.0, False), (0.1 * radius, True)):
+        edges = sorted((place[0] - ahead * before_m, place[0] + ahead * 1.0))
+        table = Box(np.array([edges[0], place[1] - 1.0, -0.5]), np.array([edges[1], place[1] + 1.0, place[2]]))
+        found = [fault.text for fault in flight_faults(around(in_air, keep_out=(table,)), motion)]
+        assert any("box 0" in text for text in found) == named, found
 
 
 @pytest.mark.parametrize(("beside_m", "named"), [(0.0, False), (0.3, True)])

@@ -1,7 +1,8 @@
 """Parameters of block "flight": the edges, the bin's mouth and the gripper's opening that the object passes.
 
 A box is passed over its top, by one of its sides or below it, between the times at which the flight crosses two of its
-vertical planes. The optimiser cannot change sides: the candidate's own flight decides.
+vertical planes; one that carries the target is come upon over its edge. The optimiser cannot change sides: the
+candidate's own flight decides.
 """
 
 from __future__ import annotations
@@ -80,10 +81,11 @@ def _opening(problem: ThrowProblem, margin_rad: float) -> list[float]:
 
 def _box_edges(problem: ThrowProblem, arcs: Arcs, room_m: float) -> list[FlightEdge]:
     """Returns two edges a box at most, the boxes that the flight passes most closely first."""
-    passed = []
+    passed, lowest = [], problem.plane_z - (arcs.radius_m if problem.lands_in_air else 0.0)
     for box in problem.cell.surroundings.keep_out:
-        if box.upper[2] > problem.plane_z:  # the object comes down on the others
-            passed += [max(_ways_past(box, arcs, room_m), key=lambda way: way[0], default=(math.inf, []))]
+        if box.upper[2] > lowest:  # the object comes down above the others
+            onto = list(_way_onto(box, arcs, room_m)) if box.upper[2] <= problem.plane_z else []
+            passed += [max(onto or _ways_past(box, arcs, room_m), key=lambda way: way[0], default=(math.inf, []))]
     return [edge for _, edges in sorted(passed, key=lambda way: way[0]) for edge in edges]
 
 
@@ -106,6 +108,20 @@ def _ways_past(box: Box, arcs: Arcs, room_m: float) -> Iterator[tuple[float, lis
             yield room, [_edge(axis, face, speed, direction, bound) for face in crossed]
         edges = [_edge(axis, face, speed, np.array(DOWN), -float(lower[2])) for face in crossed]
         yield _way_below(arcs, float(lower[2]), ends, edges)
+
+
+def _way_onto(box: Box, arcs: Arcs, room_m: float) -> Iterator[tuple[float, list[FlightEdge]]]:
+    """Yields the way onto a box: room [m] over the edge that the flight comes in by; none where it ends elsewhere."""
+    coming = float(arcs.until_over(box.lower, box.upper).until_s)
+    if coming == arcs.until_s:
+        return
+    x, bound = arcs.at(np.asarray(coming)), float(box.upper[2]) + arcs.radius_m + room_m
+    faces = np.where(arcs.v[:2] > 0.0, box.lower[:2], box.upper[:2])
+    axis = int(np.abs(x[:2] - faces).argmin())
+    starts_over = coming == 0.0 or abs(arcs.v[axis]) < LEAST_SPEED_M_S
+    up = np.array([0.0, 0.0, 1.0])
+    edges = [] if starts_over else [_edge(axis, float(faces[axis]), float(arcs.v[axis]), up, bound)]
+    yield math.inf if starts_over else float(x[2]) - bound, edges
 
 
 def _way_below(arcs: Arcs, height: float, ends: Vector, edges: list[FlightEdge]) -> tuple[float, list[FlightEdge]]:

@@ -4,8 +4,8 @@ The tool, and links beside which the object is gripped, count from the first ins
 object is clear of them: it usually starts within their capsules, so that these cannot judge how it leaves
 (`opening_direction` does). Releases that follow each other closely are clear of them one soon after the other; where
 they are not, one between them comes out, and meets or grazes what it has just left. A box that ends at the landing
-plane may carry the target: it counts until the sphere touches the plane. A target below the floor or within a box
-fails, although a flight to one just within may end before the sphere touches the box.
+plane may carry the target: over it, it counts until the sphere touches the plane. A target below the floor or within a
+box fails, although a flight to one just within may end before the sphere touches the box.
 """
 
 from __future__ import annotations
@@ -225,7 +225,8 @@ def _lower_bounds(flights: Flights, grid: Grid) -> Array:
     h, s = np.diff(grid.t), np.maximum(grid.t[1:] - grid.r0[:, None], grid.r1[:, None] - grid.t[:-1])
     across = bounds.release_bend(s, (grid.r1 - grid.r0)[:, None])
     bend = across + bounds.time_bend(s, h)
-    falling, ends = grid.t[:-1] >= grid.apexes[:, None], flights.lowest[:, None, None]
+    falling = grid.t[:-1] >= grid.apexes[:, None]
+    ends = flights.lowest_at(np.arange(len(flights.names))[:, None, None], [corner[:, None] for corner in x], bend)
     gaps = []
     if len(flights.boxes[0]):
         lower, upper = (side.T[:, :, None, None] for side in flights.boxes)

@@ -4,11 +4,13 @@ A flight that begins at the time r is at x(r, t) at the time t, both on the traj
 g s^2/2 with s = t - r, and the release speed factor f. The object is a sphere: it keeps clear of a box, of a capsule's
 axis or of a bin's wall by its radius (and the capsule's), until it first touches the landing plane on its way down; a
 flight that never rises a radius above the plane until its centre passes it. Where the plane is not the floor there may
-be no surface before the target: boxes that rise above the plane, and the arm's base, count until the centre passes it.
+be no surface before the target: boxes and the arm's base count until the centre passes it, a box that ends at the plane
+or below it where the sphere has not come over it by then.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -83,16 +85,47 @@ class Flights:
         return None if flight is None else (height, self.released_s + flight.time_of_flight_s)
 
     @cached_property
-    def lowest(self) -> Array:
-        """Heights of the falling centre below which the obstacles do not count (items,) [m]."""
-        problem, body = self.motion.problem, self.motion.body
+    def touching(self) -> float:
+        """Height of the falling centre at which the sphere touches the plane, or passes it if it never rises [m]."""
+        problem = self.motion.problem
         touching = problem.plane_z + self.radius_m
-        if fly(*self.nominal, touching, problem.gravity, problem.drag) is None:
-            return np.full(len(self.names), problem.plane_z)
-        if not problem.lands_in_air:
-            return np.full(len(self.names), touching)
-        rises, fixed = self.boxes[1][:, 2] > problem.plane_z + CONTACT_M, body.frames[: body.object] == 0
-        return np.where(np.concatenate([rises, fixed, [False]]), problem.plane_z, touching)
+        rises = fly(*self.nominal, touching, problem.gravity, problem.drag) is not None
+        return touching if rises else problem.plane_z
+
+    @cached_property
+    def lowest(self) -> Array:
+        """Heights of the falling centre below which the obstacles do not count (items,) [m]; see `lowest_at`."""
+        problem, body = self.motion.problem, self.motion.body
+        stays = np.concatenate([np.ones(len(self.boxes[0]), np.bool_), body.frames[: body.object] == 0, [False]])
+        return np.where(stays & problem.lands_in_air, problem.plane_z, self.touching)
+
+    @cached_property
+    def footprints(self) -> tuple[Array, Array] | None:
+        """Horizontal corners (items, 2) [m] of boxes that may carry a target in the air, empty for others; or None."""
+        problem, count = self.motion.problem, len(self.boxes[0])
+        carries = np.zeros(len(self.names), np.bool_)
+        carries[:count] = self.boxes[1][:, 2] <= problem.plane_z + CONTACT_M
+        if not problem.lands_in_air or not carries.any():
+            return None
+        lower, upper = np.full((len(carries), 2), np.inf), np.full((len(carries), 2), -np.inf)
+        lower[carries], upper[carries] = (side[carries[:count], :2] for side in self.boxes)
+        return lower, upper
+
+    def lowest_at(self, item: Index, corners: Sequence[Array], bend: Array | float = 0.0) -> Array:
+        """Returns the heights (...) [m] of the falling centre below which obstacles do not count, as of `lowest`.
+
+        Over a box that may carry the target that is where the sphere touches the plane.
+
+        Args:
+            item: numbers of the obstacles (...).
+            corners: of patches of flights, each (3, ...) [m].
+            bend: deviation of the flights from what is between the corners (...) [m].
+        """
+        if self.footprints is None:
+            return self.lowest[item]
+        lower, upper = (np.moveaxis(side[item], -1, 0) for side in self.footprints)
+        within = [np.minimum(x[:2] - lower, upper - x[:2]).min(axis=0) for x in corners]
+        return np.where(np.min(within, axis=0) > bend, self.touching, self.lowest[item])
 
     def releases(self, r: Array) -> tuple[Array, Array]:
         """Returns positions and velocities (3, k) of the object at release times `r` (k,) [s] of the window.
@@ -190,7 +223,7 @@ class Flights:
     def over(self, x: Array) -> Mask:
         """Returns which obstacles no longer count (items, n) at successive centres `x` (3, n) of one flight."""
         falling = np.append(np.diff(x[2]) < 0.0, True)
-        over = falling & (x[2] < self.lowest[:, None] - TINY_M)
+        over = falling & (x[2] < self.lowest_at(np.arange(len(self.names))[:, None], [x[:, None]]) - TINY_M)
         over[self.rim] |= self.in_bin(x)
         return over
 

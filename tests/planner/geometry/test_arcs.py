@@ -64,6 +64,23 @@ def test_a_box_lacks_the_height_by_which_a_flight_passes_too_low() -> None:
     assert raised == pytest.approx(at_wall - top - high - RADIUS)
 
 
+def test_flights_that_end_over_a_box_end_where_they_come_over_it() -> None:
+    rng = np.random.default_rng(2)
+    ended = 0
+    for _ in range(20):
+        arcs = drawn(rng, 100).through(0.1)
+        lower = rng.uniform([-1.5, -1.5, 0.0], [0.5, 0.5, 0.05])
+        upper = lower + rng.uniform(0.3, 2.0, 3)
+        x, over = sampled(arcs), arcs.until_over(lower, upper)
+        within = np.all((x[..., :2] >= lower[:2]) & (x[..., :2] <= upper[:2]), axis=-1)
+        first = within.argmax(axis=0) / (len(x) - 1)
+        ends_over = within[-1] & (arcs.until_s > 0.0)
+        np.testing.assert_allclose(over.until_s[ends_over], (first * arcs.until_s)[ends_over], atol=2e-3)
+        np.testing.assert_array_equal(over.until_s[~within[-1]], arcs.until_s[~within[-1]])
+        ended += int(ends_over.sum())
+    assert ended > 100
+
+
 def test_nothing_passes_below_what_stands_on_the_ground() -> None:
     arcs = Arcs.onto(np.array([[0.0, 0.0, 0.1]]), np.array([[2.0, 0.0, 2.0]]), 0.0, GRAVITY, RADIUS)
     for bottom, room in ((0.0, -1.3), (0.9, 0.5)):
