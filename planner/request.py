@@ -264,15 +264,17 @@ def _limits(request: _Fields, own: Limits) -> Limits:
 def _tightened(limits: _Fields, key: str, own: Array, unit: str) -> Array:
     """Returns a limit (6,), given as one number or one per joint, that may only tighten the cell's `own`."""
     value = limits.get(key)
-    entries = np.asarray(value if isinstance(value, list | tuple) else [value] * len(own))
+    by_joint = isinstance(value, list | tuple)
+    entries = np.asarray(value if by_joint else [value] * len(own))
     if entries.shape != own.shape or entries.dtype.kind not in "fiu" or not np.isfinite(entries).all():
         limits.refuse(key, f"must be one finite number or {len(own)} of them")
         return own
-    for i, (entry, limit) in enumerate(zip(entries, own, strict=True)):
-        if entry <= 0.0:
-            limits.refuse(f"{key}[{i}]", f"{entry:g} must be above 0")
-        elif entry > limit:
-            limits.refuse(f"{key}[{i}]", f"{entry:g} {unit} loosens the cell's limit of {limit:g} {unit}")
+    wrong = [i for i in range(len(own)) if not 0.0 < entries[i] <= own[i]]
+    for i in wrong if by_joint else wrong[:1]:
+        if entries[i] <= 0.0:
+            limits.refuse(f"{key}[{i}]", f"{entries[i]:g} must be above 0")
+        else:
+            limits.refuse(f"{key}[{i}]", f"{entries[i]:g} {unit} loosens the cell's limit of {own[i]:g} {unit}")
     return read_only(entries)
 
 

@@ -15,10 +15,12 @@ import click
 from api.cli.cell_versions import diff, history, restore
 from api.cli.support.errors import FlingGroup
 from api.cli.support.options import cell_option, json_option
-from api.cli.support.terminal import GOOD, say
+from api.cli.support.terminal import BAD, GOOD, say
 
 if TYPE_CHECKING:
     from planner.cell import Cell
+
+FAR_BOX_M = 100.0  # [m] from the base: no arm throws as far
 
 
 @click.group(cls=FlingGroup)
@@ -44,11 +46,14 @@ def check(file: Path, as_json: bool) -> None:
     found = load_cell(file)
     if as_json:
         summary = {"cell": found.name, "robot": found.robot.name, "link": found.link.kind, "host": found.link.host}
-        click.echo(json.dumps({**summary, "sha256": found.sha256, "kinematics": _kinematics_of(found)}))
+        notes = {"kinematics": _kinematics_of(found), "warnings": _far_boxes(found)}
+        click.echo(json.dumps({**summary, "sha256": found.sha256, **notes}))
         return
     kind = "a simulated controller" if found.link.kind == "sim" else "a REAL arm"
     say(f"{file}: good. {found.robot.name}, {kind} at {found.link.host}, sha256 {found.sha256}", GOOD)
     click.echo(_kinematics_of(found))
+    for warning in _far_boxes(found):
+        say(warning, BAD)
 
 
 class CellRefused(click.ClickException):
@@ -58,6 +63,18 @@ class CellRefused(click.ClickException):
         count = "a fault" if len(faults) == 1 else f"{len(faults)} faults"
         super().__init__("\n  ".join([f"{file} has {count}:", *map(str, faults)]))
         self.problem = {"title": "Cell refused", "detail": f"{file} has {count}", "errors": errors}
+
+
+def _far_boxes(cell: Cell) -> list[str]:
+    """Returns warnings of boxes that nothing can meet, mostly as their corners are in millimetres."""
+    import numpy as np
+
+    base, found = cell.X_WB[:3, 3], []
+    for name, box in zip(cell.surroundings.keep_out_names, cell.surroundings.keep_out, strict=True):
+        away_m = float(np.linalg.norm(base - np.clip(base, box.lower, box.upper)))
+        if away_m >= FAR_BOX_M:
+            found.append(f"{name} is {away_m:.0f} m from the arm, beyond every throw: corners are in metres")
+    return found
 
 
 def _kinematics_of(cell: Cell) -> str:

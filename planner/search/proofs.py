@@ -20,6 +20,7 @@ from planner.search.throw_range import SLACK, farthest_reach_from_shoulder, out_
 
 RIM_POINTS = 2048  # [-] places on the rim of the arm's reach from which a target is aimed at
 RANGE_STEP_M = 0.01  # [m] to which the farthest distance of a target is found
+IN_MILLIMETRES_M = 100.0  # [m] farther than any arm throws, nearer than most places in its cell in millimetres
 TOOL_LIMIT = "the limit is what the joints at their speed limits give the tool"
 RIM_FIRST = 32  # [-] one of so many is looked at first: a target that can be reached from there is not refused
 
@@ -102,7 +103,8 @@ def _place(problem: ThrowProblem, p_WT: Array) -> list[Violation]:
     distance, around = float(np.linalg.norm(p_WT - shoulder)), cell.surroundings
     found = []
     if distance > reach + SLACK:
-        found.append(Violation("reach", distance, reach, "m", detail="distance from the arm's shoulder"))
+        detail = "distance from the arm's shoulder" + _in_metres(distance)
+        found.append(Violation("reach", distance, reach, "m", detail=detail))
     height = float(p_WT[2]) - cell.object.radius_m - around.floor_z_m
     if height < around.clearance_m - SLACK:
         found.append(Violation("floor", height, around.clearance_m, "m", detail="object at the release"))
@@ -160,6 +162,11 @@ def fastest_tool(problem: ThrowProblem, p_WT: Array | None = None) -> float:
     return float(lever @ problem.limits.qd_max)
 
 
+def _in_metres(distance_m: float) -> str:
+    """Returns what to add where a distance [m] is most likely one in millimetres."""
+    return f"; {distance_m:.0f} m away: positions are in metres" if distance_m >= IN_MILLIMETRES_M else ""
+
+
 def _turning(problem: ThrowProblem, w_WT: Array) -> list[Violation]:
     """Returns what rules out a tool's angular velocity (3,) [rad/s]: the joints' velocities add up at best."""
     speed, fastest = float(np.linalg.norm(w_WT)), float(problem.limits.qd_max.sum())
@@ -183,6 +190,7 @@ def _range(problem: ThrowProblem, release: TargetRelease, p_WT: Array | None = N
     if needed > bounds[name] + SLACK:
         detail = "least speed that throws to the target from anywhere within the arm's reach"
         detail += f"; {TOOL_LIMIT}" if name == "joint_velocity" else ""
+        detail += _in_metres(float(np.linalg.norm(release.p_W - problem.cell.X_WB[:3, 3])))
         return [Violation(name, needed, bounds[name], "m/s", detail=detail)]
     return _beyond_stretched_arm(problem, release) if p_WT is None else []
 

@@ -179,6 +179,14 @@ def test_the_planner_knows_the_same_fields_as_the_service():
         assert set(RELEASE_FIELDS[kind]) == set(model.model_fields)
 
 
+def test_a_limit_for_all_joints_is_refused_once():
+    release = {"kind": "target", "position": [1.2, 0.3, 0.0]}
+    for velocity, count in ((180.0, 1), ([180.0] * 2 + [1.0] * 4, 2)):
+        with pytest.raises(InvalidProblem) as refusal:
+            problem_from_request({"release": release, "limits": {"velocity": velocity}}, cell())
+        assert [error.field for error in refusal.value.errors] == [f"limits.velocity[{i}]" for i in range(count)]
+
+
 def test_all_errors_are_reported_together():
     with pytest.raises(InvalidProblem) as refusal:
         problem_from_request({"release": {"kind": "point"}, "frame": "tool", "limits": {"velocity": 9.0}}, cell())

@@ -112,6 +112,17 @@ def test_cell_check_names_every_violation_at_home(tmp_path: Path, root: Path):
     assert "violates floor" in fling("cell", "check", str(file)).stderr
 
 
+def test_cell_check_warns_of_a_box_in_millimetres(tmp_path: Path, root: Path):
+    boxes = "keep_out = [{lower_m = [0.8, -0.5, 0.0], upper_m = [0.82, 0.5, 0.6]}, {lower_m = %s, upper_m = %s}]"
+    text, file = (root / "cells" / "ur5e-sim.toml").read_text(), tmp_path / "walled.toml"
+    file.write_text(text.replace("keep_out = []", boxes % ([800, -500, 0], [820, 500, 600])))
+    result = fling("cell", "check", str(file))
+    assert result.exit_code == 0
+    assert "box 1 is 800 m from the arm" in result.stdout
+    assert "box 0" not in result.stdout
+    assert len(json.loads(fling("cell", "check", str(file), "--json").stdout)["warnings"]) == 1
+
+
 def test_cell_check_in_json(root: Path):
     answer = json.loads(fling("cell", "check", str(root / "cells" / "ur5e-sim.toml"), "--json").stdout)
     assert (answer["cell"], answer["robot"], answer["link"]) == ("ur5e-sim", "ur5e", "sim")

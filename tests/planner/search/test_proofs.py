@@ -110,6 +110,17 @@ def test_a_start_that_is_blocked_is_refused_with_proof_and_without_a_search():
     assert not refusal.value.attempts
 
 
+@pytest.mark.parametrize("release", [lambda place: PointRelease(place, np.array([1.0, 0.0, 0.0])), TargetRelease])
+def test_a_place_in_millimetres_is_refused_as_such(release):
+    here = cell()
+    for place, far in (([1200.0, 300.0, 0.0], True), ([5.0, 0.0, 0.3], False)):
+        asked = release(np.array(place))
+        with pytest.raises(Infeasible) as refusal:
+            plan(ThrowProblem(here, here.home, asked, here.limits))
+        assert any("positions are in metres" in v.detail for v in refusal.value.violations) == far
+        assert all(v.proven for v in refusal.value.violations)
+
+
 def test_a_place_in_a_keep_out_box_is_refused_with_the_box_s_name():
     place = np.array([0.6, 0.2, 0.5])
     here = with_box(place - 0.1, place + 0.1)
