@@ -55,7 +55,9 @@ MOTIONS_MAX, LATE_MOTIONS_MAX = 30, 20  # motions certified, about 5 ms each; af
 WINDOW_SHARE = 0.9  # [-] of the largest share: a smaller one is preferred if it keeps the release window
 SHARES_MAX = 3  # [-] largest shares whose motion's end is searched for a way home; in vain that takes some seconds
 CANDIDATES_MAX, FEW_CANDIDATES = 6, 2  # tried for one release, thoroughly or not
-BEYOND_M = (0.05, 0.1, 0.2)  # [m] farther from the base than the requested target: past what it stands behind
+# [m] From the requested target: farther from the base, past what it stands behind; and where something is in the way, to
+# either side, and below a target in the air.
+BEYOND_M, BESIDE_M, LOWER_M = (0.05, 0.1, 0.2), (0.05, 0.1), (0.1, 0.2)
 NEARER_SHARES = (0.25, 0.5)  # [-] of the distance from the requested target to the nearest one found
 WINDOW_SHARES = (1.0, 0.5, 0.25)  # [-] of the requested release window
 # [-] What the optimiser may spend on them: most of what it finds takes 100 to 300 iterations.
@@ -156,7 +158,7 @@ def nearest_problem(search: PlanningSearch, violations: Sequence[Violation]) -> 
     """
     problem, broken = search.problem, {violation.constraint for violation in violations}
     optimiser = Optimiser(search)
-    if search.nominal is not None:
+    if search.nominal is not None and _has_way_home(problem, search.nominal):
         found = _with_own_window(problem, search.nominal)
         return _with_more_of_window(optimiser, found, WINDOW_SHARES[1:])
     found = _relaxed(search, broken)
@@ -165,7 +167,7 @@ def nearest_problem(search: PlanningSearch, violations: Sequence[Violation]) -> 
         return found
     if found is not None:
         found = _with_more_of_window(optimiser, found, WINDOW_SHARES)
-    return _nearer_target(optimiser, found)
+    return _nearer_target(optimiser, found, bool(broken & OBSTACLE_CONSTRAINTS))
 
 
 def _relaxed(search: PlanningSearch, broken: set[str]) -> ThrowProblem | None:
@@ -191,7 +193,7 @@ def _with_more_of_window(optimiser: Optimiser, found: ThrowProblem, shares: Sequ
     requested, before = optimiser.search.problem, 1.0
     for share in shares:
         wider = _with_share_of_window(requested, found, share)
-        is_refused = share == 1.0 and _apart(requested.release, found.release) < TINY_M
+        is_refused = share == 1.0 and _same(requested.release, found.release)
         if wider.release_window_s > found.release_window_s and not is_refused and optimiser.finds(wider):
             still_wider = _with_share_of_window(requested, found, (share + before) / 2.0)
             return still_wider if share < 1.0 and optimiser.finds(still_wider) else wider
@@ -204,26 +206,35 @@ def _with_share_of_window(requested: ThrowProblem, found: ThrowProblem, share: f
     return replace(found, release_window_s=window_s if share == 1.0 else _rounded_down(window_s))
 
 
-def _nearer_target(optimiser: Optimiser, found: ThrowProblem | None) -> ThrowProblem | None:
+def _nearer_target(optimiser: Optimiser, found: ThrowProblem | None, is_obstructed: bool) -> ThrowProblem | None:
     """Returns the problem with a nearer target than the one found, if the optimiser finds a motion to one, or that one.
 
-    A few are tried, the nearest first: between the two, and farther from the base than the requested one.
+    A few are tried, the nearest first: between the two, and around the requested one.
     """
     problem = optimiser.search.problem
-    release, base = problem.release, problem.cell.X_WB[:3, 3]
+    release, apart = problem.release, math.inf
     if not isinstance(release, TargetRelease):
         return found
-    away = np.array([*(release.p_W - base)[:2], 0.0])
-    places = [release.p_W + d * away / np.linalg.norm(away) for d in BEYOND_M] if away.any() else []
-    apart = math.inf
+    easier, places = release, [release.p_W, *_around(problem, release.p_W, is_obstructed)]
     if found is not None and isinstance(found.release, TargetRelease):
-        apart = _apart(release, found.release)
+        apart, easier = _apart(release, found.release), found.release  # which may begin anywhere
         places += [between(release.p_W, found.release.p_W, share) for share in NEARER_SHARES]
-    nearer = [replace(problem, release=replace(release, p_W=place)) for place in places]
+    nearer = [replace(problem, release=replace(easier, p_W=place)) for place in places]
+    nearer = [each for each in nearer if _apart(release, each.release) < apart and not _same(release, each.release)]
     nearer.sort(key=lambda each: _apart(release, each.release))
-    return next(
-        (each for each in nearer if TINY_M < _apart(release, each.release) < apart and optimiser.finds(each)), found
-    )
+    return next((each for each in nearer if optimiser.finds(each)), found)
+
+
+def _around(problem: ThrowProblem, p_W: Array, is_obstructed: bool) -> Iterator[Array]:
+    """Yields places (3,) around a target: farther from the base, and past what is in the way, to the side or lower."""
+    away = np.array([*(p_W - problem.cell.X_WB[:3, 3])[:2], 0.0])
+    if away.any():
+        ahead = away / np.linalg.norm(away)
+        yield from (p_W + d * ahead for d in BEYOND_M)
+        across = np.array([-ahead[1], ahead[0], 0.0])
+        yield from (p_W + side * d * across for d in BESIDE_M for side in (1.0, -1.0) if is_obstructed)
+    floor = problem.cell.surroundings.floor_z_m
+    yield from (p_W - [0.0, 0.0, d] for d in LOWER_M if is_obstructed and p_W[2] - d >= floor)
 
 
 def _apart(release: Release, other: Release) -> float:
@@ -231,6 +242,18 @@ def _apart(release: Release, other: Release) -> float:
     if isinstance(release, TargetRelease) and isinstance(other, TargetRelease):
         return float(np.linalg.norm(release.p_W - other.p_W))
     return 0.0 if release is other else math.inf
+
+
+def _same(release: Release, other: Release) -> bool:
+    """Returns whether two releases are the same, or throws to one target that may both begin anywhere, or neither."""
+    if not isinstance(release, TargetRelease) or not isinstance(other, TargetRelease):
+        return release is other
+    anywhere = [each.release_position is None for each in (release, other)]
+    return _apart(release, other) < TINY_M and anywhere[0] == anywhere[1]
+
+
+def _has_way_home(problem: ThrowProblem, motion: CertifiedSolution) -> bool:
+    return find_way_home(replace(problem, release_window_s=0.0), motion)[0] is not None
 
 
 def _with_ways_home(
@@ -245,7 +268,7 @@ def _with_ways_home(
         if share < least:
             return
         found = replace(problem, release=relaxation(share))
-        if find_way_home(replace(found, release_window_s=0.0), motion)[0] is None:
+        if not _has_way_home(found, motion):
             continue
         kept = _with_own_window(found, motion)
         yield kept

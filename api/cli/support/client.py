@@ -68,17 +68,18 @@ def _violation_text(violation: dict[str, Any]) -> str:
 def _nearest_text(nearest: dict[str, Any], as_request: bool) -> str:
     if nearest.get("min_hit_probability"):
         return f"the best odds found: {nearest['min_hit_probability']:.3g}"
-    release = nearest["release"]
+    release, window = nearest["release"], _window_text(nearest, as_request)
     if release["kind"] != "target":
-        return f"the nearest feasible release: {json.dumps(release)}"
+        return f"the nearest feasible release: {json.dumps(release)}{window}"
     place = " ".join(f"{x:.6g}" for x in release["position"])
-    return f"the nearest feasible target: {place}{_window_text(nearest, as_request)}"
+    return f"the nearest feasible target: {place}{window}"
 
 
 def _window_text(nearest: dict[str, Any], as_request: bool) -> str:
-    """Returns the release window that goes with a nearest target, and how to ask for it."""
+    """Returns the release window that goes with the nearest request, and how to ask for it."""
     window_s = nearest.get("release_window_s")
-    if window_s is None:
+    asked = nearest["release"]["kind"] == "target" or nearest.get("landing_tolerance_m", 0.0) > 0.0
+    if window_s is None or not asked:
         return ""
     key = f'"release_window_s": {window_s:.9g}'
     if window_s == 0.0:

@@ -64,6 +64,9 @@ def test_soonest_and_a_window_contradict_each_other():
     assert "--soonest" in result.stderr
 
 
+NO_WINDOW = {"release_window_s": 0.0, "landing_tolerance_m": 0.0}  # as of a release that none was asked for
+
+
 def test_a_refusal_says_each_constraint_once_and_what_to_try():
     rows = [
         {"constraint": "tcp_speed", "value": 5.133770122, "limit": 4.0, "unit": "m/s", "detail": "", "proven": True},
@@ -85,6 +88,10 @@ def test_a_refusal_says_each_constraint_once_and_what_to_try():
     ):
         text = describe({"violations": rows, "nearest": {**nearest, "release_window_s": window_s}}, as_request)
         assert text.splitlines()[-1] == f"  the nearest feasible target: 0.88938 0 -0.1{said}"
+    point = {"release": {"kind": "point"}, "release_window_s": 0.0375, "landing_tolerance_m": 0.001}
+    for near, said in ((point, ", with a release window of 37.5 ms (--window 0.0375)"), ({**point, **NO_WINDOW}, "")):
+        text = describe({"violations": rows, "nearest": near})
+        assert text.splitlines()[-1] == f'  the nearest feasible release: {{"kind": "point"}}{said}'
     odds = {"release": nearest["release"], "min_hit_probability": 0.631}
     text = describe({"title": "The arm cannot do this", "violations": rows, "nearest": odds})
     assert text.splitlines()[-1] == "  the best odds found: 0.631"

@@ -151,6 +151,34 @@ def test_the_nearest_target_of_one_just_behind_a_wall_is_farther_behind_it():
     assert nearest.release.p_W == pytest.approx([0.871, 0.0, 0.0])
 
 
+@pytest.mark.parametrize(
+    ("box", "asked", "offered"),
+    [  # each leaves room on one side alone
+        (([1.1, -0.5, 0.0], [1.4, 0.02, 0.5]), [1.2, 0.0, 0.0], [1.2, 0.05, 0.0]),
+        (([1.1, -0.02, 0.0], [1.4, 0.5, 0.5]), [1.2, 0.0, 0.0], [1.2, -0.05, 0.0]),
+        (([0.6, -1.0, 0.52], [2.0, 1.0, 0.55]), [1.2, 0.0, 0.5], [1.2, 0.0, 0.4]),
+    ],
+)
+def test_the_nearest_target_is_beside_or_below_what_is_in_the_way(box, asked, offered):
+    here = with_box(*box)
+    with pytest.raises(Infeasible) as refusal:
+        plan(joint_problem(cell=here, release=TargetRelease(np.array(asked))))
+    assert refusal.value.nearest["release"]["position"] == pytest.approx(offered)
+
+
+def test_the_nearest_throw_keeps_its_target_where_its_release_position_is_in_a_box():
+    here = with_box([0.3, -0.2, 0.5], [0.5, 0.2, 0.9])
+    release = TargetRelease(np.array([1.2, 0.3, 0.0]), release_position=np.array([0.4, 0.0, 0.7]))
+    problem = joint_problem(cell=here, release=release, release_window_s=0.005, landing_tolerance_m=0.02)
+    with pytest.raises(Infeasible) as refusal:
+        plan(problem)
+    nearest = problem_from_request(refusal.value.nearest, here)
+    assert nearest.release.release_position is None
+    assert nearest.release.p_W == pytest.approx(release.p_W)
+    assert nearest.release_window_s == problem.release_window_s
+    assert plan(nearest).certificate.valid
+
+
 def test_the_nearest_target_of_one_below_the_floor_keeps_the_whole_release_window():
     """Ruckig's motion to it keeps 1.3 ms of it, the optimiser's all."""
     release = TargetRelease(np.array([1.2, 0.3, -0.2]))
