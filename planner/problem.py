@@ -210,6 +210,14 @@ class ThrowProblem:
         return self.plane_z > self.cell.surroundings.floor_z_m + CONTACT_M
 
     @property
+    def landing_radius_m(self) -> float:
+        """Height of the centre above the landing plane at which a flight is over [m].
+
+        The object's radius on the floor, which it touches then; 0 in the air, where it may fly on.
+        """
+        return 0.0 if self.lands_in_air else self.cell.object.radius_m
+
+    @property
     def gravity(self) -> float:
         """Gravity along -z [m/s^2]."""
         return self.cell.surroundings.gravity_m_s2

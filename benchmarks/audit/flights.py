@@ -28,7 +28,6 @@ OUT_M = 0.01  # [m] the object is out of the grip once it has moved by its radiu
 ANGLE_SLACK = 1e-3  # [rad] of the way out: quarter turns rounded in the URDF
 CLEAR_S = 0.01  # [s] for which the object must have been clear of what gripped it before that counts as an obstacle
 CARRIES_M = 1e-6  # [m] a box that rises above the plane by less may carry the target
-BASE = 0  # frame of what never moves
 GRIPPED_FRAMES = (4, 5, 6)  # wrist 2, wrist 3 and tool: the object may begin inside their capsules
 
 
@@ -148,7 +147,7 @@ def _landings(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
 def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: int) -> list[AuditFault]:
     """Returns what the sphere of one path touches before it touches the plane.
 
-    Boxes and the base count until its centre passes a plane in the air, but not a box that it has touched from above.
+    In the air until its centre passes the plane, but for a box that it is over when it touches the plane.
     """
     around, radius = problem.cell.surroundings, problem.cell.object.radius_m
     in_air = problem.plane_z > around.floor_z_m + CARRIES_M
@@ -158,12 +157,11 @@ def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: 
         landed = (np.arange(len(through)) >= len(x)) & _is_over(through, box, problem.plane_z)
         gaps.append((f"box {k}", float(_from_box(through[~landed], box).min()) - radius))
     for name, frame, apart in arm.gaps(through, delay):
-        apart = apart if frame == BASE else apart[: len(x)]
         counted = _since_clear(apart - radius) if frame in GRIPPED_FRAMES else np.ones(len(apart), bool)
         gaps.append((name, float((apart[counted] - radius).min(initial=np.inf))))
     slack = LENGTH_SLACK_M
     found = [f for name, gap in gaps for f in under("flight_clearance", f"flight through {name}", gap, 0.0, slack, "m")]
-    return found + _bin(problem, x, slack)
+    return found + _bin(problem, through, slack)
 
 
 def _is_over(x: Vector, box: Box, plane_z: float) -> NDArray[np.bool_]:

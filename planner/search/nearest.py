@@ -3,9 +3,9 @@
 Requirements are relaxed one after the other, the mildest relaxation first: a speed is reduced, a position is moved into
 reach, a target is brought closer; at last the whole release is drawn towards the start, where it is always feasible.
 For each relaxation the largest feasible share of the request is found by bisection, by Ruckig's motions, which take
-least time. Where the refusal is not proven, or about an obstacle, the optimiser is asked then: for more of a release
-window than the motion found keeps, and for nearer targets, also beyond the requested one. Every release that is
-returned has a certified motion.
+least time. Where the refusal is not proven, or about an obstacle, and start and home are free, the optimiser is asked
+then: for more of a release window than the motion found keeps, and for nearer targets, also around the requested one.
+Every release that is returned has a certified motion.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ MOTIONS_MAX, LATE_MOTIONS_MAX = 30, 20  # motions certified, about 5 ms each; af
 WINDOW_SHARE = 0.9  # [-] of the largest share: a smaller one is preferred if it keeps the release window
 SHARES_MAX = 3  # [-] largest shares whose motion's end is searched for a way home; in vain that takes some seconds
 CANDIDATES_MAX, FEW_CANDIDATES = 6, 2  # tried for one release, thoroughly or not
-# [m] From the requested target: farther from the base, past what it stands behind; and where something is in the way, to
-# either side, and below a target in the air.
+# [m] From the requested target: farther from the base, past what it stands behind; and where something is in the way,
+# to either side, and below a target in the air.
 BEYOND_M, BESIDE_M, LOWER_M = (0.05, 0.1, 0.2), (0.05, 0.1), (0.1, 0.2)
 NEARER_SHARES = (0.25, 0.5)  # [-] of the distance from the requested target to the nearest one found
 WINDOW_SHARES = (1.0, 0.5, 0.25)  # [-] of the requested release window

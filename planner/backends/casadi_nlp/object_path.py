@@ -61,7 +61,7 @@ def _path(problem: ThrowProblem, q: Vector, qd: Vector, room_m: float, carried: 
         carried: whether position and velocity at the release are variables, so that they are not part of the path.
     """
     (p, v), radius = thrown_state(problem, q, qd), problem.cell.object.radius_m
-    landing_s = touchdown_s(p, v, problem.plane_z, radius, problem.gravity, problem.drag)
+    landing_s = touchdown_s(p, v, problem.plane_z, problem.landing_radius_m, problem.gravity, problem.drag)
     until_s = max(landing_s or 0.0, SHORTEST_S)
     places = path(p, v, until_s * NODES, problem.gravity, problem.drag)
     coefficients = np.linalg.solve(np.vander(NODES, increasing=True), places)
@@ -90,7 +90,7 @@ def standing_parameters(problem: ThrowProblem, room_m: float) -> Vector:
         {
             "capsules": np.column_stack([first, last, radii]),
             "reach": radius + room_m,
-            "ground": problem.plane_z + (0.0 if problem.lands_in_air else radius),
+            "ground": problem.plane_z + problem.landing_radius_m,
             "gravity": problem.gravity,
             "share": problem.release_speed_factor,
         }
@@ -99,8 +99,7 @@ def standing_parameters(problem: ThrowProblem, room_m: float) -> Vector:
 
 def _landing_without_drag(problem: ThrowProblem, p: Vector, v: Vector) -> tuple[float, float | None]:
     """Returns where the object's centre is when its flight without drag ends, its height [m], and when [s] or None."""
-    touches = problem.plane_z + problem.cell.object.radius_m
-    for ground in (touches, problem.plane_z):
+    for ground in (problem.plane_z + problem.landing_radius_m, problem.plane_z):
         flight = fly(p, v, ground, problem.gravity)
         if flight is not None:
             return ground, flight.time_of_flight_s

@@ -4,8 +4,8 @@ A flight that begins at the time r is at x(r, t) at the time t, both on the traj
 g s^2/2 with s = t - r, and the release speed factor f. The object is a sphere: it keeps clear of a box, of a capsule's
 axis or of a bin's wall by its radius (and the capsule's), until it first touches the landing plane on its way down; a
 flight that never rises a radius above the plane until its centre passes it. Where the plane is not the floor there may
-be no surface before the target: boxes and the arm's base count until the centre passes it, a box that ends at the plane
-or below it where the sphere has not come over it by then.
+be no surface before the target: everything counts until the centre passes it, but for a box that ends at the plane or
+below it, where the sphere is over it when it touches the plane.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class Flights:
     @cached_property
     def end(self) -> tuple[float, float] | None:
         """Height of the centre at which the flights end [m], and time of the nominal end [s]; None: it never lands."""
-        problem, height = self.motion.problem, float(self.lowest.min())
+        problem, height = self.motion.problem, self.lowest
         flight = fly(*self.nominal, height, problem.gravity, problem.drag)
         return None if flight is None else (height, self.released_s + flight.time_of_flight_s)
 
@@ -93,11 +93,10 @@ class Flights:
         return touching if rises else problem.plane_z
 
     @cached_property
-    def lowest(self) -> Array:
-        """Heights of the falling centre below which the obstacles do not count (items,) [m]; see `lowest_at`."""
-        problem, body = self.motion.problem, self.motion.body
-        stays = np.concatenate([np.ones(len(self.boxes[0]), np.bool_), body.frames[: body.object] == 0, [False]])
-        return np.where(stays & problem.lands_in_air, problem.plane_z, self.touching)
+    def lowest(self) -> float:
+        """Height of the falling centre below which nothing counts [m], but for boxes that carry the target."""
+        problem = self.motion.problem
+        return problem.plane_z if problem.lands_in_air else self.touching
 
     @cached_property
     def footprints(self) -> tuple[Array, Array] | None:
@@ -122,10 +121,10 @@ class Flights:
             bend: deviation of the flights from what is between the corners (...) [m].
         """
         if self.footprints is None:
-            return self.lowest[item]
+            return np.full(item.shape, self.lowest)
         lower, upper = (np.moveaxis(side[item], -1, 0) for side in self.footprints)
         within = [np.minimum(x[:2] - lower, upper - x[:2]).min(axis=0) for x in corners]
-        return np.where(np.min(within, axis=0) > bend, self.touching, self.lowest[item])
+        return np.where(np.min(within, axis=0) > bend, self.touching, self.lowest)
 
     def releases(self, r: Array) -> tuple[Array, Array]:
         """Returns positions and velocities (3, k) of the object at release times `r` (k,) [s] of the window.

@@ -87,7 +87,7 @@ class PatchBounds:
 
     Attributes:
         flights: the flights.
-        height: of the centre at which the flights end [m], the least of `Flights.lowest`.
+        height: of the centre at which the flights end [m], as of `Flights.end`.
         first_speed: bound on the object's speed at the release [m/s].
         tool: bounds on acceleration and jerk of the tool over the release window, as they count [m/s^2, m/s^3].
         spacing_s: largest interval of release times [s].

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import subprocess
 import sys
@@ -20,6 +21,7 @@ from planner.backends.casadi_nlp import (
     SolveOptions,
     answer,
     codegen,
+    flight_rows,
     layout,
     object_path,
     parameters,
@@ -279,15 +281,44 @@ def test_the_brake_is_clear_of_the_flight_that_is_found(window_s: float) -> None
     assert "passing" in _violated_on_own_path(without_states)
 
 
+# Targets whose soonest launch ends 0.022 of a tick after one, and 0.845, where joint limits do not allow the next tick.
+TICKS = [("ur5e-sim", [-1.096290607033068, 0.10568065786371034, 0.0], 0.0, 0.05, 0)]
+TICKS += [("ur5-sim", [-0.5667057956777402, -0.14288413065593653, 0.0], 0.8, 0.9, 2)]
+
+
+@pytest.mark.parametrize(("name", "target", "least", "most", "ticks"), TICKS)
+def test_a_launch_takes_as_few_ticks_as_its_limits_allow(
+    monkeypatch: pytest.MonkeyPatch, name: str, target: list[float], least: float, most: float, ticks: int
+) -> None:
+    found: list[float] = []
+    known = answer.least_ticks
+    monkeypatch.setattr(answer, "least_ticks", lambda *given: found.append(given[0] / given[1]) or known(*given))
+    cell = load_cell(CELLS / f"{name}.toml")
+    problem = _problem(cell, TargetRelease(np.array(target)))
+    candidate = candidates(problem)[0]
+    seed = Seed(candidate, ruckig_otg.initial_guess(problem, candidate))
+    made = casadi_nlp.solve(problem, seed).trajectory
+    assert least < found[0] % 1.0 < most
+    assert made.release_index == math.floor(found[0]) + ticks
+    assert certify(problem, made).valid
+    monkeypatch.setattr(answer, "SHORTENED_TICKS", 0.0)
+    monkeypatch.setattr(answer, "SPARE_TICKS", 0.0)
+    if ticks == 0:  # so nothing is shorter than its duration
+        assert casadi_nlp.solve(problem, seed).trajectory.release_index > made.release_index
+
+
+@pytest.mark.parametrize("height_m", [0.0, 0.3])
 @pytest.mark.parametrize("carried", [False, True])
-def test_the_path_of_an_object_with_drag_is_its_flight(cell: Cell, carried: bool) -> None:
-    """From its position and velocity at the release, where these are variables."""
+def test_the_path_of_an_object_with_drag_is_its_flight(cell: Cell, carried: bool, height_m: float) -> None:
+    """From its position and velocity at the release, where these are variables; in the air until the centre passes."""
     cell = replace(cell, object=replace(cell.object, drag_coefficient=0.5))
-    problem = _problem(cell, TARGET)
+    problem = _problem(cell, replace(TARGET, p_W=TARGET.p_W + np.array([0.0, 0.0, height_m])))
     q, qd = candidates(problem)[0].q, candidates(problem)[0].qd
     p, v = object_path.thrown_state(problem, q, qd)
     numbers = layout.OBJECT_PATH.split(object_path.path_parameters(problem, q, qd, 0.0, carried)["object_path"])
-    known = flight.fly(p, v, problem.plane_z + cell.object.radius_m, problem.gravity, problem.drag)
+    ends = problem.plane_z + (0.0 if height_m else cell.object.radius_m)
+    assert layout.STANDING.split(object_path.standing_parameters(problem, 0.0))["ground"] == pytest.approx(ends)
+    known = flight.fly(p, v, ends, problem.gravity, problem.drag)
     without_drag = flight.fly(p, v, float(numbers["ground"][0]), problem.gravity)
     assert known is not None
     assert without_drag is not None
@@ -300,6 +331,30 @@ def test_the_path_of_an_object_with_drag_is_its_flight(cell: Cell, carried: bool
     places = powers @ numbers["path"].reshape(layout.PATH_TERMS, 3) + share * (p + np.outer(t, v))
     assert places == pytest.approx(flight.path(p, v, t, problem.gravity, problem.drag), abs=2e-4)
     assert abs(float(numbers["landing"][0])) > 1e-4  # what drag adds is no part of the variables
+
+
+@pytest.mark.parametrize(("edge_m", "top_m", "holds"), [(0.3, 0.3, True), (0.002, 0.3, False), (0.002, 0.27, None)])
+def test_the_edge_of_a_box_that_carries_the_target_is_passed_with_room(
+    cell: Cell, edge_m: float, top_m: float, holds: bool | None
+) -> None:
+    """The one that the flight comes in by, at the sphere's height there; none where it is a radius lower."""
+    target = np.array([1.2, 0.0, 0.3])
+    cell = with_boxes(cell, ([target[0] - edge_m, -0.5, 0.1], [2.0, 0.5, top_m]))
+    problem = _problem(cell, TargetRelease(target))
+    candidate = candidates(replace(problem, cell=with_boxes(cell)))[0]
+    (p, v), radius = object_path.thrown_state(problem, candidate.q, candidate.qd), cell.object.radius_m
+    edges = layout.FLIGHT.split(flight_rows.flight_parameters(problem, candidate, DEFAULT_MARGINS, target))["edges"]
+    rows = edges.reshape(layout.FLIGHT_EDGES, -1)
+    used = rows[np.any(rows[:, 4:7] != 0.0, axis=1)]
+    if holds is None:
+        assert len(used) == 0
+        return
+    (row,) = used
+    t = (row[3] - row[:2] @ p[:2]) / (row[:2] @ v[:2] + row[2])
+    at_edge = flight.path(p, v, [t], problem.gravity)[0]
+    assert at_edge[0] == pytest.approx(target[0] - edge_m)
+    assert row[4:] == pytest.approx([0.0, 0.0, 1.0, top_m + radius + DEFAULT_MARGINS.flight_m])
+    assert (at_edge[2] >= row[7]) == holds
 
 
 def _violated_on_own_path(instance: Instance) -> set[str]:

@@ -62,12 +62,16 @@ def random_throws(count, seed, window_s=0.0, drag=0.0, factor=1.0, here=None):
 
 
 def flown(problem, trajectory, delay):
-    """Times on the trajectory and places of the object until it touches the landing plane, and of the highest."""
+    """Times on the trajectory and places of the object until it has landed, and of the highest.
+
+    On the floor where it touches it, in the air where its centre passes the target's height.
+    """
     release = trajectory.release_time_s + delay
     X_WT, V_WT = tool_state(problem.cell, *trajectory.at(release)[:2])
     s = np.arange(0.0, 2.0, STEP_S)
     x = path(X_WT[:3, 3], problem.cell.gripper.release_speed_factor * V_WT[:3], s, problem.gravity, problem.drag)
-    end = problem.plane_z + problem.cell.object.radius_m
+    in_air = problem.plane_z > problem.cell.surroundings.floor_z_m
+    end = problem.plane_z + (0.0 if in_air else problem.cell.object.radius_m)
     end = end if x[:, 2].max() >= end else problem.plane_z
     apex = int(x[:, 2].argmax())
     landed = apex + int(np.argmax(x[apex:, 2] < end))
@@ -94,7 +98,10 @@ def dense_gap(problem, trajectory, delays=(0.0,)):
                 gap = gap[left:][gap[left:] < 0.0]
             gaps += [gap.min()] if len(gap) else []
         for box in here.surroundings.keep_out:
-            gaps.append((np.linalg.norm(x - np.clip(x, box.lower, box.upper), axis=1) - radius).min())
+            over = ((x[:, :2] >= box.lower[:2]) & (x[:, :2] <= box.upper[:2])).all(axis=1)
+            over &= (box.upper[2] <= problem.plane_z) & (x[:, 2] < problem.plane_z + radius)
+            gap = (np.linalg.norm(x - np.clip(x, box.lower, box.upper), axis=1) - radius)[~over]
+            gaps += [gap.min()] if len(gap) else []
         if problem.release.opening is not None:
             rho, z = np.hypot(*(x - problem.release.p_W).T[:2]), x[:, 2] - problem.release.p_W[2]
             mouth, rim = problem.release.opening.radius_m, problem.release.opening.rim_height_m
@@ -122,6 +129,29 @@ def test_the_flights_clearance_is_below_dense_samples_and_close(count, window_s,
         answers.append(check.ok)
     assert count < 4 or any(answers)
     assert count < 8 or not all(answers)
+
+
+@pytest.mark.parametrize(("kind", "radius_m"), [("arm", 0.05), ("bin", 0.06), ("box", 0.05)])
+def test_in_the_air_everything_counts_until_the_centre_passes_the_plane(kind, radius_m):
+    """A thick object comes within its radius of the target's height long before the target."""
+    rng, late = np.random.default_rng(5), 0
+    here = replace(cell(), object=replace(cell().object, radius_m=radius_m))
+    for _ in range(60):
+        angle, distance = rng.uniform(-np.pi, np.pi), rng.uniform(*(0.1, 0.5) if kind == "arm" else (0.7, 1.3))
+        target = np.array([distance * np.cos(angle), distance * np.sin(angle), rng.uniform(0.3, 1.0)])
+        opening = Opening(radius_m + rng.uniform(0.0, 0.03), rng.uniform(0.0, 0.05)) if kind == "bin" else None
+        size = rng.uniform(0.005, 0.1, 3)
+        boxes = [(target - size, target + size * [1.0, 1.0, 0.0] - [0, 0, 1e-3])] if kind == "box" else []
+        try:
+            problem, trajectory = throw(with_boxes(here, *boxes), target, opening)
+        except (Infeasible, SolverFailed):
+            continue
+        least, check = dense_gap(problem, trajectory), certify(problem, trajectory).check("flight_clearance")
+        assert not check.ok or least > -SAMPLED_M, target
+        on_floor = replace(here.surroundings, floor_z_m=target[2], keep_out=problem.cell.surroundings.keep_out)
+        touched = certify(replace(problem, cell=replace(here, surroundings=on_floor)), trajectory)
+        late += touched.check("flight_clearance").ok and not check.ok
+    assert late > 0
 
 
 def test_a_throw_through_a_wall_is_refused_with_the_way_past_it():

@@ -95,6 +95,28 @@ def test_the_obstacle_that_the_best_flight_lacks_room_at_is_named() -> None:
     assert least_room(replace(problem, cell=higher), problem.release, p, v)[1] >= 0.0
 
 
+def test_flights_to_a_target_in_the_air_are_followed_to_it() -> None:
+    """A flat one is within its radius of the target's height from 12 cm before it."""
+    here = cell()
+    p, v = np.array([[0.4, 0.0, 0.72]]), np.array([[4.0, 0.0, 0.0]])
+    ahead_m = 4.0 * np.sqrt(2.0 * 0.07 / 9.81)
+    target = TargetRelease(np.array([0.4 + ahead_m, 0.0, 0.65]))
+    before, edge = target.p_W - [0.05, 0.3, 0.65], target.p_W - [0.01, 0.3, 0.3]
+    for box, clear in (
+        (Box(before, before + np.array([0.001, 0.6, 1.5])), False),  # a wall just before the target
+        (Box(before, before + np.array([0.001, 0.6, 0.65])), False),  # one that ends at the height carries nothing
+        (Box(before, before + np.array([0.001, 0.6, 0.62])), True),
+        (Box(edge, edge + np.array([0.5, 0.6, 0.3])), False),  # a table's edge under the target
+        (Box(edge - np.array([0.2, 0.0, 0.0]), edge + np.array([0.5, 0.6, 0.3])), True),
+    ):
+        problem = ThrowProblem(walled(here, box), here.home, target, here.limits)
+        assert (least_room(problem, target, p, v)[0] >= 0.0) == clear, box
+    arm = ThrowProblem(here, here.home, replace(target, p_W=np.array([0.0, 0.0, 0.25])), here.limits)
+    onto = np.array([[-0.4, 0.0, 0.3]])  # flat, through the shoulder
+    t = np.sqrt(2.0 * 0.05 / 9.81)
+    assert least_room(arm, arm.release, onto, np.array([[0.4 / t, 0.0, 0.0]]))[0] < 0.0
+
+
 def test_few_candidates_are_kept_where_a_thorough_search_finds_none(monkeypatch: pytest.MonkeyPatch) -> None:
     here = walled(cell(), WALL)
     problem = ThrowProblem(here, here.home, TargetRelease(np.array([1.15, 0.1, 0.1])), here.limits)
