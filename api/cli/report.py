@@ -74,7 +74,20 @@ def _of_file(file: Path, cells: Path | None) -> ReportContent:
             return ReportContent(plan)
         return ReportContent(plan, plan_svg(plan, cell), cell_model(cell), plan_curves(plan, cell))
     except (KeyError, TypeError, ValueError, PlannerError) as error:
-        raise click.ClickException(f"{file} is not a plan: {error!r}") from error
+        raise click.ClickException(f"{file} is not a plan: {_why_not(file, error)}") from error
+
+
+def _why_not(file: Path, error: Exception) -> str:
+    """Returns in words why a file holds no plan."""
+    try:
+        document = json.loads(file.read_text(encoding="utf-8"))
+    except ValueError as unreadable:
+        return f"it is not JSON ({unreadable})" if file.stat().st_size else "it is empty"
+    if isinstance(document, dict) and "title" in document:
+        return f"it is the answer to a request that was refused: {document['title']}"
+    if isinstance(error, KeyError):
+        return f"it lacks {error}"
+    return "it has another form" if isinstance(error, TypeError) else str(error)
 
 
 def _of_plan(client: ServiceClient, id: str, **more: Any) -> ReportContent:

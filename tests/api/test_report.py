@@ -202,3 +202,21 @@ def test_fling_report(throw, root: Path, tmp_path: Path):
     assert CliRunner().invoke(main, ["report", str(file), "--plan", "latest"]).exit_code != 0
     file.write_text("{}")
     assert CliRunner().invoke(main, ["report", str(file)]).exit_code == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ('{"type": "/problems/infeasible", "title": "The arm cannot do this"}', "refused: The arm cannot do this"),
+        ('{"a": 1}', "it lacks 'trajectory'"),
+        ("[1]", "it has another form"),
+        ("robot = 1", "it is not JSON"),
+        ("", "it is empty"),
+    ],
+)
+def test_a_file_without_a_plan_is_refused_in_words(tmp_path: Path, text: str, said: str):
+    file = tmp_path / "some.json"
+    file.write_text(text)
+    result = CliRunner().invoke(main, ["report", str(file)])
+    assert result.exit_code == 1
+    assert said in result.stderr
