@@ -19,6 +19,7 @@ from planner.trajectory import Trajectory
 
 RELEASE_POSITION_TOLERANCE = 1e-5  # [m, rad] less than a third of a UR's repeatability, 0.03 mm
 RELEASE_VELOCITY_TOLERANCE = 1e-4  # [m/s, rad/s] 0.1 mm of landing for a flight of one second
+GRAZES = "grazes the plane, so that nothing bounds the landings between those evaluated, of which this is the worst"
 LANDING_TOLERANCE_M = 5e-4  # [m] of the nominal release; far below the scatter of a gripper
 
 
@@ -128,7 +129,7 @@ def landing_window(motion: MotionSamples) -> Check | None:
         return at_most("landing_window", math.inf, tolerance, "m", released, "never lands")
     if not math.isfinite(curvature):
         error, at_s = tolerance * (1.0 + ROUNDING) - rooms.min(), float(arm.t[rooms.argmin()])
-        return at_most("landing_window", error, tolerance, "m", at_s, "grazes the plane").provided(False)
+        return at_most("landing_window", error, tolerance, "m", at_s, GRAZES).provided(False)
     proof = prove_above(evaluate, arm.t, rooms[None], np.array([curvature]), 0.0, curvature_bound)
     error = tolerance * (1.0 + ROUNDING) - proof.value
     return at_most("landing_window", error, tolerance, "m", proof.at_s).provided(proof.proven)
