@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from planner.arrays import Array, Mask
+from planner.cell import CONTACT_M
 from planner.errors import Violation
 from planner.geometry import Arcs, body_model, point_segment_distance
 from planner.kinematics import LinkMotion, dot, link_poses
@@ -53,7 +54,7 @@ def clear_flights(problem: ThrowProblem, release: TargetRelease, p: Array, v: Ar
         p: release positions (..., 3) [m].
         v: release velocities (..., 3) [m/s].
     """
-    return np.asarray(least_room(problem, release, p, v) >= 0.0)
+    return np.asarray(least_room(problem, release, p, v) >= -CONTACT_M)
 
 
 def _rooms(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) -> Iterator[tuple[str, Array]]:
@@ -65,7 +66,7 @@ def _rooms(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) ->
     arcs = Arcs.onto(p, v, float(release.p_W[2]), problem.gravity_at_tool_speed, problem.cell.object.radius_m)
     through = arcs.through(float(release.p_W[2])) if problem.lands_in_air else arcs
     for name, box in zip(around.keep_out_names, around.keep_out, strict=True):
-        stands_on = box.upper[2] <= release.p_W[2]  # the object may land on it
+        stands_on = box.upper[2] <= release.p_W[2] + CONTACT_M  # the object may land on it
         gap_m = 0.0 if stands_on else FLIGHT_GAP_M
         room = arcs.room_beside_box(box.lower, box.upper, gap_m, around.floor_z_m)
         if problem.lands_in_air:

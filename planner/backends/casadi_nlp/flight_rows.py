@@ -14,7 +14,7 @@ import numpy as np
 
 from planner.backends.casadi_nlp.layout import FLIGHT, FLIGHT_EDGES, NO_EDGE, FlightEdge, Vector
 from planner.backends.casadi_nlp.margins import Margins
-from planner.cell import Box
+from planner.cell import CONTACT_M, Box
 from planner.geometry import Arcs, tool_state
 from planner.problem import TargetRelease, ThrowProblem
 from planner.seeds import Candidate
@@ -81,10 +81,10 @@ def _opening(problem: ThrowProblem, margin_rad: float) -> list[float]:
 
 def _box_edges(problem: ThrowProblem, arcs: Arcs, room_m: float) -> list[FlightEdge]:
     """Returns two edges a box at most, the boxes that the flight passes most closely first."""
-    passed, lowest = [], problem.plane_z - (arcs.radius_m if problem.lands_in_air else 0.0)
+    passed, lowest = [], problem.plane_z + (-arcs.radius_m if problem.lands_in_air else CONTACT_M)
     for box in problem.cell.surroundings.keep_out:
         if box.upper[2] > lowest:  # the object comes down above the others
-            onto = list(_way_onto(box, arcs, room_m)) if box.upper[2] <= problem.plane_z else []
+            onto = list(_way_onto(box, arcs, room_m)) if box.upper[2] <= problem.plane_z + CONTACT_M else []
             passed += [max(onto or _ways_past(box, arcs, room_m), key=lambda way: way[0], default=(math.inf, []))]
     return [edge for _, edges in sorted(passed, key=lambda way: way[0]) for edge in edges]
 

@@ -59,6 +59,9 @@ def test_a_target_may_stand_on_a_box_but_not_in_one() -> None:
     table = Box(np.array([0.8, 0.0, 0.0]), np.array([1.2, 0.4, 0.3]))
     here = walled(cell(), table)
     assert candidates(ThrowProblem(here, here.home, target, here.limits))
+    for rounding in (0.1 + 0.2, 0.3 + 9e-7):
+        here = walled(cell(), replace(table, upper=np.array([1.2, 0.4, rounding])))
+        assert candidates(ThrowProblem(here, here.home, target, here.limits))
     here = walled(cell(), replace(table, upper=np.array([1.2, 0.4, 0.6])))
     with pytest.raises(Infeasible) as caught:
         candidates(ThrowProblem(here, here.home, target, here.limits))
