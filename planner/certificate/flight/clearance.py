@@ -35,6 +35,7 @@ from planner.problem import TargetRelease
 
 CLOSE_M = 0.03  # [m] a bound below it is refined until it is within `ACCURACY_M` of the least gap found there
 ACCURACY_M = 0.01  # [m]
+FEW = 16  # [-] parts that are parted once more before they are looked at, which takes less time than another round
 RESTING_S = 0.02  # [s] step of the grid when the arm rests: then the path alone bends, by 0.5 mm
 RELEASES_S = 0.005  # [s] step of the grid in the release window
 # [s] Two releases of an interval are clear of the tool so soon after each other, or in neighbouring patches: their
@@ -310,6 +311,8 @@ def _refined(found: LeastGap, flights: Flights, bounds: PatchBounds, patches: Pa
     spent, nearest, gripped = 0, math.inf, _is_gripped(flights, len(flights.names))
     for _ in range(ROUNDS):
         patches = patches.parts(flights.window_s > 0.0)
+        if len(patches.item) <= FEW:
+            patches = patches.parts(flights.window_s > 0.0)
         spent += len(patches.item)
         if spent > EVALUATIONS_MAX:
             break
