@@ -49,7 +49,8 @@ def home_faults(cell: Cell) -> list[CellError]:
     standing = Trajectory(cell.robot.sample_rate_hz, rest, zero, zero, release_index=1)
     found = []
     for check in certify(problem, standing).failures:
-        reason = f"violates {check.name}: {check.value:.4g} against {check.limit:.4g} {check.unit} ({check.detail})"
+        what = f" ({check.detail})" if check.detail else ""
+        reason = f"violates {check.name}: {check.value:.4g} against {check.limit:.4g} {check.unit}{what}"
         found.append(CellError("home_rad", cell.home.tolist(), reason))
     return found
 

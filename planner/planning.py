@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from planner.approach import Approach
 from planner.certificate import Certificate
 from planner.errors import Infeasible, SolverFailed, Violation
-from planner.problem import ThrowProblem
+from planner.problem import TIME_LIMIT_S, ThrowProblem
 from planner.request import request_document
 from planner.search import (
     VARIANTS_BY_BACKEND,
@@ -163,6 +163,10 @@ def _candidates(problem: ThrowProblem) -> list[Candidate]:
 
 
 def _nearest(search: PlanningSearch, violations: Sequence[Violation]) -> dict[str, Any] | None:
-    """Returns the nearest feasible request, None where none was found."""
+    """Returns the nearest feasible request, None where none was found; not with a time limit that was too short."""
     found = nearest_problem(search, violations)
-    return None if found is None else request_document(found, found.release)
+    if found is None:
+        return None
+    if search.out_of_time:
+        found = replace(found, time_limit_s=max(found.time_limit_s, TIME_LIMIT_S))
+    return request_document(found, found.release)

@@ -15,7 +15,7 @@ from planner.arrays import Array
 from planner.cell import CONTACT_M, Box, Cell, Limits
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import drag_constant
-from planner.geometry import barriers, passable
+from planner.geometry import Misfit, barriers, misfit, passable
 
 BACKENDS = ("auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp")
 REST_SPEED = 1e-9  # [rad/s, m/s] a release slower than this is a move that ends at rest
@@ -208,6 +208,11 @@ class ThrowProblem:
     def lands_in_air(self) -> bool:
         """Whether the landing plane is above the floor: beside the target there may be no surface."""
         return self.plane_z > self.cell.surroundings.floor_z_m + CONTACT_M
+
+    @cached_property
+    def misfit(self) -> Misfit | None:
+        """By how much the object does not fit at the target, beside what; None where it does, or without a target."""
+        return misfit(self.cell, self.release.p_W) if isinstance(self.release, TargetRelease) else None
 
     @property
     def landing_radius_m(self) -> float:

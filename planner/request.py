@@ -27,7 +27,14 @@ from planner.problem import (
     TargetRelease,
     ThrowProblem,
 )
-from planner.rotations import angle_between, matrix_to_quaternion, pose, quaternion_to_matrix, rotation_vector_to_matrix
+from planner.rotations import (
+    angle_between,
+    beyond_full_turn,
+    matrix_to_quaternion,
+    pose,
+    quaternion_to_matrix,
+    rotation_vector_to_matrix,
+)
 
 __all__ = ["NUMBER_MAX", "problem_from_request", "release_document", "request_document"]
 
@@ -330,13 +337,22 @@ def _rotation(release: _Fields, given: _Fields) -> Array:
         release.refuse("pose", "needs quaternion or rotation_vector")
         return np.eye(3)
     if given.get("quaternion") is None:
-        return rotation_vector_to_matrix(given.vector("rotation_vector", 3))
+        return _of_rotation_vector(given)
     R = _of_quaternion(given)
     if given.get("rotation_vector") is not None:  # answers give both
-        apart = angle_between(R, rotation_vector_to_matrix(given.vector("rotation_vector", 3)))
+        apart = angle_between(R, _of_rotation_vector(given))
         if not given.errors and apart > AGREEMENT_RAD:
             release.refuse("pose", f"quaternion and rotation_vector are {apart:.3g} rad apart")
     return R
+
+
+def _of_rotation_vector(given: _Fields) -> Array:
+    """Returns the rotation matrix of a pose's rotation vector, identity where it is refused."""
+    vector = given.vector("rotation_vector", 3)
+    if reason := beyond_full_turn(vector):
+        given.refuse("rotation_vector", reason)
+        return np.eye(3)
+    return rotation_vector_to_matrix(vector)
 
 
 def _of_quaternion(given: _Fields) -> Array:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from planner.arrays import Array
 
+FULL_TURN = 2.0 * math.pi + 1e-3  # [rad] a rotation vector is no longer; with somebody's rounding
 SMALL_ANGLE = 1e-2  # [rad] below it a series replaces the closed form, which loses digits to cancellation
 
 
@@ -29,6 +30,12 @@ def rotation_vector_to_matrix(vector: ArrayLike) -> Array:
     half = 0.5 * np.linalg.norm(vector, axis=-1)[..., None]
     # np.sinc(x) is sin(pi x)/(pi x): the quaternion's vector part without a division by zero
     return quaternion_to_matrix(np.concatenate([0.5 * np.sinc(half / np.pi) * vector, np.cos(half)], axis=-1))
+
+
+def beyond_full_turn(vector: ArrayLike) -> str | None:
+    """Returns why a rotation vector (3,) [rad] is refused, None for one that turns once at most."""
+    angle = float(np.linalg.norm(vector))
+    return None if angle <= FULL_TURN else f"turns by {angle:.4g} rad, must be a full turn (6.283) at most: degrees?"
 
 
 def matrix_to_rotation_vector(R: ArrayLike) -> Array:

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from api.report import ReportContent
 
 CSV = "text/csv"
+# Keys of a plan that a report needs.
+NEEDED = ("trajectory", "certificate", "flight", "release", "request", "solver", "cell", "cell_sha256", "id")
 
 
 @click.command()
@@ -68,7 +70,8 @@ def _of_file(file: Path, cells: Path | None) -> ReportContent:
 
     try:
         plan = json.loads(file.read_text(encoding="utf-8"))
-        _ = plan["trajectory"]  # which a list of plans leaves out
+        for key in NEEDED:  # a list of plans leaves out the trajectory
+            _ = plan[key]
         cell = CellRepository(cells or parse_settings().cells).cell(plan["cell"])
         if cell is None or cell.sha256 != plan["cell_sha256"]:
             return ReportContent(plan)

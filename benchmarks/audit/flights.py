@@ -155,13 +155,22 @@ def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: 
     gaps = [("the floor", float((x[:, 2] - radius).min()) - around.floor_z_m)]
     for k, box in enumerate(around.keep_out):
         landed = (np.arange(len(through)) >= len(x)) & _is_over(through, box, problem.plane_z)
-        gaps.append((f"box {k}", float(_from_box(through[~landed], box).min()) - radius))
+        gaps.append((f"box {k}", float(_from_box(_with_rest(problem, through[~landed], box), box).min()) - radius))
     for name, frame, apart in arm.gaps(through, delay):
         counted = _since_clear(apart - radius) if frame in GRIPPED_FRAMES else np.ones(len(apart), bool)
         gaps.append((name, float((apart[counted] - radius).min(initial=np.inf))))
     slack = LENGTH_SLACK_M
     found = [f for name, gap in gaps for f in under("flight_clearance", f"flight through {name}", gap, 0.0, slack, "m")]
     return found + _bin(problem, through, slack)
+
+
+def _with_rest(problem: ThrowProblem, x: Vector, box: Box) -> Vector:
+    """Returns points (n, 3), and where the centre is once the object lies on its target on the floor beside the box."""
+    on_floor = problem.plane_z <= problem.cell.surroundings.floor_z_m + CARRIES_M
+    if not isinstance(problem.release, TargetRelease) or not on_floor or box.upper[2] <= problem.plane_z + CARRIES_M:
+        return x
+    lying = problem.release.p_W + np.array([0.0, 0.0, problem.cell.object.radius_m])
+    return np.concatenate([x, lying[None]])
 
 
 def _is_over(x: Vector, box: Box, plane_z: float) -> NDArray[np.bool_]:

@@ -36,7 +36,7 @@ from planner.cell.model import (
 from planner.cell.source import CellSource, calibration_name, read_source
 from planner.errors import CellError, UnknownRobot
 from planner.robots import ROBOT_NAMES, Robot, robot
-from planner.rotations import pose, rotation_vector_to_matrix
+from planner.rotations import beyond_full_turn, pose, rotation_vector_to_matrix
 
 NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}")  # a cell's name is part of URLs and file names
 
@@ -208,8 +208,10 @@ def _robot(document: Mapping[str, Any], calibration: bytes | None) -> tuple[Cali
 
 def _pose(table: Mapping[str, Any], position: str, rotation: str, where: str) -> Array:
     p = vector(table, position, where, 3)
-    R = rotation_vector_to_matrix(vector(table, rotation, where, 3))
-    return read_only(pose(p, R))
+    turn = vector(table, rotation, where, 3)
+    if reason := beyond_full_turn(turn):
+        raise CellError(where + rotation, turn.tolist(), reason)
+    return read_only(pose(p, rotation_vector_to_matrix(turn)))
 
 
 def _tool(table: Mapping[str, Any]) -> Tool:

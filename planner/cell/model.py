@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -76,24 +76,6 @@ class Box:
         """Returns how deep points (..., 3) lie in the box [m], negative outside."""
         return np.asarray(np.minimum(p - self.lower, self.upper - p).min(axis=-1))
 
-    def way_out(self, p: Array, height_m: float) -> tuple[float, bool]:
-        """Returns how far a point (3,) is from where something `height_m` high fits [m]; whether it is below the box.
-
-        From the box's sides and top, or, below it, from its sides and from where it fits under it; negative outside.
-        """
-        sideways, up = np.minimum(p - self.lower, self.upper - p)[:2].min(), self.upper[2] - p[2]
-        below = float(self.lower[2] - p[2])
-        is_under = below > CONTACT_M
-        return float(min(sideways, height_m - below if is_under else up)), is_under
-
-
-class Burial(NamedTuple):
-    """How deep something lies in the floor or in a box [m], its name, and whether it lies in the gap under the box."""
-
-    depth_m: float
-    name: str
-    is_under: bool
-
 
 @dataclass(frozen=True, eq=False)
 class Surroundings:
@@ -117,18 +99,6 @@ class Surroundings:
     def keep_out_names(self) -> tuple[str, ...]:
         """What each keep-out box is called: by its name, or by its number."""
         return tuple(box.name or f"box {i}" for i, box in enumerate(self.keep_out))
-
-    def burying(self, p: Array, height_m: float) -> Burial | None:
-        """Returns how deep a point (3,) lies in the floor or in a keep-out box, and in which; None in neither.
-
-        A point under a box lies in it, too, if what comes to lie there, `height_m` high, does not fit under the box.
-        """
-        boxes = zip(self.keep_out_names, self.keep_out, strict=True)
-        ways = {name: box.way_out(p, height_m) for name, box in boxes}
-        ways["floor"] = self.floor_z_m - float(p[2]), False
-        name = max(ways, key=lambda each: ways[each][0])
-        depth, is_under = ways[name]
-        return Burial(depth, name, is_under) if depth > CONTACT_M else None
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Geometry of arm, tool and object: the tool's state, capsules, their distances, what can collide, flights."""
+"""Geometry of arm, tool and object: state, capsules, distances, what can collide, flights, where an object fits."""
 
 from planner.geometry.arcs import Arcs
 from planner.geometry.body import BodyModel, body_model, tool_pose, tool_state
@@ -9,18 +9,21 @@ from planner.geometry.distances import (
     segment_box_distance,
     segment_segment_distance,
 )
+from planner.geometry.misfit import Misfit, misfit
 from planner.geometry.self_collision import SELF_CLEARANCE_M, barriers, object_pairs, passable, self_collision_pairs
 
 __all__ = [
     "SELF_CLEARANCE_M",
     "Arcs",
     "BodyModel",
+    "Misfit",
     "arm_capsules",
     "barriers",
     "body_capsules",
     "body_model",
     "capsule_endpoints",
     "levers",
+    "misfit",
     "object_pairs",
     "pair_distances",
     "passable",

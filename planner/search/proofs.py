@@ -42,10 +42,10 @@ def proven_violations(problem: ThrowProblem) -> list[Violation]:
         case PointRelease(p, v):
             found = [*_place(problem, p), *_speed(problem, v, p)]
         case TargetRelease(release_position=None) as release:
-            found = _buried(problem, release) or _range(problem, release)
+            found = _misfit(problem) or _range(problem, release)
         case TargetRelease(release_position=p) as release:
             assert p is not None
-            found = _buried(problem, release) or _place(problem, p) or _range(problem, release, p)
+            found = _misfit(problem) or _place(problem, p) or _range(problem, release, p)
     found += [*filter(None, [released_flight_blocked(problem)]), *blocked_postures(problem)]
     return [replace(violation, proven=True) for violation in found]
 
@@ -120,13 +120,12 @@ def _place(problem: ThrowProblem, p_WT: Array) -> list[Violation]:
     return found
 
 
-def _buried(problem: ThrowProblem, release: TargetRelease) -> list[Violation]:
-    """Returns how deep a target lies in the floor or in a keep-out box, which no certificate passes."""
-    buried = problem.cell.surroundings.burying(release.p_W, 2.0 * problem.cell.object.radius_m)
-    if buried is None:
+def _misfit(problem: ThrowProblem) -> list[Violation]:
+    """Returns by how much the object does not fit at the target, which no certificate passes."""
+    found = problem.misfit
+    if found is None:
         return []
-    how = "the object does not fit under it" if buried.is_under else "the target is within it"
-    return [Violation("flight_clearance", -buried.depth_m, 0.0, "m", detail=f"{buried.name}: {how}")]
+    return [Violation("flight_clearance", -found.lacking_m, 0.0, "m", detail=f"{found.name}: {found.how}")]
 
 
 def _joint_speeds(problem: ThrowProblem, qd: Array) -> list[Violation]:

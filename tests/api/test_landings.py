@@ -52,6 +52,12 @@ def test_several_observations_of_a_throw_are_kept_as_they_were_reported(service:
     assert [line["action"] for line in service.store.audit_lines(2)] == ["landing", "landing"]
 
 
+def test_a_place_in_millimetres_is_refused(service: RunningService, thrown: str):
+    answer = report(service, thrown, {"position": [1200.0, 300.0, 0.0], "std_m": 0.005})
+    assert answer.status_code == 422
+    assert [error["field"] for error in answer.json()["errors"]] == ["position[0]", "position[1]"]
+
+
 def test_the_same_key_is_one_observation(service: RunningService, thrown: str):
     headers = {"Idempotency-Key": f"key of {thrown}"}
     first, again = report(service, thrown, POSITION, **headers), report(service, thrown, POSITION, **headers)

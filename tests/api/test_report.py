@@ -209,6 +209,7 @@ def test_fling_report(throw, root: Path, tmp_path: Path):
     [
         ('{"type": "/problems/infeasible", "title": "The arm cannot do this"}', "refused: The arm cannot do this"),
         ('{"a": 1}', "it lacks 'trajectory'"),
+        ('{"trajectory": {}, "flight": null}', "it lacks 'certificate'"),
         ("[1]", "it has another form"),
         ("robot = 1", "it is not JSON"),
         ("", "it is empty"),

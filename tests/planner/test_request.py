@@ -179,6 +179,17 @@ def test_the_planner_knows_the_same_fields_as_the_service():
         assert set(RELEASE_FIELDS[kind]) == set(model.model_fields)
 
 
+@pytest.mark.parametrize("turn", [[0.0, 90.0, 0.0], [4.0, 4.0, 4.0], [0.0, 0.0, -6.3]])
+def test_a_rotation_of_more_than_a_full_turn_is_taken_for_degrees(turn):
+    release = {**POSE, "pose": {"position": [0.5, 0.2, 0.6], "rotation_vector": turn}}
+    with pytest.raises(InvalidProblem) as refusal:
+        problem_from_request({"release": release}, cell())
+    (error,) = refusal.value.errors
+    assert error.field == "release.pose.rotation_vector"
+    assert error.reason.endswith("rad, must be a full turn (6.283) at most: degrees?")
+    problem_from_request({"release": {**release, "pose": {**release["pose"], "rotation_vector": [0, 0, 6.28]}}}, cell())
+
+
 def test_a_limit_for_all_joints_is_refused_once():
     release = {"kind": "target", "position": [1.2, 0.3, 0.0]}
     for velocity, count in ((180.0, 1), ([180.0] * 2 + [1.0] * 4, 2)):

@@ -4,8 +4,8 @@ The tool, and links beside which the object is gripped, count from the first ins
 object is clear of them: it usually starts within their capsules, so that these cannot judge how it leaves
 (`opening_direction` does). Releases that follow each other closely are clear of them one soon after the other; where
 they are not, one between them comes out, and meets or grazes what it has just left. A box that ends at the landing
-plane may carry the target: over it, it counts until the sphere touches the plane. A target below the floor or within a
-box fails, although a flight to one just within may end before the sphere touches the box.
+plane may carry the target: over it, it counts until the sphere touches the plane. A target at which the object does not
+fit fails, although a flight to it may end before the sphere touches what is there.
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ from planner.certificate.flight.patches import (
 )
 from planner.certificate.samples import MotionSamples
 from planner.flight import time_of_flight
-from planner.problem import TargetRelease
 
 CLOSE_M = 0.03  # [m] a bound below it is refined until it is within `ACCURACY_M` of the least gap found there
 ACCURACY_M = 0.01  # [m]
@@ -83,10 +82,8 @@ def flight_clearance(motion: MotionSamples) -> Check | None:
     flights = flights_of(motion)
     if flights.end is None:
         return at_least(name, math.nan, 0.0, "m", flights.released_s, "never lands")
-    if isinstance(problem.release, TargetRelease):
-        buried = problem.cell.surroundings.burying(problem.release.p_W, 2.0 * problem.cell.object.radius_m)
-        if buried is not None:
-            return at_least(name, -buried.depth_m, 0.0, "m", flights.end[1], buried.name)
+    if problem.misfit is not None:
+        return at_least(name, -problem.misfit.lacking_m, 0.0, "m", flights.end[1], problem.misfit.name)
     found = _least_gap(flights)
     value = max(found.value, 0.0) if found.proven else found.value
     return at_least(name, value, 0.0, "m", found.at_s, found.obstacle).provided(found.proven)

@@ -222,13 +222,15 @@ def test_a_target_in_the_footprint_of_a_wall_is_refused_with_proof(x, depth):
     problem = joint_problem(cell=here, release=TargetRelease(np.array([x, 0.2, 0.0])))
     (violation,) = proven_violations(problem)
     assert (violation.constraint, violation.value) == ("flight_clearance", pytest.approx(-depth))
-    before = replace(problem, release=TargetRelease(np.array([0.999, 0.2, 0.0])))
+    fits = replace(problem, release=TargetRelease(np.array([1.0 - here.object.radius_m, 0.2, 0.0])))
     below = with_box([1.0, -0.5, 2.0 * here.object.radius_m], [1.3, 0.8, 1.6])  # there is just room under it
     narrow = with_box([1.0, -0.5, 0.005], [1.3, 0.8, 1.6])
+    (lacks,) = proven_violations(replace(problem, release=TargetRelease(np.array([0.999, 0.2, 0.0]))))
+    assert (lacks.value, lacks.detail) == (pytest.approx(0.001 - 0.02), "box 0: the object does not fit beside it")
     (gap,) = proven_violations(replace(problem, cell=narrow, release=TargetRelease(np.array([1.1, 0.2, 0.0]))))
     assert gap.value == pytest.approx(0.005 - 2.0 * here.object.radius_m)
     assert gap.detail == "box 0: the object does not fit under it"
-    assert proven_violations(before) == proven_violations(replace(problem, cell=below)) == []
+    assert proven_violations(fits) == proven_violations(replace(problem, cell=below)) == []
 
 
 def test_a_bin_around_the_home_is_refused_with_proof_and_offered_farther_away():

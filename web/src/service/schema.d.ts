@@ -2126,7 +2126,7 @@ export interface components {
         LandingRequest: {
             /**
              * Position
-             * @description Where the object landed, in the world [m].
+             * @description Where the object landed, in the world [m], 100 at most.
              */
             position?: number[] | null;
             /**
