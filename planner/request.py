@@ -270,18 +270,15 @@ def _limits(request: _Fields, own: Limits) -> Limits:
 
 def _tightened(limits: _Fields, key: str, own: Array, unit: str) -> Array:
     """Returns a limit (6,), given as one number or one per joint, that may only tighten the cell's `own`."""
-    value = limits.get(key)
-    by_joint = isinstance(value, list | tuple)
-    entries = np.asarray(value if by_joint else [value] * len(own))
+    by_joint = isinstance(limits.get(key), list | tuple)
+    entries = np.asarray(limits.get(key) if by_joint else [limits.get(key)] * len(own))
     if entries.shape != own.shape or entries.dtype.kind not in "fiu" or not np.isfinite(entries).all():
         limits.refuse(key, f"must be one finite number or {len(own)} of them")
         return own
     wrong = [i for i in range(len(own)) if not 0.0 < entries[i] <= own[i]]
     for i in wrong if by_joint else wrong[:1]:
-        if entries[i] <= 0.0:
-            limits.refuse(f"{key}[{i}]", f"{entries[i]:g} must be above 0")
-        else:
-            limits.refuse(f"{key}[{i}]", f"{entries[i]:g} {unit} loosens the cell's limit of {own[i]:g} {unit}")
+        loosens = f"{unit} loosens the cell's limit of {own[i]:g} {unit}"
+        limits.refuse(f"{key}[{i}]", f"{entries[i]:g} {'must be above 0' if entries[i] <= 0.0 else loosens}")
     return read_only(entries)
 
 
@@ -333,17 +330,15 @@ def _pose_release(release: _Fields, X_WR: Array) -> PoseRelease:
 
 def _rotation(release: _Fields, given: _Fields) -> Array:
     """Returns the rotation matrix of a pose, identity where its orientation is refused."""
-    if given.get("quaternion") is None and given.get("rotation_vector") is None:
+    readers = {"quaternion": _of_quaternion, "rotation_vector": _of_rotation_vector}
+    found = [read(given) for key, read in readers.items() if given.get(key) is not None]
+    if not found:
         release.refuse("pose", "needs quaternion or rotation_vector")
         return np.eye(3)
-    if given.get("quaternion") is None:
-        return _of_rotation_vector(given)
-    R = _of_quaternion(given)
-    if given.get("rotation_vector") is not None:  # answers give both
-        apart = angle_between(R, _of_rotation_vector(given))
-        if not given.errors and apart > AGREEMENT_RAD:
-            release.refuse("pose", f"quaternion and rotation_vector are {apart:.3g} rad apart")
-    return R
+    apart = angle_between(found[0], found[-1])  # answers give both
+    if not given.errors and apart > AGREEMENT_RAD:
+        release.refuse("pose", f"quaternion and rotation_vector are {apart:.3g} rad apart")
+    return found[0]
 
 
 def _of_rotation_vector(given: _Fields) -> Array:
