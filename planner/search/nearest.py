@@ -57,10 +57,10 @@ SHARES_MAX = 3  # [-] largest shares whose motion's end is searched for a way ho
 CANDIDATES_MAX, FEW_CANDIDATES = 6, 2  # tried for one release, thoroughly or not
 # [m] From the requested target: farther from the base, past what it stands behind; and where something is in the way,
 # to either side, and below a target in the air.
-BEYOND_M, BESIDE_M, LOWER_M = (0.05, 0.1, 0.2), (0.05, 0.1), (0.1, 0.2)
+BEYOND_M, BESIDE_M, LOWER_M = (0.05, 0.1, 0.2), (0.05, 0.1), (0.05, 0.1, 0.2)
 NEARER_SHARES = (0.25, 0.5)  # [-] of the distance from the requested target to the nearest one found
 WINDOW_SHARES = (1.0, 0.5, 0.25)  # [-] of the requested release window
-# [-] What the optimiser may spend on them: most of what it finds takes 100 to 300 iterations.
+# [-] What the optimiser may spend on targets, and on windows: most of what it finds takes 100 to 300 iterations.
 ITERATIONS_MAX, ANSWERS_MAX = 900, 3
 WINDOW_STEP_S, DECIMALS = 1e-4, 4  # [s] windows are rounded down to it: no gripper is timed more finely
 ROUNDING = 1e-9  # [-] of a number of steps
@@ -157,17 +157,15 @@ def nearest_problem(search: PlanningSearch, violations: Sequence[Violation]) -> 
         violations: of its refusal.
     """
     problem, broken = search.problem, {violation.constraint for violation in violations}
-    optimiser = Optimiser(search)
     if search.nominal is not None and _has_way_home(problem, search.nominal):
         found = _with_own_window(problem, search.nominal)
-        return _with_more_of_window(optimiser, found, WINDOW_SHARES[1:])
+        return _with_more_of_window(Optimiser(search), found, WINDOW_SHARES[1:])
     found = _relaxed(search, broken)
     is_proven = all(violation.proven for violation in violations) and not broken & OBSTACLE_CONSTRAINTS
     if is_proven or blocked_postures(problem):  # that is said at once
         return found
-    if found is not None:
-        found = _with_more_of_window(optimiser, found, WINDOW_SHARES)
-    return _nearer_target(optimiser, found, bool(broken & OBSTACLE_CONSTRAINTS))
+    found = _nearer_target(Optimiser(search), found, bool(broken & OBSTACLE_CONSTRAINTS))
+    return found if found is None else _with_more_of_window(Optimiser(search), found, WINDOW_SHARES)
 
 
 def _relaxed(search: PlanningSearch, broken: set[str]) -> ThrowProblem | None:
@@ -226,15 +224,16 @@ def _nearer_target(optimiser: Optimiser, found: ThrowProblem | None, is_obstruct
 
 
 def _around(problem: ThrowProblem, p_W: Array, is_obstructed: bool) -> Iterator[Array]:
-    """Yields places (3,) around a target: farther from the base, and past what is in the way, to the side or lower."""
+    """Yields places (3,) around a target: farther from the base, and beside, below or on top of what is in the way."""
     away = np.array([*(p_W - problem.cell.X_WB[:3, 3])[:2], 0.0])
     if away.any():
         ahead = away / np.linalg.norm(away)
         yield from (p_W + d * ahead for d in BEYOND_M)
         across = np.array([-ahead[1], ahead[0], 0.0])
         yield from (p_W + side * d * across for d in BESIDE_M for side in (1.0, -1.0) if is_obstructed)
-    floor = problem.cell.surroundings.floor_z_m
-    yield from (p_W - [0.0, 0.0, d] for d in LOWER_M if is_obstructed and p_W[2] - d >= floor)
+    around = problem.cell.surroundings
+    yield from (p_W - [0.0, 0.0, d] for d in LOWER_M if is_obstructed and p_W[2] - d >= around.floor_z_m)
+    yield from (np.array([*p_W[:2], box.upper[2]]) for box in around.keep_out if box.depth(p_W) > 0.0)
 
 
 def _apart(release: Release, other: Release) -> float:

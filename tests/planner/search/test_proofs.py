@@ -157,9 +157,10 @@ def test_the_nearest_target_of_one_just_behind_a_wall_is_farther_behind_it():
         (([1.1, -0.5, 0.0], [1.4, 0.02, 0.5]), [1.2, 0.0, 0.0], [1.2, 0.05, 0.0]),
         (([1.1, -0.02, 0.0], [1.4, 0.5, 0.5]), [1.2, 0.0, 0.0], [1.2, -0.05, 0.0]),
         (([0.6, -1.0, 0.52], [2.0, 1.0, 0.55]), [1.2, 0.0, 0.5], [1.2, 0.0, 0.4]),
+        (([0.8, -0.5, 0.0], [1.6, 0.5, 0.4]), [1.2, 0.3, 0.39], [1.2, 0.3, 0.4]),
     ],
 )
-def test_the_nearest_target_is_beside_or_below_what_is_in_the_way(box, asked, offered):
+def test_the_nearest_target_is_beside_below_or_on_top_of_what_is_in_the_way(box, asked, offered):
     here = with_box(*box)
     with pytest.raises(Infeasible) as refusal:
         plan(joint_problem(cell=here, release=TargetRelease(np.array(asked))))
