@@ -211,16 +211,22 @@ def test_a_target_may_stand_on_a_box_but_not_in_it_nor_against_its_side():
     assert certify(replace(on_top, cell=below), trajectory).check("flight_clearance").detail == "floor"
 
 
+def flat_throw(here, y, window_s):
+    """A throw without rise to a target in the air: problem, motion, its velocity, and where it comes a radius above."""
+    release = TargetRelease(np.array([1.3, y, 0.7]), max_elevation_rad=0.0)
+    problem = ThrowProblem(here, here.home, release, here.limits, release_window_s=window_s, landing_tolerance_m=0.1)
+    trajectory = ruckig_otg.solve(problem, candidates(problem)[0]).trajectory
+    state = tool_state(here, trajectory.q[trajectory.release_index], trajectory.qd[trajectory.release_index])
+    touch = fly(state.p_WT, state.v_WT, 0.7 + here.object.radius_m, problem.gravity).landing_point
+    return problem, trajectory, state.v_WT, touch
+
+
 @pytest.mark.parametrize("window_s", [0.0, 0.001])
 def test_a_wall_is_met_between_the_touch_of_the_plane_and_a_target_in_the_air(window_s):
     """A flat flight comes within its radius of the target's height well before the target: nothing stops it there."""
     here = cell()
-    release = TargetRelease(np.array([1.3, 0.3, 0.7]), max_elevation_rad=0.0)
-    problem = ThrowProblem(here, here.home, release, here.limits, release_window_s=window_s, landing_tolerance_m=0.1)
-    trajectory = ruckig_otg.solve(problem, candidates(problem)[0]).trajectory
-    state = tool_state(here, trajectory.q[trajectory.release_index], trajectory.qd[trajectory.release_index])
-    touch = fly(state.p_WT, state.v_WT, 0.7 + here.object.radius_m, problem.gravity)
-    x = touch.landing_point[0] + 1.01 * here.object.radius_m + (0.002 if window_s else 0.0)
+    problem, trajectory, _, touch = flat_throw(here, 0.3, window_s)
+    x = touch[0] + 1.01 * here.object.radius_m + (0.002 if window_s else 0.0)
     assert x < 1.2995
     for top, ok in ((1.5, False), (0.7, False), (0.7 - here.object.radius_m, True)):
         walled = with_boxes(here, ([x, -2.0, 0.0], [x + 0.0005, 2.0, top]))
@@ -235,12 +241,8 @@ def test_a_wall_is_met_between_the_touch_of_the_plane_and_a_target_in_the_air(wi
 def test_the_object_comes_onto_a_box_over_its_edge(window_s):
     """A box that carries the target must be under the sphere when it touches the plane, not only under the target."""
     here = cell()
-    release = TargetRelease(np.array([1.3, 0.0, 0.7]), max_elevation_rad=0.0)
-    problem = ThrowProblem(here, here.home, release, here.limits, release_window_s=window_s, landing_tolerance_m=0.1)
-    trajectory = ruckig_otg.solve(problem, candidates(problem)[0]).trajectory
-    state = tool_state(here, trajectory.q[trajectory.release_index], trajectory.qd[trajectory.release_index])
-    touch = fly(state.p_WT, state.v_WT, 0.7 + here.object.radius_m, problem.gravity).landing_point
-    late = np.hypot(*state.v_WT[:2]) * 2.0 * window_s
+    problem, trajectory, v, touch = flat_throw(here, 0.0, window_s)
+    late = np.hypot(*v[:2]) * 2.0 * window_s
     assert touch[0] + late < 1.295
     for top in (0.7, 0.7 - 0.5 * here.object.radius_m):
         for edge, ok in ((touch[0] - late - 1e-4, True), (1.2999, False)):
