@@ -20,8 +20,6 @@ from api.cli.support.terminal import BAD, GOOD, say
 if TYPE_CHECKING:
     from planner.cell import Cell
 
-FAR_BOX_M = 100.0  # [m] from the base: no arm throws as far
-
 
 @click.group(cls=FlingGroup)
 def cell() -> None:
@@ -67,12 +65,13 @@ class CellRefused(click.ClickException):
 
 def _far_boxes(cell: Cell) -> list[str]:
     """Returns warnings of boxes that nothing can meet, mostly as their corners are in millimetres."""
-    import numpy as np
+    from planner.cell import FARTHEST_M
+    from planner.geometry import segment_box_distance
 
     base, found = cell.X_WB[:3, 3], []
     for name, box in zip(cell.surroundings.keep_out_names, cell.surroundings.keep_out, strict=True):
-        away_m = float(np.linalg.norm(base - np.clip(base, box.lower, box.upper)))
-        if away_m >= FAR_BOX_M:
+        away_m = float(segment_box_distance(base, base, box.lower, box.upper))
+        if away_m >= FARTHEST_M:
             found.append(f"{name} is {away_m:.0f} m from the arm, beyond every throw: corners are in metres")
     return found
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from api.report import ReportContent
 
 CSV = "text/csv"
-# Keys of a plan that a report needs.
+# Keys of a plan that a report needs; a list of plans leaves out the trajectory.
 NEEDED = ("trajectory", "certificate", "flight", "release", "request", "solver", "cell", "cell_sha256", "id")
 
 
@@ -68,29 +68,33 @@ def _of_file(file: Path, cells: Path | None) -> ReportContent:
     from api.settings import parse_settings
     from planner.errors import PlannerError
 
+    plan = _plan_in(file)
     try:
-        plan = json.loads(file.read_text(encoding="utf-8"))
-        for key in NEEDED:  # a list of plans leaves out the trajectory
-            _ = plan[key]
         cell = CellRepository(cells or parse_settings().cells).cell(plan["cell"])
         if cell is None or cell.sha256 != plan["cell_sha256"]:
             return ReportContent(plan)
         return ReportContent(plan, plan_svg(plan, cell), cell_model(cell), plan_curves(plan, cell))
     except (KeyError, TypeError, ValueError, PlannerError) as error:
-        raise click.ClickException(f"{file} is not a plan: {_why_not(file, error)}") from error
+        raise click.ClickException(f"{file} is not a plan: {error!r}") from error
 
 
-def _why_not(file: Path, error: Exception) -> str:
-    """Returns in words why a file holds no plan."""
+def _plan_in(file: Path) -> dict[str, Any]:
+    """Returns the plan in a file, with all keys of `NEEDED`; where there is none, the error says why in words."""
     try:
-        document = json.loads(file.read_text(encoding="utf-8"))
-    except ValueError as unreadable:
-        return f"it is not JSON ({unreadable})" if file.stat().st_size else "it is empty"
-    if isinstance(document, dict) and "title" in document:
-        return f"it is the answer to a request that was refused: {document['title']}"
-    if isinstance(error, KeyError):
-        return f"it lacks {error}"
-    return "it has another form" if isinstance(error, TypeError) else str(error)
+        plan = json.loads(file.read_text(encoding="utf-8"))
+    except ValueError as error:
+        why = f"it is not JSON ({error})" if file.stat().st_size else "it is empty"
+        raise click.ClickException(f"{file} is not a plan: {why}") from error
+    if not isinstance(plan, dict):
+        raise click.ClickException(f"{file} is not a plan: it has another form")
+    if "title" in plan:
+        raise click.ClickException(
+            f"{file} is not a plan: it is the answer to a request that was refused: {plan['title']}"
+        )
+    for key in NEEDED:
+        if key not in plan:
+            raise click.ClickException(f"{file} is not a plan: it lacks {key!r}")
+    return plan
 
 
 def _of_plan(client: ServiceClient, id: str, **more: Any) -> ReportContent:

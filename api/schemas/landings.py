@@ -7,10 +7,10 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, Field, model_validator
 
 from api.schemas.requests import RequestModel, Vector3
+from planner.cell import FARTHEST_M
 
 SOURCE_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
 STD_MAX_M = 10.0  # [m] an observation this vague says nothing
-FARTHEST_M = 100.0  # [m] no arm throws as far: what is beyond is mostly in millimetres
 Place = Annotated[list[Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]], Field(min_length=3, max_length=3)]
 
 

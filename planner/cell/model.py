@@ -12,6 +12,8 @@ from planner.arrays import Array
 from planner.calibration import CalibrationFile
 from planner.robots import Robot
 
+# [m] from an arm: none throws as far, and most places in a cell are farther if they are taken in millimetres
+FARTHEST_M = 100.0
 CONTACT_M = 1e-6  # [m] rounding: so deep in it, a point still stands on a box or on the floor
 OUT_M = 0.01  # [m] least displacement at which an object is out of the grip
 

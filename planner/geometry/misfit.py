@@ -9,7 +9,7 @@ import numpy as np
 from planner.arrays import Array
 from planner.cell import CONTACT_M, Box, Cell
 from planner.geometry.body import body_model
-from planner.geometry.distances import point_segment_distance
+from planner.geometry.distances import point_segment_distance, segment_box_distance
 
 WITHIN, UNDER, BESIDE = (
     "the target is within it",
@@ -53,5 +53,5 @@ def _beside_box(box: Box, name: str, p: Array, centre: Array, radius: float) -> 
     over = Misfit(min(sideways, 2.0 * radius - below if is_under else up), name, UNDER if is_under else WITHIN)
     if over.lacking_m > CONTACT_M or up <= CONTACT_M:
         return over
-    gap = float(np.linalg.norm(centre - np.clip(centre, box.lower, box.upper))) - radius
+    gap = float(segment_box_distance(centre, centre, box.lower, box.upper)) - radius
     return Misfit(-gap, name, BESIDE)

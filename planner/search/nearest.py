@@ -231,9 +231,9 @@ def _around(problem: ThrowProblem, p_W: Array, is_obstructed: bool) -> Iterator[
         yield from (p_W + d * ahead for d in BEYOND_M)
         across = np.array([-ahead[1], ahead[0], 0.0])
         yield from (p_W + side * d * across for d in BESIDE_M for side in (1.0, -1.0) if is_obstructed)
-    around = problem.cell.surroundings
-    yield from (p_W - [0.0, 0.0, d] for d in LOWER_M if is_obstructed and p_W[2] - d >= around.floor_z_m)
-    yield from (np.array([*p_W[:2], box.upper[2]]) for box in around.keep_out if box.depth(p_W) > 0.0)
+    floor_z, boxes = problem.cell.surroundings.floor_z_m, problem.cell.surroundings.keep_out
+    yield from (p_W - [0.0, 0.0, d] for d in LOWER_M if is_obstructed and p_W[2] - d >= floor_z)
+    yield from (np.array([*p_W[:2], box.upper[2]]) for box in boxes if box.depth(p_W) > 0.0)
 
 
 def _apart(release: Release, other: Release) -> float:
@@ -252,6 +252,7 @@ def _same(release: Release, other: Release) -> bool:
 
 
 def _has_way_home(problem: ThrowProblem, motion: CertifiedSolution) -> bool:
+    """Returns whether there is a way home from the end of a motion, which need not keep the release window."""
     return find_way_home(replace(problem, release_window_s=0.0), motion)[0] is not None
 
 

@@ -10,9 +10,10 @@ from dataclasses import replace
 import numpy as np
 
 from planner.arrays import Array
+from planner.cell import FARTHEST_M
 from planner.errors import Infeasible, Violation
 from planner.flight import least_speed
-from planner.geometry import body_model, tool_state
+from planner.geometry import body_model, segment_box_distance, tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.search.blocked_postures import blocked_postures
 from planner.search.released_flight import released_flight_blocked
@@ -20,7 +21,6 @@ from planner.search.throw_range import SLACK, farthest_reach_from_shoulder, out_
 
 RIM_POINTS = 2048  # [-] places on the rim of the arm's reach from which a target is aimed at
 RANGE_STEP_M = 0.01  # [m] to which the farthest distance of a target is found
-IN_MILLIMETRES_M = 100.0  # [m] farther than any arm throws, nearer than most places in its cell in millimetres
 TOOL_LIMIT = "the limit is what the joints at their speed limits give the tool"
 RIM_FIRST = 32  # [-] one of so many is looked at first: a target that can be reached from there is not refused
 
@@ -113,7 +113,7 @@ def _place(problem: ThrowProblem, p_WT: Array) -> list[Violation]:
         if inside < -SLACK:
             found.append(Violation("keep_in", inside, 0.0, "m", detail="tool centre point at the release"))
     for box, name in zip(around.keep_out, around.keep_out_names, strict=True):
-        gap = float(np.linalg.norm(np.maximum(np.maximum(box.lower - p_WT, p_WT - box.upper), 0.0)))
+        gap = float(segment_box_distance(p_WT, p_WT, box.lower, box.upper))
         if gap - cell.object.radius_m < around.clearance_m - SLACK:
             detail = f"object, {name}, at the release"
             found.append(Violation("keep_out", gap - cell.object.radius_m, around.clearance_m, "m", detail=detail))
@@ -163,7 +163,7 @@ def fastest_tool(problem: ThrowProblem, p_WT: Array | None = None) -> float:
 
 def _in_metres(distance_m: float) -> str:
     """Returns what to add where a distance [m] is most likely one in millimetres."""
-    return f"; {distance_m:.0f} m away: positions are in metres" if distance_m >= IN_MILLIMETRES_M else ""
+    return f"; {distance_m:.0f} m away: positions are in metres" if distance_m >= FARTHEST_M else ""
 
 
 def _turning(problem: ThrowProblem, w_WT: Array) -> list[Violation]:

@@ -87,10 +87,7 @@ def test_the_table_of_the_project_is_its_published_frame():
         (LEAST + "[safety]\nspeed = 1.0\n", "safety.speed"),
         (LEAST + '[sim]\npolyscope = "3.15"\n', "sim.polyscope"),
         (LEAST + "[surroundings]\nkeep_out = [{ lower_m = [0, 0, 0], upper_m = [1, 1, 0] }]\n", "keep_out"),
-        (
-            LEAST + "[base_in_world]\nrotation_vector_rad = [0, 0, 90]\n",
-            "base_in_world.rotation_vector_rad",
-        ),
+        (LEAST + "[base_in_world]\nrotation_vector_rad = [0, 0, 90]\n", "base_in_world.rotation_vector_rad"),
         (LEAST + "[surroundings]\nkeep_out = [{ lower_m = [0, 0, 0] }]\n", "keep_out[0].upper_m"),
         (LEAST + "[tool]\ncapsules = [{ from_m = [0, 0], to_m = [0, 0, 1], radius_m = 0.1 }]\n", "capsules"),
         ("robot = \n", "file"),
