@@ -3,28 +3,35 @@
 casadi's interface evaluates the whole problem as sparse matrices and takes them apart again for every stage, which
 takes as long as the rows themselves. The compiled launch (`c/launch.c`) hands fatrop each stage's matrices, several
 stages at once. Both find the same numbers to the last bit; without a compiler, casadi's interface is used.
+
+A call whose release would be too late is ended before it converges. Of a convex problem, the Lagrangian at the
+multipliers of any iteration, less the most by which other values of the variables and rows within their bounds could
+lower it, is no larger than the least cost (weak duality). These problems are not convex, and the other terms of the
+cost are taken as they are in that iteration, so the bound is an estimate; but it is near the solution's cost after half
+of the iterations. Source: Boyd and Vandenberghe, Convex Optimization (2004), 5.1.3.
 """
 
 from __future__ import annotations
 
 import ctypes
 import logging
+import math
 from collections.abc import Mapping
 from functools import cache, lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
 from planner.arrays import Array, Index
 from planner.backends.casadi_nlp import codegen
-from planner.backends.casadi_nlp.functions import KINDS, first_result
-from planner.backends.casadi_nlp.layout import COST, NU, SHARED, StageLayout, Vector, object_of
+from planner.backends.casadi_nlp.functions import KINDS, evaluate, first_result
+from planner.backends.casadi_nlp.layout import COST, NU, SHARED, TIME, StageLayout, Vector, object_of
 from planner.backends.casadi_nlp.symbols import FORMULAS
 from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, RowIndex, transcription
 
 ROWS_MAX, OBJECTS_MAX = 64, 2  # [-] of a block, and whose states there may be, as in launch.c
-SOLVED = 0  # fatrop's status
+SOLVED, TOO_LATE = 0, -2  # status of a call, as in launch.c
 IPOPT = {"tol": 1e-5, "mu_init": 1e-3, "max_iter": 80}
 PATTERNS_KEPT = 64  # solvers cached: a few for each kind of release
 
@@ -66,6 +73,23 @@ class _Problem(ctypes.Structure):
     )
 
 
+class Outcome(NamedTuple):
+    """What a call of the solver came to.
+
+    Attributes:
+        x: the variables (n,), or those at which it gave up; no numbers where not all numbers were finite, where it did
+            not return, or was ended.
+        iterations: number of iterations.
+        is_solved: whether they are an optimum.
+        is_late: whether it was ended because it would come to no release that is soon enough, see `_least_release`.
+    """
+
+    x: Array
+    iterations: int
+    is_solved: bool
+    is_late: bool = False
+
+
 class CompiledLaunch:
     """The problem of one layout, as the compiled launch takes it."""
 
@@ -81,15 +105,13 @@ class CompiledLaunch:
         thrown = (ctypes.c_int * OBJECTS_MAX)(*stages.objects, *none)
         self._problem = _Problem(blocks, own, owned, len(names), names.index("cost"), stages.stages, index.size, thrown)
 
-    def solve(self, arguments: Mapping[str, Array], options: Mapping[str, float]) -> tuple[Array, int, bool]:
-        """Returns the variables (n,), the number of iterations, and whether the problem is solved.
-
-        The variables are those at which fatrop gave up, where it did; no numbers where not all numbers were finite, or
-        fatrop did not return.
+    def solve(self, arguments: Mapping[str, Array], options: Mapping[str, float], latest: float = math.inf) -> Outcome:
+        """Returns what a call came to.
 
         Args:
             arguments: as casadi's solvers take them: x0, p, lbx, ubx, lbg, ubg.
             options: of fatrop.
+            latest: time of the release, scaled, beyond which a solution is of no use.
 
         Raises:
             ValueError: an argument has another size than the problem.
@@ -105,15 +127,16 @@ class CompiledLaunch:
         status = self._launch.solve_launch(
             ctypes.byref(self._problem),
             *(array.ctypes.data for array in (lower, upper, guess, p)),
+            latest,
             len(options),
             names,
             values.ctypes.data,
             x.ctypes.data,
             ctypes.byref(iterations),
         )
-        if status < SOLVED:  # it could not begin, some derivative was not finite, or it did not return
+        if status < SOLVED:  # it could not begin, some derivative was not finite, it did not return, or was ended
             x[:] = np.nan
-        return x, iterations.value, status == SOLVED
+        return Outcome(x, iterations.value, status == SOLVED, status == TOO_LATE)
 
     def rows(self, x: Array, p: Array) -> Array:
         """Returns the rows (m,) at variables x (n,) and parameters p.
@@ -209,20 +232,95 @@ def _libraries() -> tuple[ctypes.CDLL, ctypes.CDLL] | None:
         logging.getLogger(__name__).warning("%s is not used, casadi's interface is: %s", path, error)
         return None
     pointer = ctypes.c_void_p
-    launch.solve_launch.argtypes = [pointer] * 5 + [ctypes.c_int] + [pointer] * 4
+    launch.solve_launch.argtypes = [pointer] * 5 + [ctypes.c_double, ctypes.c_int] + [pointer] * 4
     launch.launch_rows.argtypes, launch.launch_rows.restype = [pointer] * 4, None
     launch.linear_algebra_agrees()
     return launch, functions
 
 
-def solve_by_fatrop(stages: StageLayout, arguments: Arguments, options: Options) -> tuple[Vector, dict[str, Any]]:
-    """Returns the variables that casadi's interface to fatrop comes to, and its statistics."""
+def solve_by_fatrop(stages: StageLayout, arguments: Arguments, options: Options, latest: float = math.inf) -> Outcome:
+    """Returns what casadi's interface to fatrop comes to; see `CompiledLaunch.solve`.
+
+    casadi cannot end a call, but what comes after the iteration at which the compiled launch ends it does not count.
+    """
     order = transcription(stages).row_index.stagewise
     ordered = {**arguments} | {name: arguments[name][order] for name in ("x0", "lbx", "ubx")}
-    found, stats = first_result(_fatrop(stages, _pattern(ordered), tuple(options.items())), ordered)
+    solver, functions, iterates = _fatrop(stages, _pattern(ordered), tuple(options.items()))
+    iterates.seen.clear()
+    found, stats = first_result(solver, ordered)
+    if latest < math.inf:
+        for count, (x, multipliers) in enumerate(iterates.seen, start=1):
+            if _least_release(functions, ordered, x, multipliers) > latest:
+                return Outcome(np.full(len(order), np.nan), count, is_solved=False, is_late=True)
     x = np.empty(len(order))
     x[order] = found
-    return x, stats
+    return Outcome(x, int(stats["iter_count"]), bool(stats["success"]))
+
+
+def _least_release(functions: Mapping[str, Any], arguments: Arguments, x: Vector, multipliers: Vector) -> float:
+    """Returns about the least time of the release, scaled, that a solve can come to, by an iteration's multipliers.
+
+    It is the bound on the cost less the other terms of the cost, as of that iteration. A bound above the cost of that
+    iteration says nothing, nor do multipliers of zero, with which fatrop begins anew where a step fails.
+
+    Args:
+        functions: of the problem.
+        arguments: of the call.
+        x: the iteration's variables, stage by stage (n,).
+        multipliers: of the rows (m,).
+    """
+    p = arguments["p"]
+    slope = evaluate(functions["hess_l"], x, p, np.ones(1), multipliers)[0].ravel()
+    g = evaluate(functions["g"], x, p)[0].ravel()
+    less = _least_within(-multipliers, g, arguments["lbg"], arguments["ubg"])
+    less += _least_within(slope, x, arguments["lbx"], arguments["ubx"])
+    return less - float(x[TIME]) if less < 0.0 else -math.inf
+
+
+def _least_within(slope: Vector, values: Vector, lower: Vector, upper: Vector) -> float:
+    """Returns the least change of what is linear, with `slope` at `values`, within bounds; nothing where one lacks.
+
+    A variable without bounds has no slope at a solution, and little before.
+    """
+    end = np.where(slope > 0.0, lower, upper)
+    bounded = np.isfinite(end)
+    return float(slope[bounded] @ (end - values)[bounded])
+
+
+class _Iterates(ca.Callback):
+    """A casadi function (x, multipliers) -> x that notes what it is called with.
+
+    Attributes:
+        seen: the arguments, in order.
+    """
+
+    def __init__(self, variables: int, rows: int) -> None:
+        ca.Callback.__init__(self)
+        self.seen: list[tuple[Vector, Vector]] = []
+        self._sizes = variables, rows
+        self.construct("iterates", {})
+
+    def get_n_in(self) -> int:
+        """Number of arguments."""
+        return 2
+
+    def get_n_out(self) -> int:
+        """Number of results."""
+        return 1
+
+    def get_sparsity_in(self, i: int) -> Any:
+        """Shape of an argument."""
+        return ca.Sparsity.dense(self._sizes[i], 1)
+
+    def get_sparsity_out(self, _i: int) -> Any:
+        """Shape of the result."""
+        return ca.Sparsity.dense(self._sizes[0], 1)
+
+    def eval(self, arguments: list[Any]) -> list[Any]:
+        """Notes the arguments and returns the first."""
+        x, multipliers = (np.array(each, float).ravel() for each in arguments)
+        self.seen.append((x, multipliers))
+        return arguments[:1]
 
 
 def solve_by_ipopt(stages: StageLayout, arguments: Arguments) -> tuple[Vector, dict[str, Any]]:
@@ -239,8 +337,12 @@ def _pattern(arguments: Arguments) -> bytes:
 
 
 @lru_cache(maxsize=PATTERNS_KEPT)
-def _fatrop(stages: StageLayout, pattern: bytes, options: tuple[tuple[str, float], ...]) -> Any:
+def _fatrop(
+    stages: StageLayout, pattern: bytes, options: tuple[tuple[str, float], ...]
+) -> tuple[Any, Mapping[str, Any], _Iterates]:
     """Returns the solver for one pattern of fixed, bounded and free variables and rows, with fatrop's options.
+
+    With it come the problem's functions of the variables stage by stage, and the iterations of the last call.
 
     casadi 3.8.2 makes fatrop anew where the pattern differs from the call before, and then loses its options: each
     pattern has a solver of its own, built in 7 ms.
@@ -252,7 +354,10 @@ def _fatrop(stages: StageLayout, pattern: bytes, options: tuple[tuple[str, float
     states = [index.states(k) for k in range(n + 1)]
     structure = {"structure_detection": "manual", "N": n, "nx": states, "nu": [NU] * n + [0]}
     settings = {**structure, "ng": index.per_stage, "fatrop": dict(options)}
-    return _nlpsol("fatrop", functions, roles, settings)
+    iterates = _Iterates(index.variables, index.size)
+    x, p, of_cost, of_rows = inputs = functions["hess_l"].mx_in()
+    noted = ca.Function("noted", inputs, functions["hess_l"].call([iterates(x, of_rows), p, of_cost, of_rows]))
+    return _nlpsol("fatrop", {**functions, "hess_l": noted}, roles, settings), functions, iterates
 
 
 def _reordered(functions: Mapping[str, Any], order: Indices) -> dict[str, Any]:

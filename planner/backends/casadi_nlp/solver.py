@@ -103,7 +103,7 @@ class Solver:
         """
         guess, kept, moved, awaits_brake = instance.arguments["x0"], None, 0, _brakes_first(instance)
         starts = [(instance, instance.arguments)]  # each is solved from where the one before fails
-        while starts and not self._is_spent():
+        while starts and not (self.is_late or self._is_spent()):
             instance, arguments = starts.pop(0)
             if awaits_brake and "passing" in self.groups:
                 starts, awaits_brake = self._starts_with_brake(instance, arguments), False
@@ -124,15 +124,18 @@ class Solver:
             starts = [(instance, arguments)]
             if _may_begin_again(instance):  # what was solved before may be too far off
                 starts.append((instance, {**arguments, "x0": guess}))
-        return kept
+        return None if self.is_late else kept
 
     def _releases_late(self, release_s: float) -> bool:
         """Returns whether a release at `release_s` [s] is too late to be of use, and notes it."""
         if release_s <= self.latest_s:
             return False
-        self.is_late = self.has_converged  # else more iterations might lead to a sooner one
-        self.status = f"releases after {release_s:.3f} s, no sooner than another"
+        # without an optimum, more iterations might lead to a sooner one
+        self._note_lateness(self.has_converged, f"releases after {release_s:.3f} s")
         return True
+
+    def _note_lateness(self, is_late: bool, what: str) -> None:
+        self.is_late, self.status = is_late, f"{what}, no sooner than another"
 
     def _starts_with_brake(self, instance: Instance, arguments: Arguments) -> list[tuple[Instance, Arguments]]:
         """Returns the starts with rows that keep the brake off the flight: with a brake that is, then as it was.
@@ -177,27 +180,38 @@ class Solver:
             reduced[name] = reduced[name][: transcription(part).row_index.variables]
         kept = _rows_kept(part, whole)
         reduced["lbg"], reduced["ubg"] = reduced["lbg"][kept], reduced["ubg"][kept]
-        options = _fatrop_options(part, instance)
-        x, iterations = self._call_fatrop(part, reduced, options)
-        ran_out = x is None and iterations >= options["max_iter"]
+        options, latest = _fatrop_options(part, instance), self._latest_scaled(instance)
+        x, iterations = self._call_fatrop(part, reduced, options, latest)
+        ran_out = x is None and iterations >= options["max_iter"] and not self.is_late
         if ran_out and _may_start_afresh(instance) and not self._is_spent():
-            x, _ = self._call_fatrop(part, reduced, options | FATROP_AFRESH)
+            x, _ = self._call_fatrop(part, reduced, options | FATROP_AFRESH, latest)
         return x
 
-    def _call_fatrop(self, part: StageLayout, arguments: Arguments, options: Options) -> tuple[Vector | None, int]:
+    def _latest_scaled(self, instance: Instance) -> float:
+        """Returns `latest_s` as a solver's variable; infinite where the time of the release is given."""
+        is_free = instance.fixed_times is None and instance.stages.launch > 0
+        return self.latest_s / float(instance.scales[TIME]) if is_free else math.inf
+
+    def _call_fatrop(
+        self, part: StageLayout, arguments: Arguments, options: Options, latest: float
+    ) -> tuple[Vector | None, int]:
         """Returns the solution, None where there is none, and the number of iterations.
 
+        A call is ended, and its lateness noted, as soon as it is clear that it would release after `latest`, scaled.
         What breaks no row where fatrop gives up is a solution, too, if not an optimal one: it often turns on the spot,
         along what hardly changes the cost.
         """
         launch = compiled_launch(part)
         if launch is None:
-            x, stats = solve_by_fatrop(part, arguments, options)
-            iterations, is_solved = int(stats["iter_count"]), bool(stats["success"])
+            outcome = solve_by_fatrop(part, arguments, options, latest)
         else:
-            x, iterations, is_solved = launch.solve(arguments, options)
-        self.has_converged = is_solved
-        is_solved = is_solved or _breaks_no_row(part, x, arguments)
+            outcome = launch.solve(arguments, options, latest)
+        x, iterations, self.has_converged, was_late = outcome
+        if was_late:
+            self.iterations += iterations
+            self._note_lateness(True, f"would release after {self.latest_s:.3f} s")
+            return None, iterations
+        is_solved = self.has_converged or _breaks_no_row(part, x, arguments)
         return self._result("fatrop", _stagewise(part, x), iterations, is_solved), iterations
 
     def _call_ipopt(self, instance: Instance) -> Vector | None:

@@ -131,10 +131,10 @@ def test_where_fatrop_gives_up_what_breaks_no_row_is_a_solution(
     expected = calls._without_other_groups(instance, instance.arguments)
     assert expected is not None
 
-    def given_up(launch: fatrop.CompiledLaunch, *given: object) -> tuple[np.ndarray, int, bool]:
-        x, iterations, _ = solve(launch, *given)  # pyright: ignore[reportArgumentType]
-        x[layout.NZ] += off * solver.VIOLATED  # a joint position after the first stage
-        return x, iterations, False
+    def given_up(launch: fatrop.CompiledLaunch, *given: object) -> fatrop.Outcome:
+        outcome = solve(launch, *given)  # pyright: ignore[reportArgumentType]
+        outcome.x[layout.NZ] += off * solver.VIOLATED  # a joint position after the first stage
+        return outcome._replace(is_solved=False)
 
     monkeypatch.setattr(fatrop.CompiledLaunch, "solve", given_up)
     found = calls._without_other_groups(instance, instance.arguments)
@@ -149,11 +149,13 @@ def test_a_free_release_without_a_window_starts_afresh_where_the_iterations_do_n
 ) -> None:
     barriers, solve = [], fatrop.CompiledLaunch.solve
 
-    def failing_first(launch: fatrop.CompiledLaunch, arguments: object, options: dict[str, float]) -> object:
+    def failing_first(
+        launch: fatrop.CompiledLaunch, arguments: object, options: dict[str, float], latest: float
+    ) -> fatrop.Outcome:
         barriers.append(options["mu_init"])
         if len(barriers) == 1:
-            return np.full(launch.index.variables, np.nan), int(options["max_iter"]) + 1, False
-        return solve(launch, arguments, options)  # pyright: ignore[reportArgumentType]
+            return fatrop.Outcome(np.full(launch.index.variables, np.nan), int(options["max_iter"]) + 1, False)
+        return solve(launch, arguments, options, latest)  # pyright: ignore[reportArgumentType]
 
     monkeypatch.setattr(fatrop.CompiledLaunch, "solve", failing_first)
     found = solver.Solver(1000, None, frozenset(), with_ipopt=False)._without_other_groups(instance, instance.arguments)
@@ -206,9 +208,9 @@ def test_only_an_optimum_says_that_a_release_is_too_late(
 ) -> None:
     solve = fatrop.CompiledLaunch.solve
 
-    def ended(launch: fatrop.CompiledLaunch, *given: object) -> tuple[np.ndarray, int, bool]:
-        x, iterations, _ = solve(launch, *given)  # pyright: ignore[reportArgumentType]
-        return x, iterations, has_converged
+    def ended(launch: fatrop.CompiledLaunch, arguments: object, options: object, _latest: float) -> fatrop.Outcome:
+        outcome = solve(launch, arguments, options)  # pyright: ignore[reportArgumentType]
+        return outcome._replace(is_solved=has_converged)
 
     monkeypatch.setattr(fatrop.CompiledLaunch, "solve", ended)
     calls = solver.Solver(1000, None, frozenset(), with_ipopt=False, latest_s=0.01)
@@ -262,7 +264,7 @@ def test_a_start_that_is_not_finite_is_not_solved(instance: Instance) -> None:
         spoilt = arguments[name].copy()
         spoilt[5] = np.nan
         x, *outcome = launch.solve({**arguments, name: spoilt}, solver.FATROP)
-        assert outcome == [0, False]
+        assert outcome == [0, False, False]
         assert np.isnan(x).all()  # so that nothing takes it for a solution
 
 
@@ -285,7 +287,7 @@ def test_derivatives_that_are_not_finite_end_a_solve(instance: Instance, calls: 
 
     kept = signature(spoilt)
     motion.slope = ctypes.cast(kept, ctypes.c_void_p)
-    x, iterations, is_solved = launch.solve(instance.arguments, solver.FATROP)
+    x, iterations, is_solved, _ = launch.solve(instance.arguments, solver.FATROP)
     assert not is_solved
     assert np.isnan(x).all()
     assert iterations <= solver.FATROP["max_iter"] + 1
@@ -296,7 +298,7 @@ def test_options_reach_fatrop(instance: Instance) -> None:
     launch = fatrop.compiled_launch(instance.stages)
     if launch is None:
         pytest.skip("nothing is compiled")
-    _, iterations, is_solved = launch.solve(instance.arguments, {**solver.FATROP, "max_iter": 3})
+    _, iterations, is_solved, _ = launch.solve(instance.arguments, {**solver.FATROP, "max_iter": 3})
     assert not is_solved
     assert iterations == 3 + 1  # of which fatrop counts the last
 
@@ -393,7 +395,7 @@ def test_a_solve_from_which_fatrop_does_not_return_is_left() -> None:
     assert launch is not None
     before = launch.solve(arguments, {**options, "max_iter": 20})
     for _ in range(3):
-        variables, iterations, is_solved = launch.solve(arguments, options)
+        variables, iterations, is_solved, _ = launch.solve(arguments, options)
         assert not is_solved
         assert 0 < iterations < options["max_iter"]
         assert np.isnan(variables).all()

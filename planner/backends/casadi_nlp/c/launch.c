@@ -13,6 +13,7 @@
 #define STATES 19
 #define CONTROLS 7
 #define VARIABLES (STATES + CONTROLS)
+#define TIME 18 /* among the states: before the release, negative */
 #define OBJECTS_MAX 2 /* in flight, on some stages */
 #define THROWN 6
 #define WITH_ONE (VARIABLES + THROWN)                  /* with the states of one object */
@@ -52,9 +53,12 @@ struct problem {
 struct call {
     const struct problem *of;
     const double *lower, *upper, *guess, *p; /* bounds of variables, then of rows */
+    double latest;                           /* time of the release, scaled, beyond which it is of no use */
+    struct FatropOcpCSolver *solver;
     double *z, *g, *multipliers, *gradient;
     int *columns, *inequality, *equality, *inequalities, *equalities; /* lists, and where each stage's begin */
     volatile int broken;     /* whether some derivative was not finite; volatile, as it is read after a `longjmp` */
+    volatile int late;       /* whether it would release too late */
     volatile int iterations; /* begun, by the second derivatives evaluated */
 };
 
@@ -298,6 +302,28 @@ static void read_multipliers(const struct call *call, const double *given, const
         call->multipliers[n + positions(b, k)[row]] = -given[s->dyn_eq_offs[k] + b->into + row];
 }
 
+/* What a range adds to a lower bound on what is linear in a number: the least beyond `value`, 0 without an end. */
+static double least_within(double slope, double value, double lower, double upper) {
+    const double end = slope > 0.0 ? lower : upper;
+    return isfinite(end) ? slope * (end - value) : 0.0;
+}
+
+/* About the least time of the release, scaled, that a solve can come to. See `_least_release` of fatrop.py. */
+static double least_release(const struct call *call, double scale) {
+    const struct problem *of = call->of;
+    const double *lower = call->lower, *upper = call->upper;
+    const int n = variables(of);
+    double sum = 0.0;
+    rows_of_all(call);
+    for (int i = 0; i < of->rows; i++)
+        sum += least_within(-call->multipliers[n + i], call->g[i], lower[n + i], upper[n + i]);
+    for (int i = 0; i < core(of); i++) {
+        const int at = i / VARIABLES * WITH_THROWN + i % VARIABLES;
+        sum += least_within(call->gradient[at], call->z[at], lower[i], upper[i]);
+    }
+    return sum < 0.0 ? sum / scale - call->z[TIME] : -INFINITY;
+}
+
 static int hessian(double scale, const double *primal, const double *given, const double *stage_p,
                    const double *global_p, matrix *out, const dims *s, void *data) {
     struct call *call = data;
@@ -342,6 +368,10 @@ static int hessian(double scale, const double *primal, const double *given, cons
                 }
             }
         }
+    }
+    if (call->latest < INFINITY && least_release(call, scale) > call->latest) {
+        call->late = 1;
+        fatrop_ocp_c_set_option_int(call->solver, "max_iter", 0); /* this iteration is the last one */
     }
     FOR_FOLLOWING(of, b, k, row) *followed(slope, b, k, row) += given[s->dyn_eq_offs[k] + b->into + row];
     for (int k = 0; k <= of->stages; k++) {
@@ -464,17 +494,18 @@ static int begins_finite(struct call *call) {
 }
 
 /* Solves a launch; sets the variables and the number of iterations. Returns fatrop's status: 0 for solved;
-   -1 where it cannot begin, some derivative was not finite, or it does not return.
+   -1 where it cannot begin, some derivative was not finite, or it does not return; -2 where it was ended as it comes to
+   no release by `latest`.
 
-   `lower`, `upper`: of the variables, then of the rows; `p`: every block's parameters, then the costs'; `names` and
-   `values` of fatrop's options. */
+   `lower`, `upper`: of the variables, then of the rows; `p`: every block's parameters, then the costs'; `latest`: time
+   of the release, scaled, INFINITY for none; `names` and `values` of fatrop's options. */
 int solve_launch(const struct problem *of, const double *lower, const double *upper, const double *guess,
-                 const double *p, int options, const char *const *names, const double *values, double *out,
-                 int *iterations) {
+                 const double *p, double latest, int options, const char *const *names, const double *values,
+                 double *out, int *iterations) {
     const int n = variables(of), padded = WITH_THROWN * (of->stages + 1), all = n + of->rows;
     double *numbers = calloc((size_t)(2 * padded + of->rows + all), sizeof(double));
     int *counts = calloc((size_t)(3 * all + 2 * (of->stages + 2)), sizeof(int));
-    struct call call = {.of = of, .lower = lower, .upper = upper, .guess = guess, .p = p};
+    struct call call = {.of = of, .lower = lower, .upper = upper, .guess = guess, .p = p, .latest = latest};
     int status = -1;
     if (!numbers || !counts) goto end;
     call.z = numbers, call.gradient = call.z + padded, call.g = call.gradient + padded, call.multipliers = call.g + of->rows;
@@ -495,6 +526,7 @@ int solve_launch(const struct problem *of, const double *lower, const double *up
         .user_data = &call,
     };
     struct FatropOcpCSolver *solver = fatrop_ocp_c_create(&interface, ignore, 0);
+    call.solver = solver;
     for (int i = 0; i < options; i++)
         if (fatrop_ocp_c_option_type(names[i]) == 1)
             fatrop_ocp_c_set_option_int(solver, names[i], (int)values[i]);
@@ -511,6 +543,7 @@ int solve_launch(const struct problem *of, const double *lower, const double *up
         *iterations = call.iterations;
     }
     leave = NULL;
+    if (call.late) status = -2;
     if (call.broken) status = -1;
     read_variables(&call, fatrop_ocp_c_get_primal(solver)->pa, fatrop_ocp_c_get_dims(solver));
     pack(of, call.z, out);
