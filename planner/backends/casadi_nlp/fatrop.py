@@ -16,7 +16,7 @@ from __future__ import annotations
 import ctypes
 import logging
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
@@ -312,15 +312,15 @@ class _Iterates(ca.Callback):
         """Shape of an argument."""
         return ca.Sparsity.dense(self._sizes[i], 1)
 
-    def get_sparsity_out(self, _i: int) -> Any:
+    def get_sparsity_out(self, i: int) -> Any:
         """Shape of the result."""
         return ca.Sparsity.dense(self._sizes[0], 1)
 
-    def eval(self, arguments: list[Any]) -> list[Any]:
+    def eval(self, arg: Sequence[Any]) -> list[Any]:
         """Notes the arguments and returns the first."""
-        x, multipliers = (np.array(each, float).ravel() for each in arguments)
+        x, multipliers = (np.array(each, float).ravel() for each in arg)
         self.seen.append((x, multipliers))
-        return arguments[:1]
+        return [arg[0]]
 
 
 def solve_by_ipopt(stages: StageLayout, arguments: Arguments) -> tuple[Vector, dict[str, Any]]:
