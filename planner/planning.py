@@ -9,7 +9,7 @@ from typing import Any
 
 from planner.approach import Approach
 from planner.certificate import Certificate
-from planner.errors import Infeasible, SolverFailed, Violation
+from planner.errors import Infeasible, SolverFailed
 from planner.problem import TIME_LIMIT_S, ThrowProblem
 from planner.request import request_document
 from planner.search import (
@@ -119,7 +119,7 @@ def _best(search: PlanningSearch, hints: SearchHints) -> tuple[CertifiedSolution
         return best_with_way_home(search)
     except (Infeasible, SolverFailed) as refusal:
         if hints.offers_nearest:
-            refusal.nearest = _nearest(search, refusal.violations)
+            refusal.nearest = _nearest(search, refusal)
         raise
 
 
@@ -162,11 +162,11 @@ def _candidates(problem: ThrowProblem) -> list[Candidate]:
         raise Infeasible(of_candidates(problem, refusal.violations)) from None
 
 
-def _nearest(search: PlanningSearch, violations: Sequence[Violation]) -> dict[str, Any] | None:
+def _nearest(search: PlanningSearch, refusal: Infeasible | SolverFailed) -> dict[str, Any] | None:
     """Returns the nearest feasible request, None where none was found; not with a time limit that was too short."""
-    found = nearest_problem(search, violations)
+    found = nearest_problem(search, refusal.violations)
     if found is None:
         return None
-    if search.out_of_time:
+    if isinstance(refusal, SolverFailed):
         found = replace(found, time_limit_s=max(found.time_limit_s, TIME_LIMIT_S))
     return request_document(found, found.release)

@@ -15,7 +15,7 @@ from planner.arrays import Array
 from planner.cell import CONTACT_M, Box, Cell, Limits
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import drag_constant
-from planner.geometry import Misfit, barriers, misfit, passable
+from planner.geometry import Misfit, Rectangle, barriers, depth_within, landing_surfaces, misfit, passable
 
 BACKENDS = ("auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp")
 REST_SPEED = 1e-9  # [rad/s, m/s] a release slower than this is a move that ends at rest
@@ -205,22 +205,31 @@ class ThrowProblem:
         return drag_constant(thing.mass_kg, thing.radius_m, thing.drag_coefficient)
 
     @property
-    def lands_in_air(self) -> bool:
-        """Whether the landing plane is above the floor: beside the target there may be no surface."""
-        return self.plane_z > self.cell.surroundings.floor_z_m + CONTACT_M
+    def lands_on_floor(self) -> bool:
+        """Whether the landing plane is the floor."""
+        return self.plane_z <= self.cell.surroundings.floor_z_m + CONTACT_M
+
+    @cached_property
+    def surfaces(self) -> tuple[Rectangle, ...]:
+        """What there is to land on at the height of the landing plane, see `landing_surfaces`."""
+        return landing_surfaces(self.cell, self.plane_z)
 
     @cached_property
     def misfit(self) -> Misfit | None:
         """By how much the object does not fit at the target, beside what; None where it does, or without a target."""
-        return misfit(self.cell, self.release.p_W) if isinstance(self.release, TargetRelease) else None
+        release = self.release
+        return misfit(self.cell, release.p_W - self.aim_shift) if isinstance(release, TargetRelease) else None
 
-    @property
+    @cached_property
     def landing_radius_m(self) -> float:
-        """Height of the centre above the landing plane at which a flight is over [m].
+        """Height of the centre above the landing plane at which a flight to the target is over [m].
 
-        The object's radius on the floor, which it touches then; 0 in the air, where it may fly on.
+        The object's radius on the floor or a box, which it touches then; 0 in the air, where it flies on.
         """
-        return 0.0 if self.lands_in_air else self.cell.object.radius_m
+        release, radius = self.release, self.cell.object.radius_m
+        if not isinstance(release, TargetRelease):
+            return radius
+        return radius if any(depth_within(surface, release.p_W) >= 0.0 for surface in self.surfaces) else 0.0
 
     @property
     def gravity(self) -> float:

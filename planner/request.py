@@ -276,7 +276,7 @@ def _tightened(limits: _Fields, key: str, own: Array, unit: str) -> Array:
         limits.refuse(key, f"must be one finite number or {len(own)} of them")
         return own
     wrong = [i for i in range(len(own)) if not 0.0 < entries[i] <= own[i]]
-    for i in wrong if by_joint else wrong[:1]:
+    for i in wrong if by_joint else sorted(wrong, key=lambda joint: own[joint])[:1]:  # the tightest
         loosens = f"{unit} loosens the cell's limit of {own[i]:g} {unit}"
         limits.refuse(f"{key}[{i}]", f"{entries[i]:g} {'must be above 0' if entries[i] <= 0.0 else loosens}")
     return read_only(entries)

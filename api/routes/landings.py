@@ -3,16 +3,26 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import Annotated, Any
 
+import numpy as np
 from fastapi import APIRouter, Body
 from fastapi.responses import JSONResponse
 
 from api.dependencies import AnyCaller, Key, OperateCaller, Origin, Service, ServiceDep
-from api.http import ProblemDetails, StrictJsonRoute, invalid_field, json_answer, problem_answers
+from api.http import (
+    ProblemDetails,
+    StrictJsonRoute,
+    invalid_field,
+    invalid_fields,
+    json_answer,
+    problem_answers,
+)
 from api.routes.executions import ExecutionId, find_execution
 from api.routes.plans import POST_PROBLEMS
 from api.schemas import LANDING_EXAMPLES, LandingAnswer, LandingList, LandingRequest, iso_time
+from planner.cell import FARTHEST_M, Cell
 from planner.errors import CellError
 from store import ExecutionRow, KeyTaken, LandingRow, new_id
 
@@ -43,6 +53,7 @@ def report_landing(
         raise invalid_field("source", f"{body.source!r} is what the executor of a simulated cell reports")
     row = find_execution(service, id)
     _check_reportable(service, row, id)
+    _check_place(_cell_of(service, row), body.position or [])
     try:
         landing = service.store.add_landing(
             new_id(),
@@ -91,13 +102,31 @@ def _check_reportable(service: Service, row: ExecutionRow, id: str) -> None:
         raise ProblemDetails("nothing-thrown", f"execution {row.id} is {row.outcome or row.state}: nothing was thrown")
     if row.metrics is not None and not row.metrics.get("released"):
         raise ProblemDetails("nothing-thrown", f"in execution {row.id} the gripper was not commanded to open")
-    if id == "latest" and not _is_simulated(service, row.cell):
+    cell = _cell_of(service, row)
+    if id == "latest" and (cell is None or cell.link.kind != "sim"):
         raise ProblemDetails("forbidden", "on a real arm a landing is reported by the execution's own id, not 'latest'")
 
 
-def _is_simulated(service: Service, name: str) -> bool:
+def _cell_of(service: Service, row: ExecutionRow) -> Cell | None:
+    """Returns the cell of an execution as its file is now, None where that is gone or refused."""
     try:
-        cell = service.cells.cell(name)
+        return service.cells.cell(row.cell)
     except CellError:
-        return False
-    return cell is not None and cell.link.kind == "sim"
+        return None
+
+
+def _check_place(cell: Cell | None, position: Sequence[float]) -> None:
+    """Refuses a place that no arm throws to, which is most likely one in millimetres.
+
+    Raises:
+        ProblemDetails: Coordinates are that far from the arm's base; from the world's origin without a cell.
+    """
+    base = np.zeros(3) if cell is None else cell.X_WB[:3, 3]
+    reason = f"m is {FARTHEST_M:g} m or more from the arm: places are in metres"
+    errors = [
+        {"field": f"position[{i}]", "reason": f"{value:g} {reason}"}
+        for i, (value, origin) in enumerate(zip(position, base, strict=False))
+        if abs(value - origin) >= FARTHEST_M
+    ]
+    if errors:
+        raise invalid_fields(errors)

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Literal
 
 from pydantic import BaseModel, Field, model_validator
 
 from api.schemas.requests import RequestModel, Vector3
-from planner.cell import FARTHEST_M
 
 SOURCE_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
 STD_MAX_M = 10.0  # [m] an observation this vague says nothing
-Place = Annotated[list[Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M)]], Field(min_length=3, max_length=3)]
 
 
 class LandingRequest(RequestModel):
     """One observation: a position with its standard deviation, or a result for a target of a radius."""
 
-    position: Place | None = Field(None, description="Where the object landed, in the world [m], 100 at most.")
+    position: Vector3 | None = Field(
+        None, description="Where the object landed, in the world [m], within 100 m of the arm."
+    )
     std_m: float | None = Field(
         None, ge=0.0, le=STD_MAX_M, description="Standard deviation of the position, along each axis [m]."
     )

@@ -10,6 +10,7 @@ import numpy as np
 
 from learning import CellKnowledge, LandingForecast
 from planner.arrays import Array
+from planner.errors import Infeasible, SolverFailed
 from planner.plan_reading import aimed_problem
 from planner.planning import ORDINARY, Plan, SearchHints, plan
 from planner.problem import TargetRelease, ThrowProblem
@@ -27,13 +28,13 @@ def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None, hints: Search
         hints: of the search for each plan.
 
     Raises:
-        PlannerError: as of `planner.planning.plan`.
+        PlannerError: as of `planner.planning.plan`, for the request's own target.
     """
     until = time.perf_counter() + problem.time_limit_s
     found = plan(problem, hints)
     if known is None or not isinstance(problem.release, TargetRelease):
         return found
-    best, least, shift = found, np.inf, np.zeros(3)
+    best, least, shift, further = found, np.inf, np.zeros(3), replace(hints, offers_nearest=False)
     for remaining in range(AIM_ROUNDS, 0, -1):
         miss = _predicted(found, known).center - problem.release.p_W[:2]
         if float(np.linalg.norm(miss)) < least:
@@ -42,7 +43,10 @@ def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None, hints: Search
         if least < AIM_M or remaining == 1 or rest_s <= 0.0:
             break
         shift = shift - np.append(miss, 0.0)
-        found = plan(replace(aimed_problem(problem, shift), time_limit_s=rest_s), hints)
+        try:
+            found = plan(replace(aimed_problem(problem, shift), time_limit_s=rest_s), further)
+        except (Infeasible, SolverFailed):  # for that aim: the plan in hand remains
+            break
     return best
 
 

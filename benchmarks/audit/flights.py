@@ -145,16 +145,20 @@ def _landings(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
 
 
 def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: int) -> list[AuditFault]:
-    """Returns what the sphere of one path touches before it touches the plane.
+    """Returns what the sphere of one path touches before it lands.
 
-    In the air until its centre passes the plane, but for a box that it is over when it touches the plane.
+    That is where it touches the floor or a box at the height of the plane, or where its centre passes the plane. A box
+    that ends lower counts until the sphere touches the plane over it.
     """
     around, radius = problem.cell.surroundings, problem.cell.object.radius_m
-    in_air = problem.plane_z > around.floor_z_m + CARRIES_M
-    x, through = paths.x[: paths.steps[i], i], paths.x[: (paths.passed if in_air else paths.steps)[i], i]
+    x, through = paths.x[: paths.steps[i], i], paths.x[: paths.passed[i], i]
+    touched = np.arange(len(through)) >= len(x)
+    landed = touched & _is_over_surface(problem, through)
+    end = int(landed.argmax()) if landed.any() else len(landed)
+    through, touched = through[:end], touched[:end]
     gaps = [("the floor", float((x[:, 2] - radius).min()) - around.floor_z_m)]
     for k, box in enumerate(around.keep_out):
-        landed = (np.arange(len(through)) >= len(x)) & _is_over(through, box, problem.plane_z)
+        landed = touched & (box.upper[2] <= problem.plane_z + CARRIES_M) & _is_over(through, box)
         gaps.append((f"box {k}", float(_from_box(_with_rest(problem, through[~landed], box), box).min()) - radius))
     for name, frame, apart in arm.gaps(through, delay):
         counted = _since_clear(apart - radius) if frame in GRIPPED_FRAMES else np.ones(len(apart), bool)
@@ -165,18 +169,26 @@ def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: 
 
 
 def _with_rest(problem: ThrowProblem, x: Vector, box: Box) -> Vector:
-    """Returns points (n, 3), and where the centre is once the object lies on its target on the floor beside the box."""
-    on_floor = problem.plane_z <= problem.cell.surroundings.floor_z_m + CARRIES_M
-    if not isinstance(problem.release, TargetRelease) or not on_floor or box.upper[2] <= problem.plane_z + CARRIES_M:
+    """Returns points (n, 3), and where the centre is once the object lies on its target beside the box."""
+    if not isinstance(problem.release, TargetRelease) or box.upper[2] <= problem.plane_z + CARRIES_M:
         return x
-    lying = problem.release.p_W + np.array([0.0, 0.0, problem.cell.object.radius_m])
-    return np.concatenate([x, lying[None]])
+    target = (problem.release.p_W - problem.aim_shift)[None]
+    if not _is_over_surface(problem, target)[0]:
+        return x
+    return np.concatenate([x, target + np.array([0.0, 0.0, problem.cell.object.radius_m])])
 
 
-def _is_over(x: Vector, box: Box, plane_z: float) -> NDArray[np.bool_]:
-    """Returns whether points (n, 3) are over a box that ends at the plane or below it."""
-    within = (x[:, :2] >= box.lower[:2]) & (x[:, :2] <= box.upper[:2])
-    return np.asarray(within.all(axis=1) & (box.upper[2] <= plane_z + CARRIES_M))
+def _is_over_surface(problem: ThrowProblem, x: Vector) -> NDArray[np.bool_]:
+    """Returns whether points (n, 3) are over the floor or a box, where that is at the height of the plane."""
+    around, plane_z = problem.cell.surroundings, problem.plane_z
+    tops = [box for box in around.keep_out if abs(box.upper[2] - plane_z) <= CARRIES_M]
+    on_floor = np.full(len(x), plane_z <= around.floor_z_m + CARRIES_M)
+    return np.any([on_floor, *(_is_over(x, box) for box in tops)], axis=0)
+
+
+def _is_over(x: Vector, box: Box) -> NDArray[np.bool_]:
+    """Returns whether points (n, 3) are over a box or within it."""
+    return np.asarray(((x[:, :2] >= box.lower[:2]) & (x[:, :2] <= box.upper[:2])).all(axis=1))
 
 
 def _from_box(x: Vector, box: Box) -> Vector:

@@ -5,12 +5,14 @@ These steer the search; the certificate judges one flight with drag, arm and rel
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from planner.arrays import Array
 from planner.flight import time_of_flight
+from planner.geometry.surfaces import Rectangle, depth_within
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,10 +44,17 @@ class Arcs:
         until_s = np.where(np.isnan(touched), passed, touched)
         return Arcs(p, v, np.nan_to_num(until_s), gravity, radius_m)
 
-    def through(self, plane_z: float) -> Arcs:
-        """Returns the flights until their centres pass the plane z = `plane_z`, at once where they never do."""
+    def until_landed(self, plane_z: float, surfaces: Sequence[Rectangle]) -> Arcs:
+        """Returns the flights, those that do not end over a surface until their centres pass the plane, or never.
+
+        Args:
+            plane_z: height of the plane [m].
+            surfaces: that there are at its height.
+        """
+        ends = np.moveaxis(self.at(self.until_s), -1, 0)
+        landed = np.any([depth_within(surface, ends) >= 0.0 for surface in surfaces], axis=0)
         passed = time_of_flight(self.p[..., 2] - plane_z, self.v[..., 2], self.gravity)
-        return replace(self, until_s=np.nan_to_num(passed))
+        return replace(self, until_s=np.where(landed, self.until_s, np.nan_to_num(passed)))
 
     def until_over(self, lower: Array, upper: Array) -> Arcs:
         """Returns the flights, those that end over a box until they come over it.

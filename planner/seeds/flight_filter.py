@@ -11,7 +11,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from planner.arrays import Array, Mask
-from planner.cell import CONTACT_M
+from planner.cell import CONTACT_M, Box
 from planner.errors import Violation
 from planner.geometry import Arcs, body_model, point_segment_distance
 from planner.kinematics import LinkMotion, dot, link_poses
@@ -21,7 +21,8 @@ FLIGHT_TIMES = (1.0, 0.8, 1.25, 0.6)  # [-] flight times tried, relative to that
 STEEP_TIMES = (1.5, 1.8, 2.2)  # [-] tried too where a box or a rim may have to be cleared; 2.2: 78 degrees on a plane
 STEEPEST_TIMES = (2.6,)  # [-] tried too in a thorough search: 82 degrees
 BESIDE_BASE_M = 0.1  # [m] a target this near to the arm's base has its flights compared with it
-LAST_SHARES = np.linspace(0.7, 1.0, 8)  # [-] of a flight: instants compared with the base, near the target
+LAST_OF_FLIGHT = np.linspace(0.7, 1.0, 8)  # [-] instants compared with the base, near the target
+LAST_SHARES = np.linspace(0.0, 1.0, 6)  # [-] of what follows the touch of the plane: instants compared with a box
 RIM = "the rim of the bin"
 FLIGHT_GAP_M = 0.005  # [m] between object and obstacle beyond what is required: room for release window and drag
 
@@ -63,21 +64,35 @@ def _rooms(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) ->
     if not beside_base and not has_flight_obstacles(problem):
         return
     p = np.broadcast_to(p, v.shape)
-    arcs = Arcs.onto(p, v, float(release.p_W[2]), problem.gravity_at_tool_speed, problem.cell.object.radius_m)
-    through = arcs.through(float(release.p_W[2])) if problem.lands_in_air else arcs
+    arcs = Arcs.onto(p, v, problem.plane_z, problem.gravity_at_tool_speed, problem.cell.object.radius_m)
+    whole = arcs.until_landed(problem.plane_z, problem.surfaces)
     for name, box in zip(around.keep_out_names, around.keep_out, strict=True):
-        stands_on = box.upper[2] <= release.p_W[2] + CONTACT_M  # the object may land on it
-        gap_m = 0.0 if stands_on else FLIGHT_GAP_M
-        room = arcs.room_beside_box(box.lower, box.upper, gap_m, around.floor_z_m)
-        if problem.lands_in_air:
-            passing = through.until_over(box.lower, box.upper) if stands_on else through
-            room = np.minimum(room, passing.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m))
-        yield name, room
+        if box.upper[2] <= problem.plane_z + CONTACT_M:  # the object passes above it until it touches the plane
+            yield name, _room_beside_lower_box(box, arcs, whole)
+            continue
+        room = arcs.room_beside_box(box.lower, box.upper, FLIGHT_GAP_M, around.floor_z_m)
+        yield name, np.minimum(room, whole.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m))
     if release.opening is not None:
         mouth = release.opening
         yield RIM, arcs.room_in_mouth(release.p_W, mouth.radius_m, mouth.rim_height_m)
     if beside_base:
-        yield "the arm's base", _room_beside_base(problem, through)
+        yield "the arm's base", _room_beside_base(problem, whole)
+
+
+def _room_beside_lower_box(box: Box, arcs: Arcs, whole: Arcs) -> Array:
+    """Returns the room (...,) [m] between a box that ends at the plane or below it and the ends of flights.
+
+    Args:
+        box: on which the object may land.
+        arcs: the flights until the sphere touches the plane.
+        whole: the same until they end.
+    """
+    until_s = whole.until_over(box.lower, box.upper).until_s
+    shares = LAST_SHARES.reshape(-1, *[1] * until_s.ndim)
+    x = whole.at(arcs.until_s + shares * np.maximum(until_s - arcs.until_s, 0.0))
+    apart = x - np.clip(x, box.lower, box.upper)
+    room = np.linalg.norm(apart, axis=-1).min(axis=0) - arcs.radius_m
+    return np.where(until_s > arcs.until_s, room, np.inf)
 
 
 def least_room(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) -> Array:
@@ -123,7 +138,7 @@ def gap_to_base(problem: ThrowProblem, p: Array) -> float:
 
 def _room_beside_base(problem: ThrowProblem, arcs: Arcs) -> Array:
     """Returns the room (...,) [m] between the last part of flights and the shapes that the base carries."""
-    x = arcs.at(LAST_SHARES.reshape(-1, *[1] * arcs.until_s.ndim) * arcs.until_s)
+    x = arcs.at(LAST_OF_FLIGHT.reshape(-1, *[1] * arcs.until_s.ndim) * arcs.until_s)
     return _gaps_to_base(problem, x).min(axis=(0, 1)) - problem.cell.object.radius_m
 
 

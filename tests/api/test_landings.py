@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
 from click.testing import CliRunner
 
 from api.cli import main
+from api.routes import landings
+from planner.cell import load_cell
 from tests.api.conftest import FakeExecutor, RunningService
 from tests.api.test_bad_input import problem_of
 
@@ -56,6 +59,19 @@ def test_a_place_in_millimetres_is_refused(service: RunningService, thrown: str)
     answer = report(service, thrown, {"position": [1200.0, 300.0, 0.0], "std_m": 0.005})
     assert answer.status_code == 422
     assert [error["field"] for error in answer.json()["errors"]] == ["position[0]", "position[1]"]
+
+
+def test_a_place_far_from_the_world_s_origin_may_be_near_the_arm(
+    service: RunningService, thrown: str, monkeypatch: pytest.MonkeyPatch
+):
+    here = load_cell(service.settings.cells / "ur5e-sim.toml")
+    X_WB = here.X_WB.copy()
+    X_WB[:3, 3] = [150.0, 0.0, 0.0]
+    monkeypatch.setattr(landings, "_cell_of", lambda *_: replace(here, X_WB=X_WB))
+    assert report(service, thrown, {"position": [150.9, 0.0, 0.0], "std_m": 0.005}).status_code == 201
+    answer = report(service, thrown, {"position": [0.9, 0.0, 0.0], "std_m": 0.005})
+    assert [error["field"] for error in answer.json()["errors"]] == ["position[0]"]
+    assert "0.9 m is 100 m or more from the arm" in answer.json()["errors"][0]["reason"]
 
 
 def test_the_same_key_is_one_observation(service: RunningService, thrown: str):

@@ -15,9 +15,12 @@ from batch.jobs.aiming import plan_aimed
 from benchmarks.learning.hidden_cells import HiddenCell, throw
 from benchmarks.learning.plans import CELL, PlannedThrow, benchmark_cell
 from learning import cell_with_profile, estimate_profile, knowledge_of, prior_knowledge, profile_bytes
+from planner.cell import Box
 from planner.plan_document import plan_document
 from planner.planning import plan
+from planner.problem import ThrowProblem
 from planner.request import problem_from_request
+from planner.trajectory import Trajectory
 from store import Store, new_id, pack_samples, split_plan
 
 LEAD_S = 0.060  # [s] lag and delay of the cell file together
@@ -161,6 +164,32 @@ def test_the_learnt_speed_is_in_the_plan_and_not_in_its_aim_too(learnt: SimpleNa
         landed.append(throw(rng, TRUTH, planned, late, np.zeros(2)).landing)
     assert shifts[1] < 0.020 < 0.040 < shifts[0]
     np.testing.assert_allclose(landed, [target, target], atol=0.008)
+
+
+def test_beside_a_wall_it_is_the_target_that_must_have_room_and_not_the_aim():
+    """The object lands 1 cm short of where it is aimed at: 1 cm before a wall for a target with 2 cm."""
+    cell, target = benchmark_cell(), np.array([1.0, 0.0, 0.0])
+    radius = cell.object.radius_m
+    side = target[0] + radius + 0.005
+    wall = Box(np.array([side, -0.5, 0.0]), np.array([side + 0.02, 0.5, 0.3]))
+    walled = replace(cell, surroundings=replace(cell.surroundings, keep_out=(wall,)))
+    release = {"kind": "target", "position": target.tolist()}
+    problem = problem_from_request({"cell": CELL, "release": release, "release_window_s": 0.0}, walled)
+    found = plan_aimed(problem, landing_off(-0.01))
+    assert found.problem.aim_shift == pytest.approx([0.01, 0.0, 0.0], abs=1e-6)
+    assert found.certificate.valid
+    far = plan_aimed(problem, landing_off(-3.0))  # no throw is aimed as far: the plan in hand is given
+    assert found.problem.misfit is None
+    assert far.problem is problem
+
+
+def landing_off(along_x_m: float) -> SimpleNamespace:
+    """Returns the knowledge of a cell whose objects land that far off their planned landing."""
+
+    def predicted(problem: ThrowProblem, _trajectory: Trajectory) -> SimpleNamespace:
+        return SimpleNamespace(center=problem.release.p_W[:2] + np.array([along_x_m, 0.0]))
+
+    return SimpleNamespace(predicted=predicted)
 
 
 def test_a_profile_replaces_five_numbers_and_no_limit(learnt: SimpleNamespace):

@@ -198,6 +198,17 @@ def test_a_limit_for_all_joints_is_refused_once():
         assert [error.field for error in refusal.value.errors] == [f"limits.velocity[{i}]" for i in range(count)]
 
 
+def test_a_limit_for_all_joints_is_refused_by_the_tightest():
+    here = cell()
+    here = replace(here, limits=replace(here.limits, qd_max=np.array([3.0, 2.0, 2.5, 3.0, 3.0, 3.0])))
+    release = {"kind": "target", "position": [1.2, 0.3, 0.0]}
+    with pytest.raises(InvalidProblem) as refusal:
+        problem_from_request({"release": release, "limits": {"velocity": 9.0}}, here)
+    (error,) = refusal.value.errors
+    assert (error.field, error.reason) == ("limits.velocity[1]", "9 rad/s loosens the cell's limit of 2 rad/s")
+    problem_from_request({"release": release, "limits": {"velocity": 2.0}}, here)
+
+
 def test_all_errors_are_reported_together():
     with pytest.raises(InvalidProblem) as refusal:
         problem_from_request({"release": {"kind": "point"}, "frame": "tool", "limits": {"velocity": 9.0}}, cell())

@@ -67,7 +67,7 @@ def flight_parameters(problem: ThrowProblem, candidate: Candidate, margins: Marg
 def _flight(problem: ThrowProblem, candidate: Candidate) -> Arcs:
     tool, radius = tool_state(problem.cell, candidate.q, candidate.qd), problem.cell.object.radius_m
     arcs = Arcs.onto(tool.p_WT, tool.v_WT, problem.plane_z, problem.gravity_at_tool_speed, radius)
-    return arcs.through(problem.plane_z) if problem.lands_in_air else arcs
+    return arcs.until_landed(problem.plane_z, problem.surfaces)
 
 
 def _opening(problem: ThrowProblem, margin_rad: float) -> list[float]:
@@ -81,7 +81,7 @@ def _opening(problem: ThrowProblem, margin_rad: float) -> list[float]:
 
 def _box_edges(problem: ThrowProblem, arcs: Arcs, room_m: float) -> list[FlightEdge]:
     """Returns two edges a box at most, the boxes that the flight passes most closely first."""
-    passed, lowest = [], problem.plane_z + (-arcs.radius_m if problem.lands_in_air else CONTACT_M)
+    passed, lowest = [], problem.plane_z + (CONTACT_M if problem.lands_on_floor else -arcs.radius_m)
     for box in problem.cell.surroundings.keep_out:
         if box.upper[2] > lowest:  # the object comes down above the others
             onto = list(_way_onto(box, arcs, room_m)) if box.upper[2] <= problem.plane_z + CONTACT_M else []

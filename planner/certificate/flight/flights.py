@@ -2,10 +2,11 @@
 
 A flight that begins at the time r is at x(r, t) at the time t, both on the trajectory's clock: p(r) + f v(r) s +
 g s^2/2 with s = t - r, and the release speed factor f. The object is a sphere: it keeps clear of a box, of a capsule's
-axis or of a bin's wall by its radius (and the capsule's), until it first touches the landing plane on its way down; a
-flight that never rises a radius above the plane until its centre passes it. Where the plane is not the floor there may
-be no surface before the target: everything counts until the centre passes it, but for a box that ends at the plane or
-below it, where the sphere is over it when it touches the plane.
+axis or of a bin's wall by its radius (and the capsule's), until it first touches a surface at the height of the landing
+plane on its way down, the floor or the top of a box; a flight that never rises a radius above the plane until its
+centre passes it. In the air, where there is no surface, everything counts until the centre passes the plane. A box that
+ends below the plane no longer counts once the centre is over it, within a radius of the plane: the object comes down on
+it.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from planner.arrays import Array, Index, Mask
 from planner.cell import CONTACT_M
 from planner.certificate.samples import MotionSamples
 from planner.flight import fly, paths, positions_after
+from planner.geometry import depth_within
 from planner.kinematics import dot
 from planner.problem import Opening, TargetRelease
 
@@ -94,17 +96,20 @@ class Flights:
 
     @cached_property
     def lowest(self) -> float:
-        """Height of the falling centre below which nothing counts [m], but for boxes that carry the target."""
+        """Height of the falling centre below which nothing counts, wherever it is [m]."""
         problem = self.motion.problem
-        return problem.plane_z if problem.lands_in_air else self.touching
+        return self.touching if problem.lands_on_floor else problem.plane_z
 
     @cached_property
     def footprints(self) -> tuple[Array, Array] | None:
-        """Horizontal corners (items, 2) [m] of boxes that may carry a target in the air, empty for others; or None."""
+        """Horizontal corners (items, 2) [m] of boxes that end at the plane or below it, empty for others.
+
+        None where there are none, or the plane is the floor.
+        """
         problem, count = self.motion.problem, len(self.boxes[0])
         carries = np.zeros(len(self.names), np.bool_)
         carries[:count] = self.boxes[1][:, 2] <= problem.plane_z + CONTACT_M
-        if not problem.lands_in_air or not carries.any():
+        if problem.lands_on_floor or not carries.any():
             return None
         lower, upper = np.full((len(carries), 2), np.inf), np.full((len(carries), 2), -np.inf)
         lower[carries], upper[carries] = (side[carries[:count], :2] for side in self.boxes)
@@ -113,7 +118,8 @@ class Flights:
     def lowest_at(self, item: Index, corners: Sequence[Array], bend: Array | float = 0.0) -> Array:
         """Returns the heights (...) [m] of the falling centre below which obstacles do not count, as of `lowest`.
 
-        Over a box that may carry the target that is where the sphere touches the plane.
+        Over a surface at the height of the plane, and of a box below that over itself, that is where the sphere touches
+        the plane.
 
         Args:
             item: numbers of the obstacles (...).
@@ -124,7 +130,10 @@ class Flights:
             return np.full(item.shape, self.lowest)
         lower, upper = (np.moveaxis(side[item], -1, 0) for side in self.footprints)
         within = [np.minimum(x[:2] - lower, upper - x[:2]).min(axis=0) for x in corners]
-        return np.where(np.min(within, axis=0) > bend, self.touching, self.lowest)
+        over = np.min(within, axis=0) > bend
+        for surface in self.motion.problem.surfaces:
+            over |= np.min([depth_within(surface, x) for x in corners], axis=0) > bend
+        return np.where(over, self.touching, self.lowest)
 
     def releases(self, r: Array) -> tuple[Array, Array]:
         """Returns positions and velocities (3, k) of the object at release times `r` (k,) [s] of the window.

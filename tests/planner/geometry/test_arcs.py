@@ -68,7 +68,7 @@ def test_flights_that_end_over_a_box_end_where_they_come_over_it() -> None:
     rng = np.random.default_rng(2)
     ended = 0
     for _ in range(20):
-        arcs = drawn(rng, 100).through(0.1)
+        arcs = drawn(rng, 100).until_landed(0.1, ())
         lower = rng.uniform([-1.5, -1.5, 0.0], [0.5, 0.5, 0.05])
         upper = lower + rng.uniform(0.3, 2.0, 3)
         x, over = sampled(arcs), arcs.until_over(lower, upper)

@@ -1,5 +1,6 @@
 """What refusals call proven: the bounds hold for random motions, and both refusals say what was proven and tried."""
 
+import sys
 import time
 from dataclasses import replace
 
@@ -208,7 +209,8 @@ def test_a_target_within_a_keep_out_box_is_refused_and_offered_on_its_nearer_sid
     with pytest.raises(Infeasible) as refusal:
         plan(replace(problem, release=TargetRelease(np.array([1.2, 0.2, 0.1]))))
     (violation,) = refusal.value.violations
-    assert (violation.constraint, violation.value, violation.proven) == ("flight_clearance", pytest.approx(-0.1), True)
+    assert (violation.constraint, violation.proven) == ("flight_clearance", True)
+    assert violation.value == pytest.approx(-0.1 - here.object.radius_m)
     assert violation.detail == "box 0: the target is within it"
     nearest = problem_from_request(refusal.value.nearest, here)
     assert plan(nearest).certificate.valid
@@ -222,7 +224,7 @@ def test_a_target_in_the_footprint_of_a_wall_is_refused_with_proof(x, depth):
     here = with_box([1.0, -0.5, 0.0], [1.3, 0.8, 1.6])
     problem = joint_problem(cell=here, release=TargetRelease(np.array([x, 0.2, 0.0])))
     (violation,) = proven_violations(problem)
-    assert (violation.constraint, violation.value) == ("flight_clearance", pytest.approx(-depth))
+    assert (violation.constraint, violation.value) == ("flight_clearance", pytest.approx(-depth - 0.02))
     fits = replace(problem, release=TargetRelease(np.array([1.0 - here.object.radius_m, 0.2, 0.0])))
     below = with_box([1.0, -0.5, 2.0 * here.object.radius_m], [1.3, 0.8, 1.6])  # there is just room under it
     narrow = with_box([1.0, -0.5, 0.005], [1.3, 0.8, 1.6])
@@ -290,6 +292,20 @@ def test_a_search_that_the_time_limit_ends_says_so_and_carries_what_it_has():
     assert failure.value.violations
     assert not any(violation.proven for violation in failure.value.violations)
     assert failure.value.nearest is not None
+
+
+def test_an_offer_has_another_time_limit_only_where_that_ended_the_search(monkeypatch):
+    """The search for the offer itself may take longer than the request had."""
+    problem = joint_problem(release=TargetRelease(np.array([3.0, 0.0, 0.0])), time_limit_s=0.05)
+
+    def slow(search, violations):
+        time.sleep(0.06)
+        return nearest_problem(search, violations)
+
+    monkeypatch.setattr(sys.modules["planner.planning"], "nearest_problem", slow)
+    with pytest.raises(Infeasible) as refusal:
+        plan(problem)
+    assert refusal.value.nearest["time_limit_s"] == 0.05
 
 
 def test_the_motion_in_hand_is_given_rather_than_nothing():

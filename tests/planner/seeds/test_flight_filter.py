@@ -120,6 +120,18 @@ def test_flights_to_a_target_in_the_air_are_followed_to_it() -> None:
     assert least_room(arm, arm.release, onto, np.array([[0.4 / t, 0.0, 0.0]]))[0] < 0.0
 
 
+def test_a_flight_that_ends_beside_a_lower_box_keeps_its_distance_from_the_edge() -> None:
+    """A box grown by the radius as a cube would be met 4.5 cm aside and as much below, where 13 mm are left."""
+    here = replace(cell(), object=replace(cell().object, radius_m=0.05))
+    target = TargetRelease(np.array([1.0, 0.0, 0.5]))
+    p, v = np.array([[0.6, 0.0, 0.8]]), np.array([[0.4 / 0.4, 0.0, (0.5 * 9.81 * 0.16 - 0.3) / 0.4]])
+    for aside, below, clear in ((0.045, 0.045, True), (0.03, 0.03, False), (-0.3, 0.045, True), (0.045, 0.0, False)):
+        lower = np.array([1.0 + aside, -0.2, 0.0])
+        box = Box(lower, np.array([1.4, 0.2, 0.5 - below]))
+        problem = ThrowProblem(walled(here, box), here.home, target, here.limits)
+        assert (least_room(problem, target, p, v)[0] >= 0.0) == clear, (aside, below)
+
+
 def test_few_candidates_are_kept_where_a_thorough_search_finds_none(monkeypatch: pytest.MonkeyPatch) -> None:
     here = walled(cell(), WALL)
     problem = ThrowProblem(here, here.home, TargetRelease(np.array([1.15, 0.1, 0.1])), here.limits)

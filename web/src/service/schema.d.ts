@@ -2126,7 +2126,7 @@ export interface components {
         LandingRequest: {
             /**
              * Position
-             * @description Where the object landed, in the world [m], 100 at most.
+             * @description Where the object landed, in the world [m], within 100 m of the arm.
              */
             position?: number[] | null;
             /**
