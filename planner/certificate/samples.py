@@ -194,9 +194,14 @@ class MotionSamples:
         return self._arm(t, self.trajectory.at(t))
 
     def poses_at(self, t: Array) -> Array:
-        """Returns poses of base and links in the world (k, 7, 4, 4) at times (k,) [s]; repeated times cost nothing."""
-        distinct, where = np.unique(t, return_inverse=True)
-        return self.body.link_poses(self.trajectory.at(distinct)[0])[where]
+        """Returns poses of base and links in the world (k, 7, 4, 4) at times (k,) [s]."""
+        X_WL, which = self.distinct_poses(t)
+        return X_WL[which]
+
+    def distinct_poses(self, t: Array) -> tuple[Array, Index]:
+        """Returns poses of base and links (n, 7, 4, 4) at the distinct ones of times (...), and which (...) of them."""
+        distinct, which = np.unique(t, return_inverse=True)
+        return self.body.link_poses(self.trajectory.at(distinct)[0]), which.reshape(t.shape)
 
     def _arm(self, t: Array, state: tuple[Array, Array, Array]) -> ArmSamples:
         q, qd, qdd = state

@@ -176,24 +176,33 @@ static int corners_of(const struct grid *on, int frame, count row, count column,
     return number;
 }
 
-/* The least n . (corner - near) over the corners, with n the direction from the nearest point of a segment (2, 3) to
-   their mean. See segment_bound. */
-static double apart_from(in segment, int number, in *corners) {
+/* The point of a segment (2, 3) that is nearest to x, what is between the two, and its length, which is returned. */
+static double nearest_on(in segment, in x, double *near, double *apart) {
     const double tiny = 1e-12;
-    double mean[3] = {0.0}, along[3], off[3], near[3], apart[3], least = INFINITY;
+    double along[3], off[3];
     for (int row = 0; row < 3; row++) {
-        for (int i = 0; i < number; i++) mean[row] += corners[i][row];
-        mean[row] /= number;
         along[row] = segment[3 + row] - segment[row];
-        off[row] = mean[row] - segment[row];
+        off[row] = x[row] - segment[row];
     }
     double square = dot(along, along), share = dot(off, along) / (square < tiny * tiny ? tiny * tiny : square);
     share = clamped(share, 0.0, 1.0);
     for (int row = 0; row < 3; row++) {
         near[row] = segment[row] + share * along[row];
-        apart[row] = mean[row] - near[row];
+        apart[row] = x[row] - near[row];
     }
-    double length = sqrt(dot(apart, apart));
+    return sqrt(dot(apart, apart));
+}
+
+/* The least n . (corner - near) over the corners, with n the direction from the nearest point of a segment (2, 3) to
+   their mean. See segment_bound. */
+static double apart_from(in segment, int number, in *corners) {
+    const double tiny = 1e-12;
+    double mean[3] = {0.0}, near[3], apart[3], least = INFINITY;
+    for (int row = 0; row < 3; row++) {
+        for (int i = 0; i < number; i++) mean[row] += corners[i][row];
+        mean[row] /= number;
+    }
+    double length = nearest_on(segment, mean, near, apart);
     for (int i = 0; i < number; i++) {
         double reach = dot(apart, corners[i]);
         if (reach < least || reach != reach) least = reach;
@@ -201,16 +210,34 @@ static double apart_from(in segment, int number, in *corners) {
     return (least - dot(apart, near)) / (length < tiny ? tiny : length);
 }
 
+/* A place whose coordinates are a stride apart, in the axes of a pose (4, 4). */
+static void in_frame(in pose, in x, count stride, double *local) {
+    double apart[3];
+    for (int row = 0; row < 3; row++) apart[row] = x[row * stride] - pose[4 * row + 3];
+    for (int axis = 0; axis < 3; axis++)
+        local[axis] = pose[axis] * apart[0] + pose[4 + axis] * apart[1] + pose[8 + axis] * apart[2];
+}
+
 /* Positions x (3, rows, columns) in the frames X (columns, 7, 4, 4) at each instant (7, rows, columns, 3). */
 static void in_frames(count rows, count columns, in x, in X, double *local) {
     for (int frame = 0; frame < 7; frame++)
-        for (count i = 0; i < rows * columns; i++, local += 3) {
-            in pose = X + 16 * (7 * (i % columns) + frame);
-            double apart[3];
-            for (int row = 0; row < 3; row++) apart[row] = x[row * rows * columns + i] - pose[4 * row + 3];
-            for (int axis = 0; axis < 3; axis++)
-                local[axis] = pose[axis] * apart[0] + pose[4 + axis] * apart[1] + pose[8 + axis] * apart[2];
+        for (count i = 0; i < rows * columns; i++, local += 3)
+            in_frame(X + 16 * (7 * (i % columns) + frame), x + i, rows * columns, local);
+}
+
+/* Of k patches with corners (3, 4, k), each at a distance from the axis of a capsule with ends (k, 2, 3) in its frame:
+   a lower bound, but for the bend, and the distances of the corners (5, k). The first and third corner are at the first
+   of two instants, the others at the second: `at` (2, k) among the poses X (n, 7, 4, 4). */
+void patch_distances(count k, in X, const count *at, const count *frames, in ends, in corners, double *out) {
+    for (count m = 0; m < k; m++) {
+        double local[4][3], near[3], apart[3];
+        in each[4] = {local[0], local[1], local[2], local[3]}, segment = ends + 6 * m;
+        for (int i = 0; i < 4; i++) {
+            in_frame(X + 16 * (7 * at[i % 2 * k + m] + frames[m]), corners + i * k + m, 4 * k, local[i]);
+            out[(1 + i) * k + m] = nearest_on(segment, local[i], near, apart);
         }
+        out[m] = apart_from(segment, 4, each);
+    }
 }
 
 /* Lower bounds (c, m, n) on the distance of patches of flights from c capsules with ends (c, 2, 3) in frames (c,), but

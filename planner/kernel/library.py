@@ -43,6 +43,7 @@ SIGNATURES = {
     "ways": "naaaaaa",
     "exit_cells": "naanaaaxxxa",
     "capsule_bounds": "nnaanaaaaaaaa",
+    "patch_distances": "naaaaaa",
     "jacobians": "naaa",
     "branches": "naaa",
     "least_norms": "nanaaxa",
@@ -308,6 +309,20 @@ class Kernel:
         bodies = c, indices(frames, (c,), LINKS), read(ends, (c, 2, 3))
         moved = read(rates, (2, LINKS, n)), read(reach, (LINKS,)), read(moving, (2, *out.shape[1:])), read(h, (n,))
         self._library.capsule_bounds(rows, n, *given, *bodies, *moved, written(scratch), written(out))
+        return out
+
+    def patch_distances(self, poses: tuple[Array, Index], capsules: tuple[Index, Array], corners: Array) -> Array:
+        """Returns rows (5, k), see `certificate.flight.patches`, of patches with corners (3, 4, k).
+
+        Args:
+            poses: link poses (n, 7, 4, 4), and which are those of each patch (2, k).
+            capsules: frames (k,) and ends (k, 2, 3).
+            corners: of the patches.
+        """
+        (X, at), (frames, ends), k = poses, capsules, corners.shape[2]
+        given = read(X, (len(X), LINKS, 4, 4)), indices(at, (2, k), len(X)), indices(frames, (k,), LINKS)
+        out = np.empty((5, k))
+        self._library.patch_distances(k, *given, read(ends, (k, 2, 3)), read(corners, (3, 4, k)), written(out))
         return out
 
     def jacobians(self, X: Array, p_F: Array) -> Array:

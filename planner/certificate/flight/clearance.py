@@ -20,7 +20,7 @@ from planner.arrays import Array, Mask
 from planner.cell import CONTACT_M
 from planner.certificate.bounds import EVALUATIONS_MAX, ROUNDS
 from planner.certificate.certificate import Check, at_least
-from planner.certificate.flight.flights import Flights, flights_of
+from planner.certificate.flight.flights import Flights, flights_of, nearest_on_segments
 from planner.certificate.flight.patches import (
     PatchBounds,
     Patches,
@@ -31,6 +31,7 @@ from planner.certificate.flight.patches import (
 )
 from planner.certificate.samples import MotionSamples
 from planner.flight import time_of_flight
+from planner.kinematics import dot
 
 CLOSE_M = 0.03  # [m] a bound below it is refined until it is within `ACCURACY_M` of the least gap found there
 ACCURACY_M = 0.01  # [m]
@@ -278,13 +279,16 @@ def _starts_clear(flights: Flights, grid: Grid, held: Mask) -> Mask:
     """
     starts, (item, row, column) = np.zeros((2, *held.shape), np.bool_), np.nonzero(held)
     further = grid.released.shape[2] - len(grid.r0)  # 1 in a window; without one, both ends are the same release
-    ends = np.array([row, row + further])
-    r = np.array([grid.r0[row], grid.r1[row]])
-    t = np.maximum(r, grid.t[column])
-    p, v = grid.released[:, :, ends]
-    x = flights.flown(p, v, t - r).reshape(3, -1)
-    gaps = flights.gaps_at(np.tile(flights.gripped[item], 2), x, t.ravel())
-    starts[:, held] = gaps.reshape(r.shape) > CONTACT_M
+    release, body = np.array([row, row + further]), flights.motion.body
+    r = np.append(grid.r0, grid.r1[-1])[release]
+    is_later = grid.t[column] >= r
+    p, v = grid.released[:, :, release]
+    x = flights.flown(p, v, np.where(is_later, grid.t[column] - r, 0.0))
+    X_WL = np.concatenate([grid.X_WL, flights.motion.poses_at(np.append(grid.r0, grid.r1[-1]))])
+    instant = np.where(is_later, column, len(grid.t) + release)
+    start, end = np.moveaxis(body.end_points(X_WL)[body.beside_object][item, :, :, instant], (2, 3), (0, 1))
+    apart = x - nearest_on_segments(x, start, end)
+    starts[:, held] = np.sqrt(dot(apart, apart)) - flights.thickness[flights.gripped[item]] > CONTACT_M
     return starts
 
 

@@ -210,20 +210,11 @@ class PatchBounds:
             bound[is_rim] = self.wall_bound(_corners(x))
             sampled[:, is_rim] = _length(x - flights.nearest_on_wall(x))
         if is_capsule.any():
-            start, end = flights.motion.body.ends[item[is_capsule] - count].transpose(1, 2, 0)
-            x = self._in_frames(item[is_capsule], corners[:, :, is_capsule], t[:, is_capsule])
-            bound[is_capsule] = segment_bound(_corners(x), start, end)
-            sampled[:, is_capsule] = _length(x - nearest_on_segments(x, start[:, None], end[:, None]))
+            body, capsule = flights.motion.body, item[is_capsule] - count
+            poses = flights.motion.distinct_poses(t[:2, is_capsule])
+            found = capsule_distances(poses, (body.frames[capsule], body.ends[capsule]), corners[:, :, is_capsule])
+            bound[is_capsule], sampled[:, is_capsule] = found[0], found[1:]
         return bound, sampled
-
-    def _in_frames(self, item: Index, corners: Array, t: Array) -> Array:
-        """Returns corners (3, 4, k) [m] at times `t` (4, k) in the frames of the capsules `item` (k,)."""
-        every, frames = np.arange(len(item)), self.frames(item)
-        X = self.flights.motion.poses_at(t[:2].ravel()).reshape(2, len(item), 7, 4, 4)[:, every, frames]
-        X = np.concatenate([X, X])  # the corners of both releases have the same two times
-        apart = corners - X[..., :3, 3].transpose(2, 0, 1)
-        R = X[..., :3, :3].transpose(2, 3, 0, 1)
-        return np.stack([dot(R[:, c], apart) for c in range(3)])
 
     def distance_from_base(self, x: Array) -> Array:
         """Returns the distances (...) [m] of points (3, ...) from the origin of the base."""
@@ -328,6 +319,35 @@ def capsule_bounds(
     turned = (2.0 * w * moving[0] + (a + w * w) * (far + reach[:, None, None])) * (h * h / 8.0)
     start, end = (ends[:, i].T[:, :, None, None] for i in (0, 1))
     return segment_bound(corners_on_grid(local[:, frames]), start, end) - turned[frames]
+
+
+def _example_patches() -> tuple[tuple[Array, Index], tuple[Index, Array], Array]:
+    rng = np.random.default_rng(0)
+    poses = rng.uniform(-1.0, 1.0, (3, 7, 4, 4)), np.array([[0, 1, 0], [1, 2, 2]])
+    ends = rng.uniform(-1.0, 1.0, (3, 2, 3))
+    ends[2, 1] = ends[2, 0]
+    return poses, (np.array([0, 3, 6]), ends), rng.uniform(-1.0, 1.0, (3, 4, 3))
+
+
+@twin_of(Kernel.patch_distances, _example_patches)
+def capsule_distances(poses: tuple[Array, Index], capsules: tuple[Index, Array], corners: Array) -> Array:
+    """Returns distances [m] of k patches of flights, each from the axis of a capsule (5, k).
+
+    First lower bounds, but for the bend of the flights and the turning of the links, then those of the corners.
+
+    Args:
+        poses: link poses (n, 7, 4, 4), and which of them are at both instants of each patch (2, k).
+        capsules: frames (k,) and ends in them (k, 2, 3).
+        corners: of the patches (3, 4, k) [m].
+    """
+    (X, at), (frames, ends) = poses, capsules
+    X = X[np.concatenate([at, at]), frames]  # the corners of both releases are at the same two instants
+    apart = corners - X[..., :3, 3].transpose(2, 0, 1)
+    R = X[..., :3, :3].transpose(2, 3, 0, 1)
+    x = np.stack([dot(R[:, c], apart) for c in range(3)])
+    start, end = ends.transpose(1, 2, 0)
+    sampled = _length(x - nearest_on_segments(x, start[:, None], end[:, None]))
+    return np.concatenate([segment_bound(_corners(x), start, end)[None], sampled])
 
 
 def corners_on_grid(x: Array) -> list[Array]:
