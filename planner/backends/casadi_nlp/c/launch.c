@@ -20,6 +20,9 @@
 #define WITH_THROWN (VARIABLES + OBJECTS_MAX * THROWN) /* with those of all */
 #define ROWS_MAX 64                                    /* of a block */
 #define ENTRIES_MAX (ROWS_MAX * WITH_ONE)              /* of its derivatives */
+#define BROKEN (-1)                                    /* status of a call, beside fatrop's */
+#define LATE (-2)
+#define RESTORING (-3)
 #define FREE 0x7fffffff                      /* column of a row without bounds */
 
 typedef struct blasfeo_dmat matrix;
@@ -54,11 +57,12 @@ struct call {
     const struct problem *of;
     const double *lower, *upper, *guess, *p; /* bounds of variables, then of rows */
     double latest;                           /* time of the release, scaled, beyond which it is of no use */
+    int restorations, restored;              /* iterations without the cost: allowed, and so far */
     struct FatropOcpCSolver *solver;
     double *z, *g, *multipliers, *gradient;
     int *columns, *inequality, *equality, *inequalities, *equalities; /* lists, and where each stage's begin */
     volatile int broken;     /* whether some derivative was not finite; volatile, as it is read after a `longjmp` */
-    volatile int late;       /* whether it would release too late */
+    volatile int ended;      /* status with which it was ended, 0 where it was not */
     volatile int iterations; /* begun, by the second derivatives evaluated */
 };
 
@@ -302,6 +306,12 @@ static void read_multipliers(const struct call *call, const double *given, const
         call->multipliers[n + positions(b, k)[row]] = -given[s->dyn_eq_offs[k] + b->into + row];
 }
 
+/* Lets an iteration be the last one. */
+static void end(struct call *call, int status) {
+    if (!call->ended) call->ended = status;
+    fatrop_ocp_c_set_option_int(call->solver, "max_iter", 0);
+}
+
 /* What a range adds to a lower bound on what is linear in a number: the least beyond `value`, 0 without an end. */
 static double least_within(double slope, double value, double lower, double upper) {
     const double end = slope > 0.0 ? lower : upper;
@@ -334,6 +344,8 @@ static int hessian(double scale, const double *primal, const double *given, cons
     (void)stage_p, (void)global_p;
     products = 0;
     call->iterations = call->iterations + 1;
+    call->restored += scale == 0.0;
+    if (call->restored > call->restorations) end(call, RESTORING);
     read_variables(call, primal, s);
     read_multipliers(call, given, s);
     memset(slope, 0, WITH_THROWN * (size_t)(of->stages + 1) * sizeof(double));
@@ -369,10 +381,7 @@ static int hessian(double scale, const double *primal, const double *given, cons
             }
         }
     }
-    if (call->latest < INFINITY && least_release(call, scale) > call->latest) {
-        call->late = 1;
-        fatrop_ocp_c_set_option_int(call->solver, "max_iter", 0); /* this iteration is the last one */
-    }
+    if (call->latest < INFINITY && least_release(call, scale) > call->latest) end(call, LATE);
     FOR_FOLLOWING(of, b, k, row) *followed(slope, b, k, row) += given[s->dyn_eq_offs[k] + b->into + row];
     for (int k = 0; k <= of->stages; k++) {
         const int free = controls(of, k);
@@ -494,19 +503,21 @@ static int begins_finite(struct call *call) {
 }
 
 /* Solves a launch; sets the variables and the number of iterations. Returns fatrop's status: 0 for solved;
-   -1 where it cannot begin, some derivative was not finite, or it does not return; -2 where it was ended as it comes to
-   no release by `latest`.
+   BROKEN where it cannot begin, some derivative was not finite, or it does not return; LATE where it was ended as it
+   comes to no release by `latest`; RESTORING where it was as it looked for any variables that keep the rows.
 
    `lower`, `upper`: of the variables, then of the rows; `p`: every block's parameters, then the costs'; `latest`: time
-   of the release, scaled, INFINITY for none; `names` and `values` of fatrop's options. */
+   of the release, scaled, INFINITY for none; `restorations`: iterations in which the cost may be left aside; `names`
+   and `values` of fatrop's options. */
 int solve_launch(const struct problem *of, const double *lower, const double *upper, const double *guess,
-                 const double *p, double latest, int options, const char *const *names, const double *values,
-                 double *out, int *iterations) {
+                 const double *p, double latest, int restorations, int options, const char *const *names,
+                 const double *values, double *out, int *iterations) {
     const int n = variables(of), padded = WITH_THROWN * (of->stages + 1), all = n + of->rows;
     double *numbers = calloc((size_t)(2 * padded + of->rows + all), sizeof(double));
     int *counts = calloc((size_t)(3 * all + 2 * (of->stages + 2)), sizeof(int));
-    struct call call = {.of = of, .lower = lower, .upper = upper, .guess = guess, .p = p, .latest = latest};
-    int status = -1;
+    struct call call = {.of = of, .lower = lower, .upper = upper, .guess = guess, .p = p, .latest = latest,
+                        .restorations = restorations};
+    int status = BROKEN;
     if (!numbers || !counts) goto end;
     call.z = numbers, call.gradient = call.z + padded, call.g = call.gradient + padded, call.multipliers = call.g + of->rows;
     call.columns = counts, call.inequality = call.columns + all, call.equality = call.inequality + all;
@@ -536,15 +547,15 @@ int solve_launch(const struct problem *of, const double *lower, const double *up
     if (setjmp(here) == 0) {
         leave = &here, products = 0;
         status = fatrop_ocp_c_solve(solver);
-        *iterations = fatrop_ocp_c_get_stats(solver)->iterations_count;
+        *iterations = call.ended ? call.iterations : fatrop_ocp_c_get_stats(solver)->iterations_count;
     } else { /* past fatrop's destructors, deliberately: it cannot be asked to return, and what they would
                 have freed is lost */
         call.broken = 1;
         *iterations = call.iterations;
     }
     leave = NULL;
-    if (call.late) status = -2;
-    if (call.broken) status = -1;
+    if (call.ended) status = call.ended;
+    if (call.broken) status = BROKEN;
     read_variables(&call, fatrop_ocp_c_get_primal(solver)->pa, fatrop_ocp_c_get_dims(solver));
     pack(of, call.z, out);
     fatrop_ocp_c_destroy(solver);

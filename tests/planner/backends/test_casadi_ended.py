@@ -1,10 +1,11 @@
-"""Calls of the optimiser that are ended because they would release too late."""
+"""Calls of the optimiser that are ended: they would release too late, or find no step."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import casadi as ca
 import numpy as np
@@ -94,6 +95,30 @@ def test_casadi_s_interface_ends_where_the_compiled_launch_does(
         found.append((calls.is_late, calls.iterations, calls.status, None if z is None else z.tobytes()))
     assert found[0] == found[1]
     assert found[0][0] is (share < 1.0)
+
+
+@pytest.mark.parametrize("is_compiled", [False, pytest.param(True, marks=needs_launch)])
+def test_a_call_that_finds_no_step_is_ended(
+    instance: Instance, is_compiled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No motion takes a third of the time: fatrop looks for what comes close to one, for 30 iterations and more."""
+    if not is_compiled:
+        monkeypatch.setattr(solver, "compiled_launch", lambda _stages: None)
+    z = _calls().solve(instance)
+    release_s, end_s = float(-z[0, layout.TIME]), float(z[-1, layout.TIME] - z[0, layout.TIME])
+    hurried = instance.on_times(z, release_s / 3.0, release_s / 3.0 + end_s - release_s)
+    usual, spent = solver._fatrop_options(instance.stages, instance), []
+    given = solver._fatrop_options(instance.stages, hurried)
+    for allowed in (0, 5, 1000):
+        options = Mock(return_value={**given, fatrop.RESTORATIONS: allowed})
+        monkeypatch.setattr(solver, "_fatrop_options", options)
+        calls = _calls()
+        assert calls._without_other_groups(hurried, hurried.arguments) is None
+        assert not calls.is_late
+        spent.append(calls.iterations)
+    assert spent[0] + 5 <= spent[1] < spent[2]
+    fewest = 0 if isinstance(instance.problem.release, PointRelease) else 20
+    assert usual[fatrop.RESTORATIONS] == fewest
 
 
 def test_times_that_are_given_are_not_too_late(instance: Instance) -> None:
