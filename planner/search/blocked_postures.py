@@ -5,14 +5,19 @@ Both postures are given, so that no search is needed to tell.
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from planner.approach import NEAR_RAD, obstacle_words, too_close
 from planner.arrays import Array
+from planner.cell import Cell
 from planner.certificate import START_TOLERANCE, Check
 from planner.errors import Violation
 from planner.geometry import body_model
 from planner.problem import ThrowProblem
+
+POSTURES_KEPT = 64  # [-] whose clearance is cached: homes, and where requests begin
 
 
 def blocked_postures(problem: ThrowProblem) -> list[Violation]:
@@ -34,6 +39,12 @@ def blocked_postures(problem: ThrowProblem) -> list[Violation]:
     return found
 
 
+@lru_cache(maxsize=POSTURES_KEPT)
+def _least_clearance(cell: Cell, q: tuple[float, ...], with_object: bool) -> float:
+    """Returns how far clear of its limits an arm at `q` (6,) [rad] is, as of `BodyModel.clearances` [m]."""
+    return float(body_model(cell).clearances(np.array([q]), with_object).least[0])
+
+
 def _broken(problem: ThrowProblem, q: Array, with_object: bool, tolerance_rad: float) -> list[Check]:
     """Returns the checks that fail at a posture, and at all that count as the same.
 
@@ -45,6 +56,6 @@ def _broken(problem: ThrowProblem, q: Array, with_object: bool, tolerance_rad: f
     """
     body = body_model(problem.cell_with_bin)
     moved_m = tolerance_rad * float(body.levers.sum(axis=1).max())  # the farthest that a point of the arm moves by that
-    if body.clearances(q[None], with_object).least[0] >= -moved_m:
+    if _least_clearance(problem.cell_with_bin, tuple(q.tolist()), with_object) >= -moved_m:
         return []
     return [check for check in too_close(problem.cell_with_bin, q, with_object) if check.margin < -moved_m]

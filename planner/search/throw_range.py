@@ -71,6 +71,7 @@ class _Places(NamedTuple):
         return _Places((self.x[chosen][:, None] + half * HALVES).reshape(-1, 3), half)
 
 
+@lru_cache(maxsize=CELLS_KEPT)
 def farthest_reach_from_shoulder(cell: Cell) -> float:
     """Returns a bound on the tool centre's distance from the shoulder [m].
 

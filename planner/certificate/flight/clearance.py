@@ -278,13 +278,14 @@ def _starts_clear(flights: Flights, grid: Grid, held: Mask) -> Mask:
     gripped, m, n). A bound on a whole patch can be too small to tell, by millimetres.
     """
     starts, (item, row, column) = np.zeros((2, *held.shape), np.bool_), np.nonzero(held)
-    further = grid.released.shape[2] - len(grid.r0)  # 1 in a window; without one, both ends are the same release
-    release, body = np.array([row, row + further]), flights.motion.body
-    r = np.append(grid.r0, grid.r1[-1])[release]
-    is_later = grid.t[column] >= r
+    in_window, body = grid.released.shape[2] > 1, flights.motion.body
+    release = np.array([row, row + 1] if in_window else [row])  # without one, both ends are the same release
+    r, X_WL = np.append(grid.r0, grid.r1[-1]), grid.X_WL
+    is_later = grid.t[column] >= r[release]
     p, v = grid.released[:, :, release]
-    x = flights.flown(p, v, np.where(is_later, grid.t[column] - r, 0.0))
-    X_WL = np.concatenate([grid.X_WL, flights.motion.poses_at(np.append(grid.r0, grid.r1[-1]))])
+    x = flights.flown(p, v, np.where(is_later, grid.t[column] - r[release], 0.0))
+    if not is_later.all():
+        X_WL = np.concatenate([X_WL, flights.motion.poses_at(r)])
     instant = np.where(is_later, column, len(grid.t) + release)
     start, end = np.moveaxis(body.end_points(X_WL)[body.beside_object][item, :, :, instant], (2, 3), (0, 1))
     apart = x - nearest_on_segments(x, start, end)
