@@ -90,7 +90,7 @@ class InvalidProblem(PlannerError):
 
 def figures(value: float, limit: float) -> tuple[str, str]:
     """Returns a value and its limit in words: four digits, or as many as tell them apart."""
-    digits = next((n for n in (4, 6, 9) if f"{value:.{n}g}" != f"{limit:.{n}g}"), 4)
+    digits = next((n for n in (4, 6, 9, 15) if f"{value:.{n}g}" != f"{limit:.{n}g}"), 4)
     return f"{value:.{digits}g}", f"{limit:.{digits}g}"
 
 

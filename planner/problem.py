@@ -12,10 +12,10 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from planner.arrays import Array
-from planner.cell import CONTACT_M, Box, Cell, Limits
+from planner.cell import Box, Cell, Limits
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import drag_constant
-from planner.geometry import Misfit, Rectangle, barriers, depth_within, landing_surfaces, misfit, passable
+from planner.geometry import Misfit, Surface, barriers, landing_surfaces, misfit, passable
 
 BACKENDS = ("auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp")
 REST_SPEED = 1e-9  # [rad/s, m/s] a release slower than this is a move that ends at rest
@@ -204,15 +204,11 @@ class ThrowProblem:
         thing = self.cell.object
         return drag_constant(thing.mass_kg, thing.radius_m, thing.drag_coefficient)
 
-    @property
-    def lands_on_floor(self) -> bool:
-        """Whether the landing plane is the floor."""
-        return self.plane_z <= self.cell.surroundings.floor_z_m + CONTACT_M
-
     @cached_property
-    def surfaces(self) -> tuple[Rectangle, ...]:
-        """What there is to land on at the height of the landing plane, see `landing_surfaces`."""
-        return landing_surfaces(self.cell, self.plane_z)
+    def surfaces(self) -> tuple[Surface, ...]:
+        """What the object lands on at the target, see `landing_surfaces`; without a target the floor."""
+        anywhere = np.array([0.0, 0.0, self.plane_z])
+        return landing_surfaces(self.cell, self.release.p_W if isinstance(self.release, TargetRelease) else anywhere)
 
     @cached_property
     def misfit(self) -> Misfit | None:
@@ -224,12 +220,10 @@ class ThrowProblem:
     def landing_radius_m(self) -> float:
         """Height of the centre above the landing plane at which a flight to the target is over [m].
 
-        The object's radius on the floor or a box, which it touches then; 0 in the air, where it flies on.
+        On the floor or a box, which the object touches then, its radius; 0 in the air, where it flies on.
         """
-        release, radius = self.release, self.cell.object.radius_m
-        if not isinstance(release, TargetRelease):
-            return radius
-        return radius if any(depth_within(surface, release.p_W) >= 0.0 for surface in self.surfaces) else 0.0
+        heights = [surface.height_m + self.cell.object.radius_m for surface in self.surfaces]
+        return max(heights, default=self.plane_z) - self.plane_z
 
     @property
     def gravity(self) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 
 from planner.arrays import Array, read_only
 from planner.cell import Cell, Limits
-from planner.errors import FieldError, InvalidProblem
+from planner.errors import FieldError, InvalidProblem, figures
 from planner.problem import (
     TIME_LIMIT_S,
     JointRelease,
@@ -277,14 +277,14 @@ def _tightened(limits: _Fields, key: str, own: Array, unit: str) -> Array:
         return own
     wrong = [i for i in range(len(own)) if not 0.0 < entries[i] <= own[i]]
     for i in wrong if by_joint else sorted(wrong, key=lambda joint: own[joint])[:1]:  # the tightest
-        loosens = f"{unit} loosens the cell's limit of {own[i]:g} {unit}"
-        limits.refuse(f"{key}[{i}]", f"{entries[i]:g} {'must be above 0' if entries[i] <= 0.0 else loosens}")
+        value, limit = figures(float(entries[i]), float(own[i]))
+        loosens = f"{unit} loosens the cell's limit of {limit} {unit}"
+        limits.refuse(f"{key}[{i}]", f"{value} {'must be above 0' if entries[i] <= 0.0 else loosens}")
     return read_only(entries)
 
 
 def _singularity_distance(request: _Fields, own: float) -> float:
-    key = "singularity_distance_min"
-    value = request.get(key)
+    key, value = "singularity_distance_min", request.get("singularity_distance_min")
     if not isinstance(value, int | float) or not np.isfinite(value) or value > 1.0:
         request.refuse(key, f"{value} must be a number up to 1")
         return own

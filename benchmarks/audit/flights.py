@@ -147,19 +147,14 @@ def _landings(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
 def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: int) -> list[AuditFault]:
     """Returns what the sphere of one path touches before it lands.
 
-    That is where it touches the floor or a box at the height of the plane, or where its centre passes the plane. A box
-    that ends lower counts until the sphere touches the plane over it.
+    That is where it touches the floor or a box on which the target is, or where its centre passes the plane.
     """
     around, radius = problem.cell.surroundings, problem.cell.object.radius_m
     x, through = paths.x[: paths.steps[i], i], paths.x[: paths.passed[i], i]
-    touched = np.arange(len(through)) >= len(x)
-    landed = touched & _is_over_surface(problem, through)
-    end = int(landed.argmax()) if landed.any() else len(landed)
-    through, touched = through[:end], touched[:end]
+    through = through[: _first_contact(problem, through)]
     gaps = [("the floor", float((x[:, 2] - radius).min()) - around.floor_z_m)]
     for k, box in enumerate(around.keep_out):
-        landed = touched & (box.upper[2] <= problem.plane_z + CARRIES_M) & _is_over(through, box)
-        gaps.append((f"box {k}", float(_from_box(_with_rest(problem, through[~landed], box), box).min()) - radius))
+        gaps.append((f"box {k}", float(_from_box(_with_rest(problem, through, box), box).min()) - radius))
     for name, frame, apart in arm.gaps(through, delay):
         counted = _since_clear(apart - radius) if frame in GRIPPED_FRAMES else np.ones(len(apart), bool)
         gaps.append((name, float((apart[counted] - radius).min(initial=np.inf))))
@@ -170,20 +165,38 @@ def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: 
 
 def _with_rest(problem: ThrowProblem, x: Vector, box: Box) -> Vector:
     """Returns points (n, 3), and where the centre is once the object lies on its target beside the box."""
-    if not isinstance(problem.release, TargetRelease) or box.upper[2] <= problem.plane_z + CARRIES_M:
+    heights = _heights_below_target(problem)
+    if not isinstance(problem.release, TargetRelease) or box.upper[2] <= problem.plane_z + CARRIES_M or not heights:
         return x
-    target = (problem.release.p_W - problem.aim_shift)[None]
-    if not _is_over_surface(problem, target)[0]:
-        return x
-    return np.concatenate([x, target + np.array([0.0, 0.0, problem.cell.object.radius_m])])
+    target = problem.release.p_W - problem.aim_shift
+    return np.concatenate([x, [[*target[:2], max(heights) + problem.cell.object.radius_m]]])
 
 
-def _is_over_surface(problem: ThrowProblem, x: Vector) -> NDArray[np.bool_]:
-    """Returns whether points (n, 3) are over the floor or a box, where that is at the height of the plane."""
-    around, plane_z = problem.cell.surroundings, problem.plane_z
-    tops = [box for box in around.keep_out if abs(box.upper[2] - plane_z) <= CARRIES_M]
-    on_floor = np.full(len(x), plane_z <= around.floor_z_m + CARRIES_M)
-    return np.any([on_floor, *(_is_over(x, box) for box in tops)], axis=0)
+def _heights_below_target(problem: ThrowProblem) -> list[float]:
+    """Returns the heights of what the target is over, at its own height or less than the object's radius below [m]."""
+    around, release, plane_z = problem.cell.surroundings, problem.release, problem.plane_z
+    found = [min(around.floor_z_m, plane_z)] if plane_z - problem.cell.object.radius_m < around.floor_z_m else []
+    if not isinstance(release, TargetRelease):
+        return found
+    tops = [(float(box.upper[2]), _is_over(release.p_W[None], box)[0]) for box in around.keep_out]
+    return found + [
+        top for top, is_below in tops if is_below and -problem.cell.object.radius_m < top - plane_z <= CARRIES_M
+    ]
+
+
+def _first_contact(problem: ThrowProblem, x: Vector) -> int:
+    """Returns how many instants of a path (n, 3) are before the sphere touches what the target is over.
+
+    Another box that is as high may be part of the same table.
+    """
+    around, landed = problem.cell.surroundings, np.zeros(len(x), bool)
+    for height in _heights_below_target(problem):
+        touching = height + problem.cell.object.radius_m
+        tops = [_is_over(x, box) for box in around.keep_out if abs(box.upper[2] - height) <= CARRIES_M]
+        over = np.any([np.full(len(x), height <= around.floor_z_m + CARRIES_M), *tops], axis=0)
+        falls = np.arange(len(x)) >= int(x[:, 2].argmax())
+        landed |= falls & (x[:, 2] < touching) & over & (x[:, 2].max() >= touching)
+    return int(landed.argmax()) if landed.any() else len(x)
 
 
 def _is_over(x: Vector, box: Box) -> NDArray[np.bool_]:

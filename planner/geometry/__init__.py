@@ -11,20 +11,19 @@ from planner.geometry.distances import (
 )
 from planner.geometry.misfit import Misfit, misfit
 from planner.geometry.self_collision import SELF_CLEARANCE_M, barriers, object_pairs, passable, self_collision_pairs
-from planner.geometry.surfaces import Rectangle, depth_within, landing_surfaces
+from planner.geometry.surfaces import Surface, landing_surfaces
 
 __all__ = [
     "SELF_CLEARANCE_M",
     "Arcs",
     "BodyModel",
     "Misfit",
-    "Rectangle",
+    "Surface",
     "arm_capsules",
     "barriers",
     "body_capsules",
     "body_model",
     "capsule_endpoints",
-    "depth_within",
     "landing_surfaces",
     "levers",
     "misfit",

@@ -12,7 +12,7 @@ import numpy as np
 
 from planner.arrays import Array
 from planner.flight import time_of_flight
-from planner.geometry.surfaces import Rectangle, depth_within
+from planner.geometry.surfaces import Surface
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,17 +44,22 @@ class Arcs:
         until_s = np.where(np.isnan(touched), passed, touched)
         return Arcs(p, v, np.nan_to_num(until_s), gravity, radius_m)
 
-    def until_landed(self, plane_z: float, surfaces: Sequence[Rectangle]) -> Arcs:
-        """Returns the flights, those that do not end over a surface until their centres pass the plane, or never.
+    def until_landed(self, plane_z: float, surfaces: Sequence[Surface]) -> Arcs:
+        """Returns the flights until the sphere touches a surface, or else until its centre passes the plane.
+
+        At once where it never does.
 
         Args:
             plane_z: height of the plane [m].
-            surfaces: that there are at its height.
+            surfaces: on which it lands.
         """
-        ends = np.moveaxis(self.at(self.until_s), -1, 0)
-        landed = np.any([depth_within(surface, ends) >= 0.0 for surface in surfaces], axis=0)
-        passed = time_of_flight(self.p[..., 2] - plane_z, self.v[..., 2], self.gravity)
-        return replace(self, until_s=np.where(landed, self.until_s, np.nan_to_num(passed)))
+        until_s = np.nan_to_num(time_of_flight(self.p[..., 2] - plane_z, self.v[..., 2], self.gravity))
+        for surface in surfaces:
+            height = self.p[..., 2] - surface.height_m - self.radius_m
+            touched = np.nan_to_num(time_of_flight(height, self.v[..., 2], self.gravity), nan=np.inf)
+            there = np.moveaxis(self.at(np.minimum(touched, until_s)), -1, 0)
+            until_s = np.where((touched < until_s) & (surface.depth(there) >= 0.0), touched, until_s)
+        return replace(self, until_s=until_s)
 
     def until_over(self, lower: Array, upper: Array) -> Arcs:
         """Returns the flights, those that end over a box until they come over it.

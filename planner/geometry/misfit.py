@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-
 from planner.arrays import Array
 from planner.cell import CONTACT_M, Box, Cell
 from planner.geometry.body import body_model
 from planner.geometry.distances import point_segment_distance, segment_box_distance
-from planner.geometry.surfaces import depth_within, landing_surfaces
+from planner.geometry.surfaces import footprint, landing_surfaces
 
 WITHIN, UNDER, BESIDE = (
     "the target is within it",
@@ -31,12 +29,13 @@ class Misfit(NamedTuple):
 def misfit(cell: Cell, p: Array) -> Misfit | None:
     """Returns what leaves the cell's object the least room at a target `p` (3,), None where it fits.
 
-    On the floor or a box the object lies with its lowest point on the target; in the air it passes it with its centre.
+    The object comes to lie on what the target is on, see `landing_surfaces`; in the air it passes it with its centre.
     Of the arm's base, which the capsules exceed, the target itself counts alone where the object lies.
     """
-    radius, floor = cell.object.radius_m, cell.surroundings.floor_z_m
-    lies = any(depth_within(surface, p) >= 0.0 for surface in landing_surfaces(cell, float(p[2])))
-    centre = p + np.array([0.0, 0.0, radius if lies else 0.0])
+    radius, floor, surfaces = cell.object.radius_m, cell.surroundings.floor_z_m, landing_surfaces(cell, p)
+    centre, lies = p.copy(), len(surfaces) > 0
+    if lies:
+        centre[2] = max(surface.height_m for surface in surfaces) + radius
     lacking = [Misfit(floor - float(p[2]), "floor", WITHIN)]
     for name, box in zip(cell.surroundings.keep_out_names, cell.surroundings.keep_out, strict=True):
         lacking.append(_beside_box(box, name, p, centre, radius))
@@ -54,13 +53,15 @@ def _beside_box(box: Box, name: str, p: Array, centre: Array, radius: float) -> 
 
     Negative where it fits, or where the box may carry it: that has no room to offer over it.
     """
-    sideways = float(depth_within((box.lower[:2], box.upper[:2]), p))
+    sideways = float(footprint(box).depth(p))
     up, below = float(box.upper[2] - p[2]), float(box.lower[2] - p[2])
     if sideways >= 0.0 and up <= CONTACT_M:
         return Misfit(-radius, name, WITHIN)
-    if sideways > 0.0 and below <= CONTACT_M:
+    if sideways >= 0.0 and below <= CONTACT_M:
         return Misfit(min(sideways + radius, up), name, WITHIN)
     if sideways > 0.0:
         too_low = radius - float(box.lower[2] - centre[2])
         return Misfit(min(sideways + radius, too_low), name, UNDER)
-    return Misfit(radius - float(segment_box_distance(centre, centre, box.lower, box.upper)), name, BESIDE)
+    lacking = radius - float(segment_box_distance(centre, centre, box.lower, box.upper))
+    onto = -sideways if -radius < up <= CONTACT_M else lacking
+    return Misfit(min(lacking, onto), name, BESIDE)

@@ -1,51 +1,78 @@
-"""Surfaces that an object can land on: the floor, and the tops of keep-out boxes."""
+"""Surfaces that an object can land on at a place: the floor, and the tops of keep-out boxes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
 from planner.arrays import Array
-from planner.cell import CONTACT_M, Cell
+from planner.cell import CONTACT_M, Box, Cell
 
-Rectangle = tuple[Array, Array]  # horizontal lower and upper corner (2,) [m]
+SURFACES_MAX = 64  # [-] rectangles of boxes that adjoin
 
 
-def landing_surfaces(cell: Cell, height_m: float) -> tuple[Rectangle, ...]:
-    """Returns the horizontal surfaces at a height [m]: without bounds on the floor, or else the tops of boxes.
+class Surface(NamedTuple):
+    """A horizontal rectangle: lower and upper corner (2,) and height [m]."""
 
-    What adjoins and is as wide is one surface, as an object lands on a table of two halves.
+    lower: Array
+    upper: Array
+    height_m: float
+
+    def depth(self, x: Array) -> Array:
+        """Returns how far within it points (2 or 3, ...) are, horizontally (...) [m]; negative beside it."""
+        lower, upper = (corner.reshape(2, *[1] * (x.ndim - 1)) for corner in (self.lower, self.upper))
+        return np.minimum(x[:2] - lower, upper - x[:2]).min(axis=0)
+
+
+def footprint(box: Box) -> Surface:
+    """Returns the top of a box."""
+    return Surface(box.lower[:2], box.upper[:2], float(box.upper[2]))
+
+
+def landing_surfaces(cell: Cell, p: Array) -> tuple[Surface, ...]:
+    """Returns what the cell's object touches from above before its centre comes down to a place `p` (3,).
+
+    Those are the surfaces over which the place is, at its height or less than the object's radius below. The tops of
+    boxes that are as high and adjoin are one surface, and so is each rectangle within it.
     """
-    around = cell.surroundings
-    if height_m <= around.floor_z_m + CONTACT_M:
-        return ((np.full(2, -np.inf), np.full(2, np.inf)),)
-    tops = [box for box in around.keep_out if abs(float(box.upper[2]) - height_m) <= CONTACT_M]
-    return tuple(_merged([(box.lower[:2], box.upper[:2]) for box in tops]))
+    around, lowest = cell.surroundings, float(p[2]) - cell.object.radius_m
+    found = _joined([footprint(box) for box in around.keep_out if lowest < box.upper[2] <= p[2] + CONTACT_M])
+    if lowest < around.floor_z_m:  # also of a place below it
+        height_m = min(around.floor_z_m, float(p[2]))
+        found.append(Surface(np.full(2, -np.inf), np.full(2, np.inf), height_m))
+    return tuple(surface for surface in found if surface.depth(p) >= 0.0)
 
 
-def depth_within(rectangle: Rectangle, x: Array) -> Array:
-    """Returns how far within a rectangle points (2 or 3, ...) are, horizontally (...) [m]; negative beside it."""
-    lower, upper = (corner.reshape(2, *[1] * (x.ndim - 1)) for corner in rectangle)
-    return np.minimum(x[:2] - lower, upper - x[:2]).min(axis=0)
-
-
-def _merged(rectangles: Sequence[Rectangle]) -> list[Rectangle]:
-    """Returns rectangles, two of them as one while that has no other points."""
-    found = list(rectangles)
-    while (pair := next(_adjoining(found), None)) is not None:
-        i, j = pair
-        (first, last), (begin, end) = found[i], found[j]
-        found = [each for k, each in enumerate(found) if k not in pair]
-        found.append((np.minimum(first, begin), np.maximum(last, end)))
+def _joined(tops: list[Surface]) -> list[Surface]:
+    """Returns the tops of boxes, and the rectangles that lie on two of them or more."""
+    found, tried = list(tops), set[tuple[int, int]]()
+    while len(found) < SURFACES_MAX:
+        pairs = [pair for pair in combinations(range(len(found)), 2) if pair not in tried]
+        if not pairs:
+            break
+        tried.update(pairs)
+        for i, j in pairs:
+            found += [each for each in _across(found[i], found[j]) if not any(_contains(one, each) for one in found)]
     return found
 
 
-def _adjoining(rectangles: Sequence[Rectangle]) -> Iterator[tuple[int, int]]:
-    """Yields pairs of rectangles that together are one."""
-    for (i, (first, last)), (j, (begin, end)) in combinations(enumerate(rectangles), 2):
-        touch = np.minimum(last, end) - np.maximum(first, begin) >= -CONTACT_M
-        alike = np.maximum(np.abs(first - begin), np.abs(last - end)) <= CONTACT_M
-        if touch.all() and alike.any():
-            yield i, j
+def _across(first: Surface, second: Surface) -> list[Surface]:
+    """Returns the rectangles that reach from one surface to another that is as high and adjoins, as wide as both."""
+    low, high = np.maximum(first.lower, second.lower), np.minimum(first.upper, second.upper)
+    if abs(first.height_m - second.height_m) > CONTACT_M or (low > high + CONTACT_M).any():
+        return []
+    height_m = min(first.height_m, second.height_m)
+    least, most, found = np.minimum(first.lower, second.lower), np.maximum(first.upper, second.upper), []
+    for along in (np.array([True, False]), np.array([False, True])):
+        if high[~along] > low[~along]:
+            found.append(Surface(np.where(along, least, low), np.where(along, most, high), height_m))
+    return found
+
+
+def _contains(one: Surface, other: Surface) -> bool:
+    """Returns whether a surface has all points of another."""
+    return bool((one.lower <= other.lower).all() and (one.upper >= other.upper).all()) and (
+        abs(one.height_m - other.height_m) <= CONTACT_M
+    )

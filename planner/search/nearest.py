@@ -233,7 +233,7 @@ def _around(problem: ThrowProblem, p_W: Array, is_obstructed: bool) -> Iterator[
         yield from (p_W + side * d * across for d in BESIDE_M for side in (1.0, -1.0) if is_obstructed)
     floor_z, boxes = problem.cell.surroundings.floor_z_m, problem.cell.surroundings.keep_out
     yield from (p_W - [0.0, 0.0, d] for d in LOWER_M if is_obstructed and p_W[2] - d >= floor_z)
-    yield from (np.array([*p_W[:2], box.upper[2]]) for box in boxes if box.depth(p_W) > 0.0)
+    yield from (np.array([*p_W[:2], box.upper[2]]) for box in boxes if box.depth(p_W) >= 0.0)
 
 
 def _apart(release: Release, other: Release) -> float:

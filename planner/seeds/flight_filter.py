@@ -13,7 +13,7 @@ import numpy as np
 from planner.arrays import Array, Mask
 from planner.cell import CONTACT_M, Box
 from planner.errors import Violation
-from planner.geometry import Arcs, body_model, point_segment_distance
+from planner.geometry import Arcs, body_model, point_segment_distance, segment_box_distance
 from planner.kinematics import LinkMotion, dot, link_poses
 from planner.problem import TargetRelease, ThrowProblem
 
@@ -70,13 +70,20 @@ def _rooms(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) ->
         if box.upper[2] <= problem.plane_z + CONTACT_M:  # the object passes above it until it touches the plane
             yield name, _room_beside_lower_box(box, arcs, whole)
             continue
-        room = arcs.room_beside_box(box.lower, box.upper, FLIGHT_GAP_M, around.floor_z_m)
+        room = arcs.room_beside_box(box.lower, box.upper, _flight_gap(problem, release, box), around.floor_z_m)
         yield name, np.minimum(room, whole.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m))
     if release.opening is not None:
         mouth = release.opening
         yield RIM, arcs.room_in_mouth(release.p_W, mouth.radius_m, mouth.rim_height_m)
     if beside_base:
         yield "the arm's base", _room_beside_base(problem, whole)
+
+
+def _flight_gap(problem: ThrowProblem, release: TargetRelease, box: Box) -> float:
+    """Returns the room [m] that flights are to keep from a box: no more than there is at the target."""
+    centre = release.p_W + np.array([0.0, 0.0, problem.landing_radius_m])
+    there = float(segment_box_distance(centre, centre, box.lower, box.upper)) - problem.cell.object.radius_m
+    return min(max(there - CONTACT_M, 0.0), FLIGHT_GAP_M)
 
 
 def _room_beside_lower_box(box: Box, arcs: Arcs, whole: Arcs) -> Array:
@@ -87,12 +94,11 @@ def _room_beside_lower_box(box: Box, arcs: Arcs, whole: Arcs) -> Array:
         arcs: the flights until the sphere touches the plane.
         whole: the same until they end.
     """
-    until_s = whole.until_over(box.lower, box.upper).until_s
-    shares = LAST_SHARES.reshape(-1, *[1] * until_s.ndim)
-    x = whole.at(arcs.until_s + shares * np.maximum(until_s - arcs.until_s, 0.0))
+    shares = LAST_SHARES.reshape(-1, *[1] * whole.until_s.ndim)
+    x = whole.at(arcs.until_s + shares * np.maximum(whole.until_s - arcs.until_s, 0.0))
     apart = x - np.clip(x, box.lower, box.upper)
     room = np.linalg.norm(apart, axis=-1).min(axis=0) - arcs.radius_m
-    return np.where(until_s > arcs.until_s, room, np.inf)
+    return np.where(whole.until_s > arcs.until_s, room, np.inf)
 
 
 def least_room(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) -> Array:

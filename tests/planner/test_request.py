@@ -207,6 +207,8 @@ def test_a_limit_for_all_joints_is_refused_by_the_tightest():
     (error,) = refusal.value.errors
     assert (error.field, error.reason) == ("limits.velocity[1]", "9 rad/s loosens the cell's limit of 2 rad/s")
     problem_from_request({"release": release, "limits": {"velocity": 2.0}}, here)
+    with pytest.raises(InvalidProblem, match=r"2\.0000000001 rad/s loosens the cell's limit of 2 rad/s"):
+        problem_from_request({"release": release, "limits": {"velocity": 2.0000000001}}, here)
 
 
 def test_all_errors_are_reported_together():

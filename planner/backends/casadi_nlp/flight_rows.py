@@ -81,8 +81,9 @@ def _opening(problem: ThrowProblem, margin_rad: float) -> list[float]:
 
 def _box_edges(problem: ThrowProblem, arcs: Arcs, room_m: float) -> list[FlightEdge]:
     """Returns two edges a box at most, the boxes that the flight passes most closely first."""
-    passed, lowest = [], problem.plane_z + (CONTACT_M if problem.lands_on_floor else -arcs.radius_m)
-    for box in problem.cell.surroundings.keep_out:
+    passed, around = [], problem.cell.surroundings
+    lowest = max(problem.plane_z - arcs.radius_m, around.floor_z_m + CONTACT_M)
+    for box in around.keep_out:
         if box.upper[2] > lowest:  # the object comes down above the others
             onto = list(_way_onto(box, arcs, room_m)) if box.upper[2] <= problem.plane_z + CONTACT_M else []
             passed += [max(onto or _ways_past(box, arcs, room_m), key=lambda way: way[0], default=(math.inf, []))]

@@ -3,9 +3,8 @@
 The tool, and links beside which the object is gripped, count from the first instant of the grid below at which the
 object is clear of them: it usually starts within their capsules, so that these cannot judge how it leaves
 (`opening_direction` does). Releases that follow each other closely are clear of them one soon after the other; where
-they are not, one between them comes out, and meets or grazes what it has just left. A box that ends at the landing
-plane may carry the target: over it, it counts until the sphere touches the plane. A target at which the object does not
-fit fails, although a flight to it may end before the sphere touches what is there.
+they are not, one between them comes out, and meets or grazes what it has just left. A target at which the object does
+not fit fails, although a flight to it may end before the sphere touches what is there.
 """
 
 from __future__ import annotations
@@ -225,19 +224,19 @@ def _lower_bounds(flights: Flights, grid: Grid) -> Array:
     across = bounds.release_bend(s, (grid.r1 - grid.r0)[:, None])
     bend = across + bounds.time_bend(s, h)
     falling = grid.t[:-1] >= grid.apexes[:, None]
-    ends = flights.lowest_at(np.arange(len(flights.names))[:, None, None], [corner[:, None] for corner in x], bend)
+    end = flights.lowest_at(x, bend)
     gaps = []
     if len(flights.boxes[0]):
         lower, upper = (side.T[:, :, None, None] for side in flights.boxes)
         lowest = np.min([corner[2] for corner in x], axis=0) - bend
-        lowest = np.where(falling, np.maximum(lowest, ends[: len(upper[0])]), lowest)
+        lowest = np.where(falling, np.maximum(lowest, end), lowest)
         gaps.append(np.maximum(box_bound([corner[:, None] for corner in x], lower, upper) - bend, lowest - upper[2]))
     gaps.append(_capsule_distances(flights, grid, s, h) - bend)
     if flights.opening is not None:
         rim = bounds.wall_bound(x) - bend
         gaps.append(np.where(falling & bounds.all_in_bin(x, bend), np.inf, rim)[None])
     found = np.concatenate(gaps)
-    over = falling & (np.max([corner[2] for corner in x[::2]], axis=0) + across < ends[: len(found)])
+    over = falling & (np.max([corner[2] for corner in x[::2]], axis=0) + across < end)
     over |= grid.t[1:] <= grid.r0[:, None]
     return np.where(over, np.inf, found - flights.thickness[: len(found), None, None])
 

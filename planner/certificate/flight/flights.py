@@ -1,12 +1,10 @@
 """The object's flights, one for each instant of the release window, and what they can meet.
 
-A flight that begins at the time r is at x(r, t) at the time t, both on the trajectory's clock: p(r) + f v(r) s +
-g s^2/2 with s = t - r, and the release speed factor f. The object is a sphere: it keeps clear of a box, of a capsule's
-axis or of a bin's wall by its radius (and the capsule's), until it first touches a surface at the height of the landing
-plane on its way down, the floor or the top of a box; a flight that never rises a radius above the plane until its
-centre passes it. In the air, where there is no surface, everything counts until the centre passes the plane. A box that
-ends below the plane no longer counts once the centre is over it, within a radius of the plane: the object comes down on
-it.
+A flight that begins at the time r is at x(r, t) at the time t, both on the trajectory's clock: p(r) + f v(r) s + g
+s^2/2 with s = t - r, and the release speed factor f. The object is a sphere: it keeps clear of a box, of a capsule's
+axis or of a bin's wall by its radius (and the capsule's), until it first touches a surface on which it lands, the floor
+or the top of a box; a flight that never rises as high until its centre passes the landing plane. In the air, where
+there is no surface, that is so for all.
 """
 
 from __future__ import annotations
@@ -17,10 +15,9 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from planner.arrays import Array, Index, Mask
-from planner.cell import CONTACT_M
 from planner.certificate.samples import MotionSamples
 from planner.flight import fly, paths, positions_after
-from planner.geometry import depth_within
+from planner.geometry import Surface
 from planner.kinematics import dot
 from planner.problem import Opening, TargetRelease
 
@@ -86,54 +83,36 @@ class Flights:
         flight = fly(*self.nominal, height, problem.gravity, problem.drag)
         return None if flight is None else (height, self.released_s + flight.time_of_flight_s)
 
-    @cached_property
-    def touching(self) -> float:
-        """Height of the falling centre at which the sphere touches the plane, or passes it if it never rises [m]."""
-        problem = self.motion.problem
-        touching = problem.plane_z + self.radius_m
+    def _ends_over(self, surface: Surface) -> float:
+        """Returns the height of the centre at which a flight ends over a surface [m], the plane's if it never rises."""
+        problem, touching = self.motion.problem, surface.height_m + self.radius_m
         rises = fly(*self.nominal, touching, problem.gravity, problem.drag) is not None
         return touching if rises else problem.plane_z
 
     @cached_property
     def lowest(self) -> float:
         """Height of the falling centre below which nothing counts, wherever it is [m]."""
-        problem = self.motion.problem
-        return self.touching if problem.lands_on_floor else problem.plane_z
+        everywhere = (each for each in self.motion.problem.surfaces if np.isinf(each.lower).all())
+        return max(map(self._ends_over, everywhere), default=self.motion.problem.plane_z)
 
     @cached_property
-    def footprints(self) -> tuple[Array, Array] | None:
-        """Horizontal corners (items, 2) [m] of boxes that end at the plane or below it, empty for others.
+    def landings(self) -> list[tuple[Surface, float]]:
+        """Surfaces over which flights end higher than that, with the height of the centre [m]."""
+        found = [(surface, self._ends_over(surface)) for surface in self.motion.problem.surfaces]
+        return [(surface, height) for surface, height in found if height > self.lowest]
 
-        None where there are none, or the plane is the floor.
-        """
-        problem, count = self.motion.problem, len(self.boxes[0])
-        carries = np.zeros(len(self.names), np.bool_)
-        carries[:count] = self.boxes[1][:, 2] <= problem.plane_z + CONTACT_M
-        if problem.lands_on_floor or not carries.any():
-            return None
-        lower, upper = np.full((len(carries), 2), np.inf), np.full((len(carries), 2), -np.inf)
-        lower[carries], upper[carries] = (side[carries[:count], :2] for side in self.boxes)
-        return lower, upper
-
-    def lowest_at(self, item: Index, corners: Sequence[Array], bend: Array | float = 0.0) -> Array:
-        """Returns the heights (...) [m] of the falling centre below which obstacles do not count, as of `lowest`.
-
-        Over a surface at the height of the plane, and of a box below that over itself, that is where the sphere touches
-        the plane.
+    def lowest_at(self, corners: Sequence[Array], bend: Array | float = 0.0) -> Array:
+        """Returns the heights (...) [m] of the falling centre below which nothing counts any more.
 
         Args:
-            item: numbers of the obstacles (...).
             corners: of patches of flights, each (3, ...) [m].
             bend: deviation of the flights from what is between the corners (...) [m].
         """
-        if self.footprints is None:
-            return np.full(item.shape, self.lowest)
-        lower, upper = (np.moveaxis(side[item], -1, 0) for side in self.footprints)
-        within = [np.minimum(x[:2] - lower, upper - x[:2]).min(axis=0) for x in corners]
-        over = np.min(within, axis=0) > bend
-        for surface in self.motion.problem.surfaces:
-            over |= np.min([depth_within(surface, x) for x in corners], axis=0) > bend
-        return np.where(over, self.touching, self.lowest)
+        lowest = np.full(corners[0].shape[1:], self.lowest)
+        for surface, height in self.landings:
+            within = np.min([surface.depth(x) for x in corners], axis=0) > bend
+            lowest = np.where(within, np.maximum(lowest, height), lowest)
+        return lowest
 
     def releases(self, r: Array) -> tuple[Array, Array]:
         """Returns positions and velocities (3, k) of the object at release times `r` (k,) [s] of the window.
@@ -231,7 +210,8 @@ class Flights:
     def over(self, x: Array) -> Mask:
         """Returns which obstacles no longer count (items, n) at successive centres `x` (3, n) of one flight."""
         falling = np.append(np.diff(x[2]) < 0.0, True)
-        over = falling & (x[2] < self.lowest_at(np.arange(len(self.names))[:, None], [x[:, None]]) - TINY_M)
+        over = falling & (x[2] < self.lowest_at([x]) - TINY_M)
+        over = np.tile(over, (len(self.names), 1))
         over[self.rim] |= self.in_bin(x)
         return over
 

@@ -170,12 +170,12 @@ class PatchBounds:
         bound, sampled = self._distances(item, corners, t)
         lower = bound - bend - np.where(self.is_capsule(item), turned, 0.0)
         lowest = corners[2].min(axis=0) - bend
-        end = flights.lowest_at(item, _corners(corners), bend)
+        end = flights.lowest_at(_corners(corners), bend)
         lower = np.maximum(lower, self.above(item, np.where(falling, np.maximum(lowest, end), lowest)))
         lower -= flights.thickness[item]
         over = falling & (corners[2, ::2].max(axis=0) + across < end)
         over |= (item == flights.rim) & falling & self.all_in_bin(_corners(corners), bend)
-        ended = (t >= apexes) & (corners[2] < flights.lowest_at(item[None], [corners]))
+        ended = (t >= apexes) & (corners[2] < flights.lowest_at([corners]))
         ended |= (t >= apexes) & (item == flights.rim) & flights.in_bin(corners)
         gaps = np.where(ended | (t < r), np.inf, sampled - flights.thickness[item])
         return Evaluated(np.where(over | (t1 <= r0), np.inf, lower), gaps, r, t)

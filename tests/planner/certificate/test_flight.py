@@ -70,13 +70,14 @@ def flown(problem, trajectory, delay):
     X_WT, V_WT = tool_state(problem.cell, *trajectory.at(release)[:2])
     s = np.arange(0.0, 2.0, STEP_S)
     x = path(X_WT[:3, 3], problem.cell.gripper.release_speed_factor * V_WT[:3], s, problem.gravity, problem.drag)
-    around, plane = problem.cell.surroundings, problem.plane_z
-    touching = plane + problem.cell.object.radius_m
-    touching, apex = touching if x[:, 2].max() >= touching else plane, int(x[:, 2].argmax())
-    over = np.full(len(x), plane <= around.floor_z_m)
-    for box in (box for box in around.keep_out if abs(box.upper[2] - plane) < 1e-9):
-        over |= ((x[:, :2] >= box.lower[:2]) & (x[:, :2] <= box.upper[:2])).all(axis=1)
-    landed = apex + int(np.argmax(((x[:, 2] < touching) & over | (x[:, 2] < plane))[apex:]))
+    around, plane, radius = problem.cell.surroundings, problem.plane_z, problem.cell.object.radius_m
+    apex, landed = int(x[:, 2].argmax()), x[:, 2] < plane
+    tops = [(box.upper[2], box.lower[:2], box.upper[:2]) for box in around.keep_out]
+    for top, lower, upper in [*tops, (around.floor_z_m, np.full(2, -np.inf), np.full(2, np.inf))]:
+        below = ((problem.release.p_W[:2] >= lower) & (problem.release.p_W[:2] <= upper)).all()
+        if below and plane - radius < top <= plane + 1e-9 and x[:, 2].max() >= top + radius:
+            landed = landed | ((x[:, 2] < top + radius) & ((x[:, :2] >= lower) & (x[:, :2] <= upper)).all(axis=1))
+    landed = apex + int(np.argmax(landed[apex:]))
     return release + s[:landed], x[:landed], apex
 
 
@@ -100,10 +101,7 @@ def dense_gap(problem, trajectory, delays=(0.0,)):
                 gap = gap[left:][gap[left:] < 0.0]
             gaps += [gap.min()] if len(gap) else []
         for box in here.surroundings.keep_out:
-            over = ((x[:, :2] >= box.lower[:2]) & (x[:, :2] <= box.upper[:2])).all(axis=1)
-            over &= (box.upper[2] <= problem.plane_z) & (x[:, 2] < problem.plane_z + radius)
-            gap = (np.linalg.norm(x - np.clip(x, box.lower, box.upper), axis=1) - radius)[~over]
-            gaps += [gap.min()] if len(gap) else []
+            gaps.append((np.linalg.norm(x - np.clip(x, box.lower, box.upper), axis=1) - radius).min())
         if problem.release.opening is not None:
             rho, z = np.hypot(*(x - problem.release.p_W).T[:2]), x[:, 2] - problem.release.p_W[2]
             mouth, rim = problem.release.opening.radius_m, problem.release.opening.rim_height_m
@@ -274,6 +272,10 @@ def test_the_object_lands_on_what_adjoins_and_is_as_high(window_s):
     ]
     assert all(check.ok for check in checks)
     assert [check.value for check in checks] == pytest.approx([checks[0].value] * 4, abs=1e-9)
+    lowered = [with_boxes(here, (whole[0], [1.6, 1.0, top])) for top in (0.7 - 0.5 * radius, 0.7 - 1.01 * radius)]
+    assert all(certify(replace(problem, cell=each), trajectory).check("flight_clearance").ok for each in lowered)
+    apart = with_boxes(here, ([edge, -1.0, 0.5], [seam, 1.0, 0.7]), ([seam + 1e-3, -1.0, 0.4], [1.6, 1.0, 0.7]))
+    assert not certify(replace(problem, cell=apart), trajectory).check("flight_clearance").ok  # it lands on the other
     ridge = with_boxes(here, whole, ([1.3 - 1e-3, -1.0, 0.7], [1.6, 1.0, 0.8]))
     assert not certify(replace(problem, cell=ridge), trajectory).check("flight_clearance").ok
 

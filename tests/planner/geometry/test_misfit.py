@@ -62,14 +62,31 @@ def test_on_a_box_it_lies_in_the_air_it_passes(height_m: float) -> None:
 def test_in_the_air_it_does_not_fit_beside_the_top_of_a_box_or_the_base() -> None:
     here = cell()
     here = replace(here, object=replace(here.object, radius_m=RADIUS_M))
-    for top in (0.5, 0.49):  # as high as the target, and lower
+    for top in (0.5, 0.49):  # as high as the target, and lower by less than the radius
         found = misfit(with_boxes(here, ([0.9, -0.2, 0.0], [1.3, 0.2, top])), np.array([1.305, 0.0, 0.5]))
         assert found is not None
         assert found.how == "the object does not fit beside it"
-        assert found.lacking_m == pytest.approx(RADIUS_M - np.hypot(0.005, 0.5 - top))
+        assert found.lacking_m == pytest.approx(0.005)  # onto it
+    found = misfit(with_boxes(here, ([0.9, -0.2, 0.0], [1.3, 0.2, 0.5])), np.array([1.348, 0.0, 0.52]))
+    assert found is None
     found = misfit(here, np.array([0.1, 0.0, 0.05]))
     assert found is not None
     assert (found.name, found.how) == ("the arm's base", "the object does not fit beside it")
+
+
+@pytest.mark.parametrize("above_m", [0.0, 0.001, 0.03])
+def test_a_target_a_little_above_boxes_is_on_them(above_m: float) -> None:
+    """What is thrown to a height measured too high comes to lie on the table all the same."""
+    here = replace(cell(), object=replace(cell().object, radius_m=RADIUS_M))
+    halves = ([0.9, -0.2, 0.0], [1.1, 0.2, 0.4]), ([1.1, -0.1, 0.0], [1.4, 0.1, 0.4])
+    ridge, shelf = ([1.16, -0.2, 0.4], [1.2, 0.2, 0.41]), ([1.0, -0.2, 0.495], [1.3, 0.2, 0.5])
+    for x in (1.09, 1.1, 1.11):
+        target = np.array([x, 0.05, 0.4 + above_m])
+        assert misfit(with_boxes(here, *halves), target) is None
+        assert misfit(with_boxes(here, *halves, ridge), target) is None
+        found = misfit(with_boxes(here, *halves, shelf), target)
+        assert found is not None
+        assert (found.lacking_m, found.name) == (pytest.approx(0.005), "box 2")
 
 
 def test_what_is_lacking_is_the_way_to_where_it_fits() -> None:

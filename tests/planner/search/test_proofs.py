@@ -140,16 +140,24 @@ def test_a_target_just_below_the_floor_is_refused_with_proof(z):
 
 
 def test_the_nearest_target_of_one_just_behind_a_wall_is_farther_behind_it():
-    """The object does not fit between the wall and a flight over it; the next target before the wall is 8 cm away."""
-    here = with_box([0.75, -1.0, 0.0], [0.8, 1.0, 0.5])
-    asked = np.array([0.821, 0.0, 0.0])
+    """No flight over the wall is as steep; before the wall the next target is as far away."""
+    here = with_box([0.75, -1.0, 0.0], [0.8, 1.0, 0.7])
+    asked = np.array([0.83, 0.0, 0.0])
     problem = joint_problem(cell=here, release=TargetRelease(asked), release_window_s=0.005, landing_tolerance_m=0.02)
     with pytest.raises(Infeasible) as refusal:
         plan(problem)
     nearest = problem_from_request(refusal.value.nearest, here)
     assert nearest.release_window_s == problem.release_window_s
     assert plan(nearest).certificate.valid
-    assert nearest.release.p_W == pytest.approx([0.871, 0.0, 0.0])
+    assert nearest.release.p_W == pytest.approx([0.93, 0.0, 0.0])
+
+
+def test_an_object_is_dropped_close_behind_a_wall():
+    """Flights keep off a wall by 5 mm, but not where the target is nearer to it, as here by 1 mm."""
+    here = with_box([0.75, -1.0, 0.0], [0.8, 1.0, 0.5])
+    release = TargetRelease(np.array([0.821, 0.0, 0.0]))
+    found = plan(joint_problem(cell=here, release=release, release_window_s=0.005, landing_tolerance_m=0.02))
+    assert 0.0 <= found.certificate.check("flight_clearance").value <= 0.001
 
 
 @pytest.mark.parametrize(
