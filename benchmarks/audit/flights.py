@@ -28,6 +28,7 @@ OUT_M = 0.01  # [m] the object is out of the grip once it has moved by its radiu
 ANGLE_SLACK = 1e-3  # [rad] of the way out: quarter turns rounded in the URDF
 CLEAR_S = 0.01  # [s] for which the object must have been clear of what gripped it before that counts as an obstacle
 CARRIES_M = 1e-6  # [m] a box that rises above the plane by less may carry the target
+LEVEL_M = 0.001  # [m] another box that is as high may be part of the same table
 GRIPPED_FRAMES = (4, 5, 6)  # wrist 2, wrist 3 and tool: the object may begin inside their capsules
 
 
@@ -173,15 +174,17 @@ def _with_rest(problem: ThrowProblem, x: Vector, box: Box) -> Vector:
 
 
 def _heights_below_target(problem: ThrowProblem) -> list[float]:
-    """Returns the heights of what the target is over, at its own height or less than the object's radius below [m]."""
+    """Returns the height of what the target is over [m], if it is its own or less than the object's radius below.
+
+    That of the highest; none in the air.
+    """
     around, release, plane_z = problem.cell.surroundings, problem.release, problem.plane_z
     found = [min(around.floor_z_m, plane_z)] if plane_z - problem.cell.object.radius_m < around.floor_z_m else []
     if not isinstance(release, TargetRelease):
         return found
     tops = [(float(box.upper[2]), _is_over(release.p_W[None], box)[0]) for box in around.keep_out]
-    return found + [
-        top for top, is_below in tops if is_below and -problem.cell.object.radius_m < top - plane_z <= CARRIES_M
-    ]
+    found += [top for top, is_below in tops if is_below and -problem.cell.object.radius_m < top - plane_z <= CARRIES_M]
+    return [max(found)] if found else []
 
 
 def _first_contact(problem: ThrowProblem, x: Vector) -> int:
@@ -189,13 +192,15 @@ def _first_contact(problem: ThrowProblem, x: Vector) -> int:
 
     Another box that is as high may be part of the same table.
     """
-    around, landed = problem.cell.surroundings, np.zeros(len(x), bool)
+    around, landed, radius = problem.cell.surroundings, np.zeros(len(x), bool), problem.cell.object.radius_m
     for height in _heights_below_target(problem):
-        touching = height + problem.cell.object.radius_m
-        tops = [_is_over(x, box) for box in around.keep_out if abs(box.upper[2] - height) <= CARRIES_M]
-        over = np.any([np.full(len(x), height <= around.floor_z_m + CARRIES_M), *tops], axis=0)
-        falls = np.arange(len(x)) >= int(x[:, 2].argmax())
-        landed |= falls & (x[:, 2] < touching) & over & (x[:, 2].max() >= touching)
+        surfaces = [(height, np.full(len(x), height <= around.floor_z_m + CARRIES_M))]
+        surfaces += [(top, _is_over(x, b)) for b in around.keep_out if abs((top := b.upper[2]) - height) <= LEVEL_M]
+        for top, over in surfaces:
+            falls = (np.arange(len(x)) >= int(x[:, 2].argmax())) & (x[:, 2].max() >= top + radius)
+            landed |= falls & (x[:, 2] < top + radius) & over
+    if isinstance(problem.release, TargetRelease) and problem.release.opening is not None:  # within the bin's wall
+        landed &= np.linalg.norm(x[:, :2] - problem.release.p_W[:2], axis=1) < problem.release.opening.radius_m
     return int(landed.argmax()) if landed.any() else len(x)
 
 
@@ -257,7 +262,7 @@ def _bin(problem: ThrowProblem, x: Vector, slack: float) -> list[AuditFault]:
         found += over("bin_mouth", "enters the bin beside its axis", float(entry), inner - radius, slack, "m")
     elif release.opening.rim_height_m < radius:  # it lies on the bottom with its centre above the rim
         found += over("bin_mouth", "comes to the bottom beside the bin's axis", float(off[-1]), inner, slack, "m")
-    elif x[-1, 2] - rim > x[-2, 2] - x[-1, 2]:  # the path ends where the sphere touches the plane, within a step
+    elif x[-1, 2] - rim > x[-2, 2] - x[-1, 2] or off[-1] > inner:  # it ends where the sphere touches, within a step
         found.append(
             AuditFault("bin_mouth", "never passes the bin's mouth, ends at a height", float(x[-1, 2]), rim, "m")
         )

@@ -67,8 +67,9 @@ def _rooms(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) ->
     arcs = Arcs.onto(p, v, problem.plane_z, problem.gravity_at_tool_speed, problem.cell.object.radius_m)
     whole = arcs.until_landed(problem.plane_z, problem.surfaces)
     for name, box in zip(around.keep_out_names, around.keep_out, strict=True):
-        if box.upper[2] <= problem.plane_z + CONTACT_M:  # the object passes above it until it touches the plane
-            yield name, _room_beside_lower_box(box, arcs, whole)
+        if box.upper[2] <= problem.plane_z + CONTACT_M:
+            rising = arcs.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m)
+            yield name, np.minimum(rising, _room_beside_lower_box(box, arcs, whole))
             continue
         room = arcs.room_beside_box(box.lower, box.upper, _flight_gap(problem, release, box), around.floor_z_m)
         yield name, np.minimum(room, whole.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m))

@@ -69,7 +69,7 @@ class SeedFailed(SolverFailed):
 
     Attributes:
         held: groups of rows that were included by then.
-        is_late: whether a solution was found, but one that releases too late.
+        is_late: whether a solution was found, or was to come, that releases too late.
         lacks_brake: whether no brake from the given release was found that is clear of the flight, wherever the joints
             may turn.
     """
@@ -135,7 +135,7 @@ def _answer(instance: Instance, seed: Seed, options: SolveOptions, solver: Solve
         try:
             return answer(*solved(guess(), solver), solver)
         except SolverFailed:
-            if solver.is_late:  # found, and no sooner than another
+            if solver.is_late:  # no sooner than another
                 raise
     return answer(*solved(last(), solver), solver)
 

@@ -5,7 +5,7 @@ takes as long as the rows themselves. The compiled launch (`c/launch.c`) hands f
 stages at once. Both find the same numbers to the last bit; without a compiler, casadi's interface is used.
 
 Two kinds of calls are ended before fatrop converges or gives up. Where no step is found, it leaves the cost aside and
-looks for any variables that keep the rows (restoration): one such call in eight comes to a solution, and they take half
+looks for any variables that keep the rows (restoration): one such call in six comes to a solution, and they take half
 of the time in cells where much is in the way. Other seeds do better in that time. And a call is ended whose release
 would be too late. Of a convex problem, the Lagrangian at the multipliers of any iteration, less the most by which other
 values of the variables and rows within their bounds could lower it, is no larger than the least cost (weak duality).
@@ -262,10 +262,11 @@ def solve_by_fatrop(stages: StageLayout, arguments: Arguments, options: Options,
     iterates.seen.clear()
     found, stats = first_result(solver, ordered)
     restorations = options.get(RESTORATIONS, ANY_NUMBER)
-    for count, (x, weight, multipliers) in enumerate(iterates.seen, start=1):
+    begun = int(stats["iter_count"]) if stats["success"] else len(iterates.seen)  # casadi evaluates the solution, too
+    for count, (x, weight, multipliers) in enumerate(iterates.seen[:begun], start=1):
         restorations -= weight == 0.0
-        is_restoring = restorations < 0
-        if is_restoring or (latest < math.inf and _least_release(functions, ordered, x, multipliers) > latest):
+        is_restoring, asks = restorations < 0, latest < math.inf and weight > 0.0
+        if is_restoring or (asks and _least_release(functions, ordered, x, multipliers) > latest):
             return Outcome(np.full(len(order), np.nan), count, is_solved=False, is_late=not is_restoring)
     x = np.empty(len(order))
     x[order] = found

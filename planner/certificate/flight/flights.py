@@ -92,7 +92,8 @@ class Flights:
     @cached_property
     def lowest(self) -> float:
         """Height of the falling centre below which nothing counts, wherever it is [m]."""
-        everywhere = (each for each in self.motion.problem.surfaces if np.isinf(each.lower).all())
+        everywhere = [each for each in self.motion.problem.surfaces if np.isinf(each.lower).all()]
+        everywhere = everywhere if self.opening is None else []  # only within a bin's wall
         return max(map(self._ends_over, everywhere), default=self.motion.problem.plane_z)
 
     @cached_property
@@ -110,9 +111,14 @@ class Flights:
         """
         lowest = np.full(corners[0].shape[1:], self.lowest)
         for surface, height in self.landings:
-            within = np.min([surface.depth(x) for x in corners], axis=0) > bend
+            within = np.min([self._depth_within(surface, x) for x in corners], axis=0) > bend
             lowest = np.where(within, np.maximum(lowest, height), lowest)
         return lowest
+
+    def _depth_within(self, surface: Surface, x: Array) -> Array:
+        """Returns how far within a surface, and the bin's wall, points (3, ...) are (...) [m]."""
+        depth = surface.depth(x)
+        return depth if self.opening is None else np.minimum(depth, self.from_mouth(x)[0])
 
     def releases(self, r: Array) -> tuple[Array, Array]:
         """Returns positions and velocities (3, k) of the object at release times `r` (k,) [s] of the window.

@@ -73,10 +73,14 @@ def flown(problem, trajectory, delay):
     around, plane, radius = problem.cell.surroundings, problem.plane_z, problem.cell.object.radius_m
     apex, landed = int(x[:, 2].argmax()), x[:, 2] < plane
     tops = [(box.upper[2], box.lower[:2], box.upper[:2]) for box in around.keep_out]
-    for top, lower, upper in [*tops, (around.floor_z_m, np.full(2, -np.inf), np.full(2, np.inf))]:
-        below = ((problem.release.p_W[:2] >= lower) & (problem.release.p_W[:2] <= upper)).all()
-        if below and plane - radius < top <= plane + 1e-9 and x[:, 2].max() >= top + radius:
-            landed = landed | ((x[:, 2] < top + radius) & ((x[:, :2] >= lower) & (x[:, :2] <= upper)).all(axis=1))
+    tops += [(around.floor_z_m, np.full(2, -np.inf), np.full(2, np.inf))]
+    target, opening = problem.release.p_W, problem.release.opening
+    below = [top for top in tops if ((target[:2] >= top[1]) & (target[:2] <= top[2])).all() and top[0] <= plane + 1e-9]
+    for top, lower, upper in sorted(below, key=lambda top: top[0])[-1:]:  # the highest
+        if plane - radius < top and x[:, 2].max() >= top + radius:
+            over = (x[:, 2] < top + radius) & ((x[:, :2] >= lower) & (x[:, :2] <= upper)).all(axis=1)
+            in_bin = opening is None or np.hypot(*(x - target).T[:2]) < opening.radius_m
+            landed = landed | over & in_bin
     landed = apex + int(np.argmax(landed[apex:]))
     return release + s[:landed], x[:landed], apex
 
@@ -278,6 +282,52 @@ def test_the_object_lands_on_what_adjoins_and_is_as_high(window_s):
     assert not certify(replace(problem, cell=apart), trajectory).check("flight_clearance").ok  # it lands on the other
     ridge = with_boxes(here, whole, ([1.3 - 1e-3, -1.0, 0.7], [1.6, 1.0, 0.8]))
     assert not certify(replace(problem, cell=ridge), trajectory).check("flight_clearance").ok
+
+
+def flat_landing(radius_m):
+    """A thick object thrown flat, its target two radii below: problem, motion, and where its centre is at a height."""
+    problem, trajectory, v, _ = flat_throw(cell(), 0.0, 0.0)
+    p = tool_state(problem.cell, *(each[trajectory.release_index] for each in (trajectory.q, trajectory.qd))).p_WT
+
+    def at_height(z):
+        return fly(p, v, z, problem.gravity).landing_point
+
+    here = replace(problem.cell, object=replace(problem.cell.object, radius_m=radius_m))
+    release = replace(problem.release, p_W=at_height(p[2] - 2.0 * radius_m))
+    return replace(problem, cell=here, release=release), trajectory, at_height
+
+
+@pytest.mark.parametrize("below", ["table", "floor"])
+def test_what_is_below_a_plate_is_no_surface_beside_it(below):
+    """The sphere touches it before the plate that carries the target, whose side it strikes then."""
+    problem, trajectory, at_height = flat_landing(0.04)
+    here, target = problem.cell, problem.release.p_W
+    rest = target[2] - 0.004
+    lying = [([0.5, -1.0, 0.4], [2.0, 1.0, rest])] if below == "table" else []
+    here = replace(here, surroundings=replace(here.surroundings, floor_z_m=rest if below == "floor" else 0.0))
+    struck = at_height(rest + 0.04)[0] + 0.05
+    assert struck < target[0] - 0.01
+    for edge, ok in ((at_height(target[2] + 0.04)[0] - 1e-4, True), (struck, False)):
+        plate = ([edge, -1.0, rest - 0.01], [2.0, 1.0, target[2]])
+        asked = replace(problem, cell=with_boxes(here, *lying, plate))
+        assert certify(asked, trajectory).check("flight_clearance").ok == ok
+        assert (dense_gap(asked, trajectory) >= -SAMPLED_M) == ok
+
+
+@pytest.mark.parametrize("on_floor", [True, False])
+def test_no_flight_lands_beside_its_bin(on_floor):
+    """It touches what the bin stands on more than a radius before the bin, and its centre passes below the rim."""
+    problem, trajectory, at_height = flat_landing(0.04)
+    here, target = problem.cell, problem.release.p_W
+    stands = replace(here, surroundings=replace(here.surroundings, floor_z_m=target[2] if on_floor else 0.0))
+    stands = with_boxes(stands, *([] if on_floor else [([0.5, -1.0, 0.4], [2.0, 1.0, target[2]])]))
+    assert at_height(target[2] + 0.04)[0] < target[0] - 0.06 - 0.04
+    for radius_m, rim_height_m in ((0.045, 0.035), (0.06, 0.06)):
+        binned = replace(
+            problem, cell=stands, release=replace(problem.release, opening=Opening(radius_m, rim_height_m))
+        )
+        assert not certify(binned, trajectory).check("flight_clearance").ok
+    assert certify(replace(problem, cell=stands), trajectory).check("flight_clearance").ok
 
 
 @pytest.mark.parametrize("rim_height_m", [0.1, 0.3])
