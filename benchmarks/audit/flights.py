@@ -196,9 +196,9 @@ def _first_contact(problem: ThrowProblem, x: Vector) -> int:
     for height in _heights_below_target(problem):
         surfaces = [(height, np.full(len(x), height <= around.floor_z_m + CARRIES_M))]
         surfaces += [(top, _is_over(x, b)) for b in around.keep_out if abs((top := b.upper[2]) - height) <= LEVEL_M]
-        for top, over in surfaces:
+        for top, is_over in surfaces:
             falls = (np.arange(len(x)) >= int(x[:, 2].argmax())) & (x[:, 2].max() >= top + radius)
-            landed |= falls & (x[:, 2] < top + radius) & over
+            landed |= falls & (x[:, 2] < top + radius) & is_over
     if isinstance(problem.release, TargetRelease) and problem.release.opening is not None:  # within the bin's wall
         landed &= np.linalg.norm(x[:, :2] - problem.release.p_W[:2], axis=1) < problem.release.opening.radius_m
     return int(landed.argmax()) if landed.any() else len(x)
