@@ -315,9 +315,8 @@ class Kernel:
         """Returns rows (5, k), see `certificate.flight.patches`, of patches with corners (3, 4, k).
 
         Args:
-            poses: link poses (n, 7, 4, 4), and which are those of each patch (2, k).
+            poses, corners: link poses (n, 7, 4, 4), and which are those of each patch (2, k); its corners.
             capsules: frames (k,) and ends (k, 2, 3).
-            corners: of the patches.
         """
         (X, at), (frames, ends), k = poses, capsules, corners.shape[2]
         given = read(X, (len(X), LINKS, 4, 4)), indices(at, (2, k), len(X)), indices(frames, (k,), LINKS)

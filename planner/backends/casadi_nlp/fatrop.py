@@ -19,7 +19,7 @@ from __future__ import annotations
 import ctypes
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
@@ -31,7 +31,7 @@ from planner.backends.casadi_nlp import codegen
 from planner.backends.casadi_nlp.functions import KINDS, evaluate, first_result
 from planner.backends.casadi_nlp.layout import COST, NU, SHARED, TIME, StageLayout, Vector, object_of
 from planner.backends.casadi_nlp.symbols import FORMULAS
-from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, RowIndex, transcription
+from planner.backends.casadi_nlp.transcription import ALL_SHARED, Indices, Iterates, RowIndex, transcription
 
 ROWS_MAX, OBJECTS_MAX = 64, 2  # [-] of a block, and whose states there may be, as in launch.c
 RESTORATIONS, ANY_NUMBER = "restorations", 1 << 30  # iterations in which the cost may be left aside; without a limit
@@ -303,42 +303,6 @@ def _least_within(slope: Vector, values: Vector, lower: Vector, upper: Vector) -
     return float(slope[bounded] @ (end - values)[bounded])
 
 
-class _Iterates(ca.Callback):
-    """A casadi function (x, weight of the cost, multipliers) -> x that notes what it is called with.
-
-    Attributes:
-        seen: the arguments, in order.
-    """
-
-    def __init__(self, variables: int, rows: int) -> None:
-        ca.Callback.__init__(self)
-        self.seen: list[tuple[Vector, float, Vector]] = []
-        self._sizes = variables, 1, rows
-        self.construct("iterates", {})
-
-    def get_n_in(self) -> int:
-        """Number of arguments."""
-        return 3
-
-    def get_n_out(self) -> int:
-        """Number of results."""
-        return 1
-
-    def get_sparsity_in(self, i: int) -> Any:
-        """Shape of an argument."""
-        return ca.Sparsity.dense(self._sizes[i], 1)
-
-    def get_sparsity_out(self, i: int) -> Any:
-        """Shape of the result."""
-        return ca.Sparsity.dense(self._sizes[0], 1)
-
-    def eval(self, arg: Sequence[Any]) -> list[Any]:
-        """Notes the arguments and returns the first."""
-        x, weight, multipliers = (np.array(each, float).ravel() for each in arg)
-        self.seen.append((x, float(weight[0]), multipliers))
-        return [arg[0]]
-
-
 def solve_by_ipopt(stages: StageLayout, arguments: Arguments) -> tuple[Vector, dict[str, Any]]:
     """Returns the variables that IPOPT comes to, and its statistics."""
     return first_result(_ipopt(stages), arguments)
@@ -355,7 +319,7 @@ def _pattern(arguments: Arguments) -> bytes:
 @lru_cache(maxsize=PATTERNS_KEPT)
 def _fatrop(
     stages: StageLayout, pattern: bytes, options: tuple[tuple[str, float], ...]
-) -> tuple[Any, Mapping[str, Any], _Iterates]:
+) -> tuple[Any, Mapping[str, Any], Iterates]:
     """Returns the solver for one pattern of fixed, bounded and free variables and rows, with fatrop's options.
 
     With it come the problem's functions of the variables stage by stage, and the iterations of the last call.
@@ -370,7 +334,7 @@ def _fatrop(
     states = [index.states(k) for k in range(n + 1)]
     structure = {"structure_detection": "manual", "N": n, "nx": states, "nu": [NU] * n + [0]}
     settings = {**structure, "ng": index.per_stage, "fatrop": dict(options)}
-    iterates = _Iterates(index.variables, index.size)
+    iterates = Iterates(index.variables, index.size)
     x, p, of_cost, of_rows = inputs = functions["hess_l"].mx_in()
     noted = ca.Function("noted", inputs, functions["hess_l"].call([iterates(x, of_cost, of_rows), p, of_cost, of_rows]))
     return _nlpsol("fatrop", {**functions, "hess_l": noted}, roles, settings), functions, iterates

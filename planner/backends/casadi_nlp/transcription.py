@@ -29,6 +29,7 @@ from planner.backends.casadi_nlp.layout import (
     NZ,
     OF_THE_OBJECT,
     StageLayout,
+    Vector,
     group_of,
     object_of,
 )
@@ -325,3 +326,39 @@ def _lagrangian(index: RowIndex, x: MX, p: MX, lam_f: MX, lam_g: MX) -> tuple[MX
     positions = (np.concatenate(rows), np.concatenate(columns))
     matrix = _matrix(positions, stacked, index.variables, index.variables)
     return ca.densify(gradient), matrix
+
+
+class Iterates(ca.Callback):
+    """A casadi function (x, weight of the cost, multipliers) -> x that notes what it is called with.
+
+    Attributes:
+        seen: the arguments, in order.
+    """
+
+    def __init__(self, variables: int, rows: int) -> None:
+        ca.Callback.__init__(self)
+        self.seen: list[tuple[Vector, float, Vector]] = []
+        self._sizes = variables, 1, rows
+        self.construct("iterates", {})
+
+    def get_n_in(self) -> int:
+        """Number of arguments."""
+        return 3
+
+    def get_n_out(self) -> int:
+        """Number of results."""
+        return 1
+
+    def get_sparsity_in(self, i: int) -> Any:
+        """Shape of an argument."""
+        return ca.Sparsity.dense(self._sizes[i], 1)
+
+    def get_sparsity_out(self, i: int) -> Any:
+        """Shape of the result."""
+        return ca.Sparsity.dense(self._sizes[0], 1)
+
+    def eval(self, arg: Sequence[Any]) -> list[Any]:
+        """Notes the arguments and returns the first."""
+        x, weight, multipliers = (np.array(each, float).ravel() for each in arg)
+        self.seen.append((x, float(weight[0]), multipliers))
+        return [arg[0]]
