@@ -52,8 +52,9 @@ def report_landing(
     if body.source in OWN_SOURCES:
         raise invalid_field("source", f"{body.source!r} is what the executor of a simulated cell reports")
     row = find_execution(service, id)
-    _check_reportable(service, row, id)
-    _check_place(_cell_of(service, row), body.position or [])
+    cell = _cell_of(service, row)
+    _check_reportable(cell, row, id)
+    _check_place(cell, body.position or [])
     try:
         landing = service.store.add_landing(
             new_id(),
@@ -91,7 +92,7 @@ def _created(row: LandingRow | None) -> JSONResponse:
     return JSONResponse(landing_document(row), 201, {"Location": f"/executions/{row.execution_id}/landing"})
 
 
-def _check_reportable(service: Service, row: ExecutionRow, id: str) -> None:
+def _check_reportable(cell: Cell | None, row: ExecutionRow, id: str) -> None:
     """Refuses the landing of an execution that threw nothing, and `latest` on a real arm.
 
     Raises:
@@ -102,7 +103,6 @@ def _check_reportable(service: Service, row: ExecutionRow, id: str) -> None:
         raise ProblemDetails("nothing-thrown", f"execution {row.id} is {row.outcome or row.state}: nothing was thrown")
     if row.metrics is not None and not row.metrics.get("released"):
         raise ProblemDetails("nothing-thrown", f"in execution {row.id} the gripper was not commanded to open")
-    cell = _cell_of(service, row)
     if id == "latest" and (cell is None or cell.link.kind != "sim"):
         raise ProblemDetails("forbidden", "on a real arm a landing is reported by the execution's own id, not 'latest'")
 

@@ -166,39 +166,37 @@ def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: 
 
 def _with_rest(problem: ThrowProblem, x: Vector, box: Box) -> Vector:
     """Returns points (n, 3), and where the centre is once the object lies on its target beside the box."""
-    heights = _heights_below_target(problem)
-    if not isinstance(problem.release, TargetRelease) or box.upper[2] <= problem.plane_z + CARRIES_M or not heights:
+    height = _height_below_target(problem)
+    if height is None or not isinstance(problem.release, TargetRelease) or box.upper[2] <= problem.plane_z + CARRIES_M:
         return x
     target = problem.release.p_W - problem.aim_shift
-    return np.concatenate([x, [[*target[:2], max(heights) + problem.cell.object.radius_m]]])
+    return np.concatenate([x, [[*target[:2], height + problem.cell.object.radius_m]]])
 
 
-def _heights_below_target(problem: ThrowProblem) -> list[float]:
-    """Returns the height of what the target is over [m], if it is its own or less than the object's radius below.
-
-    That of the highest; none in the air.
-    """
+def _height_below_target(problem: ThrowProblem) -> float | None:
+    """Returns the height of what the target is on [m], the highest less than the object's radius below; None in air."""
     around, release, plane_z = problem.cell.surroundings, problem.release, problem.plane_z
     found = [min(around.floor_z_m, plane_z)] if plane_z - problem.cell.object.radius_m < around.floor_z_m else []
-    if not isinstance(release, TargetRelease):
-        return found
-    tops = [(float(box.upper[2]), _is_over(release.p_W[None], box)[0]) for box in around.keep_out]
-    found += [top for top, is_below in tops if is_below and -problem.cell.object.radius_m < top - plane_z <= CARRIES_M]
-    return [max(found)] if found else []
+    if isinstance(release, TargetRelease):
+        tops = [float(box.upper[2]) for box in around.keep_out if _is_over(release.p_W[None], box)[0]]
+        found += [top for top in tops if -problem.cell.object.radius_m < top - plane_z <= CARRIES_M]
+    return max(found, default=None)
 
 
 def _first_contact(problem: ThrowProblem, x: Vector) -> int:
-    """Returns how many instants of a path (n, 3) are before the sphere touches what the target is over.
+    """Returns how many instants of a path (n, 3) are before the sphere touches what the target is on.
 
     Another box that is as high may be part of the same table.
     """
     around, landed, radius = problem.cell.surroundings, np.zeros(len(x), bool), problem.cell.object.radius_m
-    for height in _heights_below_target(problem):
-        surfaces = [(height, np.full(len(x), height <= around.floor_z_m + CARRIES_M))]
-        surfaces += [(top, _is_over(x, b)) for b in around.keep_out if abs((top := b.upper[2]) - height) <= LEVEL_M]
-        for top, is_over in surfaces:
-            falls = (np.arange(len(x)) >= int(x[:, 2].argmax())) & (x[:, 2].max() >= top + radius)
-            landed |= falls & (x[:, 2] < top + radius) & is_over
+    height = _height_below_target(problem)
+    if height is None:
+        return len(x)
+    surfaces = [(height, np.full(len(x), height <= around.floor_z_m + CARRIES_M))]
+    surfaces += [(top, _is_over(x, b)) for b in around.keep_out if abs((top := b.upper[2]) - height) <= LEVEL_M]
+    falls = np.arange(len(x)) >= int(x[:, 2].argmax())
+    for top, is_over in surfaces:
+        landed |= falls & (x[:, 2].max() >= top + radius) & (x[:, 2] < top + radius) & is_over
     if isinstance(problem.release, TargetRelease) and problem.release.opening is not None:  # within the bin's wall
         landed &= np.linalg.norm(x[:, :2] - problem.release.p_W[:2], axis=1) < problem.release.opening.radius_m
     return int(landed.argmax()) if landed.any() else len(x)

@@ -51,7 +51,7 @@ def misfit(cell: Cell, p: Array) -> Misfit | None:
 def _beside_box(box: Box, name: str, p: Array, centre: Array, radius: float) -> Misfit:
     """Returns how far a target is from where the object fits: beside a box, on top of it, or below it.
 
-    Negative where it fits, or where the box may carry it: that has no room to offer over it.
+    Negative where it fits, as it does over a box that ends at the target or below it.
     """
     sideways = float(footprint(box).depth(p))
     up, below = float(box.upper[2] - p[2]), float(box.lower[2] - p[2])

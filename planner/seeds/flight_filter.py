@@ -97,8 +97,7 @@ def _room_beside_lower_box(box: Box, arcs: Arcs, whole: Arcs) -> Array:
     """
     shares = LAST_SHARES.reshape(-1, *[1] * whole.until_s.ndim)
     x = whole.at(arcs.until_s + shares * np.maximum(whole.until_s - arcs.until_s, 0.0))
-    apart = x - np.clip(x, box.lower, box.upper)
-    room = np.linalg.norm(apart, axis=-1).min(axis=0) - arcs.radius_m
+    room = segment_box_distance(x, x, box.lower, box.upper).min(axis=0) - arcs.radius_m
     return np.where(whole.until_s > arcs.until_s, room, np.inf)
 
 
