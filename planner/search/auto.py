@@ -236,25 +236,23 @@ def load_optimiser(search: PlanningSearch) -> float:
 def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, stage: Stage) -> bool:
     """Optimises from one candidate; returns whether a motion was certified.
 
-    Each solve has the iterations left until `search.iterations` reach `end`, and `SOLVE_ITERATIONS` in any case. After
-    failed checks it solves again from that motion, with wider margins; where the checks failed between coarse stages,
-    from the start on finer stages.
+    After failed checks it solves again with wider margins, from that motion, or where that leads nowhere from the
+    candidate's own seed; where the checks failed between coarse stages, from that seed on finer stages.
     """
     margins = replace(casadi_nlp.DEFAULT_MARGINS, held=search.held)
     first = SolveOptions(
         margins, deadline_s=search.deadline_s, with_ipopt=stage.with_ipopt, latest_s=search.latest_useful_s
     )
-    seed, options = ranked.seed, first
+    seeds, options = (ranked.seed,), first
     for _ in range(ROUNDS_MAX):
-        left = max(end - search.iterations, SOLVE_ITERATIONS)
-        solution = _solve(search, seed, replace(options, iteration_budget=left))
+        solution = _solve_from_any(search, seeds, options, end)
         found = search.certify("casadi", solution)
         if found.is_valid:
             return True
         certificate = found.certificate
         if _needs_finer_stages(search.problem, options, certificate.failures):
             held = margins.holding(certificate.failures, solution)
-            seed, options = ranked.seed, replace(first, resolution="fine", margins=held)
+            seeds, options = (ranked.seed,), replace(first, resolution="fine", margins=held)
             continue
         if not _has_remedy(search.problem, certificate.failures):
             return False
@@ -264,7 +262,8 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, st
         wider = options.margins.widened(certificate.failures, solution, cuts, beyond_rad, speed)
         if wider is None:
             return False
-        seed, options = Seed(ranked.candidate, solution.trajectory), replace(options, margins=wider)
+        seeds = Seed(ranked.candidate, solution.trajectory), ranked.seed
+        options = replace(options, margins=wider)
     return False
 
 
@@ -306,6 +305,24 @@ def _flight_cuts(
         return ()
     times = problem.release_speed_factor * met.flight_time_s  # as of an object with the tool's velocity, the formulas'
     return casadi_nlp.flight_cuts(times, met.direction, met.offset_m)
+
+
+def _solve_from_any(search: PlanningSearch, seeds: Sequence[Seed], options: SolveOptions, end: int) -> Solution:
+    """Returns the optimiser's motion from the first seed that leads to one, until it is clear that it is too late.
+
+    Each solve has the iterations left until `search.iterations` reach `end`, and `SOLVE_ITERATIONS` in any case.
+    """
+    for seed in seeds[:-1]:
+        try:
+            return _solve(search, seed, _with_budget(search, options, end))
+        except casadi_nlp.SeedFailed as error:
+            if error.is_late:
+                raise
+    return _solve(search, seeds[-1], _with_budget(search, options, end))
+
+
+def _with_budget(search: PlanningSearch, options: SolveOptions, end: int) -> SolveOptions:
+    return replace(options, iteration_budget=max(end - search.iterations, SOLVE_ITERATIONS))
 
 
 def _solve(search: PlanningSearch, seed: Seed, options: SolveOptions) -> Solution:

@@ -247,6 +247,32 @@ def test_a_remedy_has_iterations_where_its_stage_has_none_left(solves):
     assert search.incumbent is not None
 
 
+@pytest.mark.parametrize("is_late", [False, True])
+def test_a_remedy_that_fails_from_the_motion_is_begun_from_the_candidates_own_seed(monkeypatch, is_late):
+    """With the same margins; but not where the motion would only come too late."""
+    given, solve = [], casadi_nlp.solve
+
+    def failing_from_motions(problem, seed, options):
+        given.append((seed, options))
+        if len(given) == 2:
+            raise casadi_nlp.SeedFailed("gave up", 100, frozenset(), is_late)
+        return solve(problem, seed, options)
+
+    monkeypatch.setattr(casadi_nlp, "solve", failing_from_motions)
+    search = PlanningSearch(BESIDE_THE_OPENING, time.perf_counter() + 60.0)
+    stages = [replace(stage, candidates=slice(0, 1)) for stage in POLICY if stage.purpose == "soonest seeds"]
+    search_optimised(search, Ranking(search.problem, candidates(search.problem)), stages)
+    (first, _), (from_motion, wider), *others = given
+    assert from_motion.initial_guess is search.rejected[0].solution.trajectory
+    assert (search.incumbent is None) == is_late
+    if is_late:
+        assert not others
+        return
+    own, options = others[0]
+    assert own is first
+    assert options.margins == wider.margins
+
+
 CLOSE_TO_ITSELF = ThrowProblem(
     (ur5 := cell("ur5-sim")),
     start=np.array([-1.246, -1.047, 0.232, -1.692, -1.337, -0.051]),
