@@ -209,7 +209,7 @@ LEAVING_STAGES = 1  # stages after the release (or its window), 20 to 40 ms, in 
 OUT_STAGES = 2  # the same where its way out is followed, until it is out
 LAST = "_last"  # suffix of the blocks of the object of a window's last release, which have the functions of the others
 OF_THE_OBJECT = ("thrown", "carried")  # blocks whose rows are the object's next state; with `LAST`, the last one's
-# Groups of rows left out until a solution violates them, at knots and (but for four from "grip" on) at middles.
+# Groups of rows left out until a solution violates them, at knots and, but for three from "flight" on, at middles.
 LAZY_GROUPS = ("effort", "clearance", "keep_out", "grip", "flight", "standing", "leaving", "passing")
 
 
@@ -285,6 +285,7 @@ class StageLayout:
             "leaving": range(self.launch - self.window, min(released + OUT_STAGES, self.stages)),
             "leaving_last": range(released, min(released + OUT_STAGES, self.stages)),
             "grip": range(1, released + 1),
+            "grip_middle": range(released),
             "passing": range(released + 1, self.stages),
             "passing_middle": range(released, self.stages),
             "passing_at_rest": range(self.stages, self.stages + 1),

@@ -273,6 +273,19 @@ def test_a_remedy_that_fails_from_the_motion_is_begun_from_the_candidates_own_se
     assert options.margins == wider.margins
 
 
+def test_a_weak_gripper_throws_as_soon_as_with_a_release_window():
+    """A throw without a window was refused, as the grip held too much between the knots of every motion."""
+    here = cell()
+    weak = replace(here, gripper=replace(here.gripper, hold_acceleration_m_s2=np.array([12.0])))
+    released = []
+    for window_s, tolerance_m in ((0.0, 0.0), (0.005, 0.02)):
+        problem = target_problem(cell=weak, release_window_s=window_s, landing_tolerance_m=tolerance_m)
+        search = PlanningSearch(replace(problem, release=TargetRelease(np.array([1.2, 0.3, 0.0]))), math.inf)
+        search_optimised(search, Ranking(search.problem, candidates(search.problem)))
+        released.append(search.release_time_s)
+    assert released[0] <= released[1] < np.inf
+
+
 CLOSE_TO_ITSELF = ThrowProblem(
     (ur5 := cell("ur5-sim")),
     start=np.array([-1.246, -1.047, 0.232, -1.692, -1.337, -0.051]),

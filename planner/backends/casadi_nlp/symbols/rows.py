@@ -347,6 +347,7 @@ FORMULAS: dict[str, BlockFormula] = {
     "keep_out": _at_knot(keep_out, "arm", "boxes", curved=False),
     "keep_out_middle": _in_middle(keep_out, "arm", "boxes", curved=False),
     "grip": _at_knot(grip, "arm"),
+    "grip_middle": _in_middle(grip, "arm"),
     "singularity": _at_knot(singularity, "arm"),
     "singularity_middle": _in_middle(singularity, "arm"),
     "release": _at_knot(release, "arm", "release"),
