@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from itertools import combinations
+from collections.abc import Iterator
+from itertools import product, takewhile
 from typing import NamedTuple
 
 import numpy as np
 
-from planner.arrays import Array
+from planner.arrays import Array, Mask
 from planner.cell import CONTACT_M, Box, Cell
 
 LEVEL_M = 0.001  # [m] tops that differ by less are one surface: no table is more level
-ROUNDS = 16  # [-] of joining; each doubles how many boxes a rectangle may lie on
 
 
 class Surface(NamedTuple):
@@ -39,50 +39,74 @@ def landing_surfaces(cell: Cell, p: Array) -> tuple[Surface, ...]:
     The tops of boxes that are about as high and adjoin are one surface, and so is each rectangle within it.
     """
     around, lowest = cell.surroundings, float(p[2]) - cell.object.radius_m
-    found = _joined([footprint(box) for box in around.keep_out if lowest < box.upper[2] <= p[2] + CONTACT_M])
+    tops = [footprint(box) for box in around.keep_out if lowest < box.upper[2] <= p[2] + CONTACT_M]
+    under = [top.height_m for top in tops if top.depth(p) >= 0.0]
+    found = _joined([top for top in tops if abs(top.height_m - max(under)) <= LEVEL_M], p) if under else []
     if lowest < around.floor_z_m:  # also of a place below it
         height_m = min(around.floor_z_m, float(p[2]))
         found.append(Surface(np.full(2, -np.inf), np.full(2, np.inf), height_m))
-    below = [surface for surface in found if surface.depth(p) >= 0.0]
-    highest_m = max((surface.height_m for surface in below), default=np.inf)
-    return tuple(surface for surface in below if surface.height_m > highest_m - LEVEL_M)
+    highest_m = max((surface.height_m for surface in found), default=np.inf)
+    return tuple(surface for surface in found if surface.height_m > highest_m - LEVEL_M)
 
 
-def _joined(tops: list[Surface]) -> list[Surface]:
-    """Returns the largest rectangles that lie on the tops of boxes, on one or on more."""
-    found = _largest(tops)
-    for _ in range(ROUNDS):
-        larger = _largest(found + [each for pair in combinations(found, 2) for each in _across(*pair)])
-        if len(larger) == len(found) and all(any(each is one for one in found) for each in larger):
-            break
-        found = larger
+def _joined(tops: list[Surface], p: Array) -> list[Surface]:
+    """Returns the largest rectangles over a place `p` (3,) that lie on the tops of boxes, on one or on more.
+
+    The edges of all tops part the plane into cells, which are covered or not.
+    """
+    x, y = (_edges(np.array([[top.lower[axis], top.upper[axis]] for top in tops])) for axis in (0, 1))
+    covered = np.zeros((len(x) - 1, len(y) - 1), bool)
+    for top in tops:
+        covered[_between(x, top.lower[0], top.upper[0]), _between(y, top.lower[1], top.upper[1])] = True
+    around = [_largest_around(covered, i, j) for i, j in product(_at(x, p[0]), _at(y, p[1])) if covered[i, j]]
+    found = []
+    for first, last, least, most in dict.fromkeys(each for rectangles in around for each in rectangles):
+        lower, upper = np.array([x[first], y[least]]), np.array([x[last + 1], y[most + 1]])
+        heights = [top.height_m for top in tops if _overlaps(top, lower, upper)]
+        found.append(Surface(lower, upper, max(heights)))
     return found
 
 
-def _largest(surfaces: list[Surface]) -> list[Surface]:
-    """Returns the surfaces without those that lie within another one."""
-    found: list[Surface] = []
-    for surface in surfaces:
-        if not any(_contains(one, surface) for one in found):
-            found = [one for one in found if not _contains(surface, one)] + [surface]
-    return found
+def _overlaps(top: Surface, lower: Array, upper: Array) -> bool:
+    return bool((top.lower < upper - CONTACT_M).all() and (top.upper > lower + CONTACT_M).all())
 
 
-def _across(first: Surface, second: Surface) -> list[Surface]:
-    """Returns the rectangles that reach from one surface to another that is as high and adjoins, as wide as both."""
-    low, high = np.maximum(first.lower, second.lower), np.minimum(first.upper, second.upper)
-    if abs(first.height_m - second.height_m) > LEVEL_M or (low > high + CONTACT_M).any():
-        return []
-    height_m = max(first.height_m, second.height_m)
-    least, most, found = np.minimum(first.lower, second.lower), np.maximum(first.upper, second.upper), []
-    for along in (np.array([True, False]), np.array([False, True])):
-        if high[~along] > low[~along]:
-            found.append(Surface(np.where(along, least, low), np.where(along, most, high), height_m))
-    return found
+def _edges(ends: Array) -> Array:
+    """Returns the increasing places (n,) at which rectangles with `ends` (k, 2) end; those that adjoin meet in one."""
+    every = np.unique(ends)
+    return every[np.append(True, np.diff(every) > CONTACT_M)]
 
 
-def _contains(one: Surface, other: Surface) -> bool:
-    """Returns whether a surface has all points of another."""
-    return bool((one.lower <= other.lower).all() and (one.upper >= other.upper).all()) and (
-        0.0 <= one.height_m - other.height_m <= LEVEL_M
-    )
+def _between(edges: Array, lower: float, upper: float) -> slice:
+    """Returns the intervals between `edges` (n,) from one to another."""
+    first, last = np.searchsorted(edges, [lower, upper], side="right") - 1
+    return slice(int(first), int(last))
+
+
+def _at(edges: Array, place: float) -> range:
+    """Returns the intervals between `edges` (n,) that a place is in: two at an edge."""
+    place = min(max(place, edges[0]), edges[-1])
+    first, last = (int(np.searchsorted(edges, place, side=side)) for side in ("left", "right"))
+    return range(max(first - 1, 0), min(last, len(edges) - 1))
+
+
+def _largest_around(covered: Mask, i: int, j: int) -> Iterator[tuple[int, int, int, int]]:
+    """Yields the largest rectangles of `covered` cells (m, n) around cell i, j: first and last row and column.
+
+    For every range of rows it is as wide as the narrowest of them, and not the largest if a further row is as wide.
+    """
+    widths: dict[tuple[int, int], tuple[int, int]] = {}
+    for first in takewhile(lambda row: covered[row, j], range(i, -1, -1)):
+        for last in takewhile(lambda row: covered[row, j], range(i, len(covered))):
+            least, most = _span(covered[first if last == i else last], j)
+            known = widths.get((first, last - 1) if last > i else (first + 1, last), (least, most))
+            widths[first, last] = max(least, known[0]), min(most, known[1])
+    for (first, last), width in widths.items():
+        if width not in (widths.get((first - 1, last)), widths.get((first, last + 1))):
+            yield first, last, *width
+
+
+def _span(row: Mask, j: int) -> tuple[int, int]:
+    """Returns the first and the last of the covered columns of a `row` (n,) that are one piece with column j."""
+    before, after = np.flatnonzero(~row[:j]), np.flatnonzero(~row[j:])
+    return int(before[-1]) + 1 if len(before) else 0, j + int(after[0]) - 1 if len(after) else len(row) - 1

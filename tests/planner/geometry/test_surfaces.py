@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from planner.geometry import landing_surfaces
 from tests.planner.problems import cell, with_boxes
@@ -45,6 +46,14 @@ def test_a_table_of_many_tiles_is_one_surface() -> None:
     tiles = [([0.1 * i, 0.1 * j, 0.0], [0.1 * (i + 1), 0.1 * (j + 1), HEIGHT_M]) for i in range(8) for j in range(8)]
     (surface,) = landing_surfaces(with_boxes(cell(), *tiles), np.array([0.35, 0.4, HEIGHT_M]))
     np.testing.assert_allclose([surface.lower, surface.upper], [[0.0, 0.0], [0.8, 0.8]])
+
+
+def test_tops_are_level_with_the_one_under_the_place_not_from_one_to_the_next() -> None:
+    """Steps of 0.9 mm: the second one is as high as the first, to a millimetre, the third is not."""
+    steps = [([0.1 * i, 0.0, 0.0], [0.1 * (i + 1), 1.0, HEIGHT_M - 0.0009 * (11 - i)]) for i in range(12)]
+    (surface,) = landing_surfaces(with_boxes(cell(), *steps), np.array([0.05, 0.5, HEIGHT_M]))
+    np.testing.assert_allclose([surface.lower, surface.upper], [[0.0, 0.0], [0.2, 1.0]])
+    assert surface.height_m == pytest.approx(HEIGHT_M - 0.009)
 
 
 def test_the_highest_surface_counts_within_a_radius_below_the_target() -> None:
