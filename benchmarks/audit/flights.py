@@ -254,6 +254,7 @@ def _bin(problem: ThrowProblem, x: Vector, slack: float) -> list[AuditFault]:
     passed = np.diff(off > inner) & beside[:-1] & beside[1:]  # of a point the gap is 0 there
     gap = (-np.abs(np.diff(off))[passed]).min(initial=gap)
     found = under("flight_clearance", "flight through the bin's wall", float(gap), 0.0, slack, "m")
+    found += _through_bottom(x, release.p_W, inner)
     if len(falls):
         share = (x[last - 1, 2] - rim) / (x[last - 1, 2] - x[last, 2])
         entry = np.linalg.norm((x[last - 1] + share * (x[last] - x[last - 1]))[:2] - release.p_W[:2])
@@ -265,6 +266,14 @@ def _bin(problem: ThrowProblem, x: Vector, slack: float) -> list[AuditFault]:
             AuditFault("bin_mouth", "never passes the bin's mouth, ends at a height", float(x[-1, 2]), rim, "m")
         )
     return found
+
+
+def _through_bottom(x: Vector, bottom: Vector, radius_m: float) -> list[AuditFault]:
+    """Returns whether centres come up through a bin's bottom, within its wall."""
+    above, inside = x[:, 2] >= bottom[2], np.linalg.norm(x[:, :2] - bottom[:2], axis=1) < radius_m
+    rises = np.flatnonzero(~above[:-1] & above[1:] & inside[:-1] & inside[1:])
+    text = "comes up through the bin's bottom, from"
+    return [AuditFault("bin_mouth", text, float(x[k, 2]), float(bottom[2]), "m") for k in rises[:1]]
 
 
 class _Arm:

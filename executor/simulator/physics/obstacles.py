@@ -70,7 +70,7 @@ class SolidBox:
 
 @dataclass(frozen=True)
 class RoundBin:
-    """A bin that is open upwards: a thin upright wall around a bottom.
+    """A bin that is open upwards: a thin upright wall around a thin bottom.
 
     Attributes:
         bottom: centre of the bottom in the world [m].
@@ -83,12 +83,14 @@ class RoundBin:
     rim_height_m: float
 
     def gap(self, p: Point, radius: float) -> float:
-        """Returns the distance of a sphere around `p` from the wall [m]."""
-        above = max(p[2] - self.bottom[2] - self.rim_height_m, self.bottom[2] - p[2], 0.0)
-        return math.hypot(self._from_axis(p) - self.radius_m, above) - radius
+        """Returns the distance of a sphere around `p` from the wall, or below the bottom from that [m]."""
+        aside, below = self._from_axis(p) - self.radius_m, self.bottom[2] - p[2]
+        if below > 0.0:
+            return math.hypot(max(aside, 0.0), below) - radius
+        return math.hypot(aside, max(-below - self.rim_height_m, 0.0)) - radius
 
     def contact(self, p: Point) -> Contact:
-        """Returns the contact: the wall's inside lets an object fall to the bottom, rim and outside stop it."""
+        """Returns the contact: the wall's inside lets an object fall to the bottom, all else stops it."""
         return Contact(BIN, self.bottom[2]) if self.encloses(p) else Contact(BIN_WALL)
 
     def encloses(self, p: Point) -> bool:

@@ -84,7 +84,7 @@ def flight_clearance(motion: MotionSamples) -> Check | None:
         return at_least(name, math.nan, 0.0, "m", flights.released_s, "never lands")
     if problem.misfit is not None:
         return at_least(name, -problem.misfit.lacking_m, 0.0, "m", flights.end[1], problem.misfit.name)
-    found = _least_gap(flights)
+    found = _released_under_bin(flights) or _least_gap(flights)
     value = max(found.value, 0.0) if found.proven else found.value
     return at_least(name, value, 0.0, "m", found.at_s, found.obstacle).provided(found.proven)
 
@@ -97,6 +97,20 @@ class LeastGap:
     at_s: float
     obstacle: str
     proven: bool
+
+
+def _released_under_bin(flights: Flights) -> LeastGap | None:
+    """Returns by how much a release is below the bin's bottom and within its wall, None where none is."""
+    if flights.opening is None:
+        return None
+    motion, t, p = flights.motion, np.array([flights.released_s]), flights.nominal[0][:, None]
+    if flights.window_s > 0.0:
+        t, p = motion.in_window.t, motion.in_window.p_WT
+    room = np.where(flights.from_mouth(p)[0] > 0.0, p[2] - motion.problem.plane_z, np.inf)
+    worst = int(room.argmin())
+    if room[worst] >= 0.0:
+        return None
+    return LeastGap(float(room[worst]) - flights.radius_m, float(t[worst]), "rim", proven=False)
 
 
 def _least_gap(flights: Flights) -> LeastGap:

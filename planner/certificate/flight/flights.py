@@ -191,15 +191,17 @@ class Flights:
         return release.p_W[:2]
 
     def nearest_on_wall(self, x: Array) -> Array:
-        """Returns the points of the bin's wall nearest to `x` (3, ...) [m]; infinitely far where there is no bin."""
+        """Returns the points of the bin's wall nearest to `x` (3, ...) [m]; infinitely far where there is no bin.
+
+        The wall goes on below the bottom: what comes from there would pass through the bottom.
+        """
         if self.opening is None:
             return np.full_like(x, np.inf)
-        x0, y0, bottom = *self.axis, self.motion.problem.plane_z
+        (x0, y0), rim = self.axis, self.motion.problem.plane_z + self.opening.rim_height_m
         rho = np.hypot(x[0] - x0, x[1] - y0)
         off, length = rho > TINY_M, np.maximum(rho, TINY_M)
         out_x, out_y = np.where(off, (x[0] - x0) / length, 1.0), np.where(off, (x[1] - y0) / length, 0.0)
-        height = np.clip(x[2], bottom, bottom + self.opening.rim_height_m)
-        return np.stack([x0 + self.opening.radius_m * out_x, y0 + self.opening.radius_m * out_y, height])
+        return np.stack([x0 + self.opening.radius_m * out_x, y0 + self.opening.radius_m * out_y, np.minimum(x[2], rim)])
 
     def from_mouth(self, x: Array) -> tuple[Array, Array]:
         """Returns how far within the bin's wall and how high above its mouth points (3, ...) are [m]."""

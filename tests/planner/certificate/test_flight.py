@@ -330,6 +330,15 @@ def test_no_flight_lands_beside_its_bin(on_floor):
     assert certify(replace(problem, cell=stands), trajectory).check("flight_clearance").ok
 
 
+@pytest.mark.parametrize("radius_m", [0.3, 0.6])
+def test_no_flight_comes_through_the_bottom_of_a_bin(radius_m):
+    """From beside the bin and from below it: past the mouth's edge it would fall in all the same."""
+    problem, trajectory = throw(cell("ur3e-sim"), [0.3, 0.1, 0.8], Opening(radius_m, 0.02))
+    check = certify(problem, trajectory).check("flight_clearance")
+    assert (check.ok, check.detail) == (False, "rim")
+    assert check.value < -0.015
+
+
 @pytest.mark.parametrize("rim_height_m", [0.1, 0.3])
 def test_the_sphere_enters_a_bin_with_its_radius_to_spare(rim_height_m):
     """The smallest mouth that is certified is the one that dense samples find."""

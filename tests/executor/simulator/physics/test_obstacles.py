@@ -103,6 +103,15 @@ def test_an_object_that_enters_the_mouth_lands_on_the_bottom(dt: float, rim_heig
     np.testing.assert_allclose(landing["position_m"], at(state, t), atol=1e-6)
 
 
+@pytest.mark.parametrize("dt", [0.002, 0.008])
+def test_the_bottom_of_a_bin_stops_an_object_from_below(dt: float):
+    raised = RoundBin((1.0, 0.0, 0.5), 0.15, 0.05)
+    state = (0.9, 0.0, 0.2, 0.1, 0.0, 3.5)  # without the bottom it would rise out of the mouth and fall into it
+    landing = landed(state, bin=raised, dt=dt)
+    assert landing["surface"] == "bin wall"
+    assert landing["position_m"][2] == pytest.approx(0.5 - RADIUS, abs=1e-3)
+
+
 def test_the_inside_of_a_bin_lets_an_object_fall_to_the_bottom():
     state = (0.6, 0.0, 0.6, 1.3, 0.0, 1.0)  # in at the near side, against the far side
     wall = BIN.bottom[0] + BIN.radius_m - RADIUS
