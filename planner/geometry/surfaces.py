@@ -38,7 +38,7 @@ def landing_surfaces(cell: Cell, p: Array) -> tuple[Surface, ...]:
     That is the highest surface over which the place is, if it is at its height or less than the object's radius below.
     The tops of boxes that are about as high and adjoin are one surface, and so is each rectangle within it.
     """
-    around, lowest = cell.surroundings, float(p[2]) - cell.object.radius_m
+    around, lowest = cell.surroundings, float(p[2]) - max(cell.object.radius_m, CONTACT_M)
     tops = [footprint(box) for box in around.keep_out if lowest < box.upper[2] <= p[2] + CONTACT_M]
     under = [top.height_m for top in tops if top.depth(p) >= 0.0]
     found = _joined([top for top in tops if abs(top.height_m - max(under)) <= LEVEL_M], p) if under else []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 from unittest.mock import Mock
 
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
+from benchmarks.problem_sets import build
 from planner.backends import ruckig_otg
 from planner.backends.casadi_nlp import DEFAULT_MARGINS, SeedFailed, SolveOptions, fatrop, layout, solve, solver
 from planner.backends.casadi_nlp.instance import Instance
@@ -176,7 +176,16 @@ def test_multipliers_of_zero_say_nothing(instance: Instance) -> None:
 
 
 def test_a_search_is_as_soon_with_calls_that_are_ended_as_without(monkeypatch: pytest.MonkeyPatch) -> None:
-    problem = replace(PROBLEMS["point"], start=CELL.home + np.array([1.5, -0.3, 0.4, 0.8, -0.5, 1.0]))
-    ended = plan(problem).trajectory
+    """A point from a random start; calls to two of its aspects are ended, or more."""
+    late, note = [], solver.Solver._note_lateness
+
+    def noting(self: solver.Solver, is_late: bool, what: str) -> None:
+        late.append(what)
+        note(self, is_late, what)
+
+    monkeypatch.setattr(solver.Solver, "_note_lateness", noting)
+    task = build("point-anywhere", 2, 0)[1]
+    ended = plan(task.problem).trajectory
+    assert sum(what.startswith("would release after") for what in late) > 1
     monkeypatch.setattr(solver.Solver, "_latest_scaled", lambda *_: math.inf)
-    assert plan(problem).trajectory.release_time_s == ended.release_time_s
+    assert plan(task.problem).trajectory.release_time_s == ended.release_time_s

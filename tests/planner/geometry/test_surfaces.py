@@ -56,6 +56,13 @@ def test_tops_are_level_with_the_one_under_the_place_not_from_one_to_the_next() 
     assert surface.height_m == pytest.approx(HEIGHT_M - 0.009)
 
 
+def test_a_point_without_a_radius_lands_on_a_top() -> None:
+    here = cell()
+    point = replace(here, object=replace(here.object, radius_m=0.0))
+    (top,) = landing_surfaces(with_boxes(point, ([0.8, -0.5, 0.0], [1.6, 0.5, 0.4])), np.array([1.2, 0.2, 0.4]))
+    assert top.height_m == 0.4
+
+
 def test_the_highest_surface_counts_within_a_radius_below_the_target() -> None:
     here = cell()
     here = replace(here, object=replace(here.object, radius_m=0.05))
