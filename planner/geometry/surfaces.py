@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import product, takewhile
+from itertools import chain, product
 from typing import NamedTuple
 
 import numpy as np
@@ -40,8 +40,9 @@ def landing_surfaces(cell: Cell, p: Array) -> tuple[Surface, ...]:
     """
     around, lowest = cell.surroundings, float(p[2]) - max(cell.object.radius_m, CONTACT_M)
     tops = [footprint(box) for box in around.keep_out if lowest < box.upper[2] <= p[2] + CONTACT_M]
-    under = [top.height_m for top in tops if top.depth(p) >= 0.0]
-    found = _joined([top for top in tops if abs(top.height_m - max(under)) <= LEVEL_M], p) if under else []
+    under_m = max((top.height_m for top in tops if top.depth(p) >= 0.0), default=np.inf)
+    level = [top for top in tops if abs(top.height_m - under_m) <= LEVEL_M]
+    found = _joined(level, p) if level else []
     if lowest < around.floor_z_m:  # also of a place below it
         height_m = min(around.floor_z_m, float(p[2]))
         found.append(Surface(np.full(2, -np.inf), np.full(2, np.inf), height_m))
@@ -60,7 +61,7 @@ def _joined(tops: list[Surface], p: Array) -> list[Surface]:
         covered[_between(x, top.lower[0], top.upper[0]), _between(y, top.lower[1], top.upper[1])] = True
     around = [_largest_around(covered, i, j) for i, j in product(_at(x, p[0]), _at(y, p[1])) if covered[i, j]]
     found = []
-    for first, last, least, most in dict.fromkeys(each for rectangles in around for each in rectangles):
+    for first, last, least, most in dict.fromkeys(chain.from_iterable(around)):
         lower, upper = np.array([x[first], y[least]]), np.array([x[last + 1], y[most + 1]])
         heights = [top.height_m for top in tops if _overlaps(top, lower, upper)]
         found.append(Surface(lower, upper, max(heights)))
@@ -95,18 +96,18 @@ def _largest_around(covered: Mask, i: int, j: int) -> Iterator[tuple[int, int, i
 
     For every range of rows it is as wide as the narrowest of them, and not the largest if a further row is as wide.
     """
+    top, bottom = _span(covered[:, j], i)
+    spans = np.array([_span(row, j) for row in covered[top : bottom + 1]])
     widths: dict[tuple[int, int], tuple[int, int]] = {}
-    for first in takewhile(lambda row: covered[row, j], range(i, -1, -1)):
-        for last in takewhile(lambda row: covered[row, j], range(i, len(covered))):
-            least, most = _span(covered[first if last == i else last], j)
-            known = widths.get((first, last - 1) if last > i else (first + 1, last), (least, most))
-            widths[first, last] = max(least, known[0]), min(most, known[1])
+    for first, last in product(range(top, i + 1), range(i, bottom + 1)):
+        least, most = spans[first - top : last - top + 1].T
+        widths[first, last] = int(least.max()), int(most.min())
     for (first, last), width in widths.items():
         if width not in (widths.get((first - 1, last)), widths.get((first, last + 1))):
             yield first, last, *width
 
 
-def _span(row: Mask, j: int) -> tuple[int, int]:
-    """Returns the first and the last of the covered columns of a `row` (n,) that are one piece with column j."""
-    before, after = np.flatnonzero(~row[:j]), np.flatnonzero(~row[j:])
-    return int(before[-1]) + 1 if len(before) else 0, j + int(after[0]) - 1 if len(after) else len(row) - 1
+def _span(covered: Mask, j: int) -> tuple[int, int]:
+    """Returns the first and the last of the `covered` cells (n,) of a row or column that are one piece with cell j."""
+    before, after = np.flatnonzero(~covered[:j]), np.flatnonzero(~covered[j:])
+    return int(before[-1]) + 1 if len(before) else 0, j + int(after[0]) - 1 if len(after) else len(covered) - 1

@@ -126,7 +126,9 @@ def _answer(instance: Instance, seed: Seed, options: SolveOptions, solver: Solve
     from planner.backends.casadi_nlp.answer import answer, solved
 
     guesses: list[Callable[[], Instance]] = [lambda: instance]
-    if instance.problem.is_robust and options.margins.are_default:  # with others, the seed's guess is a solution
+    if (
+        instance.problem.is_robust and options.margins.are_default
+    ):  # with others, the guess is a motion, or was one in vain
         guesses.append(lambda: _near_the_throw_without_window(instance, seed, options, solver))
         if not isinstance(instance.problem.release, TargetRelease):
             guesses.reverse()

@@ -150,8 +150,8 @@ class Solver:
     def _starts_with_brake(self, instance: Instance, arguments: Arguments) -> list[tuple[Instance, Arguments]]:
         """Returns the starts with rows that keep the brake off the flight: with a brake that is, then as it was.
 
-        It stays as it was where its guess has such a brake, and with wider margins, where the guess is a motion. There
-        is no start where no such brake is found.
+        It stays as it was where its guess has such a brake, and with wider margins, where the guess mostly is a motion.
+        There is no start where no such brake is found.
         """
         unchanged = [(instance, arguments)]
         if "passing" not in _violated_groups(instance, arguments):

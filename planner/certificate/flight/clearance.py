@@ -103,10 +103,8 @@ def _released_under_bin(flights: Flights) -> LeastGap | None:
     """Returns by how much a release is below the bin's bottom and within its wall, None where none is."""
     if flights.opening is None:
         return None
-    motion, t, p = flights.motion, np.array([flights.released_s]), flights.nominal[0][:, None]
-    if flights.window_s > 0.0:
-        t, p = motion.in_window.t, motion.in_window.p_WT
-    room = np.where(flights.from_mouth(p)[0] > 0.0, p[2] - motion.problem.plane_z, np.inf)
+    t, p, _ = _releases(flights, [(-math.inf, math.inf)])
+    room = np.where(flights.from_mouth(p)[0] > 0.0, p[2] - flights.motion.problem.plane_z, np.inf)
     worst = int(room.argmin())
     if room[worst] >= 0.0:
         return None
