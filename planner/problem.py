@@ -222,8 +222,18 @@ class ThrowProblem:
 
         On the floor or a box, which the object touches then, its radius; 0 in the air, where it flies on.
         """
-        heights = [surface.height_m + self.cell.object.radius_m for surface in self.surfaces]
-        return max(heights, default=self.plane_z) - self.plane_z
+        return self.carrier_z + self.cell.object.radius_m - self.plane_z if self.surfaces else 0.0
+
+    @cached_property
+    def lies_z(self) -> float | None:
+        """Height of the centre of an object that lies at the target [m]; None without one, in the air or in a bin."""
+        is_target = isinstance(self.release, TargetRelease) and self.release.opening is None
+        return self.carrier_z + self.cell.object.radius_m if is_target and self.surfaces else None
+
+    @cached_property
+    def carrier_z(self) -> float:
+        """Height of what the object lies on at the target [m]; in the air the landing plane's."""
+        return max((surface.height_m for surface in self.surfaces), default=self.plane_z)
 
     @property
     def gravity(self) -> float:

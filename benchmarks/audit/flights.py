@@ -148,14 +148,17 @@ def _landings(problem: ThrowProblem, motion: Trajectory) -> list[AuditFault]:
 def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: int) -> list[AuditFault]:
     """Returns what the sphere of one path touches before it lands.
 
-    That is where it touches the floor or a box on which the target is, or where its centre passes the plane.
+    That is where it touches the floor or a box on which the target is, or where its centre passes the plane. From the
+    one to the other it goes on over what it lies on: boxes that are higher count until then.
     """
     around, radius = problem.cell.surroundings, problem.cell.object.radius_m
-    x, through = paths.x[: paths.steps[i], i], paths.x[: paths.passed[i], i]
-    through = through[: _first_contact(problem, through)]
+    x, passing = paths.x[: paths.steps[i], i], paths.x[: paths.passed[i], i]
+    contact = _first_contact(problem, passing)
+    through = passing[:contact]
     gaps = [("the floor", float((x[:, 2] - radius).min()) - around.floor_z_m)]
     for k, box in enumerate(around.keep_out):
-        gaps.append((f"box {k}", float(_from_box(_with_rest(problem, through, box), box).min()) - radius))
+        path = np.concatenate([through, _at_rest(problem, passing[contact:], box)])
+        gaps.append((f"box {k}", float(_from_box(path, box).min()) - radius))
     for name, frame, apart in arm.gaps(through, delay):
         counted = _since_clear(apart - radius) if frame in GRIPPED_FRAMES else np.ones(len(apart), bool)
         gaps.append((name, float((apart[counted] - radius).min(initial=np.inf))))
@@ -164,13 +167,17 @@ def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: 
     return found + _bin(problem, through, slack)
 
 
-def _with_rest(problem: ThrowProblem, x: Vector, box: Box) -> Vector:
-    """Returns points (n, 3), and where the centre is once the object lies on its target beside the box."""
+def _at_rest(problem: ThrowProblem, x: Vector, box: Box) -> Vector:
+    """Returns where the centre of an object is that goes on below `x` (n, 3), and where it lies at last, beside a box.
+
+    Nowhere where the target is in the air, or for a box that is as high as what carries it, or lower.
+    """
     height = _height_below_target(problem)
-    if height is None or not isinstance(problem.release, TargetRelease) or box.upper[2] <= problem.plane_z + CARRIES_M:
-        return x
-    target = problem.release.p_W - problem.aim_shift
-    return np.concatenate([x, [[*target[:2], height + problem.cell.object.radius_m]]])
+    if height is None or not isinstance(problem.release, TargetRelease) or box.upper[2] <= height + LEVEL_M:
+        return np.empty((0, 3))
+    places = np.concatenate([x, [problem.release.p_W - problem.aim_shift]])
+    places[:, 2] = height + problem.cell.object.radius_m
+    return places
 
 
 def _height_below_target(problem: ThrowProblem) -> float | None:

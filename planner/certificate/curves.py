@@ -213,10 +213,9 @@ def _least_gaps(flights: Flights, t: Array) -> Array:
     """Returns the least gaps (k,) [m] at `t` (k,); what does not let go of the object at once is left out, as there."""
     count = len(flights.names) - (flights.opening is None)
     x = flights.positions(np.full(len(t), flights.released_s), t)
-    gaps = np.array([flights.gaps_at(np.full(len(t), item), x, t) for item in range(count)])
+    gaps = flights.gaps_along(x, t)[:count]
     gripped = flights.gripped
     gaps[gripped[gaps[gripped, 0] < 0.0]] = np.inf
-    gaps[flights.over(x)[:count]] = np.inf
     return gaps.min(axis=0)
 
 

@@ -11,9 +11,10 @@ from planner.geometry.distances import (
 )
 from planner.geometry.misfit import Misfit, misfit
 from planner.geometry.self_collision import SELF_CLEARANCE_M, barriers, object_pairs, passable, self_collision_pairs
-from planner.geometry.surfaces import Surface, landing_surfaces
+from planner.geometry.surfaces import LEVEL_M, Surface, landing_surfaces
 
 __all__ = [
+    "LEVEL_M",
     "SELF_CLEARANCE_M",
     "Arcs",
     "BodyModel",

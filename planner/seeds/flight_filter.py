@@ -63,16 +63,17 @@ def _rooms(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) ->
     around, beside_base = problem.cell.surroundings, _lands_beside_base(problem, release)
     if not beside_base and not has_flight_obstacles(problem):
         return
-    p = np.broadcast_to(p, v.shape)
-    arcs = Arcs.onto(p, v, problem.plane_z, problem.gravity_at_tool_speed, problem.cell.object.radius_m)
+    p, carries_z = np.broadcast_to(p, v.shape), max(problem.plane_z, problem.carrier_z)
+    arcs = Arcs.onto(p, v, carries_z, problem.gravity_at_tool_speed, problem.cell.object.radius_m)
     whole = arcs.until_landed(problem.plane_z, problem.surfaces)
     for name, box in zip(around.keep_out_names, around.keep_out, strict=True):
-        if box.upper[2] <= problem.plane_z + CONTACT_M:
+        if box.upper[2] <= carries_z + CONTACT_M:
             rising = arcs.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m)
             yield name, np.minimum(rising, _room_beside_lower_box(box, arcs, whole))
             continue
         room = arcs.room_beside_box(box.lower, box.upper, _flight_gap(problem, release, box), around.floor_z_m)
-        yield name, np.minimum(room, whole.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m))
+        room = np.minimum(room, whole.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m))
+        yield name, np.minimum(room, _room_lying(problem, release, box, whole))
     if release.opening is not None:
         mouth = release.opening
         yield RIM, arcs.room_in_mouth(release.p_W, mouth.radius_m, mouth.rim_height_m)
@@ -99,6 +100,22 @@ def _room_beside_lower_box(box: Box, arcs: Arcs, whole: Arcs) -> Array:
     x = whole.at(arcs.until_s + shares * np.maximum(whole.until_s - arcs.until_s, 0.0))
     room = segment_box_distance(x, x, box.lower, box.upper).min(axis=0) - arcs.radius_m
     return np.where(whole.until_s > arcs.until_s, room, np.inf)
+
+
+def _room_lying(problem: ThrowProblem, release: TargetRelease, box: Box, whole: Arcs) -> Array:
+    """Returns the room (...,) [m] beside a box of an object that lies, from where flights end to the target.
+
+    Infinite for a target in the air or in a bin.
+    """
+    room, radius = np.full(whole.until_s.shape, np.inf), whole.radius_m
+    if problem.lies_z is None:
+        return room
+    touched, target = whole.at(whole.until_s), np.array([*release.p_W[:2], problem.lies_z])
+    touched[..., 2] = problem.lies_z
+    lower, upper = np.minimum(touched, target) - radius, np.maximum(touched, target) + radius
+    near = ((lower < box.upper) & (upper > box.lower)).all(axis=-1)
+    room[near] = segment_box_distance(touched[near], target, box.lower, box.upper) - radius
+    return room
 
 
 def least_room(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) -> Array:

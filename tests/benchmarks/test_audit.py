@@ -169,6 +169,20 @@ def test_a_box_that_carries_the_target_is_met_at_its_edge_alone(good):
         assert any("box 0" in text for text in found) == named, found
 
 
+@pytest.mark.parametrize(("top_m", "named"), [(0.2, True), (0.01, True), (0.0009, False)])
+def test_a_wall_that_the_object_would_meet_once_it_lies_on_the_floor_is_named(good, top_m, named):
+    problem, motion = good
+    thick = replace(problem, cell=replace(problem.cell, object=replace(problem.cell.object, radius_m=0.05)))
+    state = tool_state(problem.cell, *(x[motion.release_index] for x in (motion.q, motion.qd)))
+    touch = fly(state.p_WT, state.v_WT, problem.plane_z + 0.05, problem.gravity).landing_point
+    along = (problem.release.p_W - touch)[:2]
+    reach = np.sqrt(0.05**2 - max(0.05 - top_m, 0.0) ** 2)
+    ahead = problem.release.p_W[:2] + (reach / np.hypot(*along) - 0.5) * along  # touched half way
+    post = Box(np.array([*ahead - 1e-6, problem.plane_z]), np.array([*ahead, problem.plane_z + top_m]))
+    found = [fault.text for fault in flight_faults(around(thick, keep_out=(post,)), motion)]
+    assert any("box 0" in text for text in found) == named, found
+
+
 @pytest.mark.parametrize(("beside_m", "named"), [(0.0, False), (0.3, True)])
 def test_an_object_thicker_than_its_bin_is_deep_comes_to_lie_in_it(good, beside_m, named):
     """Its centre never passes the mouth: that alone is no fault."""

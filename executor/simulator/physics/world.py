@@ -16,6 +16,7 @@ from executor.simulator.truth import Truth
 from planner.arrays import Array
 from planner.cell import Cell
 from planner.flight import drag_constant
+from planner.geometry import LEVEL_M
 
 BOUNCES_MAX = 20  # a bouncing object is at rest after this many
 BOUNCE_SPEED_MIN = 0.1  # [m/s] vertical speed below which an object does not bounce any more
@@ -154,21 +155,40 @@ class World:
     def _first_contact(self, flight: FlyingObject, duration: float) -> tuple[float, Obstacle] | None:
         """Returns time [s] and obstacle of the first contact within `duration`, None where the way is free.
 
-        The flight advances by what the nearest gap leaves free at its greatest speed, until the gap is closed.
+        The flight advances by what the nearest gap leaves free at its greatest speed, until the gap is closed. Where
+        its centre is lower, the object lies on the floor or on what it touched, and goes on over it.
         """
-        obstacles: list[Obstacle] = [*self.boxes, *([] if self.bin is None else [self.bin])]
-        if flight.caught is not None or not obstacles:
+        lies_on_z, obstacles = self._carrier(flight), self._obstacles(flight)
+        if not obstacles:
             return None
         fastest = math.hypot(*flight.state[3:]) + self.gravity * duration
         passed = 0.0
         while True:
-            p = self._after(flight, passed)[:3]
+            x, y, z = self._after(flight, passed)[:3]
+            p = (x, y, max(z, lies_on_z + self.radius_m))
             gap, nearest = min(((o.gap(p, self.radius_m), o) for o in obstacles), key=lambda pair: pair[0])
             if gap < CONTACT_M:
                 return passed, nearest
             passed += gap / fastest
             if passed >= duration:
                 return None
+
+    def _obstacles(self, flight: FlyingObject) -> list[Obstacle]:
+        """Returns what an object can touch: once it lies on something, what is higher, and a bin's wall outside it."""
+        if flight.caught is None:
+            return [*self.boxes, *self._bins()]
+        if flight.caught.name == BIN or any(each.spans(flight.state) for each in self._bins()):
+            return []
+        higher = [box for box in self.boxes if box.upper[2] > self._carrier(flight) + LEVEL_M]
+        return [*higher, *self._bins()]
+
+    def _bins(self) -> list[RoundBin]:
+        return [] if self.bin is None else [self.bin]
+
+    def _carrier(self, flight: FlyingObject) -> float:
+        """Returns the height [m] of what an object lies on, or of the floor below."""
+        lies_at_z_m = None if flight.caught is None else flight.caught.lies_at_z_m
+        return self.floor_z_m if lies_at_z_m is None else lies_at_z_m
 
     def _touch(self, flight: FlyingObject, contact: Contact, t: float) -> None:
         """Lets an object that touches an obstacle stop there, or fall to where it comes to lie."""

@@ -19,11 +19,11 @@ from planner.arrays import Array, Mask
 from planner.cell import CONTACT_M
 from planner.certificate.bounds import EVALUATIONS_MAX, ROUNDS
 from planner.certificate.certificate import Check, at_least
+from planner.certificate.flight.boxes import box_gaps
 from planner.certificate.flight.flights import Flights, flights_of, nearest_on_segments
 from planner.certificate.flight.patches import (
     PatchBounds,
     Patches,
-    box_bound,
     capsule_bounds,
     corners_on_grid,
     patch_bounds,
@@ -236,19 +236,17 @@ def _lower_bounds(flights: Flights, grid: Grid) -> Array:
     across = bounds.release_bend(s, (grid.r1 - grid.r0)[:, None])
     bend = across + bounds.time_bend(s, h)
     falling = grid.t[:-1] >= grid.apexes[:, None]
-    end = flights.lowest_at(x, bend)
     gaps = []
     if len(flights.boxes[0]):
         lower, upper = (side.T[:, :, None, None] for side in flights.boxes)
-        lowest = np.min([corner[2] for corner in x], axis=0) - bend
-        lowest = np.where(falling, np.maximum(lowest, end), lowest)
-        gaps.append(np.maximum(box_bound([corner[:, None] for corner in x], lower, upper) - bend, lowest - upper[2]))
+        gaps.append(box_gaps(flights, [corner[:, None] for corner in x], (lower, upper), bend, falling))
     gaps.append(_capsule_distances(flights, grid, s, h) - bend)
     if flights.opening is not None:
         rim = bounds.wall_bound(x) - bend
         gaps.append(np.where(falling & bounds.all_in_bin(x, bend), np.inf, rim)[None])
     found = np.concatenate(gaps)
-    over = falling & (np.max([corner[2] for corner in x[::2]], axis=0) + across < end)
+    ends = flights.over_below(np.arange(len(found))[:, None, None], flights.lowest_at(x, bend))
+    over = falling & (np.max([corner[2] for corner in x[::2]], axis=0) + across < ends)
     over |= grid.t[1:] <= grid.r0[:, None]
     return np.where(over, np.inf, found - flights.thickness[: len(found), None, None])
 

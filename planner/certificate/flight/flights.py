@@ -4,17 +4,19 @@ A flight that begins at the time r is at x(r, t) at the time t, both on the traj
 s^2/2 with s = t - r, and the release speed factor f. The object is a sphere: it keeps clear of a box, of a capsule's
 axis or of a bin's wall by its radius (and the capsule's), until it first touches a surface on which it lands, the floor
 or the top of a box; a flight that never rises as high until its centre passes the landing plane. In the air, where
-there is no surface, that is so for all.
+there is no surface, that is so for all. On a surface the object lies from its touch on, and keeps clear of the boxes
+that are higher until its centre would be at the target.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property, lru_cache
 
 import numpy as np
 
 from planner.arrays import Array, Index, Mask
+from planner.cell import CONTACT_M
 from planner.certificate.samples import MotionSamples
 from planner.flight import fly, paths, positions_after
 from planner.geometry import Surface
@@ -78,8 +80,9 @@ class Flights:
 
     @cached_property
     def end(self) -> tuple[float, float] | None:
-        """Height of the centre at which the flights end [m], and time of the nominal end [s]; None: it never lands."""
-        problem, height = self.motion.problem, self.lowest
+        """Height of the centre below which nothing counts [m], time of the nominal end [s]; None: it never lands."""
+        problem = self.motion.problem
+        height = self.lowest if self.lies_at_m is None else problem.plane_z
         flight = fly(*self.nominal, height, problem.gravity, problem.drag)
         return None if flight is None else (height, self.released_s + flight.time_of_flight_s)
 
@@ -102,18 +105,59 @@ class Flights:
         found = [(surface, self._ends_over(surface)) for surface in self.motion.problem.surfaces]
         return [(surface, height) for surface, height in found if height > self.lowest]
 
+    @cached_property
+    def rising(self) -> Mask:
+        """Which obstacles (items,) an object that lies at its target can meet: boxes higher than what it lies on."""
+        problem, rising = self.motion.problem, np.zeros(len(self.names), np.bool_)
+        if problem.lies_z is not None:
+            rising[: len(self.boxes[0])] = self.boxes[1][:, 2] > problem.carrier_z + CONTACT_M
+        return rising
+
+    @cached_property
+    def lies_at_m(self) -> float | None:
+        """Height of the centre of an object that lies at its target [m]; None where it can meet nothing there."""
+        return self.motion.problem.lies_z if self.rising.any() else None
+
     def lowest_at(self, corners: Sequence[Array], bend: Array | float = 0.0) -> Array:
-        """Returns the heights (...) [m] of the falling centre below which nothing counts any more.
+        """Returns the heights (...) [m] of the falling centre below which a flight is over, on a surface or below all.
 
         Args:
             corners: of patches of flights, each (3, ...) [m].
             bend: deviation of the flights from what is between the corners (...) [m].
         """
-        lowest = np.full(corners[0].shape[1:], self.lowest)
+        return self._ends_within(corners, lambda depths: np.asarray(np.min(depths, axis=0) > bend))
+
+    def highest_end_at(self, corners: Sequence[Array], bend: Array) -> Array:
+        """Returns the largest heights (...) [m] at which a flight in the patches may be over; see `lowest_at`."""
+        return self._ends_within(corners, lambda depths: np.asarray(np.max(depths, axis=0) > -bend))
+
+    def _ends_within(self, corners: Sequence[Array], is_within: Callable[[list[Array]], Mask]) -> Array:
+        ends = np.full(corners[0].shape[1:], self.lowest)
         for surface, height in self.landings:
-            within = np.min([self._depth_within(surface, x) for x in corners], axis=0) > bend
-            lowest = np.where(within, np.maximum(lowest, height), lowest)
-        return lowest
+            within = is_within([self._depth_within(surface, x) for x in corners])
+            ends = np.where(within, np.maximum(ends, height), ends)
+        return ends
+
+    def over_below(self, item: Index, end: Array) -> Array:
+        """Returns the heights (..., k) [m] of the falling centre below which obstacles `item` (k,) no longer count.
+
+        Args:
+            item: numbers of the obstacles.
+            end: heights at which the flights are over (..., k) [m].
+        """
+        return np.where(self.rising[item], self.motion.problem.plane_z, end)
+
+    def lying(self, x: Array, fallen: Mask) -> Array:
+        """Returns the centres (3, ...) [m], at their height where the object lies.
+
+        Args:
+            x: centres of the flights (3, ...) [m].
+            fallen: which of them are beyond the apex (...).
+        """
+        if self.lies_at_m is None:
+            return x
+        lies = fallen & (x[2] < self.lowest_at([x]))
+        return np.stack([x[0], x[1], np.where(lies, self.lies_at_m, x[2])])
 
     def _depth_within(self, surface: Surface, x: Array) -> Array:
         """Returns how far within a surface, and the bin's wall, points (3, ...) are (...) [m]."""
@@ -215,18 +259,31 @@ class Flights:
         within, above = self.from_mouth(x)
         return (within > 0.0) & (above < 0.0)
 
-    def over(self, x: Array) -> Mask:
-        """Returns which obstacles no longer count (items, n) at successive centres `x` (3, n) of one flight."""
-        falling = np.append(np.diff(x[2]) < 0.0, True)
-        over = falling & (x[2] < self.lowest_at([x]) - TINY_M)
-        over = np.tile(over, (len(self.names), 1))
-        over[self.rim] |= self.in_bin(x)
-        return over
+    def gaps_along(self, x: Array, t: Array) -> Array:
+        """Returns the gaps to every obstacle (items, n) [m] along one flight; infinite where they no longer count.
+
+        Args:
+            x: successive centres (3, n) [m].
+            t: their times (n,) [s].
+        """
+        items, falls = np.arange(len(self.names)), is_falling(x)
+        centres = np.repeat(x[:, None], len(items), axis=1)
+        centres[:, : len(self.boxes[0])] = self.lying(x, falls)[:, None]
+        every, times = np.repeat(items, len(t)), np.tile(t, len(items))
+        gaps = self.gaps_at(every, centres.reshape(3, -1), times).reshape(len(items), -1)
+        gaps[falls & (x[2] < self.over_below(items[:, None], self.lowest_at([x])) - TINY_M)] = np.inf
+        gaps[self.rim, self.in_bin(x)] = np.inf
+        return gaps
 
     def gaps_at(self, item: Index, x: Array, t: Array) -> Array:
         """Returns the distances (k,) [m] of a sphere's surface at `x` (3, k) from obstacle `item[i]` at `t[i]`."""
         apart = x - self.nearest(item, x, t)
         return np.sqrt(dot(apart, apart)) - self.thickness[item]
+
+
+def is_falling(x: Array) -> Mask:
+    """Returns at which of successive centres (3, n) a flight falls."""
+    return np.append(np.diff(x[2]) < 0.0, True)
 
 
 @lru_cache(maxsize=1)  # for the checks of one motion

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from planner.arrays import Array, Index
-from planner.certificate.flight.flights import TINY_M, Flights
+from planner.certificate.flight.flights import TINY_M, Flights, is_falling
 from planner.certificate.samples import MotionSamples
 from planner.problem import ThrowProblem
 from planner.trajectory import Trajectory
@@ -57,7 +57,7 @@ def flight_obstruction(problem: ThrowProblem, trajectory: Trajectory) -> FlightO
 def _deepest_contact(flights: Flights, delay: float) -> FlightObstruction | None:
     """Returns what the flight of one release overlaps most, None where it overlaps nothing."""
     r = flights.released_s + delay
-    s, gaps = _sampled_gaps(flights, r)
+    s, x, gaps = _sampled_gaps(flights, r)
     if gaps.size == 0 or gaps.min() >= 0.0:
         return None
     item, deepest = divmod(int(gaps.argmin()), len(s))
@@ -65,12 +65,13 @@ def _deepest_contact(flights: Flights, delay: float) -> FlightObstruction | None
     first = int(apart[apart < deepest].max(initial=-1)) + 1
     last = int(apart[apart > deepest].min(initial=len(s))) - 1
     rows = np.array([first, deepest, last])
-    direction, offset = _half_spaces(flights, item, np.full(3, r), r + s[rows])
+    x = flights.lying(x, is_falling(x)) if item < len(flights.boxes[0]) else x
+    direction, offset = _half_spaces(flights, item, x[:, rows], r + s[rows])
     return FlightObstruction(flights.names[item], float(gaps.min()), delay, s[rows], direction, offset)
 
 
-def _sampled_gaps(flights: Flights, r: float) -> tuple[Array, Array]:
-    """Returns times after the release at `r` (n,) [s] and the gaps to every obstacle (items, n) [m].
+def _sampled_gaps(flights: Flights, r: float) -> tuple[Array, Array, Array]:
+    """Returns times after the release at `r` (n,) [s], centres (3, n) and gaps to every obstacle (items, n) [m].
 
     They end with the flight; what the object has not left yet, and what lies below its landing, has an infinite gap.
     """
@@ -81,20 +82,16 @@ def _sampled_gaps(flights: Flights, r: float) -> tuple[Array, Array]:
     rising = np.append(np.diff(x[2]) > 0.0, False)
     flying = rising | (x[2] >= level)
     s, x = s[flying], x[:, flying]
-    items = np.arange(len(flights.names))
-    every, times = np.repeat(items, len(s)), np.tile(r + s, len(items))
-    gaps = flights.gaps_at(every, np.tile(x, len(items)), times).reshape(len(items), -1)
+    gaps = flights.gaps_along(x, r + s)
     for item in flights.gripped:
         clear = np.logical_or.accumulate(gaps[item] >= 0.0)
         gaps[item] = np.where(clear, gaps[item], np.inf)
-    gaps[flights.over(x)] = np.inf
-    return s, gaps
+    return s, x, gaps
 
 
-def _half_spaces(flights: Flights, item: int, r: Array, t: Array) -> tuple[Array, Array]:
-    """Returns directions (k, 3) and offsets (k,) [m] of the half spaces that keep clear of an obstacle."""
+def _half_spaces(flights: Flights, item: int, x: Array, t: Array) -> tuple[Array, Array]:
+    """Returns directions (k, 3) and offsets (k,) [m] of the half spaces that keep `x` (3, k) clear of an obstacle."""
     items = np.full(len(t), item, dtype=np.intp)
-    x = flights.positions(r, t)
     near = flights.nearest(items, x, t)
     apart = x - near
     length = np.sqrt((apart * apart).sum(axis=0))

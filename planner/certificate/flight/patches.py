@@ -29,7 +29,9 @@ import numpy as np
 
 from planner.arrays import Array, Index, Mask
 from planner.certificate.bounds import joint_rates
+from planner.certificate.flight.boxes import box_gaps
 from planner.certificate.flight.flights import TINY_M, Flights, nearest_on_segments
+from planner.certificate.flight.separation import mean, segment_bound
 from planner.kernel import Kernel, twin_of
 from planner.kinematics import dot
 
@@ -167,16 +169,14 @@ class PatchBounds:
         bend = across + self.time_bend(s, h)
         far = self.distance_from_base(corners).max(axis=0) + bend
         turned = self.turn_bend(far, s, self.frames(item), (rates[0], rates[1]), h)
-        bound, sampled = self._distances(item, corners, t)
-        lower = bound - bend - np.where(self.is_capsule(item), turned, 0.0)
-        lowest = corners[2].min(axis=0) - bend
-        end = flights.lowest_at(_corners(corners), bend)
-        lower = np.maximum(lower, self.above(item, np.where(falling, np.maximum(lowest, end), lowest)))
-        lower -= flights.thickness[item]
+        fallen = t >= apexes
+        bound, sampled = self._distances(item, (corners, t), (bend, falling), flights.lying(corners, fallen))
+        lower = bound - np.where(self.is_capsule(item), turned, 0.0) - flights.thickness[item]
+        end = flights.over_below(item, flights.lowest_at(_corners(corners), bend))
         over = falling & (corners[2, ::2].max(axis=0) + across < end)
         over |= (item == flights.rim) & falling & self.all_in_bin(_corners(corners), bend)
-        ended = (t >= apexes) & (corners[2] < flights.lowest_at([corners]))
-        ended |= (t >= apexes) & (item == flights.rim) & flights.in_bin(corners)
+        ended = corners[2] < flights.over_below(item, flights.lowest_at([corners]))
+        ended = fallen & (ended | (item == flights.rim) & flights.in_bin(corners))
         gaps = np.where(ended | (t < r), np.inf, sampled - flights.thickness[item])
         return Evaluated(np.where(over | (t1 <= r0), np.inf, lower), gaps, r, t)
 
@@ -189,42 +189,41 @@ class PatchBounds:
         capsule = np.where(self.is_capsule(item), item - len(self.flights.boxes[0]), 0)
         return np.where(self.is_capsule(item), self.flights.motion.body.frames[capsule], 0)
 
-    def _distances(self, item: Index, corners: Array, t: Array) -> tuple[Array, Array]:
+    def _distances(
+        self, item: Index, at: tuple[Array, Array], between: tuple[Array, Mask], lying: Array
+    ) -> tuple[Array, Array]:
         """Returns lower bounds (k,) on the distances of patches from the obstacles, and distances (4, k) of corners.
 
         Args:
             item: numbers of the obstacles (k,).
-            corners: of the patches (3, 4, k) [m].
-            t: their times (4, k) [s].
+            at: corners of the patches (3, 4, k) [m] and their times (4, k) [s].
+            between: bend of the patches (k,) [m], and which of them fall (k,).
+            lying: the corners, those where the object lies at that height (3, 4, k) [m].
         """
-        flights, count = self.flights, len(self.flights.boxes[0])
+        flights, count, (corners, t), (bend, falling) = self.flights, len(self.flights.boxes[0]), at, between
         is_box, is_rim, is_capsule = item < count, item == flights.rim, self.is_capsule(item)
         bound, sampled = np.empty(len(item)), np.empty(t.shape)
         if is_box.any():
             lower, upper = (side[item[is_box]].T for side in flights.boxes)
-            x = corners[:, :, is_box]
-            bound[is_box] = box_bound(_corners(x), lower, upper)
+            x = _corners(corners[:, :, is_box])
+            bound[is_box] = box_gaps(flights, x, (lower, upper), bend[is_box], falling[is_box])
+            x = lying[:, :, is_box]
             sampled[:, is_box] = _length(x - np.clip(x, lower[:, None], upper[:, None]))
         if is_rim.any():
             x = corners[:, :, is_rim]
-            bound[is_rim] = self.wall_bound(_corners(x))
+            bound[is_rim] = self.wall_bound(_corners(x)) - bend[is_rim]
             sampled[:, is_rim] = _length(x - flights.nearest_on_wall(x))
         if is_capsule.any():
             body, capsule = flights.motion.body, item[is_capsule] - count
             poses = flights.motion.distinct_poses(t[:2, is_capsule])
             found = capsule_distances(poses, (body.frames[capsule], body.ends[capsule]), corners[:, :, is_capsule])
-            bound[is_capsule], sampled[:, is_capsule] = found[0], found[1:]
+            bound[is_capsule], sampled[:, is_capsule] = found[0] - bend[is_capsule], found[1:]
         return bound, sampled
 
     def distance_from_base(self, x: Array) -> Array:
         """Returns the distances (...) [m] of points (3, ...) from the origin of the base."""
         origin = self.flights.motion.problem.cell.X_WB[:3, 3]
         return _length(x - origin.reshape(3, *[1] * (x.ndim - 1)))
-
-    def above(self, item: Index, lowest: Array) -> Array:
-        """Returns the heights (k,) [m] of `lowest` centres above the tops of boxes; -inf for other obstacles."""
-        tops = np.append(self.flights.boxes[1][:, 2], np.inf)
-        return lowest - tops[np.minimum(item, len(tops) - 1)]
 
     def all_in_bin(self, corners: list[Array], bend: Array) -> Mask:
         """Returns whether patches with `corners` (3, ...) are within the bin's wall and below its mouth."""
@@ -238,7 +237,7 @@ class PatchBounds:
         direction rho is at least the horizontal coordinate in the centre's direction, which is linear; in an inward
         one -rho is concave: either is least at a corner.
         """
-        centre = _mean(corners)
+        centre = mean(corners)
         near, axis = self.flights.nearest_on_wall(centre), self.flights.axis.reshape(2, *[1] * (centre.ndim - 1))
         out = near[:2] - axis
         radius = np.hypot(*out)
@@ -265,28 +264,6 @@ def patch_bounds(flights: Flights, height: float, spacing_s: float, v: Array) ->
         tool = most * a, most * j
     first = math.sqrt(float(dot(v, v).max())) + tool[1] * spacing_s**2 / 8.0
     return PatchBounds(flights, height, first, tool, spacing_s)
-
-
-def box_bound(corners: list[Array], lower: Array, upper: Array) -> Array:
-    """Returns lower bounds (...) [m] on the distance of patches from boxes.
-
-    Args:
-        corners: of the patches, each (3, ...) [m].
-        lower, upper: corners of the boxes (3, ...) [m].
-    """
-    centre = _mean(corners)
-    return _separation(corners, centre, np.minimum(np.maximum(centre, lower), upper))
-
-
-def segment_bound(corners: list[Array], start: Array, end: Array) -> Array:
-    """Returns lower bounds (...) [m] on the distance of patches from segments.
-
-    Args:
-        corners: of the patches, each (3, ...) [m].
-        start, end: of the segments (3, ...) [m].
-    """
-    centre = _mean(corners)
-    return _separation(corners, centre, nearest_on_segments(centre, start, end))
 
 
 def _example_grid() -> tuple[tuple[Array, Array, Array], tuple[Index, Array], Array, Array, Array]:
@@ -355,18 +332,6 @@ def corners_on_grid(x: Array) -> list[Array]:
     if x.shape[-2] == 1:
         return [x[..., :-1], x[..., 1:]]
     return [x[..., :-1, :-1], x[..., :-1, 1:], x[..., 1:, :-1], x[..., 1:, 1:]]
-
-
-def _separation(corners: list[Array], centre: Array, near: Array) -> Array:
-    """Returns min n . (corner - near) over the corners (...), with n the direction from `near` to `centre`."""
-    apart = centre - near
-    length = np.maximum(_length(apart), TINY_M)
-    least = reduce(np.minimum, [dot(apart, corner) for corner in corners])
-    return (least - dot(apart, near)) / length
-
-
-def _mean(corners: list[Array]) -> Array:
-    return reduce(np.add, corners) / len(corners)
 
 
 def _corners(stacked: Array) -> list[Array]:

@@ -314,6 +314,39 @@ def test_what_is_below_a_plate_is_no_surface_beside_it(below):
         assert (dense_gap(asked, trajectory) >= -SAMPLED_M) == ok
 
 
+@pytest.mark.parametrize("window_s", [0.0, 0.001])
+@pytest.mark.parametrize("below", ["table", "floor"])
+def test_what_is_higher_counts_until_the_object_lies_at_its_target(below, window_s):
+    """It touches what the target is on, and would go on through a wall, or under a shelf, in front of the target."""
+    problem, trajectory, at_height = flat_landing(0.04)
+    problem = replace(problem, release_window_s=window_s, landing_tolerance_m=0.1 if window_s else 0.0)
+    target, top = problem.release.p_W, float(problem.release.p_W[2])
+    touch, late = at_height(top + 0.04), 0.02 if window_s else 0.0
+    under = [([0.0, -1.0, 0.4], [2.0, 1.0, top])] if below == "table" else []
+    floor = replace(problem.cell.surroundings, floor_z_m=top if below == "floor" else 0.0)
+    problem = replace(problem, cell=replace(problem.cell, surroundings=floor))
+
+    def is_met(*boxes):
+        asked = replace(problem, cell=with_boxes(problem.cell, *under, *boxes))
+        check, met = certify(asked, trajectory).check("flight_clearance"), flight_obstruction(asked, trajectory)
+        assert check.ok or (check.detail, met.obstacle) == (f"box {len(under)}",) * 2
+        assert check.ok == (met is None)
+        return not check.ok
+
+    assert not is_met()
+    x = touch[0] + 0.041 + late  # not touched in the air, and left before the object is at its target
+    assert target[0] - x > 0.042 + late
+    for height, met in ((0.3, True), (0.01, True), (0.0, False)):
+        assert is_met(([x, -1.0, top - 0.01], [x + 1e-3, 1.0, top + height])) == met
+    along = (target - touch)[:2]
+    beside = touch[1] + (x + 1e-3 - touch[0]) * along[1] / along[0]
+    for room, met in ((-1e-3, True), (1e-3 + 0.1 * late, False)):
+        y = beside + (0.04 + room) * np.hypot(*along) / along[0]
+        assert is_met(([x, y, top], [x + 1e-3, 1.0, top + 0.3])) == met
+        shelf = ([x, -1.0, top + 0.08 + room], [target[0] - 0.05 - late, 1.0, top + 0.3])
+        assert is_met(shelf) == met
+
+
 @pytest.mark.parametrize("on_floor", [True, False])
 def test_no_flight_lands_beside_its_bin(on_floor):
     """It touches what the bin stands on more than a radius before the bin, and its centre passes below the rim."""

@@ -68,6 +68,31 @@ def test_a_target_may_stand_on_a_box_but_not_in_one() -> None:
     assert caught.value.violations[0].constraint == "flight_clearance"
 
 
+@pytest.mark.parametrize("on_table", [True, False])
+def test_candidates_do_not_go_on_into_what_stands_before_the_target(on_table: bool) -> None:
+    """A thick object that comes down flat touches the table, or the floor, before a wall, and the target behind it."""
+    here, top = replace(cell(), object=replace(cell().object, radius_m=0.08)), 0.3 if on_table else 0.0
+    target, lies = np.array([1.2, 0.1, top]), np.array([1.2, 0.1, top + 0.08])
+    table = [Box(np.array([0.4, -0.5, 0.0]), np.array([1.8, 0.8, top]))] if on_table else []
+    rng, free, blocked = np.random.default_rng(2), 0, 0
+    for _ in range(40):
+        place, height = target[:2] + rng.uniform([-0.3, -0.15], [0.05, 0.15]), rng.choice([0.02, 0.1, 0.5])
+        post = Box(np.array([*place, top]), np.array([*place + 0.01, top + height]))
+        problem = ThrowProblem(walled(here, *table, post), here.home, TargetRelease(target), here.limits)
+        p = target + np.column_stack([-rng.uniform(0.3, 0.8, 100), rng.uniform(-0.3, 0.3, 100), np.full(100, 0.3)])
+        t = rng.uniform(0.1, 0.5, (100, 1))
+        v = (target - p) / t + np.array([0.0, 0.0, 0.5 * problem.gravity]) * t
+        room, arcs = least_room(problem, problem.release, p, v), Arcs.onto(p, v, top, problem.gravity, 0.08)
+        touched = arcs.at(arcs.until_s)
+        x = touched + np.linspace(0.0, 1.0, 400)[:, None, None] * (lies - touched)
+        gap = np.linalg.norm(x - np.clip(x, post.lower, post.upper), axis=-1).min(axis=0) - 0.08
+        assert np.all(room[gap < -1e-4] < 0.0)
+        in_air = arcs.room_beside_box(post.lower, post.upper, 0.006) >= 0.0
+        assert np.all(room[in_air & (gap > 0.001)] >= -1e-9)
+        free, blocked = free + np.sum(in_air & (gap > 0.001)), blocked + np.sum(in_air & (gap < 0.0))
+    assert min(free, blocked) > 100
+
+
 def test_a_wall_that_no_flight_clears_is_blamed_not_the_postures_within_it() -> None:
     here = walled(cell(), Box(np.array([0.75, -1.0, 0.0]), np.array([0.8, 1.0, 1.6])))
     target = TargetRelease(np.array([0.95, 0.0, 0.0]))

@@ -93,6 +93,19 @@ def test_an_object_that_touches_the_top_of_a_box_lies_down_on_it():
     np.testing.assert_allclose(landing["position_m"], at(state, t), atol=1e-6)
 
 
+@pytest.mark.parametrize(("top_m", "x_m", "stops"), [
+    (0.6, 1.03, True), (0.51, 1.03, True), (0.5009, 1.03, False), (0.6, 1.071, False),
+])  # fmt: skip
+def test_an_object_on_a_box_goes_on_until_it_meets_what_is_higher(top_m: float, x_m: float, stops: bool):
+    """It touches the top at x = 0.99 m, where its centre is to come down at 1.05 m."""
+    state = (0.6, 0.0, 0.55, 3.0, 0.0, 0.5 * G * 0.15 - 0.05 / 0.15)
+    post = f"{{ lower_m = [{x_m}, -0.1, 0.5], upper_m = [{x_m + 0.001}, 0.1, {top_m}] }}"
+    landing = landed(state, WALL.replace("}] }", f"}}, {post}] }}"))
+    before_m = math.sqrt(RADIUS**2 - max(0.0, 0.5 + RADIUS - top_m) ** 2)
+    assert landing["surface"] == ("keep_out[1]" if stops else "keep_out[0]")
+    assert landing["position_m"][0] == pytest.approx(x_m - before_m if stops else 1.05, abs=NEAR_M)
+
+
 @pytest.mark.parametrize("dt", [0.002, 0.008])
 @pytest.mark.parametrize("rim_height_m", [0.0, 0.01, 0.2])
 def test_an_object_that_enters_the_mouth_lands_on_the_bottom(dt: float, rim_height_m: float):
