@@ -34,6 +34,7 @@ from planner.seeds.throwing_postures import MORE_POSTURES, POSTURES, throwing, t
 from planner.seeds.velocity_allocation import allocate_velocity, balanced_velocity, tool_jacobian, tool_velocity
 
 ORIENTATIONS = 96  # tool orientations tried at a point
+TIMES_FROM_A_PLACE, TIMES_TRIED = np.geomspace(0.4, 3.0, 200), 8  # [-], see `_times_from`; 3.0: 84 degrees on a plane
 MORE_ORIENTATIONS, FEW_POSTURES = 1024, 24  # tried instead where those give fewer postures: narrow joint limits
 CHECKED_MAX = 1536  # soonest of these states whose clearance is checked before they are compared: 40 ms
 
@@ -192,17 +193,34 @@ def _thrown(problem: ThrowProblem, release: TargetRelease, thorough: bool, wide:
         Infeasible: there are none.
     """
     if release.release_position is not None:
-        q = _postures(problem, release.release_position)
-        return _flights(problem, release, q, np.broadcast_to(release.release_position, (len(q), 3)), thorough)
+        return _thrown_at(problem, release, release.release_position, wide)
     if not thorough:
         try:
             q, qd = _thrown_from(problem, release, thorough=False)
-            if not wide or np.any(np.all(np.abs(qd) <= problem.limits.qd_max, axis=1)):
+            if not wide or _any_slow_enough(problem, qd):
                 return q, qd
         except Infeasible:
             if not wide:
                 raise
     return _thrown_from(problem, release, thorough=True)
+
+
+def _thrown_at(problem: ThrowProblem, release: TargetRelease, p: Array, wide: bool) -> tuple[Array, Array]:
+    """Returns joint states (n, 6) as `_thrown` does, from a given place (3,), in more orientations where it does.
+
+    Raises:
+        Infeasible: there are none.
+    """
+    q = _postures(problem, p)
+    q, qd = _flights(problem, release, q, np.broadcast_to(p, q[:, :3].shape))
+    if wide and not _any_slow_enough(problem, qd):
+        q = _postures_in(problem, p, MORE_ORIENTATIONS)
+        q, qd = _flights(problem, release, q, np.broadcast_to(p, q[:, :3].shape))
+    return q, qd
+
+
+def _any_slow_enough(problem: ThrowProblem, qd: Array) -> bool:
+    return bool((np.abs(qd) <= problem.limits.qd_max).all(axis=1).any())
 
 
 def _thrown_from(problem: ThrowProblem, release: TargetRelease, thorough: bool) -> tuple[Array, Array]:
@@ -220,7 +238,9 @@ def _thrown_from(problem: ThrowProblem, release: TargetRelease, thorough: bool) 
     return _flights(problem, release, q[slow], p[slow], thorough)
 
 
-def _flights(problem: ThrowProblem, release: TargetRelease, q: Array, p: Array, thorough: bool) -> tuple[Array, Array]:
+def _flights(
+    problem: ThrowProblem, release: TargetRelease, q: Array, p: Array, thorough: bool = False
+) -> tuple[Array, Array]:
     """Returns the soonest joint state of every posture q (n, 6), tool at p (n, 3), that has a flight within the bounds.
 
     Raises:
@@ -264,9 +284,25 @@ def _best_flights(
 
 def _launches(problem: ThrowProblem, release: TargetRelease, p: Array, thorough: bool) -> tuple[Array, Mask]:
     """Returns release velocities (k, n, 3) from p (n, 3), and which of them (k, n) keep the limits on the velocity."""
-    t = np.outer(flight_times(problem, thorough), slowest_time(p, release.p_W, problem.gravity_at_tool_speed))
+    times = flight_times(problem, thorough) if release.release_position is None else _times_from(problem, release)
+    t = np.outer(times, slowest_time(p, release.p_W, problem.gravity_at_tool_speed))
     v = launch_velocity(p, release.p_W, t, problem.gravity_at_tool_speed)
     return v, _allowed_velocity(problem, release, v) & (v[..., 2] < problem.gravity_at_tool_speed * t)
+
+
+def _times_from(problem: ThrowProblem, release: TargetRelease) -> Array:
+    """Returns flight times (k,) from a given place, relative to that of the slowest throw [-].
+
+    They are spread over those that are allowed and clear, which may be few; if none is, over all.
+    """
+    assert release.release_position is not None
+    p, gravity = np.tile(release.release_position, (len(TIMES_FROM_A_PLACE), 1)), problem.gravity_at_tool_speed
+    t = TIMES_FROM_A_PLACE * slowest_time(p, release.p_W, gravity)
+    v = launch_velocity(p, release.p_W, t, gravity)
+    kept = _allowed_velocity(problem, release, v)
+    kept[kept] = clear_flights(problem, release, p[kept], v[kept])
+    times = TIMES_FROM_A_PLACE[kept] if kept.any() else TIMES_FROM_A_PLACE
+    return times[np.unique(np.linspace(0, len(times) - 1, TIMES_TRIED).round().astype(int))]
 
 
 def _clear_of_obstacles(problem: ThrowProblem, q: Array, qd: Array) -> tuple[Array, Array]:

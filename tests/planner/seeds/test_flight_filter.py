@@ -10,11 +10,12 @@ import pytest
 
 from planner.cell import Box, Cell
 from planner.errors import Infeasible
+from planner.flight import launch_velocity
 from planner.geometry import Arcs, tool_state
 from planner.kinematics import tcp_acceleration
 from planner.problem import Opening, PointRelease, TargetRelease, ThrowProblem
 from planner.seeds import candidates
-from planner.seeds.flight_filter import least_room, no_clear_flight
+from planner.seeds.flight_filter import clear_flights, least_room, no_clear_flight
 from planner.seeds.sampling import blocked_flights
 from tests.planner.problems import cell, point_problem, random_state
 
@@ -52,6 +53,26 @@ def test_candidates_come_down_through_the_mouth() -> None:
     arcs = arcs_of(problem)
     assert len(arcs.p) >= 6
     assert np.all(arcs.room_in_mouth(problem.release.p_W, mouth.radius_m, mouth.rim_height_m) >= 0.0)
+
+
+def test_the_few_clear_flights_from_a_given_place_are_found() -> None:
+    """Of a wall and a bin's mouth hardly any of the flights from one place is clear."""
+    mouth, few = Opening(0.05, 0.15), 0
+    release = TargetRelease(np.array([1.15, 0.1, 0.1]), opening=mouth)
+    problem = ThrowProblem(walled(cell(), WALL), cell().home, release, cell().limits)
+    rng, t = np.random.default_rng(0), np.linspace(0.2, 1.6, 2000)
+    for candidate in candidates(problem) * 3:
+        place = tool_state(problem.cell, candidate.q, candidate.qd).p_WT + rng.uniform(-0.05, 0.05, 3)
+        p = np.tile(place, (len(t), 1))
+        v = launch_velocity(p, release.p_W, t, problem.gravity)
+        clear = clear_flights(problem, release, p, v) & (np.linalg.norm(v, axis=1) < problem.limits.tcp_speed_max)
+        if not 0.01 < clear.mean() < 0.1:
+            continue
+        few += 1
+        found = candidates(replace(problem, release=replace(release, release_position=place)))
+        places = np.array([tool_state(problem.cell, each.q, each.qd).p_WT for each in found])
+        np.testing.assert_allclose(places, np.tile(place, (len(found), 1)), atol=1e-4)
+    assert few > 10
 
 
 def test_a_target_may_stand_on_a_box_but_not_in_one() -> None:
