@@ -11,11 +11,11 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from planner.arrays import Array
+from planner.arrays import Array, Mask
 from planner.cell import Box, Cell, Limits
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import drag_constant
-from planner.geometry import Misfit, Surface, barriers, landing_surfaces, misfit, passable
+from planner.geometry import LEVEL_M, Misfit, Surface, barriers, landing_surfaces, misfit, passable
 
 BACKENDS = ("auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp")
 REST_SPEED = 1e-9  # [rad/s, m/s] a release slower than this is a move that ends at rest
@@ -229,6 +229,10 @@ class ThrowProblem:
         """Height of the centre of an object that lies at the target [m]; None without one, in the air or in a bin."""
         is_target = isinstance(self.release, TargetRelease) and self.release.opening is None
         return self.carrier_z + self.cell.object.radius_m if is_target and self.surfaces else None
+
+    def is_met_lying(self, top_z: Array) -> Mask:
+        """Returns which boxes that end at `top_z` (...) [m] are higher than what the object lies on at the target."""
+        return np.asarray((top_z > self.carrier_z + LEVEL_M) & (self.lies_z is not None))
 
     @cached_property
     def carrier_z(self) -> float:

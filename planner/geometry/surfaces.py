@@ -39,9 +39,8 @@ def landing_surfaces(cell: Cell, p: Array) -> tuple[Surface, ...]:
     The tops of boxes that are about as high and adjoin are one surface, and so is each rectangle within it.
     """
     around, lowest = cell.surroundings, float(p[2]) - max(cell.object.radius_m, CONTACT_M)
-    tops = [footprint(box) for box in around.keep_out if lowest < box.upper[2] <= p[2] + LEVEL_M]
-    under = [top.height_m for top in tops if top.height_m <= p[2] + CONTACT_M and top.depth(p) >= 0.0]
-    under_m = max(under, default=np.inf)
+    tops = [footprint(box) for box in around.keep_out if lowest < box.upper[2] <= p[2] + CONTACT_M]
+    under_m = max((top.height_m for top in tops if top.depth(p) >= 0.0), default=np.inf)
     level = [top for top in tops if abs(top.height_m - under_m) <= LEVEL_M]
     found = _joined(level, p) if level else []
     if lowest < around.floor_z_m:  # also of a place below it

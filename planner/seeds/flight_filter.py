@@ -63,13 +63,14 @@ def _rooms(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) ->
     around, beside_base = problem.cell.surroundings, _lands_beside_base(problem, release)
     if not beside_base and not has_flight_obstacles(problem):
         return
-    p, carries_z = np.broadcast_to(p, v.shape), max(problem.plane_z, problem.carrier_z)
-    arcs = Arcs.onto(p, v, carries_z, problem.gravity_at_tool_speed, problem.cell.object.radius_m)
+    p = np.broadcast_to(p, v.shape)
+    arcs = Arcs.onto(p, v, problem.plane_z, problem.gravity_at_tool_speed, problem.cell.object.radius_m)
     whole = arcs.until_landed(problem.plane_z, problem.surfaces)
     for name, box in zip(around.keep_out_names, around.keep_out, strict=True):
-        if box.upper[2] <= carries_z + CONTACT_M:
+        if box.upper[2] <= problem.plane_z + CONTACT_M:
             rising = arcs.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m)
-            yield name, np.minimum(rising, _room_beside_lower_box(box, arcs, whole))
+            room = np.minimum(rising, _room_beside_lower_box(box, arcs, whole))
+            yield name, np.minimum(room, _room_lying(problem, release, box, whole))
             continue
         room = arcs.room_beside_box(box.lower, box.upper, _flight_gap(problem, release, box), around.floor_z_m)
         room = np.minimum(room, whole.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m))
@@ -105,10 +106,10 @@ def _room_beside_lower_box(box: Box, arcs: Arcs, whole: Arcs) -> Array:
 def _room_lying(problem: ThrowProblem, release: TargetRelease, box: Box, whole: Arcs) -> Array:
     """Returns the room (...,) [m] beside a box of an object that lies, from where flights end to the target.
 
-    Infinite for a target in the air or in a bin.
+    Infinite for a target in the air or in a bin, and beside a box no higher than what the object lies on.
     """
     room, radius = np.full(whole.until_s.shape, np.inf), whole.radius_m
-    if problem.lies_z is None:
+    if problem.lies_z is None or not problem.is_met_lying(box.upper[2]):
         return room
     touched, target = whole.at(whole.until_s), np.array([*release.p_W[:2], problem.lies_z])
     touched[..., 2] = problem.lies_z

@@ -85,8 +85,7 @@ def _box_edges(problem: ThrowProblem, arcs: Arcs, room_m: float) -> list[FlightE
     lowest = max(problem.plane_z - arcs.radius_m, around.floor_z_m + CONTACT_M)
     for box in around.keep_out:
         if box.upper[2] > lowest:  # the object comes down above the others
-            is_lower = box.upper[2] <= max(problem.plane_z, problem.carrier_z) + CONTACT_M
-            onto = list(_way_onto(box, arcs, room_m)) if is_lower else []
+            onto = list(_way_onto(box, arcs, room_m)) if box.upper[2] <= problem.plane_z + CONTACT_M else []
             passed += [max(onto or _ways_past(box, arcs, room_m), key=lambda way: way[0], default=(math.inf, []))]
     return [edge for _, edges in sorted(passed, key=lambda way: way[0]) for edge in edges]
 

@@ -11,7 +11,6 @@ from functools import reduce
 import numpy as np
 
 from planner.arrays import Array, Mask
-from planner.cell import CONTACT_M
 from planner.certificate.flight.flights import Flights
 from planner.certificate.flight.separation import box_bound
 
@@ -35,7 +34,7 @@ def box_gaps(flights: Flights, corners: list[Array], boxes: tuple[Array, Array],
         return in_air
     touching = falling & (lowest < flights.highest_end_at(corners, bend))
     lying = box_bound([_at_height(corner, flights.lies_at_m) for corner in corners], lower, upper) - bend
-    lying = np.where(upper[2] > flights.motion.problem.carrier_z + CONTACT_M, lying, np.inf)
+    lying = np.where(flights.motion.problem.is_met_lying(upper[2]), lying, np.inf)
     landed = falling & (reduce(np.maximum, heights) + bend < landed_at)
     return np.where(landed, lying, np.where(touching, np.minimum(in_air, lying), in_air))
 

@@ -10,13 +10,12 @@ that are higher until its centre would be at the target.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cached_property, lru_cache
 
 import numpy as np
 
 from planner.arrays import Array, Index, Mask
-from planner.cell import CONTACT_M
 from planner.certificate.samples import MotionSamples
 from planner.flight import fly, paths, positions_after
 from planner.geometry import Surface
@@ -94,7 +93,7 @@ class Flights:
 
     @cached_property
     def lowest(self) -> float:
-        """Height of the falling centre below which nothing counts, wherever it is [m]."""
+        """Height of the falling centre below which a flight is over, wherever it is [m]; what is higher counts on."""
         everywhere = [each for each in self.motion.problem.surfaces if np.isinf(each.lower).all()]
         everywhere = everywhere if self.opening is None else []  # only within a bin's wall
         return max(map(self._ends_over, everywhere), default=self.motion.problem.plane_z)
@@ -106,17 +105,16 @@ class Flights:
         return [(surface, height) for surface, height in found if height > self.lowest]
 
     @cached_property
-    def rising(self) -> Mask:
+    def higher(self) -> Mask:
         """Which obstacles (items,) an object that lies at its target can meet: boxes higher than what it lies on."""
-        problem, rising = self.motion.problem, np.zeros(len(self.names), np.bool_)
-        if problem.lies_z is not None:
-            rising[: len(self.boxes[0])] = self.boxes[1][:, 2] > problem.carrier_z + CONTACT_M
-        return rising
+        higher = np.zeros(len(self.names), np.bool_)
+        higher[: len(self.boxes[0])] = self.motion.problem.is_met_lying(self.boxes[1][:, 2])
+        return higher
 
     @cached_property
     def lies_at_m(self) -> float | None:
         """Height of the centre of an object that lies at its target [m]; None where it can meet nothing there."""
-        return self.motion.problem.lies_z if self.rising.any() else None
+        return self.motion.problem.lies_z if self.higher.any() else None
 
     def lowest_at(self, corners: Sequence[Array], bend: Array | float = 0.0) -> Array:
         """Returns the heights (...) [m] of the falling centre below which a flight is over, on a surface or below all.
@@ -125,17 +123,20 @@ class Flights:
             corners: of patches of flights, each (3, ...) [m].
             bend: deviation of the flights from what is between the corners (...) [m].
         """
-        return self._ends_within(corners, lambda depths: np.asarray(np.min(depths, axis=0) > bend))
+        lowest = np.full(corners[0].shape[1:], self.lowest)
+        for surface, height in self.landings:
+            within = np.min([self._depth_within(surface, x) for x in corners], axis=0) > bend
+            lowest = np.where(within, np.maximum(lowest, height), lowest)
+        return lowest
 
     def highest_end_at(self, corners: Sequence[Array], bend: Array) -> Array:
         """Returns the largest heights (...) [m] at which a flight in the patches may be over; see `lowest_at`."""
-        return self._ends_within(corners, lambda depths: np.asarray(np.max(depths, axis=0) > -bend))
-
-    def _ends_within(self, corners: Sequence[Array], is_within: Callable[[list[Array]], Mask]) -> Array:
-        ends = np.full(corners[0].shape[1:], self.lowest)
+        ends, places = np.full(corners[0].shape[1:], self.lowest), [corner[:2] for corner in corners]
+        least, most = np.min(places, axis=0) - bend, np.max(places, axis=0) + bend
         for surface, height in self.landings:
-            within = is_within([self._depth_within(surface, x) for x in corners])
-            ends = np.where(within, np.maximum(ends, height), ends)
+            lower, upper = (corner.reshape(2, *[1] * ends.ndim) for corner in (surface.lower, surface.upper))
+            meets = ((least <= upper) & (most >= lower)).all(axis=0)
+            ends = np.where(meets, np.maximum(ends, height), ends)
         return ends
 
     def over_below(self, item: Index, end: Array) -> Array:
@@ -145,7 +146,7 @@ class Flights:
             item: numbers of the obstacles.
             end: heights at which the flights are over (..., k) [m].
         """
-        return np.where(self.rising[item], self.motion.problem.plane_z, end)
+        return np.where(self.higher[item], self.motion.problem.plane_z, end)
 
     def lying(self, x: Array, fallen: Mask) -> Array:
         """Returns the centres (3, ...) [m], at their height where the object lies.

@@ -336,7 +336,7 @@ def test_what_is_higher_counts_until_the_object_lies_at_its_target(below, window
     assert not is_met()
     x = touch[0] + 0.041 + late  # not touched in the air, and left before the object is at its target
     assert target[0] - x > 0.042 + late
-    for height, met in ((0.3, True), (0.01, True), (0.0, False)):
+    for height, met in ((0.3, True), (0.01, True), (0.0011, True), (0.0009, False), (0.0, False)):
         assert is_met(([x, -1.0, top - 0.01], [x + 1e-3, 1.0, top + height])) == met
     along = (target - touch)[:2]
     beside = touch[1] + (x + 1e-3 - touch[0]) * along[1] / along[0]

@@ -56,17 +56,6 @@ def test_tops_are_level_with_the_one_under_the_place_not_from_one_to_the_next() 
     assert surface.height_m == pytest.approx(HEIGHT_M - 0.009)
 
 
-def test_a_place_on_the_lower_part_of_a_table_is_on_the_higher_one_too() -> None:
-    """They adjoin and differ by less than a millimetre; a place within the higher one is on neither."""
-    higher, lower = ([0.0, 0.0, 0.0], [1.0, 1.0, HEIGHT_M]), ([1.0, 0.0, 0.0], [2.0, 1.0, HEIGHT_M - 0.0009])
-    table = with_boxes(cell(), higher, lower)
-    for x, height in ((1.5, HEIGHT_M - 0.0009), (0.5, HEIGHT_M)):
-        (surface,) = landing_surfaces(table, np.array([x, 0.5, height]))
-        np.testing.assert_allclose([surface.lower, surface.upper], [[0.0, 0.0], [2.0, 1.0]])
-        assert surface.height_m == HEIGHT_M
-    assert landing_surfaces(table, np.array([0.5, 0.5, HEIGHT_M - 0.0009])) == ()
-
-
 def test_a_point_without_a_radius_lands_on_a_top() -> None:
     here = cell()
     point = replace(here, object=replace(here.object, radius_m=0.0))

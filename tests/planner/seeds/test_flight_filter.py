@@ -89,11 +89,12 @@ def test_a_target_may_stand_on_a_box_but_not_in_one() -> None:
     assert caught.value.violations[0].constraint == "flight_clearance"
 
 
+@pytest.mark.parametrize("above_m", [0.0, 0.025])
 @pytest.mark.parametrize("on_table", [True, False])
-def test_candidates_do_not_go_on_into_what_stands_before_the_target(on_table: bool) -> None:
+def test_candidates_do_not_go_on_into_what_stands_before_the_target(on_table: bool, above_m: float) -> None:
     """A thick object that comes down flat touches the table, or the floor, before a wall, and the target behind it."""
     here, top = replace(cell(), object=replace(cell().object, radius_m=0.08)), 0.3 if on_table else 0.0
-    target, lies = np.array([1.2, 0.1, top]), np.array([1.2, 0.1, top + 0.08])
+    target, lies = np.array([1.2, 0.1, top + above_m]), np.array([1.2, 0.1, top + 0.08])
     table = [Box(np.array([0.4, -0.5, 0.0]), np.array([1.8, 0.8, top]))] if on_table else []
     rng, free, blocked = np.random.default_rng(2), 0, 0
     for _ in range(40):
@@ -111,7 +112,7 @@ def test_candidates_do_not_go_on_into_what_stands_before_the_target(on_table: bo
         in_air = arcs.room_beside_box(post.lower, post.upper, 0.006) >= 0.0
         assert np.all(room[in_air & (gap > 0.001)] >= -1e-9)
         free, blocked = free + np.sum(in_air & (gap > 0.001)), blocked + np.sum(in_air & (gap < 0.0))
-    assert min(free, blocked) > 100
+    assert min(free, blocked) > 50
 
 
 def test_a_wall_that_no_flight_clears_is_blamed_not_the_postures_within_it() -> None:
