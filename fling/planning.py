@@ -11,6 +11,7 @@ from uuid import uuid4
 from fling.cells import open_cell
 from planner import planning
 from planner.cell import Cell
+from planner.errors import FieldError, InvalidProblem
 from planner.plan_document import plan_document as document_of
 from planner.planning import Plan
 from planner.problem import ThrowProblem
@@ -30,7 +31,12 @@ def problem(request: Mapping[str, Any], cell: Cell | str | Path | None = None) -
         CellError: there is no such cell, or its file is refused.
         InvalidProblem: every refused field with its reason.
     """
-    found = cell if isinstance(cell, Cell) else open_cell(cell or request.get("cell") or DEFAULT_CELL)
+    if not isinstance(request, Mapping):
+        raise InvalidProblem(
+            [FieldError("request", f"must be a mapping as `POST /plan` takes it, not {request!r:.60}")]
+        )
+    named = request.get("cell") if cell is None else cell
+    found = named if isinstance(named, Cell) else open_cell(DEFAULT_CELL if named is None else str(named))
     return problem_from_request(request, found)
 
 

@@ -16,6 +16,7 @@ from planner.cell import Box, Cell, Limits
 from planner.errors import FieldError, InvalidProblem
 from planner.flight import drag_constant
 from planner.geometry import LEVEL_M, Misfit, Surface, barriers, landing_surfaces, misfit, passable
+from planner.rotations import unit_hint
 
 BACKENDS = ("auto", "casadi", "ruckig", "toppra", "cubic", "trapezoid", "ramp")
 REST_SPEED = 1e-9  # [rad/s, m/s] a release slower than this is a move that ends at rest
@@ -277,6 +278,6 @@ def _start_errors(q: Array, limits: Limits) -> list[FieldError]:
     for i in range(6):
         if not limits.q_lower[i] <= q[i] <= limits.q_upper[i]:
             bounds = f"[{limits.q_lower[i]:.6g}, {limits.q_upper[i]:.6g}]"
-            reason = f"{q[i]:.6g} rad is outside the joint's limits {bounds} rad"
+            reason = f"{q[i]:.6g} rad is outside the joint's limits {bounds} rad{unit_hint(q[i])}"
             errors.append(FieldError(f"start.positions[{i}]", reason))
     return errors

@@ -32,6 +32,11 @@ def rotation_vector_to_matrix(vector: ArrayLike) -> Array:
     return quaternion_to_matrix(np.concatenate([0.5 * np.sinc(half / np.pi) * vector, np.cos(half)], axis=-1))
 
 
+def unit_hint(angle_rad: float) -> str:
+    """Returns a question after a joint position of two turns and more [rad], which no joint reaches; else nothing."""
+    return ": degrees?" if abs(angle_rad) > 2.0 * FULL_TURN else ""
+
+
 def beyond_full_turn(vector: ArrayLike) -> str | None:
     """Returns why a rotation vector (3,) [rad] is refused, None for one that turns once at most."""
     angle = float(np.linalg.norm(vector))

@@ -176,7 +176,7 @@ def _at_rest(problem: ThrowProblem, x: Vector, box: Box) -> Vector:
     if height is None or not isinstance(problem.release, TargetRelease) or box.upper[2] <= height + LEVEL_M:
         return np.empty((0, 3))
     x = x if problem.release.opening is None else x[:0]  # nothing is followed within a bin
-    places = np.concatenate([x, [problem.release.p_W - problem.aim_shift]])
+    places = np.concatenate([x, [problem.release.p_W]]) - problem.aim_shift  # it lands as far beside its aim
     places[:, 2] = height + problem.cell.object.radius_m
     return places
 

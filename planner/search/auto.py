@@ -58,9 +58,14 @@ def search_optimised(search: PlanningSearch, ranking: Ranking, policy: Sequence[
 
 
 def _least_release_time(dt: float, ranking: Ranking) -> float:
-    """Returns the first tick at which the slowest joint alone can be at a candidate [s], with slack for rounding."""
+    """Returns the first tick at which the slowest joint alone can be at a candidate [s], with slack for rounding.
+
+    No motion has fewer ticks than `ruckig_otg.TICKS_MIN`: to a release at the start no other is sought.
+    """
     arrival_s = next(ranking.by_arrival()).arrival_s
-    return dt * (math.ceil(arrival_s / dt - TICK_SLACK) + TICK_SLACK) if math.isfinite(arrival_s) else 0.0
+    if not math.isfinite(arrival_s):
+        return 0.0
+    return dt * (max(math.ceil(arrival_s / dt - TICK_SLACK), ruckig_otg.TICKS_MIN) + TICK_SLACK)
 
 
 def _walk(search: PlanningSearch, stage: Stage, ranking: Ranking) -> Iterator[RankedCandidate]:

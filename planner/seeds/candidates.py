@@ -26,7 +26,7 @@ from planner.kinematics import (
     singularity_distances,
 )
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
-from planner.rotations import invert_pose
+from planner.rotations import invert_pose, unit_hint
 from planner.seeds.aspects import aspects, first_rows
 from planner.seeds.flight_filter import flight_obstacles, has_flight_obstacles
 from planner.seeds.sampling import blocked_flights, point_states, target_states
@@ -317,7 +317,7 @@ def _check_joint_positions(problem: ThrowProblem, release: JointRelease) -> None
 def _joint_violation(problem: ThrowProblem, joint: int, q: float) -> Violation:
     """Returns the violation by a joint's position `q` [rad] outside its limits."""
     lower, upper = problem.limits.q_lower[joint], problem.limits.q_upper[joint]
-    detail = f"{problem.cell.robot.joint_names[joint]} at the release"
+    detail = f"{problem.cell.robot.joint_names[joint]} at the release{unit_hint(q)}"
     return Violation("joint_position", float(q), float(lower if q < lower else upper), "rad", detail=detail)
 
 

@@ -111,8 +111,8 @@ def _room_lying(problem: ThrowProblem, release: TargetRelease, box: Box, whole: 
     room, radius = np.full(whole.until_s.shape, np.inf), whole.radius_m
     if problem.lies_z is None or not problem.is_met_lying(box.upper[2]):
         return room
-    touched, target = whole.at(whole.until_s), np.array([*release.p_W[:2], problem.lies_z])
-    touched[..., 2] = problem.lies_z
+    touched, target = whole.at(whole.until_s) - problem.aim_shift, release.p_W - problem.aim_shift
+    touched[..., 2] = target[2] = problem.lies_z
     lower, upper = np.minimum(touched, target) - radius, np.maximum(touched, target) + radius
     near = ((lower < box.upper) & (upper > box.lower)).all(axis=-1)
     room[near] = segment_box_distance(touched[near], target, box.lower, box.upper) - radius

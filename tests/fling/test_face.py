@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +59,29 @@ def test_refusals_name_what_stands_in_the_way():
     with pytest.raises(fling.Infeasible) as refused:
         fling.plan({**REQUEST, "release": {**REQUEST["release"], "velocities": [9.0, 0, 0, 0, 0, 0]}})
     assert refused.value.violations[0].constraint == "joint_velocity"
+    with pytest.raises(fling.InvalidProblem, match=r"request: must be a mapping .* not 5"):
+        fling.plan(5)  # type: ignore[arg-type]
+    with pytest.raises(fling.CellError, match="is not one of"):
+        fling.plan({**REQUEST, "cell": ""})
+
+
+def test_degrees_are_asked_about():
+    degrees = {"positions": [90, -90, 90, -90, -90, 0]}
+    with pytest.raises(fling.Infeasible, match="shoulder_pan_joint at the release: degrees"):
+        fling.plan({"release": {**REQUEST["release"], **degrees}})
+    with pytest.raises(fling.InvalidProblem, match=r"start\.positions\[0\]: 90 rad .*: degrees"):
+        fling.plan({**REQUEST, "start": degrees})
+    with pytest.raises(fling.Infeasible, match=r"elbow_joint at the release\)$"):
+        fling.plan({"release": {**REQUEST["release"], "positions": [0.0, -1.5, 3.3, -1.5, -1.5, 0.0]}})
+
+
+def test_a_release_at_the_start_is_there_at_once():
+    home = fling.open_cell("ur5e-sim").home.tolist()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        answer = fling.plan({"release": {"kind": "joint", "positions": home, "velocities": [0.0] * 6}})
+    assert answer.trajectory.release_time_s == pytest.approx(0.006)
+    assert {attempt.backend for attempt in answer.attempts} == {"ruckig"}
 
 
 def test_the_document_of_a_plan_is_read_back(answer: fling.Plan):

@@ -33,12 +33,7 @@ def box_gaps(flights: Flights, corners: list[Array], boxes: tuple[Array, Array],
     if flights.lies_at_m is None:
         return in_air
     touching = falling & (lowest < flights.highest_end_at(corners, bend))
-    lying = box_bound([_at_height(corner, flights.lies_at_m) for corner in corners], lower, upper) - bend
+    lying = box_bound([flights.lying_at(corner) for corner in corners], lower, upper) - bend
     lying = np.where(flights.motion.problem.is_met_lying(upper[2]), lying, np.inf)
     landed = falling & (reduce(np.maximum, heights) + bend < landed_at)
     return np.where(landed, lying, np.where(touching, np.minimum(in_air, lying), in_air))
-
-
-def _at_height(x: Array, height_m: float) -> Array:
-    """Returns the points (3, ...) over or below `x` at a height."""
-    return np.stack([x[0], x[1], np.full_like(x[2], height_m)])

@@ -157,8 +157,15 @@ class Flights:
         """
         if self.lies_at_m is None:
             return x
-        lies = fallen & (x[2] < self.lowest_at([x]))
-        return np.stack([x[0], x[1], np.where(lies, self.lies_at_m, x[2])])
+        return np.where(fallen & (x[2] < self.lowest_at([x])), self.lying_at(x), x)
+
+    def lying_at(self, x: Array) -> Array:
+        """Returns the centres (3, ...) [m] of an object that lies where a flight is at `x` (3, ...).
+
+        A learnt flight that lands beside its aim is as far off there as at the target.
+        """
+        shift, height_m = self.motion.problem.aim_shift, self.lies_at_m
+        return np.stack([x[0] - shift[0], x[1] - shift[1], np.full_like(x[2], height_m)])
 
     def _depth_within(self, surface: Surface, x: Array) -> Array:
         """Returns how far within a surface, and the bin's wall, points (3, ...) are (...) [m]."""
