@@ -231,14 +231,14 @@ class ThrowProblem:
         is_target = isinstance(self.release, TargetRelease) and self.release.opening is None
         return self.carrier_z + self.cell.object.radius_m if is_target and self.surfaces else None
 
-    def is_met_lying(self, top_z: Array) -> Mask:
-        """Returns which boxes that end at `top_z` (...) [m] are higher than what the object lies on at the target."""
-        return np.asarray((top_z > self.carrier_z + LEVEL_M) & (self.lies_z is not None))
-
     @cached_property
     def carrier_z(self) -> float:
         """Height of what the object lies on at the target [m]; in the air the landing plane's."""
         return max((surface.height_m for surface in self.surfaces), default=self.plane_z)
+
+    def is_met_lying(self, top_z: Array) -> Mask:
+        """Returns which boxes that end at `top_z` (...) [m] are higher than what the object lies on at the target."""
+        return np.asarray((top_z > self.carrier_z + LEVEL_M) & (self.lies_z is not None))
 
     @property
     def gravity(self) -> float:

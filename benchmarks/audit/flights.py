@@ -157,7 +157,7 @@ def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: 
     through = passing[:contact]
     gaps = [("the floor", float((x[:, 2] - radius).min()) - around.floor_z_m)]
     for k, box in enumerate(around.keep_out):
-        path = np.concatenate([through, _at_rest(problem, passing[contact:], box)])
+        path = np.concatenate([through, _lying(problem, passing[contact:], box)])
         gaps.append((f"box {k}", float(_from_box(path, box).min()) - radius))
     for name, frame, apart in arm.gaps(through, delay):
         counted = _since_clear(apart - radius) if frame in GRIPPED_FRAMES else np.ones(len(apart), bool)
@@ -167,8 +167,8 @@ def _obstacles(problem: ThrowProblem, arm: _Arm, delay: float, paths: Paths, i: 
     return found + _bin(problem, through, slack)
 
 
-def _at_rest(problem: ThrowProblem, x: Vector, box: Box) -> Vector:
-    """Returns where the centre of an object is that goes on below `x` (n, 3), and where it lies at last, beside a box.
+def _lying(problem: ThrowProblem, x: Vector, box: Box) -> Vector:
+    """Returns where the centre of an object is that lies beside a box, as it goes on below `x` (n, 3), and at last.
 
     Nowhere where the target is in the air, or for a box that is as high as what carries it, or lower.
     """

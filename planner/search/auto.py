@@ -60,7 +60,7 @@ def search_optimised(search: PlanningSearch, ranking: Ranking, policy: Sequence[
 def _least_release_time(dt: float, ranking: Ranking) -> float:
     """Returns the first tick at which the slowest joint alone can be at a candidate [s], with slack for rounding.
 
-    No motion has fewer ticks than `ruckig_otg.TICKS_MIN`: to a release at the start no other is sought.
+    Of a release that is reached within the fewest ticks of a motion, as one at the start is, none sooner is sought.
     """
     arrival_s = next(ranking.by_arrival()).arrival_s
     if not math.isfinite(arrival_s):

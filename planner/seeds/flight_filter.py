@@ -70,10 +70,9 @@ def _rooms(problem: ThrowProblem, release: TargetRelease, p: Array, v: Array) ->
         if box.upper[2] <= problem.plane_z + CONTACT_M:
             rising = arcs.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m)
             room = np.minimum(rising, _room_beside_lower_box(box, arcs, whole))
-            yield name, np.minimum(room, _room_lying(problem, release, box, whole))
-            continue
-        room = arcs.room_beside_box(box.lower, box.upper, _flight_gap(problem, release, box), around.floor_z_m)
-        room = np.minimum(room, whole.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m))
+        else:
+            room = arcs.room_beside_box(box.lower, box.upper, _flight_gap(problem, release, box), around.floor_z_m)
+            room = np.minimum(room, whole.room_beside_box(box.lower, box.upper, 0.0, around.floor_z_m))
         yield name, np.minimum(room, _room_lying(problem, release, box, whole))
     if release.opening is not None:
         mouth = release.opening

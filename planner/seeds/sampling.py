@@ -284,23 +284,26 @@ def _best_flights(
 
 def _launches(problem: ThrowProblem, release: TargetRelease, p: Array, thorough: bool) -> tuple[Array, Mask]:
     """Returns release velocities (k, n, 3) from p (n, 3), and which of them (k, n) keep the limits on the velocity."""
-    times = flight_times(problem, thorough) if release.release_position is None else _times_from(problem, release)
+    if release.release_position is not None:
+        return _launches_in(problem, release, p, _times_from(problem, release, release.release_position))
+    return _launches_in(problem, release, p, np.array(flight_times(problem, thorough)))
+
+
+def _launches_in(problem: ThrowProblem, release: TargetRelease, p: Array, times: Array) -> tuple[Array, Mask]:
+    """Returns what `_launches` does for flight times (k,), relative to that of the slowest throw [-]."""
     t = np.outer(times, slowest_time(p, release.p_W, problem.gravity_at_tool_speed))
     v = launch_velocity(p, release.p_W, t, problem.gravity_at_tool_speed)
     return v, _allowed_velocity(problem, release, v) & (v[..., 2] < problem.gravity_at_tool_speed * t)
 
 
-def _times_from(problem: ThrowProblem, release: TargetRelease) -> Array:
-    """Returns flight times (k,) from a given place, relative to that of the slowest throw [-].
+def _times_from(problem: ThrowProblem, release: TargetRelease, p: Array) -> Array:
+    """Returns flight times (k,) from a given place (3,), relative to that of the slowest throw [-].
 
     They are spread over those that are allowed and clear, which may be few; if none is, over all.
     """
-    assert release.release_position is not None
-    p, gravity = np.tile(release.release_position, (len(TIMES_FROM_A_PLACE), 1)), problem.gravity_at_tool_speed
-    t = TIMES_FROM_A_PLACE * slowest_time(p, release.p_W, gravity)
-    v = launch_velocity(p, release.p_W, t, gravity)
-    kept = _allowed_velocity(problem, release, v)
-    kept[kept] = clear_flights(problem, release, p[kept], v[kept])
+    launches, allowed = _launches_in(problem, release, p[None], TIMES_FROM_A_PLACE)
+    v, kept = launches[:, 0], allowed[:, 0]
+    kept[kept] = clear_flights(problem, release, np.tile(p, (len(v), 1))[kept], v[kept])
     times = TIMES_FROM_A_PLACE[kept] if kept.any() else TIMES_FROM_A_PLACE
     return times[np.unique(np.linspace(0, len(times) - 1, TIMES_TRIED).round().astype(int))]
 

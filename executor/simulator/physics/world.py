@@ -179,8 +179,8 @@ class World:
             return [*self.boxes, *self._bins()]
         if flight.caught.name == BIN or any(each.spans(flight.state) for each in self._bins()):
             return []
-        higher = [box for box in self.boxes if box.upper[2] > self._carrier(flight) + LEVEL_M]
-        return [*higher, *self._bins()]
+        level_z = self._carrier(flight) + LEVEL_M
+        return [*(box for box in self.boxes if box.upper[2] > level_z), *self._bins()]
 
     def _bins(self) -> list[RoundBin]:
         return [] if self.bin is None else [self.bin]

@@ -30,9 +30,9 @@ def box_gaps(flights: Flights, corners: list[Array], boxes: tuple[Array, Array],
     lowest, landed_at = reduce(np.minimum, heights) - bend, flights.lowest_at(corners, bend)
     above = np.where(falling, np.maximum(lowest, landed_at), lowest) - upper[2]
     in_air = np.maximum(box_bound(corners, lower, upper) - bend, above)
-    if flights.lies_at_m is None:
-        return in_air
     touching = falling & (lowest < flights.highest_end_at(corners, bend))
+    if flights.lies_at_m is None or not touching.any():
+        return in_air
     lying = box_bound([flights.lying_at(corner) for corner in corners], lower, upper) - bend
     lying = np.where(flights.motion.problem.is_met_lying(upper[2]), lying, np.inf)
     landed = falling & (reduce(np.maximum, heights) + bend < landed_at)

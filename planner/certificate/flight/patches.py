@@ -169,9 +169,14 @@ class PatchBounds:
         bend = across + self.time_bend(s, h)
         far = self.distance_from_base(corners).max(axis=0) + bend
         turned = self.turn_bend(far, s, self.frames(item), (rates[0], rates[1]), h)
-        fallen = t >= apexes
-        bound, sampled = self._distances(item, (corners, t), (bend, falling), flights.lying(corners, fallen))
-        lower = bound - np.where(self.is_capsule(item), turned, 0.0) - flights.thickness[item]
+        bound, sampled = self._distances(item, corners, t)
+        lower, fallen = bound - bend - np.where(self.is_capsule(item), turned, 0.0), t >= apexes
+        if (is_box := item < len(flights.boxes[0])).any():
+            x, (low, high) = corners[:, :, is_box], (side[item[is_box]].T for side in flights.boxes)
+            lower[is_box] = box_gaps(flights, _corners(x), (low, high), bend[is_box], falling[is_box])
+            x = flights.lying(x, fallen[:, is_box])
+            sampled[:, is_box] = _length(x - np.clip(x, low[:, None], high[:, None]))
+        lower -= flights.thickness[item]
         end = flights.over_below(item, flights.lowest_at(_corners(corners), bend))
         over = falling & (corners[2, ::2].max(axis=0) + across < end)
         over |= (item == flights.rim) & falling & self.all_in_bin(_corners(corners), bend)
@@ -189,35 +194,28 @@ class PatchBounds:
         capsule = np.where(self.is_capsule(item), item - len(self.flights.boxes[0]), 0)
         return np.where(self.is_capsule(item), self.flights.motion.body.frames[capsule], 0)
 
-    def _distances(
-        self, item: Index, at: tuple[Array, Array], between: tuple[Array, Mask], lying: Array
-    ) -> tuple[Array, Array]:
-        """Returns lower bounds (k,) on the distances of patches from the obstacles, and distances (4, k) of corners.
+    def _distances(self, item: Index, corners: Array, t: Array) -> tuple[Array, Array]:
+        """Returns lower bounds (k,) on the distances of patches from obstacles, and distances (4, k) of corners.
+
+        Boxes are left out (NaN): beside them an object may lie, see `box_gaps`.
 
         Args:
             item: numbers of the obstacles (k,).
-            at: corners of the patches (3, 4, k) [m] and their times (4, k) [s].
-            between: bend of the patches (k,) [m], and which of them fall (k,).
-            lying: the corners, those where the object lies at that height (3, 4, k) [m].
+            corners: of the patches (3, 4, k) [m].
+            t: their times (4, k) [s].
         """
-        flights, count, (corners, t), (bend, falling) = self.flights, len(self.flights.boxes[0]), at, between
-        is_box, is_rim, is_capsule = item < count, item == flights.rim, self.is_capsule(item)
-        bound, sampled = np.empty(len(item)), np.empty(t.shape)
-        if is_box.any():
-            lower, upper = (side[item[is_box]].T for side in flights.boxes)
-            x = _corners(corners[:, :, is_box])
-            bound[is_box] = box_gaps(flights, x, (lower, upper), bend[is_box], falling[is_box])
-            x = lying[:, :, is_box]
-            sampled[:, is_box] = _length(x - np.clip(x, lower[:, None], upper[:, None]))
+        flights, count = self.flights, len(self.flights.boxes[0])
+        is_rim, is_capsule = item == flights.rim, self.is_capsule(item)
+        bound, sampled = np.full(len(item), np.nan), np.full(t.shape, np.nan)
         if is_rim.any():
             x = corners[:, :, is_rim]
-            bound[is_rim] = self.wall_bound(_corners(x)) - bend[is_rim]
+            bound[is_rim] = self.wall_bound(_corners(x))
             sampled[:, is_rim] = _length(x - flights.nearest_on_wall(x))
         if is_capsule.any():
             body, capsule = flights.motion.body, item[is_capsule] - count
             poses = flights.motion.distinct_poses(t[:2, is_capsule])
             found = capsule_distances(poses, (body.frames[capsule], body.ends[capsule]), corners[:, :, is_capsule])
-            bound[is_capsule], sampled[:, is_capsule] = found[0] - bend[is_capsule], found[1:]
+            bound[is_capsule], sampled[:, is_capsule] = found[0], found[1:]
         return bound, sampled
 
     def distance_from_base(self, x: Array) -> Array:
