@@ -39,6 +39,7 @@ from planner.rotations import (
 __all__ = ["NUMBER_MAX", "problem_from_request", "release_document", "request_document"]
 
 
+Number = int | float | np.integer | np.floating
 NUMBER_MAX = 1e6  # of a request, in any unit: no robot has such a number, and squares and sums of them are finite
 AGREEMENT_RAD = 1e-3  # [rad] by which two orientations of one pose may differ: somebody rounded them
 UNIT_TOLERANCE = 1e-3  # [-] deviation of a quaternion's length from 1 up to which it is normalised
@@ -204,10 +205,9 @@ class _Fields:
 
     def number(self, key: str, default: float, lower: float = -np.inf, upper: float = np.inf) -> float:
         """Returns a finite number within [lower, upper], `default` where it is absent."""
-        value = self.get(key)
-        if value is None:
+        if (value := self.get(key)) is None:
             return default
-        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= NUMBER_MAX:
+        if isinstance(value, bool) or not isinstance(value, Number) or not abs(value) <= NUMBER_MAX:
             self.refuse(key, f"{value!r} must be a finite number within {NUMBER_MAX:g}")
             return default
         if not lower <= value <= upper:
@@ -270,7 +270,7 @@ def _limits(request: _Fields, own: Limits) -> Limits:
 
 def _tightened(limits: _Fields, key: str, own: Array, unit: str) -> Array:
     """Returns a limit (6,), given as one number or one per joint, that may only tighten the cell's `own`."""
-    by_joint = isinstance(limits.get(key), list | tuple)
+    by_joint = isinstance(limits.get(key), list | tuple | np.ndarray)
     entries = np.asarray(limits.get(key) if by_joint else [limits.get(key)] * len(own))
     if entries.shape != own.shape or entries.dtype.kind not in "fiu" or not np.isfinite(entries).all():
         limits.refuse(key, f"must be one finite number or {len(own)} of them")
@@ -285,7 +285,7 @@ def _tightened(limits: _Fields, key: str, own: Array, unit: str) -> Array:
 
 def _singularity_distance(request: _Fields, own: float) -> float:
     key, value = "singularity_distance_min", request.get("singularity_distance_min")
-    if not isinstance(value, int | float) or not np.isfinite(value) or value > 1.0:
+    if isinstance(value, bool) or not isinstance(value, Number) or not np.isfinite(value) or value > 1.0:
         request.refuse(key, f"{value} must be a number up to 1")
         return own
     if value < own:

@@ -62,6 +62,20 @@ def test_defaults():
     assert (problem.backend, problem.time_limit_s, problem.release_window_s) == ("auto", 120.0, 0.0)
 
 
+def test_numbers_of_numpy_are_numbers():
+    numbers = {"release_window_s": 0.02, "landing_tolerance_m": 0.005}
+    plain = problem_from_request({"release": POINT, "limits": {"velocity": [1.0] * 6}, **numbers}, cell())
+    given = {"release": POINT, "limits": {"velocity": np.ones(6)}, "singularity_distance_min": np.float32(0.25)}
+    given |= {"time_limit_s": np.int64(5)} | {key: np.float32(value) for key, value in numbers.items()}
+    other = problem_from_request(given, cell())
+    assert other.release_window_s == pytest.approx(plain.release_window_s)
+    assert other.landing_tolerance_m == pytest.approx(plain.landing_tolerance_m)
+    assert (other.time_limit_s, other.limits.singularity_distance_min) == (5.0, 0.25)
+    np.testing.assert_array_equal(other.limits.qd_max, plain.limits.qd_max)
+    with pytest.raises(InvalidProblem, match="release_window_s"):
+        problem_from_request({"release": POINT, "release_window_s": np.True_}, cell())
+
+
 def test_targets_are_robust_unless_switched_off():
     here = cell()
     steady = replace(here, gripper=replace(here.gripper, jitter_s=0.0))
