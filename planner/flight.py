@@ -293,11 +293,17 @@ def least_speed(p: ArrayLike, target: ArrayLike, gravity: float) -> Array:
     return np.sqrt(gravity * np.maximum(np.linalg.norm(d, axis=-1) + d[..., 2], 0.0))
 
 
-def time_at_elevation(p: ArrayLike, target: ArrayLike, elevation_rad: float, gravity: float) -> float | None:
-    """Returns the flight time [s] of the drag-free throw at this elevation, None where there is none."""
+def elevation(v: ArrayLike) -> Array:
+    """Returns the elevation (...,) [rad] of velocities `v` (..., 3) above the horizontal."""
+    v = np.asarray(v, float)
+    return np.arctan2(v[..., 2], np.hypot(v[..., 0], v[..., 1]))
+
+
+def time_at_elevation(p: ArrayLike, target: ArrayLike, elevation_rad: ArrayLike, gravity: float) -> Array:
+    """Returns the time (...,) [s] of the drag-free throw from `p` (..., 3) at an elevation (...,); NaN without one."""
     d = np.asarray(target, float) - np.asarray(p, float)
-    square = 2.0 * (math.hypot(d[0], d[1]) * math.tan(elevation_rad) - d[2]) / gravity
-    return math.sqrt(square) if square > 0.0 else None
+    square = 2.0 * (np.hypot(d[..., 0], d[..., 1]) * np.tan(elevation_rad) - d[..., 2]) / gravity
+    return np.sqrt(np.where(square > 0.0, square, np.nan))
 
 
 def _step(state: Array, h: ArrayLike, gravity: float, drag: float) -> Array:

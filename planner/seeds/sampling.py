@@ -14,7 +14,7 @@ import numpy as np
 from planner.arrays import Array, Mask
 from planner.cell import Limits
 from planner.errors import Infeasible, Violation
-from planner.flight import launch_velocity, least_speed, slowest_time, time_of_flight
+from planner.flight import time_of_flight
 from planner.geometry import body_model, tool_pose
 from planner.kinematics import inverse_branches, singularity_distances
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
@@ -22,10 +22,17 @@ from planner.rotations import invert_pose, quaternion_to_matrix
 from planner.seeds.aspects import ASPECTS, aspects
 from planner.seeds.flight_filter import (
     clear_flights,
-    flight_times,
     least_room,
     leave_through_opening,
     no_clear_flight,
+)
+from planner.seeds.launches import (
+    allowed_velocity,
+    far_enough,
+    is_slow_enough,
+    launches,
+    no_flight,
+    with_drag,
 )
 from planner.seeds.quasi_random import quaternions
 from planner.seeds.run_ups import run_ups
@@ -34,7 +41,6 @@ from planner.seeds.throwing_postures import MORE_POSTURES, POSTURES, throwing, t
 from planner.seeds.velocity_allocation import allocate_velocity, balanced_velocity, tool_jacobian, tool_velocity
 
 ORIENTATIONS = 96  # tool orientations tried at a point
-TIMES_FROM_A_PLACE, TIMES_TRIED = np.geomspace(0.4, 3.0, 200), 8  # [-], see `_times_from`; 3.0: 84 degrees on a plane
 MORE_ORIENTATIONS, FEW_POSTURES = 1024, 24  # tried instead where those give fewer postures: narrow joint limits
 CHECKED_MAX = 1536  # soonest of these states whose clearance is checked before they are compared: 40 ms
 
@@ -166,7 +172,7 @@ def _throws_near(problem: ThrowProblem, release: TargetRelease, q: Array) -> tup
     limits = problem.reachable
     q = np.clip(q, limits.q_lower, limits.q_upper)
     p = tool_pose(problem.cell, q)[:, :3, 3]
-    allowed = _far_enough(release, p) & throwing(problem.cell, q, p, limits.singularity_distance_min)
+    allowed = far_enough(release, p) & throwing(problem.cell, q, p, limits.singularity_distance_min)
     return q, np.where(allowed[:, None], _best_flights(problem, release, q, p, balanced=True), np.nan)
 
 
@@ -175,15 +181,10 @@ def _with_run_ups(problem: ThrowProblem, release: TargetRelease, q: Array, qd: A
     run_q, run_qd = run_ups(problem, release)
     p = tool_pose(problem.cell, run_q)[:, :3, 3]
     v = tool_velocity(tool_jacobian(problem, run_q), run_qd) @ problem.cell.X_WB[:3, :3].T
-    kept = _far_enough(release, p) & throwing(problem.cell, run_q, p, problem.limits.singularity_distance_min)
-    kept &= _allowed_velocity(problem, release, v)
+    kept = far_enough(release, p) & throwing(problem.cell, run_q, p, problem.limits.singularity_distance_min)
+    kept &= allowed_velocity(problem, release, v)
     kept[kept] = clear_flights(problem, release, p[kept], v[kept])
     return np.concatenate([run_q[kept], q]), np.concatenate([run_qd[kept], qd])
-
-
-def _far_enough(release: TargetRelease, p: Array) -> Mask:
-    """Returns the mask of the positions (n, 3) at least the requested horizontal distance from the target."""
-    return np.asarray(np.linalg.norm((p - release.p_W)[:, :2], axis=1) >= release.min_horizontal_distance_m)
 
 
 def _thrown(problem: ThrowProblem, release: TargetRelease, thorough: bool, wide: bool) -> tuple[Array, Array]:
@@ -230,11 +231,11 @@ def _thrown_from(problem: ThrowProblem, release: TargetRelease, thorough: bool) 
         Infeasible: there are none.
     """
     q, p = throwing_postures(problem, MORE_POSTURES if thorough else POSTURES)
-    allowed = _far_enough(release, p)
+    allowed = far_enough(release, p)
     q, p = q[allowed], p[allowed]
-    slow = least_speed(p, release.p_W, problem.gravity_at_tool_speed) <= _speed_limit(problem, release)
+    slow = is_slow_enough(problem, release, p)
     if not slow.any():
-        raise Infeasible([_no_flight(problem, release, p)])
+        raise Infeasible([no_flight(problem, release, p)])
     return _flights(problem, release, q[slow], p[slow], thorough)
 
 
@@ -250,9 +251,9 @@ def _flights(
     rows = np.flatnonzero(np.isfinite(qd).all(axis=1))
     if len(rows):
         return q[rows], qd[rows]
-    v, allowed = _launches(problem, release, p, thorough)
+    v, allowed = launches(problem, release, p, thorough)
     if not allowed.any():
-        raise Infeasible([_no_flight(problem, release, p)])
+        raise Infeasible([no_flight(problem, release, p)])
     p, v = np.broadcast_to(p, v.shape)[allowed], v[allowed]
     raise Infeasible([no_clear_flight(problem, release, p, v, len(p))])
 
@@ -264,7 +265,7 @@ def _best_flights(
 
     Where `balanced`, the largest share of a joint's speed limit is reduced even if it keeps the limit.
     """
-    v, ok = _launches(problem, release, p, thorough)
+    v, ok = launches(problem, release, p, thorough)
     ok[ok] = clear_flights(problem, release, np.broadcast_to(p, v.shape)[ok], v[ok])
     found = np.full(q.shape, np.nan)
     rows = np.flatnonzero(ok.any(axis=0))
@@ -282,32 +283,6 @@ def _best_flights(
     return found
 
 
-def _launches(problem: ThrowProblem, release: TargetRelease, p: Array, thorough: bool) -> tuple[Array, Mask]:
-    """Returns release velocities (k, n, 3) from p (n, 3), and which of them (k, n) keep the limits on the velocity."""
-    if release.release_position is not None:
-        return _launches_in(problem, release, p, _times_from(problem, release, release.release_position))
-    return _launches_in(problem, release, p, np.array(flight_times(problem, thorough)))
-
-
-def _launches_in(problem: ThrowProblem, release: TargetRelease, p: Array, times: Array) -> tuple[Array, Mask]:
-    """Returns what `_launches` does for flight times (k,), relative to that of the slowest throw [-]."""
-    t = np.outer(times, slowest_time(p, release.p_W, problem.gravity_at_tool_speed))
-    v = launch_velocity(p, release.p_W, t, problem.gravity_at_tool_speed)
-    return v, _allowed_velocity(problem, release, v) & (v[..., 2] < problem.gravity_at_tool_speed * t)
-
-
-def _times_from(problem: ThrowProblem, release: TargetRelease, p: Array) -> Array:
-    """Returns flight times (k,) from a given place (3,), relative to that of the slowest throw [-].
-
-    They are spread over those that are allowed and clear, which may be few; if none is, over all.
-    """
-    launches, allowed = _launches_in(problem, release, p[None], TIMES_FROM_A_PLACE)
-    v, kept = launches[:, 0], allowed[:, 0]
-    kept[kept] = clear_flights(problem, release, np.tile(p, (len(v), 1))[kept], v[kept])
-    times = TIMES_FROM_A_PLACE[kept] if kept.any() else TIMES_FROM_A_PLACE
-    return times[np.unique(np.linspace(0, len(times) - 1, TIMES_TRIED).round().astype(int))]
-
-
 def _clear_of_obstacles(problem: ThrowProblem, q: Array, qd: Array) -> tuple[Array, Array]:
     """Returns those of the soonest `CHECKED_MAX` joint states (n, 6) in which the arm is clear; all if none is."""
     order = np.argsort(penalised_bound(problem, q, qd), kind="stable")[:CHECKED_MAX]
@@ -319,9 +294,9 @@ def _clear_of_obstacles(problem: ThrowProblem, q: Array, qd: Array) -> tuple[Arr
 def blocked_flights(problem: ThrowProblem, release: TargetRelease) -> Violation | None:
     """Returns what is in the way of all flights from postures in which the arm is clear; None if some are clear."""
     q, p = throwing_postures(problem, MORE_POSTURES)
-    far = _far_enough(release, p)
+    far = far_enough(release, p)
     q, p = q[far], p[far]
-    v, allowed = _launches(problem, release, p, thorough=True)
+    v, allowed = launches(problem, release, p, thorough=True)
     room = np.full(allowed.shape, -np.inf)
     room[allowed] = least_room(problem, release, np.broadcast_to(p, v.shape)[allowed], v[allowed])
     body, order = body_model(problem.cell_with_bin), np.argsort(-room.max(axis=0), kind="stable")
@@ -341,22 +316,9 @@ def _with_drag(problem: ThrowProblem, release: TargetRelease, q: Array, qd: Arra
     R_WB = problem.cell.X_WB[:3, :3]
     v = tool_velocity(J, qd) @ R_WB.T
     t = time_of_flight(p[:, 2] - release.p_W[2], v[:, 2], problem.gravity_at_tool_speed)
-    v = launch_velocity(p, release.p_W, t, problem.gravity_at_tool_speed, problem.drag)
-    hits = np.isfinite(v).all(axis=1) & _allowed_velocity(problem, release, v)
+    v = with_drag(problem, release, p, t)
+    hits = np.isfinite(v).all(axis=1) & allowed_velocity(problem, release, v)
     return q[hits], allocate_velocity(J[hits], v[hits] @ R_WB, problem.limits.qd_max)
-
-
-def _allowed_velocity(problem: ThrowProblem, release: TargetRelease, v: Array) -> Mask:
-    """Returns the mask of the release velocities (..., 3) within the requested elevations and the limits on speed."""
-    speed = np.linalg.norm(v, axis=-1)
-    elevation = np.arctan2(v[..., 2], np.hypot(v[..., 0], v[..., 1]))
-    allowed = (elevation >= release.min_elevation_rad) & (elevation <= release.max_elevation_rad)
-    return allowed & (speed <= _speed_limit(problem, release))
-
-
-def _speed_limit(problem: ThrowProblem, release: TargetRelease) -> float:
-    """Returns the highest release speed [m/s] that request and cell allow."""
-    return min(release.max_speed_m_s, problem.limits.tcp_speed_max)
 
 
 def _within_limits(limits: Limits, start: Array, q: Array) -> Array:
@@ -382,15 +344,3 @@ def farthest_reach(problem: ThrowProblem) -> float:
     """Returns an upper bound on the tool centre's distance from the base [m]: the sum of all link lengths."""
     robot = problem.cell.robot
     return float(np.hypot(robot.a, robot.d).sum() + np.linalg.norm(problem.cell.tool.X_FT[:3, 3]))
-
-
-def _no_flight(problem: ThrowProblem, release: TargetRelease, p: Array) -> Violation:
-    """Returns why no flight from the positions (n, 3) hits the target: there is none, or it takes too much speed."""
-    if len(p) == 0:
-        least = release.min_horizontal_distance_m
-        detail = "no release position obeys keep-in boxes, floor and distance to the target"
-        return Violation("release_position", 0.0, least, "m", detail=detail)
-    speed = float(least_speed(p, release.p_W, problem.gravity_at_tool_speed).min())
-    name = "release_velocity" if release.max_speed_m_s < problem.limits.tcp_speed_max else "tcp_speed"
-    detail = f"least speed that hits the target within the requested elevations, from {len(p)} postures tried"
-    return Violation(name, speed, _speed_limit(problem, release), "m/s", detail=detail)

@@ -1,0 +1,132 @@
+"""Release velocities whose drag-free flights hit a target within the bounds that a request sets: speed and elevation.
+
+A flight from a place to a target is told by its time. The longer it takes, the steeper it leaves; its speed is least at
+the time of the slowest throw and rises to both sides.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from planner.arrays import Array, Mask
+from planner.errors import Violation
+from planner.flight import elevation, launch_velocity, slowest_time, time_at_elevation
+from planner.problem import TargetRelease, ThrowProblem
+from planner.seeds.flight_filter import clear_flights, flight_times
+
+TIMES_FROM_A_PLACE, TIMES_TRIED = np.geomspace(0.4, 3.0, 200), 8  # [-], see `_times_from`; 3.0: 84 degrees on a plane
+ROUNDING_RAD = 1e-9  # [rad] that an elevation may lie beyond its bounds: a thousandth of what the certificate allows
+ELEVATION_ROUNDS = 4  # [-] corrections of a flight's time for drag; each leaves a twentieth of the error, as a rule
+
+
+def launches(problem: ThrowProblem, release: TargetRelease, p: Array, thorough: bool) -> tuple[Array, Mask]:
+    """Returns release velocities (k, n, 3) from p (n, 3), and which of them (k, n) keep the limits on the velocity."""
+    if release.release_position is not None:
+        return _launches_in(problem, release, p, _times_from(problem, release, release.release_position))
+    return _launches_in(problem, release, p, np.array(flight_times(problem, thorough)))
+
+
+def _launches_in(problem: ThrowProblem, release: TargetRelease, p: Array, times: Array) -> tuple[Array, Mask]:
+    """Returns what `launches` does for flight times (k,), relative to that of the slowest throw [-]."""
+    t = np.outer(times, slowest_time(p, release.p_W, problem.gravity_at_tool_speed))
+    t = _within_elevations(problem, release, p, t)
+    v = launch_velocity(p, release.p_W, t, problem.gravity_at_tool_speed)
+    return v, allowed_velocity(problem, release, v) & (v[..., 2] < problem.gravity_at_tool_speed * t)
+
+
+def _within_elevations(problem: ThrowProblem, release: TargetRelease, p: Array, t: Array) -> Array:
+    """Returns flight times (..., n) from p (n, 3) [s], those beyond the requested elevations at their ends instead.
+
+    NaN where no flight keeps them and falls on the target.
+    """
+    gravity, low, high = problem.gravity_at_tool_speed, release.min_elevation_rad, release.max_elevation_rad
+    if low > -math.pi / 2:
+        t = np.fmax(t, time_at_elevation(p, release.p_W, low, gravity))
+    if high < math.pi / 2:
+        last = time_at_elevation(p, release.p_W, high, gravity)
+        t = np.where(high > _lowest_elevation(p, release.p_W), np.minimum(t, last), np.nan)
+    return t
+
+
+def _lowest_elevation(p: Array, target: Array) -> Array:
+    """Returns the elevation (...,) [rad] that a drag-free flight from p (..., 3) exceeds if it falls on the target."""
+    d = target - p
+    rise = np.where(d[..., 2] > 0.0, 2.0, 1.0) * d[..., 2]  # twice as steep as the straight line, where that rises
+    return np.arctan2(rise, np.hypot(d[..., 0], d[..., 1]))
+
+
+def with_drag(problem: ThrowProblem, release: TargetRelease, p: Array, t: Array) -> Array:
+    """Returns the release velocities (n, 3) of flights with drag from p (n, 3) to a target; NaN where there is none.
+
+    They take the times t (n,) [s], but for those whose elevation would be beyond the requested ones: that is theirs.
+    """
+    gravity, low, high = problem.gravity_at_tool_speed, release.min_elevation_rad, release.max_elevation_rad
+    v = launch_velocity(p, release.p_W, t, gravity, problem.drag)
+    for _ in range(ELEVATION_ROUNDS):
+        beyond = elevation(v) - np.clip(elevation(v), low, high)
+        off = np.abs(beyond) > ROUNDING_RAD / 2.0
+        if not off.any():
+            break
+        without = elevation(launch_velocity(p[off], release.p_W, t[off], gravity))
+        t[off] = time_at_elevation(p[off], release.p_W, without - beyond[off], gravity)
+        v[off] = launch_velocity(p[off], release.p_W, t[off], gravity, problem.drag)
+    return v
+
+
+def _times_from(problem: ThrowProblem, release: TargetRelease, p: Array) -> Array:
+    """Returns flight times (k,) from a given place (3,), relative to that of the slowest throw [-].
+
+    They are spread over those that are allowed and clear, which may be few; if none is, over all.
+    """
+    found, allowed = _launches_in(problem, release, p[None], TIMES_FROM_A_PLACE)
+    v, kept = found[:, 0], allowed[:, 0]
+    kept[kept] = clear_flights(problem, release, np.tile(p, (len(v), 1))[kept], v[kept])
+    times = TIMES_FROM_A_PLACE[kept] if kept.any() else TIMES_FROM_A_PLACE
+    return times[np.unique(np.linspace(0, len(times) - 1, TIMES_TRIED).round().astype(int))]
+
+
+def allowed_velocity(problem: ThrowProblem, release: TargetRelease, v: Array) -> Mask:
+    """Returns the mask of the release velocities (..., 3) within the requested elevations and the limits on speed."""
+    low, high = release.min_elevation_rad - ROUNDING_RAD, release.max_elevation_rad + ROUNDING_RAD
+    allowed = (elevation(v) >= low) & (elevation(v) <= high)
+    return allowed & (np.linalg.norm(v, axis=-1) <= _speed_limit(problem, release))
+
+
+def is_slow_enough(problem: ThrowProblem, release: TargetRelease, p: Array) -> Mask:
+    """Returns whether the slowest flight from p (n, 3) within the requested elevations keeps the limits on speed."""
+    return _least_speed(problem, release, p) <= _speed_limit(problem, release)
+
+
+def _least_speed(problem: ThrowProblem, release: TargetRelease, p: Array) -> Array:
+    """Returns the least speed (n,) [m/s] of a flight from p (n, 3) within the requested elevations; NaN: none."""
+    gravity = problem.gravity_at_tool_speed
+    t = _within_elevations(problem, release, p, slowest_time(p, release.p_W, gravity))
+    return np.linalg.norm(launch_velocity(p, release.p_W, t, gravity), axis=-1)
+
+
+def _speed_limit(problem: ThrowProblem, release: TargetRelease) -> float:
+    """Returns the highest release speed [m/s] that request and cell allow."""
+    return min(release.max_speed_m_s, problem.limits.tcp_speed_max)
+
+
+def no_flight(problem: ThrowProblem, release: TargetRelease, p: Array) -> Violation:
+    """Returns why no flight from the positions (n, 3) hits the target: there is none, or it takes too much speed."""
+    if len(p) == 0:
+        least = release.min_horizontal_distance_m
+        detail = "no release position obeys keep-in boxes, floor and distance to the target"
+        return Violation("release_position", 0.0, least, "m", detail=detail)
+    speeds = _least_speed(problem, release, p)
+    if np.isnan(speeds).all():
+        lowest = float(_lowest_elevation(p, release.p_W).min())
+        detail = f"elevation above which a flight comes down on the target, from {len(p)} postures tried"
+        return Violation("release_velocity", lowest, release.max_elevation_rad, "rad", detail=detail)
+    name = "release_velocity" if release.max_speed_m_s < problem.limits.tcp_speed_max else "tcp_speed"
+    detail = f"least speed that hits the target within the requested elevations, from {len(p)} postures tried"
+    return Violation(name, float(np.nanmin(speeds)), _speed_limit(problem, release), "m/s", detail=detail)
+
+
+def far_enough(release: TargetRelease, p: Array) -> Mask:
+    """Returns the mask of the positions (n, 3) at least the requested horizontal distance from the target."""
+    return np.asarray(np.linalg.norm((p - release.p_W)[:, :2], axis=1) >= release.min_horizontal_distance_m)
