@@ -119,7 +119,8 @@ class Violation:
     def __str__(self) -> str:
         when = "" if self.at_s is None else f" at {self.at_s:.3f} s"
         value, limit = figures(self.value, self.limit)
-        text = f"{self.constraint}: {value} {self.unit} against a limit of {limit} {self.unit}{when}"
+        unit = "" if self.unit in ("-", "1") else f" {self.unit}"  # a plain number has none
+        text = f"{self.constraint}: {value}{unit} against a limit of {limit}{unit}{when}"
         return f"{text} ({self.detail})" if self.detail else text
 
 

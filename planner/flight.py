@@ -293,9 +293,8 @@ def least_speed(p: ArrayLike, target: ArrayLike, gravity: float) -> Array:
     return np.sqrt(gravity * np.maximum(np.linalg.norm(d, axis=-1) + d[..., 2], 0.0))
 
 
-def elevation(v: ArrayLike) -> Array:
+def elevation(v: Array) -> Array:
     """Returns the elevation (...,) [rad] of velocities `v` (..., 3) above the horizontal."""
-    v = np.asarray(v, float)
     return np.arctan2(v[..., 2], np.hypot(v[..., 0], v[..., 1]))
 
 

@@ -18,7 +18,7 @@ from planner.errors import SolverFailed
 from planner.geometry import tool_state
 from planner.problem import TargetRelease, ThrowProblem
 from planner.search.incumbent import CertifiedSolution, PlanningSearch, certified
-from planner.search.policy import POLICY, Stage, release_state_given
+from planner.search.policy import POLICY, WINDOW_BUDGET, Stage, release_state_given
 from planner.search.ranking import RankedCandidate, Ranking
 from planner.seeds import Seed
 from planner.solution import Solution
@@ -30,7 +30,6 @@ ROUNDS_MAX = 4  # solves from one seed, each after the failed checks of the one 
 # [-] At least for a seed that is begun, and for the remedy of a failed check: what is left of a stage is no reason to
 # give up half way.
 SOLVE_ITERATIONS = 150
-WINDOW_BUDGET = 1.5  # [-] times as many iterations: a solve with a window takes 37 in the mean, one without 22
 TICK_SLACK = 1e-6  # [ticks] for rounding
 NOT_COMPILED = "the solvers are not compiled: the same answer, later; `fling warm` compiles them"
 
@@ -76,12 +75,17 @@ def _walk(search: PlanningSearch, stage: Stage, ranking: Ranking) -> Iterator[Ra
         "arrival": ranking.by_arrival,
         "aspect": ranking.by_aspect,
         "bound": ranking.by_bound,
+        "unlike": partial(_unlike_incumbent, search, ranking),
     }
     candidates = orders.get(stage.order, lambda: ranking)()
     for ranked in islice(candidates, stage.candidates.start, stage.candidates.stop):
         yield ranked
         if not _goes_on(search, stage, ranking):
             return
+
+
+def _unlike_incumbent(search: PlanningSearch, ranking: Ranking) -> list[RankedCandidate]:
+    return [] if search.incumbent is None else ranking.unlike(search.incumbent.solution.trajectory)
 
 
 def _goes_on(search: PlanningSearch, stage: Stage, ranking: Ranking) -> bool:
@@ -166,7 +170,7 @@ def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
     for ranked in _walk(search, stage, ranking):
         if search.iterations >= end:
             break
-        if not _may_gain(search, ranking, ranked) or not ranked.first_try(what):
+        if not _may_gain(search, stage, ranking, ranked) or not ranked.first_try(what):
             continue
         begun += load_optimiser(search)
         tried += 1
@@ -184,34 +188,37 @@ def _budget(problem: ThrowProblem, stage: Stage) -> int:
     return math.ceil(stage.iterations * (WINDOW_BUDGET if problem.is_robust else 1.0))
 
 
-def _may_gain(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate) -> bool:
+def _may_gain(search: PlanningSearch, stage: Stage, ranking: Ranking, ranked: RankedCandidate) -> bool:
     """Returns whether the optimiser may come to a sooner motion from a candidate.
 
     Not from one that lacks a brake, unless a motion through it is given.
     """
     if ranked.given is None and search.lacks_brake(ranked.candidate):
         return False
-    return ranking.may_be_sooner(ranked, search.release_time_s)
+    return stage.order == "unlike" or ranking.may_be_sooner(ranked, search.release_time_s)
 
 
 def _try_seed(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate, end: int, stage: Stage) -> bool:
     """Returns whether a motion from a candidate was certified; notes what that says about its aspect and the search.
 
-    A seed that is given up leaves doubt; where the release is given, or a point, not after one that led to a motion.
+    A seed that is given up leaves doubt, but for those of some stages; where the release is given, or a point, not
+    after one that led to a motion.
     """
-    leaves_doubt = isinstance(search.problem.release, TargetRelease) or not search.has_optimised
+    may_leave_doubt = isinstance(search.problem.release, TargetRelease) or not search.has_optimised
+    leaves_doubt, held = stage.leaves_doubt and may_leave_doubt, search.held
     try:
         was_valid = _optimise_from(search, ranked, end, stage)
     except casadi_nlp.SeedFailed as error:
         search.has_optimised |= error.is_late
+        search.held = search.held if stage.leaves_doubt else held
         if error.is_late:
             ranking.settle(ranked, math.inf)
         search.given_up += leaves_doubt and not error.is_late
         if error.lacks_brake:
             search.note_lack_of_brake(ranked.candidate)
-        _note_outcome(search, ranked, error.is_late)
+        _note_outcome(search, ranked, error.is_late or not stage.leaves_doubt)
         raise
-    _note_outcome(search, ranked, was_valid)
+    _note_outcome(search, ranked, was_valid or not stage.leaves_doubt)
     if was_valid:
         ranking.settle(ranked, search.certified[-1].solution.trajectory.release_time_s)
     search.given_up += leaves_doubt and not was_valid
@@ -219,7 +226,10 @@ def _try_seed(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate,
 
 
 def _note_outcome(search: PlanningSearch, ranked: RankedCandidate, found_motion: bool) -> None:
-    """Notes whether the optimiser came to a motion from a candidate by any of its seeds, unless a motion was given."""
+    """Notes whether the optimiser came to a motion from a candidate by any of its seeds, unless a motion was given.
+
+    One that leaves no doubt is noted as if it had.
+    """
     if ranked.given is None:
         search.led_to_motion[ranked.candidate] = found_motion or search.led_to_motion.get(ranked.candidate, False)
 

@@ -138,6 +138,17 @@ class Ranking(Sequence[RankedCandidate]):
         """Returns the candidates by ascending lower bound, those with an obstructed path among them."""
         return self._by_bound
 
+    def unlike(self, motion: Trajectory) -> list[RankedCandidate]:
+        """Returns the candidates of a motion's aspect that nothing was tried from, the least like its release first.
+
+        That is the one with the joint whose velocity differs most: within an aspect, most of what is sooner than an
+        answer turns some joint the other way.
+        """
+        k = motion.release_index
+        qd, aspect = motion.qd[k], int(aspects(self.problem.cell.robot, motion.q[k][None])[0])
+        found = [each for each in (*self._ordered, *self._others) if not each.tried and self._aspect[each] == aspect]
+        return sorted(found, key=lambda each: -float(np.abs(each.candidate.qd - qd).max()))
+
     def _is_settled(self, ranked: RankedCandidate) -> bool:
         """Returns whether a candidate's aspect is settled, and the release state is not given."""
         return not self.problem.fixes_joints and self._aspect[ranked] in self.settled

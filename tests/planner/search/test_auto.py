@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from benchmarks.problem_sets import build
 from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import instance
 from planner.errors import Infeasible, SolverFailed
@@ -21,12 +22,14 @@ from planner.search import (
     CertifiedSolution,
     PlanningSearch,
     Ranking,
+    auto,
     search_optimised,
     search_thoroughly,
 )
 from planner.search.auto import ROUNDS_MAX, SOLVE_ITERATIONS
-from planner.search.policy import AGAIN_POLICY
+from planner.search.policy import AGAIN_POLICY, UNLIKE
 from planner.seeds import candidates
+from planner.solution import Solution
 from tests.planner.problems import cell, joint_problem, point_problem, pose_problem, random_state
 
 CALL_ITERATIONS = 150  # no single call of a solver takes more, with the one that starts afresh
@@ -34,6 +37,9 @@ CALL_ITERATIONS = 150  # no single call of a solver takes more, with the one tha
 
 def target_problem(**changes):
     return joint_problem(release=TargetRelease(np.array([1.3, 0.2, 0.0])), **changes)
+
+
+POINT_IN_REACH = joint_problem(release=PointRelease(np.array([0.5, 0.2, 0.6]), np.array([0.8, 0.3, 0.8])))
 
 
 @pytest.fixture
@@ -173,6 +179,69 @@ def test_a_posture_that_led_to_a_motion_lacks_no_brake():
 def _postures(states):
     """Returns joint positions (n, 6) but for whole turns."""
     return {tuple(np.round(np.concatenate([np.cos(q), np.sin(q)]), 6)) for q in states}
+
+
+@pytest.mark.parametrize(
+    ("problem", "spent", "tries"),
+    [
+        (target_problem(), 100, 2),
+        (target_problem(), 101, 1),
+        (target_problem(), 5000, 1),
+        (target_problem(release_window_s=0.01, landing_tolerance_m=0.02), 5000, 1),
+        (POINT_IN_REACH, 40, 1),
+        (POINT_IN_REACH, 41, 0),
+        (joint_problem(), 0, 0),
+    ],
+)
+def test_what_is_unlike_an_answer_is_tried_once_or_twice(monkeypatch, problem, spent, tries):
+    """Once a throw to a target is found, and a second time, or for a point, where that took few iterations."""
+    begun = []
+
+    def spending_nothing(search, ranked, *_):
+        begun.append(ranked.candidate)
+        return False
+
+    monkeypatch.setattr(auto, "_optimise_from", spending_nothing)
+    search = PlanningSearch(problem, time.perf_counter() + 60.0)
+    made = Solution(plan(joint_problem()).trajectory, "made before", 0, frozenset())
+    ranking = Ranking(problem, candidates(problem))
+    monkeypatch.setattr(ranking, "unlike", lambda _: [each for each in ranking if not each.tried])
+    stages = [stage for stage in POLICY if stage.purpose == UNLIKE]
+    search_optimised(search, ranking, stages)
+    assert not begun  # without an answer
+    search.consider(CertifiedSolution("casadi", made, SimpleNamespace(first_failure=None)))
+    search.has_optimised, search.iterations = True, spent
+    search_optimised(search, ranking, stages)
+    assert len(begun) == len(set(map(id, begun))) == tries
+    assert (search.in_vain, search.given_up) == ([], 0)
+
+
+@pytest.mark.parametrize("is_late", [False, True])
+def test_what_is_unlike_an_answer_and_fails_leaves_no_doubt(monkeypatch, is_late):
+    solve, begun = casadi_nlp.solve, []
+
+    def failing(problem, seed, options):
+        if math.isinf(options.latest_s):
+            return solve(problem, seed, options)
+        begun.append(seed.candidate)
+        raise casadi_nlp.SeedFailed("made to fail", 1, frozenset({"effort"}), is_late)
+
+    monkeypatch.setattr(casadi_nlp, "solve", failing)
+    problem = target_problem()
+    search, ranking = PlanningSearch(problem, time.perf_counter() + 60.0), Ranking(problem, candidates(problem))
+    search_optimised(search, ranking, [stage for stage in POLICY if stage.purpose in ("soonest seeds", UNLIKE)])
+    assert search.incumbent is not None
+    assert len(begun) == 2
+    assert (search.in_vain, search.given_up, search.held) == ([], 0, frozenset())
+
+
+def test_a_throw_is_sooner_by_what_is_least_like_the_first_answer():
+    problem = build("robust-anywhere", 22, 0)[-1].problem
+    with_others = plan(problem).trajectory.release_time_s
+    search = PlanningSearch(problem, time.perf_counter() + 60.0)
+    policy = [stage for stage in POLICY if stage.purpose != UNLIKE]
+    search_optimised(search, Ranking(problem, candidates(problem)), policy)
+    assert with_others < 0.9 * search.release_time_s  # 0.314 and 0.432 s
 
 
 def test_no_candidate_is_left_out_between_two_stages():

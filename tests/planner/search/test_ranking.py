@@ -6,6 +6,7 @@ import numpy as np
 
 from planner.errors import Infeasible
 from planner.geometry import arm_capsules, capsule_endpoints
+from planner.planning import plan
 from planner.problem import TargetRelease
 from planner.search.ranking import TIMED_MAX, Ranking
 from planner.seeds import aspects, candidates
@@ -69,3 +70,20 @@ def test_a_throw_that_hardly_improves_on_its_candidate_settles_nothing() -> None
     assert ranking.may_be_sooner(first, 1.1 * bound_s + ramp_s)
     ranking.settle(first, bound_s + ramp_s)
     assert not ranking.may_be_sooner(first, bound_s + ramp_s)
+
+
+def test_what_is_least_like_an_answer_is_of_its_aspect_untried_and_has_a_joint_that_turns_another_way() -> None:
+    problem = joint_problem(release=TargetRelease(np.array([1.0, 0.3, 0.0])))
+    ranking, made = Ranking(problem, candidates(problem)), plan(problem).trajectory
+    q, qd = made.q[made.release_index], made.qd[made.release_index]
+    own = [
+        each
+        for each in ranking
+        if aspects(problem.cell.robot, each.candidate.q[None]) == aspects(problem.cell.robot, q[None])
+    ]
+    apart = {each: np.abs(each.candidate.qd - qd).max() for each in own}
+    first = ranking.unlike(made)[0]
+    assert apart[first] == max(apart.values())
+    assert apart[first] > 0.5 * problem.limits.qd_max[0]
+    first.first_try("fatrop")
+    assert ranking.unlike(made)[0] is sorted(own, key=lambda each: -apart[each])[1]
