@@ -13,6 +13,7 @@ from planner.errors import Infeasible, SolverFailed
 from planner.problem import TIME_LIMIT_S, ThrowProblem
 from planner.request import request_document
 from planner.search import (
+    SHORT_POLICY,
     VARIANTS_BY_BACKEND,
     Attempt,
     CertifiedSolution,
@@ -132,7 +133,7 @@ def _run(search: PlanningSearch, releases: Sequence[ReleaseState]) -> None:
     problem = search.problem
     refuse_impossible(problem)
     if releases:
-        search_optimised(search, Ranking(problem, neighbour_candidates(problem, releases)))
+        search_optimised(search, Ranking(problem, neighbour_candidates(problem, releases)), SHORT_POLICY)
     else:
         _search_ordinarily(search)
     if search.answer is None:

@@ -3,7 +3,7 @@
 from planner.search.auto import NOT_COMPILED, search_optimised
 from planner.search.incumbent import Attempt, CertifiedSolution, PlanningSearch
 from planner.search.nearest import nearest_problem
-from planner.search.policy import LAST_POLICY, POLICY
+from planner.search.policy import LAST_POLICY, POLICY, SHORT_POLICY
 from planner.search.proofs import farthest_target_m, of_candidates, refuse_impossible
 from planner.search.ranking import Ranking
 from planner.search.sequential import VARIANTS_BY_BACKEND, load_libraries, search_sequential
@@ -16,6 +16,7 @@ __all__ = [
     "LAST_POLICY",
     "NOT_COMPILED",
     "POLICY",
+    "SHORT_POLICY",
     "VARIANTS_BY_BACKEND",
     "Attempt",
     "CertifiedSolution",

@@ -150,6 +150,8 @@ POLICY: tuple[Stage, ...] = (
     Stage("ruckig", "further motions", slice(6, 11), always),
     Stage("ruckig", "sooner motions", slice(11, RANKED_MAX), has_incumbent),
 )
+# From the release states of plans for other targets, which are much alike.
+SHORT_POLICY: tuple[Stage, ...] = tuple(stage for stage in POLICY if stage.purpose != UNLIKE)
 FIRST_SEEDS_POLICY: tuple[Stage, ...] = (FIRST_SEEDS,)  # of what may be offered instead of a refused request
 # Of a doubtful search once more, with other limits or rows, for what is sooner: where there is no answer yet, or a slow
 # one with a release window. Without further seeds of the same aspects 38 late answers were as soon, and a search in
