@@ -258,7 +258,8 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, st
     first = SolveOptions(
         margins, deadline_s=search.deadline_s, with_ipopt=stage.with_ipopt, latest_s=search.latest_useful_s
     )
-    seeds, options = (ranked.seed,), first
+    own = ranked.gentle_seed if stage.is_gentle and not search.problem.is_robust else ranked.seed
+    seeds, options = (own,), first
     for _ in range(ROUNDS_MAX):
         solution = _solve_from_any(search, seeds, options, end)
         found = search.certify("casadi", solution)
@@ -267,7 +268,7 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, st
         certificate = found.certificate
         if _needs_finer_stages(search.problem, options, certificate.failures):
             held = margins.holding(certificate.failures, solution)
-            seeds, options = (ranked.seed,), replace(first, resolution="fine", margins=held)
+            seeds, options = (own,), replace(first, resolution="fine", margins=held)
             continue
         if not _has_remedy(search.problem, certificate.failures):
             return False
@@ -277,7 +278,7 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, st
         wider = options.margins.widened(certificate.failures, solution, cuts, beyond_rad, speed)
         if wider is None:
             return False
-        seeds = Seed(ranked.candidate, solution.trajectory), ranked.seed
+        seeds = Seed(ranked.candidate, solution.trajectory), own
         options = replace(options, margins=wider)
     return False
 

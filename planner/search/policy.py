@@ -80,20 +80,25 @@ def further_seeds_pay(search: PlanningSearch, ranking: Ranking) -> bool:
     return none_optimised(search, ranking) or of_target or search.given_up > 0
 
 
+def has_optimised_answer(search: PlanningSearch, ranking: Ranking) -> bool:
+    """Returns whether this search came to an optimised motion itself, whose release is free."""
+    is_own = has_incumbent(search, ranking) and not search.needs_sooner
+    return is_own and search.has_optimised and not search.problem.fixes_joints
+
+
 def another_throw_pays(search: PlanningSearch, ranking: Ranking) -> bool:
     """Returns whether the answer is a throw to a target, optimised.
 
     Of 600 a seventh release later by over a hundredth than the best that is known, by up to a half; those that took
     long to find more often than others. Two more seeds halve that.
     """
-    return has_incumbent(search, ranking) and search.has_optimised and isinstance(search.problem.release, TargetRelease)
+    return has_optimised_answer(search, ranking) and isinstance(search.problem.release, TargetRelease)
 
 
 def another_motion_pays(search: PlanningSearch, ranking: Ranking) -> bool:
     """Returns whether the answer is optimised, its release free, and was soon found."""
     limit = MORE_ITERATIONS if isinstance(search.problem.release, TargetRelease) else MORE_ITERATIONS_AT_POINT
-    is_optimised = has_incumbent(search, ranking) and search.has_optimised
-    return is_optimised and not search.problem.fixes_joints and search.iterations <= limit
+    return has_optimised_answer(search, ranking) and search.iterations <= limit
 
 
 @dataclass(frozen=True)
@@ -113,6 +118,7 @@ class Stage:
             the first of every aspect, "bound" those of least lower bound, however blocked the way there, "unlike"
             those of the incumbent's aspect that were not tried, the one whose velocity is least like its own first.
         leaves_doubt: whether a seed that leads to no motion may be reason to repeat the search ("casadi").
+        is_gentle: whether the optimiser begins from a motion of little jerk; not with a release window ("casadi").
     """
 
     backend: Literal["casadi", "ruckig"]
@@ -125,6 +131,7 @@ class Stage:
     variants: Sequence[ruckig_otg.LaunchVariant] = ruckig_otg.VARIANTS
     order: Literal["rank", "arrival", "aspect", "bound", "unlike"] = "rank"
     leaves_doubt: bool = True
+    is_gentle: bool = False
 
 
 SOONEST_ARRIVALS = Stage(
@@ -135,14 +142,15 @@ FIRST_SEEDS = Stage(
     "casadi", "soonest seeds", slice(0, 2), none_optimised, iterations=300, then_in_hand=True, order="aspect"
 )
 UNLIKE = "unlike the answer"
+UNLIKE_ANSWER = tuple(
+    Stage("casadi", UNLIKE, slice(0, 1), condition, iterations=100, order="unlike", leaves_doubt=False, is_gentle=True)
+    for condition in (another_throw_pays, another_motion_pays)
+)
 POLICY: tuple[Stage, ...] = (
     SOONEST_ARRIVALS,
     FIRST_SEEDS,
     Stage("casadi", "other aspects", slice(0, ASPECT_SEEDS), other_aspects_pay, iterations=300, order="aspect"),
-    *(
-        Stage("casadi", UNLIKE, slice(0, 1), condition, iterations=100, order="unlike", leaves_doubt=False)
-        for condition in (another_throw_pays, another_motion_pays)
-    ),
+    *UNLIKE_ANSWER,
     Stage("ruckig", "sooner motions", slice(0, 6), always),
     Stage("casadi", "one more seed", slice(0, 3), further_seeds_pay, iterations=200),
     Stage("casadi", "least bounds", slice(0, 2), release_state_given, iterations=200, order="bound"),
@@ -163,6 +171,7 @@ AGAIN_POLICY: tuple[Stage, ...] = tuple(stage for stage in POLICY if stage.purpo
 FIRST_AGAIN_POLICY: tuple[Stage, ...] = (
     SOONEST_ARRIVALS,
     Stage("casadi", "soonest seeds", slice(0, 2), always, iterations=300, order="aspect"),
+    *UNLIKE_ANSWER,
 )
 # Under several pairs of tighter limits, by Ruckig alone: other curves, past what stands around.
 SLOWER_POLICY: tuple[Stage, ...] = (SOONEST_ARRIVALS,)
