@@ -84,6 +84,7 @@ class Robot:
         name: one of `ROBOT_NAMES`.
         generation: of the controller.
         sample_rate_hz: ticks per second.
+        payload_kg: rated mass of tool and object together [kg].
         joint_names: from base to flange, as in ROS.
         a, d: DH lengths (6,) [m]; of a calibrated arm, distances between and along its axes.
         alpha: DH twists (6,) [rad], as published.
@@ -100,6 +101,7 @@ class Robot:
     name: str
     generation: Literal["CB3", "e-Series"]
     sample_rate_hz: int
+    payload_kg: float
     joint_names: tuple[str, ...]
     a: Array
     d: Array
@@ -141,6 +143,7 @@ def _from_document(document: Mapping[str, Any]) -> Robot:
         name=document["name"],
         generation=document["generation"],
         sample_rate_hz=document["sample_rate_hz"],
+        payload_kg=document["payload_kg"],
         joint_names=JOINT_NAMES,
         a=read_only(document["dh"]["a_m"]),
         d=read_only(document["dh"]["d_m"]),

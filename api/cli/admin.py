@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from api.cli.cell_versions import diff, history, restore
+from api.cli.support.cell_warnings import warnings_of
 from api.cli.support.errors import FlingGroup
 from api.cli.support.options import cell_option, json_option
 from api.cli.support.terminal import BAD, GOOD, say
@@ -44,13 +45,13 @@ def check(file: Path, as_json: bool) -> None:
     found = load_cell(file)
     if as_json:
         summary = {"cell": found.name, "robot": found.robot.name, "link": found.link.kind, "host": found.link.host}
-        notes = {"kinematics": _kinematics_of(found), "warnings": _far_boxes(found)}
+        notes = {"kinematics": _kinematics_of(found), "warnings": warnings_of(found)}
         click.echo(json.dumps({**summary, "sha256": found.sha256, **notes}))
         return
     kind = "a simulated controller" if found.link.kind == "sim" else "a REAL arm"
     say(f"{file}: good. {found.robot.name}, {kind} at {found.link.host}, sha256 {found.sha256}", GOOD)
     click.echo(_kinematics_of(found))
-    for warning in _far_boxes(found):
+    for warning in warnings_of(found):
         say(warning, BAD)
 
 
@@ -61,19 +62,6 @@ class CellRefused(click.ClickException):
         count = "a fault" if len(faults) == 1 else f"{len(faults)} faults"
         super().__init__("\n  ".join([f"{file} has {count}:", *map(str, faults)]))
         self.problem = {"title": "Cell refused", "detail": f"{file} has {count}", "errors": errors}
-
-
-def _far_boxes(cell: Cell) -> list[str]:
-    """Returns warnings of boxes that nothing can meet, mostly as their corners are in millimetres."""
-    from planner.cell import FARTHEST_M
-    from planner.geometry import segment_box_distance
-
-    base, found = cell.X_WB[:3, 3], []
-    for name, box in zip(cell.surroundings.keep_out_names, cell.surroundings.keep_out, strict=True):
-        away_m = float(segment_box_distance(base, base, box.lower, box.upper))
-        if away_m >= FARTHEST_M:
-            found.append(f"{name} is {away_m:.0f} m from the arm, beyond every throw: corners are in metres")
-    return found
 
 
 def _kinematics_of(cell: Cell) -> str:

@@ -134,7 +134,8 @@ class Stream:
             return "late", f"{lost}: {self.lost_ticks.cause}"
         error = max([abs(a - b) for a, b in zip(reference_q, self.connection.q, strict=True)])
         if error > self.job.tracking_max and not self.job.dry_run:
-            return "tracking", f"{error:.3f} rad from the plan"
+            lag_ms = 1e3 * self.job.lag_ticks * self.job.dt
+            return "tracking", f"{error:.3f} rad from the plan of an arm that is {lag_ms:.0f} ms late (timing.lag_s)"
         return self.requests.pending()
 
     def _divert(self, row: int, stop: tuple[str, str]) -> None:

@@ -123,6 +123,28 @@ def test_cell_check_warns_of_a_box_in_millimetres(tmp_path: Path, root: Path):
     assert len(json.loads(fling("cell", "check", str(file), "--json").stdout)["warnings"]) == 1
 
 
+@pytest.mark.parametrize(
+    ("changes", "warning"),
+    [
+        ({"lag_s = 0.02  ": "lag_s = 0.0  "}, "the simulated arm is 0.02 s late (sim.lag_s)"),
+        ({"lag_s = 0.02  ": "lag_s = 0.0  ", 'kind = "sim"': 'kind = "ur"'}, "fling calibrate lag --cell changed"),
+        (
+            {"mass_kg = 0.05": "mass_kg = 4.1"},
+            "weigh 5.1 kg (tool.mass_kg, object.mass_kg), and a ur5e is rated for 5 kg",
+        ),
+        ({"mass_kg = 0.05": "mass_kg = 4.0"}, None),
+    ],
+)
+def test_cell_check_warns_of_a_wrong_lag_and_a_heavy_payload(tmp_path: Path, root: Path, changes, warning):
+    text, file = (root / "cells" / "ur5e-sim.toml").read_text(), tmp_path / "changed.toml"
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    file.write_text(text)
+    found = json.loads(fling("cell", "check", str(file), "--json").stdout)["warnings"]
+    assert [warning in each for each in found] == [True] * (warning is not None)
+
+
 def test_cell_check_in_json(root: Path):
     answer = json.loads(fling("cell", "check", str(root / "cells" / "ur5e-sim.toml"), "--json").stdout)
     assert (answer["cell"], answer["robot"], answer["link"]) == ("ur5e-sim", "ur5e", "sim")

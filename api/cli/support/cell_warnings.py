@@ -1,0 +1,49 @@
+"""What a cell file that is accepted most likely gets wrong."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from planner.cell import Cell
+
+LAG_S = 0.002  # [s] by which a simulated arm may be later than its cell says: a tick of the e-Series
+
+
+def warnings_of(cell: Cell) -> list[str]:
+    """Returns warnings of a cell, in words."""
+    return [*_far_boxes(cell), *_wrong_lag(cell), *_heavy_payload(cell)]
+
+
+def _far_boxes(cell: Cell) -> list[str]:
+    """Returns warnings of boxes that nothing can meet, mostly as their corners are in millimetres."""
+    from planner.cell import FARTHEST_M
+    from planner.geometry import segment_box_distance
+
+    base, found = cell.X_WB[:3, 3], []
+    for name, box in zip(cell.surroundings.keep_out_names, cell.surroundings.keep_out, strict=True):
+        away_m = float(segment_box_distance(base, base, box.lower, box.upper))
+        if away_m >= FARTHEST_M:
+            found.append(f"{name} is {away_m:.0f} m from the arm, beyond every throw: corners are in metres")
+    return found
+
+
+def _wrong_lag(cell: Cell) -> list[str]:
+    """Returns a warning of an arm that is not as late as the cell says."""
+    lag_s = cell.timing.lag_s
+    if cell.link.kind == "sim" and abs(cell.sim.lag_s - lag_s) > LAG_S:
+        found = f"timing.lag_s is {lag_s:g} s and the simulated arm is {cell.sim.lag_s:g} s late (sim.lag_s)"
+        return [f"{found}: its throws miss, or are stopped as the arm is not where the plan is"]
+    if cell.link.kind == "ur" and lag_s == 0.0:
+        measures = f"`fling calibrate lag --cell {cell.name}` measures it"
+        return [f"timing.lag_s is 0 s: a real arm is late, by about 0.02 s, and its throws miss; {measures}"]
+    return []
+
+
+def _heavy_payload(cell: Cell) -> list[str]:
+    """Returns a warning of tool and object that are heavier together than what the arm is rated for."""
+    mass_kg, rated_kg = cell.tool.mass_kg + cell.object.mass_kg, cell.robot.payload_kg
+    if mass_kg <= rated_kg:
+        return []
+    weighs = f"tool and object weigh {mass_kg:g} kg (tool.mass_kg, object.mass_kg)"
+    return [f"{weighs}, and a {cell.robot.name} is rated for {rated_kg:g} kg; plans keep its joint torques alone"]
