@@ -226,8 +226,8 @@ def _nearer_target(optimiser: Optimiser, found: ThrowProblem | None, is_obstruct
 def _around(problem: ThrowProblem, p_W: Array, is_obstructed: bool) -> Iterator[Array]:
     """Yields places (3,) around a target: farther from the base, and beside, below or on top of what is in the way."""
     away = np.array([*(p_W - problem.cell.X_WB[:3, 3])[:2], 0.0])
-    if away.any():
-        ahead = away / np.linalg.norm(away)
+    if (length := np.linalg.norm(away)) > TINY_M:
+        ahead = away / length
         yield from (p_W + d * ahead for d in BEYOND_M)
         across = np.array([-ahead[1], ahead[0], 0.0])
         yield from (p_W + side * d * across for d in BESIDE_M for side in (1.0, -1.0) if is_obstructed)
