@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 TARGET_M = (1.2, 0.3, 0.0)  # [m] on the floor, 1.24 m from the base
 MISS_MAX_M = 0.010  # [m] a larger landing error is a failure
 CONNECT_TIMEOUT_S = 20.0  # [s] the executor reconnects within a second
-ACKNOWLEDGE_TIMEOUT_S = 5.0  # [s] the executor acknowledges at its next heartbeat
 MEASURED_ARM = '[arm]\ndisturbance = "ur5-measured"\n'  # truth file of the second arm
 MEASURED_TOLERANCE_M = 0.1  # [m] for that arm: with the default of 2 cm the executor keeps what would land further off
 MEASURED_THROWS = 5  # on that arm: its landings scatter
@@ -166,10 +165,7 @@ def _wait_until_ready(client: ServiceClient, cell: str, is_ready: bool, failure:
 def _acknowledge_busy(client: ServiceClient, cell: str, execution: dict[str, Any]) -> None:
     """Reports that the machine was too busy and clears the fault: nobody stands beside a simulated arm."""
     click.echo(f"{execution['outcome']}: {execution['reason']}; this machine is busy. Acknowledged; throwing again …")
-    client.post(f"/cells/{cell}/acknowledge")
-    deadline = time.monotonic() + ACKNOWLEDGE_TIMEOUT_S
-    while client.get(f"/cells/{cell}/state")["fault"] is not None and time.monotonic() < deadline:
-        time.sleep(0.1)
+    client.acknowledge(cell)
 
 
 def _landing_error(execution: dict[str, Any]) -> float:

@@ -138,7 +138,7 @@ def acknowledge(cell: str | None, url: str | None, token: str | None) -> None:
 
     with ServiceClient(service_url(url), token) as client:
         name = cell_of_service(client, cell)
-        answer = client.post(f"/cells/{name}/acknowledge")
+        answer = client.acknowledge(name)
     fault = answer["fault"] or {}
     said = ": ".join(filter(None, [fault.get("outcome"), fault.get("reason")])) or "there was no fault"
     click.echo(f"{name}: {said}; acknowledged by {answer['acknowledged_by']}")

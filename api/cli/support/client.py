@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import time
 from typing import Any
 
 import click
 
 from fling import Client
+
+ACKNOWLEDGE_TIMEOUT_S = 5.0  # [s] the executor acknowledges at its next heartbeat
 
 
 class ServiceError(click.ClickException):
@@ -22,6 +25,14 @@ class ServiceClient(Client):
     """The client of `fling`, whose errors are those of the command line."""
 
     refusal = ServiceError
+
+    def acknowledge(self, cell: str) -> dict[str, Any]:
+        """Clears the fault that a cell's executor latched, and returns the answer once it has, or after a while."""
+        answer = self.post(f"/cells/{cell}/acknowledge")
+        deadline = time.monotonic() + ACKNOWLEDGE_TIMEOUT_S
+        while self.get(f"/cells/{cell}/state")["fault"] is not None and time.monotonic() < deadline:
+            time.sleep(0.1)
+        return answer
 
 
 def describe(problem: dict[str, Any], as_request: bool = False) -> str:

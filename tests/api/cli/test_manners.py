@@ -16,6 +16,7 @@ from click.testing import CliRunner
 
 from api.cli import main
 from api.cli.support.addresses import require_free
+from api.cli.support.client import ServiceClient
 from api.cli.support.errors import FlingGroup
 from api.cli.support.processes import DEATHS_MAX, ChildFailed, ChildProcesses, are_interpreted
 
@@ -233,3 +234,13 @@ def test_without_a_client_for_the_controller_one_sentence_says_so(monkeypatch: p
 def test_the_version_is_an_option_too():
     result = CliRunner().invoke(main, ["--version"])
     assert (result.exit_code, result.output) == (0, CliRunner().invoke(main, ["version"]).output)
+
+
+def test_a_fault_is_acknowledged_once_the_executor_has_cleared_it(monkeypatch: pytest.MonkeyPatch):
+    asked, faults = [], [{"outcome": "late"}, {"outcome": "late"}, None]
+    monkeypatch.setattr(ServiceClient, "post", lambda _, path: asked.append(path) or {"fault": faults[0]})
+    monkeypatch.setattr(ServiceClient, "get", lambda _, path: asked.append(path) or {"fault": faults.pop(0)})
+    with ServiceClient("http://127.0.0.1:9", None) as client:
+        assert client.acknowledge("ur5e-sim") == {"fault": {"outcome": "late"}}
+    assert asked == ["/cells/ur5e-sim/acknowledge", *["/cells/ur5e-sim/state"] * 3]
+    assert faults == []
