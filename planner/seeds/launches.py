@@ -17,8 +17,10 @@ from planner.problem import TargetRelease, ThrowProblem
 from planner.seeds.flight_filter import clear_flights, flight_times
 
 TIMES_FROM_A_PLACE, TIMES_TRIED = np.geomspace(0.4, 3.0, 200), 8  # [-], see `_times_from`; 3.0: 84 degrees on a plane
-ROUNDING_RAD = 1e-9  # [rad] that an elevation may lie beyond its bounds: a thousandth of what the certificate allows
-ELEVATION_ROUNDS = 4  # [-] corrections of a flight's time for drag; each leaves a twentieth of the error, as a rule
+ROUNDING_RAD = 1e-6  # [rad] that an elevation may lie beyond its bounds: a hundredth of what the certificate allows
+ELEVATION_ROUNDS = 8  # [-] corrections of a flight's time for drag at most; four are enough for a table tennis ball
+FARTHEST_RAD = 0.2  # [rad] that one correction moves an elevation at most
+VERTICAL_M = 1e-6  # [m] a target no farther aside than that is reached straight up or down alone
 
 
 def launches(problem: ThrowProblem, release: TargetRelease, p: Array, thorough: bool) -> tuple[Array, Mask]:
@@ -53,25 +55,36 @@ def _within_elevations(problem: ThrowProblem, release: TargetRelease, p: Array, 
 def _lowest_elevation(p: Array, target: Array) -> Array:
     """Returns the elevation (...,) [rad] that a drag-free flight from p (..., 3) exceeds if it falls on the target."""
     d = target - p
+    spread = np.hypot(d[..., 0], d[..., 1])
     rise = np.where(d[..., 2] > 0.0, 2.0, 1.0) * d[..., 2]  # twice as steep as the straight line, where that rises
-    return np.arctan2(rise, np.hypot(d[..., 0], d[..., 1]))
+    return np.where(spread > VERTICAL_M, np.arctan2(rise, spread), math.pi / 2)
 
 
+@np.errstate(over="ignore", invalid="ignore")  # of flights that drag brings down before the target: they end as NaN
 def with_drag(problem: ThrowProblem, release: TargetRelease, p: Array, t: Array) -> Array:
     """Returns the release velocities (n, 3) of flights with drag from p (n, 3) to a target; NaN where there is none.
 
     They take the times t (n,) [s], but for those whose elevation would be beyond the requested ones: that is theirs.
+    Their time is that of a drag-free flight at another elevation, which is found by secants.
     """
     gravity, low, high = problem.gravity_at_tool_speed, release.min_elevation_rad, release.max_elevation_rad
     v = launch_velocity(p, release.p_W, t, gravity, problem.drag)
+    wanted = np.clip(elevation(v), low, high)
+    without, off = elevation(launch_velocity(p, release.p_W, t, gravity)), elevation(v) - wanted
+    change = -off
     for _ in range(ELEVATION_ROUNDS):
-        beyond = elevation(v) - np.clip(elevation(v), low, high)
-        off = np.abs(beyond) > ROUNDING_RAD / 2.0
-        if not off.any():
+        rows = np.flatnonzero(np.abs(off) > ROUNDING_RAD / 2.0)
+        if len(rows) == 0:
             break
-        without = elevation(launch_velocity(p[off], release.p_W, t[off], gravity))
-        t[off] = time_at_elevation(p[off], release.p_W, without - beyond[off], gravity)
-        v[off] = launch_velocity(p[off], release.p_W, t[off], gravity, problem.drag)
+        without[rows] += change[rows]
+        t = time_at_elevation(p[rows], release.p_W, without[rows], gravity)
+        v[rows] = np.nan
+        flown, before = rows[np.isfinite(t)], off.copy()
+        if len(flown) > 0:
+            v[flown] = launch_velocity(p[flown], release.p_W, t[np.isfinite(t)], gravity, problem.drag)
+        off[rows] = elevation(v[rows]) - wanted[rows]
+        turned = np.where(off[rows] != before[rows], off[rows] - before[rows], -change[rows])
+        change[rows] = np.clip(change[rows] * -off[rows] / turned, -FARTHEST_RAD, FARTHEST_RAD)
     return v
 
 

@@ -31,7 +31,7 @@ def _far_boxes(cell: Cell) -> list[str]:
 def _wrong_lag(cell: Cell) -> list[str]:
     """Returns a warning of an arm that is not as late as the cell says."""
     lag_s = cell.timing.lag_s
-    if cell.link.kind == "sim" and abs(cell.sim.lag_s - lag_s) > LAG_S:
+    if cell.link.kind == "sim" and round(abs(cell.sim.lag_s - lag_s), 6) > LAG_S:
         found = f"timing.lag_s is {lag_s:g} s and the simulated arm is {cell.sim.lag_s:g} s late (sim.lag_s)"
         return [f"{found}: its throws miss, or are stopped as the arm is not where the plan is"]
     if cell.link.kind == "ur" and lag_s == 0.0:

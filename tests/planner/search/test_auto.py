@@ -235,6 +235,20 @@ def test_what_is_unlike_an_answer_and_fails_leaves_no_doubt(monkeypatch, is_late
     assert (search.in_vain, search.given_up, search.held) == ([], 0, frozenset())
 
 
+@pytest.mark.parametrize("window_s", [0.0, 0.01])
+def test_what_is_unlike_an_answer_begins_gently_unless_there_is_a_release_window(solves, window_s):
+    problem = target_problem(release_window_s=window_s, landing_tolerance_m=0.02 if window_s else 0.0)
+    search, ranking = PlanningSearch(problem, time.perf_counter() + 60.0), Ranking(problem, candidates(problem))
+    search_optimised(search, ranking, [stage for stage in POLICY if stage.purpose in ("soonest seeds", UNLIKE)])
+    tried = {id(each.candidate): each for each in ranking}
+    begun = [seed for seed, options in solves if math.isfinite(options.latest_s) and id(seed.candidate) in tried]
+    assert begun
+    for seed in begun:
+        own, gentle = tried[id(seed.candidate)].seed.initial_guess, tried[id(seed.candidate)].gentle_seed.initial_guess
+        assert gentle.release_time_s > own.release_time_s
+        assert seed.initial_guess.release_time_s == (own if window_s else gentle).release_time_s
+
+
 def test_a_throw_is_sooner_by_what_is_least_like_the_first_answer():
     problem = build("robust-anywhere", 22, 0)[-1].problem
     with_others = plan(problem).trajectory.release_time_s
