@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from planner.errors import Infeasible
-from planner.flight import elevation, fly
+from planner.flight import elevation, fly, launch_velocity, time_at_elevation
 from planner.geometry import tool_state
 from planner.planning import SearchHints, plan
 from planner.problem import TargetRelease, ThrowProblem
 from planner.seeds import candidates
-from planner.seeds.launches import is_slow_enough, launches, no_flight
+from planner.seeds.launches import is_slow_enough, launches, no_flight, with_drag
 from tests.planner.problems import cell
 
 TARGET = np.array([1.2, 0.3, 0.0])
@@ -40,6 +40,7 @@ def places(count: int) -> np.ndarray:
 @pytest.mark.parametrize(("low", "high"), [(0.5, 0.5), (-0.3, -0.299), (0.78, 0.82), (1.3, 1.5)])
 def test_every_place_from_which_a_flight_within_the_elevations_falls_on_the_target_has_one(low, high, height_m):
     problem, p = thrown(min_elevation_rad=low, max_elevation_rad=high), places(200)
+    problem = replace(problem, limits=replace(problem.limits, tcp_speed_max=8.0))  # m/s, for those that rise steeply
     release = replace(problem.release, p_W=np.array([1.2, 0.3, height_m]))
     v, allowed = launches(replace(problem, release=release), release, p, thorough=False)
     t = np.linspace(0.02, 4.0, 4000)[:, None]  # all flights there are
@@ -76,6 +77,19 @@ def test_candidates_and_answers_keep_a_narrow_range_of_elevations(mass_kg, drag_
         hit = fly(tool.p_WT, tool.v_WT, 0.0, problem.gravity, problem.drag)
         np.testing.assert_allclose(hit.landing_point, TARGET, atol=1e-5)
     assert plan(problem, WITHOUT_NEAREST).certificate.valid
+
+
+def test_flights_with_drag_have_the_elevation_that_is_asked_for():
+    problem = throwing(thrown(min_elevation_rad=0.5, max_elevation_rad=0.5), mass_kg=0.0027, drag_coefficient=0.5)
+    p, release = places(100), problem.release
+    t = time_at_elevation(p, TARGET, 0.5, problem.gravity)
+    p, t = p[np.isfinite(t)], t[np.isfinite(t)]
+    v = with_drag(problem, release, p, t)
+    assert np.isfinite(v).all(axis=1).mean() > 0.95
+    found = elevation(v[np.isfinite(v).all(axis=1)])
+    np.testing.assert_allclose(found, 0.5, atol=1e-6)
+    without = elevation(launch_velocity(p, TARGET, t, problem.gravity, problem.drag))
+    assert np.nanmax(np.abs(without - 0.5)) > 0.05  # as if there were none
 
 
 def test_drag_that_stops_every_flight_leaves_no_candidate():
