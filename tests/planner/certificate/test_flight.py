@@ -353,8 +353,8 @@ def test_no_flight_lands_beside_its_bin(on_floor):
     problem, trajectory, at_height = flat_landing(0.04)
     here, target = problem.cell, problem.release.p_W
     stands = replace(here, surroundings=replace(here.surroundings, floor_z_m=target[2] if on_floor else 0.0))
-    stands = with_boxes(stands, *([] if on_floor else [([0.5, -1.0, 0.4], [2.0, 1.0, target[2]])]))
-    assert at_height(target[2] + 0.04)[0] < target[0] - 0.06 - 0.04
+    stands = with_boxes(stands, *([] if on_floor else [([0.3, -1.0, 0.4], [2.0, 1.0, target[2]])]))
+    assert 0.3 < at_height(target[2] + 0.04)[0] < target[0] - 0.06 - 0.04
     for radius_m, rim_height_m in ((0.045, 0.035), (0.06, 0.06)):
         binned = replace(
             problem, cell=stands, release=replace(problem.release, opening=Opening(radius_m, rim_height_m))
