@@ -74,19 +74,19 @@ class RankedCandidate:
     @cached_property
     def seed(self) -> Seed:
         """The optimiser's seed: the motion that is given, or else Ruckig's to the candidate, if there is one."""
-        if self.given is not None:
-            return Seed(self.candidate, self.given)
-        refused = self.launch_s == float("inf")
-        return Seed(self.candidate, None if refused else ruckig_otg.initial_guess(self.problem, self.candidate))
+        return self._seed_under(self.problem) if self.given is None else Seed(self.candidate, self.given)
 
     @cached_property
     def gentle_seed(self) -> Seed:
         """The optimiser's seed with Ruckig's motion of so little jerk that an acceleration takes `GENTLE_RAMP_S`."""
         limits = self.problem.limits
         jerk_max = np.minimum(limits.jerk_max, limits.qdd_max / GENTLE_RAMP_S)
-        gentle = replace(self.problem, limits=replace(limits, jerk_max=jerk_max))
+        return self._seed_under(replace(self.problem, limits=replace(limits, jerk_max=jerk_max)))
+
+    def _seed_under(self, problem: ThrowProblem) -> Seed:
+        """Returns the seed with Ruckig's motion within a problem's limits; without one where its own launch is none."""
         refused = self.launch_s == float("inf")
-        return Seed(self.candidate, None if refused else ruckig_otg.initial_guess(gentle, self.candidate))
+        return Seed(self.candidate, None if refused else ruckig_otg.initial_guess(problem, self.candidate))
 
     def bound_s(self, variant: ruckig_otg.LaunchVariant) -> float:
         """Lower bound on the release time of Ruckig's motion to the candidate [s]."""

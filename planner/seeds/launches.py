@@ -69,8 +69,9 @@ def with_drag(problem: ThrowProblem, release: TargetRelease, p: Array, t: Array)
     """
     gravity, low, high = problem.gravity_at_tool_speed, release.min_elevation_rad, release.max_elevation_rad
     v = launch_velocity(p, release.p_W, t, gravity, problem.drag)
-    wanted = np.clip(elevation(v), low, high)
-    without, off = elevation(launch_velocity(p, release.p_W, t, gravity)), elevation(v) - wanted
+    flown, without = elevation(v), elevation(launch_velocity(p, release.p_W, t, gravity))
+    wanted = np.clip(flown, low, high)
+    off = flown - wanted
     change = -off
     for _ in range(ELEVATION_ROUNDS):
         rows = np.flatnonzero(np.abs(off) > ROUNDING_RAD / 2.0)
@@ -79,9 +80,9 @@ def with_drag(problem: ThrowProblem, release: TargetRelease, p: Array, t: Array)
         without[rows] += change[rows]
         t = time_at_elevation(p[rows], release.p_W, without[rows], gravity)
         v[rows] = np.nan
-        flown, before = rows[np.isfinite(t)], off.copy()
-        if len(flown) > 0:
-            v[flown] = launch_velocity(p[flown], release.p_W, t[np.isfinite(t)], gravity, problem.drag)
+        timed, before = rows[np.isfinite(t)], off.copy()
+        if len(timed) > 0:
+            v[timed] = launch_velocity(p[timed], release.p_W, t[np.isfinite(t)], gravity, problem.drag)
         off[rows] = elevation(v[rows]) - wanted[rows]
         turned = np.where(off[rows] != before[rows], off[rows] - before[rows], -change[rows])
         change[rows] = np.clip(change[rows] * -off[rows] / turned, -FARTHEST_RAD, FARTHEST_RAD)
@@ -103,8 +104,8 @@ def _times_from(problem: ThrowProblem, release: TargetRelease, p: Array) -> Arra
 def allowed_velocity(problem: ThrowProblem, release: TargetRelease, v: Array) -> Mask:
     """Returns the mask of the release velocities (..., 3) within the requested elevations and the limits on speed."""
     low, high = release.min_elevation_rad - ROUNDING_RAD, release.max_elevation_rad + ROUNDING_RAD
-    allowed = (elevation(v) >= low) & (elevation(v) <= high)
-    return allowed & (np.linalg.norm(v, axis=-1) <= _speed_limit(problem, release))
+    angle = elevation(v)
+    return (angle >= low) & (angle <= high) & (np.linalg.norm(v, axis=-1) <= _speed_limit(problem, release))
 
 
 def is_slow_enough(problem: ThrowProblem, release: TargetRelease, p: Array) -> Mask:
