@@ -210,12 +210,16 @@ def _flight(shown: ShownMotion) -> list[Curve]:
 
 
 def _least_gaps(flights: Flights, t: Array) -> Array:
-    """Returns the least gaps (k,) [m] at `t` (k,); what does not let go of the object at once is left out, as there."""
+    """Returns the least gaps (k,) [m] at `t` (k,).
+
+    As there, what does not let go of the object at once is left out, and what it lands on, unless it is met.
+    """
     count = len(flights.names) - (flights.opening is None)
     x = flights.positions(np.full(len(t), flights.released_s), t)
     gaps = flights.gaps_along(x, t)[:count]
     gripped = flights.gripped
     gaps[gripped[gaps[gripped, 0] < 0.0]] = np.inf
+    gaps[flights.carriers[:count, None] & (gaps >= 0.0)] = np.inf
     return gaps.min(axis=0)
 
 

@@ -73,8 +73,8 @@ def flight_clearance(motion: MotionSamples) -> Check | None:
     """Checks that the object meets nothing from any release in the window until it lands: see `Flights.lowest`.
 
     The value is a proven lower bound on the distance of the object's surface; below 3 cm it is at most 1 cm too small.
-    The landing plane, what lies below it, and what does not let go of the object at once do not count in it. None for
-    a move that ends at rest.
+    The landing plane, what lies below it, what the object lands on, and what does not let go of it at once do not count
+    in it, only whether the object meets them before. None for a move that ends at rest.
     """
     name, problem = "flight_clearance", motion.problem
     if problem.ends_at_rest:
@@ -120,7 +120,7 @@ def _least_gap(flights: Flights) -> LeastGap:
     if begun is None:
         return LeastGap(math.nan, flights.released_s, "never lands", False)
     grid, lower, judged = begun.grid, begun.lower, begun.judged
-    undecided = judged & (lower < np.where(_is_gripped(flights, len(lower)), -CONTACT_M, CLOSE_M)[:, None, None])
+    undecided = judged & (lower < np.where(_only_judged(flights)[: len(lower)], -CONTACT_M, CLOSE_M)[:, None, None])
     least = np.where(begun.counted & judged & ~undecided, lower, np.inf)
     item, _, column = np.unravel_index(int(least.argmin()), lower.shape)
     found = LeastGap(float(least.min()), float(grid.t[column]), flights.names[item], True)
@@ -263,14 +263,16 @@ def _decided(flights: Flights, grid: Grid, lower: Array) -> tuple[Mask, Mask, Ma
     """Returns which patches are judged and which count in the value (items, m, n), and which intervals are apart (m,).
 
     For what the object is gripped by, the patches before the first one in or from which it is clear are not judged. If
-    it was not proven clear from the beginning, the others do not count in the value: the distance begins at 0. Where
-    the two releases of an interval are clear of it far apart, the first one decides.
+    it was not proven clear from the beginning, the others do not count in the value: the distance begins at 0, as it
+    ends at 0 where the object lands. Where the two releases of an interval are clear of it far apart, the first one
+    decides.
     """
     in_flight, gripped = np.isfinite(lower), flights.gripped
     judged, counted = in_flight.copy(), np.ones(lower.shape, np.bool_)
     clear = np.logical_or.accumulate((lower[gripped] >= 0.0) & in_flight[gripped], axis=2)
     at_once = (clear | ~in_flight[gripped]).reshape(len(gripped), -1).all(axis=1)
     counted[gripped] = np.asarray(at_once)[:, None, None]
+    counted[flights.carriers[: len(lower)]] = False
     held = in_flight[gripped] & ~clear
     starts = _starts_clear(flights, grid, held)
     both, either = (np.logical_or.accumulate(each, axis=2) for each in (starts.all(axis=0), starts.any(axis=0)))
@@ -310,16 +312,16 @@ def _patches(grid: Grid, chosen: Mask) -> Patches:
     return Patches(item, grid.r0[row], grid.r1[row], grid.t[column], grid.t[column + 1], w, a)
 
 
-def _is_gripped(flights: Flights, count: int) -> Mask:
-    """Returns for the first `count` obstacles whether the object is gripped beside them."""
-    gripped = np.zeros(count, np.bool_)
-    gripped[flights.gripped] = True
-    return gripped
+def _only_judged(flights: Flights) -> Mask:
+    """Returns which obstacles (items,) the distance begins or ends at 0 of: the gripper's, and what it lands on."""
+    begins_or_ends = flights.carriers.copy()
+    begins_or_ends[flights.gripped] = True
+    return begins_or_ends
 
 
 def _refined(found: LeastGap, flights: Flights, bounds: PatchBounds, patches: Patches) -> LeastGap:
     """Returns the least gap with undecided `patches`: their parts are looked at until all are clear, or one is not."""
-    spent, nearest, gripped = 0, math.inf, _is_gripped(flights, len(flights.names))
+    spent, nearest, only_judged = 0, math.inf, _only_judged(flights)
     for _ in range(ROUNDS):
         patches = patches.parts(flights.window_s > 0.0)
         if len(patches.item) <= FEW:
@@ -327,7 +329,7 @@ def _refined(found: LeastGap, flights: Flights, bounds: PatchBounds, patches: Pa
         spent += len(patches.item)
         if spent > EVALUATIONS_MAX:
             break
-        seen, free = bounds.evaluate(patches), ~gripped[patches.item]
+        seen, free = bounds.evaluate(patches), ~only_judged[patches.item]
         corner, patch = np.unravel_index(int(seen.sampled.argmin()), seen.sampled.shape)
         if seen.sampled[corner, patch] < -CONTACT_M:
             value, at_s = float(seen.sampled[corner, patch]), float(seen.t[corner, patch])

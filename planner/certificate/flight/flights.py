@@ -18,7 +18,7 @@ import numpy as np
 from planner.arrays import Array, Index, Mask
 from planner.certificate.samples import MotionSamples
 from planner.flight import fly, paths, positions_after
-from planner.geometry import Surface
+from planner.geometry import LEVEL_M, Surface
 from planner.kinematics import dot
 from planner.problem import Opening, TargetRelease
 
@@ -110,6 +110,17 @@ class Flights:
         higher = np.zeros(len(self.names), np.bool_)
         higher[: len(self.boxes[0])] = self.motion.problem.is_met_lying(self.boxes[1][:, 2])
         return higher
+
+    @cached_property
+    def carriers(self) -> Mask:
+        """Which obstacles (items,) are boxes that carry a surface on which the object lands."""
+        lower, upper = self.boxes
+        carriers = np.zeros(len(self.names), np.bool_)
+        for surface in self.motion.problem.surfaces:
+            meets = (lower[:, :2] <= surface.upper) & (upper[:, :2] >= surface.lower)
+            level = np.abs(upper[:, 2] - surface.height_m) <= LEVEL_M
+            carriers[: len(lower)] |= level & meets.all(axis=1)
+        return carriers
 
     @cached_property
     def lies_at_m(self) -> float | None:

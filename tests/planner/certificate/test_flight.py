@@ -243,7 +243,7 @@ def test_a_wall_is_met_between_the_touch_of_the_plane_and_a_target_in_the_air(wi
 
 @pytest.mark.parametrize("window_s", [0.0, 0.001])
 def test_the_object_comes_onto_a_box_over_its_edge(window_s):
-    """A box that carries the target is met by a sphere that comes over its edge too low."""
+    """A sphere that comes over its edge too low meets the box that carries the target; else it leaves the value be."""
     here = cell()
     problem, trajectory, v, touch = flat_throw(here, 0.0, window_s)
     late = np.hypot(*v[:2]) * 2.0 * window_s
@@ -252,7 +252,7 @@ def test_the_object_comes_onto_a_box_over_its_edge(window_s):
         for edge, ok in ((touch[0] - late - 1e-4, True), (1.2999, False)):
             table = with_boxes(here, ([edge, -1.0, 0.5], [1.6, 1.0, top]))
             check = certify(replace(problem, cell=table), trajectory).check("flight_clearance")
-            assert (check.ok, check.detail) == (ok, "box 0")
+            assert (check.ok, check.value > 0.01, check.detail == "box 0") == (ok, ok, not ok)
             met = flight_obstruction(replace(problem, cell=table), trajectory)
             assert (met is not None) == (not ok)
 
@@ -275,7 +275,8 @@ def test_the_object_lands_on_what_adjoins_and_is_as_high(window_s):
         for boxes in ([whole], halves, beyond, before)
     ]
     assert all(check.ok for check in checks)
-    assert [check.value for check in checks] == pytest.approx([checks[0].value] * 4, abs=1e-9)
+    assert checks[1].value == pytest.approx(checks[0].value, abs=1e-9)
+    assert all(check.value <= checks[0].value for check in checks[2:])  # what is lower beside it still counts
     lowered = [with_boxes(here, (whole[0], [1.6, 1.0, top])) for top in (0.7 - 0.5 * radius, 0.7 - 1.01 * radius)]
     assert all(certify(replace(problem, cell=each), trajectory).check("flight_clearance").ok for each in lowered)
     apart = with_boxes(here, ([edge, -1.0, 0.5], [seam, 1.0, 0.7]), ([seam + 1e-3, -1.0, 0.4], [1.6, 1.0, 0.7]))
