@@ -33,6 +33,8 @@ def released_flight_blocked(problem: ThrowProblem) -> Violation | None:
         return None
     deepest = int(gaps[name].argmin())
     detail = f"{name}, {t[deepest]:.3f} s after the release, on every flight with this place and velocity"
+    if name.startswith("box"):
+        detail += "; the object may land on a box only where the release is a target on it"
     return Violation("flight_clearance", float(gaps[name][deepest]), 0.0, "m", detail=detail, proven=True)
 
 
