@@ -262,23 +262,23 @@ def launch_velocity(p: ArrayLike, target: ArrayLike, time_s: ArrayLike, gravity:
         gravity: [m/s^2].
         drag: k of `drag_constant` [1/m].
     """
-    p, target = np.broadcast_arrays(np.asarray(p, float), np.asarray(target, float))
-    t = np.asarray(time_s, float)[..., None]
+    p, target, t = np.broadcast_arrays(p, target, np.asarray(time_s, float)[..., None])
     v = (target - p) / t + np.array([0.0, 0.0, 0.5 * gravity]) * t
     if drag <= 0.0:
         return v
-    missed = np.full(p.shape[:-1], np.inf)
+    shape, (p, target, t, v) = v.shape, (np.atleast_2d(each) for each in (p, target, t, v))
+    rows = np.nonzero(missed := np.full(v.shape[:-1], np.inf))  # those that have neither converged nor diverged
 
     def reached(change: Array) -> Array:
-        return _advance(np.concatenate([p, v + change], axis=-1), t, gravity, drag)[..., :3]
+        return _advance(np.concatenate([p[rows], v[rows] + change], axis=-1), t[rows][..., :1], gravity, drag)[..., :3]
 
     for _ in range(LAUNCH_ITERATIONS):
-        error = target - reached(np.zeros(3))
-        missed = np.abs(error).max(axis=-1)
-        if np.all(missed < LAUNCH_TOLERANCE_M):
+        missed[rows] = np.abs(error := target[rows] - reached(np.zeros(3))).max(axis=-1)
+        if not (far := missed[rows] >= LAUNCH_TOLERANCE_M).any():
             break
-        v = v + np.linalg.solve(_derivative(reached, 3), error[..., None])[..., 0]
-    return np.where((missed < LAUNCH_TOLERANCE_M)[..., None], v, np.nan)
+        rows = tuple(each[far] for each in rows)
+        v[rows] += np.linalg.solve(_derivative(reached, 3), error[far][..., None])[..., 0]
+    return np.where((missed < LAUNCH_TOLERANCE_M)[..., None], v, np.nan).reshape(shape)
 
 
 def slowest_time(p: ArrayLike, target: ArrayLike, gravity: float) -> Array:
