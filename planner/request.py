@@ -207,7 +207,7 @@ class _Fields:
         """Returns a finite number within [lower, upper], `default` where it is absent."""
         if (value := self.get(key)) is None:
             return default
-        if isinstance(value, bool) or not isinstance(value, Number) or not abs(float(value)) <= NUMBER_MAX:
+        if isinstance(value, bool) or not isinstance(value, Number) or not abs(value) <= NUMBER_MAX:
             self.refuse(key, f"{value!r} must be a finite number within {NUMBER_MAX:g}")
             return default
         if not lower <= float(value) <= upper:

@@ -74,6 +74,9 @@ def test_numbers_of_numpy_are_numbers():
     np.testing.assert_array_equal(other.limits.qd_max, plain.limits.qd_max)
     with pytest.raises(InvalidProblem, match="release_window_s"):
         problem_from_request({"release": POINT, "release_window_s": np.True_}, cell())
+    for key in ("release_window_s", "landing_tolerance_m", "time_limit_s"):
+        with pytest.raises(InvalidProblem, match=f"{key}.*must be a finite number"):
+            problem_from_request({"release": POINT, key: 10**400}, cell())
 
 
 def test_targets_are_robust_unless_switched_off():
