@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from planner.arrays import Array, Index
+from planner.cell import CONTACT_M
 from planner.certificate.clearance import box_gaps, moving_heights, pair_gaps
 from planner.certificate.flight import Flights, flights_of
 from planner.certificate.grip import felt_sizes
@@ -212,14 +213,14 @@ def _flight(shown: ShownMotion) -> list[Curve]:
 def _least_gaps(flights: Flights, t: Array) -> Array:
     """Returns the least gaps (k,) [m] at `t` (k,).
 
-    As there, what does not let go of the object at once is left out, and what it lands on, unless it is met.
+    As in the check, what does not let go of the object at once is left out, and what it lands on, unless that is met.
     """
     count = len(flights.names) - (flights.opening is None)
     x = flights.positions(np.full(len(t), flights.released_s), t)
     gaps = flights.gaps_along(x, t)[:count]
     gripped = flights.gripped
     gaps[gripped[gaps[gripped, 0] < 0.0]] = np.inf
-    gaps[flights.carriers[:count, None] & (gaps >= 0.0)] = np.inf
+    gaps[flights.carriers[:count, None] & (gaps >= -CONTACT_M)] = np.inf
     return gaps.min(axis=0)
 
 

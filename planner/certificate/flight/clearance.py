@@ -313,10 +313,10 @@ def _patches(grid: Grid, chosen: Mask) -> Patches:
 
 
 def _only_judged(flights: Flights) -> Mask:
-    """Returns which obstacles (items,) the distance begins or ends at 0 of: the gripper's, and what it lands on."""
-    begins_or_ends = flights.carriers.copy()
-    begins_or_ends[flights.gripped] = True
-    return begins_or_ends
+    """Returns which obstacles (items,) do not count in the value: what the object is gripped by, and lands on."""
+    only_judged = flights.carriers.copy()
+    only_judged[flights.gripped] = True
+    return only_judged
 
 
 def _refined(found: LeastGap, flights: Flights, bounds: PatchBounds, patches: Patches) -> LeastGap:

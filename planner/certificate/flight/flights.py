@@ -113,13 +113,14 @@ class Flights:
 
     @cached_property
     def carriers(self) -> Mask:
-        """Which obstacles (items,) are boxes that carry a surface on which the object lands."""
+        """Which obstacles (items,) are boxes that carry a surface on which the object lands, or lie below one."""
         lower, upper = self.boxes
         carriers = np.zeros(len(self.names), np.bool_)
         for surface in self.motion.problem.surfaces:
-            meets = (lower[:, :2] <= surface.upper) & (upper[:, :2] >= surface.lower)
-            level = np.abs(upper[:, 2] - surface.height_m) <= LEVEL_M
-            carriers[: len(lower)] |= level & meets.all(axis=1)
+            meets = ((lower[:, :2] <= surface.upper) & (upper[:, :2] >= surface.lower)).all(axis=1)
+            within = ((lower[:, :2] >= surface.lower) & (upper[:, :2] <= surface.upper)).all(axis=1)
+            above_m = upper[:, 2] - surface.height_m
+            carriers[: len(lower)] |= (above_m <= LEVEL_M) & (within | (meets & (above_m >= -LEVEL_M)))
         return carriers
 
     @cached_property

@@ -8,6 +8,7 @@ import pytest
 
 from planner.backends import ruckig_otg
 from planner.certificate import certify, flight_obstruction
+from planner.certificate.curves import motion_curves
 from planner.errors import Infeasible, SolverFailed
 from planner.flight import fly, path
 from planner.geometry import body_capsules, capsule_endpoints, tool_pose, tool_state
@@ -243,7 +244,7 @@ def test_a_wall_is_met_between_the_touch_of_the_plane_and_a_target_in_the_air(wi
 
 @pytest.mark.parametrize("window_s", [0.0, 0.001])
 def test_the_object_comes_onto_a_box_over_its_edge(window_s):
-    """A sphere that comes over its edge too low meets the box that carries the target; else it leaves the value be."""
+    """A sphere that comes over its edge too low meets the box that carries the target, which counts only then."""
     here = cell()
     problem, trajectory, v, touch = flat_throw(here, 0.0, window_s)
     late = np.hypot(*v[:2]) * 2.0 * window_s
@@ -255,6 +256,36 @@ def test_the_object_comes_onto_a_box_over_its_edge(window_s):
             assert (check.ok, check.value > 0.01, check.detail == "box 0") == (ok, ok, not ok)
             met = flight_obstruction(replace(problem, cell=table), trajectory)
             assert (met is not None) == (not ok)
+
+
+def test_what_the_object_lands_on_counts_in_no_value_and_what_is_beside_it_does():
+    here = cell()
+    problem, trajectory, _, touch = flat_throw(here, 0.0, 0.0)
+    table, below = ([touch[0] - 0.01, -1.0, 0.65], [1.6, 1.0, 0.7]), ([1.27, -0.5, 0.0], [1.5, 0.5, 0.645])
+    aside, radius = touch[1] + 0.055, here.object.radius_m
+    post = ([touch[0] - 0.1, aside, 0.0], [touch[0] - 0.05, aside + 0.1, 0.7])
+
+    def of(*boxes):
+        shown = replace(problem, cell=with_boxes(here, *boxes))
+        check = certify(shown, trajectory).check("flight_clearance")
+        (curve,) = (curve for curve in motion_curves(shown, trajectory) if curve.name == "flight_clearance")
+        assert check.ok
+        assert check.value - 1e-9 <= curve.series[0].values.min()
+        return check
+
+    assert of(table).value == of(table, below).value > 0.1
+    assert of(table, post).detail == "box 1"
+    assert 0.03 < of(table, post).value < 0.055 - radius + 0.01
+
+
+def test_a_slab_flush_with_the_floor_leaves_the_curve_of_the_flight_be():
+    here = with_boxes(cell(), ([0.4, -2.0, -1.0], [2.0, 2.0, 0.0]))
+    for y in np.linspace(-0.6, 0.6, 9):
+        problem = ThrowProblem(here, here.home, TargetRelease(np.array([1.2, y, 0.0])), here.limits)
+        trajectory = ruckig_otg.solve(problem, candidates(problem)[0]).trajectory
+        (curve,) = (curve for curve in motion_curves(problem, trajectory) if curve.name == "flight_clearance")
+        value = certify(problem, trajectory).check("flight_clearance").value
+        assert value < 0.0 or curve.series[0].values.min() >= value - 1e-9 > 0.0
 
 
 @pytest.mark.parametrize("window_s", [0.0, 0.001])
@@ -276,7 +307,7 @@ def test_the_object_lands_on_what_adjoins_and_is_as_high(window_s):
     ]
     assert all(check.ok for check in checks)
     assert checks[1].value == pytest.approx(checks[0].value, abs=1e-9)
-    assert all(check.value <= checks[0].value for check in checks[2:])  # what is lower beside it still counts
+    assert all(check.value < 0.03 < checks[0].value for check in checks[2:])  # what is lower beside it still counts
     lowered = [with_boxes(here, (whole[0], [1.6, 1.0, top])) for top in (0.7 - 0.5 * radius, 0.7 - 1.01 * radius)]
     assert all(certify(replace(problem, cell=each), trajectory).check("flight_clearance").ok for each in lowered)
     apart = with_boxes(here, ([edge, -1.0, 0.5], [seam, 1.0, 0.7]), ([seam + 1e-3, -1.0, 0.4], [1.6, 1.0, 0.7]))
