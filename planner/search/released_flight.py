@@ -27,15 +27,23 @@ def released_flight_blocked(problem: ThrowProblem) -> Violation | None:
     t = _times(problem, p, v)
     if len(t) == 0 or _is_far(problem, p, v, t):
         return None
-    gaps = _gaps(problem, path(p, v, t, problem.gravity, problem.drag))
+    x = path(p, v, t, problem.gravity, problem.drag)
+    gaps = _gaps(problem, x)
     name = min(gaps, key=lambda name: float(gaps[name].min(initial=np.inf)), default="")
     if not name or gaps[name].min(initial=np.inf) > -SLACK_M:
         return None
     deepest = int(gaps[name].argmin())
     detail = f"{name}, {t[deepest]:.3f} s after the release, on every flight with this place and velocity"
-    if name.startswith("box"):
+    if name.startswith("box") and _comes_from_above(problem, int(name.split()[1]), x, gaps[name]):
         detail += "; the object may land on a box only where the release is a target on it"
     return Violation("flight_clearance", float(gaps[name][deepest]), 0.0, "m", detail=detail, proven=True)
+
+
+def _comes_from_above(problem: ThrowProblem, box: int, x: Array, gaps: Array) -> bool:
+    """Returns whether a flight with centres x (n, 3) and gaps (n,) [m] is over the top of a box before they touch."""
+    met, last_clear = problem.cell.surroundings.keep_out[box], x[max(int((gaps < 0.0).argmax()) - 1, 0)]
+    over = (last_clear[:2] >= met.lower[:2]) & (last_clear[:2] <= met.upper[:2])
+    return bool(over.all() and last_clear[2] > met.upper[2])
 
 
 def _release(problem: ThrowProblem) -> tuple[Array, Array]:

@@ -27,6 +27,14 @@ def test_a_flight_into_a_wall_is_refused_with_depth_time_and_name() -> None:
     assert (violation.constraint, violation.limit, violation.proven) == ("flight_clearance", 0.0, True)
     assert violation.value == pytest.approx(-0.02)  # the centre passes through: the object's radius
     assert violation.detail.startswith("box 0, 0.1")
+    assert "land on a box" not in violation.detail
+
+
+def test_a_flight_that_comes_down_on_a_box_is_told_how_to_land_there() -> None:
+    table = Box(np.array([0.8, -0.6, 0.0]), np.array([2.0, 0.6, 0.3]))
+    violation = released_flight_blocked(thrown([2.0, 0.0, 0.5], table))
+    assert violation is not None
+    assert violation.detail.endswith("; the object may land on a box only where the release is a target on it")
 
 
 def test_a_flight_over_the_wall_is_not() -> None:
