@@ -84,7 +84,7 @@ class RankedCandidate:
         return self._seed_under(replace(self.problem, limits=replace(limits, jerk_max=jerk_max)))
 
     def _seed_under(self, problem: ThrowProblem) -> Seed:
-        """Returns the seed with Ruckig's motion within a problem's limits; without one where its own launch is none."""
+        """Returns the seed with Ruckig's motion within a problem's limits; without a motion where it has no launch."""
         refused = self.launch_s == float("inf")
         return Seed(self.candidate, None if refused else ruckig_otg.initial_guess(problem, self.candidate))
 

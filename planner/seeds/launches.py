@@ -19,7 +19,7 @@ from planner.seeds.flight_filter import clear_flights, flight_times
 TIMES_FROM_A_PLACE, TIMES_TRIED = np.geomspace(0.4, 3.0, 200), 8  # [-], see `_times_from`; 3.0: 84 degrees on a plane
 ROUNDING_RAD = 1e-6  # [rad] that an elevation may lie beyond its bounds: a hundredth of what the certificate allows
 ELEVATION_ROUNDS = 8  # [-] corrections of a flight's time for drag at most; four are enough for a table tennis ball
-FARTHEST_RAD = 0.2  # [rad] that one correction moves an elevation at most
+FARTHEST_RAD = 0.2  # [rad] that a secant moves an elevation at most
 VERTICAL_M = 1e-6  # [m] a target no farther aside than that is reached straight up or down alone
 
 
@@ -48,16 +48,21 @@ def _within_elevations(problem: ThrowProblem, release: TargetRelease, p: Array, 
         t = np.fmax(t, time_at_elevation(p, release.p_W, low, gravity))
     if high < math.pi / 2:
         last = time_at_elevation(p, release.p_W, high, gravity)
-        t = np.where(high > _lowest_elevation(p, release.p_W), np.minimum(t, last), np.nan)
+        t = np.where(high > _lowest_elevation(release, p), np.fmin(t, last), np.nan)  # no last one straight below
     return t
 
 
-def _lowest_elevation(p: Array, target: Array) -> Array:
-    """Returns the elevation (...,) [rad] that a drag-free flight from p (..., 3) exceeds if it falls on the target."""
-    d = target - p
+def _lowest_elevation(release: TargetRelease, p: Array) -> Array:
+    """Returns the elevation (...,) [rad] that a drag-free flight from p (..., 3) exceeds if it falls on the target.
+
+    Straight down it leaves at -pi/2, unless the request sets a lower bound above that.
+    """
+    d = release.p_W - p
     spread = np.hypot(d[..., 0], d[..., 1])
     rise = np.where(d[..., 2] > 0.0, 2.0, 1.0) * d[..., 2]  # twice as steep as the straight line, where that rises
-    return np.where(spread > VERTICAL_M, np.arctan2(rise, spread), math.pi / 2)
+    falls = (d[..., 2] < 0.0) & (release.min_elevation_rad <= -math.pi / 2)
+    vertical = np.where(falls, -math.pi / 2, math.pi / 2)
+    return np.where(spread > VERTICAL_M, np.arctan2(rise, spread), vertical)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # of flights that drag brings down before the target: they end as NaN
@@ -133,7 +138,7 @@ def no_flight(problem: ThrowProblem, release: TargetRelease, p: Array) -> Violat
         return Violation("release_position", 0.0, least, "m", detail=detail)
     speeds = _least_speed(problem, release, p)
     if np.isnan(speeds).all():
-        lowest = float(_lowest_elevation(p, release.p_W).min())
+        lowest = float(_lowest_elevation(release, p).min())
         detail = f"elevation above which a flight comes down on the target, from {len(p)} postures tried"
         return Violation("release_velocity", lowest, release.max_elevation_rad, "rad", detail=detail)
     name = "release_velocity" if release.max_speed_m_s < problem.limits.tcp_speed_max else "tcp_speed"

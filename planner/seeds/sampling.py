@@ -6,6 +6,7 @@ and the speed free, too.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -146,7 +147,7 @@ def target_states(
         problem: the problem.
         release: its target.
         thorough: whether to try `MORE_POSTURES`, and leave out those in which the arm is not clear.
-        wide: whether to try as many where no throw from the first is slow enough, and to look for sooner states near.
+        wide: whether to try as many where few of the first throws are slow enough, and to look for sooner states near.
 
     Raises:
         Infeasible: there are none.
@@ -189,22 +190,24 @@ def _with_run_ups(problem: ThrowProblem, release: TargetRelease, q: Array, qd: A
 
 
 def _thrown(problem: ThrowProblem, release: TargetRelease, thorough: bool, wide: bool) -> tuple[Array, Array]:
-    """Returns joint states (n, 6) whose flights hit the target: of many postures where few have none slow enough.
+    """Returns joint states (n, 6) whose flights hit the target: of many postures, too, where few are slow enough.
 
     Raises:
         Infeasible: there are none.
     """
     if release.release_position is not None:
         return _thrown_at(problem, release, release.release_position, wide)
-    if not thorough:
-        try:
-            q, qd = _thrown_from(problem, release, thorough=False)
-            if not wide or _has_slow_enough(problem, release, qd):
-                return q, qd
-        except Infeasible:
-            if not wide:
-                raise
-    return _thrown_from(problem, release, thorough=True)
+    if thorough:
+        return _thrown_from(problem, release, thorough=True)
+    try:
+        found = _thrown_from(problem, release, thorough=False)
+    except Infeasible:
+        if not wide:
+            raise
+        return _thrown_from(problem, release, thorough=True)
+    if not wide or _has_enough(problem, release, found[1]):
+        return found
+    return _with_more(problem, found, partial(_thrown_from, problem, release, thorough=True))
 
 
 def _thrown_at(problem: ThrowProblem, release: TargetRelease, p: Array, wide: bool) -> tuple[Array, Array]:
@@ -213,22 +216,46 @@ def _thrown_at(problem: ThrowProblem, release: TargetRelease, p: Array, wide: bo
     Raises:
         Infeasible: there are none.
     """
-    q = _postures(problem, p)
-    q, qd = _flights(problem, release, q, np.broadcast_to(p, q[:, :3].shape))
-    if wide and not _has_slow_enough(problem, release, qd):
-        q = _postures_in(problem, p, MORE_ORIENTATIONS)
-        q, qd = _flights(problem, release, q, np.broadcast_to(p, q[:, :3].shape))
-    return q, qd
+
+    def thrown(q: Array) -> tuple[Array, Array]:
+        return _flights(problem, release, q, np.broadcast_to(p, q[:, :3].shape))
+
+    found = thrown(_postures(problem, p))
+    if not wide or _has_enough(problem, release, found[1]):
+        return found
+    return _with_more(problem, found, lambda: thrown(_postures_in(problem, p, MORE_ORIENTATIONS)))
 
 
-def _has_slow_enough(problem: ThrowProblem, release: TargetRelease, qd: Array) -> bool:
+def _with_more(
+    problem: ThrowProblem, found: tuple[Array, Array], more: Callable[[], tuple[Array, Array]]
+) -> tuple[Array, Array]:
+    """Returns further joint states q, qd (n, 6) after those of the ones found that are slow enough.
+
+    Raises:
+        Infeasible: there are neither.
+    """
+    slow = _is_slow(problem, found[1])
+    try:
+        q, qd = more()
+    except Infeasible:
+        if not slow.any():
+            raise
+        return found[0][slow], found[1][slow]
+    return np.concatenate([found[0][slow], q]), np.concatenate([found[1][slow], qd])
+
+
+def _has_enough(problem: ThrowProblem, release: TargetRelease, qd: Array) -> bool:
     """Returns whether some joint velocities (n, 6) keep their limits: a few, where the elevations are bounded.
 
     With bounds a posture's only flight is mostly one at an end of the range, and others release in a third of the time.
     """
     is_bounded = release.min_elevation_rad > -np.pi / 2 or release.max_elevation_rad < np.pi / 2
-    slow = (np.abs(qd) <= problem.limits.qd_max).all(axis=1)
-    return int(slow.sum()) >= (FEW_SLOW if is_bounded else 1)
+    return int(_is_slow(problem, qd).sum()) >= (FEW_SLOW if is_bounded else 1)
+
+
+def _is_slow(problem: ThrowProblem, qd: Array) -> Mask:
+    """Returns which joint velocities (n, 6) keep their limits."""
+    return np.asarray((np.abs(qd) <= problem.limits.qd_max).all(axis=1))
 
 
 def _thrown_from(problem: ThrowProblem, release: TargetRelease, thorough: bool) -> tuple[Array, Array]:

@@ -107,10 +107,19 @@ def test_few_throws_within_the_elevations_call_for_more_postures():
     assert len(found) >= 20  # of the first postures 1
 
 
-def test_a_target_straight_below_has_no_flight_at_an_elevation():
-    problem = thrown_to([0.5, 0.1, 0.0], release_position=np.array([0.5, 0.1, 0.6]), max_elevation_rad=0.5)
-    with pytest.raises(Infeasible, match=r"release_velocity: 1.571 rad against a limit of 0.5 rad"):
-        candidates(problem)
+@pytest.mark.parametrize("high", [0.5, -0.5])
+def test_a_target_straight_below_is_thrown_down_at(high):
+    below = {"release_position": np.array([0.5, 0.1, 0.6]), "max_elevation_rad": high}
+    assert plan(thrown_to([0.5, 0.1, 0.0], **below)).certificate.valid
+    with pytest.raises(Infeasible, match=rf"release_velocity: 1.571 rad against a limit of {high} rad"):
+        candidates(thrown_to([0.5, 0.1, 0.0], **below, min_elevation_rad=-1.5))  # what else falls on it was thrown up
+
+
+def test_throws_of_the_first_postures_are_kept_where_more_are_drawn():
+    """The states that are drawn then release after 0.436 s, the first ones, too few, after 0.36 s."""
+    bounds = {"min_elevation_rad": 0.38403, "max_elevation_rad": 0.38503}
+    problem = thrown_to([1.5586303748, 0.7641161635, 0.3951294452], **bounds)
+    assert plan(problem).trajectory.release_time_s < 0.4
 
 
 def test_a_given_place_has_an_answer_at_one_elevation():
