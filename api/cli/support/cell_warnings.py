@@ -12,7 +12,7 @@ LAG_S = 0.002  # [s] by which a simulated arm may be later than its cell says: a
 
 def warnings_of(cell: Cell) -> list[str]:
     """Returns warnings of a cell, in words."""
-    return [*_far_boxes(cell), *_wrong_lag(cell), *_heavy_payload(cell)]
+    return [*_far_boxes(cell), *_far_floor(cell), *_wrong_lag(cell), *_heavy_payload(cell)]
 
 
 def _far_boxes(cell: Cell) -> list[str]:
@@ -26,6 +26,14 @@ def _far_boxes(cell: Cell) -> list[str]:
         if away_m >= FARTHEST_M:
             found.append(f"{name} is {away_m:.0f} m from the arm, beyond every throw: corners are in metres")
     return found
+
+
+def _far_floor(cell: Cell) -> list[str]:
+    """Returns a warning of a floor that no arm stands over, mostly as its height is in millimetres."""
+    from planner.cell import FARTHEST_M
+
+    below_m = float(cell.X_WB[2, 3]) - cell.surroundings.floor_z_m
+    return [f"surroundings.floor_z_m is {below_m:.0f} m below the arm: metres?"] if below_m >= FARTHEST_M else []
 
 
 def _wrong_lag(cell: Cell) -> list[str]:
