@@ -227,9 +227,9 @@ class ThrowProblem:
 
     @cached_property
     def lies_z(self) -> float | None:
-        """Height of the centre of an object that lies at the target [m]; None without one, in the air or in a bin."""
-        is_target = isinstance(self.release, TargetRelease) and self.release.opening is None
-        return self.carrier_z + self.cell.object.radius_m if is_target and self.surfaces else None
+        """Height of the centre of an object that has landed [m]; None in the air or in a bin."""
+        in_bin = isinstance(self.release, TargetRelease) and self.release.opening is not None
+        return self.carrier_z + self.cell.object.radius_m if self.surfaces and not in_bin else None
 
     @cached_property
     def carrier_z(self) -> float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from planner.arrays import Array
+from planner.arrays import Array, Mask
 from planner.errors import Violation
 from planner.flight import path, touchdown_s
 from planner.geometry import body_model, point_segment_distance, segment_box_distance, tool_state
@@ -27,8 +27,8 @@ def released_flight_blocked(problem: ThrowProblem) -> Violation | None:
     t = _times(problem, p, v)
     if len(t) == 0 or _is_far(problem, p, v, t):
         return None
-    x = path(p, v, t, problem.gravity, problem.drag)
-    gaps = _gaps(problem, x)
+    x, lies = _centres(problem, p, v, t)
+    gaps = _gaps(problem, x, lies)
     name = min(gaps, key=lambda name: float(gaps[name].min(initial=np.inf)), default="")
     if not name or gaps[name].min(initial=np.inf) > -SLACK_M:
         return None
@@ -61,27 +61,38 @@ def _release(problem: ThrowProblem) -> tuple[Array, Array]:
 
 
 def _times(problem: ThrowProblem, p: Array, v: Array) -> Array:
-    """Returns times (n,) [s] from the release until the sphere touches the landing plane; none if it never does."""
-    radius = problem.cell.object.radius_m
-    end_s = touchdown_s(p, v, problem.plane_z, radius, problem.gravity, problem.drag)
+    """Returns times (n,) [s] from the release until the centre passes the landing plane; none if it never does."""
+    end_s = touchdown_s(p, v, problem.plane_z, 0.0, problem.gravity, problem.drag)
     return np.zeros(0) if end_s is None else np.arange(0.0, end_s, STEP_S)
+
+
+def _centres(problem: ThrowProblem, p: Array, v: Array, t: Array) -> tuple[Array, Mask]:
+    """Returns the centres (n, 3) [m] at times (n,) [s], and at which of them the object has touched and lies (n,)."""
+    touch_s = touchdown_s(p, v, problem.plane_z, problem.cell.object.radius_m, problem.gravity, problem.drag)
+    assert touch_s is not None
+    x, lies = path(p, v, t, problem.gravity, problem.drag), t > touch_s
+    x[lies, 2] = problem.plane_z + problem.cell.object.radius_m
+    return x, lies
 
 
 def _is_far(problem: ThrowProblem, p: Array, v: Array, t: Array) -> bool:
     """Returns whether a few centres are so far from everything that those at all times `t` (n,) [s] are clear."""
     few = np.append(t[::COARSE], t[-1])
-    gaps = _gaps(problem, path(p, v, few, problem.gravity, problem.drag))
+    gaps = _gaps(problem, *_centres(problem, p, v, few))
     fall = max(0.0, float(p[2]) - problem.plane_z)
     moved = COARSE / 2 * STEP_S * np.sqrt(v @ v + 2.0 * problem.gravity * fall)  # from the nearest of the few, at most
     return all(gap.min() - moved > -SLACK_M for gap in gaps.values())
 
 
-def _gaps(problem: ThrowProblem, x: Array) -> dict[str, Array]:
-    """Returns the distances (n,) [m] of the sphere at centres (n, 3) from every box and every part of the base."""
+def _gaps(problem: ThrowProblem, x: Array, lies: Mask) -> dict[str, Array]:
+    """Returns the distances (n,) [m] of the sphere at centres (n, 3) from every box and every part of the base.
+
+    Where it `lies` (n,), as the certificate's it keeps clear of boxes alone.
+    """
     cell, body = problem.cell, body_model(problem.cell)
     radius = cell.object.radius_m
     boxes = enumerate(cell.surroundings.keep_out)
     gaps = {f"box {i}": segment_box_distance(x, x, box.lower, box.upper) - radius for i, box in boxes}
     for i, start, end, thick in zip(np.flatnonzero(body.frames == 0), *body.base_shapes, strict=True):
-        gaps[body.names[i]] = point_segment_distance(x, start, end) - thick - radius
+        gaps[body.names[i]] = np.where(lies, np.inf, point_segment_distance(x, start, end) - thick - radius)
     return gaps

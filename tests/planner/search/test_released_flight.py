@@ -8,6 +8,9 @@ import numpy as np
 import pytest
 
 from planner.cell import Box
+from planner.certificate import certify
+from planner.flight import fly
+from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.search.released_flight import released_flight_blocked
 from tests.planner.problems import cell, feasible_states, pose_problem
@@ -35,6 +38,26 @@ def test_a_flight_that_comes_down_on_a_box_is_told_how_to_land_there() -> None:
     violation = released_flight_blocked(thrown([2.0, 0.0, 0.5], table))
     assert violation is not None
     assert violation.detail.endswith("; the object may land on a box only where the release is a target on it")
+
+
+def test_a_wall_is_met_after_the_touch_of_the_floor() -> None:
+    """The sphere touches the floor before the wall, and its centre would come to the floor within a radius of it."""
+    p, v, radius = np.array([0.6, 0.4, 0.3]), np.array([2.28, 0.0, 0.5]), cell().object.radius_m
+    touch, landing = (fly(p, v, height, 9.81).landing_point[0] for height in (radius, 0.0))
+    assert landing - touch > 0.008
+    trajectory = plan(thrown(v.tolist(), p=(0.6, 0.4, 0.3))).trajectory
+    for away, refused in ((0.4 * radius, True), (1.01 * radius, False)):
+        wall = Box(np.array([landing + away, -0.6, 0.0]), np.array([landing + away + 0.02, 0.6, 0.1]))
+        problem = thrown(v.tolist(), wall, p=(0.6, 0.4, 0.3))
+        assert touch + radius < landing + away
+        assert (released_flight_blocked(problem) is not None) == refused
+        assert certify(problem, trajectory).check("flight_clearance").ok != refused
+
+
+def test_a_slab_flush_with_the_floor_is_floor() -> None:
+    slab = Box(np.array([0.8, -0.6, -0.1]), np.array([2.0, 0.6, 0.0]))
+    assert released_flight_blocked(thrown([2.0, 0.0, 0.5], slab)) is None
+    assert plan(thrown([2.0, 0.0, 0.5], slab)).certificate.valid
 
 
 def test_a_flight_over_the_wall_is_not() -> None:
