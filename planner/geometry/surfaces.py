@@ -11,6 +11,7 @@ import numpy as np
 from planner.arrays import Array, Mask
 from planner.cell import CONTACT_M, Box, Cell
 
+ROUNDING_M = 1e-9  # [m] a target is on a top that is the object's radius below it, however that is rounded
 LEVEL_M = 0.001  # [m] tops that differ by less are one surface: no table is more level
 
 
@@ -35,10 +36,10 @@ def footprint(box: Box) -> Surface:
 def landing_surfaces(cell: Cell, p: Array) -> tuple[Surface, ...]:
     """Returns what the cell's object touches from above before its centre comes down to a place `p` (3,).
 
-    That is the highest surface over which the place is, if it is at its height or less than the object's radius below.
+    That is the highest surface over which the place is, at its height or no more than the object's radius below it.
     The tops of boxes that are about as high and adjoin are one surface, and so is each rectangle within it.
     """
-    around, lowest = cell.surroundings, float(p[2]) - max(cell.object.radius_m, CONTACT_M)
+    around, lowest = cell.surroundings, float(p[2]) - max(cell.object.radius_m, CONTACT_M) - ROUNDING_M
     tops = [footprint(box) for box in around.keep_out if lowest < box.upper[2] <= p[2] + CONTACT_M]
     under_m = max((top.height_m for top in tops if top.depth(p) >= 0.0), default=np.inf)
     level = [top for top in tops if abs(top.height_m - under_m) <= LEVEL_M]

@@ -278,6 +278,15 @@ def test_what_the_object_lands_on_counts_in_no_value_and_what_is_beside_it_does(
     assert 0.03 < of(table, post).value < 0.055 - radius + 0.01
 
 
+def test_a_target_at_the_height_of_the_centre_on_a_table_is_on_it():
+    here = cell()
+    top = 0.3 - here.object.radius_m
+    for height in (0.3, top + here.object.radius_m, 0.3 + 4e-17, 0.3 + 6e-17):
+        table = with_boxes(here, ([0.8, -0.5, 0.1], [1.6, 0.5, top]))
+        problem = ThrowProblem(table, here.home, TargetRelease(np.array([1.2, 0.1, height])), here.limits)
+        assert problem.surfaces[0].height_m == top
+
+
 def test_a_slab_flush_with_the_floor_leaves_the_curve_of_the_flight_be():
     here = with_boxes(cell(), ([0.4, -2.0, -1.0], [2.0, 2.0, 0.0]))
     for y in np.linspace(-0.6, 0.6, 9):
