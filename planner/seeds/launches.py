@@ -55,13 +55,13 @@ def _within_elevations(problem: ThrowProblem, release: TargetRelease, p: Array, 
 def _lowest_elevation(release: TargetRelease, p: Array) -> Array:
     """Returns the elevation (...,) [rad] that a drag-free flight from p (..., 3) exceeds if it falls on the target.
 
-    Straight down it leaves at -pi/2, unless the request sets a lower bound above that.
+    Straight down there is none, unless the request sets a lower bound above -pi/2.
     """
     d = release.p_W - p
     spread = np.hypot(d[..., 0], d[..., 1])
     rise = np.where(d[..., 2] > 0.0, 2.0, 1.0) * d[..., 2]  # twice as steep as the straight line, where that rises
     falls = (d[..., 2] < 0.0) & (release.min_elevation_rad <= -math.pi / 2)
-    vertical = np.where(falls, -math.pi / 2, math.pi / 2)
+    vertical = np.where(falls, -np.inf, math.pi / 2)
     return np.where(spread > VERTICAL_M, np.arctan2(rise, spread), vertical)
 
 
