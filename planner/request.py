@@ -194,12 +194,12 @@ class _Fields:
     def vector(self, key: str, size: int) -> Array:
         """Returns a list of finite numbers as a read-only array (size,), zeros where it is refused."""
         value = self.get(key)
-        array = np.asarray(value) if isinstance(value, list | tuple | np.ndarray) else np.zeros(0)
-        if array.shape != (size,) or array.dtype.kind not in "fiu":
-            self.refuse(key, f"must be a list of {size} numbers")
-            return np.zeros(size)
-        if not (np.abs(array) <= NUMBER_MAX).all():
-            self.refuse(key, f"must be finite and within {NUMBER_MAX:g}")
+        entries = value if isinstance(value, list | tuple | np.ndarray) else ()
+        are_numbers = all(isinstance(entry, Number) and not isinstance(entry, bool) for entry in entries)
+        array = np.asarray(entries if are_numbers else ())
+        fits = array.shape == (size,) and array.dtype.kind in "fiu"
+        if not fits or not (np.abs(array) <= NUMBER_MAX).all():
+            self.refuse(key, f"must be {f'finite and within {NUMBER_MAX:g}' if fits else f'a list of {size} numbers'}")
             return np.zeros(size)
         return read_only(array)
 
@@ -285,7 +285,7 @@ def _tightened(limits: _Fields, key: str, own: Array, unit: str) -> Array:
 
 def _singularity_distance(request: _Fields, own: float) -> float:
     key, value = "singularity_distance_min", request.get("singularity_distance_min")
-    if isinstance(value, bool) or not isinstance(value, Number) or not np.isfinite(value) or value > 1.0:
+    if isinstance(value, bool) or not isinstance(value, Number) or not -NUMBER_MAX <= value <= 1.0:
         request.refuse(key, f"{value} must be a number up to 1")
         return own
     if value < own:

@@ -7,6 +7,7 @@ the table with a trailing dot, used in error messages.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -120,7 +121,7 @@ def exactly(entry: Mapping[str, Any], keys: tuple[str, ...], where: str) -> Mapp
 def _checked(value: object, field: str, lower: float, upper: float) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise CellError(field, value, "must be a number")
-    if not math.isfinite(value):
+    if not abs(value) <= sys.float_info.max:
         raise CellError(field, value, "must be finite")
     if not lower <= value <= upper:
         raise CellError(field, value, f"must lie in [{lower:.6g}, {upper:.6g}]")

@@ -64,6 +64,7 @@ def test_the_table_of_the_project_is_its_published_frame():
         (LEAST + "[limits]\nvelocity = 3.0\n", "limits.velocity"),
         (LEAST + "[limits]\njoint_velocity_rad_s = nan\n", "limits.joint_velocity_rad_s"),
         (LEAST + "[limits]\njoint_velocity_rad_s = inf\n", "limits.joint_velocity_rad_s"),
+        (LEAST + "[limits]\njoint_velocity_rad_s = 1" + 400 * "0" + "\n", "limits.joint_velocity_rad_s"),
         (LEAST + "[limits]\njoint_velocity_rad_s = 4.0\n", "limits.joint_velocity_rad_s"),
         (LEAST + "[limits]\njoint_velocity_rad_s = [1, 1, 1]\n", "limits.joint_velocity_rad_s"),
         (LEAST + "[limits]\njoint_velocity_rad_s = true\n", "limits.joint_velocity_rad_s"),
