@@ -30,9 +30,11 @@ def open_cell(cell: str | Path) -> Cell:
     Raises:
         CellError: there is no such cell, a field of the file is refused, or its home violates a limit.
     """
+    if not isinstance(cell, str | Path):
+        raise CellError("cell", cell, "must be a name or the path of a file")
     path = Path(cell)
     if path.suffix != ".toml":
         path = cells_folder() / f"{cell}.toml"
-        if not path.is_file():
+        if not os.path.isfile(path):  # also of a name that is too long for a file
             raise CellError("cell", str(cell), f"is not one of {', '.join(cell_names())} in {cells_folder()}")
     return cell_folder.open_cell(path)

@@ -55,7 +55,13 @@ def plan(request: Mapping[str, Any] | ThrowProblem, cell: Cell | str | Path | No
         Infeasible: there is no such motion, or none was found; says what stands in the way, and what is nearest.
         SolverFailed: the request's time limit ended the search before that.
     """
-    return planning.plan(request if isinstance(request, ThrowProblem) else problem(request, cell))
+    if isinstance(request, ThrowProblem):
+        return planning.plan(request)
+    asked = problem(request, cell)
+    if request.get("min_hit_probability"):
+        reason = "odds are reckoned by `fling plan`, `fling throw` and the service; the library plans without"
+        raise InvalidProblem([FieldError("min_hit_probability", reason)])
+    return planning.plan(asked)
 
 
 def plan_document(plan: Plan, request: Mapping[str, Any] | None = None) -> dict[str, Any]:

@@ -63,6 +63,19 @@ def test_refusals_name_what_stands_in_the_way():
         fling.plan(5)  # type: ignore[arg-type]
     with pytest.raises(fling.CellError, match="is not one of"):
         fling.plan({**REQUEST, "cell": ""})
+    with pytest.raises(fling.CellError, match="is not one of"):
+        fling.plan({**REQUEST, "cell": 400 * "long"})
+    for cell in (7, None):
+        with pytest.raises(fling.CellError, match="must be a name or the path of a file"):
+            fling.open_cell(cell)  # type: ignore[arg-type]
+    target = {"kind": "target", "position": [1.2, 0.3, 0.0]}
+    with pytest.raises(fling.InvalidProblem, match="min_hit_probability: odds are reckoned by"):
+        fling.plan({"release": target, "min_hit_probability": 0.9})
+    for position in ([True, 0.3, 0.0], [[1.0], [2.0, 3.0], 4.0], ["1.2", 0.3, 0.0]):
+        with pytest.raises(fling.InvalidProblem, match=r"release\.position: must be a list of 3 numbers"):
+            fling.plan({"release": {**target, "position": position}})
+    with pytest.raises(fling.InvalidProblem, match="singularity_distance_min"):
+        fling.plan({**REQUEST, "singularity_distance_min": 10**20})
 
 
 def test_degrees_are_asked_about():
