@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from api.cli.support.errors import Finite
 from api.cli.support.exit_status import INTERRUPTED, exit_status
 from api.cli.support.options import cell_option, json_option
 from api.cli.support.terminal import say
@@ -25,9 +26,9 @@ KINDS = (".zarr", ".png", ".html")  # of output files; a path without a suffix i
 @click.command("map")
 @cell_option()
 @click.option("--cells", type=click.Path(exists=True, file_okay=False, path_type=Path), help="FLING_CELLS.")
-@click.option("--plane", "plane_z_m", type=float, help="Height of the plane [m]; default: the cell's floor.")
+@click.option("--plane", "plane_z_m", type=Finite(), help="Height of the plane [m]; default: the cell's floor.")
 @click.option("--volume", "volume_m", type=(float, float), help="Lowest and highest plane [m], a resolution apart.")
-@click.option("--resolution", "resolution_m", type=float, default=0.05, show_default=True, help="Landing cell [m].")
+@click.option("--resolution", "resolution_m", type=Finite(), default=0.05, show_default=True, help="Landing cell [m].")
 @click.option("--extent", "extent_m", type=(float, float, float, float), help="X0 X1 Y0 Y1 [m]; default: the range.")
 @click.option("--robust", is_flag=True, help="Plans with a release window; default: those that release soonest.")
 @click.option("--out", multiple=True, type=click.Path(path_type=Path), help="FILE.zarr, .png, .html, or a folder.")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from api.cli.support.errors import Finite
 from api.cli.support.summary import plan_text
 
 if TYPE_CHECKING:
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 @click.argument("file", type=click.Path(exists=True, dir_okay=False, allow_dash=True, path_type=Path))
 @click.option("--cells", type=click.Path(exists=True, file_okay=False, path_type=Path), help="FLING_CELLS.")
 @click.option("--cell", help="Cell of a request that names none; default: FLING_DEFAULT_CELL.")
-@click.option("--odds", type=click.FloatRange(0.0, 1.0), help="min_hit_probability of the request [-].")
+@click.option("--odds", type=Finite(0.0, 1.0), help="min_hit_probability of the request [-].")
 def plan(file: Path, cells: Path | None, cell: str | None, odds: float | None) -> None:
     """Plan the request in FILE (JSON as for POST /plan; - reads standard input) and write the plan to standard output.
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from api.cli.support.errors import Coordinate
+from api.cli.support.errors import Coordinate, Finite
 from api.cli.support.exit_status import NotCompleted
 from api.cli.support.options import cell_of_service, cell_option, json_option, service_options, service_url
 from api.cli.support.progress import execute_plan, make_plan
@@ -33,11 +33,11 @@ WITHOUT_FAULT = ("refused", "aborted", "held")  # outcomes after which the execu
 @cell_option(service=True)
 @click.option("--mode", type=click.Choice(["speedj", "servoj"]), default="speedj", show_default=True)
 @click.option("--dry-run", is_flag=True, help="Everything except motion.")
-@click.option("--window", type=float, help="A release early or late by up to this [s] still lands …")
-@click.option("--tolerance", type=float, help="… within this distance of the target [m].")
+@click.option("--window", type=Finite(), help="A release early or late by up to this [s] still lands …")
+@click.option("--tolerance", type=Finite(), help="… within this distance of the target [m].")
 @click.option("--soonest", is_flag=True, help="Release as soon as possible, on time: --window 0.")
-@click.option("--odds", type=click.FloatRange(0.0, 1.0), help=ODDS_HELP)
-@click.option("--bin", nargs=2, type=float, metavar="RADIUS RIM", help=BIN_HELP)
+@click.option("--odds", type=Finite(0.0, 1.0), help=ODDS_HELP)
+@click.option("--bin", nargs=2, type=Finite(), metavar="RADIUS RIM", help=BIN_HELP)
 @service_options
 def throw(
     position: tuple[float, ...],

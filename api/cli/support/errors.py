@@ -98,6 +98,17 @@ class Coordinate(click.ParamType):
         raise click.NoSuchOption(str(value), possibilities=known, ctx=ctx)
 
 
+class Finite(click.FloatRange):
+    """A finite number, within bounds if they are given."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Returns the number; NaN, which is within all bounds, and infinities are refused."""
+        number: float = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number", param, ctx)
+        return number
+
+
 def _end(error: BaseException, as_json: bool) -> None:
     """Writes an error to standard error and exits; returns where it is a bug, which needs its traceback."""
     if isinstance(error, BrokenPipeError):  # `fling … | head`: nobody reads on

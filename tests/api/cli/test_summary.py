@@ -58,6 +58,11 @@ def test_a_landing_says_what_stopped_the_object(surface: str | None, said: str):
     assert f"{said} (1.0000, 0.0000, 0.0000) m, 300 mm from" in landing_text({"metrics": metrics})
 
 
+def test_a_landing_on_the_box_that_the_target_is_on_is_no_stop():
+    metrics = {"ticks": 9, "landing_point": [1, 0, 0], "landing_error_m": 0.0011, "landed_on": "keep_out[2]"}
+    assert "landed on keep_out[2] at (1.0000, 0.0000, 0.0000) m, 1.1 mm from" in landing_text({"metrics": metrics})
+
+
 def test_soonest_and_a_window_contradict_each_other():
     result = CliRunner().invoke(main, ["throw", "1", "0", "0", "--soonest", "--window", "0.01"])
     assert result.exit_code == 64
@@ -106,6 +111,13 @@ def test_a_coordinate_is_finite(value: str):
     result = CliRunner().invoke(main, ["throw", value, "0", "0"])
     assert result.exit_code == 64
     assert f"{value!r} is not a finite number" in result.output
+
+
+@pytest.mark.parametrize("option", ["--window", "--tolerance", "--odds"])
+def test_an_option_is_finite(option: str):
+    result = CliRunner().invoke(main, ["throw", "1.2", "0.3", "0", option, "nan"])
+    assert result.exit_code == 64
+    assert "is not a finite number" in result.output
 
 
 class InterruptedThrow:
