@@ -78,7 +78,8 @@ def _centres(problem: ThrowProblem, p: Array, v: Array, t: Array) -> tuple[Array
 def _is_far(problem: ThrowProblem, p: Array, v: Array, t: Array) -> bool:
     """Returns whether a few centres are so far from everything that those at all times `t` (n,) [s] are clear."""
     few = np.append(t[::COARSE], t[-1])
-    gaps = _gaps(problem, *_centres(problem, p, v, few))
+    x, _ = _centres(problem, p, v, few)
+    gaps = _gaps(problem, x, np.zeros(len(x), bool))  # as from its place at the touch it may have met the base before
     fall = max(0.0, float(p[2]) - problem.plane_z)
     moved = COARSE / 2 * STEP_S * np.sqrt(v @ v + 2.0 * problem.gravity * fall)  # from the nearest of the few, at most
     return all(gap.min() - moved > -SLACK_M for gap in gaps.values())

@@ -48,7 +48,7 @@ def _within_elevations(problem: ThrowProblem, release: TargetRelease, p: Array, 
         t = np.fmax(t, time_at_elevation(p, release.p_W, low, gravity))
     if high < math.pi / 2:
         last = time_at_elevation(p, release.p_W, high, gravity)
-        t = np.where(high > _lowest_elevation(release, p), np.fmin(t, last), np.nan)  # no last one straight below
+        t = np.where(high > _lowest_elevation(release, p), np.fmin(t, last), np.nan)  # no last one straight down
     return t
 
 

@@ -85,6 +85,13 @@ def test_a_flight_back_onto_the_base_is_refused() -> None:
     assert "base" in violation.detail or "foot" in violation.detail
 
 
+def test_a_base_that_is_met_just_before_the_touch_is_seen() -> None:
+    """Of the instants that are looked at first, one before has room and the next is after the touch."""
+    violation = released_flight_blocked(thrown([-3.449, 0.0, -2.578], p=(0.294, -0.012, 0.192)))
+    assert violation is not None
+    assert "base" in violation.detail or "foot" in violation.detail
+
+
 def test_released_postures_with_a_known_throw_are_not_refused() -> None:
     for known, _ in feasible_states(cell(), 5, 4):
         problem = pose_problem(known.cell, known.release.q, known.release.qd)
