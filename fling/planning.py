@@ -37,7 +37,11 @@ def problem(request: Mapping[str, Any], cell: Cell | str | Path | None = None) -
         )
     named = request.get("cell") if cell is None else cell
     found = named if isinstance(named, Cell) else open_cell(DEFAULT_CELL if named is None else str(named))
-    return problem_from_request(request, found)
+    asked = problem_from_request(request, found)
+    if request.get("min_hit_probability"):
+        reason = "odds are reckoned by `fling plan`, `fling throw` and the service; the library plans without"
+        raise InvalidProblem([FieldError("min_hit_probability", reason)])
+    return asked
 
 
 def plan(request: Mapping[str, Any] | ThrowProblem, cell: Cell | str | Path | None = None) -> Plan:
@@ -57,11 +61,7 @@ def plan(request: Mapping[str, Any] | ThrowProblem, cell: Cell | str | Path | No
     """
     if isinstance(request, ThrowProblem):
         return planning.plan(request)
-    asked = problem(request, cell)
-    if request.get("min_hit_probability"):
-        reason = "odds are reckoned by `fling plan`, `fling throw` and the service; the library plans without"
-        raise InvalidProblem([FieldError("min_hit_probability", reason)])
-    return planning.plan(asked)
+    return planning.plan(problem(request, cell))
 
 
 def plan_document(plan: Plan, request: Mapping[str, Any] | None = None) -> dict[str, Any]:

@@ -194,11 +194,11 @@ class _Fields:
     def vector(self, key: str, size: int) -> Array:
         """Returns a list of finite numbers as a read-only array (size,), zeros where it is refused."""
         value = self.get(key)
-        entries = value if isinstance(value, list | tuple | np.ndarray) else ()
+        entries = value if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim) else ()
         are_numbers = all(isinstance(entry, Number) and not isinstance(entry, bool) for entry in entries)
         array = np.asarray(entries if are_numbers else ())
         fits = array.shape == (size,) and array.dtype.kind in "fiu"
-        if not fits or not (np.abs(array) <= NUMBER_MAX).all():
+        if not fits or not (np.abs(array.astype(float)) <= NUMBER_MAX).all():
             self.refuse(key, f"must be {f'finite and within {NUMBER_MAX:g}' if fits else f'a list of {size} numbers'}")
             return np.zeros(size)
         return read_only(array)

@@ -144,7 +144,7 @@ def toml_of(source: CellSource) -> dict[str, Any]:
     """
     try:
         return tomllib.loads(source.text.decode())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+    except ValueError as error:  # also of integers of thousands of digits
         raise CellError("file", source.name, f"is not TOML: {error}") from error
 
 

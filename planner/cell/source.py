@@ -66,7 +66,7 @@ def calibration_path(path: Path) -> Path | None:
 def _path_beside(path: Path, text: bytes) -> Path | None:
     try:
         file = calibration_name(tomllib.loads(text.decode()))
-    except (CellError, tomllib.TOMLDecodeError, UnicodeDecodeError):
+    except (CellError, ValueError):
         return None  # `cell_of` says what is wrong
     return None if file is None else path.with_name(file)
 
