@@ -101,6 +101,9 @@ class Coordinate(click.ParamType):
 class Finite(click.FloatRange):
     """A finite number, within bounds if they are given."""
 
+    def _describe_range(self) -> str:
+        return "" if self.min is None and self.max is None else super()._describe_range()
+
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Returns the number; NaN, which is within all bounds, and infinities are refused."""
         number: float = super().convert(value, param, ctx)

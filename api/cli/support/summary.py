@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-LANDED_WITHIN_M = 0.01  # [m] of the planned landing an object has not been stopped in flight
-IN_THE_WAY = ("keep_out", "bin wall")  # beginnings of `landed_on` where something stopped the object in flight
+BOX = "keep_out"  # beginning of `landed_on` where the object met a box, on its side or on its top
 
 
 def plan_text(plan: dict[str, Any]) -> str:
@@ -50,8 +49,7 @@ def landing_text(execution: dict[str, Any], observed: Sequence[dict[str, Any]] =
     if point is None or error is None:
         return f"{text}\n{_observed_text(observed, execution.get('id', 'latest'))}"
     place = ", ".join(f"{value:.4f}" for value in point)
-    landed = _landed_text(metrics.get("landed_on"), error)
-    return f"{text}\n{landed} at ({place}) m, {_length(error)} from where the plan said"
+    return f"{text}\n{_landed_text(metrics.get('landed_on'))} at ({place}) m, {_length(error)} from where the plan said"
 
 
 def _observed_text(observed: Sequence[dict[str, Any]], execution: str) -> str:
@@ -76,10 +74,12 @@ def _shift_text(flight: dict[str, Any]) -> str:
     return " / ".join("an unknown distance" if s is None else _length(s) for s in (shifts["early"], shifts["late"]))
 
 
-def _landed_text(surface: str | None, error_m: float) -> str:
-    """Returns how a throw ended: on a box that the target is on, it lands close to where the plan said."""
-    if surface is not None and surface.startswith(IN_THE_WAY):
-        return f"{'landed on' if error_m < LANDED_WITHIN_M else 'stopped by'} {surface}"
+def _landed_text(surface: str | None) -> str:
+    """Returns how a throw ended; of a box that is met not whether it is what the target is on."""
+    if surface is not None and surface.startswith(BOX):
+        return f"met {surface}"
+    if surface == "bin wall":
+        return f"stopped by {surface}"
     return "landed in the bin" if surface == "bin" else "landed"
 
 
