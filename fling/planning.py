@@ -59,9 +59,7 @@ def plan(request: Mapping[str, Any] | ThrowProblem, cell: Cell | str | Path | No
         Infeasible: there is no such motion, or none was found; says what stands in the way, and what is nearest.
         SolverFailed: the request's time limit ended the search before that.
     """
-    if isinstance(request, ThrowProblem):
-        return planning.plan(request)
-    return planning.plan(problem(request, cell))
+    return planning.plan(request if isinstance(request, ThrowProblem) else problem(request, cell))
 
 
 def plan_document(plan: Plan, request: Mapping[str, Any] | None = None) -> dict[str, Any]:

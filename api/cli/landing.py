@@ -16,7 +16,9 @@ STD_M = 0.005  # [m] chosen: a careful measurement with a tape
 @click.command(context_settings={"ignore_unknown_options": True})  # negative coordinates are not options
 @click.argument("execution")
 @click.argument("position", nargs=-1, type=Coordinate(), metavar="[X Y Z]")
-@click.option("--std", "std_m", type=Finite(), default=STD_M, show_default=True, help="Standard deviation [m].")
+@click.option(
+    "--std", "std_m", type=Finite(), default=STD_M, show_default=True, help="Standard deviation along axes [m]."
+)
 @click.option("--hit", type=Finite(), metavar="RADIUS", help="It landed within RADIUS of the target [m].")
 @click.option("--edge", type=Finite(), metavar="RADIUS", help="It landed on the edge of that.")
 @click.option("--miss", type=Finite(), metavar="RADIUS", help="It landed farther from the target than that.")

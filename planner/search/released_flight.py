@@ -10,7 +10,7 @@ import numpy as np
 
 from planner.arrays import Array, Mask
 from planner.errors import Violation
-from planner.flight import path, touchdown_s
+from planner.flight import fly, path, touchdown_s
 from planner.geometry import body_model, point_segment_distance, segment_box_distance, tool_state
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 
@@ -62,16 +62,17 @@ def _release(problem: ThrowProblem) -> tuple[Array, Array]:
 
 def _times(problem: ThrowProblem, p: Array, v: Array) -> Array:
     """Returns times (n,) [s] from the release until the centre passes the landing plane; none if it never does."""
-    end_s = touchdown_s(p, v, problem.plane_z, 0.0, problem.gravity, problem.drag)
-    return np.zeros(0) if end_s is None else np.arange(0.0, end_s, STEP_S)
+    flight = fly(p, v, problem.plane_z, problem.gravity, problem.drag)
+    return np.zeros(0) if flight is None else np.arange(0.0, flight.time_of_flight_s, STEP_S)
 
 
 def _centres(problem: ThrowProblem, p: Array, v: Array, t: Array) -> tuple[Array, Mask]:
     """Returns the centres (n, 3) [m] at times (n,) [s], and at which of them the object has touched and lies (n,)."""
     touch_s = touchdown_s(p, v, problem.plane_z, problem.cell.object.radius_m, problem.gravity, problem.drag)
     assert touch_s is not None
+    assert problem.lies_z is not None
     x, lies = path(p, v, t, problem.gravity, problem.drag), t > touch_s
-    x[lies, 2] = problem.plane_z + problem.cell.object.radius_m
+    x[lies, 2] = problem.lies_z
     return x, lies
 
 

@@ -101,6 +101,8 @@ class Coordinate(click.ParamType):
 class Finite(click.FloatRange):
     """A finite number, within bounds if they are given."""
 
+    name = "number"
+
     def _describe_range(self) -> str:
         return "" if self.min is None and self.max is None else super()._describe_range()
 

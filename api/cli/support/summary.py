@@ -75,7 +75,7 @@ def _shift_text(flight: dict[str, Any]) -> str:
 
 
 def _landed_text(surface: str | None) -> str:
-    """Returns how a throw ended; of a box that is met not whether it is what the target is on."""
+    """Returns how a throw ended; a box that the object met may be a wall, or what the target is on."""
     if surface is not None and surface.startswith(BOX):
         return f"met {surface}"
     if surface == "bin wall":
