@@ -29,7 +29,7 @@ from planner.cell import Limits
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.seeds import Candidate
 
-STEP_SHARES = (0.15, 2.5)  # [-] of the initial step: a step may not collapse, nor crowd out its neighbours
+SHORTEST_STEP = 0.15  # [-] of the initial step: a step may not collapse
 WATCHED_S = 0.052  # [s] least duration of the watched stages before and after the release: 0.05 s are checked
 LEAVING_STEP = 1.3  # [-] times its share of that time, a stage may last in which the object is followed out of the grip
 LOCAL_STAGES = 1.0  # [-] stages on either side of a local margin's time to which it applies
@@ -131,9 +131,12 @@ class Bounds:
         x[:, -1, QD] = x[:, -1, QDD] = 0.0
         x[0, -1, NX:], x[1, -1, NX:] = -np.inf, np.inf
 
-    def limit_steps(self, steps: Vector, brake_most_s: float = math.inf) -> None:
-        """Bounds each step around its initial length (N,) [s], and those of the brake by `brake_most_s` [s]."""
-        least, most = (share * steps for share in STEP_SHARES)
+    def limit_steps(self, steps: Vector, longest: float, brake_most_s: float = math.inf) -> None:
+        """Bounds each step around its initial length (N,) [s], up to `longest` times that.
+
+        Those of the brake are bounded by `brake_most_s` [s], too.
+        """
+        least, most = SHORTEST_STEP * steps, longest * steps
         most[self.launch :] = np.minimum(most[self.launch :], brake_most_s)
         self.x[0, :-1, STEP], self.x[1, :-1, STEP] = least, most
 

@@ -43,6 +43,8 @@ Arguments = dict[str, Vector]
 # Stages of launch and brake. A jerk-optimal motion has few switches, and braking is not hurried: more stages gain
 # nothing. With "fine" the rows are enforced at more times, for motions that come too close to something in between.
 STAGES = {"coarse": (8, 3), "fine": (12, 4)}
+# [-] Of its initial length that a step may have. Motions dip below the floor in a stage of twice the others' length.
+LONGEST_STEP = {"coarse": 2.5, "fine": 1.5}
 BRAKE_WEIGHT = 0.05  # [-] cost of a second of braking, relative to a second of launch
 JERK_WEIGHT = 1e-3  # [-] cost of the mean squared scaled jerk: decides for joints that have time to spare
 STEP_WEIGHT = 6e-2  # [-] cost of the mean squared relative change of a step: keeps steps from collapsing
@@ -144,6 +146,7 @@ class Instance:
         steps: lengths (N,) [s] that the solution's steps are kept close to.
         fixed_times: times of release and end [s], if they are fixed.
         landing_offsets: added to the landing error at each knot of the window (2 n + 1, 2) [m].
+        longest_step: of each step, relative to `steps` [-].
         brake_step_max_s: of each step of the brake [s].
         fitted_at: release state q, qd (6,) at which the formulas' arm is closest to a calibrated one; by default the
             candidate.
@@ -159,6 +162,7 @@ class Instance:
     steps: Vector
     fixed_times: tuple[float, float] | None = None
     landing_offsets: Vector | float = 0.0
+    longest_step: float = LONGEST_STEP["coarse"]
     brake_step_max_s: float = math.inf
     fitted_at: tuple[Vector, Vector] | None = None
 
@@ -170,7 +174,8 @@ class Instance:
         stages = stage_layout(problem, margins, resolution)
         limits, aim = grid_limits(problem.reachable, problem.dt), initial_aim(problem, candidate)
         initial, steps = _variables_along(guess, stages, problem)
-        return Instance(problem, candidate, margins, stages, limits, aim, initial, steps)
+        longest_step = LONGEST_STEP[resolution]
+        return Instance(problem, candidate, margins, stages, limits, aim, initial, steps, longest_step=longest_step)
 
     def from_guess(self, guess: InitialGuess, landing_offsets: Vector | float) -> Instance:
         """Returns the instance with another initial guess and other offsets of the landings."""
@@ -291,7 +296,7 @@ class Instance:
         bounds.free_flights_after_release(self.stages.window > 0)
         bounds.add_local_margins(margins.local, self.steps)
         bounds.fix_ends(problem.start)
-        bounds.limit_steps(self.steps, self.brake_step_max_s)
+        bounds.limit_steps(self.steps, self.longest_step, self.brake_step_max_s)
         if "leaving" in self.stages.groups:
             bounds.follow_object(leaving_time(problem))
         if not problem.ends_at_rest and self.limits.singularity_distance_min > 0.0:  # 0 does not limit: sides are free
@@ -315,18 +320,13 @@ class Instance:
 
     def _group_limits(self) -> dict[str, tuple[Vector, Vector]]:
         """Returns the lower and upper bounds of every lazy group's rows."""
-        margins, inf = self.margins, np.inf
-        torque = np.full(6, margins.torque)
+        margins, inf, torque = self.margins, np.inf, np.full(6, self.margins.torque)
         limits = {"effort": (np.append(-torque, -inf), np.append(torque, margins.tcp_speed**2))}
         if "grip" in self.stages.groups:
             axes = np.full(3, margins.grip)
             limits["grip"] = np.append(-axes, -inf), np.append(axes, margins.grip**2)
-        for group, count in (
-            ("flight", FLIGHT_ROWS.size),
-            ("standing", 1),
-            ("leaving", LEAVING_ROWS.size),
-            ("passing", 1),
-        ):
+        counts = {"flight": FLIGHT_ROWS.size, "standing": 1, "leaving": LEAVING_ROWS.size, "passing": 1}
+        for group, count in counts.items():
             if group in self.stages.groups:
                 limits[group] = np.zeros(count), np.full(count, inf)
         for group, room in ROOM.items():

@@ -175,7 +175,7 @@ def watched(step: float, always: bool, window: int = 0, window_s: float = 0.0) -
     stages = StageLayout(8 + window, 3 + window, window)
     bounds = Bounds(transcription(stages).row_index, np.ones(6))
     bounds.x[:, :, TIME] = np.array([-np.inf, np.inf])[:, None]
-    bounds.limit_steps(np.full(stages.stages, step))
+    bounds.limit_steps(np.full(stages.stages, step), longest=2.5)
     bounds.watch_long_enough(window_s, np.full(stages.stages, step), always)
     first, last = stages.knots("singularity")[0], stages.knots("singularity")[-1]
     others = np.delete(np.arange(stages.stages + 1), [first, last])
