@@ -20,13 +20,12 @@ from planner.problem import TargetRelease, ThrowProblem
 from planner.search.incumbent import CertifiedSolution, PlanningSearch, certified
 from planner.search.policy import POLICY, Stage, release_state_given
 from planner.search.ranking import RankedCandidate, Ranking
-from planner.seeds import Seed
+from planner.seeds import Candidate, Seed
 from planner.solution import Solution
 from planner.trajectory import Trajectory
 
 IN_HAND_VARIANTS: tuple[ruckig_otg.LaunchVariant, ...] = ("synchronised", "gentle")
 IN_HAND_CANDIDATES = 2  # [-] the soonest ones that Ruckig's motions in hand lead to
-ROUNDS_MAX = 4  # solves from one seed, each after the failed checks of the one before
 # [-] At least for a seed that is begun, and for the remedy of a failed check: what is left of a stage is no reason to
 # give up half way.
 SOLVE_ITERATIONS = 150
@@ -77,6 +76,7 @@ def _walk(search: PlanningSearch, stage: Stage, ranking: Ranking) -> Iterator[Ra
         "aspect": ranking.by_aspect,
         "bound": ranking.by_bound,
         "unlike": partial(_unlike_incumbent, search, ranking),
+        "answer": partial(_incumbent_again, search),
     }
     candidates = orders.get(stage.order, lambda: ranking)()
     for ranked in islice(candidates, stage.candidates.start, stage.candidates.stop):
@@ -87,6 +87,15 @@ def _walk(search: PlanningSearch, stage: Stage, ranking: Ranking) -> Iterator[Ra
 
 def _unlike_incumbent(search: PlanningSearch, ranking: Ranking) -> list[RankedCandidate]:
     return [] if search.incumbent is None else ranking.unlike(search.incumbent.solution.trajectory)
+
+
+def _incumbent_again(search: PlanningSearch) -> list[RankedCandidate]:
+    """Returns the incumbent's release, with its motion; none without one."""
+    if search.incumbent is None:
+        return []
+    made = search.incumbent.solution.trajectory
+    release = made.q[made.release_index], made.qd[made.release_index]
+    return [RankedCandidate(search.problem, Candidate(*release, 0.0, "the answer"), made)]
 
 
 def _goes_on(search: PlanningSearch, stage: Stage, ranking: Ranking) -> bool:
@@ -192,11 +201,12 @@ def _budget(problem: ThrowProblem, stage: Stage) -> int:
 def _may_gain(search: PlanningSearch, stage: Stage, ranking: Ranking, ranked: RankedCandidate) -> bool:
     """Returns whether the optimiser may come to a sooner motion from a candidate.
 
-    Not from one that lacks a brake, unless a motion through it is given.
+    Not from one that lacks a brake, unless a motion through it is given. What is sooner than an answer is often in the
+    aspect that it settled.
     """
     if ranked.given is None and search.lacks_brake(ranked.candidate):
         return False
-    return stage.order == "unlike" or ranking.may_be_sooner(ranked, search.release_time_s)
+    return stage.order in {"unlike", "answer"} or ranking.may_be_sooner(ranked, search.release_time_s)
 
 
 def _try_seed(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate, end: int, stage: Stage) -> bool:
@@ -207,13 +217,13 @@ def _try_seed(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate,
     """
     may_leave_doubt = isinstance(search.problem.release, TargetRelease) or not search.has_optimised
     leaves_doubt = stage.leaves_doubt and may_leave_doubt
-    held = search.held
+    held, settles = search.held, stage.order != "answer"
     try:
         was_valid = _optimise_from(search, ranked, end, stage)
     except casadi_nlp.SeedFailed as error:
         search.has_optimised |= error.is_late
         search.held = search.held if stage.leaves_doubt else held
-        if error.is_late:
+        if error.is_late and settles:
             ranking.settle(ranked, math.inf)
         search.given_up += leaves_doubt and not error.is_late
         if error.lacks_brake:
@@ -221,7 +231,7 @@ def _try_seed(search: PlanningSearch, ranking: Ranking, ranked: RankedCandidate,
         _note_outcome(search, ranked, error.is_late or not stage.leaves_doubt)
         raise
     _note_outcome(search, ranked, was_valid or not stage.leaves_doubt)
-    if was_valid:
+    if was_valid and settles:
         ranking.settle(ranked, search.certified[-1].solution.trajectory.release_time_s)
     search.given_up += leaves_doubt and not was_valid
     return was_valid
@@ -262,7 +272,7 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, st
     )
     own = ranked.gentle_seed if stage.is_gentle and not search.problem.is_robust else ranked.seed
     seeds, options = (own,), first
-    for _ in range(ROUNDS_MAX):
+    for _ in range(stage.rounds):
         solution = _solve_from_any(search, seeds, options, end)
         found = search.certify("casadi", solution)
         if found.is_valid:

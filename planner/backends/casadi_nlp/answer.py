@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from planner.backends.casadi_nlp.instance import Instance
-from planner.backends.casadi_nlp.layout import QD, QDD, TIME, Q, Vector
+from planner.backends.casadi_nlp.layout import QD, QDD, STEP, TIME, Q, Vector
 from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS
 from planner.backends.casadi_nlp.release_state import (
     aimed,
@@ -42,6 +42,8 @@ WINDOW_ROUNDS = 3  # further solutions at most that bring the landings of a wind
 OVERCORRECTION = 1.5  # [-] of a landing error beyond the tolerance between two knots: correction at the knots
 SAMPLES_PER_STAGE = 6  # landings evaluated in each stage of the window, once the motion is on ticks
 USABLE_TOLERANCE = 0.99  # [-] of the landing tolerance: leaves the certificate something
+# Stages fit a launch no shorter than that share of its guess's, without one that is so many times as long as the mean.
+SHORTER, UNEVEN = 0.4, 2.4
 TINY_M = 1e-9  # [m] keeps a landing error away from zero
 
 
@@ -153,7 +155,7 @@ def on_ticks(instance: Instance, z: Vector, solver: Solver) -> Solution:
     for reserve in (*RESERVES[1:], None):
         made = _on_fitting_ticks(instance, z, solver)
         if made is not None:
-            return Solution(made, status, solver.iterations, solver.groups)
+            return Solution(made, status, solver.iterations, solver.groups, _stages_fit(instance, z))
         if reserve is None:
             break
         instance = instance.with_reserve(KnotStates.of(z, instance.stages.launch), reserve)
@@ -162,6 +164,16 @@ def on_ticks(instance: Instance, z: Vector, solver: Solver) -> Solution:
             break
         z, status = again, solver.status
     raise SolverFailed("the solution does not fit the ticks", solver.iterations)
+
+
+def _stages_fit(instance: Instance, z: Vector) -> bool:
+    """Returns whether the launch is about as long as its guess, which bounds the stages, and they are about even."""
+    stages, release_s = instance.stages, float(-z[0, TIME])
+    if stages.launch == 0:
+        return True
+    steps = z[: stages.launch - stages.window, STEP]
+    is_shorter = release_s < SHORTER * float(instance.steps[: stages.launch].sum())
+    return not is_shorter and bool(steps.max() < UNEVEN * steps.mean())
 
 
 def _on_fitting_ticks(instance: Instance, z: Vector, solver: Solver) -> Trajectory | None:

@@ -132,6 +132,36 @@ def test_more_stages_lead_to_a_motion_that_is_as_soon(cell: Cell) -> None:
     assert fine.release_time_s <= 1.02 * coarse.release_time_s
 
 
+def test_no_finer_stage_is_twice_as_long_as_at_first(cell: Cell) -> None:
+    """Else the motion dips below the floor within it."""
+    problem = _problem(cell, PointRelease(np.array([0.5, 0.2, 0.6]), np.array([0.8, 0.3, 0.8])))
+    candidate = candidates(problem)[0]
+    seed = Seed(candidate, ruckig_otg.initial_guess(problem, candidate))
+    for resolution, longest in (("coarse", 2.5), ("fine", 1.5)):
+        instance = Instance.of(problem, seed, DEFAULT_MARGINS, resolution)
+        most = (instance.arguments["ubx"][: -layout.NX].reshape(-1, layout.NZ) * instance.scales)[:, layout.STEP]
+        np.testing.assert_allclose(most, longest * instance.steps, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("steps", "guessed_s", "fit"),
+    [
+        (np.full(8, 0.05), 0.4, True),
+        (np.full(8, 0.05), 0.9, True),
+        (np.full(8, 0.05), 1.1, False),  # 0.4 s are less than 0.4 of it
+        (np.append(np.full(7, 0.05), 0.14), 0.4, True),
+        (np.append(np.full(7, 0.05), 0.19), 0.4, False),  # 0.19 s are more than 2.4 times the mean of 0.0675 s
+    ],
+)
+def test_stages_fit_an_even_launch_about_as_long_as_its_guess(cell: Cell, steps, guessed_s: float, fit: bool) -> None:
+    problem = _problem(cell, PointRelease(np.array([0.5, 0.2, 0.6]), np.array([0.8, 0.3, 0.8])))
+    instance = Instance.of(problem, Seed(candidates(problem)[0], None), DEFAULT_MARGINS)
+    instance = replace(instance, steps=np.append(np.full(8, guessed_s / 8.0), instance.steps[8:]))
+    z = np.zeros((12, layout.NZ))
+    z[:8, layout.STEP], z[0, layout.TIME] = steps, -steps.sum()
+    assert answer._stages_fit(instance, z) == fit
+
+
 def test_more_stages_begin_with_every_row_among_boxes_alone(cell: Cell) -> None:
     walled = with_boxes(cell, ([-2.0, -2.0, 0.0], [-1.9, -1.9, 0.1]))
     for here, with_all in ((cell, False), (walled, True)):

@@ -26,8 +26,8 @@ from planner.search import (
     search_optimised,
     search_thoroughly,
 )
-from planner.search.auto import ROUNDS_MAX, SOLVE_ITERATIONS
-from planner.search.policy import AGAIN_POLICY, UNLIKE
+from planner.search.auto import SOLVE_ITERATIONS
+from planner.search.policy import AGAIN_POLICY, FROM_ANSWER, UNLIKE
 from planner.seeds import candidates
 from planner.solution import Solution
 from tests.planner.problems import cell, joint_problem, point_problem, pose_problem, random_state
@@ -66,7 +66,7 @@ def test_no_seed_is_begun_when_the_iterations_of_its_stage_are_spent(solves, ite
     budgets = [options.iteration_budget for _, options in solves]
     assert budgets[0] == max(allowed, SOLVE_ITERATIONS)
     assert all(SOLVE_ITERATIONS <= budget <= budgets[0] for budget in budgets)
-    assert search.iterations <= allowed + ROUNDS_MAX * (SOLVE_ITERATIONS + CALL_ITERATIONS)
+    assert search.iterations <= allowed + stages[0].rounds * (SOLVE_ITERATIONS + CALL_ITERATIONS)
     if allowed < SOLVE_ITERATIONS:
         assert len({id(seed.candidate) for seed, _ in solves}) == 1
     assert any(attempt.result.startswith("soonest seeds") for attempt in search.attempts)
@@ -256,6 +256,42 @@ def test_a_throw_is_sooner_by_what_is_least_like_the_first_answer():
     policy = [stage for stage in POLICY if stage.purpose != UNLIKE]
     search_optimised(search, Ranking(problem, candidates(problem)), policy)
     assert with_others < 0.9 * search.release_time_s  # 0.314 and 0.432 s
+
+
+def test_an_answer_whose_stages_do_not_fit_is_sooner_when_solved_again():
+    problem = build("target-anywhere", 15, 0)[-1].problem
+    again = plan(problem)
+    search = PlanningSearch(problem, time.perf_counter() + 60.0)
+    policy = [stage for stage in POLICY if stage.purpose != FROM_ANSWER]
+    search_optimised(search, Ranking(problem, candidates(problem)), policy)
+    assert search.incumbent is not None
+    assert not search.incumbent.solution.stages_fit
+    assert again.trajectory.release_time_s < 0.9 * search.release_time_s  # 0.102 and 0.122 s
+    assert again.certificate.valid
+
+
+@pytest.mark.parametrize("rejected", [False, True])
+def test_an_answer_is_solved_again_once_if_its_stages_do_not_fit(monkeypatch, solves, rejected):
+    """From its own motion, whatever the certificate says of what comes of it."""
+    problem = target_problem()
+    search, ranking = PlanningSearch(problem, time.perf_counter() + 60.0), Ranking(problem, candidates(problem))
+    search_optimised(search, ranking, [stage for stage in POLICY if stage.purpose == "soonest seeds"])
+    first, stages = search.incumbent, [stage for stage in POLICY if stage.purpose == FROM_ANSWER]
+    assert first is not None
+    solves.clear()
+    search.incumbent = replace(first, solution=replace(first.solution, stages_fit=True))
+    search_optimised(search, ranking, stages)
+    assert not solves
+    search.incumbent = replace(first, solution=replace(first.solution, stages_fit=False))
+    if rejected:
+        solve = casadi_nlp.solve
+        monkeypatch.setattr(casadi_nlp, "solve", lambda p, s, o: solve(p, s, replace(o, latest_s=math.inf)))
+        monkeypatch.setattr(CertifiedSolution, "is_valid", False)
+    search_optimised(search, ranking, stages)
+    ((seed, options),) = solves
+    assert seed.initial_guess is first.solution.trajectory
+    sooner_s = first.solution.trajectory.release_time_s - problem.dt
+    assert options.latest_s == (math.inf if rejected else pytest.approx(sooner_s))
 
 
 def test_no_candidate_is_left_out_between_two_stages():
