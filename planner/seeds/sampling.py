@@ -37,7 +37,7 @@ from planner.seeds.launches import (
 )
 from planner.seeds.quasi_random import quaternions
 from planner.seeds.run_ups import run_ups
-from planner.seeds.soonest_states import penalised_bound, soonest, soonest_nearby
+from planner.seeds.soonest_states import penalised_bound, slower_nearby, soonest, soonest_nearby
 from planner.seeds.throwing_postures import MORE_POSTURES, POSTURES, throwing, throwing_postures
 from planner.seeds.velocity_allocation import allocate_velocity, balanced_velocity, tool_jacobian, tool_velocity
 
@@ -63,7 +63,7 @@ def point_states(problem: ThrowProblem, release: PointRelease) -> tuple[Array, A
         qd = _with_velocity(problem, q, release.v_WT, reduced=False)
         return q, np.where(leaving.keeps(q, qd)[:, None], qd, np.nan)
 
-    return soonest_nearby(problem, q[kept], qd[kept], states_near)
+    return slower_nearby(problem, *soonest_nearby(problem, q[kept], qd[kept], states_near), states_near)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,9 +158,11 @@ def target_states(
     kept = _Leaving.of(problem, q, qd).keeps(q, qd)
     q, qd = q[kept], qd[kept]
     if wide:
-        q, qd = soonest_nearby(problem, q, qd, partial(_throws_near, problem, release), towards_run_ups=True)
+        near = partial(_throws_near, problem, release)
+        q, qd = soonest_nearby(problem, q, qd, near, towards_run_ups=True)
         if release.release_position is None:
             q, qd = soonest(problem, *_with_run_ups(problem, release, q, qd))
+        q, qd = slower_nearby(problem, q, qd, near, towards_run_ups=True)
     else:
         q, qd = soonest(problem, q, qd)
     return (q, qd) if problem.drag <= 0.0 else _with_drag(problem, release, q, qd)

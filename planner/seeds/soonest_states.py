@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
@@ -27,6 +27,9 @@ MOVED = 12  # soonest states that are moved
 NEARBY_SHARES, NEARBY = (0.4, 0.15), 12
 # The same where postures on the way to the states' run-ups are tried, too: a target's comes down to a half.
 NEARBY_RUN_UPS_SHARES, NEARBY_RUN_UPS = (0.3, 0.2, 0.1, 0.05), 4
+# The same for as long as every state is too fast, but one by little, in 14 ms: of 90 refused bins and far targets 10 are
+# answered then.
+SLOWER_SHARES, A_LITTLE = 6 * NEARBY_RUN_UPS_SHARES, 1.3
 RUN_UP_SHARES = np.array([0.3, 0.6, 1.0])  # [-] of that way
 
 StatesNear = Callable[[Array], tuple[Array, Array]]
@@ -71,7 +74,23 @@ def soonest_nearby(
         states_near: returns states q, qd (k, 6) next to postures (k, 6); NaN where there is none.
         towards_run_ups: whether postures on the way to the states' own run-ups are tried, too.
     """
-    return soonest(problem, *_moved_nearby(problem, *soonest(problem, q, qd), states_near, towards_run_ups))
+    offsets, _ = _nearby_offsets(towards_run_ups)
+    return soonest(problem, *_moved_nearby(problem, *soonest(problem, q, qd), states_near, offsets, towards_run_ups))
+
+
+def slower_nearby(
+    problem: ThrowProblem, q: Array, qd: Array, states_near: StatesNear, towards_run_ups: bool = False
+) -> tuple[Array, Array]:
+    """Returns the states of `soonest_nearby`, moved on until one keeps the speed limits where all exceed them a little.
+
+    Takes and returns what that does.
+    """
+    for offsets in _nearby_offsets(towards_run_ups)[1]:
+        least = penalised_bound(problem, q, qd).min(initial=np.inf)
+        if not TOO_FAST_S <= least <= A_LITTLE * TOO_FAST_S:
+            break
+        q, qd = _moved_nearby(problem, *soonest(problem, q, qd), states_near, [offsets], towards_run_ups)
+    return q, qd
 
 
 def soonest(problem: ThrowProblem, q: Array, qd: Array) -> tuple[Array, Array]:
@@ -81,7 +100,12 @@ def soonest(problem: ThrowProblem, q: Array, qd: Array) -> tuple[Array, Array]:
 
 
 def _moved_nearby(
-    problem: ThrowProblem, q: Array, qd: Array, states_near: StatesNear, towards_run_ups: bool
+    problem: ThrowProblem,
+    q: Array,
+    qd: Array,
+    states_near: StatesNear,
+    offsets: Sequence[Array],
+    towards_run_ups: bool,
 ) -> tuple[Array, Array]:
     """Returns the states q, qd (n, 6), the first moved to sooner ones near them in which the arm is clear.
 
@@ -92,14 +116,15 @@ def _moved_nearby(
         q: postures (n, 6), the soonest first.
         qd: their joint velocities (n, 6).
         states_near: returns states q, qd (m, 6) next to postures (m, 6); NaN where there is none.
+        offsets: of the postures that are tried in turn, each (MOVED, k, 6) [rad].
         towards_run_ups: whether postures on the way to the states' own run-ups are tried, too.
     """
     q, qd, body = q.copy(), qd.copy(), body_model(problem.cell_with_bin)
     aspect = aspects(problem.cell.robot, q)
     rows = np.union1d(np.arange(min(MOVED, len(q))), first_rows(aspect))
     bound = penalised_bound(problem, q[rows], qd[rows])
-    for offsets in _nearby_offsets(towards_run_ups):
-        tried = q[rows, None] + offsets[np.arange(len(rows)) % MOVED]
+    for each in offsets:
+        tried = q[rows, None] + each[np.arange(len(rows)) % MOVED]
         if towards_run_ups:
             tried = np.concatenate([tried, _towards_run_ups(problem, q[rows], qd[rows], bound)], axis=1)
         near_q, near_qd = states_near(tried.reshape(-1, 6))
@@ -193,8 +218,10 @@ def _differ(a: Array, b: Array) -> Mask:
 
 
 @cache
-def _nearby_offsets(towards_run_ups: bool) -> tuple[Array, ...]:
-    """Returns joint offsets (MOVED, k, 6) [rad] for each of the shares."""
-    shares, count = (NEARBY_RUN_UPS_SHARES, NEARBY_RUN_UPS) if towards_run_ups else (NEARBY_SHARES, NEARBY)
+def _nearby_offsets(towards_run_ups: bool) -> tuple[list[Array], list[Array]]:
+    """Returns joint offsets (MOVED, k, 6) [rad] for each of the usual shares, and for each of `SLOWER_SHARES`."""
+    usual, count = (NEARBY_RUN_UPS_SHARES, NEARBY_RUN_UPS) if towards_run_ups else (NEARBY_SHARES, NEARBY)
+    shares = (*usual, *SLOWER_SHARES)
     offsets = joint_offsets(len(shares) * MOVED * count).reshape(len(shares), MOVED, count, 6)
-    return tuple(read_only(share * each) for share, each in zip(shares, offsets, strict=True))
+    scaled = [read_only(share * each) for share, each in zip(shares, offsets, strict=True)]
+    return scaled[: len(usual)], scaled[len(usual) :]

@@ -169,8 +169,6 @@ def on_ticks(instance: Instance, z: Vector, solver: Solver) -> Solution:
 def _stages_fit(instance: Instance, z: Vector) -> bool:
     """Returns whether the launch is about as long as its guess, which bounds the stages, and they are about even."""
     stages, release_s = instance.stages, float(-z[0, TIME])
-    if stages.launch == 0:
-        return True
     steps = z[: stages.launch - stages.window, STEP]
     is_shorter = release_s < SHORTER * float(instance.steps[: stages.launch].sum())
     return not is_shorter and bool(steps.max() < UNEVEN * steps.mean())

@@ -23,6 +23,7 @@ from planner.search import (
     PlanningSearch,
     Ranking,
     auto,
+    policy,
     search_optimised,
     search_thoroughly,
 )
@@ -253,8 +254,8 @@ def test_a_throw_is_sooner_by_what_is_least_like_the_first_answer():
     problem = build("robust-anywhere", 22, 0)[-1].problem
     with_others = plan(problem).trajectory.release_time_s
     search = PlanningSearch(problem, time.perf_counter() + 60.0)
-    policy = [stage for stage in POLICY if stage.purpose != UNLIKE]
-    search_optimised(search, Ranking(problem, candidates(problem)), policy)
+    stages = [stage for stage in POLICY if stage.purpose != UNLIKE]
+    search_optimised(search, Ranking(problem, candidates(problem)), stages)
     assert with_others < 0.9 * search.release_time_s  # 0.314 and 0.432 s
 
 
@@ -262,8 +263,8 @@ def test_an_answer_whose_stages_do_not_fit_is_sooner_when_solved_again():
     problem = build("target-anywhere", 15, 0)[-1].problem
     again = plan(problem)
     search = PlanningSearch(problem, time.perf_counter() + 60.0)
-    policy = [stage for stage in POLICY if stage.purpose != FROM_ANSWER]
-    search_optimised(search, Ranking(problem, candidates(problem)), policy)
+    stages = [stage for stage in POLICY if stage.purpose != FROM_ANSWER]
+    search_optimised(search, Ranking(problem, candidates(problem)), stages)
     assert search.incumbent is not None
     assert not search.incumbent.solution.stages_fit
     assert again.trajectory.release_time_s < 0.9 * search.release_time_s  # 0.102 and 0.122 s
@@ -292,6 +293,53 @@ def test_an_answer_is_solved_again_once_if_its_stages_do_not_fit(monkeypatch, so
     assert seed.initial_guess is first.solution.trajectory
     sooner_s = first.solution.trajectory.release_time_s - problem.dt
     assert options.latest_s == (math.inf if rejected else pytest.approx(sooner_s))
+
+
+@pytest.mark.parametrize(
+    ("change", "pays"),
+    [
+        ({}, False),
+        ({"stages_fit": False}, True),
+        ({"window_s": 0.01}, True),
+        ({"stages_fit": False, "iterations": 400}, True),
+        ({"stages_fit": False, "iterations": 401}, False),
+        ({"window_s": 0.01, "iterations": 401}, False),
+        ({"stages_fit": False, "backend": "ruckig"}, False),
+        ({"stages_fit": False, "needs_sooner": True}, False),
+        ({"stages_fit": False, "has_optimised": False}, False),
+    ],
+)
+def test_when_an_answer_is_solved_again(change, pays):
+    """With a window, or where its stages do not fit; not after a long search, nor a motion of another's."""
+    window_s = change.get("window_s", 0.0)
+    problem = target_problem(release_window_s=window_s, landing_tolerance_m=0.02 if window_s else 0.0)
+    solution = Solution(plan(target_problem()).trajectory, "", stages_fit=change.get("stages_fit", True))
+    search = PlanningSearch(problem, time.perf_counter() + 60.0, iterations=change.get("iterations", 100))
+    search.incumbent = CertifiedSolution(change.get("backend", "casadi"), solution, SimpleNamespace(first_failure=None))
+    search.has_optimised, search.needs_sooner = change.get("has_optimised", True), change.get("needs_sooner", False)
+    ranking = Ranking(problem, candidates(problem))
+    assert policy.answer_again_pays(search, ranking) == pays
+    (stage,) = [stage for stage in POLICY if stage.purpose == FROM_ANSWER]
+    assert stage.condition is policy.answer_again_pays
+
+
+def test_maps_and_repeats_of_an_answer_do_not_solve_it_again():
+    purposes = {stage.purpose for stage in (*policy.SHORT_POLICY, *AGAIN_POLICY)}
+    assert not purposes & {FROM_ANSWER, UNLIKE}
+    assert {FROM_ANSWER, UNLIKE} <= {stage.purpose for stage in policy.FIRST_AGAIN_POLICY}
+
+
+@pytest.mark.parametrize("window_s", [0.0, 0.01])
+@pytest.mark.parametrize("optimised", [False, True])
+def test_ruckig_is_not_tried_where_a_throw_with_a_window_was_optimised(window_s, optimised):
+    problem = target_problem(release_window_s=window_s, landing_tolerance_m=0.02 if window_s else 0.0)
+    search, ranking = PlanningSearch(problem, time.perf_counter() + 60.0), Ranking(problem, candidates(problem))
+    made = Solution(plan(target_problem()).trajectory, "")
+    search.incumbent = CertifiedSolution("casadi", made, SimpleNamespace(first_failure=None))
+    search.has_optimised = optimised
+    stages = [stage for stage in POLICY if stage.purpose in ("sooner motions", "further motions")]
+    tried = [stage.condition(search, ranking) for stage in stages]
+    assert tried == 3 * [not (window_s and optimised)]
 
 
 def test_no_candidate_is_left_out_between_two_stages():
