@@ -27,8 +27,8 @@ MOVED = 12  # soonest states that are moved
 NEARBY_SHARES, NEARBY = (0.4, 0.15), 12
 # The same where postures on the way to the states' run-ups are tried, too: a target's comes down to a half.
 NEARBY_RUN_UPS_SHARES, NEARBY_RUN_UPS = (0.3, 0.2, 0.1, 0.05), 4
-# The same for as long as every state is too fast, but one by little, in 14 ms: of 90 refused bins and far targets 10 are
-# answered then.
+# [-] The same for as long as every state is too fast, the slowest by `A_LITTLE` at most, in 14 ms: of 90 bins and far
+# targets that were refused 11 are answered.
 SLOWER_SHARES, A_LITTLE = 6 * NEARBY_RUN_UPS_SHARES, 1.3
 RUN_UP_SHARES = np.array([0.3, 0.6, 1.0])  # [-] of that way
 
