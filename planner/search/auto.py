@@ -19,8 +19,8 @@ from planner.geometry import tool_state
 from planner.problem import TargetRelease, ThrowProblem
 from planner.search.incumbent import CertifiedSolution, PlanningSearch, certified
 from planner.search.policy import POLICY, Stage, release_state_given
-from planner.search.ranking import RankedCandidate, Ranking
-from planner.seeds import Candidate, Seed
+from planner.search.ranking import RankedCandidate, Ranking, released
+from planner.seeds import Seed
 from planner.solution import Solution
 from planner.trajectory import Trajectory
 
@@ -94,8 +94,7 @@ def _incumbent_again(search: PlanningSearch) -> list[RankedCandidate]:
     if search.incumbent is None:
         return []
     made = search.incumbent.solution.trajectory
-    release = made.q[made.release_index], made.qd[made.release_index]
-    return [RankedCandidate(search.problem, Candidate(*release, 0.0, "the answer"), made)]
+    return [RankedCandidate(search.problem, released(made, "the answer"), made)]
 
 
 def _goes_on(search: PlanningSearch, stage: Stage, ranking: Ranking) -> bool:

@@ -249,6 +249,11 @@ class Ranking(Sequence[RankedCandidate]):
             yield timed.pop(0)
 
 
+def released(motion: Trajectory, label: str) -> Candidate:
+    """Returns the release state of a motion as a candidate."""
+    return Candidate(motion.q[motion.release_index], motion.qd[motion.release_index], 0.0, label)
+
+
 def _paths_free(ranking: Sequence[RankedCandidate]) -> list[bool]:
     """Returns for every candidate whether its straight joint path is free, up to `OBSTACLE_DEPTH_M`."""
     problem = ranking[0].problem

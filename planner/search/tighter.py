@@ -37,9 +37,8 @@ from planner.search.policy import (
     Stage,
     release_state_given,
 )
-from planner.search.ranking import Ranking
+from planner.search.ranking import Ranking, released
 from planner.seeds import Candidate, candidates
-from planner.trajectory import Trajectory
 
 # [s] The jerk is halved until an acceleration takes as long to its limit; requests that are looser come to that, too.
 RAMP_S = 0.1
@@ -102,14 +101,8 @@ def search_from_nominal(search: PlanningSearch) -> None:
         search.consider(best)
         search.nominal = known or best  # what is known may have a window of its own
         motions = [each.solution.trajectory for each in found]
-        search_optimised(
-            search, Ranking(search.problem, [_released(motion) for motion in motions], motions), FROM_NOMINAL_POLICY
-        )
-
-
-def _released(motion: Trajectory) -> Candidate:
-    """Returns the release state of a motion as a candidate."""
-    return Candidate(motion.q[motion.release_index], motion.qd[motion.release_index], 0.0, "motion without the window")
+        releases = [released(motion, "motion without the window") for motion in motions]
+        search_optimised(search, Ranking(search.problem, releases, motions), FROM_NOMINAL_POLICY)
 
 
 def is_doubtful(search: PlanningSearch, ranking: Ranking) -> bool:
