@@ -14,7 +14,7 @@ from planner.backends.casadi_nlp.bounds import Bounds
 from planner.backends.casadi_nlp.flight_rows import constrains_flight, flight_parameters
 from planner.backends.casadi_nlp.functions import evaluate
 from planner.backends.casadi_nlp.layout import LAZY_GROUPS, NZ, OUT_STAGES, QD, QDD, STEP, TIME, Q, StageLayout, Vector
-from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins
+from planner.backends.casadi_nlp.margins import Margins
 from planner.backends.casadi_nlp.object_path import (
     initial_aim,
     leaving_time,
@@ -48,10 +48,7 @@ LONGEST_STEP = {"coarse": 2.5, "fine": 1.5}
 BRAKE_WEIGHT = 0.05  # [-] cost of a second of braking, relative to a second of launch
 JERK_WEIGHT = 1e-3  # [-] cost of the mean squared scaled jerk: decides for joints that have time to spare
 STEP_WEIGHT = 6e-2  # [-] cost of the mean squared relative change of a step: keeps steps from collapsing
-ROOM = {  # [m] added to the clearances at given joint positions: the margins of the first solve
-    "clearance": [DEFAULT_MARGINS.self_m, DEFAULT_MARGINS.floor_m, DEFAULT_MARGINS.keep_in_m],
-    "keep_out": [DEFAULT_MARGINS.box_m],
-}
+CLEARANCES = ("clearance", "keep_out")  # of `LAZY_GROUPS`: distances from the arm, the surroundings and boxes
 LONGEST_BRAKE_STEP = 1.5  # [-] of the mean step of a brake that was solved alone
 AT_REST_GROUPS = ("effort", "clearance")  # of `LAZY_GROUPS`: without boxes, of a move that ends at rest
 USUAL_GROUPS = (*AT_REST_GROUPS, "grip", "flight", "passing")  # the same of a throw, with a known gripper
@@ -329,21 +326,22 @@ class Instance:
         for group, count in counts.items():
             if group in self.stages.groups:
                 limits[group] = np.zeros(count), np.full(count, inf)
-        for group, room in ROOM.items():
-            if group in self.stages.groups:
-                limits[group] = self._least_clearances(group, room), np.full(len(room), inf)
+        for group in (each for each in CLEARANCES if each in self.stages.groups):
+            least = self._least_clearances(group)
+            limits[group] = least, np.full(len(least), inf)
         return limits
 
-    def _least_clearances(self, group: str, room: list[float]) -> Vector:
+    def _least_clearances(self, group: str) -> Vector:
         """Returns the lower bounds of a group of clearances [m]: 0, or what the given joint positions allow.
 
-        The optimiser's distances are some millimetres smaller than the true ones. Where the start, or a requested
-        release, is closer than that to something, the motion between is not held to more, however wide the margins.
+        The optimiser's distances are some millimetres smaller than the true ones, and margins come on top. Where the
+        start, or a requested release, is closer than that to something, the motion is nowhere held to more: it begins
+        at rest, and gains hardly anything in its first half of a stage.
         """
         value = self.transcription.blocks[group].value
         p = np.concatenate([self.shared_parameters[piece] for piece in FORMULAS[group].parameters])
         values = [evaluate(value, np.append(q, np.zeros(NZ - 6)), p)[0].ravel() for q in self._given()]
-        return np.minimum(np.min(values, axis=0) + room, 0.0)
+        return np.minimum(np.min(values, axis=0), 0.0)
 
     def _given(self) -> list[Vector]:
         """Returns the joint positions (6,) that the problem fixes [rad]."""

@@ -33,6 +33,7 @@ from planner.backends.casadi_nlp.margins import LocalMargin
 from planner.cell import Box, Cell, ToolCapsule, load_cell
 from planner.certificate import certify
 from planner.errors import SolverFailed
+from planner.geometry import body_model
 from planner.kernel import compilation
 from planner.problem import JointRelease, PointRelease, TargetRelease, ThrowProblem
 from planner.seeds import Candidate, InitialGuess, Seed, candidates
@@ -111,6 +112,19 @@ def test_boxes_are_kept_out_of(cell: Cell) -> None:
     assert not certify(_problem(walled, TARGET), free).check("keep_out").ok
     made, _, _ = _solve(_problem(walled, TARGET), seeds=6)
     assert certify(_problem(walled, TARGET), made).check("keep_out").ok
+
+
+@pytest.mark.parametrize("spare_m", [1e-5, 0.001, 0.005])
+@pytest.mark.parametrize("window_s", [0.0, 0.01])
+def test_a_start_close_to_a_box_is_left_as_soon_as_without_the_box(cell: Cell, spare_m: float, window_s: float) -> None:
+    """The start has the clearance that is required, but not the optimiser's margin on top of it."""
+    problem = _problem(cell, TARGET, release_window_s=window_s, landing_tolerance_m=0.02 * (window_s > 0.0))
+    lower, upper = np.array([-3.0, -2.0, -1.0]), np.array([-2.0, 2.0, 3.0])
+    gap_m = float(body_model(with_boxes(cell, (lower, upper))).clearances(cell.home[None]).keep_out[0])
+    wall = lower, upper + np.array([gap_m - spare_m, 0.0, 0.0])
+    beside = replace(problem, cell=with_boxes(cell, wall))
+    (free, _, _), (made, _, _) = _solve(problem, seeds=1), _solve(beside, seeds=1)
+    assert made.release_time_s <= 1.02 * free.release_time_s
 
 
 def test_a_move_that_ends_at_rest_has_no_brake(cell: Cell) -> None:
