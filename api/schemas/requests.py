@@ -145,15 +145,15 @@ class PlanRequest(RequestModel):
     release_window_s: Number | None = Field(
         None,
         ge=0.0,
-        description="A release early or late by up to this [s] still lands within `landing_tolerance_m`. Absent: for a"
-        " target three times the gripper's jitter, at least 0.005, otherwise 0; 0 asks for the soonest release. With"
-        " `min_hit_probability` it is the shortest window that is tried; absent: 0.",
+        description="A release early or late by up to this [s] still lands within `landing_tolerance_m`; without one"
+        " there is no window. Absent: for a target three times the gripper's jitter, at least 0.005, otherwise 0; 0"
+        " asks for the soonest release. With `min_hit_probability` it is the shortest window that is tried; absent: 0.",
     )
     landing_tolerance_m: Number | None = Field(
         None,
         ge=0.0,
         description="Maximum landing error in the release window [m]; 0: only the nominal release. Absent: for a target"
-        " the room in its opening, otherwise the object's radius, at least 0.01.",
+        " the room in its opening, or the object's radius, at least 0.01; for the other kinds 0.",
     )
     min_hit_probability: Number | None = Field(
         None,

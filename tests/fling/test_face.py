@@ -108,6 +108,16 @@ def test_the_document_of_a_plan_is_read_back(answer: fling.Plan):
     assert document["request"]["release"]["kind"] == "joint"
 
 
+def test_a_window_without_a_tolerance_is_none(answer: fling.Plan):
+    made = fling.plan({**REQUEST, "release_window_s": 0.01}, "ur5e-sim")
+    flight = fling.plan_document(made)["flight"]
+    assert (flight["release_window_s"], flight["landing_tolerance_m"]) == (0.0, 0.0)
+    assert "landing_window" not in {check.name for check in made.certificate.checks}
+    assert np.array_equal(made.trajectory.q, answer.trajectory.q)
+    with pytest.raises(fling.Infeasible, match="landing_window"):
+        fling.plan({**REQUEST, "release_window_s": 0.01, "landing_tolerance_m": 1e-6}, "ur5e-sim")
+
+
 def test_a_joint_trajectory_has_the_fields_of_the_ros_message(answer: fling.Plan):
     message = fling.as_joint_trajectory(answer, frame_id="base_link")
     assert set(message) == MESSAGE

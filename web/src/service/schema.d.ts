@@ -2733,7 +2733,7 @@ export interface components {
             frame: "world" | "base";
             /**
              * Landing Tolerance M
-             * @description Maximum landing error in the release window [m]; 0: only the nominal release. Absent: for a target the room in its opening, otherwise the object's radius, at least 0.01.
+             * @description Maximum landing error in the release window [m]; 0: only the nominal release. Absent: for a target the room in its opening, or the object's radius, at least 0.01; for the other kinds 0.
              */
             landing_tolerance_m?: number | null;
             /** @description Limits of this plan; they may only tighten the cell's. */
@@ -2750,7 +2750,7 @@ export interface components {
             release: components["schemas"]["PoseReleaseRequest"] | components["schemas"]["PointReleaseRequest"] | components["schemas"]["JointReleaseRequest"] | components["schemas"]["TargetReleaseRequest"];
             /**
              * Release Window S
-             * @description A release early or late by up to this [s] still lands within `landing_tolerance_m`. Absent: for a target three times the gripper's jitter, at least 0.005, otherwise 0; 0 asks for the soonest release. With `min_hit_probability` it is the shortest window that is tried; absent: 0.
+             * @description A release early or late by up to this [s] still lands within `landing_tolerance_m`; without one there is no window. Absent: for a target three times the gripper's jitter, at least 0.005, otherwise 0; 0 asks for the soonest release. With `min_hit_probability` it is the shortest window that is tried; absent: 0.
              */
             release_window_s?: number | null;
             /**
