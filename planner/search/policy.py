@@ -10,8 +10,8 @@ the release where the request leaves it free. So:
    then optimised from every other aspect that may allow a sooner one, and from one or two candidates of the answer's
    own aspect that are least like the answer; a point only where that was soon found. An answer whose stages do not fit
    it, or with a release window, is solved again, from itself.
-3. Ruckig's motions that would release before the incumbent are certified, too, unless that is an optimised throw with
-   a release window.
+3. Ruckig's motions that would release before the incumbent are certified, too, unless that is an optimised throw to
+   a target with a release window.
 4. While that has given no answer, further candidates are tried by both; of a given release state those of least lower
    bound in any case, however blocked the straight way there.
 5. Ruckig's other motions to a given release state are tried under tighter limits, too. A doubtful search is repeated
@@ -116,7 +116,7 @@ def answer_again_pays(search: PlanningSearch, ranking: Ranking) -> bool:
 
 
 def ruckig_pays(search: PlanningSearch, ranking: Ranking) -> bool:
-    """Returns whether Ruckig's motion may be sooner: none of 600 was than a throw with a release window, optimised."""
+    """Returns whether Ruckig's motion may be sooner. Of 600 optimised throws with a release window it never was."""
     return not (search.problem.is_robust and another_throw_pays(search, ranking))
 
 

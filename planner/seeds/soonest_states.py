@@ -83,7 +83,7 @@ def slower_nearby(
 ) -> tuple[Array, Array]:
     """Returns the states of `soonest_nearby`, moved on until one keeps the speed limits where all exceed them a little.
 
-    Takes and returns what that does.
+    Takes what that does. States that were moved on are neither sorted nor distinct.
     """
     for offsets in _nearby_offsets(towards_run_ups)[1]:
         least = penalised_bound(problem, q, qd).min(initial=np.inf)

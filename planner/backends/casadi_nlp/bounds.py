@@ -82,6 +82,19 @@ class Bounds:
         rows = self.index.rows_of_group[group].reshape(-1, len(lower))
         self.g[0, rows], self.g[1, rows] = lower, upper
 
+    def limit_clearances(self, group: str, given: Vector, widened: Vector) -> None:
+        """Bounds a lazy group of clearances by 0, or by what is given.
+
+        Where a state that the problem fixes is closer to something than the optimiser's distances and margins allow,
+        the motion is nowhere held to more than that, but for what the margins were widened by.
+
+        Args:
+            group: the group.
+            given: its rows at the fixed states (k, n) [m].
+            widened: by how much its margins are wider than at first (n,) [m].
+        """
+        self.limit_group(group, np.minimum(given.min(axis=0) + widened, 0.0), np.full(len(widened), np.inf))
+
     def free_flights_after_release(self, leaving: bool) -> None:
         """Frees block "flight" on the stages after the release, but for the gripper's opening where asked for.
 
@@ -112,6 +125,18 @@ class Bounds:
                 rows = self.index.rows[name, k][check.rows]
                 self.g[1, rows] -= margin.amount * check.upper
                 self.g[0, rows] += margin.amount * check.lower
+
+    def ease_first_stage(self, group: str, at_start: Vector) -> None:
+        """Holds the middle of the first stage to no more clearance than the start has, whatever the margins.
+
+        The arm begins at rest, and gains hardly anything until then.
+
+        Args:
+            group: a lazy group of clearances.
+            at_start: its rows at the start (n,) [m].
+        """
+        rows = self.index.rows[f"{group}_middle", 0]
+        self.g[0, rows] = np.minimum(self.g[0, rows], at_start)
 
     def avoid_singularities(self, signed: Vector, distance: float) -> None:
         """Keeps the arm `distance` from the singularities around the release, on the side given by `signed` (3,)."""

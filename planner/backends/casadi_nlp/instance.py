@@ -14,7 +14,7 @@ from planner.backends.casadi_nlp.bounds import Bounds
 from planner.backends.casadi_nlp.flight_rows import constrains_flight, flight_parameters
 from planner.backends.casadi_nlp.functions import evaluate
 from planner.backends.casadi_nlp.layout import LAZY_GROUPS, NZ, OUT_STAGES, QD, QDD, STEP, TIME, Q, StageLayout, Vector
-from planner.backends.casadi_nlp.margins import Margins
+from planner.backends.casadi_nlp.margins import DEFAULT_MARGINS, Margins
 from planner.backends.casadi_nlp.object_path import (
     initial_aim,
     leaving_time,
@@ -48,7 +48,8 @@ LONGEST_STEP = {"coarse": 2.5, "fine": 1.5}
 BRAKE_WEIGHT = 0.05  # [-] cost of a second of braking, relative to a second of launch
 JERK_WEIGHT = 1e-3  # [-] cost of the mean squared scaled jerk: decides for joints that have time to spare
 STEP_WEIGHT = 6e-2  # [-] cost of the mean squared relative change of a step: keeps steps from collapsing
-CLEARANCES = ("clearance", "keep_out")  # of `LAZY_GROUPS`: distances from the arm, the surroundings and boxes
+# Of `LAZY_GROUPS`: distances from the arm, the surroundings and boxes, with the margins on them.
+CLEARANCES = {"clearance": ("self_m", "floor_m", "keep_in_m"), "keep_out": ("box_m",)}
 LONGEST_BRAKE_STEP = 1.5  # [-] of the mean step of a brake that was solved alone
 AT_REST_GROUPS = ("effort", "clearance")  # of `LAZY_GROUPS`: without boxes, of a move that ends at rest
 USUAL_GROUPS = (*AT_REST_GROUPS, "grip", "flight", "passing")  # the same of a throw, with a known gripper
@@ -287,11 +288,17 @@ class Instance:
 
     def _bounds(self) -> Bounds:
         problem, margins, bounds = self.problem, self.margins, Bounds(self.transcription.row_index, self.scales[QD])
+        clearances = {group: self._given_clearances(group) for group in CLEARANCES if group in self.stages.groups}
         bounds.limit_joints(self.limits, margins.position_rad, self._given())
         for group, limits in self._group_limits().items():
             bounds.limit_group(group, *limits)
+        for group, given in clearances.items():
+            widened = [getattr(margins, name) - getattr(DEFAULT_MARGINS, name) for name in CLEARANCES[group]]
+            bounds.limit_clearances(group, given, np.array(widened))
         bounds.free_flights_after_release(self.stages.window > 0)
         bounds.add_local_margins(margins.local, self.steps)
+        for group, given in clearances.items() if self.stages.launch else ():
+            bounds.ease_first_stage(group, given[0])
         bounds.fix_ends(problem.start)
         bounds.limit_steps(self.steps, self.longest_step, self.brake_step_max_s)
         if "leaving" in self.stages.groups:
@@ -326,22 +333,16 @@ class Instance:
         for group, count in counts.items():
             if group in self.stages.groups:
                 limits[group] = np.zeros(count), np.full(count, inf)
-        for group in (each for each in CLEARANCES if each in self.stages.groups):
-            least = self._least_clearances(group)
-            limits[group] = least, np.full(len(least), inf)
         return limits
 
-    def _least_clearances(self, group: str) -> Vector:
-        """Returns the lower bounds of a group of clearances [m]: 0, or what the given joint positions allow.
+    def _given_clearances(self, group: str) -> Vector:
+        """Returns the rows (k, n) of a group of clearances at the k fixed joint positions, the start first [m].
 
-        The optimiser's distances are some millimetres smaller than the true ones, and margins come on top. Where the
-        start, or a requested release, is closer than that to something, the motion is nowhere held to more: it begins
-        at rest, and gains hardly anything in its first half of a stage.
+        They are smaller than the true clearances, and the margins are taken off.
         """
-        value = self.transcription.blocks[group].value
         p = np.concatenate([self.shared_parameters[piece] for piece in FORMULAS[group].parameters])
-        values = [evaluate(value, np.append(q, np.zeros(NZ - 6)), p)[0].ravel() for q in self._given()]
-        return np.minimum(np.min(values, axis=0), 0.0)
+        value, states = self.transcription.blocks[group].value, np.pad(self._given(), ((0, 0), (0, NZ - 6)))
+        return np.array([evaluate(value, state, p)[0].ravel() for state in states])
 
     def _given(self) -> list[Vector]:
         """Returns the joint positions (6,) that the problem fixes [rad]."""

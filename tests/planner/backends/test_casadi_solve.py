@@ -127,6 +127,39 @@ def test_a_start_close_to_a_box_is_left_as_soon_as_without_the_box(cell: Cell, s
     assert made.release_time_s <= 1.02 * free.release_time_s
 
 
+@pytest.mark.parametrize("closer", ["start", "release"])
+def test_clearances_are_bounded_by_the_closer_of_start_and_release_and_by_wider_margins(
+    cell: Cell, closer: str
+) -> None:
+    """But for the middle of the first stage, where the arm has hardly moved: margins are of no use there."""
+    away = cell.home + np.array([0.4, 0.0, 0.0, 0.0, 0.0, 0.0])
+    ends = {"start": (cell.home, away), "release": (away, cell.home)}[closer]
+    lower, upper = np.array([-3.0, -2.0, -1.0]), np.array([-2.0, 2.0, 3.0])
+    near, far = body_model(with_boxes(cell, (lower, upper))).clearances(np.array([cell.home, away])).keep_out
+    assert near < far
+    wall = lower, upper + np.array([near, 0.0, 0.0])
+    release = JointRelease(ends[1], np.full(6, 0.3))
+    problem = replace(_problem(with_boxes(cell, wall), release), start=ends[0])
+    first = _least_box_clearances(problem, DEFAULT_MARGINS)
+    short = first[4.0]
+    assert -0.03 < short < -DEFAULT_MARGINS.box_m + 0.001
+    assert set(first.values()) == {short, -np.inf}  # the release itself is given
+    wider = replace(DEFAULT_MARGINS, box_m=DEFAULT_MARGINS.box_m + 0.004, local=(LocalMargin("keep_out", 0.1, 0.01),))
+    held = _least_box_clearances(problem, wider)
+    assert held[4.0] == pytest.approx(short)  # of rows that are 4 mm smaller
+    assert held[1.0] == pytest.approx(short + 0.01)
+    assert held[0.5] == pytest.approx(short - 0.004 if closer == "start" else short + 0.01)
+
+
+def _least_box_clearances(problem: ThrowProblem, margins: casadi_nlp.Margins) -> dict[float, float]:
+    """The lower bounds of the boxes' rows, by their place in the motion [stages]."""
+    instance = Instance.of(problem, Seed(candidates(problem)[0]), margins)
+    index, bounds = instance.transcription.row_index, instance.arguments["lbg"]
+    places = [(name, k, k + offset) for name, offset in (("keep_out", 0.0), ("keep_out_middle", 0.5))
+              for k in index.knots[name]]  # fmt: skip
+    return {place: float(bounds[index.rows[name, k]][0]) for name, k, place in places}
+
+
 def test_a_move_that_ends_at_rest_has_no_brake(cell: Cell) -> None:
     made, _, _ = _solve(_problem(cell, JointRelease(cell.home + 0.3, np.zeros(6))))
     assert made.release_index == len(made.q) - 1
