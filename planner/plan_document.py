@@ -104,7 +104,7 @@ def _flight(problem: ThrowProblem, trajectory: Trajectory) -> dict[str, Any] | N
     flight = release_flight(problem, trajectory)
     if flight is None:
         return None
-    w, drift = problem.release_window_s if problem.is_robust else 0.0, _landing_drift(problem, trajectory)
+    w, drift = problem.planned_window_s, _landing_drift(problem, trajectory)
     delays = np.array((-w, -w / 2, 0.0, w / 2, w) if w > 0.0 else WINDOW_DELAYS_S)
     delays = delays[(delays >= -trajectory.release_time_s)]
     errors = landing_errors(problem, trajectory, delays)

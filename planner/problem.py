@@ -265,6 +265,11 @@ class ThrowProblem:
         """Whether the landing tolerance must hold for a window of release times."""
         return self.release_window_s > 0.0 and self.landing_tolerance_m > 0.0 and not self.ends_at_rest
 
+    @property
+    def planned_window_s(self) -> float:
+        """The release window that the landing tolerance must hold for [s]: 0 without a tolerance, or for a move."""
+        return self.release_window_s if self.is_robust else 0.0
+
 
 @lru_cache(maxsize=BINS_KEPT)
 def _cell_with_block(cell: Cell, lower: tuple[float, ...], upper: tuple[float, ...]) -> Cell:

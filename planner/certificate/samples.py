@@ -152,7 +152,7 @@ class MotionSamples:
     @cached_property
     def _object_changes(self) -> tuple[int, int]:
         """Samples between which the object may be held or gone: the release window, rounded outwards."""
-        trajectory, window = self.trajectory, self.problem.release_window_s if self.problem.is_robust else 0.0
+        trajectory, window = self.trajectory, self.problem.planned_window_s
         reach = math.ceil(window * trajectory.sample_rate_hz - TICK_ROUNDING)
         k = trajectory.release_index
         return max(0, k - reach), min(len(trajectory.q) - 1, k + reach)

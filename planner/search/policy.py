@@ -116,7 +116,7 @@ def answer_again_pays(search: PlanningSearch, ranking: Ranking) -> bool:
 
 
 def ruckig_pays(search: PlanningSearch, ranking: Ranking) -> bool:
-    """Returns whether Ruckig's motion may be sooner. Of 600 optimised throws with a release window it never was."""
+    """Returns whether Ruckig's motion may be sooner. Of 600 such throws to a target, optimised, it never was."""
     return not (search.problem.is_robust and another_throw_pays(search, ranking))
 
 

@@ -46,7 +46,7 @@ class Flights:
     def __init__(self, motion: MotionSamples) -> None:
         problem, body = motion.problem, motion.body
         self.motion = motion
-        self.window_s = problem.release_window_s if problem.is_robust else 0.0
+        self.window_s = problem.planned_window_s
         self.released_s = motion.trajectory.release_time_s
         around, radius = problem.cell.surroundings.keep_out, max(problem.cell.object.radius_m, LEAST_RADIUS_M)
         self.radius_m = radius

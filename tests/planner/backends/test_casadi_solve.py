@@ -114,15 +114,19 @@ def test_boxes_are_kept_out_of(cell: Cell) -> None:
     assert certify(_problem(walled, TARGET), made).check("keep_out").ok
 
 
+def _before_wall(cell: Cell, spare_m: float) -> Cell:
+    """The cell with a wall behind the arm alone, as far from its home as is required and `spare_m` [m]."""
+    lower, upper = np.array([-3.0, -2.0, -1.0]), np.array([-2.0, 2.0, 3.0])
+    gap_m = float(body_model(with_boxes(cell, (lower, upper))).clearances(cell.home[None]).keep_out[0])
+    return with_boxes(cell, (lower, upper + np.array([gap_m - spare_m, 0.0, 0.0])))
+
+
 @pytest.mark.parametrize("spare_m", [1e-5, 0.001, 0.005])
 @pytest.mark.parametrize("window_s", [0.0, 0.01])
 def test_a_start_close_to_a_box_is_left_as_soon_as_without_the_box(cell: Cell, spare_m: float, window_s: float) -> None:
     """The start has the clearance that is required, but not the optimiser's margin on top of it."""
     problem = _problem(cell, TARGET, release_window_s=window_s, landing_tolerance_m=0.02 * (window_s > 0.0))
-    lower, upper = np.array([-3.0, -2.0, -1.0]), np.array([-2.0, 2.0, 3.0])
-    gap_m = float(body_model(with_boxes(cell, (lower, upper))).clearances(cell.home[None]).keep_out[0])
-    wall = lower, upper + np.array([gap_m - spare_m, 0.0, 0.0])
-    beside = replace(problem, cell=with_boxes(cell, wall))
+    beside = replace(problem, cell=_before_wall(cell, spare_m))
     (free, _, _), (made, _, _) = _solve(problem, seeds=1), _solve(beside, seeds=1)
     assert made.release_time_s <= 1.02 * free.release_time_s
 
@@ -134,12 +138,10 @@ def test_clearances_are_bounded_by_the_closer_of_start_and_release_and_by_wider_
     """But for the middle of the first stage, where the arm has hardly moved: margins are of no use there."""
     away = cell.home + np.array([0.4, 0.0, 0.0, 0.0, 0.0, 0.0])
     ends = {"start": (cell.home, away), "release": (away, cell.home)}[closer]
-    lower, upper = np.array([-3.0, -2.0, -1.0]), np.array([-2.0, 2.0, 3.0])
-    near, far = body_model(with_boxes(cell, (lower, upper))).clearances(np.array([cell.home, away])).keep_out
+    walled = _before_wall(cell, 0.0)
+    near, far = body_model(walled).clearances(np.array([cell.home, away])).keep_out
     assert near < far
-    wall = lower, upper + np.array([near, 0.0, 0.0])
-    release = JointRelease(ends[1], np.full(6, 0.3))
-    problem = replace(_problem(with_boxes(cell, wall), release), start=ends[0])
+    problem = replace(_problem(walled, JointRelease(ends[1], np.full(6, 0.3))), start=ends[0])
     first = _least_box_clearances(problem, DEFAULT_MARGINS)
     short = first[4.0]
     assert -0.03 < short < -DEFAULT_MARGINS.box_m + 0.001
