@@ -181,7 +181,7 @@ def test_a_search_is_as_soon_with_calls_that_are_ended_as_without(monkeypatch: p
 
     Whether what is unlike the answer is tried depends on the iterations, which are fewer; here it is in any case.
     """
-    monkeypatch.setattr(policy, "MORE_ITERATIONS_AT_POINT", 1000)
+    monkeypatch.setattr(policy, "FEW_ITERATIONS_AT_POINT", 1000)
     late, note = [], solver.Solver._note_lateness
 
     def noting(self: solver.Solver, is_late: bool, what: str) -> None:

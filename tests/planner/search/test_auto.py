@@ -185,17 +185,22 @@ def _postures(states):
 @pytest.mark.parametrize(
     ("problem", "spent", "tries"),
     [
-        (target_problem(), 100, 2),
-        (target_problem(), 101, 1),
-        (target_problem(), 5000, 1),
+        (target_problem(), 60, 2),
+        (target_problem(), 61, 1),
+        (target_problem(), 149, 1),
+        (target_problem(), 150, 2),
+        (target_problem(), 300, 2),
+        (target_problem(), 301, 1),
         (target_problem(release_window_s=0.01, landing_tolerance_m=0.02), 5000, 1),
-        (POINT_IN_REACH, 40, 1),
-        (POINT_IN_REACH, 41, 0),
+        (POINT_IN_REACH, 30, 1),
+        (POINT_IN_REACH, 31, 0),
+        (POINT_IN_REACH, 150, 1),
+        (POINT_IN_REACH, 301, 0),
         (joint_problem(), 0, 0),
     ],
 )
 def test_what_is_unlike_an_answer_is_tried_once_or_twice(monkeypatch, problem, spent, tries):
-    """Once a throw to a target is found, and a second time, or for a point, where that took few iterations."""
+    """Once a throw to a target is found, and a second time, or for a point, where that took few iterations or many."""
     begun = []
 
     def spending_nothing(search, ranked, *_):
@@ -228,6 +233,7 @@ def test_what_is_unlike_an_answer_and_fails_leaves_no_doubt(monkeypatch, is_late
         raise casadi_nlp.SeedFailed("made to fail", 1, frozenset({"effort"}), is_late)
 
     monkeypatch.setattr(casadi_nlp, "solve", failing)
+    monkeypatch.setattr(policy, "FEW_ITERATIONS", 1000)  # so that a second is tried, too
     problem = target_problem()
     search, ranking = PlanningSearch(problem, time.perf_counter() + 60.0), Ranking(problem, candidates(problem))
     search_optimised(search, ranking, [stage for stage in POLICY if stage.purpose in ("soonest seeds", UNLIKE)])
