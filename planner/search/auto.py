@@ -260,16 +260,36 @@ def load_optimiser(search: PlanningSearch) -> float:
 
 
 def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, stage: Stage) -> bool:
-    """Optimises from one candidate; returns whether a motion was certified.
+    """Optimises from one candidate, from each of its seeds in turn; returns whether a motion was certified."""
+    *others, last = _seeds(search.problem, ranked, stage)
+    for seed in others:
+        try:
+            if _optimise_from_seed(search, seed, end, stage):
+                return True
+        except casadi_nlp.SeedFailed as error:
+            if error.is_late:
+                raise
+    return _optimise_from_seed(search, last, end, stage)
 
-    After failed checks it solves again with wider margins, from that motion, or where that leads nowhere from the
-    candidate's own seed; where the checks failed between coarse stages, from that seed on finer stages.
+
+def _seeds(problem: ThrowProblem, ranked: RankedCandidate, stage: Stage) -> list[Seed]:
+    """Returns the seeds of a candidate in a stage: gently, then as it is, unless the stage is of what is unlike."""
+    if not stage.is_gentle or problem.fixes_joints or problem.is_robust:
+        return [ranked.seed]
+    gentle = ranked.gentle_seed
+    return [gentle] if stage.order == "unlike" or gentle is ranked.seed else [gentle, ranked.seed]
+
+
+def _optimise_from_seed(search: PlanningSearch, own: Seed, end: int, stage: Stage) -> bool:
+    """Optimises from one seed; returns whether a motion was certified.
+
+    After failed checks it solves again with wider margins, from that motion, or where that leads nowhere from the seed
+    itself; where the checks failed between coarse stages, from it on finer stages.
     """
     margins = replace(casadi_nlp.DEFAULT_MARGINS, held=search.held)
     first = SolveOptions(
         margins, deadline_s=search.deadline_s, with_ipopt=stage.with_ipopt, latest_s=search.latest_useful_s
     )
-    own = ranked.gentle_seed if stage.is_gentle and not search.problem.is_robust else ranked.seed
     seeds, options = (own,), first
     for _ in range(stage.rounds):
         solution = _solve_from_any(search, seeds, options, end)
@@ -289,7 +309,7 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, st
         wider = options.margins.widened(certificate.failures, solution, cuts, beyond_rad, speed)
         if wider is None:
             return False
-        seeds = Seed(ranked.candidate, solution.trajectory), own
+        seeds = Seed(own.candidate, solution.trajectory), own
         options = replace(options, margins=wider)
     return False
 

@@ -37,7 +37,7 @@ from planner.seeds import ASPECTS
 ASPECT_SEEDS = SEEDS_AN_ASPECT * ASPECTS  # candidates that there are in the order of the aspects
 # [-] Iterations of a search after which one more motion of the answer's aspect is sought: few, as that takes little
 # time, or many, as such answers are late more often.
-FEW_ITERATIONS, FEW_ITERATIONS_AT_POINT = 60, 30
+FEW_ITERATIONS, FEW_ITERATIONS_AT_POINT = 60, 40
 MANY_ITERATIONS = range(150, 301)
 ANSWER_ITERATIONS = 400  # [-] the same after which the answer is not solved again
 SEEDS_MAX = 5  # candidates that the last seeds are of, in the order of the ranking
@@ -152,7 +152,8 @@ class Stage:
         leaves_doubt: whether a seed that leads to no motion may be reason to repeat the search ("casadi").
         rounds: solves from one candidate at most, each but the first after the failed checks of the one before
             ("casadi").
-        is_gentle: whether the optimiser begins from a motion of little jerk; not with a release window ("casadi").
+        is_gentle: whether the optimiser begins from a motion of little jerk, where the release is free and no release
+            window is asked for ("casadi").
     """
 
     backend: Literal["casadi", "ruckig"]
@@ -174,7 +175,14 @@ SOONEST_ARRIVALS = Stage(
 )
 # Of 1000 random requests, larger budgets of iterations answer one more, and take longer to refuse.
 FIRST_SEEDS = Stage(
-    "casadi", "soonest seeds", slice(0, 2), none_optimised, iterations=300, then_in_hand=True, order="aspect"
+    "casadi",
+    "soonest seeds",
+    slice(0, 2),
+    none_optimised,
+    iterations=300,
+    then_in_hand=True,
+    order="aspect",
+    is_gentle=True,
 )
 UNLIKE = "unlike the answer"
 UNLIKE_ANSWER = tuple(

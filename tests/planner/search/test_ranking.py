@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from planner.errors import Infeasible
 from planner.geometry import arm_capsules, capsule_endpoints
 from planner.planning import plan
 from planner.problem import TargetRelease
-from planner.search.ranking import TIMED_MAX, Ranking
+from planner.search.ranking import GENTLE_LONGER, TIMED_MAX, RankedCandidate, Ranking
 from planner.seeds import aspects, candidates
 from tests.planner.problems import cell, joint_problem, point_problem, random_state
 
@@ -70,6 +72,21 @@ def test_a_throw_that_hardly_improves_on_its_candidate_settles_nothing() -> None
     assert ranking.may_be_sooner(first, 1.1 * bound_s + ramp_s)
     ranking.settle(first, bound_s + ramp_s)
     assert not ranking.may_be_sooner(first, bound_s + ramp_s)
+
+
+def test_a_gentle_guess_is_the_same_for_every_jerk_and_not_much_longer_than_the_soonest() -> None:
+    problem = joint_problem(release=TargetRelease(np.array([1.0, 0.3, 0.0])))
+    candidate = max(candidates(problem), key=lambda each: each.bound_s)
+    gentle = []
+    for factor in (1.0, 4.0):
+        limits = replace(problem.limits, jerk_max=factor * problem.limits.jerk_max)
+        ranked = RankedCandidate(replace(problem, limits=limits), candidate)
+        gentle.append(ranked.gentle_seed.initial_guess.release_time_s)
+        assert ranked.seed.initial_guess.release_time_s < gentle[-1] < GENTLE_LONGER * ranked.arrival_s
+    assert gentle[0] == gentle[1]
+    close = replace(problem, start=candidate.q - 0.1 * candidate.qd)
+    soon = RankedCandidate(close, candidate)
+    assert soon.gentle_seed is soon.seed
 
 
 def test_what_is_least_like_an_answer_is_of_its_aspect_untried_and_has_a_joint_that_turns_another_way() -> None:
