@@ -273,7 +273,11 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, st
 
 
 def _seeds(problem: ThrowProblem, ranked: RankedCandidate, stage: Stage) -> list[Seed]:
-    """Returns the seeds of a candidate in a stage: gently, then as it is, unless the stage is of what is unlike."""
+    """Returns the seeds to try from a candidate, in order: the gentle one, then its own.
+
+    For what is unlike the answer it is the gentle one alone; with a given release, a release window, and in all other
+    stages its own.
+    """
     if not stage.is_gentle or problem.fixes_joints or problem.is_robust:
         return [ranked.seed]
     gentle = ranked.gentle_seed

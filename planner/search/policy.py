@@ -36,9 +36,9 @@ from planner.seeds import ASPECTS
 
 ASPECT_SEEDS = SEEDS_AN_ASPECT * ASPECTS  # candidates that there are in the order of the aspects
 # [-] Iterations of a search after which one more motion of the answer's aspect is sought: few, as that takes little
-# time, or many, as such answers are late more often.
+# time, or many, as such answers are late more often. After still more it would add to the slowest searches.
 FEW_ITERATIONS, FEW_ITERATIONS_AT_POINT = 60, 40
-MANY_ITERATIONS = range(150, 301)
+MANY_ITERATIONS = range(151, 301)
 ANSWER_ITERATIONS = 400  # [-] the same after which the answer is not solved again
 SEEDS_MAX = 5  # candidates that the last seeds are of, in the order of the ranking
 
@@ -102,8 +102,8 @@ def another_throw_pays(search: PlanningSearch, ranking: Ranking) -> bool:
 def another_motion_pays(search: PlanningSearch, ranking: Ranking) -> bool:
     """Returns whether the answer is optimised, its release free, and was found in few iterations or in many.
 
-    Of targets 3.2 % are sooner then by over a hundredth after few, 4.4 % after many, 1.4 % of those between; of points
-    5.9, 11.9 and 6.3 %, which would take most of the time that they may; of robust throws 0, 3.0 and 1.8 %.
+    Of targets 3.2 % are sooner then by over a hundredth after few, 4.4 % after many, 1.4 % of those between; of robust
+    throws 0, 3.0 and 1.8 %; of points 5.8, 11.9 and 6.4 %, but those between would use up the time allowed.
     """
     few = FEW_ITERATIONS if isinstance(search.problem.release, TargetRelease) else FEW_ITERATIONS_AT_POINT
     is_of_use = search.iterations <= few or search.iterations in MANY_ITERATIONS
@@ -150,10 +150,9 @@ class Stage:
             those of the incumbent's aspect that were not tried, the one whose velocity is least like its own first,
             "answer" the incumbent's own release, with its motion.
         leaves_doubt: whether a seed that leads to no motion may be reason to repeat the search ("casadi").
-        rounds: solves from one candidate at most, each but the first after the failed checks of the one before
-            ("casadi").
+        rounds: solves from one seed at most, each but the first after the failed checks of the one before ("casadi").
         is_gentle: whether the optimiser begins from a motion of little jerk, where the release is free and no release
-            window is asked for ("casadi").
+            window is asked for; then, but for what is "unlike", from the candidate's own ("casadi").
     """
 
     backend: Literal["casadi", "ruckig"]

@@ -33,11 +33,12 @@ SLOW_GIVEN = 1.05  # [-] release time over the least bound, where a release stat
 # [-] The same where the joints are free, as from a given point: of 1,146 one is later by over 1 % than with 1.05.
 SLOW_FREE = 1.15
 SEEDS_AN_ASPECT = 2  # [-] the optimiser fails from one seed and not from another, but rarely finds another motion
-# [s] That an acceleration takes to its limit in a gentle guess, of a free release without a window: the same for every
-# jerk that a request allows. By it in first seeds 54 of 1,670 targets and 40 of 1,662 points release sooner by over a
-# hundredth, and 10 and 24 later; with a window as many are later as sooner.
+# [s] That an acceleration takes to its limit in a gentle guess, of free releases without a window. By it in first
+# seeds 54 of 1,670 targets and 40 of 1,662 points release sooner by over a hundredth, and 10 and 24 later; with a
+# window as many are later as sooner.
 GENTLE_RAMP_S = 0.1
 # [-] Times the soonest arrival: the stages of a longer guess are too long for the soonest motion (0.04 s became 0.066).
+# Half of the targets from random starts begin gently then, and all points.
 GENTLE_LONGER = 1.5
 PATH_SHARES = np.linspace(0.15, 0.9, 6)  # [-] of the straight joint path to a candidate, checked for obstacles
 FLIGHT_STEP_S = 0.02  # [s] between the instants at which a flight is compared with the arm
@@ -83,12 +84,13 @@ class RankedCandidate:
     def gentle_seed(self) -> Seed:
         """The optimiser's seed with Ruckig's motion of so little jerk that an acceleration takes `GENTLE_RAMP_S`.
 
-        It is `seed` where a motion is given, and where the gentle one is more than `GENTLE_LONGER` as long.
+        It is `seed` where a motion is given, where the request allows no more jerk than that, and where the gentle
+        motion is more than `GENTLE_LONGER` as long.
         """
-        if self.given is not None:
-            return self.seed
         limits = self.problem.limits
         jerk_max = np.minimum(limits.jerk_max, limits.qdd_max / GENTLE_RAMP_S)
+        if self.given is not None or np.array_equal(jerk_max, limits.jerk_max):
+            return self.seed
         gentle = self._seed_under(replace(self.problem, limits=replace(limits, jerk_max=jerk_max)))
         motion = gentle.initial_guess
         is_usable = motion is not None and motion.release_time_s <= GENTLE_LONGER * self.arrival_s

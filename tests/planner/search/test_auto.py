@@ -187,14 +187,14 @@ def _postures(states):
     [
         (target_problem(), 60, 2),
         (target_problem(), 61, 1),
-        (target_problem(), 149, 1),
-        (target_problem(), 150, 2),
+        (target_problem(), 150, 1),
+        (target_problem(), 151, 2),
         (target_problem(), 300, 2),
         (target_problem(), 301, 1),
         (target_problem(release_window_s=0.01, landing_tolerance_m=0.02), 5000, 1),
         (POINT_IN_REACH, 40, 1),
         (POINT_IN_REACH, 41, 0),
-        (POINT_IN_REACH, 150, 1),
+        (POINT_IN_REACH, 151, 1),
         (POINT_IN_REACH, 301, 0),
         (joint_problem(), 0, 0),
     ],
@@ -281,6 +281,35 @@ def test_first_seeds_begin_gently_and_where_that_fails_from_the_soonest_motion(m
     assert first == ([gentle, own] if is_gentle else [own])
     assert not is_gentle or gentle > own
     assert search.incumbent is None
+
+
+@pytest.mark.parametrize("certified", [0, 1, 2])
+def test_a_seeds_own_motion_is_the_guess_where_nothing_is_certified_from_a_gentle_one(monkeypatch, certified):
+    begun = []
+
+    def certifying(search, own, *_):
+        begun.append(own)
+        return len(begun) == certified
+
+    monkeypatch.setattr(auto, "_optimise_from_seed", certifying)
+    ranked = Ranking(POINT_IN_REACH, candidates(POINT_IN_REACH))[0]
+    search = PlanningSearch(POINT_IN_REACH, math.inf)
+    assert auto._optimise_from(search, ranked, 300, policy.FIRST_SEEDS) == (certified > 0)
+    assert begun == [ranked.gentle_seed, ranked.seed][: certified or 2]
+
+
+def test_a_candidate_is_left_where_its_gentle_motion_is_too_late(monkeypatch):
+    begun = []
+
+    def late(search, own, *_):
+        begun.append(own)
+        raise casadi_nlp.SeedFailed("made to be late", 1, frozenset(), is_late=True)
+
+    monkeypatch.setattr(auto, "_optimise_from_seed", late)
+    ranked = Ranking(POINT_IN_REACH, candidates(POINT_IN_REACH))[0]
+    with pytest.raises(casadi_nlp.SeedFailed):
+        auto._optimise_from(PlanningSearch(POINT_IN_REACH, math.inf), ranked, 300, policy.FIRST_SEEDS)
+    assert begun == [ranked.gentle_seed]
 
 
 def test_a_throw_is_sooner_by_what_is_least_like_the_first_answer():
@@ -478,7 +507,7 @@ def test_a_remedy_that_fails_from_the_motion_is_begun_from_the_candidates_own_se
     [([1.2, 0.3, 0.0], 1.03), ([1.3, 0.0, 0.0], 1.0), ([1.0, -0.5, 0.0], 1.0), ([0.9, 0.6, 0.2], 1.0)],
 )
 def test_a_weak_gripper_throws_as_soon_as_with_a_release_window(p_W, most):
-    """Throws without a window were refused, as the grip held too much between the knots of every motion."""
+    """The first was refused without a window, as the grip held too much between the knots of every motion."""
     here = cell()
     weak = replace(here, gripper=replace(here.gripper, hold_acceleration_m_s2=np.array([12.0])))
     released = []

@@ -10,7 +10,7 @@ from planner.errors import Infeasible
 from planner.geometry import arm_capsules, capsule_endpoints
 from planner.planning import plan
 from planner.problem import TargetRelease
-from planner.search.ranking import GENTLE_LONGER, TIMED_MAX, RankedCandidate, Ranking
+from planner.search.ranking import GENTLE_LONGER, GENTLE_RAMP_S, TIMED_MAX, RankedCandidate, Ranking
 from planner.seeds import aspects, candidates
 from tests.planner.problems import cell, joint_problem, point_problem, random_state
 
@@ -77,16 +77,31 @@ def test_a_throw_that_hardly_improves_on_its_candidate_settles_nothing() -> None
 def test_a_gentle_guess_is_the_same_for_every_jerk_and_not_much_longer_than_the_soonest() -> None:
     problem = joint_problem(release=TargetRelease(np.array([1.0, 0.3, 0.0])))
     candidate = max(candidates(problem), key=lambda each: each.bound_s)
-    gentle = []
-    for factor in (1.0, 4.0):
+
+    def ranked(factor: float, start: np.ndarray) -> RankedCandidate:
         limits = replace(problem.limits, jerk_max=factor * problem.limits.jerk_max)
-        ranked = RankedCandidate(replace(problem, limits=limits), candidate)
-        gentle.append(ranked.gentle_seed.initial_guess.release_time_s)
-        assert ranked.seed.initial_guess.release_time_s < gentle[-1] < GENTLE_LONGER * ranked.arrival_s
+        return RankedCandidate(replace(problem, limits=limits, start=start), candidate)
+
+    far = [ranked(factor, problem.start) for factor in (1.0, 4.0)]
+    gentle = [each.gentle_seed.initial_guess.release_time_s for each in far]
     assert gentle[0] == gentle[1]
-    close = replace(problem, start=candidate.q - 0.1 * candidate.qd)
-    soon = RankedCandidate(close, candidate)
-    assert soon.gentle_seed is soon.seed
+    for each, released in zip(far, gentle, strict=True):
+        assert each.seed.initial_guess.release_time_s < released < GENTLE_LONGER * each.arrival_s
+    close = ranked(1.0, candidate.q - 0.1 * candidate.qd)
+    gentler = RankedCandidate(ranked(0.2, candidate.q - 0.1 * candidate.qd).problem, candidate)
+    assert gentler.seed.initial_guess.release_time_s > GENTLE_LONGER * close.arrival_s  # as a gentle motion would
+    assert close.gentle_seed is close.seed
+
+
+def test_a_guess_that_is_given_or_of_little_jerk_is_kept() -> None:
+    problem = joint_problem(release=TargetRelease(np.array([1.0, 0.3, 0.0])))
+    candidate = max(candidates(problem), key=lambda each: each.bound_s)
+    slow = replace(problem, limits=replace(problem.limits, jerk_max=problem.limits.qdd_max / GENTLE_RAMP_S))
+    given = RankedCandidate(problem, candidate, given=plan(problem).trajectory)
+    for kept in (RankedCandidate(slow, candidate), given):
+        assert kept.gentle_seed is kept.seed
+    ordinary = RankedCandidate(problem, candidate)
+    assert ordinary.gentle_seed is not ordinary.seed
 
 
 def test_what_is_least_like_an_answer_is_of_its_aspect_untried_and_has_a_joint_that_turns_another_way() -> None:
