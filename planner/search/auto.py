@@ -273,15 +273,18 @@ def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, st
 
 
 def _seeds(problem: ThrowProblem, ranked: RankedCandidate, stage: Stage) -> list[Seed]:
-    """Returns the seeds to try from a candidate, in order: the gentle one, then its own.
+    """Returns the seeds to try from a candidate, in order: of a target the gentle one, then its own.
 
-    For what is unlike the answer it is the gentle one alone; with a given release, a release window, and in all other
-    stages its own.
+    For what is unlike the answer it is the gentle one alone, of a point, too; with a given release, a release window,
+    and in all other stages its own.
     """
     if not stage.is_gentle or problem.fixes_joints or problem.is_robust:
         return [ranked.seed]
     gentle = ranked.gentle_seed
-    return [gentle] if stage.order == "unlike" or gentle is ranked.seed else [gentle, ranked.seed]
+    if stage.order == "unlike":
+        return [gentle]
+    is_first = isinstance(problem.release, TargetRelease) and gentle is not ranked.seed
+    return [gentle, ranked.seed] if is_first else [ranked.seed]
 
 
 def _optimise_from_seed(search: PlanningSearch, own: Seed, end: int, stage: Stage) -> bool:

@@ -151,8 +151,8 @@ class Stage:
             "answer" the incumbent's own release, with its motion.
         leaves_doubt: whether a seed that leads to no motion may be reason to repeat the search ("casadi").
         rounds: solves from one seed at most, each but the first after the failed checks of the one before ("casadi").
-        is_gentle: whether the optimiser begins from a motion of little jerk, where the release is free and no release
-            window is asked for; then, but for what is "unlike", from the candidate's own ("casadi").
+        is_gentle: whether the optimiser begins from a motion of little jerk, without a release window: to a target,
+            before the candidate's own, and for what is "unlike", of a point, too, instead of that ("casadi").
     """
 
     backend: Literal["casadi", "ruckig"]

@@ -33,12 +33,11 @@ SLOW_GIVEN = 1.05  # [-] release time over the least bound, where a release stat
 # [-] The same where the joints are free, as from a given point: of 1,146 one is later by over 1 % than with 1.05.
 SLOW_FREE = 1.15
 SEEDS_AN_ASPECT = 2  # [-] the optimiser fails from one seed and not from another, but rarely finds another motion
-# [s] That an acceleration takes to its limit in a gentle guess, of free releases without a window. By it in first
-# seeds 54 of 1,670 targets and 40 of 1,662 points release sooner by over a hundredth, and 10 and 24 later; with a
-# window as many are later as sooner.
+# [s] That an acceleration takes to its limit in a gentle guess, without a release window. By it in first seeds 54 of
+# 1,670 targets release sooner by over a hundredth, and 10 later; with a window as many are later as sooner.
 GENTLE_RAMP_S = 0.1
 # [-] Times the soonest arrival: the stages of a longer guess are too long for the soonest motion (0.04 s became 0.066).
-# Half of the targets from random starts begin gently then, and all points.
+# Half of the targets from random starts begin gently then.
 GENTLE_LONGER = 1.5
 PATH_SHARES = np.linspace(0.15, 0.9, 6)  # [-] of the straight joint path to a candidate, checked for obstacles
 FLIGHT_STEP_S = 0.02  # [s] between the instants at which a flight is compared with the arm

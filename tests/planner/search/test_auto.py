@@ -40,6 +40,7 @@ def target_problem(**changes):
     return joint_problem(release=TargetRelease(np.array([1.3, 0.2, 0.0])), **changes)
 
 
+FAR_TARGET = joint_problem(release=TargetRelease(np.array([1.5, 0.5, 0.2])))
 POINT_IN_REACH = joint_problem(release=PointRelease(np.array([0.5, 0.2, 0.6]), np.array([0.8, 0.3, 0.8])))
 
 
@@ -259,8 +260,8 @@ def test_what_is_unlike_an_answer_begins_gently_unless_there_is_a_release_window
 @pytest.mark.parametrize(
     ("problem", "is_gentle"),
     [
-        (target_problem(), True),
-        (POINT_IN_REACH, True),
+        (FAR_TARGET, True),
+        (POINT_IN_REACH, False),
         (target_problem(release_window_s=0.01, landing_tolerance_m=0.02), False),
         (joint_problem(), False),
     ],
@@ -292,8 +293,8 @@ def test_a_seeds_own_motion_is_the_guess_where_nothing_is_certified_from_a_gentl
         return len(begun) == certified
 
     monkeypatch.setattr(auto, "_optimise_from_seed", certifying)
-    ranked = Ranking(POINT_IN_REACH, candidates(POINT_IN_REACH))[0]
-    search = PlanningSearch(POINT_IN_REACH, math.inf)
+    ranked = next(iter(Ranking(FAR_TARGET, candidates(FAR_TARGET)).by_aspect()))
+    search = PlanningSearch(FAR_TARGET, math.inf)
     assert auto._optimise_from(search, ranked, 300, policy.FIRST_SEEDS) == (certified > 0)
     assert begun == [ranked.gentle_seed, ranked.seed][: certified or 2]
 
@@ -306,9 +307,9 @@ def test_a_candidate_is_left_where_its_gentle_motion_is_too_late(monkeypatch):
         raise casadi_nlp.SeedFailed("made to be late", 1, frozenset(), is_late=True)
 
     monkeypatch.setattr(auto, "_optimise_from_seed", late)
-    ranked = Ranking(POINT_IN_REACH, candidates(POINT_IN_REACH))[0]
+    ranked = next(iter(Ranking(FAR_TARGET, candidates(FAR_TARGET)).by_aspect()))
     with pytest.raises(casadi_nlp.SeedFailed):
-        auto._optimise_from(PlanningSearch(POINT_IN_REACH, math.inf), ranked, 300, policy.FIRST_SEEDS)
+        auto._optimise_from(PlanningSearch(FAR_TARGET, math.inf), ranked, 300, policy.FIRST_SEEDS)
     assert begun == [ranked.gentle_seed]
 
 
