@@ -195,8 +195,7 @@ def _postures(states):
         (target_problem(release_window_s=0.01, landing_tolerance_m=0.02), 5000, 1),
         (POINT_IN_REACH, 40, 1),
         (POINT_IN_REACH, 41, 0),
-        (POINT_IN_REACH, 151, 1),
-        (POINT_IN_REACH, 301, 0),
+        (POINT_IN_REACH, 151, 0),
         (joint_problem(), 0, 0),
     ],
 )
