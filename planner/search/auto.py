@@ -261,30 +261,29 @@ def load_optimiser(search: PlanningSearch) -> float:
 
 def _optimise_from(search: PlanningSearch, ranked: RankedCandidate, end: int, stage: Stage) -> bool:
     """Optimises from one candidate, from each of its seeds in turn; returns whether a motion was certified."""
-    *others, last = _seeds(search.problem, ranked, stage)
-    for seed in others:
+    failure = None
+    for seed in _seeds(search.problem, ranked, stage):
+        failure = None
         try:
             if _optimise_from_seed(search, seed, end, stage):
                 return True
         except casadi_nlp.SeedFailed as error:
+            failure = error
             if error.is_late:
-                raise
-    return _optimise_from_seed(search, last, end, stage)
+                break
+    if failure is not None:
+        raise failure
+    return False
 
 
-def _seeds(problem: ThrowProblem, ranked: RankedCandidate, stage: Stage) -> list[Seed]:
-    """Returns the seeds to try from a candidate, in order: of a target the gentle one, then its own.
-
-    For what is unlike the answer it is the gentle one alone, of a point, too; with a given release, a release window,
-    and in all other stages its own.
-    """
-    if not stage.is_gentle or problem.fixes_joints or problem.is_robust:
-        return [ranked.seed]
-    gentle = ranked.gentle_seed
-    if stage.order == "unlike":
-        return [gentle]
-    is_first = isinstance(problem.release, TargetRelease) and gentle is not ranked.seed
-    return [gentle, ranked.seed] if is_first else [ranked.seed]
+def _seeds(problem: ThrowProblem, ranked: RankedCandidate, stage: Stage) -> Iterator[Seed]:
+    """Yields the seeds to try from a candidate, as `Stage.guess` has it; none is made before it is needed."""
+    is_first = stage.guess == "gentle first" and isinstance(problem.release, TargetRelease)
+    if not (problem.fixes_joints or problem.is_robust) and (is_first or stage.guess == "gentle"):
+        yield ranked.gentle_seed
+        if not is_first or ranked.seed is ranked.gentle_seed:
+            return
+    yield ranked.seed
 
 
 def _optimise_from_seed(search: PlanningSearch, own: Seed, end: int, stage: Stage) -> bool:

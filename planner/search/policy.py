@@ -154,8 +154,9 @@ class Stage:
             "answer" the incumbent's own release, with its motion.
         leaves_doubt: whether a seed that leads to no motion may be reason to repeat the search ("casadi").
         rounds: solves from one seed at most, each but the first after the failed checks of the one before ("casadi").
-        is_gentle: whether the optimiser begins from a motion of little jerk, without a release window: to a target,
-            before the candidate's own, and for what is "unlike", of a point, too, instead of that ("casadi").
+        guess: what the optimiser begins from where the release is free and no release window is asked for: the
+            candidate's own motion, a gentle one, or to a target a gentle one first, then its own. Elsewhere it begins
+            from its own ("casadi").
     """
 
     backend: Literal["casadi", "ruckig"]
@@ -169,7 +170,7 @@ class Stage:
     order: Literal["rank", "arrival", "aspect", "bound", "unlike", "answer"] = "rank"
     leaves_doubt: bool = True
     rounds: int = 4
-    is_gentle: bool = False
+    guess: Literal["own", "gentle", "gentle first"] = "own"
 
 
 SOONEST_ARRIVALS = Stage(
@@ -184,11 +185,11 @@ FIRST_SEEDS = Stage(
     iterations=300,
     then_in_hand=True,
     order="aspect",
-    is_gentle=True,
+    guess="gentle first",
 )
 UNLIKE = "unlike the answer"
 UNLIKE_ANSWER = tuple(
-    Stage("casadi", UNLIKE, slice(0, 1), condition, iterations=100, order="unlike", leaves_doubt=False, is_gentle=True)
+    Stage("casadi", UNLIKE, slice(0, 1), condition, iterations=100, order="unlike", leaves_doubt=False, guess="gentle")
     for condition in (another_throw_pays, another_motion_pays)
 )
 FROM_ANSWER = "the answer again"

@@ -200,7 +200,7 @@ def _postures(states):
     ],
 )
 def test_what_is_unlike_an_answer_is_tried_once_or_twice(monkeypatch, problem, spent, tries):
-    """Once a throw to a target is found, and a second time, or for a point, where that took few iterations or many."""
+    """Once a throw to a target is found, and again after few iterations or many; of a point once, after few."""
     begun = []
 
     def spending_nothing(search, ranked, *_):

@@ -88,7 +88,7 @@ def test_a_gentle_guess_is_the_same_for_every_jerk_and_not_much_longer_than_the_
     for each, released in zip(far, gentle, strict=True):
         assert each.seed.initial_guess.release_time_s < released < GENTLE_LONGER * each.arrival_s
     close = ranked(1.0, candidate.q - 0.1 * candidate.qd)
-    gentler = RankedCandidate(ranked(0.2, candidate.q - 0.1 * candidate.qd).problem, candidate)
+    gentler = ranked(0.2, candidate.q - 0.1 * candidate.qd)
     assert gentler.seed.initial_guess.release_time_s > GENTLE_LONGER * close.arrival_s  # as a gentle motion would
     assert close.gentle_seed is close.seed
 
