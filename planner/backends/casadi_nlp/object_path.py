@@ -8,6 +8,7 @@ of the solution before, and where that matters, the problem is solved again.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from planner.seeds import Candidate
 NODES = np.linspace(0.0, 1.0, PATH_TERMS)  # [-] of the flight's duration at which the polynomial is the path
 LEAVING = 1.6  # [-] times as long as in free fall an object takes out of the grip, as the tool falls, too
 SHORTEST_S = 1e-3  # [s] keeps a flight that ends at once from having no polynomial
+PATHS_KEPT = 32  # [-] of given points of late
 
 
 def leaving_time(problem: ThrowProblem) -> float:
@@ -45,7 +47,10 @@ def path_parameters(problem: ThrowProblem, q: Vector, qd: Vector, room_m: float,
     """
     if problem.ends_at_rest:
         return dict.fromkeys(("object_path", "last_path"), np.zeros(OBJECT_PATH.size))
-    path = _path(problem, q, qd, room_m, objects > 0)
+    if isinstance(problem.release, PointRelease):
+        path = _path_from_point(problem, problem.release, room_m, objects > 0)
+    else:
+        path = _path(problem, thrown_state(problem, q, qd), room_m, objects > 0)
     ago_s = problem.release_window_s if objects > 1 else 0.0
     return {
         "object_path": OBJECT_PATH.pack({**path, "ago": ago_s}),
@@ -53,14 +58,21 @@ def path_parameters(problem: ThrowProblem, q: Vector, qd: Vector, room_m: float,
     }
 
 
-def _path(problem: ThrowProblem, q: Vector, qd: Vector, room_m: float, carried: bool) -> dict[str, Any]:
+@lru_cache(maxsize=PATHS_KEPT)
+def _path_from_point(problem: ThrowProblem, release: PointRelease, room_m: float, carried: bool) -> dict[str, Any]:
+    """Returns what `_path` does for a point, whose path is given: the same in every solve of a search."""
+    return _path(problem, (release.p_WT, problem.release_speed_factor * release.v_WT), room_m, carried)
+
+
+def _path(problem: ThrowProblem, thrown: tuple[Vector, Vector], room_m: float, carried: bool) -> dict[str, Any]:
     """Returns the pieces of an `OBJECT_PATH` vector but for "ago".
 
     Args:
-        problem, q, qd, room_m: as of `path_parameters`.
-        carried: whether position and velocity at the release are variables, so that they are not part of the path.
+        problem, room_m: as of `path_parameters`.
+        thrown: position [m] and velocity [m/s] (3,) of the object at the release.
+        carried: whether these are variables, so that they are not part of the path.
     """
-    (p, v), radius = thrown_state(problem, q, qd), problem.cell.object.radius_m
+    (p, v), radius = thrown, problem.cell.object.radius_m
     landing_s = touchdown_s(p, v, problem.plane_z, problem.landing_radius_m, problem.gravity, problem.drag)
     until_s = max(landing_s or 0.0, SHORTEST_S)
     places = path(p, v, until_s * NODES, problem.gravity, problem.drag)
