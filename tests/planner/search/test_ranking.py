@@ -10,7 +10,7 @@ from planner.errors import Infeasible
 from planner.geometry import arm_capsules, capsule_endpoints
 from planner.planning import plan
 from planner.problem import TargetRelease
-from planner.search.ranking import GENTLE_LONGER, GENTLE_RAMP_S, TIMED_MAX, RankedCandidate, Ranking
+from planner.search.ranking import GENTLE_LONGER, GENTLE_RAMP_S, LATE_AT_POINT, TIMED_MAX, RankedCandidate, Ranking
 from planner.seeds import aspects, candidates
 from tests.planner.problems import cell, joint_problem, point_problem, random_state
 
@@ -119,3 +119,14 @@ def test_what_is_least_like_an_answer_is_of_its_aspect_untried_and_has_a_joint_t
     assert apart[first] > 0.5 * problem.limits.qd_max[0]
     first.first_try("fatrop")
     assert ranking.unlike(made)[0] is sorted(own, key=lambda each: -apart[each])[1]
+
+
+def test_of_a_point_what_is_late_beside_the_answer_is_not_tried_though_it_is_unlike_it() -> None:
+    problem = point_problem(cell(), *random_state(cell(), np.random.default_rng(3)))
+    found = candidates(problem)
+    ranking, made = Ranking(problem, found), plan(problem).trajectory
+    aspect = aspects(problem.cell.robot, made.q[made.release_index][None])
+    own = [each for each in found if aspects(problem.cell.robot, each.q[None]) == aspect]
+    soon = {each.label for each in own if each.bound_s <= LATE_AT_POINT * made.release_time_s}
+    assert {each.candidate.label for each in ranking.unlike(made)} == soon
+    assert 0 < len(soon) < len(own)
