@@ -288,6 +288,18 @@ def test_of_a_request_with_an_answer_the_jerk_alone_is_halved(in_vain, searched,
     assert {(acceleration, held) for _, acceleration, held in repeats} == {own[1:]}
 
 
+def test_of_a_given_release_with_an_answer_the_jerk_is_halved_once():
+    problem = joint_problem()
+    search = PlanningSearch(problem, time.perf_counter() + 60.0)
+    search.consider(auto.certified("casadi", problem, Solution(plan(problem).trajectory, "made before")))
+    search.has_optimised = True
+    (way,) = tighter._ways(search)
+    assert way.problem.limits.jerk_max.tolist() == (problem.limits.jerk_max / 2.0).tolist()
+    assert way.problem.limits.qdd_max.tolist() == problem.limits.qdd_max.tolist()
+    search.has_optimised = False
+    assert len(tighter._ways(search)) > 2
+
+
 def test_a_throw_of_which_a_seed_was_given_up_is_in_doubt():
     search = PlanningSearch(NEAR, time.perf_counter() + 60.0)
     search.consider(auto.certified("casadi", NEAR, Solution(plan(NEAR).trajectory, "made before")))
