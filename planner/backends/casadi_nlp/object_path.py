@@ -22,7 +22,7 @@ from planner.seeds import Candidate
 NODES = np.linspace(0.0, 1.0, PATH_TERMS)  # [-] of the flight's duration at which the polynomial is the path
 LEAVING = 1.6  # [-] times as long as in free fall an object takes out of the grip, as the tool falls, too
 SHORTEST_S = 1e-3  # [s] keeps a flight that ends at once from having no polynomial
-PATHS_KEPT = 32  # [-] of given points of late
+PATHS_KEPT = 32  # [-] from given points, of the last problems
 
 
 def leaving_time(problem: ThrowProblem) -> float:
@@ -60,7 +60,7 @@ def path_parameters(problem: ThrowProblem, q: Vector, qd: Vector, room_m: float,
 
 @lru_cache(maxsize=PATHS_KEPT)
 def _path_from_point(problem: ThrowProblem, release: PointRelease, room_m: float, carried: bool) -> dict[str, Any]:
-    """Returns what `_path` does for a point, whose path is given: the same in every solve of a search."""
+    """Returns what `_path` does for a point, where the object's state is given: the same in all solves of a problem."""
     return _path(problem, (release.p_WT, problem.release_speed_factor * release.v_WT), room_m, carried)
 
 

@@ -412,15 +412,19 @@ def test_the_path_of_an_object_with_drag_is_its_flight(cell: Cell, carried: bool
     assert abs(float(numbers["landing"][0])) > 1e-4  # what drag adds is no part of the variables
 
 
-def test_the_path_of_an_object_from_a_point_is_that_from_any_state_there(cell: Cell) -> None:
-    problem = _problem(cell, PointRelease(np.array([0.5, 0.3, 0.6]), np.array([0.8, 0.8, 0.8])))
+@pytest.mark.parametrize("drag", [0.0, 0.5])
+@pytest.mark.parametrize("objects", [0, 1, 2])
+def test_the_path_of_an_object_from_a_point_is_that_from_any_state_there(cell: Cell, objects: int, drag: float) -> None:
+    slower = replace(cell.gripper, release_speed_factor=0.9)
+    cell = replace(cell, gripper=slower, object=replace(cell.object, drag_coefficient=drag))
+    problem = _problem(cell, PointRelease(np.array([0.5, 0.3, 0.6]), np.array([0.8, 0.8, 0.8])), release_window_s=0.01)
     for room_m in (0.0, 0.01, 0.0):
         for candidate in candidates(problem)[:3]:
             state = candidate.q, candidate.qd
             given = replace(problem, release=JointRelease(*state))
-            known = object_path.path_parameters(given, *state, room_m, 0)["object_path"]
-            found = object_path.path_parameters(problem, *state, room_m, 0)["object_path"]
-            assert found == pytest.approx(known, rel=1e-6, abs=1e-6)
+            known = object_path.path_parameters(given, *state, room_m, objects)
+            for name, found in object_path.path_parameters(problem, *state, room_m, objects).items():
+                assert found == pytest.approx(known[name], rel=1e-6, abs=1e-6)
 
 
 @pytest.mark.parametrize(("edge_m", "top_m", "holds"), [(0.3, 0.3, True), (0.002, 0.3, False), (0.002, 0.27, None)])
