@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -29,7 +29,7 @@ from planner.search import (
     search_thoroughly,
     search_with_stop,
 )
-from planner.seeds import Candidate, ReleaseState, candidates, neighbour_candidates
+from planner.seeds import Candidate, NoCandidates, ReleaseState, candidates, neighbour_candidates
 from planner.trajectory import Trajectory
 
 
@@ -75,6 +75,7 @@ class SearchHints:
 
 
 ORDINARY = SearchHints()
+NO_RELEASE_STATE = "no release state was found"
 
 
 def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
@@ -133,7 +134,8 @@ def _run(search: PlanningSearch, releases: Sequence[ReleaseState]) -> None:
     problem = search.problem
     refuse_impossible(problem)
     if releases:
-        search_optimised(search, Ranking(problem, neighbour_candidates(problem, releases)), SHORT_POLICY)
+        found = _logged(search, lambda problem: neighbour_candidates(problem, releases))
+        search_optimised(search, Ranking(problem, found), SHORT_POLICY)
     else:
         _search_ordinarily(search)
     if search.answer is None:
@@ -147,7 +149,7 @@ def _search_ordinarily(search: PlanningSearch) -> None:
         Infeasible: there are no candidates.
     """
     problem = search.problem
-    found = _candidates(problem)
+    found = _logged(search, candidates)
     if problem.backend in VARIANTS_BY_BACKEND:
         search_sequential(search, problem.backend, found)
     else:
@@ -156,11 +158,20 @@ def _search_ordinarily(search: PlanningSearch) -> None:
         search_with_stop(search, found)
 
 
-def _candidates(problem: ThrowProblem) -> list[Candidate]:
+def _logged(search: PlanningSearch, find: Callable[[ThrowProblem], list[Candidate]]) -> list[Candidate]:
+    """Returns the candidates that are found for a search's problem; without any, what was looked at is its attempt.
+
+    Raises:
+        Infeasible: there are none.
+    """
+    problem, begun_s = search.problem, time.perf_counter()
     try:
-        return candidates(problem)
+        return find(problem)
     except Infeasible as refusal:
-        raise Infeasible(of_candidates(problem, refusal.violations)) from None
+        tried = refusal.tried if isinstance(refusal, NoCandidates) else NO_RELEASE_STATE
+        search.log_attempt("candidates", tried, begun_s)
+        log = [attempt.__dict__ for attempt in search.attempts]
+        raise Infeasible(of_candidates(problem, refusal.violations), attempts=log) from None
 
 
 def _nearest(search: PlanningSearch, refusal: Infeasible | SolverFailed) -> dict[str, Any] | None:

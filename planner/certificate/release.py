@@ -132,7 +132,9 @@ def landing_window(motion: MotionSamples) -> Check | None:
         return at_most("landing_window", error, tolerance, "m", at_s, GRAZES).provided(False)
     proof = prove_above(evaluate, arm.t, rooms[None], np.array([curvature]), 0.0, curvature_bound)
     error = tolerance * (1.0 + ROUNDING) - proof.value
-    return at_most("landing_window", error, tolerance, "m", proof.at_s).provided(proof.proven)
+    delay_ms = 1e3 * (proof.at_s - released)
+    detail = f"released {abs(delay_ms):.3g} ms {'late' if delay_ms > 0.0 else 'early'}"
+    return at_most("landing_window", error, tolerance, "m", proof.at_s, detail).provided(proof.proven)
 
 
 def landing_errors(problem: ThrowProblem, trajectory: Trajectory, delays: Array) -> Array:

@@ -68,20 +68,6 @@ class Clearances:
         """The smallest of the four (n,)."""
         return np.min([self.floor, self.keep_in, self.keep_out, self.self_collision], axis=0)
 
-    def violations(self, row: int, cell: Cell) -> list[Violation]:
-        """Returns the bounds that posture `row`, taken as the release, violates."""
-        required = {
-            "floor": cell.surroundings.clearance_m,
-            "keep_in": 0.0,
-            "keep_out": cell.surroundings.clearance_m,
-            "self_collision": SELF_CLEARANCE_M,
-        }
-        return [
-            Violation(name, float(getattr(self, name)[row] + limit), limit, "m", detail="at the release")
-            for name, limit in required.items()
-            if getattr(self, name)[row] < 0.0
-        ]
-
 
 class BodyModel:
     """Capsules of a cell's arm, tool and held object as arrays: k capsules, the object last.
@@ -185,6 +171,26 @@ class BodyModel:
             keep_out=self.box_distances(ends)[:, bodies].min(axis=(0, 1), initial=np.inf) - clearance,
             self_collision=self.pair_distances(ends)[pairs].min(axis=0, initial=np.inf) - SELF_CLEARANCE_M,
         )
+
+    def violations_at(self, q: Array) -> list[Violation]:
+        """Returns the bounds on clearance that a posture (6,) [rad] breaks as the release, with what is too close."""
+        ends, clearance = self.end_points(self.link_poses(q[None])), self.cell.surroundings.clearance_m
+        moving = [self.names[i] for i in self.moving]
+        pairs = [f"{self.names[i]}, {self.names[j]}" for i, j in self.pairs]
+        at_boxes = [f"{each}, {box}" for box in self.cell.surroundings.keep_out_names for each in moving]
+        tool = ["tool centre point"] * len(self.cell.surroundings.keep_in)
+        gaps = (
+            ("floor", self.heights(ends), moving, clearance),
+            ("keep_in", self.wall_distances(ends), tool, 0.0),
+            ("keep_out", self.box_distances(ends), at_boxes, clearance),
+            ("self_collision", self.pair_distances(ends), pairs, SELF_CLEARANCE_M),
+        )
+        found = []
+        for name, distances, close, limit in gaps:
+            least = int(distances.argmin()) if distances.size else None
+            if least is not None and (value := float(distances.flat[least])) < limit:
+                found.append(Violation(name, value, limit, "m", detail=f"{close[least]}, at the release"))
+        return found
 
 
 def _example() -> tuple[Array, Index, Array]:

@@ -7,39 +7,33 @@ quasi-random sequence, so the same request always has the same candidates.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
-from planner.arrays import Array, Index, Mask
-from planner.dynamics import safety_use
+from planner.arrays import Array
 from planner.errors import Infeasible, Violation
-from planner.geometry import SELF_CLEARANCE_M, barriers, body_model
+from planner.geometry import body_model
 from planner.kinematics import (
-    SINGULARITIES,
     inverse,
     inverse_velocity,
     jacobian,
-    signed_singularity_distances,
     singularity_distances,
 )
 from planner.problem import JointRelease, PointRelease, PoseRelease, TargetRelease, ThrowProblem
 from planner.rotations import invert_pose, unit_hint
 from planner.seeds.aspects import aspects, first_rows
-from planner.seeds.flight_filter import flight_obstacles, has_flight_obstacles
+from planner.seeds.flight_filter import has_flight_obstacles
 from planner.seeds.sampling import blocked_flights, point_states, target_states
 from planner.seeds.soonest_states import least_time
-from planner.seeds.turning_room import lack_of_room, no_room
-from planner.seeds.velocity_allocation import largest_share
+from planner.seeds.state_limits import POSITION_SLACK, SIEVES, States
 
 DECIMALS = 9  # [rad, rad/s] of candidates for a target: finer than what the optimiser heeds
-SPEED_SLACK = 1e-9  # [-] rounding allowed in the comparison with a speed limit
 FEW_CANDIDATES = 6  # for a target behind obstacles; fewer call for a thorough search of 0.2 to 0.3 s
 NO_STATES = "joint states found whose flight hits the target within the requested bounds"
 NO_INVERSE = "joint positions found by the inverse kinematics for this pose, joint limits ignored"
-POSITION_SLACK = 1e-9  # [rad] rounding allowed in the comparison with a position limit
 # (rows, enough): rows checked for clearance in turn, skipped once there are enough candidates; a pose has hundreds of
 # states, most of them full turns away.
 BATCHES = ((slice(0, 24), 1), (slice(24, 48), 14), (slice(48, None), 1))
@@ -80,32 +74,17 @@ class InitialGuess(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class _States:
-    """Joint states at the release.
+class NoCandidates(Infeasible):
+    """Of the release states that were looked at none keeps every limit.
 
     Attributes:
-        q: positions (n, 6) [rad].
-        qd: velocities (n, 6) [rad/s].
-        posture: number of the arm's posture in each (n,). States of one posture differ by full turns of joints alone:
-            what follows from posture and velocity is calculated once for all of them. None where all are distinct.
+        violations: of the state closest to the limits.
+        tried: how many states there were, and how many kept which limits, in words.
     """
 
-    q: Array
-    qd: Array
-    posture: Index | None
-
-    def at(self, rows: Mask | Index | slice) -> _States:
-        """Returns the states in these rows."""
-        return _States(self.q[rows], self.qd[rows], None if self.posture is None else self.posture[rows])
-
-    def of_postures(self, function: Callable[[Array], Array]) -> Array:
-        """Returns a function of joint positions (k, 6) for every state (n,), calculated once a posture."""
-        if self.posture is None:
-            return function(self.q)
-        row = np.zeros(self.posture.max() + 1, dtype=np.intp)
-        row[self.posture] = np.arange(len(self.posture))
-        return function(self.q[row])[self.posture]
+    def __init__(self, violations: Sequence[Violation], tried: str) -> None:
+        super().__init__(violations)
+        self.tried = tried
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,51 +167,34 @@ def _rounded(problem: ThrowProblem, found: list[Candidate]) -> list[Candidate]:
     return [replace(each, q=its_q, qd=its_qd) for each, its_q, its_qd in states]
 
 
-def _distinct(q: Array, qd: Array) -> _States:
-    return _States(q, qd, None)
+def _distinct(q: Array, qd: Array) -> States:
+    return States(q, qd, None)
 
 
-def _usable(problem: ThrowProblem, states: _States) -> list[Candidate]:
+def _usable(problem: ThrowProblem, states: States) -> list[Candidate]:
     """Returns the states that keep every limit, by ascending lower bound.
 
     Raises:
-        Infeasible: none does; the violations are those of the state closest to the limits.
+        NoCandidates: none does; the violations are those of the state closest to the limits.
     """
-    limits, q, qd = problem.limits, states.q, states.qd
-    if len(q) == 0:
+    if len(states.q) == 0:
         raise Infeasible([Violation("joint_position", 0.0, 1.0, "1", detail=NO_STATES)])
-    excess = largest_share(qd, limits.qd_max)
-    distance = states.of_postures(lambda q: singularity_distances(problem.cell.robot, q).minimum)
-    singular = (distance < limits.singularity_distance_min) & (not problem.ends_at_rest)
-    good = (excess <= 1.0 + SPEED_SLACK) & ~singular
-    if not good.any():
-        raise Infeasible([_closest_violation(problem, q, qd, excess, distance)])
-    lower, upper = problem.reachable.q_lower, problem.reachable.q_upper
-    barred = np.any((q < lower - POSITION_SLACK) | (q > upper + POSITION_SLACK), axis=1)
-    if barred[good].all():
-        raise Infeasible([_barrier_violation(problem, q[good][0])])
-    states = states.at(good & ~barred)
-    if problem.fixes_joints:  # elsewhere the optimiser moves the release, or turns the hand
-        states = states.at(_with_room(problem, states))
-    states = states.at(_safe(problem, states))
-    bound = least_time(states.q - problem.start, states.qd, limits)
-    order = np.lexsort([*states.q.T[::-1], bound])
-    return _clear(problem, states.at(order), bound[order])
+    tried, counted, words = [], len(states.q), ""
+    try:
+        for words, sieve in SIEVES:
+            kept = states.at(sieve(problem, states))
+            if len(kept.q) < len(states.q):
+                tried.append(f"{len(kept.q)} {words}")
+            states = kept
+        bound = least_time(states.q - problem.start, states.qd, problem.limits)
+        order, words = np.lexsort([*states.q.T[::-1], bound]), "clear of everything"
+        return _clear(problem, states.at(order), bound[order])
+    except Infeasible as refusal:
+        tried.append(f"none {words}")
+        raise NoCandidates(refusal.violations, f"{counted} release states: {', '.join(tried)}") from None
 
 
-def _with_room(problem: ThrowProblem, states: _States) -> Mask:
-    """Returns which states (n,) leave every joint the room to reach its velocity and to lose it.
-
-    Raises:
-        Infeasible: none does; the violation is that of the state that lacks least.
-    """
-    has_room = (lack_of_room(problem, states.q, states.qd) <= 0.0).all(axis=1)
-    if not has_room.any():
-        raise Infeasible([no_room(problem, states.q, states.qd)])
-    return np.asarray(has_room)
-
-
-def _clear(problem: ThrowProblem, states: _States, bound: Array) -> list[Candidate]:
+def _clear(problem: ThrowProblem, states: States, bound: Array) -> list[Candidate]:
     """Returns the sorted states in which the arm is clear of everything; see `BATCHES`.
 
     Of states that are all distinct, the soonest of every aspect are looked at too.
@@ -251,59 +213,8 @@ def _clear(problem: ThrowProblem, states: _States, bound: Array) -> list[Candida
         good += first[body.clearances(states.q[first]).least >= 0.0].tolist()
     if good:
         return [Candidate(states.q[i], states.qd[i], float(bound[i]), f"{kind} {i}") for i in good]
-    best = states.q[[int(least.argmax())]]
-    raise Infeasible(body.clearances(best).violations(0, problem.cell_with_bin))
-
-
-def _safe(problem: ThrowProblem, states: _States) -> Mask:
-    """Returns which states (n,) keep the limits on tool and elbow speed and momentum by themselves.
-
-    Raises:
-        Infeasible: none does; the violations are those of the state closest to the limits.
-    """
-    used = safety_use(problem.cell, problem.limits.tcp_speed_max, states.q, states.qd)
-    share = np.max([each.value / each.limit for each in used], axis=0)
-    safe = share <= 1.0 + SPEED_SLACK
-    if not safe.any():
-        best = int(share.argmin())
-        rows = ((each, float(each.value[best])) for each in used)
-        raise Infeasible(
-            [Violation(u.name, v, u.limit, u.unit, detail="at the release") for u, v in rows if v > u.limit]
-        )
-    return safe
-
-
-def _barrier_violation(problem: ThrowProblem, q: Array) -> Violation:
-    """Returns the self-collision that every path from the start to the posture `q` (6,) passes through."""
-    cell, names = problem.cell, problem.cell.robot.joint_names
-    low, high = np.minimum(problem.start, q), np.maximum(problem.start, q)
-    for barrier in barriers(cell.robot, cell.tool.capsules):
-        i = barrier.joint
-        between = barrier.q[(barrier.q > low[i]) & (barrier.q < high[i])]
-        if len(between):
-            first = between[np.abs(between - problem.start[i]).argmin()]
-            where = f"every path from the start collides where {names[i]} passes {first:.2f} rad"
-            detail = f"{', '.join(barrier.names)}: {where}"
-            return Violation("self_collision", barrier.distance_m, SELF_CLEARANCE_M, "m", detail=detail)
-    raise AssertionError("no barrier lies between")
-
-
-def _closest_violation(problem: ThrowProblem, q: Array, qd: Array, excess: Array, distance: Array) -> Violation:
-    """Returns the limit broken by the state closest to the limits: a joint's speed or a singularity distance."""
-    limits, names = problem.limits, problem.cell.robot.joint_names
-    usable = distance >= limits.singularity_distance_min
-    if problem.ends_at_rest or usable.any():
-        rows = np.flatnonzero(usable) if usable.any() else np.arange(len(q))
-        best = int(rows[excess[rows].argmin()])
-        joint = int((np.abs(qd[best]) / limits.qd_max).argmax())
-        speed, limit = float(abs(qd[best, joint])), float(limits.qd_max[joint])
-        obstacles = flight_obstacles(problem)
-        throw = f" of the throw clear of {', '.join(obstacles)} that asks least of the joints" if obstacles else ""
-        return Violation("joint_velocity", speed, limit, "rad/s", detail=f"{names[joint]} at the release{throw}")
-    distances = np.abs(signed_singularity_distances(problem.cell.robot, q[int(distance.argmax())]))
-    detail = f"{SINGULARITIES[int(distances.argmin())]} singularity at the release"
-    limit = limits.singularity_distance_min
-    return Violation("singularity_distance", float(distances.min()), limit, "1", detail=detail)
+    best = states.q[int(least.argmax())]
+    raise Infeasible(body.violations_at(best))
 
 
 def _check_joint_positions(problem: ThrowProblem, release: JointRelease) -> None:
@@ -321,7 +232,7 @@ def _joint_violation(problem: ThrowProblem, joint: int, q: float) -> Violation:
     return Violation("joint_position", float(q), float(lower if q < lower else upper), "rad", detail=detail)
 
 
-def _pose_states(problem: ThrowProblem, release: PoseRelease) -> _States:
+def _pose_states(problem: ThrowProblem, release: PoseRelease) -> States:
     """Returns the joint states of every branch and turn that have the pose and the twist.
 
     Raises:
@@ -336,7 +247,7 @@ def _pose_states(problem: ThrowProblem, release: PoseRelease) -> _States:
         raise Infeasible([_joint_limit_violation(problem, X_BT)])
     R_BW = cell.X_WB[:3, :3].T
     V_BT = np.concatenate([R_BW @ release.V_WT[:3], R_BW @ release.V_WT[3:]])
-    states = _States(found.q, np.zeros_like(found.q), found.branch)
+    states = States(found.q, np.zeros_like(found.q), found.branch)
     usable = states.of_postures(lambda q: singularity_distances(cell.robot, q).minimum) > 1e-6
     if not usable.any():
         return states

@@ -372,8 +372,8 @@ def _unreachable(problem: ThrowProblem, p_W: Array) -> Violation:
     distance, reach = float(np.linalg.norm(p_W - problem.cell.X_WB[:3, 3])), farthest_reach(problem)
     if distance > reach:
         return Violation("reach", distance, reach, "m", detail="distance from the arm's base")
-    detail = "no posture within the joint limits brings the tool there"
-    return Violation("joint_position", distance, reach, "m", detail=detail)
+    detail = f"postures found that bring the tool there, in {MORE_ORIENTATIONS} orientations of it, within the limits"
+    return Violation("joint_position", 0.0, 1.0, "1", detail=f"{detail} on joint position and singularity distance")
 
 
 def farthest_reach(problem: ThrowProblem) -> float:

@@ -47,6 +47,8 @@ def describe(problem: dict[str, Any], as_request: bool = False) -> str:
         return _odds_text(problem, violations[0], as_request)
     lines = [f"{title}:" if violations else f"{title}: {problem.get('detail', '')}"]
     lines += [f"  {_violation_text(violation)}" for violation in violations]
+    if any(not violation.get("proven") for violation in violations) and problem.get("attempts"):
+        lines.append(f"  tried: {_tried_text(problem['attempts'])}")
     if problem.get("nearest"):
         lines.append(f"  {_nearest_text(problem['nearest'], as_request)}")
     elif violations:
@@ -74,6 +76,13 @@ def _violation_text(violation: dict[str, Any]) -> str:
     proven = "; proven: no motion avoids it" if violation.get("proven") else "; not proven: others were sought in vain"
     unit = "" if violation["unit"] in ("-", "1") else f" {violation['unit']}"
     return f"{violation['constraint']}: {value}{unit} against a limit of {limit}{unit}{detail}{proven}"
+
+
+def _tried_text(attempts: list[dict[str, Any]]) -> str:
+    """Returns the one attempt of a search, or how many there were and how long they took."""
+    if len(attempts) == 1:
+        return str(attempts[0]["result"])
+    return f"{len(attempts)} searches in {sum(attempt['duration_s'] for attempt in attempts):.2g} s"
 
 
 def _nearest_text(nearest: dict[str, Any], as_request: bool) -> str:

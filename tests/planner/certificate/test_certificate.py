@@ -7,7 +7,7 @@ import pytest
 
 from planner.backends import ruckig_otg
 from planner.cell import Box, Safety
-from planner.certificate import Examination, certify, checks
+from planner.certificate import Examination, certify, checks, landing_errors
 from planner.certificate.bounds import joint_rates, point_bound
 from planner.geometry import levers, tool_state
 from planner.kinematics import forward
@@ -203,6 +203,10 @@ def test_a_missed_target_and_a_scattering_window_are_caught():
     window = certify(strict, answer).check("landing_window")
     assert not window.ok
     assert window.value > 1e-4
+    delay_s = window.at_s - answer.release_time_s
+    errors = landing_errors(problem, answer, np.array([delay_s, *np.linspace(-0.02, 0.02, 9)]))
+    assert errors[0] == errors.max()
+    assert window.detail == f"released {1e3 * abs(delay_s):.3g} ms {'early' if delay_s < 0.0 else 'late'}"
     generous = replace(problem, release_window_s=0.02, landing_tolerance_m=window.value * 1.01)
     assert certify(generous, answer).check("landing_window").ok
     assert here.limits.tcp_speed_max >= certify(problem, answer).check("tcp_speed").value

@@ -78,6 +78,31 @@ def test_clearances_are_the_least_of_every_capsule_box_and_pair():
     assert found.keep_in == pytest.approx(np.minimum(p - ROOM[0].lower, ROOM[0].upper - p).min(axis=1), abs=1e-12)
 
 
+def test_a_posture_s_violations_name_what_is_too_close():
+    here = cell()
+    here = replace(here, surroundings=replace(here.surroundings, keep_in=ROOM, keep_out=BOXES, floor_z_m=-0.1))
+    body, names = body_model(here), set()
+    for q in postures(here, 40):
+        clear, found = body.clearances(q[None]), {each.constraint: each for each in body.violations_at(q)}
+        assert set(found) == {name for name in vars(clear) if getattr(clear, name)[0] < 0.0}
+        ends = body.end_points(body.link_poses(q[None]))[..., 0]
+        for name, each in found.items():
+            assert each.value - each.limit == pytest.approx(getattr(clear, name)[0], abs=1e-12)
+            first, second = each.detail.split(", ")[:2]
+            names.add(name)
+            if name == "keep_out":
+                k, box = body.names.index(first), BOXES[int(second.removeprefix("box "))]
+                assert each.value == segment_box_distance(*ends[k], box.lower, box.upper) - body.radii[k]
+            elif name == "self_collision":
+                i, j = body.names.index(first), body.names.index(second)
+                gap = segment_segment_distance(*ends[i], *ends[j]) - body.radii[i] - body.radii[j]
+                assert each.value == pytest.approx(float(gap), abs=1e-12)
+            elif name == "floor":
+                k = body.names.index(first)
+                assert each.value == pytest.approx(ends[k, :, 2].min() - body.radii[k] + 0.1, abs=1e-12)
+    assert names == {"floor", "keep_in", "keep_out", "self_collision"}
+
+
 def test_without_boxes_the_clearance_to_them_is_infinite():
     here = cell()
     here = replace(here, surroundings=replace(here.surroundings, keep_in=(), keep_out=()))

@@ -7,12 +7,12 @@ import pytest
 
 from planner.errors import Infeasible
 from planner.flight import fly
-from planner.geometry import tool_state
+from planner.geometry import tool_pose, tool_state
 from planner.kinematics import forward
 from planner.planning import plan
 from planner.problem import JointRelease, Opening, PointRelease, PoseRelease, TargetRelease, ThrowProblem
-from planner.seeds import candidates, soonest_states
-from tests.planner.problems import cell, joint_problem, point_problem, pose_problem, random_state
+from planner.seeds import NoCandidates, candidates, soonest_states
+from tests.planner.problems import cell, joint_problem, point_problem, pose_problem, random_state, with_boxes
 
 
 def states(problem):
@@ -37,6 +37,61 @@ def test_pose_candidates_have_pose_and_twist_and_include_the_state_drawn():
         np.testing.assert_allclose(X, np.broadcast_to(problem.release.X_WT, X.shape), atol=1e-8)
         np.testing.assert_allclose(V, np.broadcast_to(problem.release.V_WT, V.shape), atol=1e-7)
         assert min(np.abs(c.q - q).max() for c in found) < 1e-7
+
+
+NOT_ONE = {
+    # behind the wall all that reaches the point passes through it; or the wrist would have to be too fast
+    "clear of everything": (PointRelease(np.array([0.75, 0.1, 0.4]), np.array([0.8, 0.2, 0.5])), True),
+    "within the limits on joint speed and singularity distance": (
+        PointRelease(np.array([0.75, 0.1, 0.4]), np.array([2.8, 0.2, 2.5])),
+        False,
+    ),
+}
+
+
+@pytest.mark.parametrize("words", NOT_ONE)
+def test_a_refusal_without_candidates_says_what_was_looked_at(words):
+    release, is_walled = NOT_ONE[words]
+    here = with_boxes(cell(), ([0.6, -0.5, 0.0], [0.65, 0.5, 1.5])) if is_walled else cell()
+    problem = ThrowProblem(here, here.home, release, here.limits)
+    with pytest.raises(Infeasible) as refusal:
+        plan(problem)
+    (attempt,) = refusal.value.attempts
+    states_tried, kept = attempt["result"].split(" release states: ")
+    assert (attempt["backend"], int(states_tried) > 20, kept) == ("candidates", True, f"none {words}")
+    assert attempt["duration_s"] > 0.0
+    assert not any(violation.proven for violation in refusal.value.violations)
+    assert refusal.value.nearest is not None
+    if is_walled:
+        (violation,) = refusal.value.violations
+        assert violation.constraint == "keep_out"
+        assert violation.detail.endswith(", box 0, at the release")
+
+
+def test_the_states_of_a_pose_are_counted_limit_by_limit():
+    """Its hand is through the floor; of the turns of its joints not all have room."""
+    here = cell()
+    X_WT = tool_pose(here, here.home).copy()
+    X_WT[2, 3] = 0.03
+    problem = ThrowProblem(here, here.home, PoseRelease(X_WT, np.array([0.6, 0.0, 0.3, 0.0, 0.0, 0.0])), here.limits)
+    with pytest.raises(NoCandidates) as refusal:
+        candidates(problem)
+    total, kept = refusal.value.tried.split(" release states: ")
+    counts = [words.split()[0] for words in kept.split(", ")]
+    assert counts[-1] == "none" and kept.endswith("none clear of everything")
+    assert sorted(map(int, [total, *counts[:-1]]), reverse=True) == [int(total), *map(int, counts[:-1])]
+
+
+def test_without_a_posture_the_refusal_says_how_many_orientations_were_tried():
+    here = cell()
+    narrow = replace(here.limits, q_lower=here.home - 0.02, q_upper=here.home + 0.02)
+    problem = ThrowProblem(here, here.home, PointRelease(np.array([-0.4, 0.3, 0.4]), np.ones(3) * 0.1), narrow)
+    with pytest.raises(Infeasible) as refusal:
+        plan(problem)
+    (violation,) = refusal.value.violations
+    assert (violation.constraint, violation.value, violation.limit) == ("joint_position", 0.0, 1.0)
+    assert "in 1024 orientations of it" in violation.detail
+    assert [each["result"] for each in refusal.value.attempts] == ["no release state was found"]
 
 
 def test_point_candidates_have_place_and_velocity():
