@@ -159,7 +159,8 @@ class Ranking(Sequence[RankedCandidate]):
         for _ in range(SEEDS_AN_ASPECT):
             first = first_rows(aspect)
             yield from (ranked[row] for row in first if aspect[row] not in self.settled)
-            ranked, aspect = [each for i, each in enumerate(ranked) if i not in first], np.delete(aspect, first)
+            rest = np.delete(np.arange(len(ranked)), first)
+            ranked, aspect = [ranked[row] for row in rest], aspect[rest]
 
     def by_bound(self) -> list[RankedCandidate]:
         """Returns the candidates by ascending lower bound, those with an obstructed path among them."""
