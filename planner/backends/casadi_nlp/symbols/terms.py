@@ -53,10 +53,9 @@ class Terms:
 
     def restored(self, outputs: Iterable[SX]) -> list[SX]:
         """Returns expressions with the values in the place of the symbols."""
-        restored = list(outputs)
-        for term in reversed(self._terms):
-            restored = list(ca.substitute(restored, [term.symbol], [term.value]))  # pyright: ignore[reportAssignmentType]
-        return restored
+        symbols, values = ([getattr(term, name) for term in self._terms] for name in ("symbol", "value"))
+        _, restored = ca.substitute_inplace(symbols, values, list(outputs), False)  # in one pass over all of them
+        return list(restored)
 
     def jacobian(self, rows: SX, z: SX) -> SX:
         """Returns the derivative (n, m) of rows (n,) with respect to variables (m,), in symbols of the terms."""
