@@ -134,7 +134,7 @@ def _run(search: PlanningSearch, releases: Sequence[ReleaseState]) -> None:
     problem = search.problem
     refuse_impossible(problem)
     if releases:
-        found = _logged(search, lambda problem: neighbour_candidates(problem, releases))
+        found = _found_or_logged(search, lambda problem: neighbour_candidates(problem, releases))
         search_optimised(search, Ranking(problem, found), SHORT_POLICY)
     else:
         _search_ordinarily(search)
@@ -149,7 +149,7 @@ def _search_ordinarily(search: PlanningSearch) -> None:
         Infeasible: there are no candidates.
     """
     problem = search.problem
-    found = _logged(search, candidates)
+    found = _found_or_logged(search, candidates)
     if problem.backend in VARIANTS_BY_BACKEND:
         search_sequential(search, problem.backend, found)
     else:
@@ -158,7 +158,7 @@ def _search_ordinarily(search: PlanningSearch) -> None:
         search_with_stop(search, found)
 
 
-def _logged(search: PlanningSearch, find: Callable[[ThrowProblem], list[Candidate]]) -> list[Candidate]:
+def _found_or_logged(search: PlanningSearch, find: Callable[[ThrowProblem], list[Candidate]]) -> list[Candidate]:
     """Returns the candidates that are found for a search's problem; without any, what was looked at is its attempt.
 
     Raises:

@@ -133,7 +133,9 @@ def landing_window(motion: MotionSamples) -> Check | None:
     proof = prove_above(evaluate, arm.t, rooms[None], np.array([curvature]), 0.0, curvature_bound)
     error = tolerance * (1.0 + ROUNDING) - proof.value
     delay_ms = 1e3 * (proof.at_s - released)
-    detail = f"released {abs(delay_ms):.3g} ms {'late' if delay_ms > 0.0 else 'early'}"
+    detail = (
+        f"released {abs(delay_ms):.3g} ms {'late' if delay_ms > 0.0 else 'early'}" if delay_ms else "released in time"
+    )
     return at_most("landing_window", error, tolerance, "m", proof.at_s, detail).provided(proof.proven)
 
 

@@ -173,7 +173,10 @@ class BodyModel:
         )
 
     def violations_at(self, q: Array) -> list[Violation]:
-        """Returns the bounds on clearance that a posture (6,) [rad] breaks as the release, with what is too close."""
+        """Returns the bounds on clearance that a posture (6,) [rad] breaks as the release, with what is too close.
+
+        The one that it comes closest to breaking where rounding alone decides.
+        """
         ends, clearance = self.end_points(self.link_poses(q[None])), self.cell.surroundings.clearance_m
         moving = [self.names[i] for i in self.moving]
         pairs = [f"{self.names[i]}, {self.names[j]}" for i, j in self.pairs]
@@ -185,12 +188,14 @@ class BodyModel:
             ("keep_out", self.box_distances(ends), at_boxes, clearance),
             ("self_collision", self.pair_distances(ends), pairs, SELF_CLEARANCE_M),
         )
-        found = []
-        for name, distances, close, limit in gaps:
-            least = int(distances.argmin()) if distances.size else None
-            if least is not None and (value := float(distances.flat[least])) < limit:
-                found.append(Violation(name, value, limit, "m", detail=f"{close[least]}, at the release"))
-        return found
+        least = [
+            Violation(
+                name, float(distances.min()), limit, "m", detail=f"{close[int(distances.argmin())]}, at the release"
+            )
+            for name, distances, close, limit in gaps
+            if distances.size
+        ]
+        return [each for each in least if each.value < each.limit] or [min(least, key=lambda v: v.value - v.limit)]
 
 
 def _example() -> tuple[Array, Index, Array]:

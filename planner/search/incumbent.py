@@ -19,7 +19,7 @@ POSTURE_DECIMALS = 6  # of cosines and sines, by which postures are told apart
 
 @dataclass(frozen=True)
 class Attempt:
-    """One entry of the attempt log: back end, result in words, duration [s]."""
+    """One entry of the attempt log: back end (or "candidates"), result in words, duration [s]."""
 
     backend: str
     result: str

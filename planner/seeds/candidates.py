@@ -149,10 +149,15 @@ def _target_candidates(problem: ThrowProblem, release: TargetRelease, wide: bool
             return _usable(problem, _distinct(*target_states(problem, release, thorough=True)))
         except Infeasible as error:
             blocked = blocked_flights(problem, release) if refusal else None
-            refusal = refusal and (error if blocked is None else Infeasible([blocked]))
+            refusal = refusal and (error if blocked is None else _like(error, blocked))
     if refusal is not None:
         raise refusal
     return found
+
+
+def _like(refusal: Infeasible, violation: Violation) -> Infeasible:
+    """Returns a refusal for another reason, which tells the same of what was looked at."""
+    return NoCandidates([violation], refusal.tried) if isinstance(refusal, NoCandidates) else Infeasible([violation])
 
 
 def _rounded(problem: ThrowProblem, found: list[Candidate]) -> list[Candidate]:
@@ -176,22 +181,29 @@ def _usable(problem: ThrowProblem, states: States) -> list[Candidate]:
 
     Raises:
         NoCandidates: none does; the violations are those of the state closest to the limits.
+        Infeasible: there are no states.
     """
     if len(states.q) == 0:
         raise Infeasible([Violation("joint_position", 0.0, 1.0, "1", detail=NO_STATES)])
-    tried, counted, words = [], len(states.q), ""
+    kept, counts = states, []
     try:
         for words, sieve in SIEVES:
-            kept = states.at(sieve(problem, states))
-            if len(kept.q) < len(states.q):
-                tried.append(f"{len(kept.q)} {words}")
-            states = kept
-        bound = least_time(states.q - problem.start, states.qd, problem.limits)
-        order, words = np.lexsort([*states.q.T[::-1], bound]), "clear of everything"
-        return _clear(problem, states.at(order), bound[order])
+            counts.append(f"none {words}")
+            before, kept = kept, kept.at(sieve(problem, kept))
+            counts[-1:] = [f"{len(kept.q)} {words}"] if len(kept.q) < len(before.q) else []
+        counts.append("none clear of everything")
+        bound = least_time(kept.q - problem.start, kept.qd, problem.limits)
+        order = np.lexsort([*kept.q.T[::-1], bound])
+        return _clear(problem, kept.at(order), bound[order])
     except Infeasible as refusal:
-        tried.append(f"none {words}")
-        raise NoCandidates(refusal.violations, f"{counted} release states: {', '.join(tried)}") from None
+        raise NoCandidates(refusal.violations, f"{_number(problem, states)}: {', '.join(counts)}") from None
+
+
+def _number(problem: ThrowProblem, states: States) -> str:
+    """Returns how many states are looked at, in words: the best of many where the release leaves something free."""
+    if isinstance(problem.release, JointRelease):
+        return "the release state"
+    return f"{len(states.q)} release states" if problem.fixes_joints else f"the best {len(states.q)} release states"
 
 
 def _clear(problem: ThrowProblem, states: States, bound: Array) -> list[Candidate]:
@@ -218,11 +230,12 @@ def _clear(problem: ThrowProblem, states: States, bound: Array) -> list[Candidat
 
 
 def _check_joint_positions(problem: ThrowProblem, release: JointRelease) -> None:
-    """Raises `Infeasible` with every joint position that is outside its limits."""
+    """Raises `NoCandidates` with every joint position that is outside its limits."""
     limits, q = problem.limits, release.q
     outside = np.flatnonzero((q < limits.q_lower - POSITION_SLACK) | (q > limits.q_upper + POSITION_SLACK))
     if len(outside):
-        raise Infeasible([_joint_violation(problem, joint, q[joint]) for joint in outside.tolist()])
+        violations = [_joint_violation(problem, joint, q[joint]) for joint in outside.tolist()]
+        raise NoCandidates(violations, "the release state: outside the joints' position limits")
 
 
 def _joint_violation(problem: ThrowProblem, joint: int, q: float) -> Violation:

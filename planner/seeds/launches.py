@@ -133,9 +133,11 @@ def _speed_limit(problem: ThrowProblem, release: TargetRelease) -> float:
 def no_flight(problem: ThrowProblem, release: TargetRelease, p: Array) -> Violation:
     """Returns why no flight from the positions (n, 3) hits the target: there is none, or it takes too much speed."""
     if len(p) == 0:
-        least = release.min_horizontal_distance_m
-        detail = "no release position obeys keep-in boxes, floor and distance to the target"
-        return Violation("release_position", 0.0, least, "m", detail=detail)
+        apart = release.min_horizontal_distance_m
+        detail = (
+            f"postures found that keep off floor and singularities, in the keep-in boxes, {apart:g} m from the target"
+        )
+        return Violation("release_position", 0.0, 1.0, "1", detail=detail)
     speeds = _least_speed(problem, release, p)
     if np.isnan(speeds).all():
         lowest = float(_lowest_elevation(release, p).min())

@@ -372,8 +372,10 @@ def _unreachable(problem: ThrowProblem, p_W: Array) -> Violation:
     distance, reach = float(np.linalg.norm(p_W - problem.cell.X_WB[:3, 3])), farthest_reach(problem)
     if distance > reach:
         return Violation("reach", distance, reach, "m", detail="distance from the arm's base")
-    detail = f"postures found that bring the tool there, in {MORE_ORIENTATIONS} orientations of it, within the limits"
-    return Violation("joint_position", 0.0, 1.0, "1", detail=f"{detail} on joint position and singularity distance")
+    detail = (
+        f"postures found that bring the tool there, in {MORE_ORIENTATIONS} orientations of it, within what the joints"
+    )
+    return Violation("joint_position", 0.0, 1.0, "1", detail=f"{detail} reach and away from singularities")
 
 
 def farthest_reach(problem: ThrowProblem) -> float:

@@ -147,7 +147,7 @@ def _closest_violation(problem: ThrowProblem, q: Array, qd: Array, excess: Array
 # What states have to keep, in words after their number, each asked of those that are left; their clearance comes last.
 SIEVES: tuple[tuple[str, Callable[[ThrowProblem, States], Mask]], ...] = (
     ("within the limits on joint speed and singularity distance", _regular),
-    ("not barred by self-collision", _unbarred),
+    ("reachable without self-collision", _unbarred),
     ("with room to get up to speed and to stop", _with_room),
     ("within the limits on tool and elbow speed and momentum", _safe),
 )

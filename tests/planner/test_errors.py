@@ -16,6 +16,7 @@ from planner.errors import (
     UnknownRobot,
     Violation,
 )
+from planner.seeds import NoCandidates
 
 EXAMPLES = [
     PlannerError("something else"),
@@ -29,6 +30,7 @@ EXAMPLES = [
         [{"backend": "ruckig", "result": "refused", "duration_s": 0.01}],
     ),
     Infeasible([]),
+    NoCandidates([Violation("keep_out", -0.01, 0.02, "m")], "48 release states: none clear of everything"),
     SolverFailed("iteration limit", 80, [{"backend": "casadi", "result": "iteration limit", "duration_s": 0.4}]),
     SeedFailed("fatrop: gave up in 71 iterations", 71, frozenset({"flight"}), is_late=True),
     BackendUnavailable("toppra", "toppra"),

@@ -79,10 +79,10 @@ def _violation_text(violation: dict[str, Any]) -> str:
 
 
 def _tried_text(attempts: list[dict[str, Any]]) -> str:
-    """Returns the one attempt of a search, or how many there were and how long they took."""
+    """Returns what the one attempt of a search came to, or how many there were and how long they took."""
     if len(attempts) == 1:
         return str(attempts[0]["result"])
-    return f"{len(attempts)} searches in {sum(attempt['duration_s'] for attempt in attempts):.2g} s"
+    return f"{len(attempts)} attempts in {sum(attempt['duration_s'] for attempt in attempts):.2g} s"
 
 
 def _nearest_text(nearest: dict[str, Any], as_request: bool) -> str:

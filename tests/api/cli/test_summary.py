@@ -98,7 +98,7 @@ def test_a_refusal_says_each_constraint_once_and_what_to_try():
     assert describe({"violations": rows, "nearest": None}).endswith("\n  no feasible request was found near it")
     states = {"backend": "candidates", "result": "48 release states: none clear of everything", "duration_s": 0.01}
     searches = [{"backend": "casadi", "result": "no", "duration_s": 0.7}] * 3
-    for attempts, said in (([states], states["result"]), (searches, "3 searches in 2.1 s")):
+    for attempts, said in (([states], states["result"]), (searches, "3 attempts in 2.1 s")):
         assert f"\n  tried: {said}\n" in describe({"violations": rows, "nearest": nearest, "attempts": attempts})
         assert "tried:" not in describe({"violations": rows[:1], "nearest": nearest, "attempts": attempts})
     close = {**rows[0], "value": 0.019996, "limit": 0.02}

@@ -54,3 +54,6 @@ def test_neighbours_that_are_too_far_are_refused_and_the_nearest_is_left_out(nei
     assert refused.value.violations
     assert not any(violation.proven for violation in refused.value.violations)
     assert refused.value.nearest is None
+    (attempt,) = refused.value.attempts
+    assert attempt["backend"] == "candidates"
+    assert attempt["result"].startswith("the best 1 release states: none ")

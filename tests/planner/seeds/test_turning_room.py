@@ -74,6 +74,8 @@ def test_a_release_too_close_to_a_barrier_is_refused_with_proof_and_offers_a_slo
     assert violation.limit == pytest.approx(np.sqrt(2.0 * here.limits.qdd_max[4] * room))
     assert f"wrist_2_joint at the release: it has {room:.3f} rad to {what}" in violation.detail
     assert "where wrist_1 and tool_0 collide" in violation.detail
+    (attempt,) = refusal.value.attempts
+    assert attempt["result"] == "the release state: none with room to get up to speed and to stop"
     nearest = refusal.value.nearest
     assert nearest is not None
     assert nearest["release"]["positions"] == pytest.approx(q)
