@@ -3,6 +3,7 @@
     python -m benchmarks.conditions                       # 10 requests of every kind, every way and condition
     python -m benchmarks.conditions --count 100 --out docs/benchmarks
     python -m benchmarks.conditions --way library --condition quiet --condition uncompiled
+    python -m benchmarks.conditions --count 100 --way command --condition busy --parallel 4
 
 The library's answers on a quiet machine are the reference. All others must have the same back end, the same tick of the
 release and the same samples to 1e-9; with other kernels of numpy, the C library and the compiler, a certified plan
@@ -21,6 +22,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import cycle
@@ -187,6 +189,16 @@ ANSWERS_BY_WAY: dict[str, Callable[[Sequence[Request], Mapping[str, str]], list[
 }
 
 
+def in_parallel(parts: int, way: str, asked: Sequence[Request], environment: Mapping[str, str]) -> list[Answer]:
+    """Returns the answers of a way that so many parts of the requests take at the same time, in the requests' order."""
+    answers: list[Answer] = [{}] * len(asked)
+    with ThreadPoolExecutor(parts) as pool:
+        made = pool.map(lambda part: ANSWERS_BY_WAY[way](asked[part::parts], environment), range(parts))
+        for part, some in enumerate(made):
+            answers[part::parts] = some
+    return answers
+
+
 # --- conditions: each yields the environment in which the answers are made ---
 
 
@@ -320,6 +332,7 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--way", dest="ways", action="append", choices=ANSWERS_BY_WAY, help="default: all")
     parser.add_argument("--condition", dest="conditions", action="append", choices=CONDITIONS, help="default: all")
+    parser.add_argument("--parallel", type=int, default=1, help="requests at a time")
     parser.add_argument("--out", type=Path, help="folder of the report; default: standard output")
     parser.add_argument("--answer", action="store_true", help=argparse.SUPPRESS)  # this process is `by_library`'s
     given = parser.parse_args(argv)
@@ -331,7 +344,8 @@ def main(argv: Sequence[str]) -> int:
     for condition in given.conditions or CONDITIONS:
         with CONDITIONS[condition]() as environment:
             for way in given.ways or ANSWERS_BY_WAY:
-                made.append(compare(condition, way, asked, reference, ANSWERS_BY_WAY[way](asked, environment)))
+                answers = in_parallel(given.parallel, way, asked, environment)
+                made.append(compare(condition, way, asked, reference, answers))
                 print(made[-1].row(), *made[-1].differences, sep="\n", file=sys.stderr, flush=True)
     write_report(report(asked, reference, made), given.out, "same-answers.md")
     return 0 if all(comparison.ok for comparison in made) else 1
