@@ -75,7 +75,8 @@ def opening_direction(motion: MotionSamples) -> Check | NotChecked | None:
         return NotChecked(name)
     exits = Exits(flights_of(motion), gripper.opening_direction, gripper.opening_cone_rad)
     angle, at_s, proven = exits.widest()
-    return at_most(name, angle, gripper.opening_cone_rad, "rad", at_s).provided(proven)
+    detail = "of the object's way out from the opening direction"
+    return at_most(name, angle, gripper.opening_cone_rad, "rad", at_s, detail).provided(proven)
 
 
 def _in_tool(X_WL: Array, R_FT: Array, vectors: Array) -> Array:

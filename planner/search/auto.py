@@ -189,7 +189,8 @@ def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
         except casadi_nlp.SeedFailed as error:
             failure = f"; {error}"
     if tried:
-        search.log_attempt("casadi", f"{stage.purpose}: {valid} of {solved} motions certified{failure}", begun)
+        made = f"{valid} of {solved} motions certified" if solved else f"no motion from {tried} seeds"
+        search.log_attempt("casadi", f"{stage.purpose}: {made}{failure}", begun)
 
 
 def _budget(problem: ThrowProblem, stage: Stage) -> int:

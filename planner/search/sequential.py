@@ -66,6 +66,6 @@ def search_sequential(search: PlanningSearch, backend: str, candidates: list[Can
             if solution.trajectory.release_time_s < search.release_time_s:
                 tried += 1
                 valid += search.certify(backend, solution).is_valid
-    made = f"{valid} of {tried} motions certified from {len(candidates)} candidates"
-    result = made + (f"; {failure}" if failure else "")
+    made = f"{valid} of {tried} motions certified" if tried else "no motion"
+    result = f"{made} from {len(candidates)} candidates" + (f"; {failure}" if failure else "")
     search.log_attempt(backend, result, begun)

@@ -203,6 +203,8 @@ def _number(problem: ThrowProblem, states: States) -> str:
     """Returns how many states are looked at, in words: the best of many where the release leaves something free."""
     if isinstance(problem.release, JointRelease):
         return "the release state"
+    if len(states.q) == 1:
+        return "the only release state"
     return f"{len(states.q)} release states" if problem.fixes_joints else f"the best {len(states.q)} release states"
 
 

@@ -70,12 +70,15 @@ def _odds_text(problem: dict[str, Any], violation: dict[str, Any], as_request: b
 def _violation_text(violation: dict[str, Any]) -> str:
     from planner.errors import figures
 
+    unit = "" if violation["unit"] in ("-", "1") else f" {violation['unit']}"
     numbers = violation["value"], violation["limit"]
-    value, limit = figures(*numbers) if all(isinstance(number, int | float) for number in numbers) else numbers
+    if None in numbers:  # not finite: an object that never lands has an infinite error
+        value, limit = ("infinite" if number is None else f"{number:.4g}{unit}" for number in numbers)
+    else:
+        value, limit = (f"{number}{unit}" for number in figures(*numbers))
     detail = f" ({violation['detail']})" if violation.get("detail") else ""
     proven = "; proven: no motion avoids it" if violation.get("proven") else "; not proven: others were sought in vain"
-    unit = "" if violation["unit"] in ("-", "1") else f" {violation['unit']}"
-    return f"{violation['constraint']}: {value}{unit} against a limit of {limit}{unit}{detail}{proven}"
+    return f"{violation['constraint']}: {value} against a limit of {limit}{detail}{proven}"
 
 
 def _tried_text(attempts: list[dict[str, Any]]) -> str:

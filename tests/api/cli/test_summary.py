@@ -103,6 +103,8 @@ def test_a_refusal_says_each_constraint_once_and_what_to_try():
         assert "tried:" not in describe({"violations": rows[:1], "nearest": nearest, "attempts": attempts})
     close = {**rows[0], "value": 0.019996, "limit": 0.02}
     assert "tcp_speed: 0.019996 m/s against a limit of 0.02 m/s" in describe({"violations": [close]})
+    never = {**rows[1], "constraint": "landing_window", "value": None, "limit": 0.01, "detail": "never lands"}
+    assert "landing_window: infinite against a limit of 0.01 m (never lands)" in describe({"violations": [never]})
     assert describe({"title": "Not found", "detail": "no cell"}) == "Not found: no cell"
 
 
