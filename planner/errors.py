@@ -18,6 +18,9 @@ from dataclasses import dataclass
 from typing import Any
 
 TIME_LIMIT = "time_limit"  # status of a search that the request's time limit ended
+CUT_SHORT = "time_limit_s ended the search: with more time there may be a motion that releases sooner"
+NOT_COMPILED = "the solvers are not compiled: the same answer, later; `fling warm` compiles them"
+SAID_OF_A_PLAN = (CUT_SHORT, NOT_COMPILED)  # results of attempts that a person should read beside the plan
 
 
 class PlannerError(Exception):

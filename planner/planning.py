@@ -9,7 +9,7 @@ from typing import Any
 
 from planner.approach import Approach
 from planner.certificate import Certificate
-from planner.errors import Infeasible, SolverFailed
+from planner.errors import CUT_SHORT, Infeasible, SolverFailed
 from planner.problem import TIME_LIMIT_S, ThrowProblem
 from planner.request import request_document
 from planner.search import (
@@ -97,6 +97,8 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
     begun_s = time.perf_counter()
     search = PlanningSearch(problem, begun_s + problem.time_limit_s)
     best, way_home = _best(search, hints)
+    if search.out_of_time and not search.is_optimal:
+        search.log_attempt(problem.backend, CUT_SHORT, begun_s)
     return Plan(
         problem=problem,
         backend=best.backend,

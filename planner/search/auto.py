@@ -14,7 +14,7 @@ import numpy as np
 from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import FlightEdge, SolveOptions
 from planner.certificate import Check, flight_obstruction
-from planner.errors import SolverFailed
+from planner.errors import NOT_COMPILED, SolverFailed
 from planner.geometry import tool_state
 from planner.problem import TargetRelease, ThrowProblem
 from planner.search.incumbent import CertifiedSolution, PlanningSearch, certified
@@ -31,7 +31,6 @@ IN_HAND_CANDIDATES = 2  # [-] the soonest ones that Ruckig's motions in hand lea
 SOLVE_ITERATIONS = 150
 WINDOW_BUDGET = 1.5  # [-] times as many iterations: a solve with a window takes 37 in the mean, one without 22
 TICK_SLACK = 1e-6  # [ticks] for rounding
-NOT_COMPILED = "the solvers are not compiled: the same answer, later; `fling warm` compiles them"
 
 
 def search_optimised(search: PlanningSearch, ranking: Ranking, policy: Sequence[Stage] = POLICY) -> None:

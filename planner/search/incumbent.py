@@ -199,9 +199,13 @@ class PlanningSearch:
         self.deadline_s += seconds
         self.loading_s += seconds
 
-    def failure(self) -> Infeasible | SolverFailed:
-        """Returns the error of a search without an answer: what ended it, and what stood in the way of every motion."""
-        log, violations = [attempt.__dict__ for attempt in self.attempts], self.violations()
+    def failure(self, violations: list[Violation] | None = None) -> Infeasible | SolverFailed:
+        """Returns the error of a search without an answer: what ended it, and what stood in the way of every motion.
+
+        Args:
+            violations: what stood in the way, where that is not what the rejected motions failed.
+        """
+        log, violations = [attempt.__dict__ for attempt in self.attempts], violations or self.violations()
         if self.out_of_time:
             return SolverFailed(TIME_LIMIT, self.iterations, log, violations)
         return Infeasible(violations, attempts=log)

@@ -10,7 +10,7 @@ import time
 
 from planner.approach import Approach, find_approach, obstacle_words
 from planner.certificate import Check
-from planner.errors import Infeasible, Violation
+from planner.errors import Violation
 from planner.problem import ThrowProblem
 from planner.search.incumbent import CertifiedSolution, PlanningSearch
 
@@ -22,6 +22,7 @@ def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Appro
 
     Raises:
         Infeasible: no motion has one; the violation `way_home` names what blocks the straight move from the best one.
+        SolverFailed: the same, of a search that the time limit ended.
     """
     begun_s, blocked = time.perf_counter(), []
     for motion in search.by_rank()[:MOTIONS_MAX]:
@@ -34,7 +35,7 @@ def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Appro
         if search.out_of_time:
             break
     search.log_attempt("approach", f"way home: none from {len(blocked)} motions", begun_s)
-    raise Infeasible([_violation(blocked[0], len(blocked))], attempts=[attempt.__dict__ for attempt in search.attempts])
+    raise search.failure([_violation(blocked[0], len(blocked))])
 
 
 def find_way_home(problem: ThrowProblem, motion: CertifiedSolution) -> tuple[Approach | None, tuple[Check, ...]]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+from planner.errors import SAID_OF_A_PLAN
+
 BOX = "keep_out"  # beginning of `landed_on` where the object met a box, on its side or on its top
 
 
@@ -29,6 +31,7 @@ def plan_text(plan: dict[str, Any]) -> str:
         lines.append(
             f"hits within {_length(odds['radius_m'])} with {odds['value']:.0%} ({low:.0%} to {high:.0%}), {known}"
         )
+    lines += [said for said in SAID_OF_A_PLAN if any(attempt["result"] == said for attempt in solver["attempts"])]
     return "\n  ".join(lines)
 
 

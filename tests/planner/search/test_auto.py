@@ -12,12 +12,11 @@ import pytest
 from benchmarks.problem_sets import build
 from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import instance
-from planner.errors import Infeasible, SolverFailed
+from planner.errors import CUT_SHORT, NOT_COMPILED, Infeasible, SolverFailed
 from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.search import (
     LAST_POLICY,
-    NOT_COMPILED,
     POLICY,
     CertifiedSolution,
     PlanningSearch,
@@ -109,6 +108,18 @@ def test_loading_the_solvers_is_no_part_of_the_time_limit(monkeypatch):
     slow = plan(target_problem(time_limit_s=1.0, backend="casadi"))
     assert slow.backend == "casadi"
     assert slow.solve_time_s < 1.0
+
+
+def test_a_plan_that_the_time_limit_cut_short_says_so(monkeypatch):
+    ticks = itertools.count()
+    monkeypatch.setattr(time, "perf_counter", lambda: 0.001 * next(ticks))
+    whole = plan(target_problem())
+    taken_s = 0.001 * next(ticks)
+    cut = plan(target_problem(time_limit_s=0.8 * taken_s))
+    assert cut.certificate.valid
+    assert cut.trajectory.release_time_s >= whole.trajectory.release_time_s
+    assert cut.attempts[-1].result == CUT_SHORT
+    assert all(attempt.result != CUT_SHORT for attempt in whole.attempts)
 
 
 def test_solvers_that_are_not_compiled_are_named_once_and_change_nothing(monkeypatch):

@@ -9,7 +9,7 @@ import pytest
 from planner.approach.rest_to_rest import rest_to_rest_motion
 from planner.cell import Cell
 from planner.certificate import certify
-from planner.errors import Infeasible
+from planner.errors import TIME_LIMIT, Infeasible, SolverFailed
 from planner.planning import plan
 from planner.problem import JointRelease, TargetRelease, ThrowProblem
 from planner.search import PlanningSearch, best_with_way_home
@@ -72,6 +72,15 @@ def test_where_no_motion_has_a_way_home_the_refusal_names_what_blocks_it() -> No
     assert violation.value == pytest.approx(cell().home[0] + 0.6)  # of the sooner one
     assert violation.limit == pytest.approx(cell().home[0] + 0.5)
     assert "shoulder_pan_joint" in violation.detail
+
+
+def test_a_search_without_a_way_home_that_the_time_limit_ended_says_so() -> None:
+    search = moves(0.7, 0.6)
+    search.deadline_s = 0.0
+    with pytest.raises(SolverFailed) as failure:
+        best_with_way_home(search)
+    assert failure.value.status == TIME_LIMIT
+    assert [violation.constraint for violation in failure.value.violations] == ["way_home"]
 
 
 def test_a_plan_without_a_way_home_is_refused() -> None:
