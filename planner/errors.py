@@ -18,9 +18,7 @@ from dataclasses import dataclass
 from typing import Any
 
 TIME_LIMIT = "time_limit"  # status of a search that the request's time limit ended
-CUT_SHORT = "time_limit_s ended the search: with more time there may be a motion that releases sooner"
-NOT_COMPILED = "the solvers are not compiled: the same answer, later; `fling warm` compiles them"
-SAID_OF_A_PLAN = (CUT_SHORT, NOT_COMPILED)  # results of attempts that a person should read beside the plan
+CUT_SHORT = f"{TIME_LIMIT} ended the search"  # last part of the status of a plan that such a search had come to
 
 
 class PlannerError(Exception):
@@ -155,7 +153,7 @@ class SolverFailed(PlannerError):
         status: of the solver, or `TIME_LIMIT`.
         iterations: of the solver.
         attempts: log of the search.
-        violations: those of the best motion so far; none is proven.
+        violations: what stood in the way of the best motion so far; none is proven.
         nearest: the closest request with a certified plan, in the shape of `POST /plan`, or None.
     """
 

@@ -42,7 +42,7 @@ class Plan:
         backend: that made the motion.
         trajectory: the motion.
         certificate: of the motion, valid.
-        status: final status of the back end, in words.
+        status: final status of the back end, in words; and whether the time limit ended the search (`cut_short`).
         iterations: of the back end for this motion.
         solve_time_s: duration of the whole search, loading of libraries and solvers excluded [s].
         attempts: log of the search.
@@ -58,6 +58,10 @@ class Plan:
     solve_time_s: float
     attempts: tuple[Attempt, ...]
     way_home: Approach
+
+    def cut_short(self) -> Plan:
+        """Returns the plan with a status which says that the time limit ended the search: more time may improve it."""
+        return self if self.status.endswith(CUT_SHORT) else replace(self, status=f"{self.status}; {CUT_SHORT}")
 
 
 @dataclass(frozen=True)
@@ -97,9 +101,7 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
     begun_s = time.perf_counter()
     search = PlanningSearch(problem, begun_s + problem.time_limit_s)
     best, way_home = _best(search, hints)
-    if search.out_of_time and not search.is_optimal:
-        search.log_attempt(problem.backend, CUT_SHORT, begun_s)
-    return Plan(
+    found = Plan(
         problem=problem,
         backend=best.backend,
         trajectory=best.solution.trajectory,
@@ -110,6 +112,7 @@ def plan(problem: ThrowProblem, hints: SearchHints = ORDINARY) -> Plan:
         attempts=tuple(search.attempts),
         way_home=way_home,
     )
+    return found.cut_short() if search.was_cut_short else found
 
 
 def _best(search: PlanningSearch, hints: SearchHints) -> tuple[CertifiedSolution, Approach]:
@@ -140,6 +143,7 @@ def _run(search: PlanningSearch, releases: Sequence[ReleaseState]) -> None:
         search_optimised(search, Ranking(problem, found), SHORT_POLICY)
     else:
         _search_ordinarily(search)
+    search.was_cut_short = search.out_of_time and not search.is_optimal
     if search.answer is None:
         raise search.failure()
 

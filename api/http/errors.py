@@ -112,8 +112,8 @@ PROBLEM_TYPES: dict[str, ProblemType] = {
         503,
         "The search was ended",
         "'time_limit_s' ended the search before it was decided whether there is a motion ('solver.status' is "
-        "'time_limit'), or a planner process ended: allow more time. 'violations' are those of the best motion so far, "
-        "'nearest' is the closest feasible request found, or null.",
+        "'time_limit'), or a planner process ended: allow more time. 'violations' are what stood in the way of the "
+        "best motion so far, 'nearest' is the closest feasible request found, or null.",
     ),
     "shutting-down": ProblemType(
         503,

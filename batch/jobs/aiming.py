@@ -10,7 +10,7 @@ import numpy as np
 
 from learning import CellKnowledge, LandingForecast
 from planner.arrays import Array
-from planner.errors import Infeasible, SolverFailed
+from planner.errors import TIME_LIMIT, Infeasible, SolverFailed
 from planner.plan_reading import aimed_problem
 from planner.planning import ORDINARY, Plan, SearchHints, plan
 from planner.problem import TargetRelease, ThrowProblem
@@ -39,15 +39,28 @@ def plan_aimed(problem: ThrowProblem, known: CellKnowledge | None, hints: Search
         miss = _predicted(found, known).center - problem.release.p_W[:2]
         if float(np.linalg.norm(miss)) < least:
             best, least = found, float(np.linalg.norm(miss))
-        rest_s = until - time.perf_counter()
-        if least < AIM_M or remaining == 1 or rest_s <= 0.0:
+        if least < AIM_M or remaining == 1:
             break
         shift = shift - np.append(miss, 0.0)
         try:
-            found = plan(replace(aimed_problem(problem, shift), time_limit_s=rest_s), further)
-        except (Infeasible, SolverFailed):  # for that aim: the plan in hand remains
+            found = _plan_until(until, aimed_problem(problem, shift), further)
+        except Infeasible:  # for that aim: the plan in hand remains
             break
+        except SolverFailed:
+            return best.cut_short()
     return best
+
+
+def _plan_until(until: float, problem: ThrowProblem, hints: SearchHints) -> Plan:
+    """Returns a plan of a search that ends at an instant of `time.perf_counter` [s].
+
+    Raises:
+        PlannerError: as of `planner.planning.plan`.
+    """
+    rest_s = until - time.perf_counter()
+    if rest_s <= 0.0:
+        raise SolverFailed(TIME_LIMIT)
+    return plan(replace(problem, time_limit_s=rest_s), hints)
 
 
 def learnt_fields(problem: ThrowProblem, found: Plan, known: CellKnowledge, profile_id: str | None) -> dict[str, Any]:

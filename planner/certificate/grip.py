@@ -75,7 +75,7 @@ def opening_direction(motion: MotionSamples) -> Check | NotChecked | None:
         return NotChecked(name)
     exits = Exits(flights_of(motion), gripper.opening_direction, gripper.opening_cone_rad)
     angle, at_s, proven = exits.widest()
-    detail = "of the object's way out from the opening direction"
+    detail = "between the opening direction and the object's way out"
     return at_most(name, angle, gripper.opening_cone_rad, "rad", at_s, detail).provided(proven)
 
 

@@ -1,6 +1,6 @@
 """The search for a plan: which back end, from which candidates, and what is feasible instead."""
 
-from planner.search.auto import search_optimised
+from planner.search.auto import NOT_COMPILED, search_optimised
 from planner.search.incumbent import Attempt, CertifiedSolution, PlanningSearch
 from planner.search.nearest import nearest_problem
 from planner.search.policy import LAST_POLICY, POLICY, SHORT_POLICY
@@ -14,6 +14,7 @@ from planner.search.way_home import best_with_way_home
 
 __all__ = [
     "LAST_POLICY",
+    "NOT_COMPILED",
     "POLICY",
     "SHORT_POLICY",
     "VARIANTS_BY_BACKEND",

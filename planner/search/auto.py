@@ -14,10 +14,10 @@ import numpy as np
 from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import FlightEdge, SolveOptions
 from planner.certificate import Check, flight_obstruction
-from planner.errors import NOT_COMPILED, SolverFailed
+from planner.errors import SolverFailed
 from planner.geometry import tool_state
 from planner.problem import TargetRelease, ThrowProblem
-from planner.search.incumbent import CertifiedSolution, PlanningSearch, certified
+from planner.search.incumbent import CertifiedSolution, PlanningSearch, certified, counted
 from planner.search.policy import POLICY, Stage, release_state_given
 from planner.search.ranking import RankedCandidate, Ranking, released
 from planner.seeds import Seed
@@ -31,6 +31,7 @@ IN_HAND_CANDIDATES = 2  # [-] the soonest ones that Ruckig's motions in hand lea
 SOLVE_ITERATIONS = 150
 WINDOW_BUDGET = 1.5  # [-] times as many iterations: a solve with a window takes 37 in the mean, one without 22
 TICK_SLACK = 1e-6  # [ticks] for rounding
+NOT_COMPILED = "the solvers are not compiled: the same answer, later; `fling warm` compiles them"
 
 
 def search_optimised(search: PlanningSearch, ranking: Ranking, policy: Sequence[Stage] = POLICY) -> None:
@@ -188,7 +189,7 @@ def _optimise(search: PlanningSearch, stage: Stage, ranking: Ranking) -> None:
         except casadi_nlp.SeedFailed as error:
             failure = f"; {error}"
     if tried:
-        made = f"{valid} of {solved} motions certified" if solved else f"no motion from {tried} seeds"
+        made = f"{valid} of {solved} motions certified" if solved else f"no motion from {counted(tried, 'candidate')}"
         search.log_attempt("casadi", f"{stage.purpose}: {made}{failure}", begun)
 
 

@@ -19,7 +19,7 @@ POSTURE_DECIMALS = 6  # of cosines and sines, by which postures are told apart
 
 @dataclass(frozen=True)
 class Attempt:
-    """One entry of the attempt log: back end (or "candidates"), result in words, duration [s]."""
+    """One entry of the attempt log: back end ("candidates", "approach" for a way), result in words, duration [s]."""
 
     backend: str
     result: str
@@ -79,6 +79,7 @@ class PlanningSearch:
         has_optimised: whether the optimiser came to a motion: certified, or no sooner than one that is.
         without_brake: postures at a given release from which no brake was found that is clear of the flight.
         needs_sooner: whether the incumbent was brought along as an optimised motion: none is of use that is no sooner.
+        was_cut_short: whether the deadline ended the search, as far as it has ended.
     """
 
     problem: ThrowProblem
@@ -98,6 +99,7 @@ class PlanningSearch:
     has_optimised: bool = False
     without_brake: set[tuple[float, ...]] = field(default_factory=set)
     needs_sooner: bool = False
+    was_cut_short: bool = False
 
     @property
     def out_of_time(self) -> bool:
@@ -199,13 +201,9 @@ class PlanningSearch:
         self.deadline_s += seconds
         self.loading_s += seconds
 
-    def failure(self, violations: list[Violation] | None = None) -> Infeasible | SolverFailed:
-        """Returns the error of a search without an answer: what ended it, and what stood in the way of every motion.
-
-        Args:
-            violations: what stood in the way, where that is not what the rejected motions failed.
-        """
-        log, violations = [attempt.__dict__ for attempt in self.attempts], violations or self.violations()
+    def failure(self) -> Infeasible | SolverFailed:
+        """Returns the error of a search without an answer: what ended it, and what stood in the way of every motion."""
+        log, violations = [attempt.__dict__ for attempt in self.attempts], self.violations()
         if self.out_of_time:
             return SolverFailed(TIME_LIMIT, self.iterations, log, violations)
         return Infeasible(violations, attempts=log)
@@ -221,6 +219,11 @@ class PlanningSearch:
             said = "; ".join(f"{attempt.backend}: {attempt.result}" for attempt in self.attempts)
             return [Violation("motion", 0.0, 1.0, "1", detail=said or "none was tried")]
         return _violations(min((each.certificate for each in self.rejected), key=_excess))
+
+
+def counted(number: int, thing: str) -> str:
+    """Returns a number of things in words: "1 candidate", "2 candidates"."""
+    return f"{number} {thing}" if number == 1 else f"{number} {thing}s"
 
 
 def certified(backend: str, problem: ThrowProblem, solution: Solution) -> CertifiedSolution:

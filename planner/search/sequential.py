@@ -9,7 +9,7 @@ from functools import partial
 from planner.backends import profiles, ruckig_otg, toppra_path
 from planner.errors import SolverFailed
 from planner.problem import ThrowProblem
-from planner.search.incumbent import PlanningSearch
+from planner.search.incumbent import PlanningSearch, counted
 from planner.seeds import Candidate
 from planner.solution import Solution
 
@@ -67,5 +67,5 @@ def search_sequential(search: PlanningSearch, backend: str, candidates: list[Can
                 tried += 1
                 valid += search.certify(backend, solution).is_valid
     made = f"{valid} of {tried} motions certified" if tried else "no motion"
-    result = f"{made} from {len(candidates)} candidates" + (f"; {failure}" if failure else "")
+    result = f"{made} from {counted(len(candidates), 'candidate')}" + (f"; {failure}" if failure else "")
     search.log_attempt(backend, result, begun)

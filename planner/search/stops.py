@@ -19,7 +19,7 @@ from planner.errors import Infeasible, InvalidProblem
 from planner.geometry import body_model
 from planner.problem import ThrowProblem
 from planner.search.auto import search_optimised
-from planner.search.incumbent import CertifiedSolution, PlanningSearch
+from planner.search.incumbent import CertifiedSolution, PlanningSearch, counted
 from planner.search.policy import POLICY, Stage, no_incumbent
 from planner.search.ranking import Ranking
 from planner.seeds import Candidate, candidates
@@ -56,8 +56,9 @@ def search_with_stop(search: PlanningSearch, found: Sequence[Candidate]) -> None
             search.certify("approach" if throw is None else throw.backend, Solution(motion, status))
         if search.incumbent is not None or search.out_of_time or launches == WAYS_MAX:
             break
-    result = f"with a stop: {int(search.incumbent is not None)} motions certified, {ways} ways to {launches} postures"
-    search.log_attempt("approach", result, begun_s)
+    made = f"{counted(int(search.incumbent is not None), 'motion')} certified"
+    result = f"{made}, {counted(ways, 'way')} to {counted(launches, 'posture')}" if launches else "no launch"
+    search.log_attempt("approach", f"with a stop: {result}", begun_s)
 
 
 def _launches(search: PlanningSearch, found: Sequence[Candidate]) -> Iterator[tuple[Array, CertifiedSolution | None]]:

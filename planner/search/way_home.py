@@ -10,7 +10,7 @@ import time
 
 from planner.approach import Approach, find_approach, obstacle_words
 from planner.certificate import Check
-from planner.errors import Violation
+from planner.errors import TIME_LIMIT, Infeasible, SolverFailed, Violation
 from planner.problem import ThrowProblem
 from planner.search.incumbent import CertifiedSolution, PlanningSearch
 
@@ -22,10 +22,10 @@ def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Appro
 
     Raises:
         Infeasible: no motion has one; the violation `way_home` names what blocks the straight move from the best one.
-        SolverFailed: the same, of a search that the time limit ended.
+        SolverFailed: the same, of a search that the time limit ended, or that left motions untried for want of time.
     """
-    begun_s, blocked = time.perf_counter(), []
-    for motion in search.by_rank()[:MOTIONS_MAX]:
+    begun_s, blocked, motions = time.perf_counter(), [], search.by_rank()[:MOTIONS_MAX]
+    for motion in motions:
         way, failures = find_way_home(search.problem, motion)
         if way is not None:
             if blocked:
@@ -35,7 +35,10 @@ def best_with_way_home(search: PlanningSearch) -> tuple[CertifiedSolution, Appro
         if search.out_of_time:
             break
     search.log_attempt("approach", f"way home: none from {len(blocked)} motions", begun_s)
-    raise search.failure([_violation(blocked[0], len(blocked))])
+    violations, log = [_violation(blocked[0], len(blocked))], [attempt.__dict__ for attempt in search.attempts]
+    if search.was_cut_short or len(blocked) < len(motions):
+        raise SolverFailed(TIME_LIMIT, search.iterations, log, violations)
+    raise Infeasible(violations, attempts=log)
 
 
 def find_way_home(problem: ThrowProblem, motion: CertifiedSolution) -> tuple[Approach | None, tuple[Check, ...]]:

@@ -204,7 +204,7 @@ def _number(problem: ThrowProblem, states: States) -> str:
     if isinstance(problem.release, JointRelease):
         return "the release state"
     if len(states.q) == 1:
-        return "the only release state"
+        return "the only release state found"
     return f"{len(states.q)} release states" if problem.fixes_joints else f"the best {len(states.q)} release states"
 
 

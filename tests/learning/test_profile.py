@@ -11,11 +11,13 @@ import numpy as np
 import orjson
 import pytest
 
+from batch.jobs import aiming
 from batch.jobs.aiming import plan_aimed
 from benchmarks.learning.hidden_cells import HiddenCell, throw
 from benchmarks.learning.plans import CELL, PlannedThrow, benchmark_cell
 from learning import cell_with_profile, estimate_profile, knowledge_of, prior_knowledge, profile_bytes
 from planner.cell import Box
+from planner.errors import CUT_SHORT
 from planner.plan_document import plan_document
 from planner.planning import plan
 from planner.problem import ThrowProblem
@@ -181,6 +183,23 @@ def test_beside_a_wall_it_is_the_target_that_must_have_room_and_not_the_aim():
     far = plan_aimed(problem, landing_off(-3.0))  # no throw is aimed as far: the plan in hand is given
     assert found.problem.misfit is None
     assert far.problem is problem
+
+
+def test_an_aim_that_the_time_limit_leaves_as_it_is_says_so(monkeypatch):
+    release = {"kind": "target", "position": [1.0, 0.0, 0.0]}
+    problem = problem_from_request({"cell": CELL, "release": release, "release_window_s": 0.0}, benchmark_cell())
+    clock, off = [0.0], landing_off(-0.01)
+
+    def plans_slowly(*asked):
+        found = plan(*asked)
+        clock[0] += 0.6 * problem.time_limit_s  # the second plan begins in time, a third would not
+        return found
+
+    monkeypatch.setattr(time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(aiming, "plan", plans_slowly)
+    assert CUT_SHORT not in plan_aimed(problem, off).status  # the second one is on the target
+    monkeypatch.setattr(aiming, "AIM_M", 0.0)
+    assert plan_aimed(problem, off).status.endswith(CUT_SHORT)
 
 
 def landing_off(along_x_m: float) -> SimpleNamespace:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from planner.errors import SAID_OF_A_PLAN
+from planner.errors import CUT_SHORT
 
 BOX = "keep_out"  # beginning of `landed_on` where the object met a box, on its side or on its top
 
@@ -31,7 +31,8 @@ def plan_text(plan: dict[str, Any]) -> str:
         lines.append(
             f"hits within {_length(odds['radius_m'])} with {odds['value']:.0%} ({low:.0%} to {high:.0%}), {known}"
         )
-    lines += [said for said in SAID_OF_A_PLAN if any(attempt["result"] == said for attempt in solver["attempts"])]
+    if solver["status"].endswith(CUT_SHORT):
+        lines.append("its time limit ended the search: with more time there may be a sooner release, or a better aim")
     return "\n  ".join(lines)
 
 

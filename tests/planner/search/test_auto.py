@@ -10,13 +10,15 @@ import numpy as np
 import pytest
 
 from benchmarks.problem_sets import build
+from planner import planning
 from planner.backends import casadi_nlp, ruckig_otg
 from planner.backends.casadi_nlp import instance
-from planner.errors import CUT_SHORT, NOT_COMPILED, Infeasible, SolverFailed
+from planner.errors import CUT_SHORT, Infeasible, SolverFailed
 from planner.planning import plan
 from planner.problem import PointRelease, TargetRelease, ThrowProblem
 from planner.search import (
     LAST_POLICY,
+    NOT_COMPILED,
     POLICY,
     CertifiedSolution,
     PlanningSearch,
@@ -110,16 +112,29 @@ def test_loading_the_solvers_is_no_part_of_the_time_limit(monkeypatch):
     assert slow.solve_time_s < 1.0
 
 
-def test_a_plan_that_the_time_limit_cut_short_says_so(monkeypatch):
-    ticks = itertools.count()
+def test_a_plan_whose_search_the_time_limit_ended_says_so(monkeypatch):
+    problem, ticks = target_problem(), itertools.count()
     monkeypatch.setattr(time, "perf_counter", lambda: 0.001 * next(ticks))
-    whole = plan(target_problem())
+    search = PlanningSearch(problem, 1e6)
+    search_thoroughly(search, candidates(problem))
     taken_s = 0.001 * next(ticks)
-    cut = plan(target_problem(time_limit_s=0.8 * taken_s))
+    cut = plan(replace(problem, time_limit_s=0.5 * taken_s))
     assert cut.certificate.valid
-    assert cut.trajectory.release_time_s >= whole.trajectory.release_time_s
-    assert cut.attempts[-1].result == CUT_SHORT
-    assert all(attempt.result != CUT_SHORT for attempt in whole.attempts)
+    assert cut.status.endswith(f"; {CUT_SHORT}")
+    assert CUT_SHORT not in plan(problem).status
+    assert cut.cut_short() is cut
+
+
+def test_a_way_home_beyond_the_time_limit_does_not_cut_the_plan_short(monkeypatch):
+    clock, find = [0.0], planning.best_with_way_home
+
+    def finds_late(search):
+        clock[0] = 1e6
+        return find(search)
+
+    monkeypatch.setattr(time, "perf_counter", lambda: clock[0])
+    monkeypatch.setattr(planning, "best_with_way_home", finds_late)
+    assert CUT_SHORT not in plan(target_problem()).status
 
 
 def test_solvers_that_are_not_compiled_are_named_once_and_change_nothing(monkeypatch):

@@ -74,13 +74,21 @@ def test_where_no_motion_has_a_way_home_the_refusal_names_what_blocks_it() -> No
     assert "shoulder_pan_joint" in violation.detail
 
 
-def test_a_search_without_a_way_home_that_the_time_limit_ended_says_so() -> None:
-    search = moves(0.7, 0.6)
-    search.deadline_s = 0.0
+@pytest.mark.parametrize(("turns", "was_cut_short"), [((0.7, 0.6), False), ((0.7,), True)])
+def test_a_search_without_a_way_home_that_the_time_limit_ended_says_so(turns, was_cut_short) -> None:
+    search = moves(*turns)
+    search.deadline_s, search.was_cut_short = 0.0, was_cut_short  # of two motions, the second is left untried
     with pytest.raises(SolverFailed) as failure:
         best_with_way_home(search)
     assert failure.value.status == TIME_LIMIT
     assert [violation.constraint for violation in failure.value.violations] == ["way_home"]
+
+
+def test_a_finished_search_without_a_way_home_is_refused_after_its_time_limit_too() -> None:
+    search = moves(0.7)
+    search.deadline_s = 0.0
+    with pytest.raises(Infeasible):
+        best_with_way_home(search)
 
 
 def test_a_plan_without_a_way_home_is_refused() -> None:

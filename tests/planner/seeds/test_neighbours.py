@@ -56,4 +56,4 @@ def test_neighbours_that_are_too_far_are_refused_and_the_nearest_is_left_out(nei
     assert refused.value.nearest is None
     (attempt,) = refused.value.attempts
     assert attempt["backend"] == "candidates"
-    assert attempt["result"].startswith("the only release state: none ")
+    assert attempt["result"].startswith("the only release state found: none ")

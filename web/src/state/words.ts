@@ -194,6 +194,14 @@ export function planWords(plan: Plan): string {
   );
 }
 
+/** Which back end found the plan, how fast, and whether its search was ended before. */
+export function foundWords(plan: Plan): string {
+  const { solve_time_s: took, status } = plan.solver;
+  const ended = status.endsWith("time_limit ended the search"); // planner.errors.CUT_SHORT
+  const more = ended ? " Its time limit ended the search: with more time there may be a sooner release." : "";
+  return `Found by ${plan.backend} in ${figure(took, 2)} s.${more}`;
+}
+
 /** What the plan holds for a release that is not on time. */
 export function timingWords(plan: Plan): string | null {
   const flight = plan.flight;

@@ -7,7 +7,7 @@ import { useEffect, useRef } from "preact/hooks";
 import { execute, plan, takeNearest } from "../state/actions";
 import { throwLabel } from "../state/machine";
 import { answered, armed, cellName, dryRun, isPlanning, isReal, mode, preview, problem, running, standing } from "../state/store";
-import { against, constraintWords, figure, planWords, timingWords } from "../state/words";
+import { against, constraintWords, figure, foundWords, planWords, timingWords } from "../state/words";
 import { RequestFields } from "./request";
 
 export function ThrowPanel(): JSX.Element {
@@ -68,9 +68,7 @@ function PlanSummary(): JSX.Element | null {
           {figure(odds.interval.map((p) => p * 100)[0], 2)} to {figure(odds.interval.map((p) => p * 100)[1], 2)} %).
         </p>
       ) : null}
-      <p class="soft">
-        Found by {current.backend} in {figure(current.solver.solve_time_s, 2)} s.
-      </p>
+      <p class="soft">{foundWords(current)}</p>
     </div>
   );
 }
