@@ -190,7 +190,10 @@ ANSWERS_BY_WAY: dict[str, Callable[[Sequence[Request], Mapping[str, str]], list[
 
 
 def in_parallel(parts: int, way: str, asked: Sequence[Request], environment: Mapping[str, str]) -> list[Answer]:
-    """Returns the answers of a way that so many parts of the requests take at the same time, in the requests' order."""
+    """Returns a way's answers in the order of the requests, which are asked in so many parts at the same time.
+
+    Each part has a process, a service or a series of commands of its own.
+    """
     answers: list[Answer] = [{}] * len(asked)
     with ThreadPoolExecutor(parts) as pool:
         made = pool.map(lambda part: ANSWERS_BY_WAY[way](asked[part::parts], environment), range(parts))
@@ -306,7 +309,7 @@ def compare(condition: str, way: str, asked: Sequence[Request], was: list[Answer
     return Comparison(condition, way, tuple(answer["seconds"] for answer in now), tuple(found), allowed)
 
 
-def report(asked: Sequence[Request], reference: list[Answer], made: Sequence[Comparison]) -> str:
+def report(asked: Sequence[Request], reference: list[Answer], made: Sequence[Comparison], parallel: int = 1) -> str:
     """Returns the report in Markdown."""
     about, planned = machine(), sum(answer["outcome"] == "planned" for answer in reference)
     lines = [
@@ -315,6 +318,7 @@ def report(asked: Sequence[Request], reference: list[Answer], made: Sequence[Com
         f"{len(asked)} requests: {len(asked) // len(KINDS)} each of {', '.join(KINDS)}, one of {NAMED_EVERY} by a",
         f"named back end; {planned} planned, the others refused. The reference: the library on a quiet machine.",
         f"{about['processor']}; {about['system']}; commit {about['commit']}, {about['date']}.",
+        f"Requests at a time: {parallel}, each in a process or service of its own.",
         "",
         "| condition | way | the same | p50 [s] | p99 [s] |",
         "|---|---|---|---|---|",
@@ -332,10 +336,12 @@ def main(argv: Sequence[str]) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--way", dest="ways", action="append", choices=ANSWERS_BY_WAY, help="default: all")
     parser.add_argument("--condition", dest="conditions", action="append", choices=CONDITIONS, help="default: all")
-    parser.add_argument("--parallel", type=int, default=1, help="requests at a time")
+    parser.add_argument("--parallel", type=int, default=1, help="requests at a time, each by its own process")
     parser.add_argument("--out", type=Path, help="folder of the report; default: standard output")
     parser.add_argument("--answer", action="store_true", help=argparse.SUPPRESS)  # this process is `by_library`'s
     given = parser.parse_args(argv)
+    if given.parallel < 1:
+        parser.error(f"--parallel is {given.parallel}; at least 1")
     if given.answer:
         json.dump(library_answers(json.load(sys.stdin)), sys.stdout)
         return 0
@@ -347,7 +353,7 @@ def main(argv: Sequence[str]) -> int:
                 answers = in_parallel(given.parallel, way, asked, environment)
                 made.append(compare(condition, way, asked, reference, answers))
                 print(made[-1].row(), *made[-1].differences, sep="\n", file=sys.stderr, flush=True)
-    write_report(report(asked, reference, made), given.out, "same-answers.md")
+    write_report(report(asked, reference, made, given.parallel), given.out, "same-answers.md")
     return 0 if all(comparison.ok for comparison in made) else 1
 
 

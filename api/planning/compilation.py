@@ -16,7 +16,7 @@ from collections.abc import Callable
 from contextlib import suppress
 
 COMPILER = (sys.executable, "-P", "-m", "planner.backends.casadi_nlp.codegen")
-NICENESS = 10  # requests are answered meanwhile
+NICENESS = 10  # below the planner processes, which answer requests meanwhile
 POLL_S = 0.2  # [s] within which a compilation ends once an execution begins: the approach alone takes longer
 
 log = logging.getLogger("fling")
